@@ -1,0 +1,366 @@
+"""The projectile: nose shapes, outline and mass properties.
+
+A projectile is a body of revolution. Its outline in a meridian plane is a chain of straight lines and circular
+arcs, from the nose tip to the rear edge; x is the distance behind the tip, r the distance from the axis. α is the
+angle between the axis and the tangent, so the outward normal is (sin α towards the nose, cos α away from the axis).
+"""
+
+import math
+from dataclasses import dataclass
+from typing import ClassVar, Protocol, TypeAlias
+
+import numpy as np
+
+from solver.arrays import FloatArray
+from solver.validation import require, require_finite, require_positive
+
+GAUSS_POINTS = 48  # on one piece of the outline; exact for lines, near machine precision for arcs
+MATCH = 1e-9  # relative; how closely a profile must end at the radius of the shank
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """Straight piece of an outline: a cone, a cylinder or, across the axis, a flat face. [m]"""
+
+    x_start: float
+    r_start: float
+    x_end: float
+    r_end: float
+
+    @property
+    def length(self) -> float:
+        """Along the outline. [m]"""
+        return math.hypot(self.x_end - self.x_start, self.r_end - self.r_start)
+
+    @property
+    def tangent_angle(self) -> float:
+        """α. [rad]"""
+        return math.atan2(self.r_end - self.r_start, self.x_end - self.x_start)
+
+    def at(self, t: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """x, r, sin α and cos α at the fractions `t` of its length."""
+        rise, run = self.r_end - self.r_start, self.x_end - self.x_start
+        level = np.ones_like(t)
+        return self.x_start + t * run, self.r_start + t * rise, level * rise / self.length, level * run / self.length
+
+
+@dataclass(frozen=True, slots=True)
+class Arc:
+    """Circular piece of an outline, ``x = x_center - R sin α``, ``r = r_center + R cos α``. [m, rad]"""
+
+    x_center: float
+    r_center: float
+    radius: float
+    angle_start: float
+    angle_end: float
+
+    @property
+    def length(self) -> float:
+        """Along the outline. [m]"""
+        return self.radius * (self.angle_start - self.angle_end)
+
+    def at(self, t: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """x, r, sin α and cos α at the fractions `t` of its length."""
+        angle = self.angle_start + t * (self.angle_end - self.angle_start)
+        sine, cosine = np.sin(angle), np.cos(angle)
+        return self.x_center - self.radius * sine, self.r_center + self.radius * cosine, sine, cosine
+
+
+OutlinePiece: TypeAlias = Line | Arc
+
+
+class Nose(Protocol):
+    """What a nose shape provides. `radius` is that of the shank. [m]"""
+
+    @property
+    def name(self) -> str:
+        """Name of the shape in requests and results."""
+
+    def length(self, radius: float) -> float:
+        """From the tip to the shank. [m]"""
+
+    def outline(self, radius: float) -> tuple[OutlinePiece, ...]:
+        """Pieces from the tip to the shank."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Ogive:
+    """Tangent ogive.
+
+    Parameters
+    ----------
+    caliber_radius_head
+        ψ, ogive radius over shank diameter, at least 0.5 (a hemisphere). [1]
+    """
+
+    name: ClassVar[str] = "ogive"
+    caliber_radius_head: float
+
+    def __post_init__(self) -> None:
+        _require_caliber_radius_head(self.caliber_radius_head)
+
+    def length(self, radius: float) -> float:
+        """``a sqrt(4 ψ - 1)``. [m]"""
+        return radius * math.sqrt(4.0 * self.caliber_radius_head - 1.0)
+
+    def outline(self, radius: float) -> tuple[OutlinePiece, ...]:
+        """One arc, tangent to the shank."""
+        ogive_radius = 2.0 * radius * self.caliber_radius_head
+        tip_angle = math.atan2(self.length(radius), ogive_radius - radius)
+        return (Arc(self.length(radius), radius - ogive_radius, ogive_radius, tip_angle, 0.0),)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Conical:
+    """Cone.
+
+    Parameters
+    ----------
+    length_to_diameter
+        Cone height over shank diameter. [1]
+    """
+
+    name: ClassVar[str] = "conical"
+    length_to_diameter: float
+
+    def __post_init__(self) -> None:
+        require_positive("projectile.nose.length_to_diameter", self.length_to_diameter)
+
+    def length(self, radius: float) -> float:
+        """Height of the cone. [m]"""
+        return 2.0 * radius * self.length_to_diameter
+
+    def outline(self, radius: float) -> tuple[OutlinePiece, ...]:
+        """One line."""
+        return (Line(0.0, 0.0, self.length(radius), radius),)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Spherical:
+    """Spherical cap.
+
+    Parameters
+    ----------
+    caliber_radius_head
+        Sphere radius over shank diameter, at least 0.5 (a hemisphere). [1]
+    """
+
+    name: ClassVar[str] = "spherical"
+    caliber_radius_head: float
+
+    def __post_init__(self) -> None:
+        _require_caliber_radius_head(self.caliber_radius_head)
+
+    def length(self, radius: float) -> float:
+        """Height of the cap. [m]"""
+        sphere = 2.0 * radius * self.caliber_radius_head
+        return sphere - math.sqrt(sphere**2 - radius**2)
+
+    def outline(self, radius: float) -> tuple[OutlinePiece, ...]:
+        """One arc, centred on the axis."""
+        sphere = 2.0 * radius * self.caliber_radius_head
+        return (Arc(sphere, 0.0, sphere, math.pi / 2.0, math.acos(radius / sphere)),)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Flat:
+    """Flat face: the shank cut square."""
+
+    name: ClassVar[str] = "flat"
+
+    def length(self, radius: float) -> float:
+        """Zero. [m]"""
+        return 0.0
+
+    def outline(self, radius: float) -> tuple[OutlinePiece, ...]:
+        """One line, from the axis outwards."""
+        return (Line(0.0, 0.0, 0.0, radius),)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Profile:
+    """Convex chain of cones through points; a first radius above zero makes a flat face.
+
+    Parameters
+    ----------
+    points
+        (x, r) pairs from the tip, x from 0, neither decreasing; the last r is the shank's. [m]
+    """
+
+    name: ClassVar[str] = "profile"
+    points: tuple[tuple[float, float], ...]
+
+    def __post_init__(self) -> None:
+        field = "projectile.nose.points"
+        require(2 <= len(self.points) <= 1000, field, f"must hold 2 to 1000 points, got {len(self.points)}")
+        for index, point in enumerate(self.points):
+            for value in point:
+                require_finite(f"{field}.{index}", value)
+        require(self.points[0][0] == 0.0, f"{field}.0", "must start at x = 0")
+        require(self.points[0][1] >= 0.0, f"{field}.0", "the radius must be at least 0")
+        angle = math.pi / 2.0
+        for index, piece in enumerate(self._lines(), start=1):
+            rises = piece.x_end >= piece.x_start and piece.r_end >= piece.r_start
+            grows = rises and piece.length > 0.0
+            require(grows, f"{field}.{index}", "neither x nor r may decrease, nor a point repeat")
+            require(piece.tangent_angle <= angle, f"{field}.{index}", "the profile must be convex")
+            angle = piece.tangent_angle
+        require(self.points[-1][1] > 0.0, f"{field}.{len(self.points) - 1}", "the radius must be greater than 0")
+
+    def length(self, radius: float) -> float:
+        """x of the last point. [m]"""
+        return self.points[-1][0]
+
+    def outline(self, radius: float) -> tuple[OutlinePiece, ...]:
+        """The flat face, if any, then a line between each pair of points."""
+        blunt = self.points[0][1]
+        face = (Line(0.0, 0.0, 0.0, blunt),) if blunt > 0.0 else ()
+        return face + self._lines()
+
+    def _lines(self) -> tuple[Line, ...]:
+        return tuple(Line(*start, *end) for start, end in zip(self.points, self.points[1:], strict=False))
+
+
+NoseShape: TypeAlias = Ogive | Conical | Spherical | Flat | Profile
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Projectile:
+    """A rigid body of revolution.
+
+    Parameters
+    ----------
+    nose
+        Shape of the nose.
+    diameter, length
+        Of the shank, and from the tip to the flat base. [m]
+    mass
+        [kg]
+    center_of_gravity
+        Distance behind the nose tip; that of the homogeneous solid when not given. [m]
+    moment_of_inertia
+        About a transverse axis through the centre of gravity; likewise. [kg m²]
+
+    Raises
+    ------
+    ParameterError
+        If a value is not finite or outside its range, or the nose does not fit the body.
+    """
+
+    nose: NoseShape
+    diameter: float
+    length: float
+    mass: float
+    center_of_gravity: float | None = None
+    moment_of_inertia: float | None = None
+
+    def __post_init__(self) -> None:
+        require_positive("projectile.diameter", self.diameter)
+        require_positive("projectile.length", self.length)
+        require_positive("projectile.mass", self.mass)
+        if isinstance(self.nose, Profile):
+            end = self.nose.points[-1][1]
+            require(
+                math.isclose(end, self.radius, rel_tol=MATCH),
+                "projectile.nose.points",
+                f"must end at the radius of the shank, {self.radius:g} m, got {end:g} m",
+            )
+        require(
+            self.length >= self.nose_length,
+            "projectile.length",
+            f"must be at least the length of the nose, {self.nose_length:.6g} m, got {self.length:g} m",
+        )
+        if self.center_of_gravity is not None:
+            inside = math.isfinite(self.center_of_gravity) and 0.0 < self.center_of_gravity < self.length
+            require(
+                inside,
+                "projectile.center_of_gravity",
+                f"must be between the tip and the base, 0 and {self.length:g} m, got {self.center_of_gravity:g} m",
+            )
+        if self.moment_of_inertia is not None:
+            require_positive("projectile.moment_of_inertia", self.moment_of_inertia)
+
+    @property
+    def radius(self) -> float:
+        """Of the shank. [m]"""
+        return self.diameter / 2.0
+
+    @property
+    def nose_length(self) -> float:
+        """From the tip to the shank. [m]"""
+        return self.nose.length(self.radius)
+
+    def outline(self) -> tuple[OutlinePiece, ...]:
+        """Pieces from the tip to the rear edge; the flat base is not part of it."""
+        nose = self.nose.outline(self.radius)
+        if self.length <= self.nose_length:
+            return nose
+        return (*nose, Line(self.nose_length, self.radius, self.length, self.radius))
+
+
+@dataclass(frozen=True, slots=True)
+class SolidProperties:
+    """Geometry of the outer shape and of the homogeneous solid that fills it."""
+
+    surface_area: float
+    """Nose and shank, without the base. [m²]"""
+    volume: float
+    """[m³]"""
+    centroid: float
+    """Distance behind the tip. [m]"""
+    inertia_per_mass: float
+    """About a transverse axis through the centroid, for each unit of mass. [m²]"""
+
+
+@dataclass(frozen=True, slots=True)
+class MassProperties:
+    """Mass properties in use for one run."""
+
+    mass: float
+    """[kg]"""
+    center_of_gravity: float
+    """Distance behind the tip. [m]"""
+    moment_of_inertia: float
+    """About a transverse axis through the centre of gravity. [kg m²]"""
+
+
+def solid_properties(projectile: Projectile) -> SolidProperties:
+    """Geometry of the homogeneous solid of the outer shape, by Gauss quadrature on each piece."""
+    nodes, weights = np.polynomial.legendre.leggauss(GAUSS_POINTS)
+    t, w = (nodes + 1.0) / 2.0, weights / 2.0
+    area = volume = first = second = 0.0
+    for piece in projectile.outline():
+        x, r, _, cosine = piece.at(t)
+        along = w * piece.length
+        dx = along * cosine
+        area += float(np.sum(2.0 * math.pi * r * along))
+        volume += float(np.sum(math.pi * r**2 * dx))
+        first += float(np.sum(math.pi * r**2 * x * dx))
+        second += float(np.sum(math.pi * r**2 * (x**2 + r**2 / 4.0) * dx))
+    centroid = first / volume
+    return SolidProperties(area, volume, centroid, second / volume - centroid**2)
+
+
+def mass_properties(projectile: Projectile) -> MassProperties:
+    """Mass properties in use: those given, the homogeneous solid's for the rest.
+
+    Notes
+    -----
+    A moment of inertia that is not given is the homogeneous solid's about its own centroid, also when the centre
+    of gravity is given: the two are told apart in the warnings of a run.
+    """
+    solid = solid_properties(projectile)
+    center, inertia = projectile.center_of_gravity, projectile.moment_of_inertia
+    return MassProperties(
+        mass=projectile.mass,
+        center_of_gravity=solid.centroid if center is None else center,
+        moment_of_inertia=projectile.mass * solid.inertia_per_mass if inertia is None else inertia,
+    )
+
+
+def _require_caliber_radius_head(value: float) -> None:
+    require(
+        math.isfinite(value) and value >= 0.5,
+        "projectile.nose.caliber_radius_head",
+        f"must be at least 0.5, got {value:g}",
+    )
