@@ -1,0 +1,73 @@
+"""The route of the paper: the classical Runge-Kutta method of order 4 with a fixed step, compiled."""
+
+import math
+
+import numpy as np
+
+from solver.arrays import FloatArray
+from solver.compilation import compiled
+from solver.events import End, Run, deepest_tip, end_of_step, tip_depth
+from solver.motion import Model, Work, accelerate, kinetic_energy, make_work, store_step
+from solver.surface import Body
+
+
+@compiled
+def _attempt_step(state: FloatArray, step: float, model: Model, work: Work) -> None:
+    """One step; the new state is in ``work.trial``."""
+    rate, point = np.empty((4, 6)), state.copy()
+    for index in range(4):
+        if index > 0:
+            reach = step if index == 3 else 0.5 * step
+            for n in range(6):
+                point[n] = state[n] + reach * rate[index - 1, n]
+            accelerate(point, model, work.stage)
+        for n in range(3):
+            rate[index, n] = point[n + 3]
+            rate[index, n + 3] = work.start[n] if index == 0 else work.stage[n]
+    for n in range(6):
+        work.trial[n] = state[n] + step / 6.0 * (rate[0, n] + 2.0 * (rate[1, n] + rate[2, n]) + rate[3, n])
+
+
+@compiled
+def _impulse_energy(acceleration: FloatArray, step: float, body: Body) -> float:
+    """Kinetic energy that the present load gives or takes within one step, from rest or to rest. [J]"""
+    translation = body.mass * (acceleration[0] ** 2 + acceleration[1] ** 2)
+    return 0.5 * float(translation + body.moment_of_inertia * acceleration[2] ** 2) * step**2
+
+
+@compiled
+def integrate_fixed(start: FloatArray, model: Model, end_time: float, time_step: float, steps: FloatArray) -> Run:
+    """Integrate with the fixed step of the paper until an event or `end_time`.
+
+    A fixed step cannot follow the end of the motion: it overshoots rest and then gains energy, which no true motion
+    does. A step that gains energy while the load could stop the projectile within one step is taken for rest.
+
+    Parameters
+    ----------
+    start
+        (6,) state at first contact.
+    steps
+        (n, `STEP_WIDTH`) table to fill: a row for each step, or one row to keep none.
+    """
+    body, initial_energy = model.body, kinetic_energy(start, model.body)
+    work, event, state = make_work(), np.full(7, -1.0), start.copy()
+    deepest, gain, energy = tip_depth(state, body), 0.0, initial_energy
+    loaded = accelerate(state, model, work.start)
+    count = math.ceil(end_time / time_step * (1.0 - 1e-12))
+    for index in range(count):
+        time = index * time_step
+        step = min(time_step, end_time - time)
+        _attempt_step(state, step, model, work)
+        was_loaded, loaded = loaded, accelerate(work.trial, model, work.end)
+        before, energy = energy, kinetic_energy(work.trial, body)
+        if energy > before and energy < _impulse_energy(work.end, step, body):
+            return Run(End.REST, time, state, deepest, index, 4 * index, gain)
+        gain = max(gain, (energy - before) / initial_energy)
+        row = steps[index if steps.shape[0] > 1 else 0]
+        store_step(row, time, step, state, work)
+        deepest = max(deepest, deepest_tip(row, body))
+        end = end_of_step(row, model, was_loaded, loaded, initial_energy, index == count - 1, event)
+        if end != End.NONE:
+            return Run(end, event[0], event[1:], deepest, index + 1, 4 * index + 4, gain)
+        state[:], work.start[:] = work.trial, work.end
+    return Run(End.TIME, end_time, state, deepest, count, 4 * count, gain)
