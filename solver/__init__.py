@@ -1,0 +1,74 @@
+"""Oblique impact of rigid projectiles on concrete: motion and critical ricochet angle. SI units and radians."""
+
+from solver.advice import ModelWarning
+from solver.errors import IntegrationError, ParameterError, RicochetError, StepLimitError
+from solver.free_surface import ElasticPlastic, MohrCoulomb, NoFreeSurface, decay_factor
+from solver.numerics import Numerics
+from solver.projectile import (
+    Conical,
+    Flat,
+    MassProperties,
+    Ogive,
+    Profile,
+    Projectile,
+    SolidProperties,
+    Spherical,
+    mass_properties,
+    solid_properties,
+)
+from solver.resistance import (
+    ConstantStrengthFactor,
+    ObliquityPolynomial,
+    Resistance,
+    StrengthPowerLaw,
+    strength_factor,
+)
+from solver.ricochet import CriticalAngle, Search, SearchStatus, Trial, critical_angle
+from solver.target import Target, concrete_youngs_modulus
+from solver.trajectory import Impact, Motion, Outcome, Trajectory, simulate
+from solver.warm_up import warm_up
+
+ENGINE_VERSION = "1"
+"""Raised whenever results change: results kept under another version are not used."""
+
+__all__ = [
+    "ENGINE_VERSION",
+    "Conical",
+    "ConstantStrengthFactor",
+    "CriticalAngle",
+    "ElasticPlastic",
+    "Flat",
+    "Impact",
+    "IntegrationError",
+    "MassProperties",
+    "ModelWarning",
+    "MohrCoulomb",
+    "Motion",
+    "NoFreeSurface",
+    "Numerics",
+    "ObliquityPolynomial",
+    "Ogive",
+    "Outcome",
+    "ParameterError",
+    "Profile",
+    "Projectile",
+    "Resistance",
+    "RicochetError",
+    "Search",
+    "SearchStatus",
+    "SolidProperties",
+    "Spherical",
+    "StepLimitError",
+    "StrengthPowerLaw",
+    "Target",
+    "Trajectory",
+    "Trial",
+    "concrete_youngs_modulus",
+    "critical_angle",
+    "decay_factor",
+    "mass_properties",
+    "simulate",
+    "solid_properties",
+    "strength_factor",
+    "warm_up",
+]

@@ -1,0 +1,148 @@
+"""Warnings that travel with a result: what an assessor should know before using a number."""
+
+import math
+from dataclasses import dataclass
+
+from solver.projectile import Projectile
+from solver.resistance import ObliquityPolynomial, Resistance
+from solver.target import Target
+
+RIGID_VELOCITY = 800.0
+"""Steel noses were seen to erode above about this speed (Forrestal et al. 1996). [m/s]"""
+TESTED_STRENGTH = (13e6, 97e6)
+"""Compressive strengths of the penetration tests behind eq. 1 (Forrestal et al. 1994, Frew et al. 1998). [Pa]"""
+SMALL_ATTACK = math.radians(5.0)
+CRATER_CALIBERS = 2.0
+"""Depth of the front crater over the diameter, for which the theory of deep cavities was not made."""
+
+
+@dataclass(frozen=True, slots=True)
+class ModelWarning:
+    """Something to know before relying on a result.
+
+    Parameters
+    ----------
+    code
+        Stable, for programs.
+    detail
+        For people.
+    """
+
+    code: str
+    detail: str
+
+
+def input_warnings(
+    *,
+    projectile: Projectile,
+    target: Target,
+    velocity: float,
+    angle_of_attack: float,
+) -> tuple[ModelWarning, ...]:
+    """Warnings about the inputs alone, whatever the oblique angle."""
+    found = []
+    if velocity > RIGID_VELOCITY:
+        found.append(
+            ModelWarning(
+                "velocity_beyond_rigid",
+                f"{velocity:g} m/s is above {RIGID_VELOCITY:g} m/s, where noses of steel erode; the body is taken as "
+                "rigid",
+            )
+        )
+    lowest, highest = TESTED_STRENGTH
+    if not lowest <= target.compressive_strength <= highest:
+        found.append(
+            ModelWarning(
+                "strength_beyond_tests",
+                f"compressive strength {target.compressive_strength / 1e6:g} MPa is outside {lowest / 1e6:g} to "
+                f"{highest / 1e6:g} MPa, the range of the tests behind the resistance law",
+            )
+        )
+    if abs(angle_of_attack) > SMALL_ATTACK:
+        found.append(
+            ModelWarning(
+                "large_angle_of_attack",
+                f"angle of attack {math.degrees(angle_of_attack):g}° is beyond 5°, where bodies bend and break; "
+                "the body is taken as rigid",
+            )
+        )
+    if projectile.center_of_gravity is None or projectile.moment_of_inertia is None:
+        missing = [
+            name
+            for name, value in (
+                ("centre of gravity", projectile.center_of_gravity),
+                ("moment of inertia", projectile.moment_of_inertia),
+            )
+            if value is None
+        ]
+        found.append(
+            ModelWarning(
+                "mass_properties_assumed",
+                f"{' and '.join(missing)} not given: those of a homogeneous solid of the outer shape are used",
+            )
+        )
+    return tuple(found)
+
+
+def strength_fit_warning(*, resistance: Resistance, oblique_angle: float) -> tuple[ModelWarning, ...]:
+    """Warning about a strength factor fitted to other angles than this one."""
+    model = resistance.strength_factor
+    if isinstance(model, ObliquityPolynomial) and abs(oblique_angle) > model.fitted_to * (1.0 + 1e-12):
+        return (
+            ModelWarning(
+                "strength_fit_extrapolated",
+                f"the strength factor was fitted to finite element runs from 0° to {math.degrees(model.fitted_to):g}° "
+                f"from the normal; {math.degrees(abs(oblique_angle)):.4g}° is beyond",
+            ),
+        )
+    return ()
+
+
+def undecided(*, termination_time: float) -> ModelWarning:
+    """Warning of a run that was still going on at its termination time."""
+    return ModelWarning(
+        "undecided",
+        f"still loaded or moving in at the termination time, {termination_time:g} s: neither embedded nor turned away",
+    )
+
+
+def shallow(*, depth: float, diameter: float) -> tuple[ModelWarning, ...]:
+    """Warning of a body that came to rest within the front crater."""
+    if depth >= CRATER_CALIBERS * diameter:
+        return ()
+    return (
+        ModelWarning(
+            "shallow_penetration",
+            f"at rest {depth / diameter:.2g} diameters deep, within the front crater of about {CRATER_CALIBERS:g}: "
+            "spalling, which the model leaves out, governs there",
+        ),
+    )
+
+
+BASE_FIRST = ModelWarning(
+    "base_strikes_first",
+    "the rear edge touches first, and the flat base, which the model does not load, faces the target",
+)
+
+ENERGY_GAIN = ModelWarning(
+    "fixed_step_energy_gain",
+    "the fixed time step is too long for parts of this motion: kinetic energy rose within a step; compare with the "
+    "adaptive method or a shorter step",
+)
+
+LODGED = ModelWarning(
+    "lodged",
+    "the load ends with the nose still inside and less than 0.1 % of the energy left, drifting out: counted as "
+    "embedded, since friction and rubble, which the model leaves out, decide there",
+)
+
+NO_MEASURED_ANGLE = ModelWarning(
+    "no_measured_angle",
+    "no test of the critical ricochet angle of a rigid body on concrete is known in the open literature: the angle is "
+    "the model's, checked against finite elements only",
+)
+
+RICOCHET_AT_LOWER_BOUND = ModelWarning(
+    "ricochet_at_lower_bound",
+    "the projectile is turned away at the lower end of the search already: a smaller critical angle lies below it",
+)
