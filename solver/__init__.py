@@ -3,6 +3,7 @@
 from solver.advice import ModelWarning
 from solver.errors import IntegrationError, ParameterError, RicochetError, StepLimitError
 from solver.free_surface import ElasticPlastic, MohrCoulomb, NoFreeSurface, decay_factor
+from solver.impact import Impact
 from solver.numerics import Numerics
 from solver.projectile import (
     Conical,
@@ -24,8 +25,9 @@ from solver.resistance import (
     strength_factor,
 )
 from solver.ricochet import CriticalAngle, Search, SearchStatus, Trial, critical_angle
+from solver.shot import Outcome
 from solver.target import Target, concrete_youngs_modulus
-from solver.trajectory import Impact, Motion, Outcome, Trajectory, simulate
+from solver.trajectory import Motion, Trajectory, simulate
 from solver.warm_up import warm_up
 
 ENGINE_VERSION = "1"

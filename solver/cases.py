@@ -2,9 +2,9 @@
 
 import math
 
+from solver.impact import Impact
 from solver.projectile import Ogive, Projectile
 from solver.target import Target
-from solver.trajectory import Impact
 
 PAPER_PROJECTILE = Projectile(nose=Ogive(caliber_radius_head=3.0), diameter=0.08, length=0.53, mass=13.0)
 PAPER_TARGET = Target(compressive_strength=39e6, density=2250.0)

@@ -15,6 +15,7 @@ import numpy as np
 from solver.arrays import FloatArray
 from solver.compilation import compiled
 from solver.free_surface import FreeSurface, NoFreeSurface
+from solver.quadrature import gauss_rule
 from solver.resistance import Resistance
 from solver.surface import ARC, Body, Panels
 from solver.target import Target
@@ -74,12 +75,7 @@ def build_tables(*, resistance: Resistance, target: Target, stations: int, point
         _cubic_cells(lambda y: model.static_pressure(y, target) / static),
         _cubic_cells(lambda y: model.inertia_coefficient(y, target)),
     )
-    return Tables(np.hstack(cubics), _gauss_rule(stations), _gauss_rule(points))
-
-
-def _gauss_rule(count: int) -> FloatArray:
-    nodes, weights = np.polynomial.legendre.leggauss(count)
-    return np.column_stack(((nodes + 1.0) / 2.0, weights / 2.0))
+    return Tables(np.hstack(cubics), gauss_rule(stations), gauss_rule(points))
 
 
 def build_law(*, resistance: Resistance, target: Target, strength_factor: float, ramp_velocity: float) -> Law:

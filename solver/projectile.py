@@ -12,6 +12,7 @@ from typing import ClassVar, Protocol, TypeAlias
 import numpy as np
 
 from solver.arrays import FloatArray
+from solver.quadrature import gauss_rule
 from solver.validation import require, require_finite, require_positive
 
 GAUSS_POINTS = 48  # on one piece of the outline; exact for lines, near machine precision for arcs
@@ -326,8 +327,7 @@ class MassProperties:
 
 def solid_properties(projectile: Projectile) -> SolidProperties:
     """Geometry of the homogeneous solid of the outer shape, by Gauss quadrature on each piece."""
-    nodes, weights = np.polynomial.legendre.leggauss(GAUSS_POINTS)
-    t, w = (nodes + 1.0) / 2.0, weights / 2.0
+    t, w = gauss_rule(GAUSS_POINTS).T
     area = volume = first = second = 0.0
     for piece in projectile.outline():
         x, r, _, cosine = piece.at(t)

@@ -11,19 +11,12 @@ import numpy as np
 
 from solver import advice
 from solver.advice import ModelWarning
+from solver.impact import Impact
 from solver.numerics import SEARCH_TOLERANCE, TERMINATION_TIME, Numerics
 from solver.projectile import Projectile
 from solver.resistance import Resistance
+from solver.shot import Outcome, Shot, final_tip_depth, integrate, outcome_of, prepare
 from solver.target import Target
-from solver.trajectory import (
-    Impact,
-    Outcome,
-    Shot,
-    final_tip_depth,
-    integrate,
-    outcome_of,
-    prepare,
-)
 from solver.validation import require, require_between, require_positive
 
 SearchMethod: TypeAlias = Literal["outcome", "bisection", "secant"]
@@ -169,7 +162,7 @@ def critical_angle(
     with the change of sign is kept.
     """
     search = search or Search()
-    require_positive("velocity", velocity)
+    require_positive("impact.velocity", velocity)
     paper = search.method != "outcome"
     numerics = numerics or Numerics()
     shot = prepare(

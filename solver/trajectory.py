@@ -2,26 +2,23 @@
 
 import math
 from dataclasses import dataclass, fields
-from enum import StrEnum
 from typing import Generic, TypeVar
 
 import numpy as np
 
 from solver import advice
-from solver.adaptive import STEP_LIMIT, integrate_adaptive
 from solver.advice import ModelWarning
 from solver.arrays import FloatArray
-from solver.errors import IntegrationError, ParameterError, StepLimitError
+from solver.errors import ParameterError
 from solver.events import End, Run
-from solver.fixed_step import integrate_fixed
-from solver.loads import Law, build_law, build_tables
-from solver.motion import RAMP_FRACTION, STEP_WIDTH, Model, kinetic_energy, sample, sample_loads
-from solver.numerics import Numerics, ResolvedNumerics
-from solver.projectile import Projectile, mass_properties
-from solver.resistance import Resistance, strength_factor
-from solver.surface import NO_PANELS, Body, build_body, build_panels, deepest_offset
+from solver.impact import Impact
+from solver.motion import Model, sample, sample_loads
+from solver.numerics import Numerics
+from solver.projectile import Projectile
+from solver.resistance import Resistance
+from solver.shot import Outcome, Shot, integrate, outcome_of, prepare
 from solver.target import Target
-from solver.validation import require, require_between, require_finite, require_positive
+from solver.validation import require_positive
 
 SAMPLE_INTERVAL = 1e-5
 """Of a history unless said otherwise. [s]"""
@@ -30,56 +27,6 @@ ENERGY_GAIN_TOLERATED = 1e-6
 """Over the initial energy; rounding of the panel route stays far below."""
 
 Value = TypeVar("Value")
-
-
-class Outcome(StrEnum):
-    """How a run ended."""
-
-    RICOCHET = "ricochet"
-    EMBEDDED = "embedded"
-    IN_MOTION = "in_motion"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Impact:
-    """The strike.
-
-    Parameters
-    ----------
-    velocity
-        Speed of the centre of gravity at first contact. [m/s]
-    oblique_angle
-        From the inward normal of the face to the velocity; 0 is normal impact. [rad]
-    angle_of_attack
-        Axis angle minus velocity angle, positive with the nose turned toward the face. [rad]
-    angular_velocity
-        Rate of the axis angle at first contact. [rad/s]
-
-    Raises
-    ------
-    ParameterError
-        If a value is not finite or outside its range.
-    """
-
-    velocity: float
-    oblique_angle: float
-    angle_of_attack: float = 0.0
-    angular_velocity: float = 0.0
-
-    def __post_init__(self) -> None:
-        require_positive("impact.velocity", self.velocity)
-        require(
-            math.isfinite(self.oblique_angle) and abs(self.oblique_angle) < math.pi / 2.0,
-            "impact.oblique_angle",
-            f"must be less than 90° from the normal, got {math.degrees(self.oblique_angle):g}°",
-        )
-        require_between("impact.angle_of_attack", self.angle_of_attack, -math.pi / 2.0, math.pi / 2.0)
-        require_finite("impact.angular_velocity", self.angular_velocity)
-
-    @property
-    def axis_angle(self) -> float:
-        """From the inward normal to the axis. [rad]"""
-        return self.oblique_angle + self.angle_of_attack
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,46 +77,6 @@ class Trajectory:
     """Time steps taken."""
     evaluations: int
     """Evaluations of force and moment."""
-
-
-@dataclass(frozen=True, slots=True)
-class Shot:
-    """All of a strike but its angle, ready for the compiled code."""
-
-    projectile: Projectile
-    target: Target
-    resistance: Resistance
-    numerics: ResolvedNumerics
-    model: Model
-
-    def law_at(self, impact: Impact) -> Law:
-        """Resistance with the strength factor of this strike."""
-        factor = strength_factor(resistance=self.resistance, oblique_angle=impact.oblique_angle, target=self.target)
-        return self.model.law._replace(
-            static_stress=factor * self.target.compressive_strength,
-            ramp_velocity=RAMP_FRACTION * impact.velocity,
-        )
-
-
-def prepare(*, projectile: Projectile, target: Target, resistance: Resistance, numerics: ResolvedNumerics) -> Shot:
-    """Build what every strike of these has in common."""
-    properties = mass_properties(projectile)
-    if numerics.method == "panels":
-        require(
-            numerics.fixed_steps <= 10 * STEP_LIMIT,
-            "numerics.time_step",
-            f"must give at most {10 * STEP_LIMIT} steps up to the termination time, got {numerics.fixed_steps}",
-        )
-        panels = build_panels(projectile, properties, numerics.panels)
-    else:
-        panels = NO_PANELS
-    model = Model(
-        body=build_body(projectile, properties),
-        law=build_law(resistance=resistance, target=target, strength_factor=1.0, ramp_velocity=1.0),
-        tables=build_tables(resistance=resistance, target=target, stations=numerics.stations, points=numerics.points),
-        panels=panels,
-    )
-    return Shot(projectile, target, resistance, numerics, model)
 
 
 def simulate(
@@ -238,51 +145,6 @@ def run_shot(shot: Shot, impact: Impact, sample_interval: float | None) -> Traje
     )
 
 
-def integrate(shot: Shot, model: Model, impact: Impact, *, keep_steps: bool) -> tuple[Run, FloatArray]:
-    """Run the compiled integrator of the chosen route; return the run and its table of steps."""
-    numerics, start = shot.numerics, initial_state(impact, model.body)
-    end_time = numerics.termination_time
-    if numerics.method == "panels":
-        steps = np.empty((numerics.fixed_steps + 1 if keep_steps else 1, STEP_WIDTH))
-        run = integrate_fixed(start, model, end_time, numerics.time_step, steps)
-    else:
-        steps = np.empty((STEP_LIMIT if keep_steps else 1, STEP_WIDTH))
-        run = integrate_adaptive(start, model, end_time, numerics.relative_tolerance, steps)
-    if run.end == End.STEP_LIMIT:
-        raise StepLimitError(f"more than {STEP_LIMIT} steps, stopped at {run.time:g} s")
-    if run.end == End.NOT_FINITE or not np.isfinite(run.state).all():
-        raise IntegrationError(f"the motion is no longer finite at {run.time:g} s")
-    return run, steps[: run.steps]
-
-
-def initial_state(impact: Impact, body: Body) -> FloatArray:
-    """State at first contact, when the deepest point of the surface touches the face."""
-    return np.array(
-        [
-            -deepest_offset(body, impact.axis_angle),
-            0.0,
-            impact.axis_angle,
-            impact.velocity * math.cos(impact.oblique_angle),
-            impact.velocity * math.sin(impact.oblique_angle),
-            impact.angular_velocity,
-        ]
-    )
-
-
-def outcome_of(run: Run) -> Outcome:
-    """How the run ended."""
-    if run.end == End.EXIT:
-        return Outcome.RICOCHET
-    return Outcome.EMBEDDED if run.end in (End.REST, End.LODGED) else Outcome.IN_MOTION
-
-
-def final_tip_depth(run: Run, body: Body, time: float) -> float:
-    """Depth of the nose tip at `time`, after free flight if the projectile was turned away before. [m]"""
-    flight = max(0.0, time - run.time) if run.end in (End.EXIT, End.LODGED) else 0.0
-    angle = run.state[2] + run.state[5] * flight
-    return float(run.state[0] + run.state[3] * flight + body.tip * math.cos(angle))
-
-
 def _motion_at(run: Run, model: Model) -> Motion[float]:
     columns = _columns(np.array([run.time]), run.state[None, :], model)
     return Motion(*(float(getattr(columns, field.name)[0]) for field in fields(columns)))
@@ -302,6 +164,7 @@ def _history(run: Run, steps: FloatArray, model: Model, sample_interval: float) 
 def _columns(times: FloatArray, states: FloatArray, model: Model) -> Motion[FloatArray]:
     body = model.body
     forces = sample_loads(states, model)
+    translation = body.mass * (states[:, 3] ** 2 + states[:, 4] ** 2)
     return Motion(
         time=times,
         center_of_gravity_depth=states[:, 0],
@@ -314,7 +177,7 @@ def _columns(times: FloatArray, states: FloatArray, model: Model) -> Motion[Floa
         depth_force=forces[:, 0],
         lateral_force=forces[:, 1],
         moment=forces[:, 2],
-        kinetic_energy=np.array([kinetic_energy(state, body) for state in states]),
+        kinetic_energy=0.5 * (translation + body.moment_of_inertia * states[:, 5] ** 2),
     )
 
 

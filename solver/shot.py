@@ -1,0 +1,115 @@
+"""What every strike of a projectile on a target has in common, made ready once for the compiled code."""
+
+import math
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+
+from solver.adaptive import STEP_LIMIT, integrate_adaptive
+from solver.arrays import FloatArray
+from solver.errors import IntegrationError, StepLimitError
+from solver.events import End, Run
+from solver.fixed_step import integrate_fixed
+from solver.impact import Impact
+from solver.loads import Law, build_law, build_tables
+from solver.motion import RAMP_FRACTION, STEP_WIDTH, Model
+from solver.numerics import ResolvedNumerics
+from solver.projectile import Projectile, mass_properties
+from solver.resistance import Resistance, strength_factor
+from solver.surface import NO_PANELS, Body, build_body, build_panels, deepest_offset
+from solver.target import Target
+from solver.validation import require
+
+
+class Outcome(StrEnum):
+    """How a run ended."""
+
+    RICOCHET = "ricochet"
+    EMBEDDED = "embedded"
+    IN_MOTION = "in_motion"
+
+
+@dataclass(frozen=True, slots=True)
+class Shot:
+    """All of a strike but its angle, ready for the compiled code."""
+
+    projectile: Projectile
+    target: Target
+    resistance: Resistance
+    numerics: ResolvedNumerics
+    model: Model
+
+    def law_at(self, impact: Impact) -> Law:
+        """Resistance with the strength factor of this strike."""
+        factor = strength_factor(resistance=self.resistance, oblique_angle=impact.oblique_angle, target=self.target)
+        return self.model.law._replace(
+            static_stress=factor * self.target.compressive_strength,
+            ramp_velocity=RAMP_FRACTION * impact.velocity,
+        )
+
+
+def prepare(*, projectile: Projectile, target: Target, resistance: Resistance, numerics: ResolvedNumerics) -> Shot:
+    """Build what every strike of these has in common."""
+    properties = mass_properties(projectile)
+    if numerics.method == "panels":
+        require(
+            numerics.fixed_steps <= 10 * STEP_LIMIT,
+            "numerics.time_step",
+            f"must give at most {10 * STEP_LIMIT} steps up to the termination time, got {numerics.fixed_steps}",
+        )
+        panels = build_panels(projectile, properties, numerics.panels)
+    else:
+        panels = NO_PANELS
+    model = Model(
+        body=build_body(projectile, properties),
+        law=build_law(resistance=resistance, target=target, strength_factor=1.0, ramp_velocity=1.0),
+        tables=build_tables(resistance=resistance, target=target, stations=numerics.stations, points=numerics.points),
+        panels=panels,
+    )
+    return Shot(projectile, target, resistance, numerics, model)
+
+
+def integrate(shot: Shot, model: Model, impact: Impact, *, keep_steps: bool) -> tuple[Run, FloatArray]:
+    """Run the compiled integrator of the chosen route; return the run and its table of steps."""
+    numerics, start = shot.numerics, initial_state(impact, model.body)
+    end_time = numerics.termination_time
+    if numerics.method == "panels":
+        steps = np.empty((numerics.fixed_steps + 1 if keep_steps else 1, STEP_WIDTH))
+        run = integrate_fixed(start, model, end_time, numerics.time_step, steps)
+    else:
+        steps = np.empty((STEP_LIMIT if keep_steps else 1, STEP_WIDTH))
+        run = integrate_adaptive(start, model, end_time, numerics.relative_tolerance, steps)
+    if run.end == End.STEP_LIMIT:
+        raise StepLimitError(f"more than {STEP_LIMIT} steps, stopped at {run.time:g} s")
+    if run.end == End.NOT_FINITE or not np.isfinite(run.state).all():
+        raise IntegrationError(f"the motion is no longer finite at {run.time:g} s")
+    return run, steps[: run.steps]
+
+
+def initial_state(impact: Impact, body: Body) -> FloatArray:
+    """State at first contact, when the deepest point of the surface touches the face."""
+    return np.array(
+        [
+            -deepest_offset(body, impact.axis_angle),
+            0.0,
+            impact.axis_angle,
+            impact.velocity * math.cos(impact.oblique_angle),
+            impact.velocity * math.sin(impact.oblique_angle),
+            impact.angular_velocity,
+        ]
+    )
+
+
+def outcome_of(run: Run) -> Outcome:
+    """How the run ended."""
+    if run.end == End.EXIT:
+        return Outcome.RICOCHET
+    return Outcome.EMBEDDED if run.end in (End.REST, End.LODGED) else Outcome.IN_MOTION
+
+
+def final_tip_depth(run: Run, body: Body, time: float) -> float:
+    """Depth of the nose tip at `time`, after free flight if the projectile was turned away before. [m]"""
+    flight = max(0.0, time - run.time) if run.end in (End.EXIT, End.LODGED) else 0.0
+    angle = run.state[2] + run.state[5] * flight
+    return float(run.state[0] + run.state[3] * flight + body.tip * math.cos(angle))
