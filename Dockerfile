@@ -1,0 +1,40 @@
+# The service and nothing else: no tests, no developers' tools, no compiler.
+#   docker build --tag ricochet .
+#   docker run --init --publish 127.0.0.1:8000:8000 --volume ricochet:/data ricochet
+
+FROM python:3.13-slim AS build
+
+ENV PIP_NO_CACHE_DIR=1 PIP_DISABLE_PIP_VERSION_CHECK=1 PIP_ROOT_USER_ACTION=ignore
+WORKDIR /src
+RUN python -m venv /opt/ricochet
+COPY requirements/build.txt requirements/run.txt requirements/
+RUN python -m pip install --require-hashes --only-binary :all: --requirement requirements/build.txt \
+    && /opt/ricochet/bin/python -m pip install --require-hashes --only-binary :all: --requirement requirements/run.txt
+COPY pyproject.toml README.md LICENSE ./
+COPY service/ service/
+COPY solver/ solver/
+RUN python -m pip wheel --no-index --no-deps --no-build-isolation --wheel-dir /tmp/wheel . \
+    && /opt/ricochet/bin/python -m pip install --no-index --no-deps /tmp/wheel/*.whl
+
+FROM python:3.13-slim
+
+# Code compiled for any processor of its family is as fast here as for this one, and fits the machine the image runs on.
+ENV PATH=/opt/ricochet/bin:$PATH \
+    PYTHONUNBUFFERED=1 \
+    NUMBA_CACHE_DIR=/var/cache/ricochet \
+    NUMBA_CPU_NAME=generic \
+    NUMBA_CPU_FEATURES="" \
+    RICOCHET_HOST=0.0.0.0 \
+    RICOCHET_PORT=8000 \
+    RICOCHET_DATA_DIR=/data
+RUN useradd --system --user-group --uid 10001 --no-create-home --shell /usr/sbin/nologin ricochet \
+    && install --directory --owner ricochet --group ricochet /data /var/cache/ricochet
+COPY --from=build /opt/ricochet /opt/ricochet
+USER 10001
+RUN python -c "import solver; solver.warm_up()"
+
+VOLUME /data
+EXPOSE 8000
+HEALTHCHECK --interval=10s --timeout=3s --start-period=60s --retries=3 \
+    CMD ["python", "-c", "import os, urllib.request as u; u.build_opener(u.ProxyHandler({})).open(f'http://127.0.0.1:{os.environ[\"RICOCHET_PORT\"]}/livez', timeout=2)"]
+CMD ["ricochet", "serve"]

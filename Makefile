@@ -1,0 +1,66 @@
+# Everything runs from .venv, which `make setup` builds from the lock. PYTHON=... picks another interpreter.
+
+BIN := .venv/bin
+DEV := requirements/dev.txt
+PYTHON ?= $(shell for p in python3 python3.14 python3.13 python3.12 python3.11; do \
+	"$$p" -c 'import sys; sys.exit(not (3, 11) <= sys.version_info < (3, 15))' 2>/dev/null && { echo "$$p"; break; }; done)
+COMPILE := $(BIN)/uv pip compile --universal --python-version 3.11 --fork-strategy fewest --generate-hashes \
+	--custom-compile-command "make lock" --quiet
+
+.DEFAULT_GOAL := help
+.PHONY: help setup demo serve test test-all check format openapi figures lock clean
+
+help: ## list what can be made
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+
+setup: .venv/.locked .venv/.installed ## build .venv from the lock, with everything in it
+
+.venv/.locked: $(DEV)
+	@test -n "$(PYTHON)" || { echo "no Python 3.11 to 3.14 found; name one: make PYTHON=/path/to/python3"; exit 1; }
+	@echo "building .venv with $$($(PYTHON) --version), about a minute ..."
+	@$(PYTHON) -m venv --clear .venv
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile --require-hashes \
+		--only-binary :all: -r $(DEV)
+	@touch $@
+
+.venv/.installed: .venv/.locked pyproject.toml
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-index --no-deps --no-build-isolation -e .
+	@touch $@
+
+demo: setup ## ask a fresh service for the paper's critical ricochet angle
+	@$(BIN)/python examples/demo.py
+
+serve: setup ## run the service; RICOCHET_HOST, RICOCHET_PORT, RICOCHET_DATA_DIR, RICOCHET_WORKERS
+	@$(BIN)/ricochet serve
+
+test: setup ## run the tests; ARGS="..." goes to pytest
+	@$(BIN)/pytest $(ARGS)
+
+test-all: setup ## run the tests that take minutes as well
+	@$(BIN)/pytest -m "slow or not slow" $(ARGS)
+
+check: setup ## lint, format, types, floors, committed contract
+	$(BIN)/ruff check
+	$(BIN)/ruff format --check
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+	$(BIN)/ricochet openapi --check
+
+format: setup ## format the code and mend what ruff can
+	$(BIN)/ruff format
+	$(BIN)/ruff check --fix
+
+openapi: setup ## write the contract, openapi/openapi.json
+	$(BIN)/ricochet openapi
+
+figures: setup ## draw the pictures of the README
+	$(BIN)/python docs/figures/trajectories.py
+
+lock: setup ## pin the newest version of every package; the other locks follow the one of the developers
+	$(COMPILE) --upgrade pyproject.toml --group dev --extra figures -o $(DEV)
+	$(COMPILE) --no-annotate -c $(DEV) pyproject.toml -o requirements/run.txt
+	$(COMPILE) --no-annotate -c $(DEV) --group build -o requirements/build.txt
+
+clean: ## remove .venv and every cache
+	rm -rf .venv dist .hypothesis .import_linter_cache .mypy_cache .pytest_cache .ruff_cache .schemathesis
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
