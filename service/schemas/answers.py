@@ -1,0 +1,159 @@
+"""The answers as the contract has them."""
+
+from typing import Annotated, Generic, TypeVar
+
+from pydantic import MISSING, Field
+from typing_extensions import TypeAliasType
+
+from service.schemas.quantities import Num, Part, with_examples
+from solver import Outcome, SearchStatus
+
+Value = TypeVar("Value")
+
+STATE = {
+    "time_s": 0.003115,
+    "center_of_gravity_depth_m": 0.022414,
+    "center_of_gravity_lateral_m": 0.333826,
+    "nose_tip_depth_m": 0.121269,
+    "axis_angle_deg": 70.361,
+    "depth_velocity_m_s": 0.754,
+    "lateral_velocity_m_s": 2.2566,
+    "angular_velocity_rad_s": 0.4324,
+    "depth_force_n": -364527.0,
+    "lateral_force_n": -1079314.0,
+    "moment_n_m": -2540.6,
+    "kinetic_energy_j": 36.8186,
+}
+WARNING = {
+    "code": "mass_properties_assumed",
+    "detail": "moment of inertia not given: that of a homogeneous solid of the outer shape is used",
+}
+TRIAL = {"oblique_angle_deg": 45.0, "final_position_m": 0.121269, "outcome": "embedded"}
+RUN = {"outcome": "embedded", "final": STATE, "maximum_depth_m": 0.121271, "warnings": [WARNING]}
+FOUND = {
+    "status": "converged",
+    "critical_angle_deg": 48.56,
+    "bracket_deg": [48.55, 48.56],
+    "iterations": [TRIAL],
+    "other_crossings_deg": [],
+    "warnings": [WARNING],
+}
+NONE_FOUND = {"status": "no_ricochet", "iterations": [TRIAL], "other_crossings_deg": [], "warnings": [WARNING]}
+VERSIONED = {"key": "0" * 64, "engine_version": "1"}
+
+Key = Annotated[
+    str,
+    Field(pattern="^[0-9a-f]{64}$", description="Of this result, which `/results/{key}` answers again."),
+]
+EngineVersion = Annotated[str, Field(description="Raised whenever results change.")]
+Bracket = Annotated[
+    list[Num],
+    Field(
+        min_length=2,
+        max_length=2,
+        description="Angles between which the change was last pinned down, from the normal. [°]",
+    ),
+]
+
+
+class ModelWarning(Part):
+    """Something to know before relying on a result."""
+
+    model_config = with_examples(WARNING)
+
+    code: Annotated[str, Field(description="Stable, for programs.")]
+    detail: Annotated[str, Field(description="For people.")]
+
+
+class Motion(Part, Generic[Value]):
+    """Quantities of a motion. Depth is positive inside the target; lateral, the way the projectile travels."""
+
+    time_s: Annotated[Value, Field(description="Since first contact. [s]")]
+    center_of_gravity_depth_m: Annotated[Value, Field(description="[m]")]
+    center_of_gravity_lateral_m: Annotated[
+        Value, Field(description="Along the face, from where it was at first contact. [m]")
+    ]
+    nose_tip_depth_m: Annotated[Value, Field(description="[m]")]
+    axis_angle_deg: Annotated[
+        Value, Field(description="From the inward normal to the axis; grows as the nose turns toward the face. [°]")
+    ]
+    depth_velocity_m_s: Annotated[Value, Field(description="Of the centre of gravity. [m/s]")]
+    lateral_velocity_m_s: Annotated[Value, Field(description="Of the centre of gravity. [m/s]")]
+    angular_velocity_rad_s: Annotated[Value, Field(description="Rate of the axis angle. [rad/s]")]
+    depth_force_n: Annotated[Value, Field(description="Resistance along the inward normal. [N]")]
+    lateral_force_n: Annotated[Value, Field(description="Resistance along the face. [N]")]
+    moment_n_m: Annotated[Value, Field(description="Resistance, about the centre of gravity. [N m]")]
+    kinetic_energy_j: Annotated[Value, Field(description="Of translation and rotation. [J]")]
+
+
+class MotionState(Motion[Num]):
+    """The motion at one instant. Depth is positive inside the target; lateral, the way the projectile travels."""
+
+    model_config = with_examples(STATE)
+
+
+class MotionHistory(Motion[list[Num]]):
+    """The motion over time, columns of equal length: even intervals, then the instant that ended it."""
+
+    model_config = with_examples({name: [value] for name, value in STATE.items()})
+
+
+class Trajectory(Part):
+    """One run: how it ended, and how it went."""
+
+    model_config = with_examples(RUN)
+
+    outcome: Outcome
+    final: Annotated[MotionState, Field(description="At the event that ended the run.")]
+    maximum_depth_m: Annotated[Num, Field(description="Greatest depth of the nose tip. [m]")]
+    history: Annotated[MotionHistory, Field(description="If asked for.")] | MISSING = MISSING
+    warnings: list[ModelWarning]
+
+
+class TrajectoryAnswer(Trajectory):
+    """Answer to a trajectory."""
+
+    model_config = with_examples(RUN | VERSIONED)
+
+    key: Key
+    engine_version: EngineVersion
+
+
+class Trial(Part):
+    """One angle tried in a search."""
+
+    model_config = with_examples(TRIAL)
+
+    oblique_angle_deg: Annotated[Num, Field(description="From the normal. [°]")]
+    final_position_m: Annotated[
+        Num,
+        Field(description="Depth of the nose tip at the end, or at the termination time in the paper's searches. [m]"),
+    ]
+    outcome: Outcome
+
+
+class CriticalAngleAnswer(Part):
+    """Answer to a critical angle."""
+
+    model_config = with_examples(FOUND | VERSIONED, NONE_FOUND | VERSIONED)
+
+    status: SearchStatus
+    critical_angle_deg: (
+        Annotated[
+            Num,
+            Field(description="Smallest oblique angle, from the normal, that ends in ricochet; if there is one. [°]"),
+        ]
+        | MISSING
+    ) = MISSING
+    bracket_deg: Bracket | MISSING = MISSING
+    iterations: Annotated[list[Trial], Field(description="Every angle tried, in order.")]
+    other_crossings_deg: Annotated[
+        list[Num], Field(description="Other angles of the range at which the outcome changes, either way. [°]")
+    ]
+    trajectory: Annotated[Trajectory, Field(description="At the critical angle, if asked for.")] | MISSING = MISSING
+    warnings: list[ModelWarning]
+    key: Key
+    engine_version: EngineVersion
+
+
+Result = TypeAliasType("Result", Annotated[TrajectoryAnswer | CriticalAngleAnswer, Field(description="Any answer.")])

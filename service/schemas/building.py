@@ -1,0 +1,73 @@
+"""From what the solver returns to answers."""
+
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+
+import solver
+from service.schemas.quantities import degrees
+from solver.arrays import FloatArray
+
+Columns = dict[str, FloatArray]
+
+NAMES = {
+    "time": "time_s",
+    "center_of_gravity_depth": "center_of_gravity_depth_m",
+    "center_of_gravity_lateral": "center_of_gravity_lateral_m",
+    "nose_tip_depth": "nose_tip_depth_m",
+    "axis_angle": "axis_angle_deg",
+    "depth_velocity": "depth_velocity_m_s",
+    "lateral_velocity": "lateral_velocity_m_s",
+    "angular_velocity": "angular_velocity_rad_s",
+    "depth_force": "depth_force_n",
+    "lateral_force": "lateral_force_n",
+    "moment": "moment_n_m",
+    "kinetic_energy": "kinetic_energy_j",
+}
+"""The quantities of a motion in the solver and in the contract."""
+
+
+def trajectory_answer(trajectory: solver.Trajectory) -> tuple[dict[str, Any], Columns | None]:
+    """Answer without its history, and the columns of the history if there is one."""
+    final = {NAMES[field.name]: getattr(trajectory.final, field.name) for field in fields(trajectory.final)}
+    answer = {
+        "outcome": trajectory.outcome.value,
+        "final": final | {"axis_angle_deg": degrees(trajectory.final.axis_angle)},
+        "maximum_depth_m": trajectory.maximum_depth,
+        "warnings": _warnings(trajectory.warnings),
+    }
+    return answer, None if trajectory.history is None else _columns(trajectory.history)
+
+
+def critical_angle_answer(
+    found: solver.CriticalAngle, trajectory: solver.Trajectory | None
+) -> tuple[dict[str, Any], Columns | None]:
+    """Answer without the history of its trajectory, and the columns of that if there is one."""
+    answer: dict[str, Any] = {"status": found.status.value}
+    if found.angle is not None:
+        answer["critical_angle_deg"] = degrees(found.angle)
+    if found.bracket is not None:
+        answer["bracket_deg"] = [degrees(angle) for angle in found.bracket]
+    answer["iterations"] = [
+        {
+            "oblique_angle_deg": degrees(trial.oblique_angle),
+            "final_position_m": trial.final_position,
+            "outcome": trial.outcome.value,
+        }
+        for trial in found.iterations
+    ]
+    answer["other_crossings_deg"] = [degrees(angle) for angle in found.other_crossings]
+    history = None
+    if trajectory is not None:
+        answer["trajectory"], history = trajectory_answer(trajectory)
+    return answer | {"warnings": _warnings(found.warnings)}, history
+
+
+def _columns(history: solver.Motion[FloatArray]) -> Columns:
+    columns = {NAMES[field.name]: getattr(history, field.name) for field in fields(history)}
+    return columns | {"axis_angle_deg": np.degrees(history.axis_angle)}
+
+
+def _warnings(warnings: tuple[solver.ModelWarning, ...]) -> list[dict[str, str]]:
+    return [{"code": warning.code, "detail": warning.detail} for warning in warnings]

@@ -1,0 +1,169 @@
+"""How a request is computed, as the contract has it."""
+
+import math
+from enum import StrEnum
+from functools import cache
+from typing import Annotated
+
+from pydantic import MISSING, Field
+
+import solver
+from service.schemas.quantities import WHOLE, Count, Num, Part, degrees, with_examples
+from solver.numerics import SEARCH_TOLERANCE, TERMINATION_TIME, TRAJECTORY_TOLERANCE
+from solver.ricochet import PAPER_TERMINATION_TIME
+
+NUMERICS = solver.Numerics()
+SEARCH = solver.Search()
+
+Obliquity = Annotated[Num, Field(ge=0.0, lt=90.0)]
+
+
+class Method(StrEnum):
+    """`adaptive`: closed-form arcs and error-controlled steps; `panels`: the paper's elements and fixed step."""
+
+    ADAPTIVE = "adaptive"
+    PANELS = "panels"
+
+
+class SearchMethod(StrEnum):
+    """`outcome` brackets the change of outcome; `bisection` and `secant` are the paper's, on the final position."""
+
+    OUTCOME = "outcome"
+    BISECTION = "bisection"
+    SECANT = "secant"
+
+
+class Numerics(Part):
+    """Route and resolution of a run."""
+
+    model_config = with_examples(
+        {"relative_tolerance": 1e-5}, {"method": "panels", "panels": 6000, "time_step_s": 2e-5}
+    )
+
+    method: (
+        Annotated[
+            Method, Field(description="`adaptive` when not given, `panels` in the searches `bisection` and `secant`.")
+        ]
+        | MISSING
+    ) = MISSING
+    termination_time_s: (
+        Annotated[
+            Num,
+            Field(
+                ge=1e-6,
+                le=1.0,
+                description=f"When a run is given up undecided; {TERMINATION_TIME:g} when not given, "
+                f"{PAPER_TERMINATION_TIME:g} in the searches `bisection` and `secant`. [s] A strike takes "
+                "milliseconds.",
+            ),
+        ]
+        | MISSING
+    ) = MISSING
+    panels: Annotated[
+        Count,
+        Field(ge=100, le=100_000, description="Surface elements of `panels`. [1] The reference runs used 96,000."),
+        WHOLE,
+    ] = NUMERICS.panels
+    time_step_s: Annotated[
+        Num, Field(ge=1e-7, le=1e-3, description="Step of `panels`. [s] A hundredth to a hundred of the paper's.")
+    ] = NUMERICS.time_step
+    relative_tolerance: (
+        Annotated[
+            Num,
+            Field(
+                ge=1e-10,
+                le=1e-2,
+                description="Error of one step of `adaptive`, over the scale of the motion; "
+                f"{TRAJECTORY_TOLERANCE:g} for a trajectory and {SEARCH_TOLERANCE:g} in a search when not given. [1]",
+            ),
+        ]
+        | MISSING
+    ) = MISSING
+
+    def resolved(self, *, method: Method, termination_time_s: float, relative_tolerance: float) -> "Numerics":
+        """Return the same with what was left open filled in."""
+        return self.model_copy(
+            update={
+                "method": method if self.method is MISSING else self.method,
+                "termination_time_s": (
+                    termination_time_s if self.termination_time_s is MISSING else self.termination_time_s
+                ),
+                "relative_tolerance": (
+                    relative_tolerance if self.relative_tolerance is MISSING else self.relative_tolerance
+                ),
+            }
+        )
+
+    def to_solver(self) -> solver.Numerics:
+        """Return the solver's numerics."""
+        method, end, tolerance = self.method, self.termination_time_s, self.relative_tolerance
+        return solver.Numerics(
+            method=None if method is MISSING else method.value,
+            termination_time=None if end is MISSING else end,
+            panels=self.panels,
+            time_step=self.time_step_s,
+            relative_tolerance=None if tolerance is MISSING else tolerance,
+        )
+
+
+@cache
+def usual_range(method: SearchMethod) -> tuple[float, float]:
+    """Return the range of a search that is given none. [°]"""
+    lower, upper = solver.Search(method=method.value).bounds
+    return degrees(lower), degrees(upper)
+
+
+class Search(Part):
+    """How the critical angle is sought."""
+
+    model_config = with_examples({"method": "outcome", "lower_deg": 20.0, "upper_deg": 80.0}, {"method": "secant"})
+
+    method: SearchMethod = SearchMethod(SEARCH.method)
+    lower_deg: (
+        Annotated[
+            Obliquity, Field(description="Lower end of the range; 5 when not given, 40 in the paper's searches. [°]")
+        ]
+        | MISSING
+    ) = MISSING
+    upper_deg: (
+        Annotated[
+            Obliquity, Field(description="Upper end of the range; 85 when not given, 60 in the paper's searches. [°]")
+        ]
+        | MISSING
+    ) = MISSING
+    tolerance_deg: Annotated[
+        Num, Field(ge=1e-6, le=10.0, description="Width of the final bracket of `outcome`. [°]")
+    ] = degrees(SEARCH.tolerance)
+    relative_tolerance: Annotated[
+        Num,
+        Field(
+            ge=1e-8,
+            le=0.5,
+            description="The paper's searches end when two angles in a row differ by less than this fraction. [1]",
+        ),
+    ] = SEARCH.relative_tolerance
+
+    @property
+    def by_paper(self) -> bool:
+        """Whether it is one of the paper's searches, which look at the final position."""
+        return self.method is not SearchMethod.OUTCOME
+
+    def resolved(self) -> "Search":
+        """Return the same with the range filled in."""
+        lower, upper = usual_range(self.method)
+        return self.model_copy(
+            update={
+                "lower_deg": lower if self.lower_deg is MISSING else self.lower_deg,
+                "upper_deg": upper if self.upper_deg is MISSING else self.upper_deg,
+            }
+        )
+
+    def to_solver(self) -> solver.Search:
+        """Return the solver's search."""
+        return solver.Search(
+            method=self.method.value,
+            lower=None if self.lower_deg is MISSING else math.radians(self.lower_deg),
+            upper=None if self.upper_deg is MISSING else math.radians(self.upper_deg),
+            tolerance=math.radians(self.tolerance_deg),
+            relative_tolerance=self.relative_tolerance,
+        )

@@ -1,0 +1,149 @@
+"""The requests: one trajectory, one critical angle."""
+
+from typing import Annotated, Any, Self
+
+from pydantic import MISSING, Field
+
+import solver
+from service.schemas.examples import HEMISPHERE, PAPER, PAPER_AT_45, PAPER_BY_SECANT, TRUNCATED_CONE
+from service.schemas.numerics import Method, Numerics, Search
+from service.schemas.projectile import Projectile
+from service.schemas.quantities import Flag, Num, Part, with_examples
+from service.schemas.resistance import Resistance
+from service.schemas.strike import Impact, Strike, Target
+from solver.errors import ParameterError
+from solver.numerics import SEARCH_TOLERANCE, TERMINATION_TIME, TRAJECTORY_TOLERANCE
+from solver.ricochet import PAPER_TERMINATION_TIME
+from solver.trajectory import SAMPLE_INTERVAL
+
+MOST_ROWS = 20_000
+"""Of a history: some 4 MB of JSON, far finer than any plot shows."""
+
+SampleInterval = Annotated[
+    Num,
+    Field(
+        ge=1e-8,
+        le=1.0,
+        description=f"Of the history; at least the termination time over {MOST_ROWS:,}. [s]",
+    ),
+]
+
+
+class TrajectoryOutput(Part):
+    """What the answer to a trajectory holds."""
+
+    model_config = with_examples({"history": False}, {"sample_interval_s": 1e-4})
+
+    history: Annotated[Flag, Field(description="Whether to give the motion over time.")] = True
+    sample_interval_s: SampleInterval = SAMPLE_INTERVAL
+
+
+class CriticalAngleOutput(Part):
+    """What the answer to a critical angle holds."""
+
+    model_config = with_examples({"history": True, "sample_interval_s": 1e-4})
+
+    history: Annotated[Flag, Field(description="Whether to give the trajectory at the critical angle.")] = False
+    sample_interval_s: SampleInterval = SAMPLE_INTERVAL
+
+
+class Case(Part):
+    """What both requests have in common."""
+
+    projectile: Projectile
+    target: Target
+    resistance: Annotated[Resistance, Field(default_factory=Resistance)]
+    numerics: Annotated[Numerics, Field(default_factory=Numerics)]
+
+    def shared_arguments(self) -> dict[str, Any]:
+        """Return the arguments that all functions of the solver take."""
+        return {
+            "projectile": self.projectile.to_solver(),
+            "target": self.target.to_solver(),
+            "resistance": self.resistance.to_solver(),
+            "numerics": self.numerics.to_solver(),
+        }
+
+    def sample_interval(self, output: TrajectoryOutput | CriticalAngleOutput) -> float | None:
+        """Return the interval of the history, None if there is to be none."""
+        if not output.history:
+            return None
+        end = self.numerics.termination_time_s
+        if end is not MISSING and end > MOST_ROWS * output.sample_interval_s:
+            raise ParameterError(
+                "output.sample_interval",
+                f"must be at least the termination time over {MOST_ROWS}, {end / MOST_ROWS:g} s, "
+                f"got {output.sample_interval_s:g} s",
+            )
+        return output.sample_interval_s
+
+
+class TrajectoryRequest(Case):
+    """One strike."""
+
+    model_config = with_examples(PAPER_AT_45, TRUNCATED_CONE)
+
+    impact: Impact
+    output: Annotated[TrajectoryOutput, Field(default_factory=TrajectoryOutput)]
+
+    def resolved(self) -> Self:
+        """Return the same with what was left open filled in."""
+        numerics = self.numerics.resolved(
+            method=Method.ADAPTIVE, termination_time_s=TERMINATION_TIME, relative_tolerance=TRAJECTORY_TOLERANCE
+        )
+        return self.model_copy(update={"numerics": numerics})
+
+    def canonical(self) -> dict[str, Any]:
+        """Return the resolved request as JSON data."""
+        return self.resolved().model_dump(mode="json")
+
+    def arguments(self) -> dict[str, Any]:
+        """Return the arguments of `solver.simulate`.
+
+        Raises
+        ------
+        ParameterError
+            If values do not go together.
+        """
+        case = self.resolved()
+        arguments = case.shared_arguments()
+        impact = case.impact.to_solver()
+        solver.strength_factor(
+            resistance=arguments["resistance"], oblique_angle=impact.oblique_angle, target=arguments["target"]
+        )
+        return arguments | {"impact": impact, "sample_interval": case.sample_interval(case.output)}
+
+
+class CriticalAngleRequest(Case):
+    """Strikes that differ in their oblique angle alone."""
+
+    model_config = with_examples(PAPER, PAPER_BY_SECANT, HEMISPHERE)
+
+    impact: Strike
+    search: Annotated[Search, Field(default_factory=Search)]
+    output: Annotated[CriticalAngleOutput, Field(default_factory=CriticalAngleOutput)]
+
+    def resolved(self) -> Self:
+        """Return the same with what was left open filled in."""
+        numerics = self.numerics.resolved(
+            method=Method.PANELS if self.search.by_paper else Method.ADAPTIVE,
+            termination_time_s=PAPER_TERMINATION_TIME if self.search.by_paper else TERMINATION_TIME,
+            relative_tolerance=SEARCH_TOLERANCE,
+        )
+        return self.model_copy(update={"numerics": numerics, "search": self.search.resolved()})
+
+    def canonical(self) -> dict[str, Any]:
+        """Return the resolved request as JSON data."""
+        return self.resolved().model_dump(mode="json")
+
+    def arguments(self) -> tuple[dict[str, Any], float | None]:
+        """Return the arguments of `solver.critical_angle`, and the interval of a history if there is to be one.
+
+        Raises
+        ------
+        ParameterError
+            If values do not go together.
+        """
+        case = self.resolved()
+        arguments = case.shared_arguments() | case.impact.arguments() | {"search": case.search.to_solver()}
+        return arguments, case.sample_interval(case.output)

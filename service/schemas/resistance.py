@@ -1,0 +1,139 @@
+"""How the target resists, as the contract has it."""
+
+from enum import StrEnum
+from typing import Annotated, Literal
+
+from pydantic import Field
+from typing_extensions import TypeAliasType
+
+import solver
+from service.schemas.quantities import Flag, Num, Part, with_examples
+
+POLYNOMIAL = solver.ObliquityPolynomial()
+POWER_LAW = solver.StrengthPowerLaw()
+CONSTANT = {"model": "constant", "value": 8.52}
+OBLIQUITY = {"model": "obliquity_polynomial", "coefficients": list(POLYNOMIAL.coefficients)}
+STRENGTH = {"model": "strength_power_law", "coefficient": 72.0, "exponent": -0.5}
+MOHR_COULOMB = {"model": "mohr_coulomb", "inertia": True}
+
+Coefficient = Annotated[Num, Field(ge=-1e6, le=1e6)]
+
+
+class ConstantStrengthFactor(Part):
+    """The same strength factor for every strike."""
+
+    model_config = with_examples(CONSTANT)
+
+    model: Literal["constant"]
+    value: Annotated[Num, Field(gt=0.0, le=1000.0, description="[1] Measured ones lie between some 5 and 25.")]
+
+    def to_solver(self) -> solver.ConstantStrengthFactor:
+        """Return the solver's model."""
+        return solver.ConstantStrengthFactor(value=self.value)
+
+
+class ObliquityPolynomial(Part):
+    """Polynomial in the initial oblique angle in degrees. Must be above zero at every angle asked for."""
+
+    model_config = with_examples(OBLIQUITY)
+
+    model: Literal["obliquity_polynomial"]
+    coefficients: Annotated[
+        list[Coefficient],
+        Field(
+            min_length=1,
+            max_length=10,
+            default_factory=lambda: list(POLYNOMIAL.coefficients),
+            description="From the constant term upwards; those fitted to finite element runs from 0° to 45°, "
+            f"{list(POLYNOMIAL.coefficients)}, when not given. [1, 1/°, 1/°², ...]",
+        ),
+    ]
+
+    def to_solver(self) -> solver.ObliquityPolynomial:
+        """Return the solver's model."""
+        return solver.ObliquityPolynomial(coefficients=tuple(self.coefficients))
+
+
+class StrengthPowerLaw(Part):
+    """Power of the compressive strength in MPa."""
+
+    model_config = with_examples({"model": "strength_power_law"}, STRENGTH)
+
+    model: Literal["strength_power_law"]
+    coefficient: Annotated[
+        Num,
+        Field(gt=0.0, le=1e6, description="82.6 with -0.544 (Frew et al. 1998), 72 with -0.5 (Li and Chen). [1]"),
+    ] = POWER_LAW.coefficient
+    exponent: Annotated[Num, Field(ge=-10.0, le=10.0, description="[1]")] = POWER_LAW.exponent
+
+    def to_solver(self) -> solver.StrengthPowerLaw:
+        """Return the solver's model."""
+        return solver.StrengthPowerLaw(coefficient=self.coefficient, exponent=self.exponent)
+
+
+StrengthFactor = TypeAliasType(
+    "StrengthFactor",
+    Annotated[
+        ConstantStrengthFactor | ObliquityPolynomial | StrengthPowerLaw,
+        Field(discriminator="model", description="Model of the strength factor."),
+    ],
+)
+
+
+class FreeSurfaceModel(StrEnum):
+    """How a nearby face weakens the resistance; `none` if it does not."""
+
+    ELASTIC_PLASTIC = "elastic_plastic"
+    MOHR_COULOMB = "mohr_coulomb"
+    NONE = "none"
+
+
+class FreeSurface(Part):
+    """Decay of the resistance near the face."""
+
+    model_config = with_examples({"model": "elastic_plastic"}, MOHR_COULOMB, {"model": "none"})
+
+    model: FreeSurfaceModel
+    inertia: Annotated[
+        Flag, Field(description="Include the inertia of the expanding solid; without effect on `none`.")
+    ] = False
+
+    def to_solver(self) -> solver.ElasticPlastic | solver.MohrCoulomb | solver.NoFreeSurface:
+        """Return the solver's model."""
+        if self.model is FreeSurfaceModel.ELASTIC_PLASTIC:
+            return solver.ElasticPlastic(inertia=self.inertia)
+        if self.model is FreeSurfaceModel.MOHR_COULOMB:
+            return solver.MohrCoulomb(inertia=self.inertia)
+        return solver.NoFreeSurface()
+
+
+class Resistance(Part):
+    """How the target resists."""
+
+    model_config = with_examples({"strength_factor": CONSTANT}, {"inertia_factor": 0.9, "free_surface": MOHR_COULOMB})
+
+    strength_factor: Annotated[
+        StrengthFactor,
+        Field(
+            default_factory=lambda: ObliquityPolynomial(model="obliquity_polynomial"),
+            description="Scales the compressive strength; `obliquity_polynomial` when not given.",
+        ),
+    ]
+    inertia_factor: Annotated[Num, Field(ge=0.0, le=10.0, description="Scales density times velocity squared. [1]")] = (
+        1.0
+    )
+    free_surface: Annotated[
+        FreeSurface,
+        Field(
+            default_factory=lambda: FreeSurface(model=FreeSurfaceModel.ELASTIC_PLASTIC),
+            description="Decay near the face; `elastic_plastic` without inertia when not given.",
+        ),
+    ]
+
+    def to_solver(self) -> solver.Resistance:
+        """Return the solver's resistance."""
+        return solver.Resistance(
+            strength_factor=self.strength_factor.to_solver(),
+            inertia_factor=self.inertia_factor,
+            free_surface=self.free_surface.to_solver(),
+        )

@@ -1,0 +1,110 @@
+"""What is struck, and how, as the contract has it."""
+
+import math
+from typing import Annotated
+
+from pydantic import MISSING, Field
+
+import solver
+from service.schemas.quantities import Num, Part, with_examples
+from solver.cases import PAPER_TARGET, PAPER_VELOCITY
+
+TARGET = {"compressive_strength_pa": PAPER_TARGET.compressive_strength, "density_kg_m3": PAPER_TARGET.density}
+STRIKE = {"velocity_m_s": PAPER_VELOCITY}
+
+
+class Target(Part):
+    """A half-space of concrete."""
+
+    model_config = with_examples(TARGET, TARGET | {"youngs_modulus_pa": 29.5e9, "poissons_ratio": 0.2})
+
+    compressive_strength_pa: Annotated[
+        Num,
+        Field(
+            ge=1e5,
+            le=1e9,
+            description="Unconfined compressive strength. [Pa] From the weakest foam to above any concrete; the tests "
+            "behind the model used 13 to 97 MPa.",
+        ),
+    ]
+    density_kg_m3: Annotated[Num, Field(ge=100.0, le=2e4, description="[kg/m³] From foam to above any heavy concrete.")]
+    youngs_modulus_pa: (
+        Annotated[
+            Num,
+            Field(
+                ge=1e6,
+                le=1e12,
+                description="Taken from the strength by ACI 318-19, 4700 MPa times the square root of the strength in "
+                "MPa, when not given. [Pa]",
+            ),
+        ]
+        | MISSING
+    ) = MISSING
+    poissons_ratio: Annotated[Num, Field(ge=0.0, le=0.5, description="0.5 is an incompressible solid. [1]")] = (
+        PAPER_TARGET.poissons_ratio
+    )
+
+    def to_solver(self) -> solver.Target:
+        """Return the solver's target."""
+        modulus = self.youngs_modulus_pa
+        return solver.Target(
+            compressive_strength=self.compressive_strength_pa,
+            density=self.density_kg_m3,
+            youngs_modulus=None if modulus is MISSING else modulus,
+            poissons_ratio=self.poissons_ratio,
+        )
+
+
+class Strike(Part):
+    """The motion at first contact but for the oblique angle."""
+
+    model_config = with_examples(STRIKE, STRIKE | {"angle_of_attack_deg": 1.5, "angular_velocity_rad_s": -4.0})
+
+    velocity_m_s: Annotated[
+        Num,
+        Field(ge=0.1, le=1e4, description="Of the centre of gravity. [m/s] Bodies stay rigid up to some 800 m/s."),
+    ]
+    angle_of_attack_deg: Annotated[
+        Num,
+        Field(
+            ge=-90.0,
+            le=90.0,
+            description="Axis angle minus velocity angle, positive with the nose turned toward the face. [°]",
+        ),
+    ] = 0.0
+    angular_velocity_rad_s: Annotated[
+        Num,
+        Field(
+            ge=-1e5,
+            le=1e5,
+            description="Rate of the axis angle, positive with the nose turning toward the face. [rad/s] Faster than "
+            "any tumbling body holds together.",
+        ),
+    ] = 0.0
+
+    def arguments(self) -> dict[str, float]:
+        """Return what the solver calls these."""
+        return {
+            "velocity": self.velocity_m_s,
+            "angle_of_attack": math.radians(self.angle_of_attack_deg),
+            "angular_velocity": self.angular_velocity_rad_s,
+        }
+
+
+class Impact(Strike):
+    """The motion at first contact."""
+
+    model_config = with_examples(STRIKE | {"oblique_angle_deg": 45.0})
+
+    oblique_angle_deg: Annotated[
+        Num,
+        Field(
+            ge=0.0,
+            lt=90.0,
+            description="From the inward normal of the face to the velocity: 0 is normal impact, 90 would graze. [°]",
+        ),
+    ]
+
+    def to_solver(self) -> solver.Impact:
+        """Return the solver's impact."""
+        return solver.Impact(oblique_angle=math.radians(self.oblique_angle_deg), **self.arguments())

@@ -1,0 +1,66 @@
+"""Settings of the service, from the environment (`RICOCHET_*`); each limit with its reason."""
+
+import os
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import Field
+from pydantic_settings import BaseSettings, SettingsConfigDict
+
+
+def available_cores() -> int:
+    """Cores this process may run on."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+class Settings(BaseSettings):
+    """What can be set. `RICOCHET_PORT=9000` sets `port`."""
+
+    model_config = SettingsConfigDict(env_prefix="RICOCHET_", frozen=True)
+
+    host: Annotated[str, Field(description="Address to listen on; this machine only unless said otherwise.")] = (
+        "127.0.0.1"
+    )
+    port: Annotated[int, Field(ge=0, le=65535, description="Port to listen on; 0 takes a free one.")] = 8000
+    data_dir: Annotated[Path, Field(description="Folder of the results; made if it is not there.")] = Path("data")
+    workers: Annotated[
+        int, Field(default_factory=available_cores, ge=1, le=1024, description="Worker processes; the cores.")
+    ]
+    max_body_bytes: Annotated[
+        int,
+        Field(
+            ge=1024,
+            description="Largest request body. A profile of 1,000 points takes some 50 kB; reading 1 MiB holds up the "
+            "other requests for a few milliseconds.",
+        ),
+    ] = 1024 * 1024
+    memory_cache_bytes: Annotated[
+        int,
+        Field(ge=0, description="Memory for the latest results: some 500 with a history, tens of thousands without."),
+    ] = 128 * 1024 * 1024
+    task_seconds: Annotated[
+        float,
+        Field(
+            gt=0.0,
+            description="Longest a single query may run. The paper's case takes well under a second; the largest one "
+            "the request limits let through takes minutes and would keep a core from everyone else.",
+        ),
+    ] = 60.0
+    probe_seconds: Annotated[
+        float,
+        Field(
+            gt=0.0,
+            description="How long the readiness probe waits for a worker. It overtakes waiting queries but not running "
+            "ones, so a busy pool may take as long as a usual query.",
+        ),
+    ] = 2.0
+    grace_seconds: Annotated[
+        int,
+        Field(
+            ge=2,
+            description="How long the service may take to end after SIGTERM, running queries included. Less than the "
+            "10 s after which container managers kill.",
+        ),
+    ] = 8
