@@ -32,10 +32,10 @@ class Settings(BaseSettings):
         int,
         Field(
             ge=1024,
-            description="Largest request body. A profile of 1,000 points takes some 50 kB; reading 1 MiB holds up the "
-            "other requests for a few milliseconds.",
+            description="Largest request body. A profile of 1,000 points with all its digits takes 50 kB; telling all "
+            "that is wrong with 1 MiB of nonsense would hold up the other requests for half a second.",
         ),
-    ] = 1024 * 1024
+    ] = 128 * 1024
     memory_cache_bytes: Annotated[
         int,
         Field(ge=0, description="Memory for the latest results: some 500 with a history, tens of thousands without."),

@@ -1,0 +1,75 @@
+"""Results by their key: as JSON, as a table, as the file they are kept in."""
+
+import csv
+import hashlib
+import io
+from collections.abc import Callable
+from http import HTTPStatus
+from typing import Annotated
+
+from anyio.to_thread import run_sync
+from fastapi import APIRouter, Header, HTTPException, Path, Request, Response
+
+from service.hdf5 import to_hdf5
+from service.record import Record
+from service.routes.accept import choose, matches
+from service.routes.contract import AskedEngine, Responses, problems
+from service.schemas import Result
+
+router = APIRouter(tags=["results"])
+
+
+def to_csv(record: Record) -> bytes:
+    """Return the table of a result: the history of a run, or its end if it has none; the trials of a search."""
+    if record.operation == "trajectory" and record.history is not None:
+        names, columns = list(record.history), [column.tolist() for column in record.history.values()]
+    else:
+        records = [record.answer["final"]] if record.operation == "trajectory" else record.answer["iterations"]
+        names = list(records[0])
+        columns = [[each[name] for each in records] for name in names]
+    text = io.StringIO()
+    writer = csv.writer(text)
+    writer.writerow(names)
+    for row in zip(*columns, strict=True):  # all at once would hold the interpreter lock until the last
+        writer.writerow(row)
+    return text.getvalue().encode()
+
+
+REPRESENTATIONS: dict[str, Callable[[Record], bytes]] = {
+    "application/json": lambda record: record.json,
+    "text/csv": to_csv,
+    "application/x-hdf5": to_hdf5,
+}
+"""Every form a result is given in, the usual one first."""
+
+DECLARED: Responses = {
+    200: {
+        "description": "The result, in the form that `Accept` asks for.",
+        "headers": {"ETag": {"description": "Of this form; strong.", "schema": {"type": "string"}, "required": True}},
+        "content": {"text/csv": {"schema": {"type": "string"}}, "application/x-hdf5": {}},
+    },
+    304: {"description": "The client has this form of the result."},
+    **problems(404, 406, 422, 500),
+}
+KEY = {"pattern": "^[0-9a-f]{64}$"}
+
+
+@router.get("/results/{key}", response_model=Result, responses=DECLARED)
+async def get_result(
+    request: Request,
+    engine: AskedEngine,
+    key: Annotated[str, Path(description="Of an answer.", json_schema_extra=KEY)],
+    if_none_match: Annotated[str, Header(description="Entity tags the client has.")] = "",
+) -> Response:
+    """Give the result with this key: JSON, CSV (the history, or the trials of a search) or HDF5 (all of it)."""
+    media_type = choose(request.headers.get("accept", "*/*"), list(REPRESENTATIONS))
+    if media_type is None:
+        raise HTTPException(HTTPStatus.NOT_ACCEPTABLE, f"a result is given as {', '.join(REPRESENTATIONS)}")
+    record = await engine.result(key)
+    if record is None:
+        raise HTTPException(HTTPStatus.NOT_FOUND, "no result is kept under this key")
+    content = await run_sync(REPRESENTATIONS[media_type], record)
+    headers = {"ETag": f'"{hashlib.sha256(content).hexdigest()[:32]}"', "Vary": "Accept"}
+    if matches(if_none_match, headers["ETag"]):
+        return Response(status_code=HTTPStatus.NOT_MODIFIED, headers=headers)
+    return Response(content, media_type=media_type, headers=headers)

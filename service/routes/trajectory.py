@@ -1,0 +1,22 @@
+"""One trajectory."""
+
+from fastapi import APIRouter, Response
+
+from service.engine import Operation
+from service.routes.body import JsonRoute
+from service.routes.contract import COMPUTED, AskedEngine, computed
+from service.schemas import TrajectoryAnswer, TrajectoryRequest, trajectory_answer
+from service.worker import run_trajectory
+
+router = APIRouter(route_class=JsonRoute, tags=["trajectory"])
+
+TRAJECTORY = Operation(
+    call=lambda case: (run_trajectory, (case.arguments(),)),
+    answer=lambda _, trajectory: trajectory_answer(trajectory),
+)
+
+
+@router.post("/trajectory", response_model=TrajectoryAnswer, responses=COMPUTED)
+async def compute_trajectory(case: TrajectoryRequest, engine: AskedEngine) -> Response:
+    """Compute the motion of a projectile from first contact until it is turned away, at rest, or out of time."""
+    return computed(*await engine.answer("trajectory", case))

@@ -1,0 +1,221 @@
+"""Whatever is sent, the answer is a problem that names what is wrong, never a 500."""
+
+import copy
+import json
+from typing import Any
+
+import httpx
+import pytest
+
+from service.problems import Problem
+from service.schemas.examples import PAPER, PAPER_AT_45
+
+TEXT = {"Content-Type": "application/json"}
+
+
+def problem_of(response: httpx.Response, status: int) -> Problem:
+    assert response.status_code == status, response.text
+    assert response.headers["Content-Type"] == "application/problem+json"
+    found = Problem.model_validate(response.json())
+    assert found.status == status
+    assert found.instance == response.request.url.path
+    return found
+
+
+def changed(body: dict[str, Any], pointer: str, value: Any) -> dict[str, Any]:
+    """Copy of the body with another value, or without it where that is `...`."""
+    result: Any = copy.deepcopy(body)
+    *parents, last = pointer.strip("/").split("/")
+    place = result
+    for name in parents:
+        place = place.setdefault(name, {})
+    if value is ...:
+        del place[last]
+    else:
+        place[last] = value
+    assert isinstance(result, dict)
+    return result
+
+
+LITERALS = ["NaN", "Infinity", "-Infinity", "1e999", "-1e999", '"1"', "true", "null", "[1]", "{}", "1" + "0" * 400]
+
+
+@pytest.mark.parametrize("literal", LITERALS, ids=[literal[:10] for literal in LITERALS])
+@pytest.mark.parametrize(
+    ("path", "pointer"),
+    [
+        ("/trajectory", "/projectile/mass_kg"),
+        ("/trajectory", "/projectile/nose/caliber_radius_head"),
+        ("/trajectory", "/impact/oblique_angle_deg"),
+        ("/cra", "/target/poissons_ratio"),
+        ("/cra", "/search/tolerance_deg"),
+    ],
+)
+def test_value_that_is_no_finite_number_is_named(client: httpx.Client, path: str, pointer: str, literal: str) -> None:
+    body = json.dumps(changed(PAPER_AT_45 if path == "/trajectory" else PAPER, pointer, "HERE"))
+    found = problem_of(client.post(path, content=body.replace('"HERE"', literal), headers=TEXT), 422)
+    assert [error.pointer for error in found.errors] == [pointer]
+
+
+@pytest.mark.parametrize(
+    ("pointer", "value", "named"),
+    [
+        ("/projectile/mas_kg", 13.0, "/projectile/mas_kg"),
+        ("/projectile/nose", {"shape": "flat", "a/b~c": 1.0}, "/projectile/nose/a~1b~0c"),
+        ("/projectile/nose/points", [[0.0, 0.0]], "/projectile/nose/points"),
+        ("/projectile/mass_kg", ..., "/projectile/mass_kg"),
+        ("/projectile/mass_kg", -13.0, "/projectile/mass_kg"),
+        ("/projectile/mass_kg", 0.0, "/projectile/mass_kg"),
+        ("/projectile/mass_kg", 1e30, "/projectile/mass_kg"),
+        ("/projectile/length_m", 0.1, "/projectile/length_m"),
+        ("/projectile/center_of_gravity_m", 0.6, "/projectile/center_of_gravity_m"),
+        ("/projectile/nose", ..., "/projectile/nose"),
+        ("/projectile/nose", {"shape": "blunt"}, "/projectile/nose"),
+        ("/projectile/nose", {"caliber_radius_head": 3.0}, "/projectile/nose"),
+        ("/projectile/nose", {"shape": "ogive"}, "/projectile/nose/caliber_radius_head"),
+        ("/projectile/nose", {"shape": "ogive", "caliber_radius_head": 0.4}, "/projectile/nose/caliber_radius_head"),
+        (
+            "/projectile/nose",
+            {"shape": "profile", "points": [[0.0, 0.0], [0.05, 0.01], [0.1, 0.04]]},
+            "/projectile/nose/points/2",
+        ),
+        ("/projectile/nose", {"shape": "profile", "points": [[0.0, 0.0], [0.1]]}, "/projectile/nose/points/1"),
+        ("/projectile/nose", {"shape": "profile", "points": [[0.0, 0.0], [0.1, 0.03]]}, "/projectile/nose/points"),
+        ("/projectile/nose", {"shape": "profile", "points": [[0.0, 0.0]] * 1001}, "/projectile/nose/points"),
+        ("/target/poissons_ratio", 0.6, "/target/poissons_ratio"),
+        ("/target/youngs_modulus_pa", 1e6, "/target/youngs_modulus_pa"),
+        ("/impact/velocity_m_s", 0.0, "/impact/velocity_m_s"),
+        ("/impact/oblique_angle_deg", 90.0, "/impact/oblique_angle_deg"),
+        ("/impact/oblique_angle_deg", -1.0, "/impact/oblique_angle_deg"),
+        ("/impact/oblique_angle_deg", ..., "/impact/oblique_angle_deg"),
+        ("/impact/oblique_angle_deg", 88.0, "/resistance/strength_factor"),
+        ("/resistance/strength_factor", {"model": "constant", "value": -1.0}, "/resistance/strength_factor/value"),
+        ("/resistance/strength_factor", {"model": "constant"}, "/resistance/strength_factor/value"),
+        (
+            "/resistance/strength_factor",
+            {"model": "obliquity_polynomial", "coefficients": [8.0, "x"]},
+            "/resistance/strength_factor/coefficients/1",
+        ),
+        ("/resistance/free_surface", {"inertia": True}, "/resistance/free_surface/model"),
+        ("/resistance/free_surface", {"model": "elastic_plastic", "inertia": 1}, "/resistance/free_surface/inertia"),
+        ("/numerics/panels", 12000.5, "/numerics/panels"),
+        ("/numerics/panels", True, "/numerics/panels"),
+        ("/numerics/panels", 10**400, "/numerics/panels"),
+        ("/numerics/method", "euler", "/numerics/method"),
+        ("/output/sample_interval_s", 1e-7, "/output/sample_interval_s"),
+        ("/output/history", "yes", "/output/history"),
+        ("/search", {"method": "outcome"}, "/search"),
+    ],
+)
+def test_trajectory_problem_names_the_field(client: httpx.Client, pointer: str, value: Any, named: str) -> None:
+    found = problem_of(client.post("/trajectory", json=changed(PAPER_AT_45, pointer, value)), 422)
+    assert [error.pointer for error in found.errors] == [named], found
+
+
+@pytest.mark.parametrize(
+    ("pointer", "value", "named"),
+    [
+        ("/impact/oblique_angle_deg", 45.0, "/impact/oblique_angle_deg"),
+        ("/search/method", "newton", "/search/method"),
+        ("/search", {"lower_deg": 50.0, "upper_deg": 50.0}, "/search/lower_deg"),
+        ("/search", {"lower_deg": 86.0}, "/search/lower_deg"),
+        ("/search", {"lower_deg": 60.0, "upper_deg": 50.0}, "/search/lower_deg"),
+        ("/search", {"upper_deg": 89.0}, "/resistance/strength_factor"),
+        ("/search/tolerance_deg", 0.0, "/search/tolerance_deg"),
+        ("/projectile/length_m", 0.1, "/projectile/length_m"),
+    ],
+)
+def test_cra_problem_names_the_field(client: httpx.Client, pointer: str, value: Any, named: str) -> None:
+    found = problem_of(client.post("/cra", json=changed(PAPER, pointer, value)), 422)
+    assert [error.pointer for error in found.errors] == [named], found
+
+
+def test_every_error_is_told_up_to_a_hundred(client: httpx.Client) -> None:
+    body = PAPER | {f"field_{number}": number for number in range(1000)}
+    assert len(problem_of(client.post("/cra", json=body), 422).errors) == 100
+
+
+PAPER_TEXT = json.dumps(PAPER).encode()
+
+
+@pytest.mark.parametrize(
+    ("content", "status"),
+    [
+        (b"", 422),
+        (b"null", 422),
+        (b"[]", 422),
+        (b"3", 422),
+        (b'"text"', 422),
+        (b"{", 400),
+        (PAPER_TEXT + b"}", 400),
+        (PAPER_TEXT.replace(b'"', b"'"), 400),
+        (PAPER_TEXT.replace(b"ogive", b"og\xffive"), 400),
+        (PAPER_TEXT.replace(b"ogive", b"og\\ud800ive"), 400),
+        (b"\xff\xfe" + json.dumps(PAPER).encode("utf-16-le"), 400),
+        (b"[" * 10_000, 400),
+        (b"[" * 10_000 + b"]" * 10_000, 400),
+        (b'{"a":' * 10_000 + b"1" + b"}" * 10_000, 400),
+        (b'{"projectile": ' + b"1" * 5000 + b"}", 400),
+        (PAPER_TEXT + b" " * 5_000_000, 413),
+        (b'{"a": "' + b"x" * 5_000_000 + b'"}', 413),
+    ],
+    ids=lambda value: repr(value[:16]) if isinstance(value, bytes) else str(value),
+)
+@pytest.mark.parametrize("path", ["/trajectory", "/cra"])
+def test_body_that_is_no_request_is_refused_whole(client: httpx.Client, path: str, content: bytes, status: int) -> None:
+    found = problem_of(client.post(path, content=content, headers=TEXT), status)
+    assert "" in [error.pointer for error in found.errors]
+
+
+def test_long_body_without_a_declared_length_is_refused(client: httpx.Client) -> None:
+    problem_of(client.post("/cra", content=(b" " * 65_536 for _ in range(80)), headers=TEXT), 413)
+
+
+@pytest.mark.parametrize(
+    "headers",
+    [
+        {"Content-Type": "text/plain"},
+        {"Content-Type": "application/x-www-form-urlencoded"},
+        {"Content-Type": "application/jsonl"},
+        {"Content-Type": "multipart/form-data; boundary=x"},
+        {"Content-Type": "\xff"},
+        {"Content-Type": ""},
+        TEXT | {"Content-Encoding": "gzip"},
+    ],
+)
+def test_other_content_type_is_refused(client: httpx.Client, headers: dict[str, str]) -> None:
+    encoded = [(name.encode(), value.encode("latin-1")) for name, value in headers.items()]
+    found = problem_of(client.post("/cra", content=PAPER_TEXT, headers=encoded), 415)
+    assert [error.pointer for error in found.errors] == [""]
+
+
+def test_content_type_is_read_as_the_standard_says(client: httpx.Client) -> None:
+    headers = {"Content-Type": 'Application/JSON ; charset="utf-8"'}
+    assert client.post("/cra", content=PAPER_TEXT, headers=headers).status_code == 200
+
+
+@pytest.mark.parametrize("path", ["/", "/nothing", "/cra/", "/trajectory/1", "/results", "/results/", "/docs/assets/x"])
+def test_unknown_path_is_not_found(client: httpx.Client, path: str) -> None:
+    problem_of(client.get(path), 404)
+
+
+@pytest.mark.parametrize("key", ["0" * 64, "0", "x" * 64, "..%2F..%2Fetc%2Fpasswd", "%00", "%FF", "A" * 5000])
+def test_unknown_key_is_not_found(client: httpx.Client, key: str) -> None:
+    problem_of(client.get(f"/results/{key}"), 404)
+
+
+@pytest.mark.parametrize(
+    ("method", "path", "allowed"),
+    [
+        ("GET", "/cra", "POST"),
+        ("DELETE", "/trajectory", "POST"),
+        ("POST", "/results/" + "0" * 64, "GET"),
+        ("PUT", "/livez", "GET"),
+        ("POST", "/version", "GET"),
+        ("PATCH", "/cra", "POST"),
+    ],
+)
+def test_unknown_method_is_told_which_are_known(client: httpx.Client, method: str, path: str, allowed: str) -> None:
+    response = client.request(method, path)
+    problem_of(response, 405)
+    assert response.headers["Allow"] == allowed

@@ -1,0 +1,214 @@
+"""What a client may rely on, over a real socket."""
+
+import csv
+import hashlib
+import io
+import re
+from typing import Any
+
+import h5py
+import httpx
+import pytest
+from pydantic import TypeAdapter
+
+from service.keys import SCHEMA_VERSION
+from service.schemas import CriticalAngleAnswer, Result, TrajectoryAnswer
+from service.schemas.examples import HEMISPHERE, PAPER, PAPER_AT_45
+from solver import ENGINE_VERSION
+
+JSON = {"Content-Type": "application/json"}
+CSV, HDF5 = {"Accept": "text/csv"}, {"Accept": "application/x-hdf5"}
+
+
+@pytest.fixture(scope="module")
+def trajectory(client: httpx.Client) -> dict[str, Any]:
+    answer: dict[str, Any] = client.post("/trajectory", json=PAPER_AT_45).raise_for_status().json()
+    return answer
+
+
+@pytest.fixture(scope="module")
+def search(client: httpx.Client) -> dict[str, Any]:
+    answer: dict[str, Any] = client.post("/cra", json=PAPER).raise_for_status().json()
+    return answer
+
+
+def test_critical_angle_of_the_paper(search: dict[str, Any]) -> None:
+    answer = CriticalAngleAnswer.model_validate(search)
+    assert answer.status == "converged"
+    assert answer.critical_angle_deg == pytest.approx(48.57, abs=0.05)
+    assert answer.engine_version == ENGINE_VERSION
+    assert answer.bracket_deg == [pytest.approx(answer.critical_angle_deg, abs=0.01), answer.critical_angle_deg]
+    assert answer.critical_angle_deg in [trial.oblique_angle_deg for trial in answer.iterations]
+    assert "trajectory" not in search
+
+
+def test_history_runs_from_first_contact_to_the_final_instant(trajectory: dict[str, Any]) -> None:
+    answer = TrajectoryAnswer.model_validate(trajectory)
+    assert answer.outcome == "embedded"
+    history = trajectory["history"]
+    assert list(history) == list(trajectory["final"])
+    assert len({len(column) for column in history.values()}) == 1
+    assert (history["time_s"][0], history["center_of_gravity_lateral_m"][0]) == (0.0, 0.0)
+    assert history["axis_angle_deg"][0] == pytest.approx(45.0, rel=1e-15)
+    assert {name: column[-1] for name, column in history.items()} == pytest.approx(trajectory["final"], rel=1e-12)
+
+
+def test_history_is_given_as_asked_for(client: httpx.Client, trajectory: dict[str, Any]) -> None:
+    without = client.post("/trajectory", json=PAPER_AT_45 | {"output": {"history": False}}).json()
+    assert "history" not in without
+    assert without["final"] == trajectory["final"]
+    coarse = client.post("/trajectory", json=PAPER_AT_45 | {"output": {"sample_interval_s": 1e-3}}).json()
+    assert coarse["history"]["time_s"] == pytest.approx([0.0, 1e-3, 2e-3, 3e-3, trajectory["final"]["time_s"]])
+
+
+def test_trajectory_at_the_critical_angle_is_a_ricochet(client: httpx.Client) -> None:
+    answer = client.post("/cra", json=HEMISPHERE).json()
+    assert answer["trajectory"]["outcome"] == "ricochet"
+    assert answer["trajectory"]["history"]["axis_angle_deg"][0] == pytest.approx(answer["critical_angle_deg"])
+
+
+def test_no_critical_angle_is_an_answer(client: httpx.Client) -> None:
+    for lower, upper, status in ((10.0, 20.0, "no_ricochet"), (60.0, 70.0, "always_ricochet")):
+        search = {"lower_deg": lower, "upper_deg": upper}
+        response = client.post("/cra", json=PAPER | {"search": search, "output": {"history": True}})
+        answer = CriticalAngleAnswer.model_validate(response.json())
+        assert answer.status == status
+        assert not {"critical_angle_deg", "bracket_deg", "trajectory"} & response.json().keys()
+
+
+def test_angles_come_back_as_they_were_sent(client: httpx.Client) -> None:
+    for lower, upper in ((47.1, 50.3), (48.3, 48.7)):
+        search = {"lower_deg": lower, "upper_deg": upper, "tolerance_deg": 0.1}
+        answer = client.post("/cra", json=PAPER | {"search": search}).json()
+        tried = [trial["oblique_angle_deg"] for trial in answer["iterations"]]
+        assert (min(tried), max(tried)) == (lower, upper)
+
+
+@pytest.mark.parametrize(("path", "body"), [("/trajectory", PAPER_AT_45), ("/cra", PAPER)])
+def test_second_answer_is_a_hit_and_the_same(client: httpx.Client, path: str, body: dict[str, Any]) -> None:
+    fresh = body | {"target": body["target"] | {"density_kg_m3": 2251.0}}
+    first, second = client.post(path, json=fresh), client.post(path, json=fresh)
+    assert first.headers["Cache-Status"] == "ricochet; fwd=miss"
+    assert second.headers["Cache-Status"] == "ricochet; hit"
+    assert first.content == second.content
+
+
+def test_equal_requests_in_other_words_share_a_result(client: httpx.Client, search: dict[str, Any]) -> None:
+    text = """{"impact": {"angular_velocity_rad_s": -0.0, "velocity_m_s": 238}, "search": {"upper_deg": 85},
+               "numerics": {"panels": 12e3}, "target": {"density_kg_m3": 2.25e3, "compressive_strength_pa": 39000000},
+               "projectile": {"mass_kg": 13, "length_m": 0.53, "diameter_m": 8e-2,
+                              "nose": {"caliber_radius_head": 3, "shape": "ogive"}}}"""
+    response = client.post("/cra", content=text, headers=JSON)
+    assert response.json() == search
+    assert response.headers["Cache-Status"] == "ricochet; hit"
+
+
+def test_result_is_the_answer_again(client: httpx.Client, trajectory: dict[str, Any], search: dict[str, Any]) -> None:
+    for answer in (trajectory, search):
+        response = client.get(f"/results/{answer['key']}")
+        assert response.headers["Content-Type"] == "application/json"
+        assert response.json() == answer
+        TypeAdapter(Result).validate_python(answer)
+
+
+def table_of(response: httpx.Response) -> dict[str, list[str]]:
+    assert response.headers["Content-Type"] == "text/csv; charset=utf-8"
+    names, *rows = csv.reader(io.StringIO(response.text))
+    return {name: [row[column] for row in rows] for column, name in enumerate(names)}
+
+
+def test_csv_of_a_trajectory_is_its_history(client: httpx.Client, trajectory: dict[str, Any]) -> None:
+    table = table_of(client.get(f"/results/{trajectory['key']}", headers=CSV))
+    assert {name: [float(cell) for cell in column] for name, column in table.items()} == trajectory["history"]
+
+
+def test_csv_of_a_trajectory_without_history_is_its_end(client: httpx.Client) -> None:
+    answer = client.post("/trajectory", json=PAPER_AT_45 | {"output": {"history": False}}).json()
+    table = table_of(client.get(f"/results/{answer['key']}", headers=CSV))
+    assert {name: [float(cell) for cell in column] for name, column in table.items()} == {
+        name: [value] for name, value in answer["final"].items()
+    }
+
+
+def test_csv_of_a_search_is_its_trials(client: httpx.Client, search: dict[str, Any]) -> None:
+    table = table_of(client.get(f"/results/{search['key']}", headers=CSV))
+    assert list(table) == ["oblique_angle_deg", "final_position_m", "outcome"]
+    assert table["outcome"] == [trial["outcome"] for trial in search["iterations"]]
+
+
+def test_hdf5_of_a_result_opens(client: httpx.Client, trajectory: dict[str, Any]) -> None:
+    response = client.get(f"/results/{trajectory['key']}", headers=HDF5)
+    assert response.headers["Content-Type"] == "application/x-hdf5"
+    with h5py.File(io.BytesIO(response.content)) as file:
+        assert file["history"]["time_s"].tolist() == trajectory["history"]["time_s"]
+
+
+@pytest.mark.parametrize(
+    ("accept", "media_type"),
+    [
+        (None, "application/json"),
+        ("", "application/json"),
+        ("*/*", "application/json"),
+        ("text/*", "text/csv"),
+        ("application/*", "application/json"),
+        ("application/*;q=0.1, application/x-hdf5", "application/x-hdf5"),
+        ("text/html, application/xhtml+xml, */*;q=0.8", "application/json"),
+        ("TEXT/CSV;q=0.9, application/json;q=0.2", "text/csv"),
+        ("application/json;q=0, */*", "text/csv"),
+    ],
+)
+def test_form_is_chosen_by_accept(
+    client: httpx.Client, search: dict[str, Any], accept: str | None, media_type: str
+) -> None:
+    request = client.build_request("GET", f"/results/{search['key']}")
+    del request.headers["Accept"]
+    if accept is not None:
+        request.headers["Accept"] = accept
+    assert client.send(request).headers["Content-Type"].partition(";")[0] == media_type
+
+
+@pytest.mark.parametrize("accept", ["text/html", "image/png, application/xml;q=0.5", "*/*;q=0", "text/csv;q=none"])
+def test_form_that_is_not_given_is_not_acceptable(client: httpx.Client, search: dict[str, Any], accept: str) -> None:
+    response = client.get(f"/results/{search['key']}", headers={"Accept": accept})
+    assert response.status_code == 406
+    assert response.headers["Content-Type"] == "application/problem+json"
+
+
+@pytest.mark.parametrize("form", [{"Accept": "application/json"}, CSV, HDF5], ids=lambda form: form["Accept"])
+def test_etag_spares_what_the_client_has(
+    client: httpx.Client, trajectory: dict[str, Any], form: dict[str, str]
+) -> None:
+    path = f"/results/{trajectory['key']}"
+    etag = client.get(path, headers=form).headers["ETag"]
+    assert re.fullmatch(r'"[0-9a-f]+"', etag)
+    for tags in (etag, f'"other", {etag}', f"W/{etag}", "*"):
+        response = client.get(path, headers=form | {"If-None-Match": tags})
+        assert (response.status_code, response.content, response.headers["ETag"]) == (304, b"", etag)
+        assert response.headers["Vary"] == "Accept"
+    assert client.get(path, headers=form | {"If-None-Match": '"other"'}).status_code == 200
+
+
+def test_forms_of_a_result_have_tags_of_their_own(client: httpx.Client, search: dict[str, Any]) -> None:
+    forms = ({"Accept": "application/json"}, CSV, HDF5)
+    responses = [client.get(f"/results/{search['key']}", headers=form) for form in forms]
+    assert len({response.headers["ETag"] for response in responses}) == 3
+    assert len({hashlib.sha256(response.content).digest() for response in responses}) == 3
+
+
+def test_health_and_versions(client: httpx.Client) -> None:
+    assert client.get("/livez").json() == client.get("/readyz").json() == {"status": "ok"}
+    versions = client.get("/version").json()
+    assert (versions["engine_version"], versions["schema_version"]) == (ENGINE_VERSION, SCHEMA_VERSION)
+    assert {"ricochet", "numpy"} <= versions["libraries"].keys()
+
+
+def test_docs_name_no_address_outside_the_service(client: httpx.Client) -> None:
+    page = client.get("/docs")
+    assert page.headers["Content-Type"].startswith("text/html")
+    assert "//" not in re.sub(r"<!--.*?-->", "", page.text)
+    assert "default-src 'self'" in page.headers["Content-Security-Policy"]
+    addresses = re.findall(r'(?:href|src)="([^"]+)"', page.text) + re.findall(r"url: '([^']+)'", page.text)
+    for address in addresses:
+        if not address.startswith("data:"):
+            assert client.get(httpx.URL("/docs").join(address)).status_code == 200, address
+    assert {"docs/assets/swagger-ui-bundle.js", "openapi.json"} <= set(addresses)

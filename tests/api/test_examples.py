@@ -1,0 +1,92 @@
+"""Every example of the contract is sent to the service, or compared with what the service answers."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import httpx
+import pytest
+
+from service.app import create_app
+from service.routes.health import Version
+from service.schemas import answers
+from service.schemas.examples import PAPER, PAPER_AT_45
+from service.schemas.quantities import Part
+
+SCHEMAS: dict[str, dict[str, Any]] = create_app().openapi()["components"]["schemas"]
+REQUESTS = {"TrajectoryRequest": ("/trajectory", PAPER_AT_45), "CriticalAngleRequest": ("/cra", PAPER)}
+
+
+def places(name: str, steps: tuple[str, ...] = ()) -> Iterator[tuple[str, tuple[str, ...]]]:
+    """Every component that a component is made of, itself first, and the way to it."""
+    schema = SCHEMAS[name]
+    yield name, steps
+    for variant in schema.get("oneOf", ()):
+        yield from places(variant["$ref"].rpartition("/")[2], steps)
+    for field, content in schema.get("properties", {}).items():
+        if "$ref" in content:
+            yield from places(content["$ref"].rpartition("/")[2], (*steps, field))
+
+
+def put(body: Any, steps: tuple[str, ...], value: Any) -> Any:
+    """Copy of the body with this value there."""
+    if not steps:
+        return value
+    return {**body, steps[0]: put(body.get(steps[0], {}), steps[1:], value)}
+
+
+SENT = [
+    pytest.param(path, put(usual, steps, example), id=f"{name}-{number}-{path}")
+    for request, (path, usual) in REQUESTS.items()
+    for name, steps in places(request)
+    for number, example in enumerate(SCHEMAS[name].get("examples", ()))
+]
+IN_REQUESTS = {name for request in REQUESTS for name, _ in places(request)}
+IN_ANSWERS = SCHEMAS.keys() - IN_REQUESTS
+
+
+@pytest.mark.parametrize(("path", "body"), SENT)
+def test_example_of_a_request_is_answered(client: httpx.Client, path: str, body: dict[str, Any]) -> None:
+    response = client.post(path, json=body)
+    assert response.status_code == 200, response.text
+
+
+def models(root: type[Part] = Part) -> Iterator[tuple[str, type[Part]]]:
+    for model in root.__subclasses__():
+        yield model.__name__, model
+        yield from models(model)
+
+
+@pytest.mark.parametrize(
+    ("name", "example"),
+    [(name, example) for name in sorted(IN_ANSWERS) for example in SCHEMAS[name].get("examples", ())],
+)
+def test_example_of_an_answer_is_one(name: str, example: Any) -> None:
+    dict(models())[name].model_validate(example)
+
+
+def test_example_of_a_trajectory_is_that_of_the_paper(client: httpx.Client) -> None:
+    answer = client.post("/trajectory", json=PAPER_AT_45).json()
+    example = SCHEMAS["TrajectoryAnswer"]["examples"][0]
+    assert example["outcome"] == answer["outcome"]
+    assert example["maximum_depth_m"] == pytest.approx(answer["maximum_depth_m"], rel=0.01)
+    assert example["final"] == pytest.approx(answer["final"], rel=0.05)
+    assert answers.WARNING["code"] in {warning["code"] for warning in answer["warnings"]}
+
+
+def test_example_of_a_critical_angle_is_that_of_the_paper(client: httpx.Client) -> None:
+    answer = client.post("/cra", json=PAPER).json()
+    example = SCHEMAS["CriticalAngleAnswer"]["examples"][0]
+    assert example["status"] == answer["status"]
+    assert example["critical_angle_deg"] == pytest.approx(answer["critical_angle_deg"], abs=0.02)
+    assert example["bracket_deg"] == pytest.approx(answer["bracket_deg"], abs=0.02)
+
+
+def test_example_of_a_problem_is_answered(client: httpx.Client) -> None:
+    answer = client.post("/cra", json=put(PAPER, ("projectile", "length_m"), 0.1)).json()
+    assert answer == SCHEMAS["Problem"]["examples"][0]
+    assert answer["errors"] == SCHEMAS["ProblemError"]["examples"]
+
+
+def test_example_of_versions_names_libraries_in_use(client: httpx.Client) -> None:
+    versions = Version.model_validate(client.get("/version").json())
+    assert SCHEMAS["Version"]["examples"][0]["libraries"].keys() <= versions.libraries.keys()

@@ -1,0 +1,200 @@
+"""Requests drawn from the contract itself: what validation makes of them is exact, and so are their keys."""
+
+import copy
+import json
+import math
+import random
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+from service.app import create_app
+from service.keys import result_key
+from service.schemas import CriticalAngleRequest, TrajectoryRequest
+from service.schemas.examples import PAPER
+from service.schemas.quantities import degrees
+from solver import ParameterError
+
+SCHEMAS: dict[str, dict[str, Any]] = create_app().openapi()["components"]["schemas"]
+MODELS: dict[str, type[TrajectoryRequest | CriticalAngleRequest]] = {
+    "TrajectoryRequest": TrajectoryRequest,
+    "CriticalAngleRequest": CriticalAngleRequest,
+}
+Change = tuple[Any, Any]
+
+
+def drawn_from(schema: dict[str, Any]) -> st.SearchStrategy[Any]:
+    """Anything that a schema of the contract takes."""
+    if "$ref" in schema:
+        return drawn_from(SCHEMAS[schema["$ref"].rpartition("/")[2]])
+    if "oneOf" in schema:
+        return st.one_of([drawn_from(variant) for variant in schema["oneOf"]])
+    if "enum" in schema or "const" in schema:
+        return st.sampled_from(schema.get("enum", [schema.get("const")]))
+    return DRAWN_FROM_TYPE[schema["type"]](schema)
+
+
+def objects(schema: dict[str, Any]) -> st.SearchStrategy[Any]:
+    fields = {name: drawn_from(field) for name, field in schema["properties"].items()}
+    required = {name: fields.pop(name) for name in schema.get("required", ())}
+    return st.fixed_dictionaries(required, optional=fields)
+
+
+def arrays(schema: dict[str, Any]) -> st.SearchStrategy[Any]:
+    return st.lists(drawn_from(schema["items"]), min_size=schema["minItems"], max_size=min(schema["maxItems"], 4))
+
+
+def numbers(schema: dict[str, Any]) -> st.SearchStrategy[float]:
+    lower, upper = (schema.get(name, schema.get(f"exclusive{name.title()}")) for name in ("minimum", "maximum"))
+    return st.floats(lower, upper, exclude_min="minimum" not in schema, exclude_max="maximum" not in schema)
+
+
+DRAWN_FROM_TYPE: dict[str, Callable[[dict[str, Any]], st.SearchStrategy[Any]]] = {
+    "object": objects,
+    "array": arrays,
+    "number": numbers,
+    "integer": lambda schema: st.integers(schema["minimum"], schema["maximum"]),
+    "boolean": lambda _: st.booleans(),
+}
+
+requests = st.sampled_from(list(MODELS)).flatmap(
+    lambda name: st.tuples(st.just(MODELS[name]), drawn_from({"$ref": f"#/{name}"}))
+)
+
+
+def key_of(model: type[TrajectoryRequest | CriticalAngleRequest], body: dict[str, Any]) -> str:
+    return result_key(model.__name__, model.model_validate(body).canonical())
+
+
+def leaves(value: Any) -> Iterator[tuple[Any, Any]]:
+    """Every container and index that hold no container."""
+    for index, item in value.items() if isinstance(value, dict) else enumerate(value):
+        if isinstance(item, dict | list):
+            yield from leaves(item)
+        else:
+            yield value, index
+
+
+def shuffled(value: Any, order: random.Random) -> Any:
+    """The same with the fields of every object in another order."""
+    if isinstance(value, list):
+        return [shuffled(item, order) for item in value]
+    if not isinstance(value, dict):
+        return value
+    return {name: shuffled(value[name], order) for name in order.sample(list(value), len(value))}
+
+
+def rewritten(value: Any) -> Any:
+    """The same with whole numbers as integers and zeros of the other sign."""
+    if isinstance(value, dict):
+        return {name: rewritten(item) for name, item in value.items()}
+    if isinstance(value, list):
+        return [rewritten(item) for item in value]
+    if isinstance(value, float):
+        return -value if value == 0.0 else int(value) if value.is_integer() else value
+    return float(value) if isinstance(value, int) and not isinstance(value, bool) else value
+
+
+@given(requests, st.randoms(use_true_random=False))
+def test_key_does_not_depend_on_spelling(request_: Any, order: random.Random) -> None:
+    model, body = request_
+    key = key_of(model, body)
+    assert key_of(model, shuffled(body, order)) == key
+    assert key_of(model, rewritten(body)) == key
+    assert key_of(model, json.loads(json.dumps(body, indent=3))) == key
+
+
+@given(requests, st.data())
+def test_key_depends_on_every_value(request_: Any, data: st.DataObject) -> None:
+    model, body = request_
+    full = model.model_validate(body).canonical()
+    other = copy.deepcopy(full)
+    place, index = data.draw(st.sampled_from(list(leaves(other))))
+    value = place[index]
+    if isinstance(value, bool):
+        place[index] = not value
+    elif isinstance(value, int):
+        place[index] = value + 1
+    elif isinstance(value, float):
+        place[index] = math.nextafter(value, data.draw(st.sampled_from([-math.inf, math.inf])))
+        assume(place[index] != value)
+    else:
+        place[index] = f"{value}_other"
+    assert result_key("cra", other) != result_key("cra", full)
+
+
+@given(requests)
+def test_optional_value_given_as_its_default_is_the_same_request(request_: Any) -> None:
+    model, body = request_
+    full = model.model_validate(body).canonical()
+    assert model.model_validate(full).canonical() == full
+    assert key_of(model, full) == key_of(model, body)
+
+
+@given(requests)
+def test_json_to_solver_and_back_is_exact(request_: Any) -> None:
+    model, body = request_
+    asked = model.model_validate(body)
+    again = model.model_validate_json(json.dumps(asked.canonical()))
+    assert again.canonical() == asked.canonical()
+    assert given_values_are_kept(body, asked.canonical())
+    try:
+        assert again.arguments() == asked.arguments()
+    except ParameterError:
+        assume(False)
+
+
+def given_values_are_kept(body: Any, canonical: Any) -> bool:
+    if isinstance(body, dict):
+        return all(given_values_are_kept(item, canonical[name]) for name, item in body.items())
+    return bool(body == canonical)
+
+
+@given(st.decimals(0, 90, places=13).map(float))
+def test_degrees_of_up_to_fifteen_digits_survive_the_way_to_radians_and_back(angle: float) -> None:
+    assert degrees(math.radians(angle)) == angle
+
+
+@given(st.floats(-math.pi, math.pi))
+def test_degrees_are_those_of_the_angle(angle: float) -> None:
+    assert degrees(angle) == pytest.approx(math.degrees(angle), rel=1e-15, abs=0.0)
+
+
+def test_operation_and_versions_are_part_of_the_key(monkeypatch: pytest.MonkeyPatch) -> None:
+    key = result_key("cra", {"a": 1.0})
+    assert result_key("trajectory", {"a": 1.0}) != key
+    for version in ("ENGINE_VERSION", "SCHEMA_VERSION"):
+        with monkeypatch.context() as patch:
+            patch.setattr(f"service.keys.{version}", "another")
+            assert result_key("cra", {"a": 1.0}) != key
+
+
+PINNED = PAPER | {
+    "numerics": {
+        "method": "adaptive",
+        "termination_time_s": 0.05,
+        "panels": 12000,
+        "time_step_s": 1e-5,
+        "relative_tolerance": 1e-4,
+    },
+    "search": {
+        "method": "outcome",
+        "lower_deg": 5.0,
+        "upper_deg": 85.0,
+        "tolerance_deg": 0.01,
+        "relative_tolerance": 0.01,
+    },
+}
+
+
+def test_keys_are_those_of_earlier_releases(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A change here makes every result ever kept unreachable: raise a version on purpose instead."""
+    monkeypatch.setattr("service.keys.ENGINE_VERSION", "pinned")
+    monkeypatch.setattr("service.keys.SCHEMA_VERSION", "pinned")
+    plain = {"b": [1, -0.0, 0.1], "a": {"x": True, "y": "text"}}
+    assert result_key("cra", plain) == "5f5498632e6d1553421c0d9445b4fa1c6f38e9e475617186e1895e417f57385d"
+    asked = CriticalAngleRequest.model_validate(PINNED).canonical()
+    assert result_key("cra", asked) == "e0e9ad4ab797fa5b477def28c978588e9c9727dfb350667d5c587785e7c6d275"

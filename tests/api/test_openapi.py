@@ -1,0 +1,138 @@
+"""The contract keeps the rules that generated clients need, and the committed copy is the one in force."""
+
+import json
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+
+from service import cli
+from service.app import create_app
+from service.schemas.pointers import TAGGED
+
+COMMITTED = Path(__file__).parents[2] / "openapi" / "openapi.json"
+CONTRACT: dict[str, Any] = create_app().openapi()
+SCHEMAS: dict[str, dict[str, Any]] = CONTRACT["components"]["schemas"]
+OPERATIONS: dict[str, dict[str, Any]] = {
+    f"{method.upper()} {path}": operation
+    for path, methods in CONTRACT["paths"].items()
+    for method, operation in methods.items()
+}
+
+
+def nodes(value: Any, place: str = "") -> Iterator[tuple[str, dict[str, Any]]]:
+    """Every object of a JSON document, and where it is; examples left out."""
+    if isinstance(value, dict):
+        yield place, value
+        for name, item in value.items():
+            if name != "examples":
+                yield from nodes(item, f"{place}/{name}")
+    elif isinstance(value, list):
+        for index, item in enumerate(value):
+            yield from nodes(item, f"{place}/{index}")
+
+
+def test_committed_contract_is_that_of_the_application() -> None:
+    assert json.loads(COMMITTED.read_text(encoding="utf-8")) == json.loads(cli.contract())
+    assert COMMITTED.read_text(encoding="utf-8") == cli.contract(), "run `make openapi`"
+
+
+def test_exporter_writes_checks_and_refuses(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(["openapi", "--check"]) == 1
+    assert cli.main(["openapi"]) == 0
+    assert cli.main(["openapi", "--check"]) == 0
+    cli.CONTRACT.write_text("{}")
+    assert cli.main(["openapi", "--check"]) == 1
+
+
+def test_service_serves_its_contract(client: httpx.Client) -> None:
+    assert client.get("/openapi.json").json() == json.loads(cli.contract())
+    assert CONTRACT["openapi"].startswith("3.1")
+
+
+def test_operation_ids_are_the_names_of_the_routes() -> None:
+    assert {operation["operationId"] for operation in OPERATIONS.values()} == {
+        "compute_trajectory",
+        "find_critical_angle",
+        "get_result",
+        "livez",
+        "readyz",
+        "version",
+    }
+
+
+def test_nothing_is_nullable_nor_a_tuple() -> None:
+    for place, node in nodes(CONTRACT):
+        assert node.get("type") != "null", place
+        assert None not in node.values(), place
+        assert "prefixItems" not in node, place
+
+
+def test_unions_are_named_and_their_discriminators_required_without_default() -> None:
+    unions = {place: node for place, node in nodes(CONTRACT) if {"oneOf", "anyOf", "allOf"} & node.keys()}
+    assert set(unions) == {f"/components/schemas/{name}" for name in ("Nose", "StrengthFactor", "Result")}
+    for node in unions.values():
+        if "discriminator" in node:
+            name = node["discriminator"]["propertyName"]
+            for variant in node["discriminator"]["mapping"].values():
+                schema = SCHEMAS[variant.rpartition("/")[2]]
+                assert name in schema["required"]
+                assert "default" not in schema["properties"][name]
+
+
+def test_fields_of_several_shapes_are_known_to_the_pointers() -> None:
+    tagged = {f"#/components/schemas/{name}" for name, schema in SCHEMAS.items() if "discriminator" in schema}
+    fields = {
+        name
+        for schema in SCHEMAS.values()
+        for name, field in schema.get("properties", {}).items()
+        if field.get("$ref") in tagged
+    }
+    assert fields == TAGGED
+
+
+def test_objects_and_enumerations_are_components() -> None:
+    for place, node in nodes(CONTRACT):
+        if (node.get("type") == "object" and "properties" in node) or "enum" in node:
+            assert re.fullmatch("/components/schemas/[A-Za-z]+", place)
+
+
+def test_requests_refuse_unknown_fields_and_bound_every_number() -> None:
+    for name, schema in SCHEMAS.items():
+        assert schema.get("type") != "object" or schema["additionalProperties"] is False, name
+    for request in ("TrajectoryRequest", "CriticalAngleRequest"):
+        for place, node in nodes_of_component(request):
+            if node.get("type") in {"number", "integer"}:
+                assert {"minimum", "exclusiveMinimum"} & node.keys(), place
+                assert {"maximum", "exclusiveMaximum"} & node.keys(), place
+            if node.get("type") == "array":
+                assert "maxItems" in node, place
+
+
+def nodes_of_component(name: str) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Every object of a component and of those it refers to."""
+    for place, node in nodes(SCHEMAS[name], name):
+        yield place, node
+        if "$ref" in node:
+            yield from nodes_of_component(node["$ref"].rpartition("/")[2])
+
+
+def test_every_model_has_examples_and_every_field_a_description() -> None:
+    for name, schema in SCHEMAS.items():
+        if "properties" in schema:
+            assert schema["examples"], name
+            assert schema["description"], name
+
+
+def test_errors_are_declared_as_problems() -> None:
+    for name, operation in OPERATIONS.items():
+        errors = {status: response for status, response in operation["responses"].items() if status >= "400"}
+        assert "500" in errors, name
+        for status, response in errors.items():
+            assert list(response["content"]) == ["application/problem+json"], (name, status)
+    assert {"400", "413", "415", "422", "503"} <= OPERATIONS["POST /cra"]["responses"].keys()
+    assert {"304", "404", "406"} <= OPERATIONS["GET /results/{key}"]["responses"].keys()

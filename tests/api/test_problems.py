@@ -1,0 +1,71 @@
+"""Every exception is answered by the table. Each is raised in a route of its own; the application is the real one."""
+
+import httpx
+import pytest
+from starlette.requests import Request
+from starlette.responses import Response
+
+from service.app import create_app
+from service.lane import PoolUnavailableError, TaskTimeoutError, WorkerCrashedError
+from service.problems import KINDS, Problem
+from solver import IntegrationError, ParameterError, StepLimitError
+
+pytestmark = pytest.mark.anyio
+
+
+class UnforeseenError(Exception):
+    pass
+
+
+async def answer_to(error: Exception) -> httpx.Response:
+    app = create_app()
+
+    async def fail(_: Request) -> Response:
+        raise error
+
+    app.add_route("/fail", fail)
+    transport = httpx.ASGITransport(app, raise_app_exceptions=False)
+    async with httpx.AsyncClient(transport=transport, base_url="http://service") as client:
+        return await client.get("/fail")
+
+
+@pytest.mark.parametrize(
+    ("error", "status", "name"),
+    [
+        (ParameterError("projectile.length", "too short"), 422, "invalid-request"),
+        (StepLimitError("more than 10 steps"), 422, "step-limit"),
+        (IntegrationError("no longer finite"), 422, "not-integrable"),
+        (TaskTimeoutError("more than 60 s"), 422, "timeout"),
+        (WorkerCrashedError("gave up"), 500, "worker-crashed"),
+        (PoolUnavailableError("stopping"), 503, "unavailable"),
+        (UnforeseenError("secret"), 500, "internal-error"),
+    ],
+    ids=lambda value: type(value).__name__ if isinstance(value, Exception) else None,
+)
+async def test_exception_becomes_its_problem(error: Exception, status: int, name: str) -> None:
+    response = await answer_to(error)
+    problem = Problem.model_validate_json(response.content)
+    assert response.headers["Content-Type"] == "application/problem+json"
+    assert (response.status_code, problem.status, problem.type) == (status, status, f"urn:ricochet:problem:{name}")
+    assert ("Retry-After" in response.headers) == (status == 503)
+    assert "secret" not in response.text
+
+
+async def test_names_of_problems_are_unique() -> None:
+    assert len({(kind.name, kind.title) for kind in KINDS.values()}) == len({kind.name for kind in KINDS.values()})
+
+
+@pytest.mark.parametrize(
+    ("field", "pointer"),
+    [
+        ("projectile.length", "/projectile/length_m"),
+        ("projectile.nose.points.3", "/projectile/nose/points/3"),
+        ("target.youngs_modulus", "/target/youngs_modulus_pa"),
+        ("velocity", "/impact/velocity_m_s"),
+        ("search.lower", "/search/lower_deg"),
+        ("numerics.relative_tolerance", "/numerics/relative_tolerance"),
+    ],
+)
+async def test_parameter_is_told_by_its_name_in_the_request(field: str, pointer: str) -> None:
+    response = await answer_to(ParameterError(field, "is wrong"))
+    assert response.json()["errors"] == [{"pointer": pointer, "detail": "is wrong"}]

@@ -1,0 +1,101 @@
+"""A real service on a real socket, one for all tests: starting its workers is what takes time."""
+
+import os
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import httpx
+import pytest
+
+ROOT = Path(__file__).parents[1]
+START_LIMIT_S = 120.0  # the first start on a machine compiles the solver
+STOP_LIMIT_S = 20.0
+
+
+@pytest.fixture(scope="session")
+def anyio_backend() -> str:
+    return "asyncio"
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port: int = probe.getsockname()[1]
+    return port
+
+
+def wait_until_ready(service: "Service") -> None:
+    deadline = time.monotonic() + START_LIMIT_S
+    while time.monotonic() < deadline:
+        assert service.process.poll() is None, f"the service ended by itself with {service.process.returncode}"
+        try:
+            if httpx.get(f"{service.url}/readyz", trust_env=False).is_success:
+                return
+        except httpx.TransportError:
+            pass  # not listening yet
+        time.sleep(0.1)
+    pytest.fail(f"the service was not ready after {START_LIMIT_S} s")
+
+
+@dataclass(frozen=True)
+class Service:
+    """A service of its own on a free port."""
+
+    url: str
+    process: subprocess.Popen[bytes]
+
+
+@contextmanager
+def running_service(folder: Path, **settings: str) -> Iterator[Service]:
+    """A service with an empty data folder, which must end well and log no failure."""
+    port = free_port()
+    names = {"host": "127.0.0.1", "port": str(port), "data_dir": str(folder / "data"), "workers": "2"} | settings
+    environment = os.environ | {f"RICOCHET_{name.upper()}": value for name, value in names.items()}
+    command = [sys.executable, "-W", "error", "-m", "service.cli", "serve"]
+    with (
+        (folder / "log").open("wb") as log,
+        subprocess.Popen(command, cwd=ROOT, env=environment, stdout=log, stderr=subprocess.STDOUT) as process,
+    ):
+        service = Service(f"http://127.0.0.1:{port}", process)
+        try:
+            wait_until_ready(service)
+            yield service
+        finally:
+            process.terminate()
+            status = process.wait(STOP_LIMIT_S)
+    report = (folder / "log").read_text(errors="replace")
+    assert status == 0, report
+    assert "Traceback" not in report, report
+
+
+@pytest.fixture
+def own_service(tmp_path: Path) -> Iterator[Service]:
+    """A service that the test may end."""
+    with running_service(tmp_path) as service:
+        yield service
+
+
+@pytest.fixture(scope="session")
+def live_url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """Address of the service that the tests share."""
+    with running_service(tmp_path_factory.mktemp("service")) as service:
+        yield service.url
+
+
+@pytest.fixture(scope="session")
+def hurried_url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """Address of a service that gives no query more than 2 s."""
+    with running_service(tmp_path_factory.mktemp("hurried"), task_seconds="2") as service:
+        yield service.url
+
+
+@pytest.fixture(scope="session")
+def client(live_url: str) -> Iterator[httpx.Client]:
+    with httpx.Client(base_url=live_url, timeout=60.0, trust_env=False) as session:
+        yield session
