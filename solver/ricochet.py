@@ -224,7 +224,8 @@ def _search_outcome(attempt: Try, search: Search) -> _Found:
     """Scan the range, then bisect every change of outcome."""
     lower, upper = search.bounds
     count = math.ceil((upper - lower) / search.scan_interval * (1.0 - 1e-12)) + 1
-    scan = [attempt(float(angle)) for angle in np.linspace(lower, upper, max(count, 2))]
+    between = np.linspace(math.degrees(lower), math.degrees(upper), max(count, 2))[1:-1]  # round numbers to read
+    scan = [attempt(angle) for angle in (lower, *map(math.radians, between), upper)]
     changes = [pair for pair in pairwise(scan) if _turned_away(pair[0]) != _turned_away(pair[1])]
     brackets = [_bisect_outcome(attempt, *pair, search.tolerance) for pair in changes]
     starts = _turned_away(scan[0])

@@ -54,9 +54,9 @@ def prepare(*, projectile: Projectile, target: Target, resistance: Resistance, n
     properties = mass_properties(projectile)
     if numerics.method == "panels":
         require(
-            numerics.fixed_steps <= 10 * STEP_LIMIT,
+            numerics.fixed_steps <= 2 * STEP_LIMIT,
             "numerics.time_step",
-            f"must give at most {10 * STEP_LIMIT} steps up to the termination time, got {numerics.fixed_steps}",
+            f"must give at most {2 * STEP_LIMIT} steps up to the termination time, got {numerics.fixed_steps}",
         )
         panels = build_panels(projectile, properties, numerics.panels)
     else:
