@@ -110,9 +110,11 @@ def integrate_adaptive(
         row = steps[count if steps.shape[0] > 1 else 0]
         store_step(row, time, step, state, work)
         count += 1
-        deepest = max(deepest, deepest_tip(row, body))
         last = time + step >= end_time * (1.0 - 1e-12)
         end = end_of_step(row, model, was_loaded, loaded, initial_energy, last, event)
+        until = time + step if end == End.NONE else event[0]
+        if until > time:
+            deepest = max(deepest, deepest_tip(row, until, body))
         if end != End.NONE:
             return Run(end, event[0], event[1:], deepest, count, evaluations, 0.0)
         time += step

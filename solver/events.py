@@ -61,13 +61,13 @@ def _tip_speed(state: FloatArray, body: Body) -> float:
 
 
 @compiled
-def deepest_tip(step: FloatArray, body: Body) -> float:
-    """Greatest depth of the nose tip within a step."""
-    start, end = step[2:8], step[8:14]
-    deepest = max(tip_depth(start, body), tip_depth(end, body))
-    if _tip_speed(start, body) > 0.0 > _tip_speed(end, body):
-        low, high = 0.0, 1.0
-        state = np.empty(6)
+def deepest_tip(step: FloatArray, until: float, body: Body) -> float:
+    """Greatest depth of the nose tip within a step, up to a time."""
+    low, high = 0.0, min(1.0, (until - step[0]) / step[1])
+    state = np.empty(6)
+    interpolate(step, high, state)
+    deepest = max(tip_depth(step[2:8], body), tip_depth(state, body))
+    if _tip_speed(step[2:8], body) > 0.0 > _tip_speed(state, body):
         for _ in range(40):
             middle = 0.5 * (low + high)
             interpolate(step, middle, state)

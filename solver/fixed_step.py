@@ -65,8 +65,10 @@ def integrate_fixed(start: FloatArray, model: Model, end_time: float, time_step:
         gain = max(gain, (energy - before) / initial_energy)
         row = steps[index if steps.shape[0] > 1 else 0]
         store_step(row, time, step, state, work)
-        deepest = max(deepest, deepest_tip(row, body))
         end = end_of_step(row, model, was_loaded, loaded, initial_energy, index == count - 1, event)
+        until = time + step if end == End.NONE else event[0]
+        if until > time:
+            deepest = max(deepest, deepest_tip(row, until, body))
         if end != End.NONE:
             return Run(end, event[0], event[1:], deepest, index + 1, 4 * index + 4, gain)
         state[:], work.start[:] = work.trial, work.end

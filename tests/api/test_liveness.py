@@ -1,0 +1,58 @@
+"""A busy service still tells at once that it is alive."""
+
+import asyncio
+import subprocess
+import sys
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import httpx
+import pytest
+
+from solver.cases import PAPER_PROJECTILE, PAPER_TARGET
+
+POLLER = Path(__file__).with_name("liveness_poller.py")
+QUERIES = 200
+LIMIT_MS = 100.0
+
+
+def query(number: int) -> tuple[str, dict[str, object]]:
+    """Half of them trajectories with a history, half critical angles, no two alike."""
+    body: dict[str, object] = {
+        "projectile": {
+            "nose": {"shape": "ogive", "caliber_radius_head": 3.0},
+            "diameter_m": PAPER_PROJECTILE.diameter,
+            "length_m": PAPER_PROJECTILE.length,
+            "mass_kg": PAPER_PROJECTILE.mass,
+        },
+        "target": {
+            "compressive_strength_pa": PAPER_TARGET.compressive_strength,
+            "density_kg_m3": PAPER_TARGET.density,
+        },
+        "impact": {"velocity_m_s": 250.0 + 0.5 * number, "oblique_angle_deg": 55.0},
+    }
+    if number % 2:
+        return "/trajectory", body | {"numerics": {"relative_tolerance": 1e-4}}
+    narrow = {"lower_deg": 40.0, "upper_deg": 80.0, "tolerance_deg": 1.0}
+    return "/cra", body | {"impact": {"velocity_m_s": 250.0 + 0.5 * number}, "search": narrow}
+
+
+async def keep_busy(url: str) -> set[int]:
+    async with httpx.AsyncClient(
+        base_url=url, timeout=120.0, trust_env=False, limits=httpx.Limits(max_connections=QUERIES)
+    ) as client:
+        answers = await asyncio.gather(*(client.post(path, json=body) for path, body in map(query, range(QUERIES))))
+    return {answer.status_code for answer in answers}
+
+
+@pytest.mark.timeout(180)
+def test_no_liveness_answer_is_late_while_two_hundred_queries_run(live_url: str) -> None:
+    command = [sys.executable, str(POLLER), str(urlsplit(live_url).port)]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as poller:
+        statuses = asyncio.run(keep_busy(live_url))
+        output, _ = poller.communicate()
+    assert poller.returncode == 0
+    assert statuses == {200}
+    count, slowest = map(float, output.split())
+    assert count > 100
+    assert slowest < LIMIT_MS

@@ -1,0 +1,113 @@
+"""Noses, decay models and random strikes that several tests share."""
+
+import math
+from typing import Any
+
+import numpy as np
+from hypothesis import strategies as st
+
+from solver import (
+    Conical,
+    ConstantStrengthFactor,
+    ElasticPlastic,
+    Flat,
+    Impact,
+    MohrCoulomb,
+    NoFreeSurface,
+    Ogive,
+    Profile,
+    Projectile,
+    Resistance,
+    Spherical,
+    Target,
+    solid_properties,
+)
+from solver.free_surface import FreeSurface
+from solver.projectile import NoseShape
+
+STEEL = 7850.0
+"""[kg/m³]"""
+DIAMETER = 0.08
+"""The paper's. [m]"""
+
+NOSES: dict[str, NoseShape] = {
+    "ogive": Ogive(caliber_radius_head=3.0),
+    "slender ogive": Ogive(caliber_radius_head=10.0),
+    "ogive as hemisphere": Ogive(caliber_radius_head=0.5),
+    "cone": Conical(length_to_diameter=1.5),
+    "slender cone": Conical(length_to_diameter=5.0),
+    "blunt cone": Conical(length_to_diameter=0.2),
+    "hemisphere": Spherical(caliber_radius_head=0.5),
+    "cap": Spherical(caliber_radius_head=1.2),
+    "flat": Flat(),
+    "truncated cone": Profile(points=((0.0, 0.016), (0.1, 0.04))),
+    "three cones": Profile(points=((0.0, 0.0), (0.03, 0.02), (0.08, 0.034), (0.14, 0.04))),
+}
+"""Every kind of nose, for a shank of the paper's diameter."""
+
+DECAYS: dict[str, FreeSurface] = {
+    "elastic-plastic": ElasticPlastic(),
+    "elastic-plastic with inertia": ElasticPlastic(inertia=True),
+    "mohr-coulomb": MohrCoulomb(),
+    "mohr-coulomb with inertia": MohrCoulomb(inertia=True),
+    "none": NoFreeSurface(),
+}
+
+
+def steel(nose: NoseShape, *, diameter: float = DIAMETER, length: float = 0.53) -> Projectile:
+    """A projectile of homogeneous steel."""
+    shape = Projectile(nose=nose, diameter=diameter, length=length, mass=1.0)
+    return Projectile(nose=nose, diameter=diameter, length=length, mass=STEEL * solid_properties(shape).volume)
+
+
+@st.composite
+def noses(draw: st.DrawFn, *, radius: float) -> NoseShape:
+    """Any nose for a shank of this radius."""
+    kind = draw(st.sampled_from(["ogive", "conical", "spherical", "flat", "profile"]))
+    if kind == "ogive":
+        return Ogive(caliber_radius_head=draw(st.floats(0.5, 10.0)))
+    if kind == "conical":
+        return Conical(length_to_diameter=draw(st.floats(0.2, 5.0)))
+    if kind == "spherical":
+        return Spherical(caliber_radius_head=draw(st.floats(0.5, 5.0)))
+    if kind == "flat":
+        return Flat()
+    steps = draw(st.lists(st.floats(0.1, 1.0), min_size=2, max_size=6))
+    slopes = np.cumsum(draw(st.lists(st.floats(0.05, 0.6), min_size=len(steps), max_size=len(steps))))[::-1]
+    heights = np.concatenate(([draw(st.sampled_from([0.0, 0.3]))], np.array(steps) * slopes)).cumsum()
+    x = np.concatenate(([0.0], np.cumsum(steps))) / heights[-1]
+    r = heights / heights[-1]
+    points = [(radius * float(a), radius * float(b)) for a, b in zip(x, r, strict=True)]
+    return Profile(points=(*points[:-1], (points[-1][0], radius)))
+
+
+@st.composite
+def strikes(draw: st.DrawFn) -> dict[str, Any]:
+    """Arguments of `solver.simulate` for a steel projectile that strikes concrete with its nose ahead."""
+    diameter = draw(st.floats(0.01, 0.3))
+    nose = draw(noses(radius=diameter / 2.0))
+    length = nose.length(diameter / 2.0) + diameter * draw(st.floats(1.0, 8.0))
+    resistance = Resistance(
+        strength_factor=ConstantStrengthFactor(value=draw(st.floats(4.0, 12.0))),
+        inertia_factor=draw(st.sampled_from([0.0, 0.5, 1.0])),
+        free_surface=draw(st.sampled_from(list(DECAYS.values()))),
+    )
+    target = Target(
+        compressive_strength=draw(st.floats(15e6, 100e6)),
+        density=draw(st.floats(1900.0, 2600.0)),
+        youngs_modulus=draw(st.floats(10e9, 50e9)),
+        poissons_ratio=draw(st.floats(0.1, 0.5)),
+    )
+    velocity = draw(st.floats(50.0, 800.0))
+    impact = Impact(
+        velocity=velocity,
+        oblique_angle=math.radians(draw(st.floats(0.0, 80.0))),
+        angle_of_attack=math.radians(draw(st.floats(-8.0, 8.0))),
+        angular_velocity=draw(st.floats(-0.1, 0.1)) * velocity / length,
+    )
+    return {
+        "projectile": steel(nose, diameter=diameter, length=length),
+        "target": target,
+        "impact": impact,
+        "resistance": resistance,
+    }

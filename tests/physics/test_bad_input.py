@@ -1,0 +1,170 @@
+"""What the model does not accept is refused by the name of the field."""
+
+import math
+from collections.abc import Callable
+
+import pytest
+
+from solver import (
+    Conical,
+    ConstantStrengthFactor,
+    Flat,
+    Impact,
+    Numerics,
+    ObliquityPolynomial,
+    Ogive,
+    ParameterError,
+    Profile,
+    Projectile,
+    Resistance,
+    RicochetError,
+    Search,
+    Spherical,
+    StrengthPowerLaw,
+    Target,
+    simulate,
+)
+from solver.cases import PAPER_PROJECTILE, PAPER_TARGET, paper_impact
+
+NAN, INF = math.nan, math.inf
+
+
+def projectile(**changes: object) -> Projectile:
+    given: dict[str, object] = {"nose": Ogive(caliber_radius_head=3.0), "diameter": 0.08, "length": 0.53, "mass": 13.0}
+    return Projectile(**(given | changes))  # type: ignore[arg-type]
+
+
+def target(**changes: float) -> Target:
+    return Target(**({"compressive_strength": 39e6, "density": 2250.0} | changes))
+
+
+def impact(**changes: float) -> Impact:
+    return Impact(**({"velocity": 238.0, "oblique_angle": 0.5} | changes))
+
+
+def profile(*points: tuple[float, float]) -> Profile:
+    return Profile(points=points)
+
+
+def run(numerics: Numerics | None = None, sample_interval: float | None = 1e-5) -> object:
+    return simulate(
+        projectile=PAPER_PROJECTILE,
+        target=PAPER_TARGET,
+        impact=paper_impact(oblique_angle_degrees=30.0),
+        numerics=numerics,
+        sample_interval=sample_interval,
+    )
+
+
+S = "resistance.strength_factor"
+POINTS = "projectile.nose.points"
+CRH = "projectile.nose.caliber_radius_head"
+
+CASES: list[tuple[str, Callable[[], object]]] = [
+    *[("projectile.diameter", lambda value=value: projectile(diameter=value)) for value in (0.0, -0.08, NAN, INF)],
+    *[("projectile.length", lambda value=value: projectile(length=value)) for value in (0.0, -0.5, NAN, INF, 0.13)],
+    *[("projectile.mass", lambda value=value: projectile(mass=value)) for value in (0.0, -13.0, NAN, INF)],
+    *[
+        ("projectile.center_of_gravity", lambda value=value: projectile(center_of_gravity=value))
+        for value in (0.0, -0.1, 0.53, 0.6, NAN, INF)
+    ],
+    *[
+        ("projectile.moment_of_inertia", lambda value=value: projectile(moment_of_inertia=value))
+        for value in (0.0, -0.1, NAN, INF)
+    ],
+    *[(CRH, lambda value=value: Ogive(caliber_radius_head=value)) for value in (0.49, 0.0, -3.0, NAN, INF)],
+    *[(CRH, lambda value=value: Spherical(caliber_radius_head=value)) for value in (0.49, NAN, INF)],
+    *[
+        ("projectile.nose.length_to_diameter", lambda value=value: Conical(length_to_diameter=value))
+        for value in (0.0, -1.0, NAN, INF)
+    ],
+    (POINTS, lambda: profile((0.0, 0.0))),
+    (POINTS, lambda: profile(*((i * 1e-4, i * 1e-5) for i in range(1001)))),
+    (POINTS, lambda: projectile(nose=profile((0.0, 0.0), (0.1, 0.03)))),
+    (f"{POINTS}.0", lambda: profile((0.1, 0.0), (0.2, 0.04))),
+    (f"{POINTS}.0", lambda: profile((0.0, -0.01), (0.2, 0.04))),
+    (f"{POINTS}.1", lambda: profile((0.0, 0.0), (NAN, 0.04))),
+    (f"{POINTS}.1", lambda: profile((0.0, 0.0), (0.1, INF))),
+    (f"{POINTS}.1", lambda: profile((0.0, 0.0), (0.0, 0.0), (0.1, 0.04))),
+    (f"{POINTS}.2", lambda: profile((0.0, 0.0), (0.1, 0.01), (0.2, 0.04))),
+    (f"{POINTS}.2", lambda: profile((0.0, 0.0), (0.1, 0.05), (0.2, 0.04))),
+    (f"{POINTS}.2", lambda: profile((0.0, 0.0), (0.1, 0.03), (0.05, 0.04))),
+    (f"{POINTS}.1", lambda: profile((0.0, 0.0), (0.1, 0.0))),
+    *[
+        ("target.compressive_strength", lambda value=value: target(compressive_strength=value))
+        for value in (0.0, -39e6, NAN, INF)
+    ],
+    *[("target.density", lambda value=value: target(density=value)) for value in (0.0, -1.0, NAN, INF)],
+    *[("target.youngs_modulus", lambda value=value: target(youngs_modulus=value)) for value in (0.0, -1.0, NAN, INF)],
+    *[("target.poissons_ratio", lambda value=value: target(poissons_ratio=value)) for value in (-0.1, 0.51, NAN, INF)],
+    *[("impact.velocity", lambda value=value: impact(velocity=value)) for value in (0.0, -238.0, NAN, INF)],
+    *[
+        ("impact.oblique_angle", lambda value=value: impact(oblique_angle=value))
+        for value in (math.pi / 2, -math.pi / 2, 2.0, NAN, INF)
+    ],
+    *[("impact.angle_of_attack", lambda value=value: impact(angle_of_attack=value)) for value in (1.6, -1.6, NAN, INF)],
+    *[("impact.angular_velocity", lambda value=value: impact(angular_velocity=value)) for value in (NAN, INF, -INF)],
+    *[(f"{S}.value", lambda value=value: ConstantStrengthFactor(value=value)) for value in (0.0, -8.0, NAN, INF)],
+    *[(f"{S}.coefficient", lambda value=value: StrengthPowerLaw(coefficient=value)) for value in (0.0, -8.0, NAN, INF)],
+    *[(f"{S}.exponent", lambda value=value: StrengthPowerLaw(exponent=value)) for value in (NAN, INF)],
+    (f"{S}.coefficients", lambda: ObliquityPolynomial(coefficients=())),
+    (f"{S}.coefficients", lambda: ObliquityPolynomial(coefficients=(1.0,) * 11)),
+    (f"{S}.coefficients.1", lambda: ObliquityPolynomial(coefficients=(8.0, NAN))),
+    *[
+        ("resistance.inertia_factor", lambda value=value: Resistance(inertia_factor=value))
+        for value in (-0.1, NAN, INF)
+    ],
+    ("numerics.method", lambda: Numerics(method="euler")),  # type: ignore[arg-type]
+    *[
+        ("numerics.termination_time", lambda value=value: Numerics(termination_time=value))
+        for value in (0.0, -1.0, NAN)
+    ],
+    *[("numerics.panels", lambda value=value: Numerics(panels=value)) for value in (99, 1_000_001)],
+    *[("numerics.time_step", lambda value=value: Numerics(time_step=value)) for value in (0.0, -1e-5, NAN)],
+    *[
+        ("numerics.relative_tolerance", lambda value=value: Numerics(relative_tolerance=value))
+        for value in (0.0, 1e-11, 0.1, NAN)
+    ],
+    *[("numerics.stations", lambda value=value: Numerics(stations=value)) for value in (1, 257)],
+    *[("numerics.points", lambda value=value: Numerics(points=value)) for value in (1, 257)],
+    ("numerics.time_step", lambda: run(Numerics(method="panels", time_step=1e-7))),
+    *[("sample_interval", lambda value=value: run(sample_interval=value)) for value in (0.0, -1e-5, NAN)],
+    ("sample_interval", lambda: run(sample_interval=1e-10)),
+    ("search.method", lambda: Search(method="guess")),  # type: ignore[arg-type]
+]
+
+
+@pytest.mark.parametrize(("field", "make"), CASES)
+def test_bad_value_is_refused_by_the_name_of_its_field(field: str, make: Callable[[], object]) -> None:
+    with pytest.raises(ParameterError) as caught:
+        make()
+    assert caught.value.field == field
+    assert str(caught.value) == f"{field}: {caught.value.requirement}"
+    assert isinstance(caught.value, RicochetError | ValueError)
+
+
+def test_strength_factor_at_or_below_zero_at_the_angle_is_refused() -> None:
+    with pytest.raises(ParameterError, match="must be greater than 0 at the initial oblique angle of 60") as caught:
+        simulate(
+            projectile=PAPER_PROJECTILE,
+            target=PAPER_TARGET,
+            impact=paper_impact(oblique_angle_degrees=60.0),
+            resistance=Resistance(strength_factor=ObliquityPolynomial(coefficients=(6.0, -0.1))),
+        )
+    assert caught.value.field == S
+
+
+def test_target_too_soft_to_yield_around_a_cavity_is_refused() -> None:
+    with pytest.raises(ParameterError, match="would never yield") as caught:
+        simulate(
+            projectile=PAPER_PROJECTILE,
+            target=target(youngs_modulus=39e6),
+            impact=paper_impact(oblique_angle_degrees=30.0),
+        )
+    assert caught.value.field == "target.youngs_modulus"
+
+
+def test_nose_as_long_as_the_projectile_is_accepted() -> None:
+    nose = Conical(length_to_diameter=2.0)
+    assert projectile(nose=nose, length=0.16).nose_length == 0.16
+    assert projectile(nose=Flat(), length=1e-3).nose_length == 0.0

@@ -1,0 +1,198 @@
+"""Mass properties, panels and first contact against closed forms and brute force."""
+
+import math
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from solver import Conical, Flat, Ogive, Profile, Projectile, Spherical, mass_properties, solid_properties
+from solver.projectile import NoseShape
+from solver.surface import build_body, build_panels, deepest_offset
+
+from .strikes import NOSES, steel
+
+A, LENGTH = 0.04, 0.53
+"""Radius and length of the paper's projectile. [m]"""
+
+
+@dataclass(frozen=True)
+class Solid:
+    """Closed form of one solid: lateral area, and ∫r² dx, ∫x r² dx and ∫(x² r² + r⁴/4) dx from its front."""
+
+    length: float
+    area: float
+    squares: float
+    first: float
+    second: float
+
+    def followed_by(self, other: "Solid") -> "Solid":
+        x = self.length
+        return Solid(
+            length=x + other.length,
+            area=self.area + other.area,
+            squares=self.squares + other.squares,
+            first=self.first + other.first + x * other.squares,
+            second=self.second + other.second + 2.0 * x * other.first + x**2 * other.squares,
+        )
+
+
+def cylinder(a: float, h: float) -> Solid:
+    return Solid(h, 2 * math.pi * a * h, a**2 * h, a**2 * h**2 / 2, a**2 * h**3 / 3 + a**4 * h / 4)
+
+
+def frustum(b: float, a: float, h: float) -> Solid:
+    """Radius `b` in front, `a` behind, r = b + t x."""
+    t = (a - b) / h
+    squares = h * (a * a + a * b + b * b) / 3
+    first = b**2 * h**2 / 2 + 2 * b * t * h**3 / 3 + t**2 * h**4 / 4
+    fourths = h * (a**4 + a**3 * b + a**2 * b**2 + a * b**3 + b**4) / 5
+    second = b**2 * h**3 / 3 + b * t * h**4 / 2 + t**2 * h**5 / 5 + fourths / 4
+    return Solid(h, math.pi * (a + b) * math.hypot(h, a - b), squares, first, second)
+
+
+def disc(a: float) -> Solid:
+    """A flat face: area without volume."""
+    return Solid(0.0, math.pi * a**2, 0.0, 0.0, 0.0)
+
+
+def cap(sphere: float, h: float) -> Solid:
+    """r² = 2 R x - x²."""
+    squares = sphere * h**2 - h**3 / 3
+    first = 2 * sphere * h**3 / 3 - h**4 / 4
+    fourths = 4 * sphere**2 * h**3 / 3 - sphere * h**4 + h**5 / 5
+    second = sphere * h**4 / 2 - h**5 / 5 + fourths / 4
+    return Solid(h, 2 * math.pi * sphere * h, squares, first, second)
+
+
+def ogive(a: float, crh: float) -> Solid:
+    """r = w - c with w² = s² - u², u the distance ahead of the shank and c = s - a."""
+    s = 2 * a * crh
+    c, length = s - a, a * math.sqrt(4 * crh - 1)
+    end = math.asin(length / s)
+    w1 = (length * c + s**2 * end) / 2  # ∫w du
+    w3 = s**4 * (3 * end / 8 + math.sin(2 * end) / 4 + math.sin(4 * end) / 32)  # ∫w³ du
+    u2w = s**4 * (end / 8 - math.sin(4 * end) / 32)  # ∫u² w du
+    w2 = s**2 * length - length**3 / 3
+    w4 = s**4 * length - 2 * s**2 * length**3 / 3 + length**5 / 5
+    squares = w2 - 2 * c * w1 + c**2 * length
+    ahead = (s**2 + c**2) * length**2 / 2 - length**4 / 4 - 2 * c * (s**3 - c**3) / 3
+    ahead2 = (s**2 + c**2) * length**3 / 3 - length**5 / 5 - 2 * c * u2w
+    fourths = w4 - 4 * c * w3 + 6 * c**2 * w2 - 4 * c**3 * w1 + c**4 * length
+    first = length * squares - ahead
+    second = length**2 * squares - 2 * length * ahead + ahead2 + fourths / 4
+    return Solid(length, 2 * math.pi * s * (length - c * end), squares, first, second)
+
+
+NOSE_SOLIDS: dict[str, tuple[NoseShape, Solid]] = {
+    "flat": (Flat(), disc(A)),
+    "cone": (Conical(length_to_diameter=1.5), frustum(0.0, A, 0.12)),
+    "slender cone": (Conical(length_to_diameter=6.0), frustum(0.0, A, 0.48)),
+    "hemisphere": (Spherical(caliber_radius_head=0.5), cap(A, A)),
+    "cap": (Spherical(caliber_radius_head=1.2), cap(0.096, 0.096 - math.sqrt(0.096**2 - A**2))),
+    "shallow cap": (Spherical(caliber_radius_head=20.0), cap(1.6, 1.6 - math.sqrt(1.6**2 - A**2))),
+    "ogive as hemisphere": (Ogive(caliber_radius_head=0.5), cap(A, A)),
+    "ogive 0.8": (Ogive(caliber_radius_head=0.8), ogive(A, 0.8)),
+    "ogive 3": (Ogive(caliber_radius_head=3.0), ogive(A, 3.0)),
+    "ogive 10": (Ogive(caliber_radius_head=10.0), ogive(A, 10.0)),
+    "truncated cone": (Profile(points=((0.0, 0.01), (0.1, A))), disc(0.01).followed_by(frustum(0.01, A, 0.1))),
+    "two cones": (
+        Profile(points=((0.0, 0.0), (0.05, 0.03), (0.1, A))),
+        frustum(0.0, 0.03, 0.05).followed_by(frustum(0.03, A, 0.05)),
+    ),
+}
+
+
+@pytest.fixture(params=NOSE_SOLIDS)
+def nose(request: pytest.FixtureRequest) -> tuple[NoseShape, Solid]:
+    return NOSE_SOLIDS[request.param]
+
+
+def assert_properties_equal(projectile: Projectile, solid: Solid) -> None:
+    found = solid_properties(projectile)
+    centroid = solid.first / solid.squares
+    assert found.surface_area == pytest.approx(solid.area, rel=1e-8)
+    assert found.volume == pytest.approx(math.pi * solid.squares, rel=1e-8)
+    assert found.centroid == pytest.approx(centroid, rel=1e-8)
+    assert found.inertia_per_mass == pytest.approx(solid.second / solid.squares - centroid**2, rel=1e-8)
+
+
+def test_nose_and_shank_equal_their_closed_forms(nose: tuple[NoseShape, Solid]) -> None:
+    shape, solid = nose
+    projectile = Projectile(nose=shape, diameter=2 * A, length=LENGTH, mass=1.0)
+    assert projectile.nose_length == pytest.approx(solid.length, rel=1e-12, abs=1e-15)
+    assert_properties_equal(projectile, solid.followed_by(cylinder(A, LENGTH - solid.length)))
+
+
+def test_nose_without_a_shank_equals_its_closed_form(nose: tuple[NoseShape, Solid]) -> None:
+    shape, solid = nose
+    if solid.squares > 0.0:
+        assert_properties_equal(Projectile(nose=shape, diameter=2 * A, length=shape.length(A), mass=1.0), solid)
+
+
+def test_textbook_solids_come_out_of_the_closed_forms_above() -> None:
+    """Cone: V = πa²h/3, centroid 3h/4, I/m = 3a²/20 + 3h²/80. Hemisphere: 5a/8 and 83a²/320. Cylinder: a²/4 + h²/12."""
+    for solid, volume, centroid, inertia in (
+        (frustum(0.0, 2.0, 3.0), 4 * math.pi, 9 / 4, 3 * 4 / 20 + 3 * 9 / 80),
+        (cap(2.0, 2.0), 16 * math.pi / 3, 5 / 4, 83 * 4 / 320),
+        (cylinder(2.0, 3.0), 12 * math.pi, 3 / 2, 1 + 9 / 12),
+    ):
+        assert math.pi * solid.squares == pytest.approx(volume, rel=1e-14)
+        assert solid.first / solid.squares == pytest.approx(centroid, rel=1e-14)
+        assert solid.second / solid.squares - (solid.first / solid.squares) ** 2 == pytest.approx(inertia, rel=1e-13)
+
+
+def test_given_mass_properties_are_used_as_they_are() -> None:
+    projectile = Projectile(
+        nose=Flat(), diameter=0.08, length=0.5, mass=13.0, center_of_gravity=0.2, moment_of_inertia=0.3
+    )
+    properties = mass_properties(projectile)
+    assert (properties.mass, properties.center_of_gravity, properties.moment_of_inertia) == (13.0, 0.2, 0.3)
+
+
+def test_panel_areas_converge_to_the_surface_area_with_the_square_of_their_size(nose: tuple[NoseShape, Solid]) -> None:
+    """Midpoint rings are exact on straight pieces and of second order on arcs: four times as many, a quarter."""
+    shape, _ = nose
+    projectile = Projectile(nose=shape, diameter=2 * A, length=LENGTH, mass=1.0)
+    area, properties = solid_properties(projectile).surface_area, mass_properties(projectile)
+    errors = [abs(build_panels(projectile, properties, n).area.sum() / area - 1.0) for n in (1_200, 4_800, 19_200)]
+    assert errors[-1] < 1e-4
+    for coarse, fine in pairwise(errors):
+        assert fine < 1e-12 or 3.0 < coarse / fine < 5.0
+
+
+def brute_force_reach(projectile: Projectile, center: float, axis_angle: float) -> float:
+    """Depth of the deepest of many surface points ahead of the centre of gravity, bottom meridian and top."""
+    t = np.linspace(0.0, 1.0, 20_001)
+    reach = -math.inf
+    for piece in projectile.outline():
+        x, r, _, _ = piece.at(t)
+        for side in (-1.0, 1.0):
+            depth = (center - x) * math.cos(axis_angle) - side * r * math.sin(axis_angle)
+            reach = max(reach, float(depth.max()))
+    return reach
+
+
+@pytest.mark.parametrize("name", NOSES)
+def test_first_contact_is_the_deepest_point_of_the_surface(name: str) -> None:
+    """Tip, flank or rear edge, whichever it is: 10⁻⁸ of the length is what the brute force resolves."""
+    projectile = steel(NOSES[name])
+    properties = mass_properties(projectile)
+    body = build_body(projectile, properties)
+    for degrees in (0, 1e-6, 3, 20, 45, 60, 75, 80.4, 85, 89.9, 90, 90.1, 100, 135, 170, 179, 180):
+        for angle in (math.radians(degrees), -math.radians(degrees)):
+            expected = brute_force_reach(projectile, properties.center_of_gravity, angle)
+            assert deepest_offset(body, angle) == pytest.approx(expected, abs=1e-8 * LENGTH)
+
+
+def test_a_pointed_nose_touches_with_its_tip_until_its_flank_lies_in_the_face() -> None:
+    """The flank takes over at 90° less the half-angle of the tip: 90° - 33.56° for ψ = 3."""
+    projectile = steel(NOSES["ogive"])
+    properties = mass_properties(projectile)
+    body = build_body(projectile, properties)
+    flank = math.pi / 2 - math.atan2(math.sqrt(11.0), 5.0)
+    for degrees in (-1.0, 1.0):
+        angle = flank + math.radians(degrees)
+        tip = properties.center_of_gravity * math.cos(angle)
+        assert (deepest_offset(body, angle) > tip + 1e-9) == (degrees > 0.0)

@@ -1,0 +1,162 @@
+"""How a run ends, what it returns, and what it warns of."""
+
+import math
+from dataclasses import fields, replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from solver import (
+    ConstantStrengthFactor,
+    Impact,
+    Motion,
+    Numerics,
+    Outcome,
+    Projectile,
+    Resistance,
+    Trajectory,
+    simulate,
+)
+from solver.arrays import FloatArray
+from solver.cases import PAPER_PROJECTILE, PAPER_TARGET, paper_impact
+from solver.events import REST_ENERGY
+
+from .strikes import NOSES, steel
+
+
+def run(degrees: float, **changes: Any) -> Trajectory:
+    """The paper's strike at an oblique angle."""
+    strike = {
+        "projectile": PAPER_PROJECTILE,
+        "target": PAPER_TARGET,
+        "impact": paper_impact(oblique_angle_degrees=degrees),
+    }
+    return simulate(**{**strike, **changes})
+
+
+def history(trajectory: Trajectory) -> Motion[FloatArray]:
+    assert trajectory.history is not None
+    return trajectory.history
+
+
+def codes(trajectory: Trajectory) -> set[str]:
+    return {warning.code for warning in trajectory.warnings}
+
+
+@pytest.mark.parametrize("method", ["adaptive", "panels"])
+def test_embedded_run_ends_at_a_hundredth_of_the_speed(method: Any) -> None:
+    found = run(30.0, numerics=Numerics(method=method))
+    assert found.outcome is Outcome.EMBEDDED
+    if method == "adaptive":  # a fixed step may overshoot rest, and is then stopped before it
+        assert found.final.kinetic_energy == pytest.approx(REST_ENERGY * history(found).kinetic_energy[0], rel=1e-6)
+
+
+@pytest.mark.parametrize("method", ["adaptive", "panels"])
+def test_ricochet_ends_when_the_last_element_is_unloaded(method: Any) -> None:
+    found = run(55.0, numerics=Numerics(method=method))
+    assert found.outcome is Outcome.RICOCHET
+    assert found.final.depth_velocity < 0.0
+    force = np.hypot(history(found).depth_force, history(found).lateral_force)
+    assert force[-1] < 1e-4 * force.max()
+
+
+def test_run_out_of_time_is_in_motion_and_says_so() -> None:
+    found = run(45.0, numerics=Numerics(termination_time=1e-3))
+    assert found.outcome is Outcome.IN_MOTION
+    assert found.final.time == 1e-3
+    assert "undecided" in codes(found)
+
+
+@pytest.mark.parametrize("degrees", [0.0, 30.0, 55.0])
+def test_history_is_sampled_evenly_and_ends_with_the_run(degrees: float) -> None:
+    found = run(degrees, sample_interval=3e-5)
+    times = history(found).time
+    np.testing.assert_allclose(times[:-1], 3e-5 * np.arange(times.size - 1), rtol=0, atol=1e-15)
+    assert 0.0 < times[-1] - times[-2] <= 3e-5 * (1.0 + 1e-9)
+    for field in fields(found.final):
+        assert getattr(history(found), field.name)[-1] == getattr(found.final, field.name)
+
+
+def test_history_that_is_not_asked_for_changes_nothing_else() -> None:
+    with_history, without = run(45.0), run(45.0, sample_interval=None)
+    assert without.history is None
+    assert replace(with_history, history=None) == without
+
+
+def test_impact_is_where_the_history_starts() -> None:
+    impact = Impact(velocity=238.0, oblique_angle=0.7, angle_of_attack=0.05, angular_velocity=-20.0)
+    start = history(run(0.0, impact=impact))
+    assert start.time[0] == 0.0
+    assert start.nose_tip_depth[0] == pytest.approx(0.0, abs=1e-12)
+    assert start.center_of_gravity_lateral[0] == 0.0
+    assert start.axis_angle[0] == pytest.approx(0.75)
+    assert start.depth_velocity[0] == pytest.approx(238.0 * math.cos(0.7))
+    assert start.lateral_velocity[0] == pytest.approx(238.0 * math.sin(0.7))
+    assert start.angular_velocity[0] == -20.0
+
+
+def test_rates_in_the_history_are_those_of_its_positions() -> None:
+    """Central differences at 10 µs, up to the end of the load."""
+    found = history(run(48.0, sample_interval=1e-5))
+    for position, rate, scale in (
+        (found.center_of_gravity_depth, found.depth_velocity, 238.0),
+        (found.center_of_gravity_lateral, found.lateral_velocity, 238.0),
+        (found.axis_angle, found.angular_velocity, 200.0),
+        (found.kinetic_energy, power(found), float(np.abs(power(found)).max())),
+    ):
+        slope = (position[2:-1] - position[:-3]) / 2e-5
+        np.testing.assert_allclose(slope, rate[1:-2], rtol=0, atol=5e-3 * scale)
+
+
+def power(found: Motion[FloatArray]) -> FloatArray:
+    translation = found.depth_force * found.depth_velocity + found.lateral_force * found.lateral_velocity
+    return np.asarray(translation + found.moment * found.angular_velocity)
+
+
+@pytest.mark.parametrize("degrees", [0.0, 30.0, 48.0, 55.0])
+def test_maximum_depth_is_the_greatest_tip_depth_up_to_the_end(degrees: float) -> None:
+    """To what half a sample interval can hide near a maximum, and no deeper than the run went."""
+    found = run(degrees, sample_interval=1e-6)
+    assert found.maximum_depth == pytest.approx(history(found).nose_tip_depth.max(), abs=5e-8)
+
+
+STEEP_FIT = {"impact": paper_impact(oblique_angle_degrees=50.0)}
+GIVEN = {"center_of_gravity": 0.294, "moment_of_inertia": 0.25}
+PLAIN = Projectile(nose=PAPER_PROJECTILE.nose, diameter=0.08, length=0.53, mass=13.0, **GIVEN)
+FIXED = {"resistance": Resistance(strength_factor=ConstantStrengthFactor(value=8.0))}
+
+
+def test_well_covered_strike_carries_no_warning() -> None:
+    assert run(30.0, projectile=PLAIN).warnings == ()
+
+
+@pytest.mark.parametrize(
+    ("code", "changes"),
+    [
+        ("strength_fit_extrapolated", {"impact": paper_impact(oblique_angle_degrees=45.1)}),
+        ("velocity_beyond_rigid", {"impact": Impact(velocity=801.0, oblique_angle=0.5)}),
+        ("strength_beyond_tests", {"target": replace(PAPER_TARGET, compressive_strength=12.9e6)}),
+        ("strength_beyond_tests", {"target": replace(PAPER_TARGET, compressive_strength=97.1e6)}),
+        ("large_angle_of_attack", {"impact": Impact(velocity=238.0, oblique_angle=0.5, angle_of_attack=-0.088)}),
+        ("mass_properties_assumed", {"projectile": replace(PLAIN, moment_of_inertia=None)}),
+        ("mass_properties_assumed", {"projectile": replace(PLAIN, center_of_gravity=None)}),
+        ("undecided", {"numerics": Numerics(termination_time=1e-3)}),
+        ("shallow_penetration", {"impact": Impact(velocity=60.0, oblique_angle=0.0)}),
+        ("base_strikes_first", {**FIXED, "impact": Impact(velocity=238.0, oblique_angle=1.0, angle_of_attack=1.0)}),
+    ],
+)
+def test_what_an_assessor_should_know_travels_with_the_result(code: str, changes: dict[str, Any]) -> None:
+    found = run(30.0, **{"projectile": PLAIN, **changes})
+    assert code in codes(found)
+    assert all(warning.detail for warning in found.warnings)
+
+
+@pytest.mark.parametrize("name", NOSES)
+@pytest.mark.parametrize("degrees", [0.0, 1e-7, 89.0, 89.99])
+def test_ends_of_the_range_of_angles_are_ordinary_strikes(name: str, degrees: float) -> None:
+    found = run(degrees, projectile=steel(NOSES[name]), **FIXED)
+    for field in fields(found.final):
+        assert np.isfinite(getattr(history(found), field.name)).all()
+    assert found.outcome is (Outcome.EMBEDDED if degrees < 1.0 else Outcome.RICOCHET)
+    assert found.steps < 2_000

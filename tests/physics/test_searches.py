@@ -1,0 +1,200 @@
+"""How the searches for a critical angle go and end."""
+
+import math
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+
+from solver import (
+    ConstantStrengthFactor,
+    CriticalAngle,
+    Impact,
+    Numerics,
+    ObliquityPolynomial,
+    Outcome,
+    ParameterError,
+    Resistance,
+    Search,
+    SearchStatus,
+    critical_angle,
+    simulate,
+)
+from solver.cases import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY
+from solver.numerics import SEARCH_TOLERANCE
+
+ADAPTIVE = Numerics(method="adaptive")
+
+
+def find(
+    *, strength_factor: ObliquityPolynomial | ConstantStrengthFactor | None = None, **search: Any
+) -> CriticalAngle:
+    """The paper's strike; angles of the search in degrees."""
+    for name in ("lower", "upper", "tolerance", "scan_interval"):
+        if name in search:
+            search[name] = math.radians(search[name])
+    resistance = Resistance() if strength_factor is None else Resistance(strength_factor=strength_factor)
+    return critical_angle(
+        projectile=PAPER_PROJECTILE,
+        target=PAPER_TARGET,
+        velocity=PAPER_VELOCITY,
+        resistance=resistance,
+        numerics=ADAPTIVE,
+        search=Search(**search),
+    )
+
+
+def angles(found: CriticalAngle) -> list[float]:
+    return [math.degrees(trial.oblique_angle) for trial in found.iterations]
+
+
+def codes(found: CriticalAngle) -> set[str]:
+    return {warning.code for warning in found.warnings}
+
+
+@pytest.mark.parametrize("method", ["outcome", "bisection", "secant"])
+def test_range_that_always_embeds_has_no_angle(method: str) -> None:
+    found = find(method=method, lower=10.0, upper=35.0)
+    assert found.status is SearchStatus.NO_RICOCHET
+    assert (found.angle, found.bracket, found.other_crossings) == (None, None, ())
+    assert all(trial.outcome is not Outcome.RICOCHET and trial.final_position > 0.0 for trial in found.iterations)
+
+
+@pytest.mark.parametrize("method", ["outcome", "bisection", "secant"])
+def test_range_that_always_ricochets_has_its_angle_below(method: str) -> None:
+    found = find(method=method, lower=60.0, upper=75.0)
+    assert found.status is SearchStatus.ALWAYS_RICOCHET
+    assert (found.angle, found.bracket, found.other_crossings) == (None, None, ())
+    assert "ricochet_at_lower_bound" in codes(found)
+
+
+def test_outcome_search_scans_the_range_and_then_halves_the_bracket() -> None:
+    found = find(lower=40.0, upper=60.0, tolerance=0.1)
+    assert found.bracket is not None
+    assert found.angle == found.bracket[1]
+    assert math.degrees(found.bracket[1] - found.bracket[0]) <= 0.1
+    tried = angles(found)
+    assert tried[:5] == pytest.approx([40.0, 45.0, 50.0, 55.0, 60.0])
+    assert tried[5:] == pytest.approx([47.5, 48.75, 48.125, 48.4375, 48.59375, 48.515625])
+    seen = {trial.oblique_angle: trial.outcome for trial in found.iterations}
+    assert seen[found.bracket[0]] is not Outcome.RICOCHET
+    assert seen[found.bracket[1]] is Outcome.RICOCHET
+
+
+def test_every_trial_is_the_run_at_its_angle() -> None:
+    found = find(lower=40.0, upper=60.0, tolerance=1.0)
+    assert len(found.iterations) == 8
+    for trial in found.iterations:
+        run = simulate(
+            projectile=PAPER_PROJECTILE,
+            target=PAPER_TARGET,
+            impact=Impact(velocity=PAPER_VELOCITY, oblique_angle=trial.oblique_angle),
+            numerics=Numerics(relative_tolerance=SEARCH_TOLERANCE),
+            sample_interval=None,
+        )
+        assert (trial.outcome, trial.final_position) == (run.outcome, run.final.nose_tip_depth)
+
+
+def test_bisection_keeps_the_sign_change_and_stops_when_two_angles_in_a_row_differ_by_less_than_asked() -> None:
+    found = find(method="bisection", relative_tolerance=0.01)
+    positions = {trial.oblique_angle: trial.final_position for trial in found.iterations}
+    tried = list(positions)
+    left, right = tried[:2]
+    for angle in tried[2:]:
+        assert angle == pytest.approx((left + right) / 2.0, rel=1e-12)
+        left, right = (angle, right) if positions[angle] > 0.0 else (left, angle)
+    steps = [abs(b - a) / a for a, b in pairwise(tried[1:])]
+    assert steps[-1] < 0.01 <= min(steps[:-1])
+    assert found.angle == tried[-1]
+    assert found.bracket == (left, right)
+
+
+def test_secant_steps_follow_equation_8() -> None:
+    found = find(method="secant", relative_tolerance=0.01)
+    assert found.status is SearchStatus.CONVERGED
+    trials = found.iterations
+    for old, new, following in zip(trials, trials[1:], trials[2:], strict=False):
+        slope = (new.final_position - old.final_position) / (new.oblique_angle - old.oblique_angle)
+        assert following.oblique_angle == pytest.approx(new.oblique_angle - new.final_position / slope, rel=1e-9)
+    steps = [abs(b - a) / a for a, b in pairwise(angles(found)[1:])]
+    assert steps[-1] < 0.01 <= min(steps[:-1])
+
+
+def test_secant_that_leaves_the_quarter_turn_is_not_converged() -> None:
+    """From 20° and 80° its second step would go past 90°, where nothing strikes."""
+    found = find(method="secant", lower=20.0, upper=80.0, strength_factor=ConstantStrengthFactor(value=8.0))
+    assert found.status is SearchStatus.NOT_CONVERGED
+    assert found.angle is None
+    assert len(found.iterations) == 3
+
+
+COMES_AND_GOES = ObliquityPolynomial(
+    coefficients=tuple(float(c) for c in np.polynomial.polynomial.polyfit([40, 50, 55, 60, 70], [8, 9, 3, 1.5, 8], 4))
+)
+"""A strength factor of 9 at 50°, 1.5 at 60° and 8 again at 70°: the weak target between lets the nose dive again."""
+
+
+def test_ricochet_that_sets_in_ceases_and_returns_is_reported_in_full() -> None:
+    found = find(lower=40.0, upper=70.0, tolerance=0.02, strength_factor=COMES_AND_GOES)
+    assert found.status is SearchStatus.CONVERGED
+    assert found.angle is not None
+    ceases, returns = found.other_crossings
+    assert 40.0 < math.degrees(found.angle) < 45.0
+    assert 50.0 < math.degrees(ceases) < 55.0
+    assert 60.0 < math.degrees(returns) < 65.0
+
+    scan = found.iterations[:7]
+    turned = [trial.outcome is Outcome.RICOCHET for trial in scan]
+    assert turned == [False, True, True, False, False, True, True]
+    seen = {trial.oblique_angle: trial.outcome is Outcome.RICOCHET for trial in found.iterations}
+    for crossing, turned_away in ((found.angle, True), (ceases, False), (returns, True)):
+        nearest_below = max(angle for angle in seen if angle < crossing)
+        assert math.degrees(crossing - nearest_below) <= 0.02
+        assert (seen[nearest_below], seen[crossing]) == (not turned_away, turned_away)
+
+
+def test_range_that_starts_in_a_ricochet_reports_the_angle_at_which_it_next_sets_in() -> None:
+    found = find(lower=47.0, upper=70.0, strength_factor=COMES_AND_GOES)
+    assert found.status is SearchStatus.CONVERGED
+    assert found.angle is not None
+    assert 55.0 < math.degrees(found.angle) < 65.0
+    assert [50.0 < math.degrees(crossing) < 55.0 for crossing in found.other_crossings] == [True]
+    assert "ricochet_at_lower_bound" in codes(found)
+
+
+@pytest.mark.parametrize("method", ["outcome", "bisection", "secant"])
+def test_strength_factor_that_vanishes_within_the_range_is_named(method: str) -> None:
+    """Equation 9 falls below zero at 86.6°."""
+    with pytest.raises(ParameterError, match=r"greater than 0 at the initial oblique angle of 88") as caught:
+        find(method=method, lower=40.0, upper=88.0)
+    assert caught.value.field == "resistance.strength_factor"
+
+
+@pytest.mark.parametrize(
+    ("bounds", "field"),
+    [
+        ({"lower": 60.0, "upper": 40.0}, "search.lower"),
+        ({"lower": 40.0, "upper": 40.0}, "search.lower"),
+        ({"lower": -1.0}, "search.lower"),
+        ({"lower": math.nan}, "search.lower"),
+        ({"upper": 90.0}, "search.lower"),
+        ({"method": "secant", "lower": 61.0}, "search.lower"),
+        ({"tolerance": 0.0}, "search.tolerance"),
+        ({"tolerance": math.nan}, "search.tolerance"),
+        ({"relative_tolerance": 0.0}, "search.relative_tolerance"),
+        ({"scan_interval": 0.0}, "search.scan_interval"),
+        ({"method": "newton"}, "search.method"),
+    ],
+)
+def test_search_that_cannot_be_names_its_field(bounds: dict[str, Any], field: str) -> None:
+    with pytest.raises(ParameterError) as caught:
+        find(**bounds)
+    assert caught.value.field == field
+
+
+@pytest.mark.parametrize("velocity", [0.0, -238.0, math.nan, math.inf])
+def test_speed_that_cannot_be_is_named(velocity: float) -> None:
+    with pytest.raises(ParameterError) as caught:
+        critical_angle(projectile=PAPER_PROJECTILE, target=PAPER_TARGET, velocity=velocity)
+    assert caught.value.field == "impact.velocity"
