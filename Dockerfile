@@ -13,8 +13,8 @@ RUN python -m pip install --require-hashes --only-binary :all: --requirement req
 COPY pyproject.toml README.md LICENSE ./
 COPY service/ service/
 COPY solver/ solver/
-RUN python -m pip wheel --no-index --no-deps --no-build-isolation --wheel-dir /tmp/wheel . \
-    && /opt/ricochet/bin/python -m pip install --no-index --no-deps /tmp/wheel/*.whl
+RUN python -m pip wheel --no-index --no-deps --no-build-isolation --wheel-dir wheel . \
+    && /opt/ricochet/bin/python -m pip install --no-index --no-deps wheel/*.whl
 
 FROM python:3.13-slim
 

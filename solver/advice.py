@@ -66,22 +66,24 @@ def input_warnings(
                 "the body is taken as rigid",
             )
         )
-    if projectile.center_of_gravity is None or projectile.moment_of_inertia is None:
-        missing = [
-            name
-            for name, value in (
-                ("centre of gravity", projectile.center_of_gravity),
-                ("moment of inertia", projectile.moment_of_inertia),
-            )
-            if value is None
-        ]
-        found.append(
-            ModelWarning(
-                "mass_properties_assumed",
-                f"{' and '.join(missing)} not given: those of a homogeneous solid of the outer shape are used",
-            )
-        )
+    found += _mass_properties_assumed(projectile)
     return tuple(found)
+
+
+def _mass_properties_assumed(projectile: Projectile) -> tuple[ModelWarning, ...]:
+    given = {
+        "centre of gravity": projectile.center_of_gravity,
+        "moment of inertia": projectile.moment_of_inertia,
+    }
+    missing = [name for name, value in given.items() if value is None]
+    if not missing:
+        return ()
+    return (
+        ModelWarning(
+            "mass_properties_assumed",
+            f"{' and '.join(missing)} not given: those of a homogeneous solid of the outer shape are used",
+        ),
+    )
 
 
 def strength_fit_warning(*, resistance: Resistance, oblique_angle: float) -> tuple[ModelWarning, ...]:

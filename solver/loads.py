@@ -132,6 +132,16 @@ def _insert(cuts: FloatArray, count: int, value: float, upper: float) -> int:
 
 
 @compiled
+def _keep_positive(value: float, slope: float, low: float, high: float) -> tuple[float, float]:
+    """Part of a range of c in which ``value + slope c`` is above zero; empty if its ends are not in order."""
+    if slope > 0.0:
+        return max(low, -value / slope), high
+    if slope < 0.0:
+        return low, min(high, -value / slope)
+    return low, high if value > 0.0 else low
+
+
+@compiled
 def ring_integrals(
     depth: float,
     depth_slope: float,
@@ -151,19 +161,8 @@ def ring_integrals(
     Depth, normal velocity and depth component of the normal are each given as value and slope in c = cos β;
     `cosine` is that of α, and `bounds` is room to work in.
     """
-    low, high = -1.0, 1.0
-    if depth_slope > 0.0:
-        low = max(low, -depth / depth_slope)
-    elif depth_slope < 0.0:
-        high = min(high, -depth / depth_slope)
-    elif depth <= 0.0:
-        return 0.0, 0.0
-    if velocity_slope > 0.0:
-        low = max(low, -velocity / velocity_slope)
-    elif velocity_slope < 0.0:
-        high = min(high, -velocity / velocity_slope)
-    elif velocity <= 0.0:
-        return 0.0, 0.0
+    low, high = _keep_positive(depth, depth_slope, -1.0, 1.0)
+    low, high = _keep_positive(velocity, velocity_slope, low, high)
     if low >= high:
         return 0.0, 0.0
 
