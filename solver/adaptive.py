@@ -17,7 +17,7 @@ FIRST_STEP, LARGEST_STEP, SMALLEST_STEP = 1e-3, 0.25, 1e-15
 """Over the time to travel the distance from centre of gravity to tip."""
 DIFFERENCE = 1e-7
 """Relative step of the difference quotients in position; the velocities' is 1e-3 of the ramp velocity."""
-DIFFERENCES = 5
+DIFFERENCES = 8
 """Evaluations for one Jacobian."""
 
 
@@ -37,7 +37,11 @@ def _make_linearisation() -> Linearisation:
 
 @compiled
 def _linearise(state: FloatArray, acceleration: FloatArray, model: Model, work: Work, linear: Linearisation) -> None:
-    """Difference quotients of the accelerations. Nothing depends on the lateral position."""
+    """Difference quotients of the accelerations, central in velocity. Nothing depends on the lateral position.
+
+    Around rest sideways the accelerations have a kink in velocity: one-sided quotients there cost the pair its order
+    and made the number of steps depend on the side.
+    """
     length = model.body.tip
     speed = 1e-3 * model.law.ramp_velocity
     increments = (DIFFERENCE * length, 0.0, DIFFERENCE, speed, speed, speed / length)
@@ -47,13 +51,15 @@ def _linearise(state: FloatArray, acceleration: FloatArray, model: Model, work: 
             continue
         moved[n] = state[n] + increments[n]
         accelerate(moved, model, work.stage)
+        if n < 3:
+            for i in range(3):
+                linear.stiffness[i, n] = (work.stage[i] - acceleration[i]) / increments[n]
+        else:
+            moved[n] = state[n] - increments[n]
+            accelerate(moved, model, work.end)
+            for i in range(3):
+                linear.damping[i, n - 3] = (work.stage[i] - work.end[i]) / (2.0 * increments[n])
         moved[n] = state[n]
-        for i in range(3):
-            slope = (work.stage[i] - acceleration[i]) / increments[n]
-            if n < 3:
-                linear.stiffness[i, n] = slope
-            else:
-                linear.damping[i, n - 3] = slope
 
 
 @compiled

@@ -126,6 +126,12 @@ BASE_FIRST = ModelWarning(
     "the rear edge touches first, and the flat base, which the model does not load, faces the target",
 )
 
+BASE_INSIDE = ModelWarning(
+    "base_faces_target",
+    "at the end the flat base is inside and faces the target, which the model does not let resist it: a body that has "
+    "turned that far sinks in tail first without hindrance",
+)
+
 ENERGY_GAIN = ModelWarning(
     "fixed_step_energy_gain",
     "the fixed time step is too long for parts of this motion: kinetic energy rose within a step; compare with the "

@@ -10,6 +10,9 @@ from solver.events import End, Run, deepest_tip, end_of_step, tip_depth
 from solver.motion import Model, Work, accelerate, kinetic_energy, make_work, store_step
 from solver.surface import Body
 
+UNRESOLVED_ENERGY = 1e-2
+"""Kinetic energy, over its initial value, below which a fixed step may be unable to tell motion from rest."""
+
 
 @compiled
 def _attempt_step(state: FloatArray, step: float, model: Model, work: Work) -> None:
@@ -40,7 +43,8 @@ def integrate_fixed(start: FloatArray, model: Model, end_time: float, time_step:
     """Integrate with the fixed step of the paper until an event or `end_time`.
 
     A fixed step cannot follow the end of the motion: it overshoots rest and then gains energy, which no true motion
-    does. A step that gains energy while the load could stop the projectile within one step is taken for rest.
+    does. A step that gains energy while the load could stop the projectile within one step is taken for rest, if little
+    energy is left; with more, the step is too long for the strike, which the gain reported tells.
 
     Parameters
     ----------
@@ -60,7 +64,8 @@ def integrate_fixed(start: FloatArray, model: Model, end_time: float, time_step:
         _attempt_step(state, step, model, work)
         was_loaded, loaded = loaded, accelerate(work.trial, model, work.end)
         before, energy = energy, kinetic_energy(work.trial, body)
-        if energy > before and energy < _impulse_energy(work.end, step, body):
+        enough = min(_impulse_energy(work.end, step, body), UNRESOLVED_ENERGY * initial_energy)
+        if before < energy < enough:
             return Run(End.REST, time, state, deepest, index, 4 * index, gain)
         gain = max(gain, (energy - before) / initial_energy)
         row = steps[index if steps.shape[0] > 1 else 0]

@@ -21,7 +21,8 @@ from solver.surface import ARC, Body, Panels
 from solver.target import Target
 
 CELLS = 512
-"""Cells of the decay table in 0 ≤ y ≤ 1; the cubics in them follow f to 1e-9 (3e-6 in the cell with its corner)."""
+"""Cells of the decay table in 0 ≤ y ≤ 1; the cubics in them follow f to 1e-8, but for the cell with its corner: there
+to 3e-6, or to 3e-4 with Mohr-Coulomb, whose slope jumps."""
 
 MAX_CUTS = 8
 """Ends of the stretches of one outline piece: two ends and at most six crossings."""
@@ -177,7 +178,7 @@ def ring_integrals(
     bounds[count] = high
 
     ramp = (velocity + abs(velocity_slope)) / law.ramp_velocity
-    static = law.static_stress * ramp * ramp / (1.0 + ramp * ramp)
+    static = law.static_stress * ramp**2 / math.sqrt(1.0 + ramp**4)
     even = odd = 0.0
     end = math.acos(low)
     for piece in range(count):

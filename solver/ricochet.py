@@ -206,6 +206,8 @@ class _Found:
     bracket: tuple[float, float] | None = None
     other_crossings: tuple[float, ...] = ()
     starts_turned_away: bool = False
+    deciding: tuple[Trial, ...] = ()
+    """Trials on either side of the changes of outcome; empty if all trials decide."""
 
 
 def _run_trial(shot: Shot, impact: Impact, *, at_termination: bool) -> Trial:
@@ -229,11 +231,12 @@ def _search_outcome(attempt: Try, search: Search) -> _Found:
     changes = [pair for pair in pairwise(scan) if _turned_away(pair[0]) != _turned_away(pair[1])]
     brackets = [_bisect_outcome(attempt, *pair, search.tolerance) for pair in changes]
     starts = _turned_away(scan[0])
+    deciding = tuple(trial for bracket in brackets for trial in bracket)
     onsets = [index for index, (_, right) in enumerate(changes) if _turned_away(right)]
     if not onsets:
         others = tuple(right.oblique_angle for _, right in brackets)
         status = SearchStatus.ALWAYS_RICOCHET if starts else SearchStatus.NO_RICOCHET
-        return _Found(status, other_crossings=others, starts_turned_away=starts)
+        return _Found(status, other_crossings=others, starts_turned_away=starts, deciding=deciding)
     first = onsets[0]
     left, right = brackets[first]
     return _Found(
@@ -242,6 +245,7 @@ def _search_outcome(attempt: Try, search: Search) -> _Found:
         bracket=(left.oblique_angle, right.oblique_angle),
         other_crossings=tuple(right.oblique_angle for i, (_, right) in enumerate(brackets) if i != first),
         starts_turned_away=starts,
+        deciding=deciding,
     )
 
 
@@ -282,6 +286,7 @@ def _search_bisection(attempt: Try, search: Search) -> _Found:
                 SearchStatus.CONVERGED,
                 angle=middle.oblique_angle,
                 bracket=(left.oblique_angle, right.oblique_angle),
+                deciding=(left, right),
             )
         last = middle.oblique_angle
     return _Found(SearchStatus.NOT_CONVERGED, bracket=(left.oblique_angle, right.oblique_angle))
@@ -304,7 +309,12 @@ def _search_secant(attempt: Try, search: Search) -> _Found:
         old, new = new, attempt(angle)
         if abs(new.oblique_angle - old.oblique_angle) < search.relative_tolerance * old.oblique_angle:
             bracket = sorted((old.oblique_angle, new.oblique_angle))
-            return _Found(SearchStatus.CONVERGED, angle=new.oblique_angle, bracket=(bracket[0], bracket[1]))
+            return _Found(
+                SearchStatus.CONVERGED,
+                angle=new.oblique_angle,
+                bracket=(bracket[0], bracket[1]),
+                deciding=(old, new),
+            )
     return _Found(SearchStatus.NOT_CONVERGED)
 
 
@@ -320,8 +330,7 @@ def _warnings(
     warnings += advice.strength_fit_warning(resistance=shot.resistance, oblique_angle=reach)
     if found.starts_turned_away:
         warnings.append(advice.RICOCHET_AT_LOWER_BOUND)
-    deciding = [trial for trial in trials if found.bracket is None or trial.oblique_angle in found.bracket]
-    if any(trial.outcome is Outcome.IN_MOTION for trial in deciding):
+    if any(trial.outcome is Outcome.IN_MOTION for trial in found.deciding or trials):
         warnings.append(advice.undecided(termination_time=shot.numerics.termination_time))
     warnings.append(advice.NO_MEASURED_ANGLE)
     return tuple(warnings)

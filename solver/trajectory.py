@@ -181,6 +181,13 @@ def _columns(times: FloatArray, states: FloatArray, model: Model) -> Motion[Floa
     )
 
 
+def _base_faces_target(shot: Shot, run: Run) -> bool:
+    """Whether the centre of the base is inside, with its outward normal into the target."""
+    behind = shot.projectile.length - shot.model.body.tip
+    tilt = math.cos(run.state[2])
+    return bool(tilt < 0.0 and run.state[0] - behind * tilt > 0.0)
+
+
 def _warnings(shot: Shot, impact: Impact, run: Run, outcome: Outcome) -> tuple[ModelWarning, ...]:
     found = list(
         advice.input_warnings(
@@ -193,6 +200,8 @@ def _warnings(shot: Shot, impact: Impact, run: Run, outcome: Outcome) -> tuple[M
     found += advice.strength_fit_warning(resistance=shot.resistance, oblique_angle=impact.oblique_angle)
     if abs(impact.axis_angle) > math.pi / 2.0:
         found.append(advice.BASE_FIRST)
+    if _base_faces_target(shot, run):
+        found.append(advice.BASE_INSIDE)
     if run.energy_gain > ENERGY_GAIN_TOLERATED:
         found.append(advice.ENERGY_GAIN)
     if outcome is Outcome.IN_MOTION:
