@@ -12,17 +12,17 @@ Value = TypeVar("Value")
 
 STATE = {
     "time_s": 0.003115,
-    "center_of_gravity_depth_m": 0.022414,
-    "center_of_gravity_lateral_m": 0.333826,
-    "nose_tip_depth_m": 0.121269,
-    "axis_angle_deg": 70.361,
-    "depth_velocity_m_s": 0.754,
-    "lateral_velocity_m_s": 2.2566,
-    "angular_velocity_rad_s": 0.4324,
-    "depth_force_n": -364527.0,
-    "lateral_force_n": -1079314.0,
-    "moment_n_m": -2540.6,
-    "kinetic_energy_j": 36.8186,
+    "center_of_gravity_depth_m": 0.02241,
+    "center_of_gravity_lateral_m": 0.3338,
+    "nose_tip_depth_m": 0.1213,
+    "axis_angle_deg": 70.36,
+    "depth_velocity_m_s": 0.7627,
+    "lateral_velocity_m_s": 2.254,
+    "angular_velocity_rad_s": 0.3573,
+    "depth_force_n": -365400.0,
+    "lateral_force_n": -1082000.0,
+    "moment_n_m": -2604.0,
+    "kinetic_energy_j": 36.82,
 }
 WARNING = {
     "code": "mass_properties_assumed",
