@@ -7,7 +7,9 @@ package: changed code is compiled anew, never served stale.
 
 import hashlib
 import os
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any, TypeVar, cast
 
 from numba import config, njit
 
@@ -36,5 +38,19 @@ def cache_folder() -> Path:
 
 config.CACHE_DIR = str(cache_folder())  # type: ignore[attr-defined] # set from the environment
 
-compiled = njit(cache=True, error_model="numpy")
-"""Decorator of every compiled function."""
+Function = TypeVar("Function", bound=Callable[..., object])
+
+
+def _decorator(**options: Any) -> Callable[[Function], Function]:
+    return cast(Callable[[Function], Function], njit(cache=True, error_model="numpy", nogil=True, **options))
+
+
+compiled = _decorator()
+"""Decorator of compiled functions that Python calls or that allocate; they release the interpreter lock."""
+lean = _decorator(_nrt=False)
+"""Of the inner functions, which allocate nothing: without it every array they are handed is counted in and out."""
+exact = _decorator(_nrt=False, fastmath={"contract", "nsz"})
+"""Of polynomials and quotients inside loops over vectors. Reassociation must not reach them: the compiler would spread
+the division over every term."""
+vectorised = _decorator(_nrt=False, fastmath={"contract", "nsz", "arcp", "reassoc"})
+"""Of loops over vectors; only sums that may be reordered can use vector registers."""

@@ -4,18 +4,20 @@ import math
 from enum import IntEnum
 from typing import NamedTuple
 
-import numpy as np
-
 from solver.arrays import FloatArray
-from solver.compilation import compiled
-from solver.motion import Model, accelerate, interpolate, kinetic_energy
-from solver.surface import Body
+from solver.compilation import lean
+from solver.motion import Model, Work, accelerate, interpolate, kinetic_energy
+from solver.surface import Body, deepest_offset
 
 REST_ENERGY = 1e-4
 """Kinetic energy, over its initial value, below which a projectile counts as embedded."""
 LODGED_ENERGY = 1e-3
 """Kinetic energy, over its initial value, below which a projectile counts as embedded when the load ends with its nose
 still inside: at 3 % of its speed, what the model leaves out (friction, rubble) decides, not the model."""
+
+
+HALVINGS = 24
+"""Of a step, to find the instant of an event: to 1e-7 of the step."""
 
 
 class End(IntEnum):
@@ -33,8 +35,7 @@ class End(IntEnum):
 class Run(NamedTuple):
     """Result of an integration."""
 
-    end: int
-    """A value of `End`."""
+    end: End
     time: float
     """Of the event that ended the run. [s]"""
     state: FloatArray
@@ -49,26 +50,25 @@ class Run(NamedTuple):
     """Largest gain of kinetic energy over one step, relative to the initial energy; a true motion has none."""
 
 
-@compiled
+@lean
 def tip_depth(state: FloatArray, body: Body) -> float:
     """Depth of the nose tip. [m]"""
     return float(state[0] + body.tip * math.cos(state[2]))
 
 
-@compiled
+@lean
 def _tip_speed(state: FloatArray, body: Body) -> float:
     return float(state[3] - body.tip * state[5] * math.sin(state[2]))
 
 
-@compiled
-def deepest_tip(step: FloatArray, until: float, body: Body) -> float:
-    """Greatest depth of the nose tip within a step, up to a time."""
+@lean
+def deepest_tip(step: FloatArray, until: float, body: Body, state: FloatArray) -> float:
+    """Greatest depth of the nose tip within a step, up to a time; `state` is room to work in."""
     low, high = 0.0, min(1.0, (until - step[0]) / step[1])
-    state = np.empty(6)
     interpolate(step, high, state)
     deepest = max(tip_depth(step[2:8], body), tip_depth(state, body))
     if _tip_speed(step[2:8], body) > 0.0 > _tip_speed(state, body):
-        for _ in range(40):
+        for _ in range(HALVINGS):
             middle = 0.5 * (low + high)
             interpolate(step, middle, state)
             if _tip_speed(state, body) > 0.0:
@@ -79,12 +79,11 @@ def deepest_tip(step: FloatArray, until: float, body: Body) -> float:
     return deepest
 
 
-@compiled
-def _rest_fraction(step: FloatArray, body: Body, threshold: float) -> float:
+@lean
+def _rest_fraction(step: FloatArray, body: Body, threshold: float, state: FloatArray) -> float:
     """Fraction of the step at which the kinetic energy falls to `threshold`."""
     low, high = 0.0, 1.0
-    state = np.empty(6)
-    for _ in range(50):
+    for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
         interpolate(step, middle, state)
         if kinetic_energy(state, body) > threshold:
@@ -94,34 +93,47 @@ def _rest_fraction(step: FloatArray, body: Body, threshold: float) -> float:
     return high
 
 
-@compiled
-def _release_fraction(step: FloatArray, model: Model) -> float:
+@lean
+def _release_fraction(step: FloatArray, model: Model, work: Work, state: FloatArray) -> float:
     """Fraction of the step at which the last element is unloaded."""
     low, high = 0.0, 1.0
-    state, acceleration = np.empty(6), np.empty(3)
-    for _ in range(30):
+    for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
         interpolate(step, middle, state)
-        if accelerate(state, model, acceleration):
+        if accelerate(state, model, work.scratch, work.stage):
             low = middle
         else:
             high = middle
     return high
 
 
-@compiled
+@lean
 def _is_clear(state: FloatArray, body: Body) -> bool:
-    """Whether the body moves out and is too far out to touch the face again, however it turns."""
+    """Whether the body will not touch the face again.
+
+    It moves out, and either it is too far out to touch the face however it turns, or all of it is outside and no point
+    of it can turn inwards as fast as the body leaves.
+    """
     reach = 0.0
     for i in range(body.corners.shape[0]):
         reach = max(reach, math.hypot(body.corners[i, 0], body.corners[i, 1]))
-    return bool(state[3] < 0.0 and state[0] < -reach)
+    leaving = -state[3]
+    if leaving > reach * abs(state[5]):
+        return bool(state[0] + deepest_offset(body, state[2]) < 0.0)
+    return bool(leaving > 0.0 and state[0] < -reach)
 
 
-@compiled
+@lean
 def end_of_step(
-    step: FloatArray, model: Model, was_loaded: bool, loaded: bool, initial_energy: float, last: bool, event: FloatArray
-) -> int:
+    step: FloatArray,
+    model: Model,
+    work: Work,
+    was_loaded: bool,
+    loaded: bool,
+    initial_energy: float,
+    last: bool,
+    event: FloatArray,
+) -> End:
     """Whether the run ends with this step, and how.
 
     Parameters
@@ -137,19 +149,19 @@ def end_of_step(
 
     Returns
     -------
-    int
-        A value of `End`, `End.NONE` to go on.
+    End
+        `End.NONE` to go on.
     """
     body, time, state = model.body, step[0], event[1:]
     if kinetic_energy(step[8:14], body) <= REST_ENERGY * initial_energy:
-        fraction = _rest_fraction(step, body, REST_ENERGY * initial_energy)
+        fraction = _rest_fraction(step, body, REST_ENERGY * initial_energy, state)
         event[0] = time + fraction * step[1]
         interpolate(step, fraction, state)
         return End.REST
     if loaded:
         event[0] = -1.0
     elif was_loaded:
-        fraction = _release_fraction(step, model)
+        fraction = _release_fraction(step, model, work, state)
         event[0] = time + fraction * step[1]
         interpolate(step, fraction, state)
         slow = kinetic_energy(state, body) < LODGED_ENERGY * initial_energy
@@ -159,6 +171,6 @@ def end_of_step(
         return End.EXIT
     if last:
         event[0] = time + step[1]
-        state[:] = step[8:14]
+        interpolate(step, 1.0, state)
         return End.TIME
     return End.NONE

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from solver.arrays import FloatArray
-from solver.compilation import compiled
+from solver.compilation import compiled, lean
 from solver.events import End, Run, deepest_tip, end_of_step, tip_depth
 from solver.motion import Model, Work, accelerate, kinetic_energy, make_work, store_step
 from solver.surface import Body
@@ -14,16 +14,18 @@ UNRESOLVED_ENERGY = 1e-2
 """Kinetic energy, over its initial value, below which a fixed step may be unable to tell motion from rest."""
 
 
-@compiled
+@lean
 def _attempt_step(state: FloatArray, step: float, model: Model, work: Work) -> None:
     """One step; the new state is in ``work.trial``."""
-    rate, point = np.empty((4, 6)), state.copy()
+    rate, point = work.stages, work.point
+    for n in range(6):
+        point[n] = state[n]
     for index in range(4):
         if index > 0:
             reach = step if index == 3 else 0.5 * step
             for n in range(6):
                 point[n] = state[n] + reach * rate[index - 1, n]
-            accelerate(point, model, work.stage)
+            accelerate(point, model, work.scratch, work.stage)
         for n in range(3):
             rate[index, n] = point[n + 3]
             rate[index, n + 3] = work.start[n] if index == 0 else work.stage[n]
@@ -31,7 +33,7 @@ def _attempt_step(state: FloatArray, step: float, model: Model, work: Work) -> N
         work.trial[n] = state[n] + step / 6.0 * (rate[0, n] + 2.0 * (rate[1, n] + rate[2, n]) + rate[3, n])
 
 
-@compiled
+@lean
 def _impulse_energy(acceleration: FloatArray, step: float, body: Body) -> float:
     """Kinetic energy that the present load gives or takes within one step, from rest or to rest. [J]"""
     translation = body.mass * (acceleration[0] ** 2 + acceleration[1] ** 2)
@@ -56,13 +58,13 @@ def integrate_fixed(start: FloatArray, model: Model, end_time: float, time_step:
     body, initial_energy = model.body, kinetic_energy(start, model.body)
     work, event, state = make_work(), np.full(7, -1.0), start.copy()
     deepest, gain, energy = tip_depth(state, body), 0.0, initial_energy
-    loaded = accelerate(state, model, work.start)
+    loaded = accelerate(state, model, work.scratch, work.start)
     count = math.ceil(end_time / time_step * (1.0 - 1e-12))
     for index in range(count):
         time = index * time_step
         step = min(time_step, end_time - time)
         _attempt_step(state, step, model, work)
-        was_loaded, loaded = loaded, accelerate(work.trial, model, work.end)
+        was_loaded, loaded = loaded, accelerate(work.trial, model, work.scratch, work.end)
         before, energy = energy, kinetic_energy(work.trial, body)
         enough = min(_impulse_energy(work.end, step, body), UNRESOLVED_ENERGY * initial_energy)
         if before < energy < enough:
@@ -70,10 +72,10 @@ def integrate_fixed(start: FloatArray, model: Model, end_time: float, time_step:
         gain = max(gain, (energy - before) / initial_energy)
         row = steps[index if steps.shape[0] > 1 else 0]
         store_step(row, time, step, state, work)
-        end = end_of_step(row, model, was_loaded, loaded, initial_energy, index == count - 1, event)
+        end = end_of_step(row, model, work, was_loaded, loaded, initial_energy, index == count - 1, event)
         until = time + step if end == End.NONE else event[0]
         if until > time:
-            deepest = max(deepest, deepest_tip(row, until, body))
+            deepest = max(deepest, deepest_tip(row, until, body, work.point))
         if end != End.NONE:
             return Run(end, event[0], event[1:], deepest, index + 1, 4 * index + 4, gain)
         state[:], work.start[:] = work.trial, work.end

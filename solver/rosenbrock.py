@@ -6,11 +6,13 @@ own size. Coefficients: Hairer and Wanner, Solving Ordinary Differential Equatio
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from solver.arrays import FloatArray
-from solver.compilation import compiled
+from solver.compilation import compiled, lean
+from solver.motion import Model, Work, accelerate
 
 STAGES = 6
 GAMMA = 0.25
@@ -35,63 +37,123 @@ COUPLINGS = np.array(
         [8.083246795921522, -7.981132988064893, -31.52159432874371, 16.31930543123136, -6.058818238834054],
     ]
 )
+EVALUATIONS = 6
+DIFFERENCE = 1e-7
+"""Step of the difference quotients in position, over the distance from centre of gravity to tip."""
+VELOCITY_DIFFERENCE = 1e-3
+"""That in velocity, over the ramp velocity: below it the static stress is smooth."""
+DIFFERENCES = 5
+"""Evaluations for one linearisation."""
+
+
+class Linearisation(NamedTuple):
+    """Derivatives of the accelerations by position and velocity, and the inverse that the stages share; all (3, 3)."""
+
+    stiffness: FloatArray
+    damping: FloatArray
+    inverse: FloatArray
 
 
 @compiled
-def newton_inverse(stiffness: FloatArray, damping: FloatArray, step: float, inverse: FloatArray) -> None:
+def make_linearisation() -> Linearisation:
+    """Empty room."""
+    return Linearisation(np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((3, 3)))
+
+
+@lean
+def linearise(state: FloatArray, model: Model, work: Work, linear: Linearisation) -> None:
+    """Difference quotients of the accelerations, each away from zero. Nothing depends on the lateral position."""
+    length, point = model.body.tip, work.point
+    for n in range(6):
+        point[n] = state[n]
+    for n in range(6):
+        if n == 1:
+            continue
+        increment = math.copysign(VELOCITY_DIFFERENCE * model.law.ramp_velocity if n > 2 else DIFFERENCE, state[n])
+        if n == 0:
+            increment *= length
+        elif n == 5:
+            increment /= length
+        point[n] = state[n] + increment
+        accelerate(point, model, work.scratch, work.stage)
+        for i in range(3):
+            slope = (work.stage[i] - work.start[i]) / increment
+            if n < 3:
+                linear.stiffness[i, n] = slope
+            else:
+                linear.damping[i, n - 3] = slope
+        point[n] = state[n]
+
+
+@lean
+def _invert(linear: Linearisation, step: float) -> None:
     """Inverse of ``I/(hγ) - ∂a/∂v - hγ ∂a/∂q``, by cofactors."""
-    g = step * GAMMA
-    m = -damping - g * stiffness
-    for i in range(3):
-        m[i, i] += 1.0 / g
+    g, m = step * GAMMA, linear.inverse
+    a, b, c = _newton(linear, g, 0, 0), _newton(linear, g, 0, 1), _newton(linear, g, 0, 2)
+    d, e, f = _newton(linear, g, 1, 0), _newton(linear, g, 1, 1), _newton(linear, g, 1, 2)
+    p, q, r = _newton(linear, g, 2, 0), _newton(linear, g, 2, 1), _newton(linear, g, 2, 2)
+    m[0, 0], m[0, 1], m[0, 2] = e * r - f * q, c * q - b * r, b * f - c * e
+    m[1, 0], m[1, 1], m[1, 2] = f * p - d * r, a * r - c * p, c * d - a * f
+    m[2, 0], m[2, 1], m[2, 2] = d * q - e * p, b * p - a * q, a * e - b * d
+    determinant = a * m[0, 0] + b * m[1, 0] + c * m[2, 0]
     for i in range(3):
         for j in range(3):
-            a, b, c, d = (j + 1) % 3, (j + 2) % 3, (i + 1) % 3, (i + 2) % 3
-            inverse[i, j] = m[a, c] * m[b, d] - m[a, d] * m[b, c]
-    inverse /= m[0, 0] * inverse[0, 0] + m[0, 1] * inverse[1, 0] + m[0, 2] * inverse[2, 0]
+            m[i, j] /= determinant
 
 
-@compiled
-def stage_state(state: FloatArray, stages: FloatArray, index: int, out: FloatArray) -> None:
-    """State at which stage `index` evaluates the acceleration."""
-    for n in range(6):
-        out[n] = state[n]
-        for j in range(index):
-            out[n] += STAGE_WEIGHTS[index, j] * stages[j, n]
+@lean
+def _newton(linear: Linearisation, g: float, i: int, j: int) -> float:
+    own = 1.0 / g if i == j else 0.0
+    return own - float(linear.damping[i, j] + g * linear.stiffness[i, j])
 
 
-@compiled
-def solve_stage(
-    velocity: FloatArray,
-    acceleration: FloatArray,
-    step: float,
-    stiffness: FloatArray,
-    inverse: FloatArray,
-    stages: FloatArray,
-    index: int,
+@lean
+def _solve_stage(
+    point: FloatArray, acceleration: FloatArray, step: float, linear: Linearisation, stages: FloatArray, index: int
 ) -> None:
     """Fill row `index` of `stages` from the rate at its state."""
     g = step * GAMMA
-    rate = np.empty(6)
     for n in range(3):
-        rate[n], rate[n + 3] = velocity[n], acceleration[n]
-    for n in range(6):
+        drift, push = point[n + 3], acceleration[n]
         for j in range(index):
-            rate[n] += COUPLINGS[index, j] / step * stages[j, n]
-    force = np.empty(3)
+            drift += COUPLINGS[index, j] / step * stages[j, n]
+            push += COUPLINGS[index, j] / step * stages[j, n + 3]
+        stages[index, n], stages[index, n + 3] = drift, push
+    drift, push, inverse = stages[index, :3], stages[index, 3:], linear.inverse
     for i in range(3):
-        force[i] = rate[i + 3]
         for j in range(3):
-            force[i] += g * stiffness[i, j] * rate[j]
+            push[i] += g * linear.stiffness[i, j] * drift[j]
+    a, b, c = push[0], push[1], push[2]
     for i in range(3):
-        stages[index, i + 3] = inverse[i, 0] * force[0] + inverse[i, 1] * force[1] + inverse[i, 2] * force[2]
-        stages[index, i] = g * (rate[i] + stages[index, i + 3])
+        push[i] = inverse[i, 0] * a + inverse[i, 1] * b + inverse[i, 2] * c
+        drift[i] = g * (drift[i] + push[i])
 
 
-@compiled
-def error_norm(stages: FloatArray, scale: FloatArray, relative_tolerance: float) -> float:
-    """Estimated error of the step over the tolerance; the last stage is the difference of the pair."""
+@lean
+def attempt_step(
+    state: FloatArray, step: float, model: Model, work: Work, linear: Linearisation, scale: FloatArray
+) -> tuple[float, bool]:
+    """Try a step from the accelerations in ``work.start`` to the state in ``work.trial`` and those in ``work.end``.
+
+    Returns
+    -------
+    tuple
+        Error over the scale, and whether anything is loaded at the end.
+    """
+    stages, trial = work.stages, work.trial
+    _invert(linear, step)
+    _solve_stage(state, work.start, step, linear, stages, 0)
+    for index in range(1, STAGES):
+        for n in range(6):
+            trial[n] = state[n]
+            for j in range(index):
+                trial[n] += STAGE_WEIGHTS[index, j] * stages[j, n]
+        accelerate(trial, model, work.scratch, work.stage)
+        _solve_stage(trial, work.stage, step, linear, stages, index)
     total = 0.0
     for n in range(6):
-        total += (stages[STAGES - 1, n] / scale[n]) ** 2
-    return math.sqrt(total / 6.0) / relative_tolerance
+        error = stages[STAGES - 1, n]  # the difference of the pair
+        trial[n] += error
+        total += (error / scale[n]) ** 2
+    loaded = accelerate(trial, model, work.scratch, work.end)
+    return math.sqrt(total / 6.0), loaded

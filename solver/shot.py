@@ -6,18 +6,20 @@ from enum import StrEnum
 
 import numpy as np
 
-from solver.adaptive import STEP_LIMIT, integrate_adaptive
+from solver.adaptive import LARGEST_STEP, STEP_LIMIT, Accuracy, integrate_adaptive
 from solver.arrays import FloatArray
 from solver.errors import IntegrationError, StepLimitError
 from solver.events import End, Run
 from solver.fixed_step import integrate_fixed
 from solver.impact import Impact
-from solver.loads import Law, build_law, build_tables
-from solver.motion import RAMP_FRACTION, STEP_WIDTH, Model
+from solver.loads import build_law, build_quadrature
+from solver.motion import CORNERED_RAMP, RAMP_FRACTION, STEP_WIDTH, Model, make_work, start_state
 from solver.numerics import ResolvedNumerics
 from solver.projectile import Projectile, mass_properties
 from solver.resistance import Resistance, strength_factor
-from solver.surface import NO_PANELS, Body, build_body, build_panels, deepest_offset
+from solver.rings import Law
+from solver.rosenbrock import make_linearisation
+from solver.surface import NO_PANELS, Body, build_body, build_panels
 from solver.target import Target
 from solver.validation import require
 
@@ -46,6 +48,7 @@ class Shot:
         return self.model.law._replace(
             static_stress=factor * self.target.compressive_strength,
             ramp_velocity=RAMP_FRACTION * impact.velocity,
+            smooth_ramp=self.numerics.relative_tolerance < CORNERED_RAMP,
         )
 
 
@@ -64,7 +67,7 @@ def prepare(*, projectile: Projectile, target: Target, resistance: Resistance, n
     model = Model(
         body=build_body(projectile, properties),
         law=build_law(resistance=resistance, target=target, strength_factor=1.0, ramp_velocity=1.0),
-        tables=build_tables(resistance=resistance, target=target, stations=numerics.stations, points=numerics.points),
+        quadrature=build_quadrature(stations=numerics.stations, points=numerics.points),
         panels=panels,
     )
     return Shot(projectile, target, resistance, numerics, model)
@@ -79,33 +82,32 @@ def integrate(shot: Shot, model: Model, impact: Impact, *, keep_steps: bool) -> 
         run = integrate_fixed(start, model, end_time, numerics.time_step, steps)
     else:
         steps = np.empty((STEP_LIMIT if keep_steps else 1, STEP_WIDTH))
-        run = integrate_adaptive(start, model, end_time, numerics.relative_tolerance, steps)
-    if run.end == End.STEP_LIMIT:
-        raise StepLimitError(f"more than {STEP_LIMIT} steps, stopped at {run.time:g} s")
-    if run.end == End.NOT_FINITE or not np.isfinite(run.state).all():
-        raise IntegrationError(f"the motion is no longer finite at {run.time:g} s")
+        work, linear = make_work(), make_linearisation()
+        run = integrate_adaptive(
+            start, model, end_time, Accuracy(numerics.relative_tolerance, LARGEST_STEP), steps, work, linear
+        )
+    check_end(run.end if np.isfinite(run.state).all() else End.NOT_FINITE, run.time)
     return run, steps[: run.steps]
 
 
 def initial_state(impact: Impact, body: Body) -> FloatArray:
     """State at first contact, when the deepest point of the surface touches the face."""
-    return np.array(
-        [
-            -deepest_offset(body, impact.axis_angle),
-            0.0,
-            impact.axis_angle,
-            impact.velocity * math.cos(impact.oblique_angle),
-            impact.velocity * math.sin(impact.oblique_angle),
-            impact.angular_velocity,
-        ]
-    )
+    return start_state(body, impact.velocity, impact.oblique_angle, impact.angle_of_attack, impact.angular_velocity)
 
 
-def outcome_of(run: Run) -> Outcome:
-    """How the run ended."""
-    if run.end == End.EXIT:
+def outcome_of(end: int) -> Outcome:
+    """What the end of a run, a value of `End`, comes to."""
+    if end == End.EXIT:
         return Outcome.RICOCHET
-    return Outcome.EMBEDDED if run.end in (End.REST, End.LODGED) else Outcome.IN_MOTION
+    return Outcome.EMBEDDED if end in (End.REST, End.LODGED) else Outcome.IN_MOTION
+
+
+def check_end(end: int, time: float) -> None:
+    """Raise an error if a run ended because it could not be integrated."""
+    if end == End.STEP_LIMIT:
+        raise StepLimitError(f"more than {STEP_LIMIT} steps, stopped at {time:g} s")
+    if end == End.NOT_FINITE:
+        raise IntegrationError(f"the motion is no longer finite at {time:g} s")
 
 
 def final_tip_depth(run: Run, body: Body, time: float) -> float:

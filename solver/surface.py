@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from solver.arrays import FloatArray
+from solver.compilation import compiled
 from solver.projectile import Line, MassProperties, OutlinePiece, Projectile
 from solver.validation import require
 
@@ -20,8 +21,8 @@ class Body(NamedTuple):
     """A projectile for the compiled code. The centre of gravity is the origin, positions ahead of it are positive."""
 
     outline: FloatArray
-    """(n, 6). A line: kind, axial position and radius at its start, its length, sine and cosine of α. An arc: kind,
-    axial position and radius of its centre, its radius, smallest and largest α. [m, rad]"""
+    """(n, 7). A line: kind, axial position and radius at its start, its length, sine and cosine of α, and α. An arc:
+    kind, axial position and radius of its centre, its radius, smallest and largest α, and nothing. [m, rad]"""
     corners: FloatArray
     """(m, 2) axial position and radius of the points between pieces, tip and rear edge included. [m]"""
     tip: float
@@ -62,11 +63,12 @@ def build_body(projectile: Projectile, properties: MassProperties) -> Body:
     for piece in projectile.outline():
         if isinstance(piece, Line):
             sine, cosine = (piece.r_end - piece.r_start) / piece.length, (piece.x_end - piece.x_start) / piece.length
-            rows.append((LINE, center - piece.x_start, piece.r_start, piece.length, sine, cosine))
+            alpha = math.atan2(sine, cosine)
+            rows.append((LINE, center - piece.x_start, piece.r_start, piece.length, sine, cosine, alpha))
             corners += [(center - piece.x_start, piece.r_start), (center - piece.x_end, piece.r_end)]
         else:
             rows.append(
-                (ARC, center - piece.x_center, piece.r_center, piece.radius, piece.angle_end, piece.angle_start)
+                (ARC, center - piece.x_center, piece.r_center, piece.radius, piece.angle_end, piece.angle_start, 0.0)
             )
             for angle in (piece.angle_start, piece.angle_end):
                 x, r = piece.x_center - piece.radius * math.sin(angle), piece.r_center + piece.radius * math.cos(angle)
@@ -74,14 +76,18 @@ def build_body(projectile: Projectile, properties: MassProperties) -> Body:
     return Body(np.array(rows), np.array(corners), center, properties.mass, properties.moment_of_inertia)
 
 
+@compiled
 def deepest_offset(body: Body, axis_angle: float) -> float:
     """Depth of the deepest point of the surface ahead of the centre of gravity. [m]"""
     c, s = math.cos(axis_angle), abs(math.sin(axis_angle))
-    reach = float(np.max(body.corners[:, 0] * c + body.corners[:, 1] * s))
-    for kind, axial, radius, size, lowest, highest in body.outline:
-        facing = math.atan2(c, s)  # α of the element whose normal points into depth
-        if kind == ARC and lowest < facing < highest:
-            reach = max(reach, axial * c + radius * s + size)
+    facing = math.atan2(c, s)  # α of the element whose normal points into depth
+    reach = -math.inf
+    for i in range(body.corners.shape[0]):
+        reach = max(reach, body.corners[i, 0] * c + body.corners[i, 1] * s)
+    for i in range(body.outline.shape[0]):
+        piece = body.outline[i]
+        if piece[0] == ARC and piece[4] < facing < piece[5]:
+            reach = max(reach, piece[1] * c + piece[2] * s + piece[3])
     return reach
 
 

@@ -132,7 +132,7 @@ def run_shot(shot: Shot, impact: Impact, sample_interval: float | None) -> Traje
     """One strike of a prepared shot."""
     model = shot.model._replace(law=shot.law_at(impact))
     run, steps = integrate(shot, model, impact, keep_steps=sample_interval is not None)
-    outcome = outcome_of(run)
+    outcome = outcome_of(run.end)
     return Trajectory(
         outcome=outcome,
         final=_motion_at(run, model),

@@ -19,11 +19,13 @@ from solver import (
     mass_properties,
     simulate,
 )
-from solver.adaptive import integrate_adaptive
+from solver.adaptive import LARGEST_STEP, Accuracy, integrate_adaptive
 from solver.arrays import FloatArray
 from solver.cases import PAPER_TARGET
 from solver.fixed_step import integrate_fixed
-from solver.motion import STEP_WIDTH, Model, load
+from solver.loads import make_scratch
+from solver.motion import STEP_WIDTH, Model, load, make_work
+from solver.rosenbrock import make_linearisation
 from solver.shot import initial_state, prepare
 from solver.surface import build_panels
 
@@ -122,12 +124,15 @@ def test_fixed_step_is_of_fourth_order_while_the_motion_is_smooth() -> None:
 def test_adaptive_step_error_falls_with_its_tolerance() -> None:
     """In proportion, within a factor of three over four decades: error control of one step, summed."""
     start, model = deep_inside(Numerics(stations=16, points=8))
-    exact = integrate_adaptive(start.copy(), model, 1e-4, 1e-12, no_table()).state
+
+    def final(tolerance: float) -> FloatArray:
+        room = make_work(), make_linearisation()
+        accuracy = Accuracy(tolerance, LARGEST_STEP)
+        return integrate_adaptive(start.copy(), model, 1e-4, accuracy, no_table(), *room).state
+
+    exact = final(1e-12)
     tolerances = np.array([1e-6, 1e-7, 1e-8, 1e-9, 1e-10])
-    errors = [
-        np.abs(integrate_adaptive(start.copy(), model, 1e-4, tolerance, no_table()).state - exact)[0]
-        for tolerance in tolerances
-    ]
+    errors = [np.abs(final(float(tolerance)) - exact)[0] for tolerance in tolerances]
     assert slope(tolerances, np.array(errors)) == pytest.approx(1.0, abs=0.2)
     assert all(error < 0.1 * tolerance for error, tolerance in zip(errors, tolerances, strict=True))
 
@@ -136,12 +141,12 @@ def test_panels_converge_with_the_square_of_their_size_to_the_gauss_points() -> 
     """Where the surface is loaded throughout; where the face cuts panels, order one and a scatter remain."""
     start, gauss = deep_inside(Numerics(stations=32, points=32))
     gauss = gauss._replace(law=gauss.law._replace(ramp_velocity=1e-9))  # panels know no ramp
-    expected = np.array(load(start, gauss))
+    expected = np.array(load(start, gauss, make_scratch()))
     counts = np.array([500, 2_000, 8_000, 32_000])
     errors = []
     for count in counts:
         panels = build_panels(SHORT_CONE, mass_properties(SHORT_CONE), int(count))
-        errors.append(np.abs(np.array(load(start, gauss._replace(panels=panels))) / expected - 1.0))
+        errors.append(np.abs(np.array(load(start, gauss._replace(panels=panels), make_scratch())) / expected - 1.0))
     moment = np.array(errors)[:, 2]
     assert slope(1.0 / np.sqrt(counts), moment) == pytest.approx(2.0, abs=0.3)
     assert np.all(np.array(errors)[-1] < 1e-4)

@@ -1,0 +1,84 @@
+"""Where a piece of outline is cut into stretches on which the loaded arcs change smoothly, compiled.
+
+Cuts are where the face, or the line on which elements start to separate, crosses the top or the bottom of a ring.
+"""
+
+import math
+
+from solver.arrays import FloatArray
+from solver.compilation import lean
+from solver.polynomials import sine
+from solver.surface import ARC
+
+MAX_CUTS = 8
+"""Ends of the stretches of one outline piece: two ends and at most six crossings."""
+
+Motion = tuple[float, float, float, float, float, float]
+"""Depth of the centre of gravity, cosine and sine of the axis angle; velocities along and across the axis, and spin."""
+
+
+@lean
+def _insert(cuts: FloatArray, count: int, value: float, upper: float) -> int:
+    """Put `value` in its place among the sorted `cuts`, if it lies inside; return how many there are."""
+    if not cuts[0] < value < upper:
+        return count
+    place = count
+    while cuts[place - 1] > value:
+        cuts[place] = cuts[place - 1]
+        place -= 1
+    cuts[place] = value
+    return count + 1
+
+
+@lean
+def _cut_arc(cuts: FloatArray, piece: FloatArray, motion: Motion) -> int:
+    """Angles α at which the face or the separation line crosses the top or bottom of a circular piece."""
+    depth, c, s, forward, sideways, spin = motion
+    axial, radius, size, upper = piece[1], piece[2], piece[3], piece[5]
+    angle = math.atan2(s, c)
+    cuts[0] = piece[4]
+    count = 1
+    for side in (-1.0, 1.0):
+        height = (side * radius * s - depth - axial * c) / size
+        if abs(height) < 1.0:
+            root = math.asin(height)
+            for crossing in (side * angle + root, side * angle + math.pi - root):
+                count = _insert(cuts, count, crossing if crossing <= math.pi else crossing - 2.0 * math.pi, upper)
+        separation = math.atan(-side * (sideways + spin * axial) / (forward - side * spin * radius))
+        count = _insert(cuts, count, separation, upper)
+    cuts[count] = upper
+    return count
+
+
+@lean
+def _cut_line(cuts: FloatArray, piece: FloatArray, motion: Motion) -> int:
+    """Distances along a straight piece at which they do."""
+    depth, c, s, forward, sideways, spin = motion
+    axial, radius, length, sine_, cosine = piece[1], piece[2], piece[3], piece[4], piece[5]
+    cuts[0] = 0.0
+    count = 1
+    across = (sideways + spin * axial) * cosine - spin * radius * sine_
+    for side in (-1.0, 1.0):
+        slope = cosine * c + side * sine_ * s
+        if slope != 0.0:
+            count = _insert(cuts, count, (depth + axial * c - side * radius * s) / slope, length)
+        if spin != 0.0:
+            count = _insert(cuts, count, (side * forward * sine_ + across) / spin, length)
+    cuts[count] = length
+    return count
+
+
+@lean
+def ring_at(piece: FloatArray, place: float) -> tuple[float, float, float, float]:
+    """Sine and cosine of α, axial position and radius of the ring at a place on a piece."""
+    if piece[0] == ARC:
+        sine_, half = sine(place), sine(0.5 * place)
+        cosine = 1.0 - 2.0 * half * half
+        return sine_, cosine, piece[1] + piece[3] * sine_, piece[2] + piece[3] * cosine
+    return piece[4], piece[5], piece[1] - place * piece[5], piece[2] + place * piece[4]
+
+
+@lean
+def cut(cuts: FloatArray, piece: FloatArray, motion: Motion) -> int:
+    """Write the sorted ends of the stretches of a piece; return how many stretches there are."""
+    return _cut_arc(cuts, piece, motion) if piece[0] == ARC else _cut_line(cuts, piece, motion)
