@@ -48,6 +48,7 @@ DESCRIPTIONS = {
     "critical_angle_deg": "smallest oblique angle, from the normal, at which the projectile is turned away",
     "oblique_angle_deg": "angle tried, from the inward normal of the face to the velocity",
     "final_position_m": "depth of the nose tip at the end of the trial",
+    "fine": "whether the trial was computed as finely as asked for, or only to see where to look",
 }
 TABLES = {
     "summary": "the answer in short",

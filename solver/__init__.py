@@ -4,6 +4,7 @@ from solver.advice import ModelWarning
 from solver.errors import IntegrationError, ParameterError, RicochetError, StepLimitError
 from solver.free_surface import ElasticPlastic, MohrCoulomb, NoFreeSurface, decay_factor
 from solver.impact import Impact
+from solver.many import critical_angle_many, simulate_many
 from solver.numerics import Numerics
 from solver.projectile import (
     Conical,
@@ -24,13 +25,14 @@ from solver.resistance import (
     StrengthPowerLaw,
     strength_factor,
 )
-from solver.ricochet import CriticalAngle, Search, SearchStatus, Trial, critical_angle
+from solver.ricochet import critical_angle
+from solver.search import CriticalAngle, Search, SearchStatus, Trial
 from solver.shot import Outcome
 from solver.target import Target, concrete_youngs_modulus
 from solver.trajectory import Motion, Trajectory, simulate
 from solver.warm_up import warm_up
 
-ENGINE_VERSION = "1"
+ENGINE_VERSION = "2"
 """Raised whenever results change: results kept under another version are not used."""
 
 __all__ = [
@@ -67,9 +69,11 @@ __all__ = [
     "Trial",
     "concrete_youngs_modulus",
     "critical_angle",
+    "critical_angle_many",
     "decay_factor",
     "mass_properties",
     "simulate",
+    "simulate_many",
     "solid_properties",
     "strength_factor",
     "warm_up",

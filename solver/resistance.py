@@ -31,9 +31,9 @@ class ConstantStrengthFactor:
     def __post_init__(self) -> None:
         require_positive(f"{FIELD}.value", self.value)
 
-    def evaluate(self, *, oblique_angle: float, target: Target) -> float:
-        """S for a strike at `oblique_angle` [rad] into `target`. [1]"""
-        return self.value
+    def polynomial(self, target: Target) -> tuple[float, ...]:
+        """S in powers of the oblique angle in degrees, constant first."""
+        return (self.value,)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -59,13 +59,9 @@ class ObliquityPolynomial:
         for index, coefficient in enumerate(self.coefficients):
             require_finite(f"{FIELD}.coefficients.{index}", coefficient)
 
-    def evaluate(self, *, oblique_angle: float, target: Target) -> float:
-        """S for a strike at `oblique_angle` [rad], either side of the normal. [1]"""
-        degrees = abs(math.degrees(oblique_angle))
-        value = 0.0
-        for coefficient in reversed(self.coefficients):
-            value = value * degrees + coefficient
-        return value
+    def polynomial(self, target: Target) -> tuple[float, ...]:
+        """S in powers of the oblique angle in degrees, constant first."""
+        return self.coefficients
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -88,9 +84,9 @@ class StrengthPowerLaw:
         require_positive(f"{FIELD}.coefficient", self.coefficient)
         require_finite(f"{FIELD}.exponent", self.exponent)
 
-    def evaluate(self, *, oblique_angle: float, target: Target) -> float:
-        """S of the concrete, the same at every angle. [1]"""
-        return float(self.coefficient * (target.compressive_strength / 1e6) ** self.exponent)
+    def polynomial(self, target: Target) -> tuple[float, ...]:
+        """S in powers of the oblique angle in degrees: a constant, the same at every angle."""
+        return (float(self.coefficient * (target.compressive_strength / 1e6) ** self.exponent),)
 
 
 StrengthFactor: TypeAlias = ConstantStrengthFactor | ObliquityPolynomial | StrengthPowerLaw
@@ -144,7 +140,9 @@ def strength_factor(*, resistance: Resistance, oblique_angle: float, target: Tar
     ParameterError
         If the model gives a value that is not above zero at this angle.
     """
-    value = resistance.strength_factor.evaluate(oblique_angle=oblique_angle, target=target)
+    degrees, value = abs(math.degrees(oblique_angle)), 0.0
+    for coefficient in reversed(resistance.strength_factor.polynomial(target)):
+        value = value * degrees + coefficient
     if not (math.isfinite(value) and value > 0.0):
         raise ParameterError(
             FIELD,

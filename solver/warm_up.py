@@ -1,7 +1,8 @@
 """Load or compile every compiled function, so that no query has to wait for it."""
 
-from solver.cases import PAPER_PROJECTILE, PAPER_TARGET, paper_impact
+from solver.cases import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY, paper_impact
 from solver.numerics import Numerics
+from solver.ricochet import critical_angle
 from solver.trajectory import simulate
 
 
@@ -15,3 +16,4 @@ def warm_up() -> None:
             numerics=Numerics(method=method, panels=100, termination_time=1e-4),
             sample_interval=1e-4,
         )
+    critical_angle(projectile=PAPER_PROJECTILE, target=PAPER_TARGET, velocity=PAPER_VELOCITY)

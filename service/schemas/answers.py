@@ -18,17 +18,17 @@ STATE = {
     "axis_angle_deg": 70.36,
     "depth_velocity_m_s": 0.7627,
     "lateral_velocity_m_s": 2.254,
-    "angular_velocity_rad_s": 0.3573,
-    "depth_force_n": -365400.0,
+    "angular_velocity_rad_s": 0.3571,
+    "depth_force_n": -366100.0,
     "lateral_force_n": -1082000.0,
-    "moment_n_m": -2604.0,
+    "moment_n_m": -2742.0,
     "kinetic_energy_j": 36.82,
 }
 WARNING = {
     "code": "mass_properties_assumed",
     "detail": "moment of inertia not given: that of a homogeneous solid of the outer shape is used",
 }
-TRIAL = {"oblique_angle_deg": 45.0, "final_position_m": 0.121269, "outcome": "embedded"}
+TRIAL = {"oblique_angle_deg": 45.0, "final_position_m": 0.120327, "outcome": "embedded", "fine": False}
 RUN = {"outcome": "embedded", "final": STATE, "maximum_depth_m": 0.121271, "warnings": [WARNING]}
 FOUND = {
     "status": "converged",
@@ -39,7 +39,7 @@ FOUND = {
     "warnings": [WARNING],
 }
 NONE_FOUND = {"status": "no_ricochet", "iterations": [TRIAL], "other_crossings_deg": [], "warnings": [WARNING]}
-VERSIONED = {"key": "0" * 64, "engine_version": "1"}
+VERSIONED = {"key": "0" * 64, "engine_version": "2"}
 
 Key = Annotated[
     str,
@@ -130,6 +130,10 @@ class Trial(Part):
         Field(description="Depth of the nose tip at the end, or at the termination time in the paper's searches. [m]"),
     ]
     outcome: Outcome
+    fine: Annotated[
+        bool,
+        Field(description="False for a trial that only showed where to look: it was computed more roughly."),
+    ]
 
 
 class CriticalAngleAnswer(Part):

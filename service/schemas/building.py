@@ -54,6 +54,7 @@ def critical_angle_answer(
             "oblique_angle_deg": degrees(trial.oblique_angle),
             "final_position_m": trial.final_position,
             "outcome": trial.outcome.value,
+            "fine": trial.fine,
         }
         for trial in found.iterations
     ]

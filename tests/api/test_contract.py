@@ -132,7 +132,7 @@ def test_csv_of_a_trajectory_without_history_is_its_end(client: httpx.Client) ->
 
 def test_csv_of_a_search_is_its_trials(client: httpx.Client, search: dict[str, Any]) -> None:
     table = table_of(client.get(f"/results/{search['key']}", headers=CSV))
-    assert list(table) == ["oblique_angle_deg", "final_position_m", "outcome"]
+    assert list(table) == ["oblique_angle_deg", "final_position_m", "outcome", "fine"]
     assert table["outcome"] == [trial["outcome"] for trial in search["iterations"]]
 
 

@@ -1,0 +1,227 @@
+"""Search for the angle at which the outcome changes, as one compiled call.
+
+A scan looks at the whole range with wide steps and few points. Where the outcome changes between two of its angles, a
+root search on how clearly a trial was turned away, or not, narrows the bracket. Two finer levels find the change again
+near there; both ends of the final bracket have been seen at the finest level.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from solver.adaptive import Accuracy, integrate_adaptive
+from solver.arrays import FloatArray
+from solver.compilation import compiled, lean
+from solver.events import LODGED_ENERGY, End, Run, tip_depth
+from solver.fixed_step import integrate_fixed
+from solver.loads import Quadrature
+from solver.motion import STEP_WIDTH, Model, Work, kinetic_energy, make_work, start_state
+from solver.rings import Law
+from solver.rosenbrock import Linearisation, make_linearisation
+
+ANGLE, POSITION, END, MARGIN, FINE = range(5)
+"""Columns of the table of trials: oblique angle, final depth of the nose tip, a value of `End`, how clearly the
+projectile was turned away (above zero) or not, and whether the trial was of the finest level. [rad, m, 1, 1, 1]"""
+MOST_TRIALS = 2000
+EXIT, STEP_LIMIT, NOT_FINITE = End.EXIT.value, End.STEP_LIMIT.value, End.NOT_FINITE.value
+
+
+class Strike(NamedTuple):
+    """What all trials have in common beside projectile and target."""
+
+    velocity: float
+    angle_of_attack: float
+    angular_velocity: float
+    strength: FloatArray
+    """S as a polynomial in the oblique angle in degrees, constant first."""
+    compressive_strength: float
+    end_time: float
+    time_step: float
+    """Of the route of panels."""
+
+
+class Level(NamedTuple):
+    """How finely trials are computed, and how far they narrow a change."""
+
+    quadrature: Quadrature
+    accuracy: Accuracy
+    ramp_fraction: float
+    smooth_ramp: bool
+    stride: float
+    """How far the change may lie from where the level before has found it; a first guess. [rad]"""
+    tolerance: float
+    """Width of the bracket. [rad]"""
+    finest: bool
+
+
+class Room(NamedTuple):
+    """Room for one trial, and the table of trials."""
+
+    work: Work
+    linear: Linearisation
+    steps: FloatArray
+    trials: FloatArray
+
+
+class Found(NamedTuple):
+    """Result of a search."""
+
+    trials: FloatArray
+    """(n, 5) in order, columns as above."""
+    brackets: npt.NDArray[np.int64]
+    """(m, 2) for each change of outcome, in order: the numbers of the trials on its two sides."""
+
+
+@lean
+def strength_at(oblique_angle: float, strength: FloatArray) -> float:
+    """S at an oblique angle."""
+    degrees, value = abs(math.degrees(oblique_angle)), 0.0
+    for k in range(strength.size - 1, -1, -1):
+        value = value * degrees + strength[k]
+    return value
+
+
+@lean
+def _margin(run: Run, model: Model, initial_energy: float) -> float:
+    """How clearly a projectile was turned away, above zero, or not; near zero at the critical angle.
+
+    Turned away, it is the energy left; lodged or at rest, it grows with the depth of the tip.
+    """
+    least = 1e-9
+    energy = kinetic_energy(run.state, model.body) / initial_energy - LODGED_ENERGY
+    if run.end == End.EXIT:
+        return max(energy, least)
+    depth = max(tip_depth(run.state, model.body), 0.0) / model.body.tip
+    return min(energy, 0.0) - max(depth * depth, least)
+
+
+@compiled
+def _try(oblique_angle: float, strike: Strike, model: Model, level: Level, room: Room, count: int) -> int:
+    """Run one trial and write it into the table, as number `count`; return the number of the next."""
+    law = Law(
+        strength_at(oblique_angle, strike.strength) * strike.compressive_strength,
+        model.law.dynamic_density,
+        level.ramp_fraction * strike.velocity,
+        level.smooth_ramp,
+        model.law.decay,
+    )
+    present = Model(model.body, law, level.quadrature, model.panels)
+    start = start_state(model.body, strike.velocity, oblique_angle, strike.angle_of_attack, strike.angular_velocity)
+    if model.panels.area.size > 0:
+        run = integrate_fixed(start, present, strike.end_time, strike.time_step, room.steps)
+    else:
+        run = integrate_adaptive(start, present, strike.end_time, level.accuracy, room.steps, room.work, room.linear)
+    row = room.trials[count]
+    row[ANGLE], row[POSITION], row[END] = oblique_angle, tip_depth(run.state, model.body), run.end.value
+    row[FINE] = 1.0 if level.finest else 0.0
+    row[MARGIN] = _margin(run, model, kinetic_energy(start, model.body))
+    return count + 1
+
+
+@lean
+def _failed(trial: FloatArray) -> bool:
+    return bool(trial[END] == STEP_LIMIT or trial[END] == NOT_FINITE)
+
+
+@lean
+def _turned_away(trial: FloatArray) -> bool:
+    return bool(trial[END] == EXIT)
+
+
+@compiled
+def _bracket(
+    left: int, right: int, strike: Strike, model: Model, level: Level, room: Room, count: int
+) -> tuple[int, int, int]:
+    """Find the change again, from where a rougher level has found it, in growing strides.
+
+    Returns
+    -------
+    tuple of three integers
+        The trials on its two sides, and the number of the next trial. The sides are the same if it is not in the range.
+    """
+    trials, rising = room.trials, _turned_away(room.trials[right])
+    lowest, highest = trials[:count, ANGLE].min(), trials[:count, ANGLE].max()
+    angle, stride = 0.5 * (trials[left, ANGLE] + trials[right, ANGLE]), level.stride
+    new, count = count, _try(angle, strike, model, level, room, count)
+    beyond = _turned_away(trials[new]) == rising
+    while count < MOST_TRIALS and lowest < angle < highest and not _failed(trials[new]):
+        angle = max(angle - stride, lowest) if beyond else min(angle + stride, highest)
+        last, new, count = new, count, _try(angle, strike, model, level, room, count)
+        if (_turned_away(trials[new]) == rising) != beyond:
+            return (new, last, count) if beyond else (last, new, count)
+        stride *= 4.0
+    return new, new, count
+
+
+@compiled
+def _narrow(
+    left: int, right: int, strike: Strike, model: Model, level: Level, room: Room, count: int
+) -> tuple[int, int, int]:
+    """Narrow the change between two trials to the tolerance of the level; return as above.
+
+    Notes
+    -----
+    Regula falsi on the margin. The margin of an end that stays is halved (the Illinois rule), each trial keeps half of
+    the tolerance off the ends, so that it can be the last, and after three trials that together did not halve the
+    bracket the next one does.
+    """
+    trials, rising, tolerance = room.trials, _turned_away(room.trials[right]), level.tolerance
+    margin_left, margin_right = trials[left, MARGIN], trials[right, MARGIN]
+    goal, patience = math.inf, 3
+    while count < MOST_TRIALS and not _failed(trials[count - 1]):
+        a, b = trials[left, ANGLE], trials[right, ANGLE]
+        width = b - a
+        if width <= tolerance:
+            break
+        if width <= goal:
+            goal, patience = 0.5 * width, 3
+        if patience == 0:
+            angle, goal = 0.5 * (a + b), math.inf
+        else:
+            patience -= 1
+            keep_off = min(0.45 * tolerance, 0.25 * width)
+            angle = (a * margin_right - b * margin_left) / (margin_right - margin_left)
+            angle = min(max(angle, a + keep_off), b - keep_off)
+        new, count = count, _try(angle, strike, model, level, room, count)
+        if _turned_away(trials[new]) == rising:
+            right, margin_right, margin_left = new, trials[new, MARGIN], 0.5 * margin_left
+        else:
+            left, margin_left, margin_right = new, trials[new, MARGIN], 0.5 * margin_right
+    return left, right, count
+
+
+@compiled
+def search_outcome(angles: FloatArray, strike: Strike, model: Model, levels: tuple[Level, Level, Level]) -> Found:
+    """Scan `angles`, which rise, then narrow every change of outcome level by level.
+
+    If a trial could not be integrated, it is the last of the table, and there are no brackets.
+    """
+    room = Room(make_work(), make_linearisation(), np.empty((1, STEP_WIDTH)), np.zeros((MOST_TRIALS, 5)))
+    trials, brackets = room.trials, np.zeros((angles.size, 2), np.int64)
+    count = changes = 0
+    first_level = 2 if model.panels.area.size > 0 else 0  # panels are as many at every level
+    for scan in (levels[first_level], levels[2]):  # a scan without a change is repeated at the finest level
+        first = count
+        for angle in angles:
+            count = _try(angle, strike, model, scan, room, count)
+            if _failed(trials[count - 1]):
+                return Found(trials[:count], brackets[:0])
+        for i in range(first, first + angles.size - 1):
+            if _turned_away(trials[i]) == _turned_away(trials[i + 1]):
+                continue
+            left, right, count = _narrow(i, i + 1, strike, model, levels[first_level], room, count)
+            for k in range(first_level + 1, 3):
+                if left != right:
+                    left, right, count = _bracket(left, right, strike, model, levels[k], room, count)
+                if left != right:
+                    left, right, count = _narrow(left, right, strike, model, levels[k], room, count)
+            if _failed(trials[count - 1]):
+                return Found(trials[:count], brackets[:0])
+            if left != right:
+                brackets[changes, 0], brackets[changes, 1] = left, right
+                changes += 1
+        if changes > 0:
+            break
+    return Found(trials[:count], brackets[:changes])

@@ -1,0 +1,115 @@
+"""What is asked of a search for the critical angle, and what it answers."""
+
+import math
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Literal, TypeAlias
+
+from solver.advice import ModelWarning
+from solver.shot import Outcome
+from solver.validation import require, require_between
+
+SearchMethod: TypeAlias = Literal["outcome", "bisection", "secant"]
+
+
+class SearchStatus(StrEnum):
+    """How a search ended."""
+
+    CONVERGED = "converged"
+    NO_RICOCHET = "no_ricochet"
+    ALWAYS_RICOCHET = "always_ricochet"
+    NOT_CONVERGED = "not_converged"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Search:
+    """How the critical angle is sought.
+
+    Parameters
+    ----------
+    method
+        ``"outcome"`` brackets the change of outcome. ``"bisection"`` and ``"secant"`` are the paper's, on the depth
+        of the nose tip at the termination time (eqs. 7 and 8).
+    lower, upper
+        Ends of the range; left open, 5° and 85°, or 40° and 60° for the searches of the paper. [rad]
+    tolerance
+        Width of the final bracket of ``"outcome"``. [rad]
+    relative_tolerance
+        The searches of the paper end when two angles in a row differ by less than this fraction. [1]
+    scan_interval
+        Largest distance of the angles at which ``"outcome"`` first looks; a change and change back that both fall
+        between two of them go unseen. [rad]
+    """
+
+    method: SearchMethod = "outcome"
+    lower: float | None = None
+    upper: float | None = None
+    tolerance: float = math.radians(0.01)
+    relative_tolerance: float = 0.01
+    scan_interval: float = math.radians(5.0)
+
+    def __post_init__(self) -> None:
+        known = self.method in ("outcome", "bisection", "secant")
+        require(known, "search.method", "must be 'outcome', 'bisection' or 'secant'")
+        lower, upper = self.bounds
+        require(
+            0.0 <= lower < upper < math.pi / 2.0,
+            "search.lower",
+            f"must be at least 0° and below the upper end of less than 90°, "
+            f"got {math.degrees(lower):g}° and {math.degrees(upper):g}°",
+        )
+        require_between("search.tolerance", self.tolerance, math.radians(1e-6), math.radians(10.0))
+        require_between("search.relative_tolerance", self.relative_tolerance, 1e-8, 0.5)
+        require_between("search.scan_interval", self.scan_interval, math.radians(0.1), math.pi / 2.0)
+
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """Lower and upper end of the range. [rad]"""
+        lower, upper = (5.0, 85.0) if self.method == "outcome" else (40.0, 60.0)
+        return (
+            math.radians(lower) if self.lower is None else self.lower,
+            math.radians(upper) if self.upper is None else self.upper,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """One angle tried."""
+
+    oblique_angle: float
+    """[rad]"""
+    final_position: float
+    """Depth of the nose tip at the end of the run, or at the termination time in the searches of the paper. [m]"""
+    outcome: Outcome
+    fine: bool = True
+    """Whether it was computed as finely as asked for. The trials that only show a search by outcome where to look are
+    rougher, and may be wrong within a degree of the critical angle."""
+
+
+@dataclass(frozen=True, slots=True)
+class CriticalAngle:
+    """Answer of a search."""
+
+    status: SearchStatus
+    angle: float | None
+    """The critical angle; with ``"outcome"`` the upper end of the final bracket, which was seen to ricochet. [rad]"""
+    bracket: tuple[float, float] | None
+    """Angles between which the change was last pinned down. [rad]"""
+    iterations: tuple[Trial, ...]
+    """Every trial, in order."""
+    other_crossings: tuple[float, ...]
+    """Other angles in the range at which the outcome changes, either way. [rad]"""
+    warnings: tuple[ModelWarning, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """What a search has found, before it is dressed as an answer."""
+
+    status: SearchStatus
+    angle: float | None = None
+    bracket: tuple[float, float] | None = None
+    other_crossings: tuple[float, ...] = ()
+    starts_turned_away: bool = False
+    deciding: tuple[Trial, ...] = ()
+    """Trials on either side of the changes of outcome; empty if all trials decide."""
