@@ -25,6 +25,8 @@ ANGLE, POSITION, END, MARGIN, FINE = range(5)
 """Columns of the table of trials: oblique angle, final depth of the nose tip, a value of `End`, how clearly the
 projectile was turned away (above zero) or not, and whether the trial was of the finest level. [rad, m, 1, 1, 1]"""
 MOST_TRIALS = 2000
+CLEAR = 0.25
+"""Margin above which, on both sides, a scan does not look in between."""
 EXIT, STEP_LIMIT, NOT_FINITE = End.EXIT.value, End.STEP_LIMIT.value, End.NOT_FINITE.value
 
 
@@ -193,6 +195,35 @@ def _narrow(
 
 
 @compiled
+def _scan(
+    angles: FloatArray, strike: Strike, model: Model, level: Level, room: Room, count: int
+) -> tuple[npt.NDArray[np.int64], int]:
+    """Try every other angle, then those between of which one neighbour is not clear, or both are the same.
+
+    Returns
+    -------
+    tuple
+        The numbers of the trials in the order of their angles, and the number of the next. If one could not be
+        integrated, it is the last.
+    """
+    trials, numbers = room.trials, np.full(angles.size, -1)
+    for between in (False, True):
+        for i in range(angles.size):
+            if numbers[i] >= 0 or (i % 2 == 1 and i < angles.size - 1) != between:
+                continue
+            if between:
+                before, after = trials[numbers[i - 1]], trials[numbers[i + 1]]
+                clear = min(abs(before[MARGIN]), abs(after[MARGIN])) > CLEAR
+                if clear and _turned_away(before) == _turned_away(after):
+                    continue
+            numbers[i] = count
+            count = _try(angles[i], strike, model, level, room, count)
+            if _failed(trials[count - 1]):
+                return numbers[:0], count
+    return numbers[numbers >= 0], count
+
+
+@compiled
 def search_outcome(angles: FloatArray, strike: Strike, model: Model, levels: tuple[Level, Level, Level]) -> Found:
     """Scan `angles`, which rise, then narrow every change of outcome level by level.
 
@@ -203,25 +234,23 @@ def search_outcome(angles: FloatArray, strike: Strike, model: Model, levels: tup
     count = changes = 0
     first_level = 2 if model.panels.area.size > 0 else 0  # panels are as many at every level
     for scan in (levels[first_level], levels[2]):  # a scan without a change is repeated at the finest level
-        first = count
-        for angle in angles:
-            count = _try(angle, strike, model, scan, room, count)
-            if _failed(trials[count - 1]):
-                return Found(trials[:count], brackets[:0])
-        for i in range(first, first + angles.size - 1):
-            if _turned_away(trials[i]) == _turned_away(trials[i + 1]):
+        numbers, count = _scan(angles, strike, model, scan, room, count)
+        for i in range(numbers.size - 1):
+            if _turned_away(trials[numbers[i]]) == _turned_away(trials[numbers[i + 1]]):
                 continue
-            left, right, count = _narrow(i, i + 1, strike, model, levels[first_level], room, count)
+            left, right, count = _narrow(numbers[i], numbers[i + 1], strike, model, levels[first_level], room, count)
             for k in range(first_level + 1, 3):
                 if left != right:
                     left, right, count = _bracket(left, right, strike, model, levels[k], room, count)
                 if left != right:
                     left, right, count = _narrow(left, right, strike, model, levels[k], room, count)
-            if _failed(trials[count - 1]):
-                return Found(trials[:count], brackets[:0])
             if left != right:
                 brackets[changes, 0], brackets[changes, 1] = left, right
                 changes += 1
+            if _failed(trials[count - 1]):
+                break
+        if _failed(trials[count - 1]):
+            return Found(trials[:count], brackets[:0])
         if changes > 0:
             break
     return Found(trials[:count], brackets[:changes])

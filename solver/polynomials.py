@@ -40,14 +40,14 @@ def _arc_ratio(t: FloatArray) -> FloatArray:
     return np.arccos(c) / np.sqrt(1.0 - c)
 
 
-SINE = tuple(float(c) for c in fit(_sine_ratio, 6))
-ARC = tuple(float(c) for c in fit(_arc_ratio, 10))
+SINE = tuple(float(c) for c in fit(_sine_ratio, 5))
+ARC = tuple(float(c) for c in fit(_arc_ratio, 8))
 SINE_SCALE = 8.0 / math.pi**2
 
 
 @exact
 def sine(x: float) -> float:
-    """Sine of an angle up to a quarter turn either side of zero, to 1e-12."""
+    """Sine of an angle up to a quarter turn either side of zero, to 1e-10."""
     t = SINE_SCALE * x * x - 1.0
     ratio = SINE[-1]
     for k in range(len(SINE) - 2, -1, -1):
@@ -57,7 +57,7 @@ def sine(x: float) -> float:
 
 @exact
 def arc_cosine(c: float) -> float:
-    """Angle of a cosine, to 1e-10."""
+    """Angle of a cosine, to 1e-8."""
     size = abs(c)
     t = 2.0 * size - 1.0
     ratio = ARC[-1]

@@ -30,7 +30,7 @@ ROUGH = Level(
     ramp_fraction=5e-3,
     smooth_ramp=False,
     stride=0.0,
-    tolerance=math.radians(0.2),
+    tolerance=math.radians(0.1),
     finest=False,
 )
 """Where a search first looks: right to a few tenths of a degree, at an eighth of the cost."""
@@ -40,7 +40,7 @@ MIDDLE = Level(
     ramp_fraction=3e-4,
     smooth_ramp=False,
     stride=math.radians(0.1),
-    tolerance=math.radians(0.02),
+    tolerance=math.radians(0.04),
     finest=False,
 )
 """Right to a few hundredths of a degree, at half of the cost."""
@@ -107,24 +107,20 @@ def critical_angle(
             relative_tolerance=SEARCH_TOLERANCE,
         ),
     )
-    lower, upper = search.bounds
-    impacts = [
-        Impact(
-            velocity=velocity,
-            oblique_angle=angle,
-            angle_of_attack=angle_of_attack,
-            angular_velocity=angular_velocity,
-        )
-        for angle in (lower, upper)
-    ]
-    change, trials = (_search_paper if paper else _search_outcome)(shot, impacts[0], search)
+    impact = Impact(
+        velocity=velocity,
+        oblique_angle=search.bounds[0],
+        angle_of_attack=angle_of_attack,
+        angular_velocity=angular_velocity,
+    )
+    change, trials = (_search_paper if paper else _search_outcome)(shot, impact, search)
     return CriticalAngle(
         status=change.status,
         angle=change.angle,
         bracket=change.bracket,
         iterations=trials,
         other_crossings=change.other_crossings,
-        warnings=_warnings(shot, impacts[0], change, trials),
+        warnings=_warnings(shot, impact, change, trials),
     )
 
 
@@ -155,10 +151,7 @@ def _scan(search: Search) -> FloatArray:
 def _search_outcome(shot: Shot, impact: Impact, search: Search) -> tuple[Change, tuple[Trial, ...]]:
     """Scan the range, then narrow every change of outcome."""
     numerics, target, angles = shot.numerics, shot.target, _scan(search)
-    for angle in angles:
-        strength_factor(
-            resistance=shot.resistance, oblique_angle=angle, target=target
-        )  # refuses what is not above zero
+    _check_strength(shot, angles)
     strike = Strike(
         velocity=impact.velocity,
         angle_of_attack=impact.angle_of_attack,
@@ -183,9 +176,16 @@ def _search_outcome(shot: Shot, impact: Impact, search: Search) -> tuple[Change,
         Trial(float(row[ANGLE]), float(row[POSITION]), outcome_of(int(row[END])), bool(row[FINE]))
         for row in found.trials
     )
-    for trial in trials:
-        strength_factor(resistance=shot.resistance, oblique_angle=trial.oblique_angle, target=target)
+    _check_strength(shot, found.trials[:, ANGLE])
     return _first_onset([(trials[left], trials[right]) for left, right in found.brackets], trials), trials
+
+
+def _check_strength(shot: Shot, angles: FloatArray) -> None:
+    """Refuse a model of the strength factor that is not above zero at each of these angles."""
+    coefficients = shot.resistance.strength_factor.polynomial(shot.target)
+    values = np.polynomial.polynomial.polyval(np.abs(np.degrees(angles)), coefficients)
+    for angle in angles[~(values > 0.0)]:
+        strength_factor(resistance=shot.resistance, oblique_angle=float(angle), target=shot.target)
 
 
 def _turned_away(trial: Trial) -> bool:

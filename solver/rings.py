@@ -23,7 +23,7 @@ from solver.polynomials import arc_cosine, sine
 
 CAPACITY = 520
 """Rings in a batch. Not a power of two: rows a power of two apart fall on the same lines of the cache."""
-VECTOR = np.uint64(8)
+VECTOR = np.uint64(4)
 """Batches are filled up to a multiple of this with rings of no weight, so that no loop has a remainder."""
 (
     ALPHA, AXIAL, RADIUS, SIZE, WEIGHT,

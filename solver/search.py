@@ -37,8 +37,9 @@ class Search:
     relative_tolerance
         The searches of the paper end when two angles in a row differ by less than this fraction. [1]
     scan_interval
-        Largest distance of the angles at which ``"outcome"`` first looks; a change and change back that both fall
-        between two of them go unseen. [rad]
+        Distance of the angles at which ``"outcome"`` first looks; where two of them in a row are clearly turned away,
+        or clearly not, it does not look in between. A change and change back between two angles looked at go
+        unseen. [rad]
     """
 
     method: SearchMethod = "outcome"

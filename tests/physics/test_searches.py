@@ -74,7 +74,7 @@ def test_outcome_search_scans_the_range_and_sees_both_ends_of_its_bracket() -> N
     assert found.bracket is not None
     assert found.angle == found.bracket[1]
     assert math.degrees(found.bracket[1] - found.bracket[0]) <= 0.1
-    assert angles(found)[:5] == pytest.approx([40.0, 45.0, 50.0, 55.0, 60.0])
+    assert angles(found)[:3] == pytest.approx([40.0, 50.0, 60.0])
     seen = {trial.oblique_angle: trial.outcome for trial in found.iterations if trial.fine}
     assert seen[found.bracket[0]] is not Outcome.RICOCHET
     assert seen[found.bracket[1]] is Outcome.RICOCHET
@@ -153,9 +153,9 @@ def test_ricochet_that_sets_in_ceases_and_returns_is_reported_in_full() -> None:
     assert 50.0 < math.degrees(ceases) < 55.0
     assert 60.0 < math.degrees(returns) < 65.0
 
-    scan = found.iterations[:7]
-    turned = [trial.outcome is Outcome.RICOCHET for trial in scan]
-    assert turned == [False, True, True, False, False, True, True]
+    looked = {round(math.degrees(trial.oblique_angle), 6): trial.outcome for trial in found.iterations}
+    turned = [looked.get(angle) is Outcome.RICOCHET for angle in (40.0, 50.0, 60.0, 70.0)]
+    assert turned == [False, True, False, True]
     seen = {trial.oblique_angle: trial.outcome is Outcome.RICOCHET for trial in found.iterations if trial.fine}
     for crossing, turned_away in ((found.angle, True), (ceases, False), (returns, True)):
         nearest_below = max(angle for angle in seen if angle < crossing)
