@@ -8,7 +8,7 @@ COMPILE := $(BIN)/uv pip compile --universal --python-version 3.11 --fork-strate
 	--custom-compile-command "make lock" --quiet
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo serve test test-all check format openapi figures lock clean
+.PHONY: help setup demo serve test test-all check format openapi bench accuracy figures lock clean
 
 help: ## list what can be made
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -52,6 +52,12 @@ format: setup ## format the code and mend what ruff can
 
 openapi: setup ## write the contract, openapi/openapi.json
 	$(BIN)/ricochet openapi
+
+bench: setup ## measure the routes side by side, some minutes; ARGS="--quick" or ARGS="--full"
+	$(BIN)/python benchmarks/run.py $(ARGS)
+
+accuracy: setup ## compare 200 random critical angles with converged ones, some minutes
+	$(BIN)/python benchmarks/accuracy.py $(ARGS)
 
 figures: setup ## draw the pictures of the README
 	$(BIN)/python docs/figures/trajectories.py

@@ -3,6 +3,7 @@
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import ExitStack
 from itertools import islice, repeat
 from typing import Any, TypeAlias, TypeVar
 
@@ -146,7 +147,8 @@ def _run(
         return
     waiting: deque[Future[list[Answer | RicochetError]]] = deque()
     remaining = iter(cases)
-    with ThreadPoolExecutor(threads) as pool:
+    with ThreadPoolExecutor(threads) as pool, ExitStack() as on_leaving:
+        on_leaving.callback(lambda: [future.cancel() for future in waiting])
         while chunk := list(islice(remaining, CHUNK)):
             waiting.append(pool.submit(lambda part: [answer(case) for case in part], chunk))
             if len(waiting) > AHEAD * threads:

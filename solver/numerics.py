@@ -10,7 +10,7 @@ Method: TypeAlias = Literal["adaptive", "panels"]
 
 TERMINATION_TIME = 0.05
 """Far beyond the few milliseconds a strike takes. [s]"""
-TRAJECTORY_TOLERANCE, SEARCH_TOLERANCE = 3e-7, 3e-4
+TRAJECTORY_TOLERANCE, SEARCH_TOLERANCE = 3e-7, 1e-4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -28,7 +28,7 @@ class Numerics:
         Surface elements and step of the panel route. [1, s]
     relative_tolerance
         Error of one step of the adaptive route, over the scale of the motion; left open, 3e-7 for a trajectory, which
-        balances energy to 1e-6, and 3e-4 for a search, which moves the critical angle by less than 0.01°. [1]
+        balances energy to 1e-6, and 1e-4 for a search, which moves most critical angles by less than 0.01°. [1]
     stations, points
         Gauss-Legendre points of the adaptive route, along a stretch of the outline and around an arc. [1]
     """
@@ -38,7 +38,7 @@ class Numerics:
     panels: int = 12_000
     time_step: float = 1e-5
     relative_tolerance: float | None = None
-    stations: int = 8
+    stations: int = 12
     points: int = 4
 
     def __post_init__(self) -> None:

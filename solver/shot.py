@@ -48,7 +48,7 @@ class Shot:
         return self.model.law._replace(
             static_stress=factor * self.target.compressive_strength,
             ramp_velocity=RAMP_FRACTION * impact.velocity,
-            smooth_ramp=self.numerics.relative_tolerance < CORNERED_RAMP,
+            smooth_ramp=self.numerics.relative_tolerance <= CORNERED_RAMP,
         )
 
 

@@ -12,16 +12,16 @@ Value = TypeVar("Value")
 
 STATE = {
     "time_s": 0.003115,
-    "center_of_gravity_depth_m": 0.02241,
+    "center_of_gravity_depth_m": 0.02240,
     "center_of_gravity_lateral_m": 0.3338,
     "nose_tip_depth_m": 0.1213,
     "axis_angle_deg": 70.36,
-    "depth_velocity_m_s": 0.7627,
+    "depth_velocity_m_s": 0.7625,
     "lateral_velocity_m_s": 2.254,
-    "angular_velocity_rad_s": 0.3571,
-    "depth_force_n": -366100.0,
-    "lateral_force_n": -1082000.0,
-    "moment_n_m": -2742.0,
+    "angular_velocity_rad_s": 0.3579,
+    "depth_force_n": -363500.0,
+    "lateral_force_n": -1083000.0,
+    "moment_n_m": -2379.0,
     "kinetic_energy_j": 36.82,
 }
 WARNING = {

@@ -130,7 +130,7 @@ def test_defaults_find_the_angle_in_the_whole_range() -> None:
             assert (trial.outcome is Outcome.RICOCHET) == (trial.oblique_angle >= found.angle)
 
 
-DEFAULT, SEARCH_TOLERANCE = Numerics(), 3e-4
+DEFAULT, SEARCH_TOLERANCE = Numerics(), 1e-4
 FINER = {
     "half the tolerance": Numerics(relative_tolerance=SEARCH_TOLERANCE / 2.0),
     "twice the stations": Numerics(stations=2 * DEFAULT.stations),

@@ -1,0 +1,81 @@
+"""The paper's strike, and its answers with numerical errors far below those that are measured against them."""
+
+import math
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from solver import CriticalAngle, Motion, Numerics, Search, critical_angle, simulate
+from solver.arrays import FloatArray
+from solver.cases import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY, paper_impact
+from solver.numerics import SEARCH_TOLERANCE, TRAJECTORY_TOLERANCE
+
+OBLIQUE_ANGLE_DEG = 45.0
+"""Of the one trajectory that is measured."""
+DEPTH_TIMES = (5e-4, 1e-3, 2e-3, 3e-3)
+"""When its depths are compared: whole multiples of the first, and before the projectile has stopped. [s]"""
+
+CONVERGED = Numerics(method="adaptive", relative_tolerance=SEARCH_TOLERANCE / 10.0, stations=24, points=8)
+CONVERGED_SEARCH = Search(tolerance=math.radians(0.001))
+CONVERGED_PATH = Numerics(method="adaptive", relative_tolerance=TRAJECTORY_TOLERANCE / 10.0, stations=32, points=16)
+
+paper_critical_angle = partial(
+    critical_angle, projectile=PAPER_PROJECTILE, target=PAPER_TARGET, velocity=PAPER_VELOCITY
+)
+paper_trajectory = partial(
+    simulate,
+    projectile=PAPER_PROJECTILE,
+    target=PAPER_TARGET,
+    impact=paper_impact(oblique_angle_degrees=OBLIQUE_ANGLE_DEG),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class References:
+    """Converged answers for the paper's strike."""
+
+    by_outcome: float
+    """Smallest angle that ends in a ricochet. [°]"""
+    by_tip: float
+    """Angle at which the tip is back at the face after 5 ms, which the paper seeks. [°]"""
+    tip_depths: FloatArray
+    """At `DEPTH_TIMES`. [m]"""
+
+    def as_json(self) -> dict[str, Any]:
+        """With the settings behind the angles."""
+        return {
+            "by_outcome_deg": self.by_outcome,
+            "by_tip_at_5_ms_deg": self.by_tip,
+            "relative_tolerance": CONVERGED.relative_tolerance,
+            "stations": CONVERGED.stations,
+            "points": CONVERGED.points,
+            "search_tolerance_deg": math.degrees(CONVERGED_SEARCH.tolerance),
+        }
+
+
+def compute_references() -> References:
+    """Answers to compare with; a few seconds."""
+    by_tip = Search(method="bisection", relative_tolerance=1e-6)
+    return References(
+        by_outcome=degrees(paper_critical_angle(numerics=CONVERGED, search=CONVERGED_SEARCH)),
+        by_tip=degrees(paper_critical_angle(numerics=CONVERGED, search=by_tip)),
+        tip_depths=tip_depths(CONVERGED_PATH),
+    )
+
+
+def degrees(answer: CriticalAngle) -> float:
+    """The critical angle of an answer that has one. [°]"""
+    assert answer.angle is not None  # noqa: S101 # the paper's strike has one
+    return math.degrees(answer.angle)
+
+
+def tip_depths(numerics: Numerics) -> FloatArray:
+    """Depth of the nose tip at `DEPTH_TIMES`. [m]"""
+    interval = DEPTH_TIMES[0]
+    motion = paper_trajectory(numerics=numerics, sample_interval=interval).history
+    assert isinstance(motion, Motion)  # noqa: S101 # it was asked for
+    rows = [round(time / interval) for time in DEPTH_TIMES]
+    np.testing.assert_allclose(motion.time[rows], DEPTH_TIMES, rtol=1e-9)
+    return np.asarray(motion.nose_tip_depth[rows])

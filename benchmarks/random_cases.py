@@ -1,0 +1,108 @@
+"""Random strikes over the range the method is meant for, the same ones for the same seed."""
+
+import math
+from collections.abc import Iterator
+from typing import TypedDict
+
+import numpy as np
+
+from solver import (
+    ElasticPlastic,
+    MohrCoulomb,
+    NoFreeSurface,
+    ObliquityPolynomial,
+    Ogive,
+    Projectile,
+    Resistance,
+    StrengthPowerLaw,
+    Target,
+    solid_properties,
+)
+
+DECAYS = (
+    ElasticPlastic(),
+    ElasticPlastic(inertia=True),
+    MohrCoulomb(),
+    MohrCoulomb(inertia=True),
+    NoFreeSurface(),
+)
+STRENGTH_FACTORS = (ObliquityPolynomial(), StrengthPowerLaw())
+"""Eq. 9 and the power law of Frew et al."""
+
+
+class Case(TypedDict):
+    """One strike but for its angle, as `critical_angle` takes it."""
+
+    projectile: Projectile
+    target: Target
+    velocity: float
+    angle_of_attack: float
+    resistance: Resistance
+
+
+class Cases(TypedDict):
+    """Many of them, as `critical_angle_many` takes them."""
+
+    projectile: list[Projectile]
+    target: list[Target]
+    velocity: list[float]
+    angle_of_attack: list[float]
+    resistance: list[Resistance]
+
+
+def random_cases(count: int, seed: int) -> Cases:
+    """`count` strikes; with one seed, the first of many are the same as all of few.
+
+    Velocity 100 to 800 m/s, attack -3° to 3°, strength 15 to 90 MPa and density 2100 to 2500 kg/m³ of the concrete;
+    ogives of caliber-radius-head 1.5 to 6, diameter 20 to 150 mm and length 3 to 10 diameters, which holds the longest
+    of these noses (2.4 diameters), homogeneous at 5000 to 9000 kg/m³. The five decay models come in turn, and each
+    comes with either strength factor.
+    """
+    random = np.random.default_rng(seed)
+    return together(_random_case(random, index) for index in range(count))
+
+
+def _random_case(random: np.random.Generator, index: int) -> Case:
+    return {
+        "projectile": _random_projectile(random),
+        "target": Target(compressive_strength=random.uniform(15e6, 90e6), density=random.uniform(2100.0, 2500.0)),
+        "velocity": random.uniform(100.0, 800.0),
+        "angle_of_attack": math.radians(random.uniform(-3.0, 3.0)),
+        "resistance": Resistance(
+            free_surface=DECAYS[index % len(DECAYS)],
+            strength_factor=STRENGTH_FACTORS[index // len(DECAYS) % len(STRENGTH_FACTORS)],
+        ),
+    }
+
+
+def _random_projectile(random: np.random.Generator) -> Projectile:
+    nose = Ogive(caliber_radius_head=random.uniform(1.5, 6.0))
+    diameter = random.uniform(0.02, 0.15)
+    length = diameter * random.uniform(3.0, 10.0)
+    density = random.uniform(5000.0, 9000.0)
+    volume = solid_properties(Projectile(nose=nose, diameter=diameter, length=length, mass=1.0)).volume
+    return Projectile(nose=nose, diameter=diameter, length=length, mass=density * volume)
+
+
+def together(cases: Iterator[Case]) -> Cases:
+    """Single cases as one set of sequences."""
+    rows = list(cases)
+    return {
+        "projectile": [row["projectile"] for row in rows],
+        "target": [row["target"] for row in rows],
+        "velocity": [row["velocity"] for row in rows],
+        "angle_of_attack": [row["angle_of_attack"] for row in rows],
+        "resistance": [row["resistance"] for row in rows],
+    }
+
+
+def one_by_one(cases: Cases) -> Iterator[Case]:
+    """A set of sequences as single cases."""
+    for projectile, target, velocity, angle_of_attack, resistance in zip(*cases.values(), strict=True):
+        yield {
+            "projectile": projectile,
+            "target": target,
+            "velocity": velocity,
+            "angle_of_attack": angle_of_attack,
+            "resistance": resistance,
+        }

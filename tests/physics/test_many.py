@@ -1,0 +1,130 @@
+"""Many strikes in one call: the same answers as one by one, in order, and a failure that stops nothing."""
+
+import math
+import threading
+from itertools import islice
+
+import numpy as np
+import pytest
+
+from solver import (
+    ConstantStrengthFactor,
+    CriticalAngle,
+    Impact,
+    MohrCoulomb,
+    Numerics,
+    ParameterError,
+    Resistance,
+    Search,
+    critical_angle,
+    critical_angle_many,
+    simulate,
+    simulate_many,
+)
+from solver.cases import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY
+
+NEAR = Search(lower=math.radians(35.0), upper=math.radians(60.0))
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_many_critical_angles_are_those_of_one_by_one(threads: int) -> None:
+    velocities = np.linspace(150.0, 300.0, 40)
+    resistances = [Resistance(), Resistance(free_surface=MohrCoulomb())] * 20
+    many = critical_angle_many(
+        projectile=PAPER_PROJECTILE,
+        target=PAPER_TARGET,
+        velocity=velocities,
+        resistance=resistances,
+        search=NEAR,
+        threads=threads,
+    )
+    for velocity, resistance, answer in zip(velocities, resistances, many, strict=True):
+        assert answer == critical_angle(
+            projectile=PAPER_PROJECTILE,
+            target=PAPER_TARGET,
+            velocity=float(velocity),
+            resistance=resistance,
+            search=NEAR,
+        )
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_many_trajectories_are_those_of_one_by_one(threads: int) -> None:
+    impacts = [Impact(velocity=238.0, oblique_angle=math.radians(angle)) for angle in range(0, 80, 4)]
+    numerics = Numerics(relative_tolerance=1e-4)
+    many = simulate_many(
+        projectile=PAPER_PROJECTILE, target=PAPER_TARGET, impact=impacts, numerics=numerics, threads=threads
+    )
+    for impact, trajectory in zip(impacts, many, strict=True):
+        alone = simulate(
+            projectile=PAPER_PROJECTILE, target=PAPER_TARGET, impact=impact, numerics=numerics, sample_interval=None
+        )
+        assert trajectory == alone
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_a_case_that_fails_yields_its_error_in_its_place(threads: int) -> None:
+    answers = list(
+        critical_angle_many(
+            projectile=PAPER_PROJECTILE,
+            target=PAPER_TARGET,
+            velocity=[238.0, -1.0, 238.0],
+            search=NEAR,
+            threads=threads,
+        )
+    )
+    assert [type(answer) for answer in answers] == [CriticalAngle, ParameterError, CriticalAngle]
+    assert "velocity" in str(answers[1])
+    assert answers[0] == answers[2]
+
+
+def test_columns_of_different_length_are_refused() -> None:
+    with pytest.raises(ParameterError, match=r"angle_of_attack.*velocity, 2, got 3"):
+        list(
+            critical_angle_many(
+                projectile=PAPER_PROJECTILE,
+                target=PAPER_TARGET,
+                velocity=[200.0, 210.0],
+                angle_of_attack=[0.0, 0.01, 0.02],
+            )
+        )
+
+
+def test_single_values_are_one_case() -> None:
+    (answer,) = critical_angle_many(projectile=PAPER_PROJECTILE, target=PAPER_TARGET, velocity=PAPER_VELOCITY)
+    assert answer == critical_angle(projectile=PAPER_PROJECTILE, target=PAPER_TARGET, velocity=PAPER_VELOCITY)
+
+
+def test_answers_come_while_later_cases_still_run() -> None:
+    """The first of 100,000 cases: fetched without waiting for the rest, which are given up."""
+    answers = critical_angle_many(
+        projectile=PAPER_PROJECTILE,
+        target=PAPER_TARGET,
+        velocity=np.full(100_000, PAPER_VELOCITY),
+        resistance=Resistance(strength_factor=ConstantStrengthFactor(value=8.0)),
+        search=NEAR,
+        threads=2,
+    )
+    first = list(islice(answers, 3))
+    answers.close()  # type: ignore[attr-defined] # a generator
+    assert first[0] == first[1] == first[2]
+
+
+def test_compiled_search_releases_the_interpreter_lock() -> None:
+    """A thread that only counts goes on while another is inside searches, which hold the lock a tenth of their time."""
+    counted, running = 0, True
+
+    def search() -> None:
+        nonlocal running
+        for _ in range(20):
+            critical_angle(projectile=PAPER_PROJECTILE, target=PAPER_TARGET, velocity=PAPER_VELOCITY)
+        running = False
+
+    thread = threading.Thread(target=search)
+    thread.start()
+    waited = threading.Event()
+    while running:
+        waited.wait(0.001)
+        counted += 1
+    thread.join()
+    assert counted >= 20
