@@ -102,6 +102,11 @@ def _converged(case: Case) -> CriticalAngle | RicochetError:
         return error
 
 
+def _short(row: Comparison) -> list[float | None]:
+    """Both angles, trajectories and CPU time; the inputs follow from the seed."""
+    return [row.angle_deg, row.converged_angle_deg, row.trajectories, row.cpu_s]
+
+
 def _status(answer: CriticalAngle | RicochetError) -> str:
     return answer.status.value if isinstance(answer, CriticalAngle) else repr(answer)
 
@@ -165,7 +170,7 @@ def main() -> int:
         print(f"\ncase {row.number}: {row.status} {row.angle_deg}, converged {row.converged_status}", end=" ")
         print(row.converged_angle_deg, *(f"  {name}={value}" for name, value in row.inputs.items()), sep="\n")
     about = {"seed": options.seed, "machine": machine(), "versions": versions()}
-    found = about | {"summary": summary, "bad": [asdict(row) for row in bad], "cases": [asdict(row) for row in rows]}
+    found = about | {"summary": summary, "bad": [asdict(row) for row in bad], "cases": [_short(row) for row in rows]}
     options.output.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
     return 1 if bad else 0
 

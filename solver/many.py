@@ -1,7 +1,7 @@
 """Many strikes at a time, on several threads: the compiled code releases the interpreter lock."""
 
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack
 from itertools import islice, repeat
@@ -20,10 +20,10 @@ from solver.search import CriticalAngle, Search
 from solver.target import Target
 from solver.trajectory import Trajectory, simulate
 
-CHUNK = 16
-"""Strikes that a thread takes at a time."""
+MOST_AT_ONCE = 16
+"""Strikes that a thread takes at a time; fewer if there are few, so that every thread gets several shares."""
 AHEAD = 4
-"""Chunks for each thread that may wait to be fetched."""
+"""Shares for each thread that may wait to be fetched."""
 
 Value = TypeVar("Value")
 Answer = TypeVar("Answer")
@@ -63,7 +63,7 @@ def critical_angle_many(
     ParameterError
         If the sequences differ in length.
     """
-    cases = _cases(
+    cases = Cases(
         projectile=projectile,
         target=target,
         velocity=velocity,
@@ -105,7 +105,7 @@ def simulate_many(
     ParameterError
         If the sequences differ in length.
     """
-    strikes = _cases(
+    strikes = Cases(
         projectile=projectile,
         target=target,
         impact=impact,
@@ -114,26 +114,31 @@ def simulate_many(
     return _run(lambda strike: simulate(**strike, numerics=numerics, sample_interval=sample_interval), strikes, threads)
 
 
-def _cases(**columns: Any) -> Iterator[dict[str, Any]]:
-    """One set of arguments for each case."""
-    many = {name: column for name, column in columns.items() if isinstance(column, Sequence | np.ndarray)}
-    lengths = {name: len(column) for name, column in many.items()}
-    for name, length in lengths.items():
-        first = next(iter(lengths))
-        if length != lengths[first]:
-            raise ParameterError(name, f"must be one or as many as {first}, {lengths[first]}, got {length}")
-    count = next(iter(lengths.values()), 1)
-    spread = [many[name] if name in many else repeat(column, count) for name, column in columns.items()]
-    return (dict(zip(columns, map(_plain, values), strict=True)) for values in zip(*spread, strict=True))
+class Cases:
+    """Columns of arguments, some the same for all cases, as one set of arguments for each case."""
+
+    def __init__(self, **columns: Any) -> None:
+        many = {name: column for name, column in columns.items() if isinstance(column, Sequence | np.ndarray)}
+        first = next(iter(many), None)
+        self.length = 1 if first is None else len(many[first])
+        for name, column in many.items():
+            if len(column) != self.length:
+                raise ParameterError(name, f"must be one or as many as {first}, {self.length}, got {len(column)}")
+        self.columns = {name: many.get(name, repeat(column, self.length)) for name, column in columns.items()}
+
+    def __len__(self) -> int:
+        return self.length
+
+    def __iter__(self) -> Iterator[dict[str, Any]]:
+        for values in zip(*self.columns.values(), strict=True):
+            yield dict(zip(self.columns, map(_plain, values), strict=True))
 
 
 def _plain(value: Any) -> Any:
     return value.item() if isinstance(value, np.generic) else value
 
 
-def _run(
-    function: Callable[[dict[str, Any]], Answer], cases: Iterable[dict[str, Any]], threads: int
-) -> Iterator[Answer | RicochetError]:
+def _run(function: Callable[[dict[str, Any]], Answer], cases: Cases, threads: int) -> Iterator[Answer | RicochetError]:
     """Answers in order; on threads, a few chunks ahead of whoever fetches them."""
 
     def answer(case: dict[str, Any]) -> Answer | RicochetError:
@@ -145,11 +150,12 @@ def _run(
     if threads == 1:
         yield from map(answer, cases)
         return
+    share = max(1, min(MOST_AT_ONCE, len(cases) // (AHEAD * threads)))
     waiting: deque[Future[list[Answer | RicochetError]]] = deque()
     remaining = iter(cases)
     with ThreadPoolExecutor(threads) as pool, ExitStack() as on_leaving:
         on_leaving.callback(lambda: [future.cancel() for future in waiting])
-        while chunk := list(islice(remaining, CHUNK)):
+        while chunk := list(islice(remaining, share)):
             waiting.append(pool.submit(lambda part: [answer(case) for case in part], chunk))
             if len(waiting) > AHEAD * threads:
                 yield from waiting.popleft().result()
