@@ -25,6 +25,7 @@ ANGLE, POSITION, END, MARGIN, FINE = range(5)
 """Columns of the table of trials: oblique angle, final depth of the nose tip, a value of `End`, how clearly the
 projectile was turned away (above zero) or not, and whether the trial was of the finest level. [rad, m, 1, 1, 1]"""
 MOST_TRIALS = 2000
+"""After which nothing is narrowed any further. The table has room for what a scan and its changes may add to them."""
 CLEAR = 0.25
 """Margin above which, on both sides, a scan does not look in between."""
 EXIT, STEP_LIMIT, NOT_FINITE = End.EXIT.value, End.STEP_LIMIT.value, End.NOT_FINITE.value
@@ -117,6 +118,8 @@ def _try(oblique_angle: float, strike: Strike, model: Model, level: Level, room:
         run = integrate_adaptive(start, present, strike.end_time, level.accuracy, room.steps, room.work, room.linear)
     row = room.trials[count]
     row[ANGLE], row[POSITION], row[END] = oblique_angle, tip_depth(run.state, model.body), run.end.value
+    if not np.isfinite(run.state).all():
+        row[END] = NOT_FINITE
     row[FINE] = 1.0 if level.finest else 0.0
     row[MARGIN] = _margin(run, model, kinetic_energy(start, model.body))
     return count + 1
@@ -198,7 +201,7 @@ def _narrow(
 def _scan(
     angles: FloatArray, strike: Strike, model: Model, level: Level, room: Room, count: int
 ) -> tuple[npt.NDArray[np.int64], int]:
-    """Try every other angle, then those between of which one neighbour is not clear, or both are the same.
+    """Try every other angle, then those between two that differ or are not both clear.
 
     Returns
     -------
@@ -229,7 +232,9 @@ def search_outcome(angles: FloatArray, strike: Strike, model: Model, levels: tup
 
     If a trial could not be integrated, it is the last of the table, and there are no brackets.
     """
-    room = Room(make_work(), make_linearisation(), np.empty((1, STEP_WIDTH)), np.zeros((MOST_TRIALS, 5)))
+    room = Room(
+        make_work(), make_linearisation(), np.empty((1, STEP_WIDTH)), np.zeros((MOST_TRIALS + 8 * angles.size, 5))
+    )
     trials, brackets = room.trials, np.zeros((angles.size, 2), np.int64)
     count = changes = 0
     first_level = 2 if model.panels.area.size > 0 else 0  # panels are as many at every level
@@ -240,15 +245,17 @@ def search_outcome(angles: FloatArray, strike: Strike, model: Model, levels: tup
                 continue
             left, right, count = _narrow(numbers[i], numbers[i + 1], strike, model, levels[first_level], room, count)
             for k in range(first_level + 1, 3):
+                if _failed(trials[count - 1]):
+                    break
                 if left != right:
                     left, right, count = _bracket(left, right, strike, model, levels[k], room, count)
                 if left != right:
                     left, right, count = _narrow(left, right, strike, model, levels[k], room, count)
+            if _failed(trials[count - 1]):
+                break
             if left != right:
                 brackets[changes, 0], brackets[changes, 1] = left, right
                 changes += 1
-            if _failed(trials[count - 1]):
-                break
         if _failed(trials[count - 1]):
             return Found(trials[:count], brackets[:0])
         if changes > 0:

@@ -11,7 +11,7 @@ from solver.advice import ModelWarning
 from solver.arrays import FloatArray
 from solver.impact import Impact
 from solver.loads import build_quadrature
-from solver.motion import CORNERED_RAMP, RAMP_FRACTION
+from solver.motion import RAMP_FRACTION
 from solver.numerics import SEARCH_TOLERANCE, TERMINATION_TIME, Numerics
 from solver.outcome_search import ANGLE, END, FINE, POSITION, Level, Strike, search_outcome
 from solver.paper_search import search_bisection, search_secant
@@ -165,7 +165,7 @@ def _search_outcome(shot: Shot, impact: Impact, search: Search) -> tuple[Change,
         quadrature=shot.model.quadrature,
         accuracy=Accuracy(numerics.relative_tolerance, LARGEST_STEP),
         ramp_fraction=RAMP_FRACTION,
-        smooth_ramp=numerics.relative_tolerance <= CORNERED_RAMP,
+        smooth_ramp=shot.smooth_ramp,
         stride=STRIDE * search.tolerance,
         tolerance=search.tolerance,
         finest=True,

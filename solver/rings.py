@@ -22,7 +22,7 @@ from solver.meridian import Motion
 from solver.polynomials import arc_cosine, sine
 
 CAPACITY = 520
-"""Rings in a batch. Not a power of two: rows a power of two apart fall on the same lines of the cache."""
+"""Rings in a batch: two stretches with the most stations there may be, and what fills it up."""
 VECTOR = np.uint64(4)
 """Batches are filled up to a multiple of this with rings of no weight, so that no loop has a remainder."""
 (

@@ -42,13 +42,18 @@ class Shot:
     numerics: ResolvedNumerics
     model: Model
 
+    @property
+    def smooth_ramp(self) -> bool:
+        """Whether the steps are so fine that the ramp of the static stress must have no corner."""
+        return self.numerics.relative_tolerance <= CORNERED_RAMP
+
     def law_at(self, impact: Impact) -> Law:
         """Resistance with the strength factor of this strike."""
         factor = strength_factor(resistance=self.resistance, oblique_angle=impact.oblique_angle, target=self.target)
         return self.model.law._replace(
             static_stress=factor * self.target.compressive_strength,
             ramp_velocity=RAMP_FRACTION * impact.velocity,
-            smooth_ramp=self.numerics.relative_tolerance <= CORNERED_RAMP,
+            smooth_ramp=self.smooth_ramp,
         )
 
 

@@ -89,6 +89,15 @@ def test_outcome_search_takes_few_fine_trials_whatever_the_tolerance(tolerance: 
     assert math.degrees(found.bracket[0]) - 0.01 < 48.556 < math.degrees(found.bracket[1]) + 0.01
 
 
+def test_dense_scan_finds_the_same_angle_and_a_scan_without_change_is_repeated_finely() -> None:
+    found = find(lower=5.0, upper=85.0, scan_interval=0.1)
+    assert found.angle is not None
+    assert math.degrees(found.angle) == pytest.approx(48.556, abs=0.01)
+    nothing = find(lower=5.0, upper=40.0, scan_interval=0.1)
+    assert nothing.status is SearchStatus.NO_RICOCHET
+    assert sum(trial.fine for trial in nothing.iterations) >= 175
+
+
 def test_every_fine_trial_is_the_run_at_its_angle() -> None:
     found = find(lower=40.0, upper=60.0, tolerance=1.0)
     for trial in found.iterations:
