@@ -1,5 +1,6 @@
 """Results on disk and in memory, with real files and real trouble."""
 
+import os
 import random
 import resource
 import shutil
@@ -73,7 +74,8 @@ def path_of(record: Record, folder: Path) -> Path:
 
 
 def files_in(folder: Path) -> list[str]:
-    return sorted(path.name for path in folder.rglob("*") if path.is_file())
+    """Names of all files; a folder may vanish meanwhile, which `Path.rglob` does not take."""
+    return sorted(name for _, _, names in os.walk(folder) for name in names)
 
 
 @pytest.mark.parametrize("record", [trajectory(), critical_angle()], ids=["trajectory", "cra"])
