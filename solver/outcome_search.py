@@ -201,7 +201,7 @@ def _narrow(
 def _scan(
     angles: FloatArray, strike: Strike, model: Model, level: Level, room: Room, count: int
 ) -> tuple[npt.NDArray[np.int64], int]:
-    """Try every other angle, then those between two that differ or are not both clear.
+    """Try every fourth angle, then every second and every one, but not between two that are clear and agree.
 
     Returns
     -------
@@ -209,21 +209,33 @@ def _scan(
         The numbers of the trials in the order of their angles, and the number of the next. If one could not be
         integrated, it is the last.
     """
-    trials, numbers = room.trials, np.full(angles.size, -1)
-    for between in (False, True):
+    trials, numbers, last = room.trials, np.full(angles.size, -1), angles.size - 1
+    for stride in (4, 2, 1):
         for i in range(angles.size):
-            if numbers[i] >= 0 or (i % 2 == 1 and i < angles.size - 1) != between:
+            before, after = i - i % (2 * stride), min(i - i % (2 * stride) + 2 * stride, last)
+            if numbers[i] >= 0 or (i % stride != 0 and i != last):
                 continue
-            if between:
-                before, after = trials[numbers[i - 1]], trials[numbers[i + 1]]
-                clear = min(abs(before[MARGIN]), abs(after[MARGIN])) > CLEAR
-                if clear and _turned_away(before) == _turned_away(after):
+            if stride < 4 and i != last:
+                if numbers[before] < 0 or numbers[after] < 0:
+                    continue
+                left, right = trials[numbers[before]], trials[numbers[after]]
+                clear = min(abs(left[MARGIN]), abs(right[MARGIN])) > CLEAR
+                if clear and _turned_away(left) == _turned_away(right):
                     continue
             numbers[i] = count
             count = _try(angles[i], strike, model, level, room, count)
             if _failed(trials[count - 1]):
                 return numbers[:0], count
     return numbers[numbers >= 0], count
+
+
+@lean
+def _same(bracket: npt.NDArray[np.int64], left: int, right: int, trials: FloatArray, level: Level) -> bool:
+    """Whether a change is the one found before: rough trials may waver about it, and so lead there twice."""
+    shift = trials[right, ANGLE] - trials[bracket[1], ANGLE]
+    return bool(
+        abs(shift) <= 2.0 * level.tolerance and _turned_away(trials[right]) == _turned_away(trials[bracket[1]])
+    )
 
 
 @compiled
@@ -253,7 +265,7 @@ def search_outcome(angles: FloatArray, strike: Strike, model: Model, levels: tup
                     left, right, count = _narrow(left, right, strike, model, levels[k], room, count)
             if _failed(trials[count - 1]):
                 break
-            if left != right:
+            if left != right and not (changes > 0 and _same(brackets[changes - 1], left, right, trials, levels[2])):
                 brackets[changes, 0], brackets[changes, 1] = left, right
                 changes += 1
         if _failed(trials[count - 1]):
