@@ -23,17 +23,11 @@ from benchmarks.converged import paper_critical_angle
 from benchmarks.machine import machine, versions
 from benchmarks.random_cases import Case, one_by_one, random_cases
 from solver import CriticalAngle, Numerics, RicochetError, Search, critical_angle, warm_up
-from solver.numerics import SEARCH_TOLERANCE
+from solver.ricochet import LAST_TOLERANCE
 
 RESULTS = Path(__file__).with_name("accuracy.json")
 TOLERATED_DEG = 0.02
-DEFAULTS = Numerics()
-CONVERGED = Numerics(
-    method="adaptive",
-    relative_tolerance=SEARCH_TOLERANCE / 10.0,
-    stations=2 * DEFAULTS.stations,
-    points=2 * DEFAULTS.points,
-)
+CONVERGED = Numerics(method="adaptive", relative_tolerance=LAST_TOLERANCE / 10.0, stations=24, points=8)
 CONVERGED_SEARCH = Search(tolerance=math.radians(0.001))
 
 

@@ -10,14 +10,15 @@ import numpy as np
 from solver import CriticalAngle, Motion, Numerics, Search, critical_angle, simulate
 from solver.arrays import FloatArray
 from solver.cases import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY, paper_impact
-from solver.numerics import SEARCH_TOLERANCE, TRAJECTORY_TOLERANCE
+from solver.numerics import TRAJECTORY_TOLERANCE
+from solver.ricochet import LAST_TOLERANCE
 
 OBLIQUE_ANGLE_DEG = 45.0
 """Of the one trajectory that is measured."""
 DEPTH_TIMES = (5e-4, 1e-3, 2e-3, 3e-3)
 """When its depths are compared: whole multiples of the first, and before the projectile has stopped. [s]"""
 
-CONVERGED = Numerics(method="adaptive", relative_tolerance=SEARCH_TOLERANCE / 10.0, stations=24, points=8)
+CONVERGED = Numerics(method="adaptive", relative_tolerance=LAST_TOLERANCE / 10.0, stations=24, points=8)
 CONVERGED_SEARCH = Search(tolerance=math.radians(0.001))
 CONVERGED_PATH = Numerics(method="adaptive", relative_tolerance=TRAJECTORY_TOLERANCE / 10.0, stations=32, points=16)
 

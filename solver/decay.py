@@ -50,9 +50,10 @@ class Decay(NamedTuple):
 
 def build_decay(model: FreeSurface, target: Target) -> Decay:
     """Polynomials of a decay model."""
+    nothing = np.zeros(DEGREE + 1)
     if isinstance(model, NoFreeSurface):
-        nothing = Side(0.0, 0.0, np.zeros(DEGREE + 1), np.zeros(DEGREE + 1))
-        return Decay(0.0, 1.0, 0.0, 0.0, nothing, nothing)
+        side = Side(0.0, 0.0, nothing, nothing)
+        return Decay(0.0, 1.0, 0.0, 0.0, side, side)
     endless = np.zeros(1)
     static = float(model.static_pressure(endless, target)[0])
     inertia = float(model.inertia_coefficient(endless, target)[0])
@@ -70,7 +71,7 @@ def build_decay(model: FreeSurface, target: Target) -> Decay:
             scale=2.0 / width,
             shift=-(lowest + highest) / width,
             static=fit(lambda t: model.static_pressure(inverse_ratio(t), target) / static, DEGREE),
-            inertia=fit(lambda t: model.inertia_coefficient(inverse_ratio(t), target), DEGREE),
+            inertia=fit(lambda t: model.inertia_coefficient(inverse_ratio(t), target), DEGREE) if inertia else nothing,
         )
 
     scale = target.density / static if inertia > 0.0 else 0.0
@@ -87,9 +88,12 @@ def side_variable(inward: float, outward: float, pivot: float, scale: float, shi
 @exact
 def polynomial(coefficients: FloatArray, t: float) -> float:
     """Value at `t`."""
+    square = t * t
+    fourth = square * square
     value = float(coefficients[DEGREE])
-    for k in range(DEGREE - 1, -1, -1):
-        value = value * t + coefficients[k]
+    for k in range(DEGREE - 4, -1, -4):
+        low, high = coefficients[k] + coefficients[k + 1] * t, coefficients[k + 2] + coefficients[k + 3] * t
+        value = value * fourth + (low + high * square)
     return value
 
 

@@ -10,7 +10,8 @@ Method: TypeAlias = Literal["adaptive", "panels"]
 
 TERMINATION_TIME = 0.05
 """Far beyond the few milliseconds a strike takes. [s]"""
-TRAJECTORY_TOLERANCE, SEARCH_TOLERANCE = 3e-7, 1e-4
+TRAJECTORY_TOLERANCE, SEARCH_TOLERANCE = 3e-7, 3e-4
+TRAJECTORY_STATIONS, SEARCH_STATIONS = 12, 8
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -28,9 +29,10 @@ class Numerics:
         Surface elements and step of the panel route. [1, s]
     relative_tolerance
         Error of one step of the adaptive route, over the scale of the motion; left open, 3e-7 for a trajectory, which
-        balances energy to 1e-6, and 1e-4 for a search, which moves most critical angles by less than 0.01°. [1]
+        balances energy to 1e-6, and 3e-4 for a search, which goes on more finely where that may not do. [1]
     stations, points
-        Gauss-Legendre points of the adaptive route, along a stretch of the outline and around an arc. [1]
+        Gauss-Legendre points of the adaptive route, along a stretch of the outline and around an arc. Stations left
+        open are 12 for a trajectory and 8 for a search. [1]
     """
 
     method: Method | None = None
@@ -38,7 +40,7 @@ class Numerics:
     panels: int = 12_000
     time_step: float = 1e-5
     relative_tolerance: float | None = None
-    stations: int = 12
+    stations: int | None = None
     points: int = 4
 
     def __post_init__(self) -> None:
@@ -49,7 +51,8 @@ class Numerics:
         require_positive("numerics.time_step", self.time_step)
         if self.relative_tolerance is not None:
             require_between("numerics.relative_tolerance", self.relative_tolerance, 1e-10, 1e-2)
-        require_between("numerics.stations", self.stations, 2, 256)
+        if self.stations is not None:
+            require_between("numerics.stations", self.stations, 2, 256)
         require_between("numerics.points", self.points, 2, 256)
 
     def resolved(
@@ -58,6 +61,7 @@ class Numerics:
         method: Method = "adaptive",
         termination_time: float = TERMINATION_TIME,
         relative_tolerance: float = TRAJECTORY_TOLERANCE,
+        stations: int = TRAJECTORY_STATIONS,
     ) -> "ResolvedNumerics":
         """The same settings with what was left open filled in."""
         return ResolvedNumerics(
@@ -66,7 +70,7 @@ class Numerics:
             panels=self.panels,
             time_step=self.time_step,
             relative_tolerance=relative_tolerance if self.relative_tolerance is None else self.relative_tolerance,
-            stations=self.stations,
+            stations=stations if self.stations is None else self.stations,
             points=self.points,
         )
 

@@ -2,7 +2,7 @@
 
 A scan looks at the whole range with wide steps and few points. Where the outcome changes between two of its angles, a
 root search on how clearly a trial was turned away, or not, narrows the bracket. Two finer levels find the change again
-near there; both ends of the final bracket have been seen at the finest level.
+near there, and where they do not agree, a last one: its difference is the only sign of the error there is.
 """
 
 import math
@@ -23,11 +23,19 @@ from solver.rosenbrock import Linearisation, make_linearisation
 
 ANGLE, POSITION, END, MARGIN, FINE = range(5)
 """Columns of the table of trials: oblique angle, final depth of the nose tip, a value of `End`, how clearly the
-projectile was turned away (above zero) or not, and whether the trial was of the finest level. [rad, m, 1, 1, 1]"""
+projectile was turned away (above zero) or not, and whether the trial was as fine as asked for. [rad, m, 1, 1, 1]"""
 MOST_TRIALS = 2000
 """After which nothing is narrowed any further. The table has room for what a scan and its changes may add to them."""
+DOUBT = math.radians(0.02)
+"""Distance of the places that two levels find for a change above which a finer one decides. [rad]"""
+SLOW_EXIT = math.radians(40.0)
+"""Oblique angle below which it always does: who leaves there leaves slowly, and two levels may err alike. [rad]"""
+ROUGH, MIDDLE, ASKED, LAST = range(4)
+"""Levels, by how finely they compute; what was asked for is the third."""
 CLEAR = 0.25
 """Margin above which, on both sides, a scan does not look in between."""
+TAME = 0.1
+"""Bend of the strength factor between two trials, over its mean, up to which likewise."""
 EXIT, STEP_LIMIT, NOT_FINITE = End.EXIT.value, End.STEP_LIMIT.value, End.NOT_FINITE.value
 
 
@@ -56,7 +64,11 @@ class Level(NamedTuple):
     """How far the change may lie from where the level before has found it; a first guess. [rad]"""
     tolerance: float
     """Width of the bracket. [rad]"""
-    finest: bool
+    fine: bool
+    """As asked for, or finer."""
+
+
+Levels = tuple[Level, Level, Level, Level]
 
 
 class Room(NamedTuple):
@@ -120,7 +132,7 @@ def _try(oblique_angle: float, strike: Strike, model: Model, level: Level, room:
     row[ANGLE], row[POSITION], row[END] = oblique_angle, tip_depth(run.state, model.body), run.end.value
     if not np.isfinite(run.state).all():
         row[END] = NOT_FINITE
-    row[FINE] = 1.0 if level.finest else 0.0
+    row[FINE] = 1.0 if level.fine else 0.0
     row[MARGIN] = _margin(run, model, kinetic_energy(start, model.body))
     return count + 1
 
@@ -197,11 +209,24 @@ def _narrow(
     return left, right, count
 
 
+@lean
+def _is_tame(left: FloatArray, right: FloatArray, strength: FloatArray) -> bool:
+    """Whether there is no need to look between two trials.
+
+    Both are clear and end alike, and nothing that depends on the angle beside its sine and cosine varies much: the
+    strength factor half way is close to the mean of theirs.
+    """
+    if _turned_away(left) != _turned_away(right) or min(abs(left[MARGIN]), abs(right[MARGIN])) <= CLEAR:
+        return False
+    mean = 0.5 * (strength_at(left[ANGLE], strength) + strength_at(right[ANGLE], strength))
+    return abs(strength_at(0.5 * (left[ANGLE] + right[ANGLE]), strength) - mean) <= TAME * mean
+
+
 @compiled
 def _scan(
     angles: FloatArray, strike: Strike, model: Model, level: Level, room: Room, count: int
 ) -> tuple[npt.NDArray[np.int64], int]:
-    """Try every fourth angle, then every second and every one, but not between two that are clear and agree.
+    """Try every fourth angle, then every second and every one, but not where there is no need to look.
 
     Returns
     -------
@@ -212,15 +237,14 @@ def _scan(
     trials, numbers, last = room.trials, np.full(angles.size, -1), angles.size - 1
     for stride in (4, 2, 1):
         for i in range(angles.size):
-            before, after = i - i % (2 * stride), min(i - i % (2 * stride) + 2 * stride, last)
             if numbers[i] >= 0 or (i % stride != 0 and i != last):
                 continue
-            if stride < 4 and i != last:
+            if stride < 4:
+                before = i - stride
+                after = min(i + stride, last)
                 if numbers[before] < 0 or numbers[after] < 0:
                     continue
-                left, right = trials[numbers[before]], trials[numbers[after]]
-                clear = min(abs(left[MARGIN]), abs(right[MARGIN])) > CLEAR
-                if clear and _turned_away(left) == _turned_away(right):
+                if _is_tame(trials[numbers[before]], trials[numbers[after]], strike.strength):
                     continue
             numbers[i] = count
             count = _try(angles[i], strike, model, level, room, count)
@@ -230,16 +254,41 @@ def _scan(
 
 
 @lean
-def _same(bracket: npt.NDArray[np.int64], left: int, right: int, trials: FloatArray, level: Level) -> bool:
+def _same(bracket: npt.NDArray[np.int64], right: int, trials: FloatArray, level: Level) -> bool:
     """Whether a change is the one found before: rough trials may waver about it, and so lead there twice."""
     shift = trials[right, ANGLE] - trials[bracket[1], ANGLE]
-    return bool(
-        abs(shift) <= 2.0 * level.tolerance and _turned_away(trials[right]) == _turned_away(trials[bracket[1]])
-    )
+    return bool(abs(shift) <= 2.0 * level.tolerance and _turned_away(trials[right]) == _turned_away(trials[bracket[1]]))
 
 
 @compiled
-def search_outcome(angles: FloatArray, strike: Strike, model: Model, levels: tuple[Level, Level, Level]) -> Found:
+def _settle(
+    left: int, right: int, first: int, strike: Strike, model: Model, levels: Levels, room: Room, count: int
+) -> tuple[int, int, int]:
+    """Narrow a change that the first of these levels has found, level by level; return as above.
+
+    The last level is for a change that the two before do not place alike, or may have placed alike but wrong.
+    """
+    trials, found, begun = room.trials, np.full(len(levels), np.nan), count
+    for k in range(first, len(levels)):
+        if k == LAST:
+            slow = trials[right, ANGLE] < SLOW_EXIT and model.panels.area.size == 0
+            if not (slow or abs(found[k - 1] - found[k - 2]) > max(DOUBT, levels[k].tolerance)):
+                break
+            trials[begun:count, FINE] = 0.0  # these only showed where to look
+        begun = count
+        if k > first:
+            left, right, count = _bracket(left, right, strike, model, levels[k], room, count)
+        if left == right:
+            break
+        left, right, count = _narrow(left, right, strike, model, levels[k], room, count)
+        if _failed(trials[count - 1]):
+            break
+        found[k] = 0.5 * (trials[left, ANGLE] + trials[right, ANGLE])
+    return left, right, count
+
+
+@compiled
+def search_outcome(angles: FloatArray, strike: Strike, model: Model, levels: Levels) -> Found:
     """Scan `angles`, which rise, then narrow every change of outcome level by level.
 
     If a trial could not be integrated, it is the last of the table, and there are no brackets.
@@ -249,27 +298,21 @@ def search_outcome(angles: FloatArray, strike: Strike, model: Model, levels: tup
     )
     trials, brackets = room.trials, np.zeros((angles.size, 2), np.int64)
     count = changes = 0
-    first_level = 2 if model.panels.area.size > 0 else 0  # panels are as many at every level
-    for scan in (levels[first_level], levels[2]):  # a scan without a change is repeated at the finest level
-        numbers, count = _scan(angles, strike, model, scan, room, count)
+    panels = model.panels.area.size > 0  # as many at every level
+    for scan in range(2):  # without a change the scan is repeated as finely as asked
+        first = ASKED if panels or scan == 1 else ROUGH
+        numbers, count = _scan(angles, strike, model, levels[first], room, count)
         for i in range(numbers.size - 1):
             if _turned_away(trials[numbers[i]]) == _turned_away(trials[numbers[i + 1]]):
                 continue
-            left, right, count = _narrow(numbers[i], numbers[i + 1], strike, model, levels[first_level], room, count)
-            for k in range(first_level + 1, 3):
-                if _failed(trials[count - 1]):
-                    break
-                if left != right:
-                    left, right, count = _bracket(left, right, strike, model, levels[k], room, count)
-                if left != right:
-                    left, right, count = _narrow(left, right, strike, model, levels[k], room, count)
+            left, right, count = _settle(numbers[i], numbers[i + 1], first, strike, model, levels, room, count)
             if _failed(trials[count - 1]):
                 break
-            if left != right and not (changes > 0 and _same(brackets[changes - 1], left, right, trials, levels[2])):
+            if left != right and not (changes > 0 and _same(brackets[changes - 1], right, trials, levels[ASKED])):
                 brackets[changes, 0], brackets[changes, 1] = left, right
                 changes += 1
         if _failed(trials[count - 1]):
             return Found(trials[:count], brackets[:0])
-        if changes > 0:
+        if changes > 0 or panels:
             break
     return Found(trials[:count], brackets[:changes])

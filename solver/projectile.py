@@ -333,10 +333,11 @@ def solid_properties(projectile: Projectile) -> SolidProperties:
         x, r, _, cosine = piece.at(t)
         along = w * piece.length
         dx = along * cosine
-        area += float(np.sum(2.0 * math.pi * r * along))
-        volume += float(np.sum(math.pi * r**2 * dx))
-        first += float(np.sum(math.pi * r**2 * x * dx))
-        second += float(np.sum(math.pi * r**2 * (x**2 + r**2 / 4.0) * dx))
+        disc = math.pi * r * r
+        area += 2.0 * math.pi * float(r @ along)
+        volume += float(disc @ dx)
+        first += float((disc * x) @ dx)
+        second += float((disc * (x * x + r * r / 4.0)) @ dx)
     centroid = first / volume
     return SolidProperties(area, volume, centroid, second / volume - centroid**2)
 

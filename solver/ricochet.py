@@ -11,8 +11,8 @@ from solver.advice import ModelWarning
 from solver.arrays import FloatArray
 from solver.impact import Impact
 from solver.loads import build_quadrature
-from solver.motion import RAMP_FRACTION
-from solver.numerics import SEARCH_TOLERANCE, TERMINATION_TIME, Numerics
+from solver.motion import CORNERED_RAMP, RAMP_FRACTION
+from solver.numerics import SEARCH_STATIONS, SEARCH_TOLERANCE, TERMINATION_TIME, Numerics, ResolvedNumerics
 from solver.outcome_search import ANGLE, END, FINE, POSITION, Level, Strike, search_outcome
 from solver.paper_search import search_bisection, search_secant
 from solver.projectile import Projectile
@@ -31,7 +31,7 @@ ROUGH = Level(
     smooth_ramp=False,
     stride=0.0,
     tolerance=math.radians(0.1),
-    finest=False,
+    fine=False,
 )
 """Where a search first looks: right to a few tenths of a degree, at an eighth of the cost."""
 MIDDLE = Level(
@@ -41,11 +41,13 @@ MIDDLE = Level(
     smooth_ramp=False,
     stride=math.radians(0.1),
     tolerance=math.radians(0.04),
-    finest=False,
+    fine=False,
 )
 """Right to a few hundredths of a degree, at half of the cost."""
 STRIDE = 0.85
-"""First stride of the finest level, over the tolerance: if the level before was right, two trials confirm it."""
+"""First stride as finely as asked for, over the tolerance: if the level before was right, two trials confirm it."""
+LAST_TOLERANCE, LAST_STATIONS, LAST_POINTS = 3e-5, 24, 6
+"""Relative tolerance and Gauss-Legendre points of the last level, unless finer ones are asked for."""
 
 
 def critical_angle(
@@ -105,6 +107,7 @@ def critical_angle(
             method="panels" if paper else "adaptive",
             termination_time=PAPER_TERMINATION_TIME if paper else TERMINATION_TIME,
             relative_tolerance=SEARCH_TOLERANCE,
+            stations=SEARCH_STATIONS,
         ),
     )
     impact = Impact(
@@ -161,16 +164,16 @@ def _search_outcome(shot: Shot, impact: Impact, search: Search) -> tuple[Change,
         end_time=numerics.termination_time,
         time_step=numerics.time_step,
     )
-    fine = Level(
+    asked = Level(
         quadrature=shot.model.quadrature,
         accuracy=Accuracy(numerics.relative_tolerance, LARGEST_STEP),
         ramp_fraction=RAMP_FRACTION,
         smooth_ramp=shot.smooth_ramp,
         stride=STRIDE * search.tolerance,
         tolerance=search.tolerance,
-        finest=True,
+        fine=True,
     )
-    found = search_outcome(angles, strike, shot.model, (ROUGH, MIDDLE, fine))
+    found = search_outcome(angles, strike, shot.model, (ROUGH, MIDDLE, asked, _last(asked, numerics)))
     check_end(int(found.trials[-1, END]), numerics.termination_time)
     trials = tuple(
         Trial(float(row[ANGLE]), float(row[POSITION]), outcome_of(int(row[END])), bool(row[FINE]))
@@ -178,6 +181,18 @@ def _search_outcome(shot: Shot, impact: Impact, search: Search) -> tuple[Change,
     )
     _check_strength(shot, found.trials[:, ANGLE])
     return _first_onset([(trials[left], trials[right]) for left, right in found.brackets], trials), trials
+
+
+def _last(asked: Level, numerics: ResolvedNumerics) -> Level:
+    """The level for a change that the others do not place alike."""
+    tolerance = min(numerics.relative_tolerance, LAST_TOLERANCE)
+    return asked._replace(
+        quadrature=build_quadrature(
+            stations=max(numerics.stations, LAST_STATIONS), points=max(numerics.points, LAST_POINTS)
+        ),
+        accuracy=Accuracy(tolerance, LARGEST_STEP),
+        smooth_ramp=tolerance <= CORNERED_RAMP,
+    )
 
 
 def _check_strength(shot: Shot, angles: FloatArray) -> None:

@@ -112,13 +112,13 @@ def _solve_stage(
     point: FloatArray, acceleration: FloatArray, step: float, linear: Linearisation, stages: FloatArray, index: int
 ) -> None:
     """Fill row `index` of `stages` from the rate at its state."""
-    g = step * GAMMA
+    g, rate = step * GAMMA, 1.0 / step
     for n in range(3):
-        drift, push = point[n + 3], acceleration[n]
+        position = velocity = 0.0
         for j in range(index):
-            drift += COUPLINGS[index, j] / step * stages[j, n]
-            push += COUPLINGS[index, j] / step * stages[j, n + 3]
-        stages[index, n], stages[index, n + 3] = drift, push
+            position += COUPLINGS[index, j] * stages[j, n]
+            velocity += COUPLINGS[index, j] * stages[j, n + 3]
+        stages[index, n], stages[index, n + 3] = point[n + 3] + position * rate, acceleration[n] + velocity * rate
     drift, push, inverse = stages[index, :3], stages[index, 3:], linear.inverse
     for i in range(3):
         for j in range(3):

@@ -37,8 +37,8 @@ class Search:
     relative_tolerance
         The searches of the paper end when two angles in a row differ by less than this fraction. [1]
     scan_interval
-        Distance of the angles at which ``"outcome"`` first looks; where two of them in a row are clearly turned away,
-        or clearly not, it does not look in between. A change and change back between two angles looked at go
+        Distance of the angles at which ``"outcome"`` looks. It begins with every fourth, and leaves out those between
+        two that are clearly turned away, or clearly not. A change and change back between two angles looked at go
         unseen. [rad]
     """
 
@@ -83,8 +83,8 @@ class Trial:
     """Depth of the nose tip at the end of the run, or at the termination time in the searches of the paper. [m]"""
     outcome: Outcome
     fine: bool = True
-    """Whether it was computed as finely as asked for. The trials that only show a search by outcome where to look are
-    rougher, and may be wrong within a degree of the critical angle."""
+    """Whether it was computed as finely as asked for, or finer where that left a doubt. The others only show a
+    search by outcome where to look: they are rougher, and may be wrong within a degree of the critical angle."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,6 +20,7 @@ from solver import (
     critical_angle,
 )
 from solver.cases import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY
+from solver.numerics import SEARCH_STATIONS, SEARCH_TOLERANCE
 
 COMPRESSIBLE = {"target": replace(PAPER_TARGET, poissons_ratio=0.2)}
 INERTIA = {"resistance": Resistance(free_surface=ElasticPlastic(inertia=True))}
@@ -130,13 +131,13 @@ def test_defaults_find_the_angle_in_the_whole_range() -> None:
             assert (trial.outcome is Outcome.RICOCHET) == (trial.oblique_angle >= found.angle)
 
 
-DEFAULT, SEARCH_TOLERANCE = Numerics(), 1e-4
+DEFAULT = Numerics()
 FINER = {
     "half the tolerance": Numerics(relative_tolerance=SEARCH_TOLERANCE / 2.0),
-    "twice the stations": Numerics(stations=2 * DEFAULT.stations),
+    "twice the stations": Numerics(stations=2 * SEARCH_STATIONS),
     "twice the points": Numerics(points=2 * DEFAULT.points),
     "all three": Numerics(
-        relative_tolerance=SEARCH_TOLERANCE / 2.0, stations=2 * DEFAULT.stations, points=2 * DEFAULT.points
+        relative_tolerance=SEARCH_TOLERANCE / 2.0, stations=2 * SEARCH_STATIONS, points=2 * DEFAULT.points
     ),
     "a thousandth of the tolerance, twice the rest": Numerics(relative_tolerance=1e-7, stations=16, points=8),
 }
