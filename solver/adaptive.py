@@ -7,7 +7,7 @@ import numpy as np
 
 from solver.arrays import FloatArray
 from solver.compilation import compiled
-from solver.events import End, Run, deepest_tip, end_of_step, tip_depth
+from solver.events import REST_ENERGY, End, Run, deepest_tip, end_of_step, tip_depth
 from solver.motion import Model, Work, accelerate, kinetic_energy, store_step
 from solver.rosenbrock import DIFFERENCES, EVALUATIONS, Linearisation, attempt_step, linearise
 
@@ -24,6 +24,8 @@ class Accuracy(NamedTuple):
     """Error of one step over the scale of the motion."""
     largest_step: float
     """Over the time to travel, at the present speed, the distance from centre of gravity to tip."""
+    rest_energy: float = REST_ENERGY
+    """Kinetic energy, over its initial value, at which the projectile counts as at rest."""
 
 
 @compiled
@@ -74,7 +76,7 @@ def integrate_adaptive(
         store_step(row, time, step, state, work)
         count += 1
         last = time + step >= end_time * (1.0 - 1e-12)
-        end = end_of_step(row, model, work, was_loaded, loaded, initial_energy, last, event)
+        end = end_of_step(row, model, work, was_loaded, loaded, initial_energy, accuracy.rest_energy, last, event)
         until = time + step if end == End.NONE else event[0]
         if until > time:
             deepest = max(deepest, deepest_tip(row, until, body, work.point))

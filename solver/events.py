@@ -131,6 +131,7 @@ def end_of_step(
     was_loaded: bool,
     loaded: bool,
     initial_energy: float,
+    rest_energy: float,
     last: bool,
     event: FloatArray,
 ) -> End:
@@ -142,6 +143,8 @@ def end_of_step(
         The step, as stored.
     was_loaded, loaded
         Whether anything was loaded at its start, and at its end.
+    initial_energy, rest_energy
+        Kinetic energy at first contact, and the share of it at which the projectile counts as at rest.
     last
         Whether the step reaches the termination time.
     event
@@ -153,8 +156,8 @@ def end_of_step(
         `End.NONE` to go on.
     """
     body, time, state = model.body, step[0], event[1:]
-    if kinetic_energy(step[8:14], body) <= REST_ENERGY * initial_energy:
-        fraction = _rest_fraction(step, body, REST_ENERGY * initial_energy, state)
+    if kinetic_energy(step[8:14], body) <= rest_energy * initial_energy:
+        fraction = _rest_fraction(step, body, rest_energy * initial_energy, state)
         event[0] = time + fraction * step[1]
         interpolate(step, fraction, state)
         return End.REST

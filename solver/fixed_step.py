@@ -6,7 +6,7 @@ import numpy as np
 
 from solver.arrays import FloatArray
 from solver.compilation import compiled, lean
-from solver.events import End, Run, deepest_tip, end_of_step, tip_depth
+from solver.events import REST_ENERGY, End, Run, deepest_tip, end_of_step, tip_depth
 from solver.motion import Model, Work, accelerate, kinetic_energy, make_work, store_step
 from solver.surface import Body
 
@@ -72,7 +72,7 @@ def integrate_fixed(start: FloatArray, model: Model, end_time: float, time_step:
         gain = max(gain, (energy - before) / initial_energy)
         row = steps[index if steps.shape[0] > 1 else 0]
         store_step(row, time, step, state, work)
-        end = end_of_step(row, model, work, was_loaded, loaded, initial_energy, index == count - 1, event)
+        end = end_of_step(row, model, work, was_loaded, loaded, initial_energy, REST_ENERGY, index == count - 1, event)
         until = time + step if end == End.NONE else event[0]
         if until > time:
             deepest = max(deepest, deepest_tip(row, until, body, work.point))

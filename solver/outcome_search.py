@@ -32,7 +32,7 @@ SLOW_EXIT = math.radians(40.0)
 """Oblique angle below which it always does: who leaves there leaves slowly, and two levels may err alike. [rad]"""
 ROUGH, MIDDLE, ASKED, LAST = range(4)
 """Levels, by how finely they compute; what was asked for is the third."""
-CLEAR = 0.25
+CLEAR = 0.15
 """Margin above which, on both sides, a scan does not look in between."""
 TAME = 0.1
 """Bend of the strength factor between two trials, over its mean, up to which likewise."""

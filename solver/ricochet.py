@@ -9,6 +9,7 @@ from solver import advice
 from solver.adaptive import LARGEST_STEP, Accuracy
 from solver.advice import ModelWarning
 from solver.arrays import FloatArray
+from solver.events import LODGED_ENERGY
 from solver.impact import Impact
 from solver.loads import build_quadrature
 from solver.motion import CORNERED_RAMP, RAMP_FRACTION
@@ -26,24 +27,25 @@ PAPER_TERMINATION_TIME = 5e-3
 """When the paper reads the final position. [s]"""
 ROUGH = Level(
     quadrature=build_quadrature(stations=3, points=2),
-    accuracy=Accuracy(relative_tolerance=5e-3, largest_step=0.5),
+    accuracy=Accuracy(relative_tolerance=5e-3, largest_step=0.5, rest_energy=LODGED_ENERGY),
     ramp_fraction=5e-3,
     smooth_ramp=False,
     stride=0.0,
     tolerance=math.radians(0.1),
     fine=False,
 )
-"""Where a search first looks: right to a few tenths of a degree, at an eighth of the cost."""
+"""Where a search first looks: right to a few tenths of a degree, at a third of the cost. What is so slow that it would
+count as lodged is taken for embedded at once."""
 MIDDLE = Level(
     quadrature=build_quadrature(stations=5, points=3),
-    accuracy=Accuracy(relative_tolerance=1e-3, largest_step=LARGEST_STEP),
+    accuracy=Accuracy(relative_tolerance=1e-3, largest_step=LARGEST_STEP, rest_energy=LODGED_ENERGY),
     ramp_fraction=3e-4,
     smooth_ramp=False,
     stride=math.radians(0.1),
     tolerance=math.radians(0.04),
     fine=False,
 )
-"""Right to a few hundredths of a degree, at half of the cost."""
+"""Right to a few hundredths of a degree, at half of the cost, and likewise."""
 STRIDE = 0.85
 """First stride as finely as asked for, over the tolerance: if the level before was right, two trials confirm it."""
 LAST_TOLERANCE, LAST_STATIONS, LAST_POINTS = 3e-5, 24, 6
