@@ -12,6 +12,7 @@ RIGID_VELOCITY = 800.0
 TESTED_STRENGTH = (13e6, 97e6)
 """Compressive strengths of the penetration tests behind eq. 1 (Forrestal et al. 1994, Frew et al. 1998). [Pa]"""
 SMALL_ATTACK = math.radians(5.0)
+RELEASE_CALIBERS = 0.1
 CRATER_CALIBERS = 2.0
 """Depth of the front crater over the diameter, for which the theory of deep cavities was not made."""
 
@@ -143,6 +144,21 @@ LODGED = ModelWarning(
     "the load ends with the nose still inside and less than 0.1 % of the energy left, drifting out: counted as "
     "embedded, since friction and rubble, which the model leaves out, decide there",
 )
+
+
+def slow_exit(*, release_depth: float, diameter: float) -> tuple[ModelWarning, ...]:
+    """Warning of a ricochet that was released with its nose tip this deep inside."""
+    if release_depth <= RELEASE_CALIBERS * diameter:
+        return ()
+    return (
+        ModelWarning(
+            "slow_exit",
+            f"it counts as turned away, but its load ends with the nose tip still {release_depth / diameter:.2g} "
+            "diameters deep: friction and rubble, which the model leaves out, may hold it as it drifts out; below 0.1 % "
+            "of its energy it would count as lodged",
+        ),
+    )
+
 
 NO_MEASURED_ANGLE = ModelWarning(
     "no_measured_angle",

@@ -245,5 +245,8 @@ def _warnings(shot: Shot, impact: Impact, change: Change, trials: tuple[Trial, .
         warnings.append(advice.RICOCHET_AT_LOWER_BOUND)
     if any(trial.outcome is Outcome.IN_MOTION for trial in change.deciding or trials):
         warnings.append(advice.undecided(termination_time=shot.numerics.termination_time))
+    if change.angle is not None and shot.numerics.method == "adaptive":
+        release = next(trial.final_position for trial in trials if trial.oblique_angle == change.angle)
+        warnings += advice.slow_exit(release_depth=release, diameter=shot.projectile.diameter)
     warnings.append(advice.NO_MEASURED_ANGLE)
     return tuple(warnings)

@@ -10,7 +10,7 @@ from solver import advice
 from solver.advice import ModelWarning
 from solver.arrays import FloatArray
 from solver.errors import ParameterError
-from solver.events import End, Run
+from solver.events import End, Run, tip_depth
 from solver.impact import Impact
 from solver.motion import Model, sample, sample_loads
 from solver.numerics import Numerics
@@ -210,4 +210,7 @@ def _warnings(shot: Shot, impact: Impact, run: Run, outcome: Outcome) -> tuple[M
         found.append(advice.LODGED)
     if outcome is Outcome.EMBEDDED:
         found += advice.shallow(depth=run.maximum_tip_depth, diameter=shot.projectile.diameter)
+    if outcome is Outcome.RICOCHET:
+        release = tip_depth(run.state, shot.model.body)
+        found += advice.slow_exit(release_depth=release, diameter=shot.projectile.diameter)
     return tuple(found)
