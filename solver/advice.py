@@ -154,8 +154,8 @@ def slow_exit(*, release_depth: float, diameter: float) -> tuple[ModelWarning, .
         ModelWarning(
             "slow_exit",
             f"it counts as turned away, but its load ends with the nose tip still {release_depth / diameter:.2g} "
-            "diameters deep: friction and rubble, which the model leaves out, may hold it as it drifts out; below 0.1 % "
-            "of its energy it would count as lodged",
+            "diameters deep: friction and rubble, which the model leaves out, may hold it as it drifts out; below "
+            "0.1 % of its energy it would count as lodged",
         ),
     )
 
