@@ -1,32 +1,33 @@
-"""The pool: one worker process to a core, one task at a time in each, behind an awaitable ``submit``.
+"""The pool: one worker process to a core, one call at a time in each, behind an awaitable face.
 
-Each worker has a thread and a pipe of its own, and they share nothing: no queue, no lock. So a worker may be killed
-at any instant, also halfway through sending a result, and the only task it can take with it is the one it was on.
+Each worker has a thread and a socket of its own, and they share nothing: no queue, no lock. So a worker may be killed
+at any instant, also halfway through sending a result, and the only call it can take with it is the one it was on.
 The libraries looked at share a pipe among the workers: there one SIGKILL fails every task in flight
 (``concurrent.futures``, loky) or stops the pool for good (pebble).
+
+Calls come singly or in chunks. A worker is given a whole chunk and replies call by call, so that small calls cost
+little more than themselves, and it is known at any instant which call a worker is on.
 """
 
 import asyncio
 import itertools
 import multiprocessing
 import os
-import queue
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future, wait
 from contextlib import suppress
 from typing import Any, TypeVar, TypeVarTuple
 
-from service.lane import ExecutorError, Job, Lane, PoolUnavailableError
+from service.lane import CHUNK, END, PROBE, SINGLE, Backlog, ExecutorError, Job, Lane, PoolUnavailableError
+from service.worker import Call, Finished
 
 Arguments = TypeVarTuple("Arguments")
 Result = TypeVar("Result")
 
 KILL_SECONDS = 0.5
 """Kept back from the grace time to end workers that are still busy."""
-PROBE, WORK, END = 0, 1, 2
-"""Priorities: a probe overtakes waiting work."""
 
 
 class PoolExecutor:
@@ -37,13 +38,13 @@ class PoolExecutor:
     workers
         Number of processes.
     task_seconds
-        Wall time one task may take; its worker is killed then, as nothing else interrupts compiled code.
+        Wall time one call may take; its worker is killed then, as nothing else interrupts compiled code.
     """
 
     def __init__(self, *, workers: int, task_seconds: float) -> None:
         context = multiprocessing.get_context("forkserver")
         context.set_forkserver_preload(["service.preload", "service.worker"])
-        self._jobs: queue.PriorityQueue[Job] = queue.PriorityQueue()
+        self._jobs = Backlog()
         self._numbers = itertools.count()
         self._unfinished: set[Future[Any]] = set()
         self._stopping = False
@@ -54,6 +55,16 @@ class PoolExecutor:
     def worker_pids(self) -> list[int]:
         """Process ids of the workers that are up."""
         return [lane.worker.pid for lane in self._lanes if lane.worker is not None]
+
+    @property
+    def restarts(self) -> int:
+        """Workers that had to be replaced."""
+        return sum(max(0, lane.starts - 1) for lane in self._lanes)
+
+    @property
+    def queued(self) -> int:
+        """Calls submitted singly, probes among them, that wait for a worker."""
+        return self._jobs.urgent
 
     async def start(self) -> None:
         """Bring every worker up, warm.
@@ -81,14 +92,39 @@ class PoolExecutor:
         WorkerCrashedError, TaskTimeoutError, PoolUnavailableError
             If the pool could not bring it to an end.
         """
-        result: Result = await self._enqueue(WORK, function, arguments)
+        (finished,) = await asyncio.wrap_future(self._enqueue(SINGLE, [(function, arguments)]).future)
+        if finished.error is not None:
+            raise finished.error
+        result: Result = finished.value
         return result
 
+    async def run(self, calls: Sequence[Call]) -> list[Finished]:
+        """Run a chunk of calls one after the other in one worker, behind what is submitted singly.
+
+        A call that fails, takes too long or ends the worker twice says so in its place; the others are run all the
+        same. Cancelled while it waits, it never runs; once running, the call it is on ends or is ended within 0.5 s,
+        and those after it do not run.
+
+        Raises
+        ------
+        PoolUnavailableError
+            If no worker can be started or the pool is stopping.
+        """
+        if not calls:
+            return []
+        job = self._enqueue(CHUNK, calls)
+        try:
+            return await asyncio.wrap_future(job.future)
+        except asyncio.CancelledError:
+            job.cancelled = time.monotonic()
+            raise
+
     async def probe(self, seconds: float) -> bool:
-        """Tell whether a worker answers within this time; overtakes what waits, not what runs."""
+        """Tell whether a worker answers within this time; overtakes all that waits, and chunks between two calls."""
         with suppress(ExecutorError, TimeoutError):
-            await asyncio.wait_for(self._enqueue(PROBE, os.getpid, ()), seconds)
-            return True
+            job = self._enqueue(PROBE, [(os.getpid, ())])
+            (finished,) = await asyncio.wait_for(asyncio.wrap_future(job.future), seconds)
+            return finished.error is None
         return False
 
     async def stop(self, grace: float) -> None:
@@ -96,14 +132,14 @@ class PoolExecutor:
         self._stopping = True
         await asyncio.to_thread(self._wind_down, time.monotonic() + grace)
 
-    def _enqueue(self, priority: int, function: Callable[..., Any], arguments: tuple[Any, ...]) -> asyncio.Future[Any]:
+    def _enqueue(self, priority: int, calls: Sequence[Call]) -> Job:
         if self._stopping:
             raise PoolUnavailableError("the service is stopping")
-        job = Job(priority, next(self._numbers), (function, arguments))
+        job = Job(priority, next(self._numbers), calls)
         self._unfinished.add(job.future)
         job.future.add_done_callback(self._unfinished.discard)
         self._jobs.put(job)
-        return asyncio.wrap_future(job.future)
+        return job
 
     def _wind_down(self, deadline: float) -> None:
         wait(list(self._unfinished), timeout=max(0.0, deadline - KILL_SECONDS - time.monotonic()))

@@ -1,37 +1,46 @@
-"""A lane of the pool: one worker process, the pipe to it, and the thread that keeps it busy."""
+"""A lane of the pool: one worker process, the channel to it, and the thread that keeps it busy."""
 
 import pickle
 import queue
+import socket
 import threading
-from collections.abc import Callable
+import time
+from collections.abc import Sequence
 from concurrent.futures import Future
 from contextlib import suppress
 from dataclasses import dataclass, field
 from multiprocessing.context import ForkServerContext
-from typing import Any
 
-from service.worker import serve
+from service.worker import STOP, Call, Channel, Finished, packed, serve, unpacked
 
+PROBE, SINGLE, CHUNK, END = range(4)
+"""Priorities of jobs. A probe and a single call overtake chunks, also one that runs, between two of its calls."""
+OVERTAKE_SECONDS = 0.02
+"""Between asking one lane and the next to leave its chunk: with many cores, one call must not halt them all."""
 ATTEMPTS = 2
-"""A task that has ended this many workers is given up."""
+"""A call that has ended this many workers is given up."""
 START_SECONDS = 120.0
 """For a worker to come up; the first ever on a machine compiles the solver, which takes up to a minute."""
 RETRY_SECONDS = 0.2
 """Before a worker that did not come up is tried once more."""
 IDLE_CHECK_SECONDS = 1.0
 """How often an idle worker is looked at, so that a dead one is replaced before it is needed."""
+BUSY_CHECK_SECONDS = 0.02
+"""How often the lane of a busy worker looks for what it should stop for, replies or not; a look costs 10 µs."""
+CANCEL_SECONDS = 0.3
+"""For the call a cancelled chunk is on to end by itself; then its worker is ended, the only way to stop it."""
 
 
 class ExecutorError(Exception):
-    """Root of what goes wrong in the pool rather than in the task."""
+    """Root of what goes wrong in the pool rather than in the call."""
 
 
 class WorkerCrashedError(ExecutorError):
-    """The task ended every worker process it was given to."""
+    """The call ended every worker process it was given to."""
 
 
 class TaskTimeoutError(ExecutorError):
-    """The task took longer than a task may."""
+    """The call took longer than a call may."""
 
 
 class PoolUnavailableError(ExecutorError):
@@ -39,33 +48,85 @@ class PoolUnavailableError(ExecutorError):
 
 
 class _WorkerDiedError(Exception):
-    """The worker has gone, and with it what it was doing."""
+    """The worker has gone or has to go, and with it the call it was on."""
 
 
 @dataclass(order=True, slots=True)
 class Job:
-    """A call waiting for a worker; lower priorities first, then in order of arrival."""
+    """Calls that one worker runs in turn; lower priorities first, then in order of arrival."""
 
     priority: int
     number: int
-    call: tuple[Callable[..., Any], tuple[Any, ...]] | None = field(default=None, compare=False)
-    """None asks the thread that takes it to end."""
-    future: Future[Any] = field(default_factory=Future, compare=False)
+    calls: Sequence[Call] = field(default=(), compare=False)
+    future: Future[list[Finished]] = field(default_factory=Future, compare=False)
+    finished: list[Finished] = field(default_factory=list, compare=False)
+    cancelled: float | None = field(default=None, compare=False)
+    """When it was given up while it ran, on the monotonic clock."""
+    crashes: int = field(default=0, compare=False)
+    """Workers that the first unfinished call has ended."""
+    _messages: list[bytes] = field(default_factory=list, compare=False)
+
+    def begin(self) -> bool:
+        """Tell whether it is still wanted; it has been begun before if another overtook it."""
+        if not self._messages:
+            if not self.future.set_running_or_notify_cancel():
+                return False
+            self._messages = [packed(call) for call in self.calls]
+        return True
+
+    @property
+    def left(self) -> list[bytes]:
+        """What a worker is to be given now: all that is not finished, but a call that has ended a worker goes alone."""
+        first = len(self.finished)
+        return self._messages[first : first + 1 if self.crashes else None]
+
+    def finish(self, finished: Finished) -> None:
+        """Note what became of the first unfinished call."""
+        self.finished.append(finished)
+        self.crashes = 0
+
+
+class Backlog(queue.PriorityQueue[Job]):
+    """Jobs that wait for a lane."""
+
+    urgent = 0
+    """Those of them that overtake chunks."""
+    _asked = 0.0
+
+    def _put(self, item: Job) -> None:
+        super()._put(item)
+        self.urgent += item.priority < CHUNK
+
+    def _get(self) -> Job:
+        job = super()._get()
+        self.urgent -= job.priority < CHUNK
+        return job
+
+    def asks(self, job: Job) -> bool:
+        """Tell whether whoever runs this job should leave it for another."""
+        if job.priority < CHUNK or not self.urgent:
+            return False
+        now = time.monotonic()
+        if now < self._asked + OVERTAKE_SECONDS:
+            return False
+        self._asked = now
+        return True
 
 
 class WorkerProcess:
-    """One process, and the parent's end of the pipe to it."""
+    """One process, and the parent's end of the channel to it."""
 
     _starting = threading.Lock()  # multiprocessing's own bookkeeping is not made for threads
 
     def __init__(self, context: ForkServerContext) -> None:
-        self._pipe, theirs = context.Pipe()
+        ours, theirs = socket.socketpair()
+        self._channel = Channel(ours)
         self._process = context.Process(target=serve, args=(theirs,), name="ricochet-worker", daemon=True)
         try:
             with self._starting:
                 self._process.start()
         except (OSError, EOFError) as error:
-            self._pipe.close()
+            self._channel.close()
             raise PoolUnavailableError("no worker process could be started") from error
         finally:
             theirs.close()  # the worker's copy is then the only one: its death is the end of the stream
@@ -77,26 +138,21 @@ class WorkerProcess:
 
     @property
     def alive(self) -> bool:
-        """Whether an idle or busy worker still holds its end of the pipe; call it with no answer unread."""
-        try:
-            return not self._pipe.poll()
-        except OSError:
-            return False
+        """Whether an idle worker still holds its end of the channel: it has nothing to say but its end."""
+        return not self._channel.waiting()
 
-    def receive(self, seconds: float) -> bytes:
-        """Next message of the worker."""
+    def receive(self, seconds: float) -> bytes | None:
+        """Next message of the worker; None if nothing has come within this time."""
         try:
-            if self._pipe.poll(seconds):
-                return self._pipe.recv_bytes()
+            return self._channel.receive(seconds)
         except (EOFError, OSError) as error:
             raise _WorkerDiedError from error
-        raise TaskTimeoutError(f"not finished after {seconds:g} s")
 
-    def send(self, message: bytes) -> None:
-        """Give the worker its next task."""
+    def send(self, message: bytes, seconds: float) -> None:
+        """Send a message, which the worker has this long to take."""
         try:
-            self._pipe.send_bytes(message)
-        except OSError as error:
+            self._channel.send(message, seconds)
+        except OSError as error:  # also for a worker that does not read: it is as good as dead
             raise _WorkerDiedError from error
 
     def kill(self) -> None:
@@ -105,12 +161,12 @@ class WorkerProcess:
             self._process.kill()
 
     def close(self) -> None:
-        """Give up the pipe; an idle worker ends by itself then."""
-        self._pipe.close()
+        """Give up the channel; an idle worker ends by itself then."""
+        self._channel.close()
 
 
 class Lane:
-    """Takes jobs from the queue of the pool and sees each to its end.
+    """Takes jobs from the backlog of the pool and sees each to its end.
 
     Parameters
     ----------
@@ -121,18 +177,13 @@ class Lane:
     closed
         Set when the pool gives up what is not finished.
     task_seconds
-        Wall time of one task.
+        Wall time of one call.
     """
 
-    def __init__(
-        self,
-        context: ForkServerContext,
-        jobs: "queue.PriorityQueue[Job]",
-        closed: threading.Event,
-        task_seconds: float,
-    ) -> None:
+    def __init__(self, context: ForkServerContext, jobs: Backlog, closed: threading.Event, task_seconds: float) -> None:
         self.worker: WorkerProcess | None = None
         self.started: Future[None] = Future()
+        self.starts = 0  # workers that have come up
         self.thread = threading.Thread(target=self._run, name="ricochet-lane", daemon=True)
         self._context = context
         self._jobs = jobs
@@ -140,7 +191,7 @@ class Lane:
         self._task_seconds = task_seconds
 
     def kill_worker(self) -> None:
-        """End the worker, also in the middle of a task; may be called from any thread."""
+        """End the worker, also in the middle of a call; may be called from any thread."""
         worker = self.worker
         if worker is not None:
             worker.kill()
@@ -148,44 +199,87 @@ class Lane:
     def _run(self) -> None:
         try:
             self._live_worker()
-        except ExecutorError as error:
+        except Exception as error:  # noqa: BLE001 (whoever starts the pool raises it)
             self.started.set_exception(error)
             return
         self.started.set_result(None)
+        self._work()
+        if self.worker is not None:
+            self._discard(self.worker)
+
+    def _work(self) -> None:
         while True:
             try:
                 job = self._jobs.get(timeout=IDLE_CHECK_SECONDS)
             except queue.Empty:
-                with suppress(ExecutorError):
-                    self._live_worker()
+                self._look_after_worker()
                 continue
-            if job.call is None:
+            if job.priority == END:
                 return
-            if job.future.set_running_or_notify_cancel():
-                self._finish(job)
+            if job.begin():
+                self._see_through(job)
+            if self.worker is None:  # the next job should not wait for a new one
+                self._look_after_worker()
 
-    def _finish(self, job: Job) -> None:
+    def _see_through(self, job: Job) -> None:
+        """Bring a job to its end, or to where another overtakes it."""
         try:
-            succeeded, value = pickle.loads(self._ask(pickle.dumps(job.call)))  # noqa: S301 (from our own worker)
+            while job.left and job.cancelled is None:
+                self._advance(job)
+                if job.left and job.priority == CHUNK and self._jobs.urgent:
+                    self._jobs.put(job)
+                    return
         except Exception as error:  # noqa: BLE001 (whoever waits for the job raises it)
+            if self.worker is not None:  # nobody knows what it would say next
+                self._discard(self.worker)
             job.future.set_exception(error)
         else:
-            (job.future.set_result if succeeded else job.future.set_exception)(value)
+            job.future.set_result(job.finished)
 
-    def _ask(self, message: bytes) -> bytes:
-        for _ in range(ATTEMPTS):
-            worker = self._live_worker()
-            try:
-                worker.send(message)
-                return worker.receive(self._task_seconds)
-            except _WorkerDiedError:
-                self._discard(worker)
-            except TaskTimeoutError:
-                self._discard(worker)
-                raise
-        if self._closed.is_set():
-            raise PoolUnavailableError("the service is stopping")
-        raise WorkerCrashedError(f"the task ended {ATTEMPTS} worker processes")
+    def _advance(self, job: Job) -> None:
+        """Have the worker run what is left of a job, as far as it gets."""
+        worker, begun = self._live_worker(), time.monotonic()
+        try:
+            self._converse(worker, job)
+        except _WorkerDiedError:
+            self._discard(worker)
+            if self._closed.is_set():
+                raise PoolUnavailableError("the service is stopping") from None
+            job.crashes += 1
+            if job.crashes == ATTEMPTS:
+                error = WorkerCrashedError(f"the task ended {ATTEMPTS} worker processes")
+                job.finish(Finished(None, error, time.monotonic() - begun))
+        except TaskTimeoutError as error:
+            self._discard(worker)
+            if job.left:
+                job.finish(Finished(None, error, self._task_seconds))
+
+    def _converse(self, worker: WorkerProcess, job: Job) -> None:
+        """Send what is left of a job; take the replies up to the last, or to where the worker has stopped."""
+        calls, stopping = job.left, False
+        last = len(job.finished) + len(calls)
+        worker.send(pickle.dumps(calls), self._task_seconds)
+        since = time.monotonic()
+        while stopping or len(job.finished) < last:
+            if not stopping and (job.cancelled is not None or self._jobs.asks(job)):
+                with suppress(_WorkerDiedError):  # it may have said more before
+                    worker.send(STOP, self._task_seconds)
+                stopping = True
+            reply = worker.receive(BUSY_CHECK_SECONDS)
+            now = time.monotonic()
+            if reply == STOP:
+                return
+            if reply is not None:
+                job.finish(unpacked(reply))
+                since = now
+            elif job.cancelled is not None and now > job.cancelled + CANCEL_SECONDS:
+                raise _WorkerDiedError
+            elif now > since + self._task_seconds:
+                raise TaskTimeoutError(f"not finished after {self._task_seconds:g} s")
+
+    def _look_after_worker(self) -> None:
+        with suppress(ExecutorError):  # whoever needs one next tries again
+            self._live_worker()
 
     def _live_worker(self) -> WorkerProcess:
         """Worker of this lane, a new one if it has died while idle."""
@@ -206,10 +300,13 @@ class Lane:
         if self._closed.is_set():  # whoever closed the pool since has not seen this worker
             worker.kill()
         try:
-            worker.receive(START_SECONDS)
-        except (_WorkerDiedError, TaskTimeoutError) as error:
+            ready = worker.receive(START_SECONDS)
+        except _WorkerDiedError:
+            ready = None
+        if ready is None:
             self._discard(worker)
-            raise PoolUnavailableError("a worker process did not come up") from error
+            raise PoolUnavailableError("a worker process did not come up")
+        self.starts += 1
         return worker
 
     def _discard(self, worker: WorkerProcess) -> None:

@@ -4,18 +4,29 @@ import fcntl
 import multiprocessing
 import os
 import pickle
+import select
 import signal
+import socket
+import struct
 import sys
+import time
 import traceback
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from multiprocessing.connection import Connection
-from typing import Any
+from typing import Any, TypeAlias
 
 from solver import CriticalAngle, Impact, Trajectory, critical_angle, simulate, warm_up
 
+Call: TypeAlias = tuple[Callable[..., Any], tuple[Any, ...]]
+"""A picklable function and its arguments."""
+
 READY = b"ready"
+STOP = b""
+"""Asks a worker to leave the calls it has not begun, and is its answer that it has."""
+LENGTH = struct.Struct("!Q")
+GULP = 1 << 18
+"""Bytes to read at once: more than a socket holds. A reader that lags behind catches up in one read."""
 NICENESS = 5
 """Below the server, which has to answer others while the workers fill the cores."""
 STRIKE = ("velocity", "angle_of_attack", "angular_velocity")
@@ -28,6 +39,25 @@ class CriticalCase:
 
     found: CriticalAngle
     trajectory: Trajectory | None
+
+
+@dataclass(frozen=True, slots=True)
+class Finished:
+    """What became of a call.
+
+    Parameters
+    ----------
+    value
+        What it returned; None if it did not.
+    error
+        What it raised, or why the pool could not bring it to an end; None if it returned.
+    seconds
+        It took in the worker.
+    """
+
+    value: Any
+    error: Exception | None
+    seconds: float
 
 
 def run_trajectory(arguments: Mapping[str, Any]) -> Trajectory:
@@ -47,29 +77,117 @@ def run_cra(arguments: Mapping[str, Any], sample_interval: float | None) -> Crit
     return CriticalCase(found, simulate(**motion, sample_interval=sample_interval))
 
 
-def serve(pipe: Connection) -> None:
-    """Body of a worker process: answer one task after the other until the other end of the pipe closes."""
+class Channel:
+    """One end of a private socket, for whole messages.
+
+    The connections of multiprocessing let go of the interpreter lock three times a message; in a busy server each time
+    may cost the switch interval of 5 ms. This one does so twice, for as many messages as have arrived.
+    """
+
+    def __init__(self, end: socket.socket) -> None:
+        self._end = end
+        self._arrived = bytearray()
+        self._readable = select.poll()
+        self._readable.register(end, select.POLLIN)
+
+    def send(self, message: bytes, seconds: float | None = None) -> None:
+        """Send a message; TimeoutError if the other end has not taken it in this time."""
+        self._end.settimeout(seconds)
+        self._end.sendall(LENGTH.pack(len(message)) + message)
+        self._end.settimeout(None)  # with one, each recv would wait and let go of the lock once more
+
+    def receive(self, seconds: float | None = None) -> bytes | None:
+        """Next message, None if this time passes without a byte; EOFError if the other end has gone."""
+        while (message := self._next()) is None:
+            if not self._readable.poll(None if seconds is None else 1000.0 * seconds):
+                return None
+            gulp = self._end.recv(GULP)
+            if not gulp:
+                raise EOFError
+            self._arrived += gulp
+        return message
+
+    def waiting(self) -> bool:
+        """Tell whether there is something to receive, be it the end."""
+        return bool(self._arrived or self._readable.poll(0))
+
+    def close(self) -> None:
+        """Hang up."""
+        self._end.close()
+
+    def _next(self) -> bytes | None:
+        if len(self._arrived) < LENGTH.size:
+            return None
+        end = LENGTH.size + LENGTH.unpack_from(self._arrived)[0]
+        if len(self._arrived) < end:
+            return None
+        with memoryview(self._arrived) as arrived:
+            message = bytes(arrived[LENGTH.size : end])
+        del self._arrived[:end]
+        return message
+
+
+def serve(end: socket.socket) -> None:
+    """Body of a worker process: work off one chunk after the other until the other end of the channel closes."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the whole group; the parent ends its workers itself
     end_with_parent()
     os.nice(NICENESS)
     warm_up()
+    channel = Channel(end)
     with suppress(EOFError, BrokenPipeError, ConnectionResetError):
-        pipe.send_bytes(READY)
+        channel.send(READY)
         while True:
-            pipe.send_bytes(answer(pipe.recv_bytes()))
+            message = channel.receive()
+            if message == STOP:
+                channel.send(STOP)
+            elif message is not None:
+                work_off(pickle.loads(message), channel)  # noqa: S301 (from the parent only)
 
 
-def answer(message: bytes) -> bytes:
-    """Run a pickled (function, arguments); return the pickled (True, result) or (False, exception)."""
+def work_off(calls: Sequence[bytes], channel: Channel) -> None:
+    """Answer these calls one after the other, until there is word from the parent: that can only be to stop."""
+    for call in calls:
+        if channel.waiting():
+            return
+        channel.send(answer(call))
+
+
+def answer(call: bytes) -> bytes:
+    """Run a pickled call; return the pickled (value, error, seconds) of what became of it."""
+    started = time.perf_counter()
     try:
-        function, arguments = pickle.loads(message)  # noqa: S301 (from the parent only)
-        return pickle.dumps((True, function(*arguments)), pickle.HIGHEST_PROTOCOL)
-    except Exception as error:  # noqa: BLE001 (whatever it is, the parent raises it)
+        function, arguments = pickle.loads(call)  # noqa: S301 (from the parent only)
+        result = function(*arguments)
+        return pickle.dumps((result, None, time.perf_counter() - started), pickle.HIGHEST_PROTOCOL)
+    except Exception as error:  # noqa: BLE001 (whatever it is, the parent has to know)
+        seconds = time.perf_counter() - started
         error.add_note("".join(traceback.format_exception(error)))
         try:
-            return pickle.dumps((False, error), pickle.HIGHEST_PROTOCOL)
+            return pickle.dumps((None, error, seconds), pickle.HIGHEST_PROTOCOL)
         except Exception:  # noqa: BLE001 (an exception may hold anything)
-            return pickle.dumps((False, RuntimeError("\n".join(error.__notes__))), pickle.HIGHEST_PROTOCOL)
+            told = RuntimeError("\n".join(error.__notes__))
+            return pickle.dumps((None, told, seconds), pickle.HIGHEST_PROTOCOL)
+
+
+def packed(call: Call) -> bytes:
+    """Pickle a call; one that cannot be pickled becomes a call that says so."""
+    try:
+        return pickle.dumps(call, pickle.HIGHEST_PROTOCOL)
+    except Exception as error:  # noqa: BLE001 (arguments may hold anything)
+        return pickle.dumps((refuse, (str(error),)))
+
+
+def refuse(why: str) -> None:
+    """Stand in for a call that could not be pickled."""
+    raise pickle.PicklingError(why)
+
+
+def unpacked(reply: bytes) -> Finished:
+    """Unpickle what became of a call."""
+    try:
+        return Finished(*pickle.loads(reply))  # noqa: S301 (from our own worker)
+    except Exception as error:  # noqa: BLE001 (some exceptions can be pickled, but not back)
+        return Finished(None, error, 0.0)
 
 
 def end_with_parent() -> None:

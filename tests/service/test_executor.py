@@ -1,4 +1,7 @@
-"""The pool under real kills. `pow` of large numbers stands for compiled code: it never lets go of the interpreter."""
+"""The pool under real kills. `pow` of large numbers stands for compiled code: it never lets go of the interpreter.
+
+`os.mkdir` stands for a call that must not run twice.
+"""
 
 import asyncio
 import multiprocessing.forkserver
@@ -18,10 +21,13 @@ import pytest
 
 from service.executor import PoolExecutor
 from service.lane import PoolUnavailableError, TaskTimeoutError, WorkerCrashedError
+from service.worker import Call
 
 pytestmark = [pytest.mark.anyio, pytest.mark.timeout(60)]
 
 FOREVER = (7, 10**8)
+ENDLESS: Call = (pow, FOREVER)
+DEADLY: Call = (signal.raise_signal, (signal.SIGKILL,))
 PARENT = Path(__file__).with_name("pool_parent.py")
 linux = pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
 
@@ -31,6 +37,24 @@ async def until(claim: Callable[[], bool], seconds: float) -> bool:
     while not claim() and time.monotonic() < deadline:  # noqa: ASYNC110 (other processes set no event)
         await asyncio.sleep(0.02)
     return claim()
+
+
+def nap(seconds: float) -> Call:
+    return time.sleep, (seconds,)
+
+
+def folders(inside: Path, count: int) -> list[Call]:
+    return [(os.mkdir, (inside / str(number),)) for number in range(count)]
+
+
+def made(inside: Path) -> list[Path]:
+    return list(inside.iterdir())
+
+
+async def pool_with(task_seconds: float, workers: int = 1) -> PoolExecutor:
+    pool = PoolExecutor(workers=workers, task_seconds=task_seconds)
+    await pool.start()
+    return pool
 
 
 def processes() -> dict[int, int]:
@@ -176,3 +200,190 @@ async def test_probe_overtakes_waiting_tasks_and_sees_a_stuck_pool(pool: PoolExe
     await pool.stop(0.6)
     assert not await pool.probe(seconds=0.2)
     await asyncio.gather(*stuck, return_exceptions=True)
+
+
+async def test_calls_of_a_chunk_come_back_in_order_each_with_its_own_outcome(pool: PoolExecutor) -> None:
+    calls: list[Call] = [(operator.add, (1, 2)), (int, ("x",)), nap(0.2), (threading.Lock, ()), (os.getpid, ())]
+    first, wrong, slow, unsendable, last = await pool.run(calls)
+    assert (first.value, first.error, slow.error, last.error) == (3, None, None, None)
+    assert isinstance(wrong.error, ValueError)
+    assert isinstance(unsendable.error, TypeError)
+    assert 0.2 <= slow.seconds < 0.4
+    assert first.seconds < 0.1
+    assert last.value in pool.worker_pids
+    assert await pool.run([]) == []
+
+
+async def test_call_or_error_that_cannot_be_pickled_spoils_no_other(pool: PoolExecutor) -> None:
+    odd: Call = (eval, ("(_ for _ in ()).throw(type('Odd', (Exception,), {})())",))
+    one_way: Call = (exec, ("import json; json.loads('{')\n",))
+    calls: list[Call] = [(len, (threading.Lock(),)), odd, (lambda: 1, ()), one_way, (operator.add, (1, 2))]
+    finished = await pool.run(calls)
+    assert all(isinstance(outcome.error, Exception) for outcome in finished[:4])
+    assert "pickle" in str(finished[0].error)
+    assert finished[4].value == 3
+
+
+async def test_chunk_of_nothing_costs_the_server_little(pool: PoolExecutor) -> None:
+    """The best of three: other programs on the machine disturb the caches."""
+
+    async def microseconds() -> float:
+        before = time.process_time()
+        for _ in range(20):
+            await pool.run([(operator.add, (1, 2))] * 25)
+        return (time.process_time() - before) / (20 * 25) * 1e6
+
+    assert min([await microseconds() for _ in range(3)]) < 40.0
+
+
+async def test_large_results_of_a_chunk_arrive_whole(pool: PoolExecutor) -> None:
+    finished = await pool.run([(np.full, (1_000_000, number)) for number in range(5)])
+    assert [outcome.value.sum() for outcome in finished] == [0.0, 1e6, 2e6, 3e6, 4e6]
+
+
+async def test_call_that_kills_its_workers_fails_alone_and_what_was_answered_is_kept(tmp_path: Path) -> None:
+    pool = await pool_with(60.0)
+    diary = tmp_path / "diary"
+    noted: Call = (exec, (f"open({str(diary)!r}, 'a').write('x'); import os; os.kill(os.getpid(), 9)",))
+    before, after = folders(tmp_path, 3), [(os.mkdir, (tmp_path / f"after-{number}",)) for number in range(3)]
+    finished = await pool.run([*before, noted, *after])
+    assert [type(outcome.error) for outcome in finished] == [type(None)] * 3 + [WorkerCrashedError] + [type(None)] * 3
+    assert diary.read_text() == "xx"
+    assert pool.restarts == 2
+    await pool.stop(2.0)
+
+
+async def test_call_that_was_merely_unlucky_is_tried_once_more(pool: PoolExecutor, tmp_path: Path) -> None:
+    unlucky = f"import os; os.path.exists({str(tmp_path / 'x')!r}) or (os.mkdir({str(tmp_path / 'x')!r}), os._exit(1))"
+    finished = await pool.run([*folders(tmp_path, 2), (exec, (unlucky,)), (os.mkdir, (tmp_path / "after",))])
+    assert [outcome.error for outcome in finished] == [None] * 4
+
+
+async def test_every_deadly_call_of_a_chunk_is_found(pool: PoolExecutor) -> None:
+    finished = await pool.run([DEADLY, (operator.add, (1, 2)), DEADLY, DEADLY, (operator.add, (3, 4)), DEADLY])
+    assert [number for number, outcome in enumerate(finished) if outcome.error is not None] == [0, 2, 3, 5]
+    assert [finished[1].value, finished[4].value] == [3, 7]
+
+
+async def test_chunks_finish_however_their_workers_are_killed(pool: PoolExecutor) -> None:
+    instants = random.Random(1)  # noqa: S311
+    sums: list[Call] = [(operator.add, (number, 1)) for number in range(20)]
+    chunks = [asyncio.ensure_future(pool.run([nap(0.005), *sums])) for _ in range(200)]
+    for kills in range(1, 7):
+        await asyncio.sleep(instants.uniform(0.03, 0.1))  # for the call hit last to get done
+        os.kill(pool.worker_pids[kills % 2], signal.SIGKILL)
+        assert await until(lambda: pool.restarts == kills, 5.0)  # noqa: B023 (asked at once)
+    for chunk in chunks:
+        assert [outcome.value for outcome in await chunk] == [None, *range(1, 21)]
+
+
+async def test_clock_of_a_call_starts_with_the_reply_before_it() -> None:
+    pool = await pool_with(task_seconds=0.5)
+    finished = await pool.run([nap(0.3)] * 3 + [ENDLESS] + [nap(0.3)] * 2)
+    assert [type(outcome.error) for outcome in finished] == [type(None)] * 3 + [TaskTimeoutError] + [type(None)] * 2
+    assert finished[3].seconds == 0.5
+    assert pool.restarts == 1
+    await pool.stop(2.0)
+
+
+async def test_worker_that_no_longer_moves_is_replaced() -> None:
+    pool = await pool_with(task_seconds=0.4)
+    os.kill(pool.worker_pids[0], signal.SIGSTOP)
+    big: list[Call] = [(len, (bytes(100_000),))] * 5  # more than a socket holds
+    finished = await pool.run(big)
+    assert [outcome.value for outcome in finished] == [100_000] * 5
+    os.kill(pool.worker_pids[0], signal.SIGSTOP)
+    assert [type(outcome.error) for outcome in await pool.run([nap(0.0)] * 2)] == [TaskTimeoutError, type(None)]
+    await pool.stop(2.0)
+
+
+async def test_cancelled_chunk_that_waits_never_runs(tmp_path: Path) -> None:
+    pool = await pool_with(60.0)
+    busy = asyncio.ensure_future(pool.run([nap(0.2)]))
+    waiting = asyncio.ensure_future(pool.run(folders(tmp_path, 3)))
+    await asyncio.sleep(0.1)
+    waiting.cancel()
+    await busy
+    await pool.run([nap(0.0)])
+    assert not made(tmp_path)
+    await pool.stop(2.0)
+
+
+async def test_cancelled_chunk_stops_after_a_short_call_and_keeps_its_worker(tmp_path: Path) -> None:
+    pool = await pool_with(60.0)
+    running = asyncio.ensure_future(pool.run([nap(0.3), *folders(tmp_path, 3)]))
+    await asyncio.sleep(0.1)
+    running.cancel()
+    started = time.monotonic()
+    await pool.run([nap(0.0)])
+    assert time.monotonic() - started < 0.5
+    assert running.cancelled()
+    assert not made(tmp_path)
+    assert pool.restarts == 0
+    await pool.stop(2.0)
+
+
+async def test_cancelled_chunk_on_a_long_call_is_ended_with_its_worker() -> None:
+    pool = await pool_with(60.0)
+    (pid,) = pool.worker_pids
+    running = asyncio.ensure_future(pool.run([ENDLESS, ENDLESS]))
+    await asyncio.sleep(0.1)
+    running.cancel()
+    assert await until(lambda: pool.worker_pids != [pid], 0.5)
+    assert await pool.submit(operator.add, 2, 3) == 5
+    await pool.stop(2.0)
+
+
+async def test_single_call_and_probe_overtake_a_chunk_and_no_call_of_it_runs_twice(tmp_path: Path) -> None:
+    pool = await pool_with(60.0)
+    steps = [call for folder in folders(tmp_path, 40) for call in (folder, nap(0.02))]
+    chunk = asyncio.ensure_future(pool.run(steps))
+    behind = asyncio.ensure_future(pool.run([nap(0.0)]))
+    for _ in range(5):
+        await asyncio.sleep(0.05)
+        assert await pool.submit(operator.add, 2, 3) == 5
+        assert await pool.probe(seconds=0.2)
+    assert not chunk.done()
+    assert not behind.done()
+    assert [outcome.error for outcome in await chunk] == [None] * 80
+    await behind
+    await pool.stop(2.0)
+
+
+async def test_overtaken_chunk_can_be_cancelled(tmp_path: Path) -> None:
+    pool = await pool_with(60.0)
+    chunk = asyncio.ensure_future(pool.run([nap(0.2), *folders(tmp_path, 3)]))
+    await asyncio.sleep(0.05)
+    single = asyncio.ensure_future(pool.submit(time.sleep, 0.4))
+    await asyncio.sleep(0.3)
+    chunk.cancel()
+    await single
+    await pool.run([nap(0.0)])
+    assert not made(tmp_path)
+    await pool.stop(2.0)
+
+
+async def test_waiting_single_calls_are_counted_and_chunks_are_not() -> None:
+    pool = await pool_with(60.0)
+    calls = [asyncio.ensure_future(pool.submit(time.sleep, 0.05)) for _ in range(4)]
+    chunk = asyncio.ensure_future(pool.run([nap(0.0)] * 3))
+    await asyncio.sleep(0.02)
+    assert pool.queued == 3
+    await asyncio.gather(*calls, chunk)
+    assert pool.queued == 0
+    assert pool.restarts == 0
+    await pool.stop(2.0)
+
+
+async def test_stop_lets_chunks_finish_or_gives_them_up(pool: PoolExecutor) -> None:
+    short = asyncio.ensure_future(pool.run([nap(0.05)] * 4))
+    long = asyncio.ensure_future(pool.run([nap(0.05), ENDLESS]))
+    waiting = [asyncio.ensure_future(pool.run([ENDLESS])) for _ in range(2)]
+    await asyncio.sleep(0)
+    await pool.stop(1.2)
+    assert [outcome.error for outcome in await short] == [None] * 4
+    for chunk in (long, *waiting):
+        with pytest.raises(PoolUnavailableError):
+            await chunk
+    with pytest.raises(PoolUnavailableError):
+        await pool.run([nap(0.0)])

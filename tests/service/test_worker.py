@@ -1,7 +1,11 @@
 """What a worker computes is what the solver computes here, to the last bit, and it is ready to do so at once."""
 
+import os
 import pickle
+import socket
+import threading
 import time
+from collections import deque
 from dataclasses import astuple
 from typing import Any
 
@@ -9,7 +13,7 @@ import numpy as np
 import pytest
 
 from service.executor import PoolExecutor
-from service.worker import answer, run_cra, run_trajectory
+from service.worker import Channel, answer, run_cra, run_trajectory, unpacked
 from solver import Impact, Numerics, ParameterError, Search, critical_angle, simulate
 from solver.cases import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY
 
@@ -60,6 +64,49 @@ async def test_first_query_of_a_worker_does_not_wait_for_the_compiler(pool: Pool
 
 
 def test_message_that_cannot_be_understood_is_an_answer_not_the_end_of_the_worker() -> None:
-    succeeded, error = pickle.loads(answer(b"not a pickle"))  # noqa: S301
-    assert not succeeded
-    assert isinstance(error, pickle.UnpicklingError)
+    finished = unpacked(answer(b"not a pickle"))
+    assert finished.value is None
+    assert isinstance(finished.error, pickle.UnpicklingError)
+
+
+def test_reply_that_cannot_be_understood_is_the_error_of_its_call() -> None:
+    assert isinstance(unpacked(b"not a pickle").error, pickle.UnpicklingError)
+
+
+def test_messages_arrive_whole_and_in_order_however_they_are_cut() -> None:
+    ours, theirs = socket.socketpair()
+    sent = [os.urandom(length) for length in (0, 1, 7, 8, 100_000, 3_000_000, 0, 5)]
+    channel, other = Channel(ours), Channel(theirs)
+    sender = threading.Thread(target=lambda: deque(map(other.send, sent)))
+    sender.start()
+    assert [channel.receive() for _ in sent] == sent
+    sender.join()
+    assert not channel.waiting()
+    assert channel.receive(0.01) is None
+    other.close()
+    channel.close()
+
+
+def test_what_was_said_before_the_other_end_went_is_still_heard() -> None:
+    ours, theirs = socket.socketpair()
+    channel, other = Channel(ours), Channel(theirs)
+    channel.send(b"never read")
+    other.send(b"one")
+    other.send(b"two")
+    theirs.sendall(b"half of a length"[:5])
+    other.close()
+    assert channel.waiting()
+    assert [channel.receive(), channel.receive()] == [b"one", b"two"]
+    with pytest.raises((EOFError, ConnectionResetError)):
+        channel.receive()
+    channel.close()
+
+
+def test_message_nobody_takes_is_given_up_in_time() -> None:
+    ours, theirs = socket.socketpair()
+    channel, started = Channel(ours), time.monotonic()
+    with pytest.raises(TimeoutError):
+        channel.send(bytes(10_000_000), 0.1)
+    assert time.monotonic() - started < 1.0
+    channel.close()
+    theirs.close()
