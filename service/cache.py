@@ -1,67 +1,43 @@
-"""Results on disk, one HDF5 file to a key, and the latest of them in memory.
+"""Results on disk, in segments of one or many, and the latest of them in memory.
 
-    results/<first two digits>/<key>.h5   results
-    results/.partial/                     being written; what is left there after a crash is removed at the next start
-    damaged/<key>.h5                      files that were not what had been written, set aside
+    results/index.sqlite     which result is in which segment; made anew from the segments if it is lost
+    results/segments/        see `service.segments`
 
 A folder belongs to one running service.
 """
 
-import itertools
 import logging
-import os
 import re
-import shutil
+import sqlite3
 import threading
-from collections import OrderedDict
-from contextlib import suppress
+import time
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
-from service.hdf5 import DamagedFileError, from_hdf5, to_hdf5
+from service.hdf5 import DamagedFileError, read_keys, read_records, to_hdf5
+from service.index import Index, Place, Statistics, discard_index
+from service.recent import RecentRecords
 from service.record import Record
+from service.segments import FolderLock, Segments, discard, name_of
 
 NOT_CACHED = "result_not_cached"
 KEY = re.compile(r"[0-9a-f]{64}")
 PROBE = bytes(65_536)
 """Enough for a full disk to refuse it."""
+SEGMENT_BYTES = 16 * 1024 * 1024
+"""Most of the histories of one segment: what is read and decompressed for a single result of it."""
+EVICTED_SHARE = 0.1
+"""Of the limit, made free at once, so that not every new result has to."""
+EVICTED_AT_ONCE = 64
+"""Segments; whoever stores results waits for it."""
 
 log = logging.getLogger(__name__)
 
 
-class RecentRecords:
-    """The records used last, up to a number of bytes."""
-
-    def __init__(self, limit: int) -> None:
-        self._limit = limit
-        self._records: OrderedDict[str, tuple[Record, int]] = OrderedDict()
-        self._nbytes = 0
-        self._lock = threading.Lock()
-
-    def get(self, key: str) -> Record | None:
-        """Record of this key, which becomes the latest."""
-        with self._lock:
-            if key not in self._records:
-                return None
-            self._records.move_to_end(key)
-            return self._records[key][0]
-
-    def put(self, record: Record) -> None:
-        """Keep the record, if it fits at all, and drop as many of those used longest ago as it takes."""
-        nbytes = record.nbytes
-        with self._lock:
-            _, replaced = self._records.pop(record.key, (None, 0))
-            self._nbytes -= replaced
-            if nbytes > self._limit:
-                return
-            self._records[record.key] = (record, nbytes)
-            self._nbytes += nbytes
-            while self._nbytes > self._limit:
-                _, (_, dropped) = self._records.popitem(last=False)
-                self._nbytes -= dropped
-
-
 class ResultCache:
-    """Keeps records.
+    """Keeps records. A context manager, closed at its end.
 
     Parameters
     ----------
@@ -69,6 +45,13 @@ class ResultCache:
         Data folder of the service; made if it is not there.
     memory_bytes
         Memory for the latest records.
+    disk_bytes
+        Disk for all records; segments used longest ago go first.
+
+    Raises
+    ------
+    FolderInUseError
+        If the folder belongs to another running service.
 
     Notes
     -----
@@ -76,94 +59,244 @@ class ResultCache:
     says what is wrong. Only `recall` is meant for the event loop, all else may wait for the disk.
     """
 
-    def __init__(self, folder: Path, *, memory_bytes: int) -> None:
+    def __init__(self, folder: Path, *, memory_bytes: int, disk_bytes: int) -> None:
         self.trouble: str | None = None
-        self._results = folder / "results"
-        self._partial = self._results / ".partial"
-        self._damaged = folder / "damaged"
+        self._folder = folder
+        self._disk_bytes = disk_bytes
         self._recent = RecentRecords(memory_bytes)
-        self._numbers = itertools.count()
-        shutil.rmtree(self._partial, ignore_errors=True)
-        self.writable()
+        self._segments = Segments(folder)
+        self._index_path = folder / "results" / "index.sqlite"
+        self._changing = threading.Lock()
+        """Held while files and index change together."""
+        self._evicting = threading.Lock()
+        self._lock: FolderLock | None = None
+        with self._noting():
+            self._lock = FolderLock(folder)
+        self._segments.sweep()
+        self.writable()  # which makes the folder
+        self._index = self._open_index()
+        self._reconcile()
+        self._make_room()
+
+    def __enter__(self) -> "ResultCache":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
 
     def recall(self, key: str) -> Record | None:
         """Record of this key if it is in memory."""
         return self._recent.get(key)
 
     def get(self, key: str) -> Record | None:
-        """Record of this key, from memory or from disk."""
-        record = self._recent.get(key) or self._read(key)
+        """Record of this key, from memory or from disk; in memory from then on."""
+        record = self.get_many([key]).get(key)
         if record is not None:
             self._recent.put(record)
         return record
 
+    def get_many(self, keys: Sequence[str]) -> dict[str, Record]:
+        """Records of these keys, as far as there are any. Memory keeps what it has: a batch would fill it."""
+        found = {key: record for key in keys if (record := self._recent.get(key))}
+        wanted: dict[str, dict[str, int]] = defaultdict(dict)
+        for key, place in self._find([key for key in keys if key not in found]).items():
+            wanted[place.segment][key] = place.row
+        for segment, rows in wanted.items():
+            found |= self._read(segment, rows)
+        self._use(wanted)
+        return found
+
+    def known(self, keys: Sequence[str]) -> set[str]:
+        """Those of these keys whose records are on disk, in segments seen to be whole."""
+        places = self._find(keys)
+        whole = {name for name in {place.segment for place in places.values()} if self._check(name)}
+        self._use(whole)
+        return {key for key, place in places.items() if place.segment in whole}
+
     def put(self, record: Record) -> Record:
         """Keep the record; return it as it is to be answered, with a warning if it could not be written."""
-        if not self._write(self._path(record.key), to_hdf5(record)):
-            record = record.with_warning(NOT_CACHED, f"this result was not stored: {self.trouble}")
+        [record] = self.put_many([record])
         self._recent.put(record)
         return record
 
+    def put_many(self, records: Sequence[Record]) -> list[Record]:
+        """Keep records of one operation in one segment, or several if they are very large; return them likewise."""
+        answers: list[Record] = []
+        for part in _parts(records):
+            stored = self._store(part)
+            detail = f"this result was not stored: {self.trouble}"
+            answers += part if stored else [record.with_warning(NOT_CACHED, detail) for record in part]
+        return answers
+
     def writable(self) -> bool:
         """Try whether results can be written now."""
-        probe = self._partial / "probe"
-        written = self._write(probe, PROBE)
-        with suppress(OSError):
-            probe.unlink(missing_ok=True)
-        return written
+        with self._noting():
+            discard(self._segments.stage(PROBE))
+            self._note(None)
+            return True
+        return False
 
-    def _path(self, key: str) -> Path:
-        return self._results / key[:2] / f"{key}.h5"
+    def statistics(self) -> Statistics:
+        """What is on disk."""
+        return self._index.statistics
 
-    def _read(self, key: str) -> Record | None:
-        if KEY.fullmatch(key) is None:  # it may come from an address
-            return None
-        path = self._path(key)
+    def evict(self, limit: int, *, keep: str = "") -> None:
+        """Remove the segments used longest ago until the rest, but for the one to keep, takes no more than this."""
+        with self._noting():
+            self._index.flush()  # the order they go in; a full disk may refuse it, but not what makes it less full
+        with self._noting():
+            while self._index.statistics.bytes > limit:
+                excess, names = self._index.statistics.bytes - limit, []
+                for name, size in self._index.oldest(EVICTED_AT_ONCE, but=keep):
+                    if excess > 0:
+                        names.append(name)
+                        excess -= size
+                if not names:
+                    return
+                with self._changing:
+                    self._segments.remove(names)
+                    self._index.drop(names)
+
+    def verify(self) -> list[str]:
+        """Read every segment, enter what is not in the index, set damaged ones aside and return their names."""
+        return [name for name in sorted(self._segments.names()) if not self._adopt(name)]
+
+    def rebuild(self) -> None:
+        """Make the index anew, with nobody else at work."""
+        with self._noting():
+            self._index.close()
+            discard_index(self._index_path)
+            self._index = self._open_index()
+            self._reconcile()
+
+    def close(self) -> None:
+        """Write what is left and give the folder up."""
+        with self._noting():
+            self._index.close()
+        if self._lock is not None:
+            self._lock.release()
+
+    def _open_index(self) -> Index:
+        with self._noting():
+            return Index(self._index_path)
+        return Index(None)  # what is stored can be read all the same
+
+    def _reconcile(self) -> None:
+        """Make the index agree with the files: a crash may come between the change of one and of the other."""
+        with self._noting():
+            indexed, there = self._index.names(), self._segments.names()
+            self._index.drop(indexed - there)
+            new = there - indexed
+            if new:
+                log.info("%d segments are not in the index: reading them", len(new))
+            for name in new:
+                self._adopt(name)
+
+    def _store(self, records: Sequence[Record]) -> bool:
+        keys = [record.key for record in records]
+        name, content = name_of(keys), to_hdf5(*records)
+        with self._noting():
+            staged = self._segments.stage(content)
+            with self._changing:
+                self._segments.place(staged, name)
+                self._enter(name, keys, len(content))
+            self._note(None)
+            self._make_room(name)
+            return True
+        return False
+
+    def _enter(self, name: str, keys: Sequence[str], size: int) -> None:
         try:
-            record = from_hdf5(path.read_bytes())
-        except FileNotFoundError:
-            return None
-        except OSError as error:
-            self._note(error)
-            return None
-        except DamagedFileError as error:
-            self._set_aside(path, str(error))
-            return None
-        if record.key != key:
-            self._set_aside(path, "it holds another result")
-            return None
-        return record
+            self._index.add(name, keys, size, time.time())
+        except sqlite3.Error:
+            places = self._index.find(keys).values()
+            if all(place.segment != name for place in places):  # nobody would find it before the next start
+                self._segments.remove([name])
+            raise
 
-    def _write(self, path: Path, content: bytes) -> bool:
-        """Write the file whole or not at all.
+    def _make_room(self, latest: str = "") -> None:
+        if self.statistics().bytes > self._disk_bytes and self._evicting.acquire(blocking=False):
+            try:
+                self.evict(round(self._disk_bytes * (1.0 - EVICTED_SHARE)), keep=latest)
+            finally:
+                self._evicting.release()
 
-        No fsync: what a power cut leaves of the file fails its checksum and is computed again, which costs less than
-        waiting for the disk at every result.
-        """
-        partial = self._partial / f"{path.stem}-{os.getpid()}-{next(self._numbers)}"
+    def _find(self, keys: Sequence[str]) -> dict[str, Place]:
+        with self._noting():
+            return self._index.find([key for key in keys if KEY.fullmatch(key)])  # one may come from an address
+        return {}
+
+    def _use(self, names: Iterable[str]) -> None:
+        with self._noting():
+            self._index.use(names)
+
+    def _read(self, name: str, rows: Mapping[str, int]) -> dict[str, Record]:
+        """Results in these rows of a segment."""
+        with self._missing(name):
+            records = read_records(self._segments.path(name).read_bytes(), rows.values())
+            if [record.key for record in records] != list(rows):
+                self._index.drop([name])  # it was wrong
+                self._adopt(name)
+            return {record.key: record for record in records if record.key in rows}
+        return {}
+
+    def _check(self, name: str) -> bool:
+        with self._missing(name):
+            self._segments.check(name)
+            return True
+        return False
+
+    def _adopt(self, name: str) -> bool:
+        """Enter a segment in the index, if it is whole."""
+        with self._missing(name):
+            path = self._segments.path(name)
+            content = path.read_bytes()
+            keys = read_keys(content)
+            if name_of(keys) != name:
+                raise DamagedFileError("it holds other results")
+            self._index.add(name, keys, len(content), path.stat().st_mtime)
+            return True
+        return False
+
+    @contextmanager
+    def _missing(self, name: str) -> Iterator[None]:
+        """Take a segment that turns out to be gone or damaged for one that is not there."""
+        with self._noting():
+            try:
+                yield
+            except FileNotFoundError:
+                with self._changing:
+                    if not self._segments.path(name).exists():  # nor written anew meanwhile
+                        self._index.drop([name])
+            except DamagedFileError as error:
+                with self._changing:
+                    self._segments.set_aside(name, str(error))
+                    self._index.drop([name])
+
+    @contextmanager
+    def _noting(self) -> Iterator[None]:
+        """Note what the disk refuses, and go on behind the block."""
         try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            self._partial.mkdir(parents=True, exist_ok=True)
-            partial.write_bytes(content)
-            partial.replace(path)
-        except OSError as error:
-            with suppress(OSError):
-                partial.unlink(missing_ok=True)
-            self._note(error)
-            return False
-        self._note(None)
-        return True
-
-    def _set_aside(self, path: Path, reason: str) -> None:
-        log.warning("%s set aside: %s", path, reason)
-        try:
-            self._damaged.mkdir(parents=True, exist_ok=True)
-            path.replace(self._damaged / path.name)
-        except OSError as error:
+            yield
+        except (OSError, sqlite3.Error) as error:
             self._note(error)
 
-    def _note(self, error: OSError | None) -> None:
-        trouble = None if error is None else error.strerror or type(error).__name__
+    def _note(self, error: OSError | sqlite3.Error | None) -> None:
+        trouble = None if error is None else getattr(error, "strerror", None) or str(error) or type(error).__name__
         if trouble != self.trouble:
-            log.warning("cache folder %s: %s", self._results, error or "written again")
+            log.warning("cache folder %s: %s", self._folder, error or "written again")
         self.trouble = trouble
+
+
+def _parts(records: Sequence[Record]) -> Iterator[Sequence[Record]]:
+    part: list[Record] = []
+    size = 0
+    for record in records:
+        nbytes = sum(column.nbytes for column in (record.history or {}).values())
+        if part and size + nbytes > SEGMENT_BYTES:
+            yield part
+            part, size = [], 0
+        part.append(record)
+        size += nbytes
+    if part:
+        yield part

@@ -1,152 +1,270 @@
-"""A record as an HDF5 file that explains itself: request, answer and versions as text, numbers as tables with units.
+"""Results as an HDF5 file that explains itself: requests and answers as JSON Lines, numbers as tables with units.
+
+    summary      one row a result, or a case of a batch
+    requests     a line of JSON a row of the summary, as bytes of UTF-8
+    answers      likewise
+    iterations   every trial of the searches
+    history      the motions over time
 
 Before the HDF5 data stands a block of 512 bytes, which HDF5 allows for and its tools skip, with the hash of all that
 follows. So every byte is checked before the HDF5 library, which does not take damage well, gets to see any.
 """
 
 import hashlib
-from collections.abc import Mapping, Sequence
-from typing import Any
+import zlib
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any, Protocol
 
 import h5py
 import numpy as np
 import orjson
 
+from service.chunks import Stream, memory_file, read_single, write_attribute
 from service.record import Record
+from service.tables import (
+    CASE,
+    MOTION,
+    NUMBERING,
+    TRIALS,
+    Column,
+    Table,
+    histories_of,
+    history_of,
+    summarize,
+    summary_columns,
+    table_of,
+    trials_of,
+)
 
 BLOCK = 512
 """Smallest place HDF5 keeps free for others at the start of a file. [bytes]"""
-
-UNITS = {
-    "_m_s": "m/s",
-    "_rad_s": "rad/s",
-    "_n_m": "N m",
-    "_deg": "deg",
-    "_m": "m",
-    "_s": "s",
-    "_n": "N",
-    "_j": "J",
-}
-"""Unit by the end of a name, longer ends first."""
+LAYOUT = "1"
+"""Raised when the layout changes so much that programs that read it must change too."""
+CHUNK_BYTES = 1024 * 1024
+"""Of a file written slice by slice: little enough to wait in memory, and enough to be compressed well."""
 
 DESCRIPTIONS = {
-    "time_s": "since first contact",
-    "center_of_gravity_depth_m": "depth of the centre of gravity, positive inside the target",
-    "center_of_gravity_lateral_m": "way of the centre of gravity along the face since first contact",
-    "nose_tip_depth_m": "depth of the nose tip, positive inside the target",
-    "axis_angle_deg": "from the inward normal of the face to the axis; grows as the nose turns toward the face",
-    "depth_velocity_m_s": "of the centre of gravity, along the inward normal",
-    "lateral_velocity_m_s": "of the centre of gravity, along the face",
-    "angular_velocity_rad_s": "rate of the axis angle",
-    "depth_force_n": "resistance along the inward normal",
-    "lateral_force_n": "resistance along the face",
-    "moment_n_m": "moment of the resistance about the centre of gravity",
-    "kinetic_energy_j": "of translation and rotation",
-    "outcome": "how the run ended",
-    "maximum_depth_m": "greatest depth of the nose tip",
-    "status": "how the search ended",
-    "critical_angle_deg": "smallest oblique angle, from the normal, at which the projectile is turned away",
-    "oblique_angle_deg": "angle tried, from the inward normal of the face to the velocity",
-    "final_position_m": "depth of the nose tip at the end of the trial",
-    "fine": "whether the trial was computed as finely as asked for, or only to see where to look",
+    "summary": "the answers in short, a row each",
+    "requests": "canonical requests, every default filled in: JSON Lines in UTF-8, a line a row of the summary",
+    "answers": "answers, JSON Lines likewise: without the histories, which are a table of this file",
+    "iterations": "every trial of the searches, in order",
+    "history": "the motions at even intervals and at the event that ended the run",
 }
-TABLES = {
-    "summary": "the answer in short",
-    "final": "the motion at the event that ended the run",
-    "iterations": "every trial of the search, in order",
-    "history": "the motion at even intervals and at the event that ended the run",
-}
-
-Columns = Mapping[str, Sequence[Any] | np.ndarray[Any, Any]]
 
 
 class DamagedFileError(Exception):
     """The file is not what was written."""
 
 
-def to_hdf5(record: Record) -> bytes:
-    """Content of the file of a record; the same record gives the same bytes."""
-    with h5py.File(record.key, "w", driver="core", backing_store=False) as file:
-        file.attrs["title"] = "ricochet result"
-        for name in ("operation", "key", "engine_version", "schema_version"):
-            file.attrs[name] = getattr(record, name)
-        _write_text(file, "request", record.request, "canonical request, JSON: every default filled in")
-        _write_text(file, "answer", record.answer, "answer, JSON: without the history, which is a table of this file")
-        for name, columns in _tables(record).items():
-            _write_table(file, name, columns)
+class Case(Protocol):
+    """A finished case of a batch."""
+
+    @property
+    def number(self) -> int:
+        """Place in the batch, from 0."""
+
+    @property
+    def custom_id(self) -> str | None:
+        """Name its sender gave it."""
+
+    @property
+    def record(self) -> Record | None:
+        """Its result, if it has one."""
+
+    @property
+    def problem(self) -> dict[str, Any] | None:
+        """What went wrong otherwise."""
+
+
+def to_hdf5(*records: Record) -> bytes:
+    """Content of a file of these results; the same results give the same bytes."""
+    with memory_file() as file:
+        contents = Contents(file, records[0].operation, chunk_bytes=None)
+        contents.write(records, [summarize(record) for record in records])
+        contents.finish()
         file.flush()
         image: bytes = file.id.get_file_image()
-    return _seal(image) + image
+    return _seal(hashlib.sha256(image).hexdigest()) + image
 
 
-def from_hdf5(data: bytes) -> Record:
-    """Read the record back.
+class BatchFile:
+    """A file of the cases of a batch, written slice by slice, so that only a slice need be in memory.
+
+    Parameters
+    ----------
+    path
+        Where it goes.
+    operation
+        What all of its cases ask for.
+
+    Notes
+    -----
+    A context manager: closed at the end of its block, whole if `finish` was called or the block ended well.
+    """
+
+    def __init__(self, path: Path, operation: str) -> None:
+        self._path = path
+        self._file = h5py.File(path, "w", libver=("v110", "v110"), userblock_size=BLOCK)
+        self._contents = Contents(self._file, operation, chunk_bytes=CHUNK_BYTES, more=NUMBERING)
+
+    def __enter__(self) -> "BatchFile":
+        return self
+
+    def __exit__(self, kind: object, *_: object) -> None:
+        if kind is None:
+            self.finish()
+        with suppress(OSError):  # what could not be written is told already
+            self._file.close()
+
+    def finish(self) -> None:
+        """Write what is left and the hash of it all, for which the whole file is read."""
+        if not self._file:
+            return
+        self._contents.finish()
+        self._file.close()
+        with self._path.open("r+b") as file:
+            file.seek(BLOCK)
+            digest = hashlib.file_digest(file, "sha256")
+            file.seek(0)
+            file.write(_seal(digest.hexdigest()))
+
+    def write(self, cases: Sequence[Case]) -> None:
+        """Add these cases."""
+        summaries = []
+        for case in cases:
+            summary = summarize(case.record) if case.record else {}
+            problem = case.problem.get("type") if case.problem else None
+            summaries.append(summary | {"index": case.number, "custom_id": case.custom_id, "problem": problem})
+        self._contents.write([case.record for case in cases], summaries, [case.problem for case in cases])
+
+
+class Contents:
+    """What is in a file, as it is written.
+
+    Parameters
+    ----------
+    file
+        Open and empty.
+    operation
+        Of its results.
+    chunk_bytes
+        Largest chunk of a dataset; None if all is written at once.
+    more
+        Further columns of the summary, the first ones.
+    """
+
+    def __init__(
+        self, file: h5py.File, operation: str, *, chunk_bytes: int | None, more: Sequence[Column] = ()
+    ) -> None:
+        root = h5py.h5g.open(file.id, b"/")
+        for name, text in {"title": "ricochet results", "layout": LAYOUT}.items():
+            write_attribute(root, name, text)
+        self._summary = (*more, *summary_columns(operation))
+        self._rows = 0
+        known = {"summary": self._summary, "iterations": (CASE, *TRIALS), "history": (CASE, *MOTION)}
+        self._streams = {
+            name: Stream(file, name, description, columns=known.get(name, ()), chunk_bytes=chunk_bytes)
+            for name, description in DESCRIPTIONS.items()
+        }
+
+    def write(
+        self,
+        records: Sequence[Record | None],
+        summaries: Sequence[Mapping[str, Any]],
+        problems: Sequence[dict[str, Any] | None] = (),
+    ) -> None:
+        """Add these results and what the summary tells of them; where there is no result, the problem."""
+        answers = [record.answer_json if record else b"" for record in records]
+        for row, problem in enumerate(problems):
+            answers[row] = answers[row] or orjson.dumps({"problem": problem})
+        tables = {
+            "summary": table_of(self._summary, summaries),
+            "requests": _lines(record.request_json if record else b"null" for record in records),
+            "answers": _lines(answers),
+            "iterations": trials_of(records, self._rows),
+            "history": histories_of(records, self._rows),
+        }
+        for name, table in tables.items():
+            self._streams[name].append(table)
+        self._rows += len(records)
+
+    def finish(self) -> None:
+        """Write what is left."""
+        for stream in self._streams.values():
+            stream.finish()
+
+
+def check(data: bytes) -> None:
+    """Compare the content of a file with its hash.
 
     Raises
     ------
     DamagedFileError
         If a single byte differs from what was written.
     """
-    image = data[BLOCK:]
-    if data[:BLOCK] != _seal(image):
+    if data[:BLOCK] != _seal(hashlib.sha256(memoryview(data)[BLOCK:]).hexdigest()):
         raise DamagedFileError("the content does not match its checksum")
-    try:
-        with h5py.File.in_memory(image) as file:
-            return Record(
-                request=orjson.loads(file["request"][()]),
-                answer=orjson.loads(file["answer"][()]),
-                history=_read_history(file),
-                **{name: file.attrs[name] for name in ("operation", "key", "engine_version", "schema_version")},
+
+
+def read_keys(data: bytes) -> list[str]:
+    """Keys of the results in a file made by `to_hdf5`, row by row.
+
+    Raises
+    ------
+    DamagedFileError
+        If the file is not what was written.
+    """
+    with _opened(data) as file:
+        return _texts(read_single(file, "summary"), "key")
+
+
+def read_records(data: bytes, rows: Iterable[int] | None = None) -> list[Record]:
+    """Results in these rows of a file made by `to_hdf5`, or all of them.
+
+    Raises
+    ------
+    DamagedFileError
+        If the file is not what was written, or has no such row.
+    """
+    with _opened(data) as file:
+        summary = read_single(file, "summary")
+        requests, answers = (read_single(file, name).tobytes().split(b"\n") for name in ("requests", "answers"))
+        history = read_single(file, "history") if b"history" in file.id else np.empty(0, [(CASE.name, CASE.dtype)])
+        names = ("key", "operation", "engine_version", "schema_version")
+        keys, operations, engines, schemas = (_texts(summary, name) for name in names)
+        return [
+            Record(
+                keys[row],
+                operations[row],
+                requests[row],
+                answers[row],
+                history_of(history, row),
+                engines[row],
+                schemas[row],
             )
-    except (KeyError, OSError, TypeError, ValueError) as error:  # sealed, but not by this version of the service
+            for row in (range(len(keys)) if rows is None else rows)
+        ]
+
+
+@contextmanager
+def _opened(data: bytes) -> Iterator[h5py.File]:
+    check(data)
+    try:
+        with memory_file(data[BLOCK:]) as file:
+            yield file
+    except (LookupError, OSError, TypeError, ValueError, zlib.error) as error:  # sealed, but not by this service
         raise DamagedFileError(str(error)) from error
 
 
-def _seal(image: bytes) -> bytes:
-    return f"ricochet result, HDF5 from byte {BLOCK}, sha256 {hashlib.sha256(image).hexdigest()}\n".encode().ljust(
-        BLOCK
-    )
+def _texts(summary: Table, name: str) -> list[str]:
+    return [text.decode() for text in summary[name].tolist()]
 
 
-def _write_text(file: h5py.File, name: str, content: dict[str, Any], description: str) -> None:
-    file.create_dataset(name, data=orjson.dumps(content).decode()).attrs["description"] = description
+def _lines(texts: Iterable[bytes]) -> Table:
+    return np.frombuffer(b"".join(text + b"\n" for text in texts), np.uint8)
 
 
-def _write_table(file: h5py.File, name: str, columns: Columns) -> None:
-    arrays = {column: _as_array(values) for column, values in columns.items()}
-    table = np.empty(len(next(iter(arrays.values()))), dtype=[(column, a.dtype) for column, a in arrays.items()])
-    for column, array in arrays.items():
-        table[column] = array
-    attributes = file.create_dataset(name, data=table).attrs
-    attributes["description"] = TABLES[name]
-    attributes["column_units"] = np.array([_units(column) for column in arrays], dtype="S")
-    attributes["column_descriptions"] = np.array([DESCRIPTIONS.get(column, "") for column in arrays], dtype="S")
-
-
-def _as_array(values: Sequence[Any] | np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
-    array = np.asarray(values)
-    return np.char.encode(array, "utf-8") if array.dtype.kind == "U" else array
-
-
-def _units(column: str) -> str:
-    return next((unit for end, unit in UNITS.items() if column.endswith(end)), "")
-
-
-def _tables(record: Record) -> dict[str, Columns]:
-    motion = record.motion or {}
-    tables: dict[str, Columns] = {
-        "summary": {name: [value] for name, value in record.answer.items() if isinstance(value, float | int | str)},
-        "final": {name: [value] for name, value in motion.get("final", {}).items()},
-        "history": record.history or {},
-    }
-    if trials := record.answer.get("iterations"):
-        names = dict.fromkeys(name for trial in trials for name in trial)
-        tables["iterations"] = {name: [trial.get(name, np.nan) for trial in trials] for name in names}
-    return {name: columns for name, columns in tables.items() if columns}
-
-
-def _read_history(file: h5py.File) -> dict[str, np.ndarray[Any, np.dtype[np.float64]]] | None:
-    if "history" not in file:
-        return None
-    table = file["history"][()]
-    return {name: np.ascontiguousarray(table[name]) for name in table.dtype.names}
+def _seal(digest: str) -> bytes:
+    return f"ricochet results, HDF5 from byte {BLOCK}, sha256 {digest}\n".encode().ljust(BLOCK)

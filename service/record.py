@@ -1,6 +1,5 @@
 """One result as the service keeps and answers it."""
 
-from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -13,9 +12,8 @@ DICT_WEIGHT = 8
 """Memory of parsed JSON over the length of its text, about."""
 
 
-@dataclass(frozen=True, slots=True)
 class Record:
-    """A request, its answer and the versions that made it.
+    """A request, its answer and the versions that made it. Not to be changed.
 
     Parameters
     ----------
@@ -24,33 +22,66 @@ class Record:
     operation
         ``"trajectory"`` or ``"cra"``.
     request
-        Canonical request, every default filled in.
+        Canonical request, every default filled in; or its JSON, which is then read only when somebody looks at it.
     answer
-        The JSON answer but for the columns of the history.
+        The JSON answer but for the columns of the history; or its JSON, likewise.
     history
         Those columns, under their API names; None if there is no history.
     engine_version, schema_version
         Of the solver and of the contract.
     """
 
-    key: str
-    operation: str
-    request: dict[str, Any]
-    answer: dict[str, Any]
-    history: FloatColumns | None
-    engine_version: str
-    schema_version: str
-    json: bytes = field(init=False, repr=False, compare=False)
-    """The answer as it is sent: made once, so that a hot one costs a look-up."""
+    __slots__ = ("_answer", "_request", "engine_version", "history", "json", "key", "operation", "schema_version")
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "json", self._encode())
+    def __init__(
+        self,
+        key: str,
+        operation: str,
+        request: dict[str, Any] | bytes,
+        answer: dict[str, Any] | bytes,
+        history: FloatColumns | None,
+        engine_version: str,
+        schema_version: str,
+    ) -> None:
+        self.key = key
+        self.operation = operation
+        self.history = history
+        self.engine_version = engine_version
+        self.schema_version = schema_version
+        self._request = request
+        self._answer = answer
+        self.json = self._encode()
+        """The answer as it is sent: made once, so that a hot one costs a look-up."""
+
+    @property
+    def request(self) -> dict[str, Any]:
+        """Canonical request."""
+        if isinstance(self._request, bytes):
+            self._request = _parsed(self._request)
+        return self._request
+
+    @property
+    def answer(self) -> dict[str, Any]:
+        """The JSON answer but for the columns of the history."""
+        if isinstance(self._answer, bytes):
+            self._answer = _parsed(self._answer)
+        return self._answer
+
+    @property
+    def request_json(self) -> bytes:
+        """The request as text."""
+        return _text(self._request)
+
+    @property
+    def answer_json(self) -> bytes:
+        """The answer as text, without the columns of the history."""
+        return _text(self._answer)
 
     @property
     def nbytes(self) -> int:
         """Memory it takes, about."""
         columns = sum(column.nbytes for column in (self.history or {}).values())
-        return len(self.json) + columns + DICT_WEIGHT * len(orjson.dumps((self.request, self.answer)))
+        return len(self.json) + columns + DICT_WEIGHT * (len(self.request_json) + len(self.answer_json))
 
     @property
     def motion(self) -> dict[str, Any] | None:
@@ -61,14 +92,31 @@ class Record:
     def with_warning(self, code: str, detail: str) -> "Record":
         """Return the same result with one more warning."""
         warnings = [*self.answer.get("warnings", []), {"code": code, "detail": detail}]
-        return replace(self, answer={**self.answer, "warnings": warnings})
+        answer = {**self.answer, "warnings": warnings}
+        versions = self.engine_version, self.schema_version
+        return Record(self.key, self.operation, self._request, answer, self.history, *versions)
 
     def _encode(self) -> bytes:
-        answer = {**self.answer, "key": self.key, "engine_version": self.engine_version}
-        if self.history is not None and self.motion is not None:
-            columns = {name: np.ascontiguousarray(column) for name, column in self.history.items()}
+        """Answer with key, version and history; put together as text, which spares parsing one that was stored."""
+        text = _text(self._answer)
+        more: dict[str, Any] = {"key": self.key, "engine_version": self.engine_version}
+        if self.history is not None:
+            history = {name: np.ascontiguousarray(column) for name, column in self.history.items()}
             if self.operation == "trajectory":
-                answer["history"] = columns
-            else:
-                answer["trajectory"] = {**self.motion, "history": columns}
-        return orjson.dumps(answer, option=orjson.OPT_SERIALIZE_NUMPY)
+                more["history"] = history
+            elif self.motion is not None:
+                text = _dumps({**self.answer, "trajectory": {**self.motion, "history": history}})
+        return text[:-1] + b"," * (len(text) > len(b"{}")) + _dumps(more)[1:]
+
+
+def _text(content: dict[str, Any] | bytes) -> bytes:
+    return content if isinstance(content, bytes) else orjson.dumps(content)
+
+
+def _parsed(text: bytes) -> dict[str, Any]:
+    content: dict[str, Any] = orjson.loads(text)
+    return content
+
+
+def _dumps(content: dict[str, Any]) -> bytes:
+    return orjson.dumps(content, option=orjson.OPT_SERIALIZE_NUMPY)

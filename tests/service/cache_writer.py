@@ -1,4 +1,4 @@
-"""Writes one result after the other into a folder until it is killed."""
+"""Stores batches of results in a folder, and evicts the oldest, until it is killed."""
 
 import os
 import sys
@@ -9,6 +9,9 @@ import numpy as np
 from service.cache import ResultCache
 from service.record import Record
 
-cache = ResultCache(Path(sys.argv[1]), memory_bytes=0)
+cache = ResultCache(Path(sys.argv[1]), memory_bytes=0, disk_bytes=int(sys.argv[2]))
+rows = {"time_s": np.random.default_rng(0).normal(size=4000)}
 for _ in range(10_000):
-    cache.put(Record(os.urandom(32).hex(), "trajectory", {}, {}, {"time_s": np.ones(20_000)}, "1", "1"))
+    cache.put_many([Record(os.urandom(32).hex(), "trajectory", {}, {}, rows, "1", "1") for _ in range(5)])
+    sys.stdout.write("stored\n")
+    sys.stdout.flush()

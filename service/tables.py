@@ -1,0 +1,178 @@
+"""The tables of the files that hold results: their columns, with units and descriptions."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from service.record import FloatColumns, Record
+
+Table = npt.NDArray[Any]
+
+UNITS = {
+    "_m_s": "m/s",
+    "_rad_s": "rad/s",
+    "_n_m": "N m",
+    "_deg": "deg",
+    "_m": "m",
+    "_s": "s",
+    "_n": "N",
+    "_j": "J",
+}
+"""Unit by the end of a name, longer ends first."""
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """A column of a table.
+
+    Parameters
+    ----------
+    name
+        As in the contract.
+    description
+        What it holds, without the unit.
+    dtype
+        Of NumPy; texts are UTF-8, filled up with zeros, which take no room once compressed.
+    """
+
+    name: str
+    description: str
+    dtype: str = "<f8"
+
+    @property
+    def unit(self) -> str:
+        """Unit of its numbers."""
+        return next((unit for end, unit in UNITS.items() if self.name.endswith(end)), "")
+
+    def fill(self, values: Sequence[Any]) -> Table:
+        """Return the values as an array; None becomes NaN or an empty text.
+
+        Raises
+        ------
+        ValueError
+            If a text is too long to be kept whole.
+        """
+        dtype = np.dtype(self.dtype)
+        if dtype.kind != "S":
+            return np.array(values, dtype)
+        texts = [b"" if value is None else value.encode() for value in values]
+        if max(map(len, texts), default=0) > dtype.itemsize:
+            raise ValueError(f"a text of column {self.name} is longer than {dtype.itemsize} bytes")
+        return np.array(texts, dtype)
+
+
+MOTION = (
+    Column("time_s", "since first contact"),
+    Column("center_of_gravity_depth_m", "depth of the centre of gravity, positive inside the target"),
+    Column("center_of_gravity_lateral_m", "way of the centre of gravity along the face since first contact"),
+    Column("nose_tip_depth_m", "depth of the nose tip, positive inside the target"),
+    Column("axis_angle_deg", "from the inward normal of the face to the axis; grows as the nose turns to the face"),
+    Column("depth_velocity_m_s", "of the centre of gravity, along the inward normal"),
+    Column("lateral_velocity_m_s", "of the centre of gravity, along the face"),
+    Column("angular_velocity_rad_s", "rate of the axis angle"),
+    Column("depth_force_n", "resistance along the inward normal"),
+    Column("lateral_force_n", "resistance along the face"),
+    Column("moment_n_m", "moment of the resistance about the centre of gravity"),
+    Column("kinetic_energy_j", "of translation and rotation"),
+)
+IDENTITY = (
+    Column("key", "of the result; empty if the case has none", "S64"),
+    Column("operation", "what was asked for", "S32"),
+    Column("engine_version", "of the solver", "S32"),
+    Column("schema_version", "of the contract", "S32"),
+)
+SCALARS = {
+    "trajectory": (
+        Column("outcome", "how the run ended", "S32"),
+        Column("maximum_depth_m", "greatest depth of the nose tip"),
+        *(
+            Column(f"final_{column.name}", f"{column.description}; at the event that ended the run")
+            for column in MOTION
+        ),
+    ),
+    "cra": (
+        Column("status", "how the search ended", "S32"),
+        Column("critical_angle_deg", "smallest oblique angle, from the normal, at which the projectile is turned away"),
+        Column("bracket_low_deg", "lower of the angles between which the change was last pinned down"),
+        Column("bracket_high_deg", "upper of these"),
+    ),
+}
+"""What a summary tells of an answer, by operation."""
+WARNINGS = Column("warnings", "codes of the warnings, with spaces between", "S512")
+NUMBERING = (
+    Column("index", "of the case in the batch, from 0", "<i8"),
+    Column("custom_id", "name of the case in the batch", "S512"),
+    Column("problem", "type of the problem of a case that has no result", "S128"),
+)
+"""What a summary tells of the cases of a batch, besides."""
+CASE = Column("case", "row of the summary it belongs to, from 0", "<i8")
+TRIALS = (
+    Column("oblique_angle_deg", "angle tried, from the inward normal of the face to the velocity"),
+    Column("final_position_m", "depth of the nose tip at the end of the trial"),
+    Column("outcome", "how the trial ended", "S32"),
+    Column("fine", "whether it was computed as finely as asked for, or only to see where to look", "?"),
+)
+
+
+def summary_columns(operation: str) -> tuple[Column, ...]:
+    """Columns of a summary of results of this operation."""
+    return (*IDENTITY, *SCALARS.get(operation, ()), WARNINGS)
+
+
+def summarize(record: Record) -> dict[str, Any]:
+    """Return what the summary tells of a result, by column; what the answer does not have is left out."""
+    answer = record.answer
+    row = {name: value for name, value in answer.items() if isinstance(value, float | int | str)}
+    row |= {f"final_{name}": value for name, value in answer.get("final", {}).items()}
+    row |= {name: getattr(record, name) for name in ("key", "operation", "engine_version", "schema_version")}
+    if bracket := answer.get("bracket_deg"):
+        row["bracket_low_deg"], row["bracket_high_deg"] = min(bracket), max(bracket)
+    row["warnings"] = " ".join(dict.fromkeys(warning["code"] for warning in answer.get("warnings", ())))
+    return row
+
+
+def table_of(columns: Iterable[Column], rows: Sequence[Mapping[str, Any]]) -> Table:
+    """Rows as a table with these columns."""
+    return _joined(_filled(columns, rows), len(rows))
+
+
+def trials_of(records: Sequence[Record | None], first: int) -> Table:
+    """Every trial of these results, in order, with the row of the summary, the first of which is given."""
+    searches = [record.answer.get("iterations", ()) if record else () for record in records]
+    trials = [trial for search in searches for trial in search]
+    rows = np.repeat(np.arange(first, first + len(records)), list(map(len, searches)))
+    return _joined({CASE.name: rows} | _filled(TRIALS, trials), len(trials))
+
+
+def histories_of(records: Sequence[Record | None], first: int) -> Table:
+    """Every history of these results, likewise. They must have the same columns."""
+    histories = [(row, record.history) for row, record in enumerate(records, first) if record and record.history]
+    if not histories:
+        return np.empty(0)
+    lengths = [len(next(iter(history.values()))) for _, history in histories]
+    columns: dict[str, Table] = {CASE.name: np.repeat([row for row, _ in histories], lengths)}
+    columns |= {name: np.concatenate([history[name] for _, history in histories]) for name in histories[0][1]}
+    return _joined(columns, sum(lengths))
+
+
+def history_of(table: Table, row: int) -> FloatColumns | None:
+    """History that belongs to a row of the summary."""
+    if not len(table):
+        return None
+    start, end = np.searchsorted(table[CASE.name], [row, row + 1])
+    names = [name for name in table.dtype.names or () if name != CASE.name]
+    return {name: np.ascontiguousarray(table[name][start:end]) for name in names} if end > start else None
+
+
+def _filled(columns: Iterable[Column], rows: Sequence[Mapping[str, Any]]) -> dict[str, Table]:
+    return {column.name: column.fill([row.get(column.name) for row in rows]) for column in columns}
+
+
+def _joined(columns: Mapping[str, Table], length: int) -> Table:
+    table = np.empty(length, dtype=[(name, column.dtype) for name, column in columns.items()])
+    for name, column in columns.items():
+        table[name] = column
+    return table

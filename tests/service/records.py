@@ -1,0 +1,86 @@
+"""Results as the store sees them."""
+
+import hashlib
+from typing import Any
+
+import numpy as np
+
+from service.record import Record
+from service.tables import MOTION
+
+COLUMNS = [column.name for column in MOTION]
+
+
+def key_of(number: int) -> str:
+    return hashlib.sha256(b"%d" % number).hexdigest()
+
+
+def trajectory(number: int = 0, rows: int = 313) -> Record:
+    values = np.random.default_rng(number)
+    return Record(
+        key=key_of(number),
+        operation="trajectory",
+        request={"projectile": {"nose": {"shape": "ogive"}, "diameter_m": 0.08}, "impact": {"velocity_m_s": 238.0}},
+        answer={
+            "outcome": "ricochet",
+            "maximum_depth_m": 0.1 + 0.2,
+            "final": dict(zip(COLUMNS, values.normal(size=12).tolist(), strict=True)),
+            "warnings": [{"code": "strength_fit_range", "detail": "used at 55°"}],
+        },
+        history={name: values.normal(size=rows) for name in COLUMNS},
+        engine_version="1",
+        schema_version="2",
+    )
+
+
+def critical_angle(number: int = 0) -> Record:
+    """About as large as a real one, and as random."""
+    values = np.random.default_rng(number)
+    trials = [
+        {
+            "oblique_angle_deg": angle,
+            "final_position_m": position,
+            "outcome": "embedded" if position > 0.0 else "ricochet",
+            "fine": row > 16,
+        }
+        for row, (angle, position) in enumerate(values.normal(size=(20, 2)).tolist())
+    ]
+    return Record(
+        key=key_of(number),
+        operation="cra",
+        request={"impact": {"velocity_m_s": 200.0 + number}, "search": {"method": "outcome", "tolerance_deg": 0.01}},
+        answer={
+            "status": "converged",
+            "critical_angle_deg": 48.0 + values.random(),
+            "bracket_deg": [48.0, 48.0 + values.random()],
+            "iterations": trials,
+            "other_crossings_deg": [],
+            "warnings": [{"code": "strength_fit_range", "detail": "used at 55°"}, {"code": "second", "detail": ""}],
+        },
+        history=None,
+        engine_version="1",
+        schema_version="2",
+    )
+
+
+def critical_angle_with_motion() -> Record:
+    plain = critical_angle(1)
+    motion: dict[str, Any] = {"outcome": "ricochet", "final": {"time_s": 0.004}}
+    answer = plain.answer | {"trajectory": motion}
+    history = {name: np.linspace(0.0, 0.004, 5) for name in COLUMNS}
+    return Record(plain.key, "cra", plain.request, answer, history, "1", "2")
+
+
+def without_angle() -> Record:
+    answer = {"status": "no_ricochet", "iterations": [], "other_crossings_deg": [], "warnings": []}
+    return Record(key_of(-1), "cra", {}, answer, None, "1", "2")
+
+
+def same(one: Record | None, other: Record) -> bool:
+    """Whether both are the same, bit for bit."""
+    return (
+        one is not None
+        and (one.key, one.json, one.request, one.answer) == (other.key, other.json, other.request, other.answer)
+        and (one.history is None) == (other.history is None)
+        and all(np.array_equal((one.history or {})[name], column) for name, column in (other.history or {}).items())
+    )
