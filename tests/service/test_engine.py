@@ -6,14 +6,16 @@ import signal
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 import pytest
 
+from service.admission import QueriesWaitingError
 from service.cache import NOT_CACHED, ResultCache
-from service.engine import Engine, Operation
+from service.engine import AbandonedError, Engine, Operation, Wanted
 from service.executor import PoolExecutor
+from service.keys import result_key
 from service.lane import WorkerCrashedError
 from service.record import FloatColumns
 from solver.arrays import FloatArray
@@ -30,6 +32,11 @@ class Question:
         return {"number": self.number}
 
 
+def never(text: bytes) -> NoReturn:
+    """Stored requests are the runner's."""
+    raise AssertionError(text)
+
+
 def count(question: Question, result: object) -> tuple[dict[str, Any], None]:
     return {"number": question.number, "result": result, "warnings": []}, None
 
@@ -39,10 +46,12 @@ def draw(question: Question, result: FloatArray) -> tuple[dict[str, Any], FloatC
 
 
 OPERATIONS = {
-    "once": Operation(call=lambda asked: (os.mkdir, (asked.folder / "ran",)), answer=count),
-    "slow": Operation(call=lambda _: (time.sleep, (0.3,)), answer=count),
-    "deadly": Operation(call=lambda _: (signal.raise_signal, (signal.SIGKILL,)), answer=count),
-    "trajectory": Operation(call=lambda asked: (np.linspace, (asked.number, asked.number + 1, 5000)), answer=draw),
+    "once": Operation(call=lambda asked: (os.mkdir, (asked.folder / "ran",)), answer=count, parse=never),
+    "slow": Operation(call=lambda _: (time.sleep, (0.3,)), answer=count, parse=never),
+    "deadly": Operation(call=lambda _: (signal.raise_signal, (signal.SIGKILL,)), answer=count, parse=never),
+    "trajectory": Operation(
+        call=lambda asked: (np.linspace, (asked.number, asked.number + 1, 5000)), answer=draw, parse=never
+    ),
 }
 
 
@@ -51,8 +60,9 @@ def engine(pool: PoolExecutor, tmp_path: Path) -> Engine:
     return engine_on(tmp_path, pool)
 
 
-def engine_on(folder: Path, pool: PoolExecutor) -> Engine:
-    return Engine(ResultCache(folder / "data", memory_bytes=100_000_000), pool, OPERATIONS)
+def engine_on(folder: Path, pool: PoolExecutor, most_waiting: int = 1000) -> Engine:
+    cache = ResultCache(folder / "data", memory_bytes=100_000_000, disk_bytes=10**9)
+    return Engine(cache, pool, OPERATIONS, most_waiting=most_waiting)
 
 
 async def test_equal_requests_underway_run_once(engine: Engine, tmp_path: Path) -> None:
@@ -66,11 +76,13 @@ async def test_second_request_is_a_hit_from_memory_and_after_a_restart_from_disk
 ) -> None:
     first, miss = await engine.answer("once", Question(tmp_path))
     second, hit = await engine.answer("once", Question(tmp_path))
-    third, restarted = await engine_on(tmp_path, pool).answer("once", Question(tmp_path))
-    assert (miss, hit, restarted) == ("miss", "hit", "hit")
+    engine.cache.close()
+    restarted = engine_on(tmp_path, pool)
+    third, found = await restarted.answer("once", Question(tmp_path))
+    assert (miss, hit, found) == ("miss", "hit", "hit")
     assert first.json == second.json == third.json
-    assert (await engine_on(tmp_path, pool).result(first.key) or first).json == first.json
-    assert await engine.result("0" * 64) is None
+    assert (await restarted.result(first.key) or second).json == first.json
+    assert await restarted.result("0" * 64) is None
 
 
 async def test_asker_who_leaves_takes_nothing_from_those_who_wait(engine: Engine, tmp_path: Path) -> None:
@@ -119,6 +131,58 @@ async def test_without_a_folder_to_write_answers_come_with_a_warning(engine: Eng
     assert (status, record.answer["warnings"][0]["code"]) == ("miss", NOT_CACHED)
     _, status = await engine.answer("once", Question(tmp_path))
     assert status == "hit"
+
+
+def wanted(engine: Engine, name: str, questions: list[Question]) -> list[Wanted]:
+    cases = [(asked.canonical(), asked) for asked in questions]
+    return [Wanted(result_key(name, can), can, asked, OPERATIONS[name].call(asked)) for can, asked in cases]
+
+
+async def test_chunk_computes_what_is_not_underway_and_shares_the_rest(engine: Engine, tmp_path: Path) -> None:
+    (tmp_path / "failing" / "ran").mkdir(parents=True)
+    failing = Question(tmp_path / "failing", 1)
+    single = asyncio.ensure_future(engine.answer("once", Question(tmp_path)))
+    await asyncio.sleep(0)
+    left: list[int] = []
+    chunk = engine.begin("once", wanted(engine, "once", [Question(tmp_path), failing]), lambda: left.append(1))
+    other = engine.begin("once", wanted(engine, "once", [failing]), lambda: left.append(2))
+    assert [len(part) for part in (chunk.own, chunk.shared, other.own, other.shared)] == [1, 1, 0, 1]
+    record, _ = await single
+    assert (await chunk.shared[record.key])[0] is record
+    [failed] = chunk.own
+    for future in (chunk.own[failed], other.shared[failed]):
+        with pytest.raises(FileExistsError):
+            await future
+    await chunk.kept
+    assert sorted(left) == [1, 2]
+    assert engine.cache.known([record.key, failed]) == {record.key}
+
+
+async def test_single_query_outlives_the_chunk_it_waited_for(engine: Engine, tmp_path: Path) -> None:
+    chunk = engine.begin("slow", wanted(engine, "slow", [Question(tmp_path, i) for i in range(8)]), lambda: None)
+    await asyncio.sleep(0.1)
+    single = asyncio.ensure_future(engine.answer("slow", Question(tmp_path, 7)))
+    await asyncio.sleep(0.05)
+    chunk.stop()
+    record, status = await single
+    assert (record.answer["number"], status) == (7, "miss")
+    await chunk.kept
+    with pytest.raises(AbandonedError):
+        await chunk.own[record.key]
+
+
+async def test_no_more_single_queries_wait_than_may(pool: PoolExecutor, tmp_path: Path) -> None:
+    engine = engine_on(tmp_path, pool, most_waiting=3)
+    await engine.answer("slow", Question(tmp_path, 99))
+    queries = [asyncio.ensure_future(engine.answer("slow", Question(tmp_path, i))) for i in range(2)]
+    await asyncio.sleep(0.1)
+    queries += [asyncio.ensure_future(engine.answer("slow", Question(tmp_path, i))) for i in range(2, 10)]
+    outcomes = await asyncio.gather(*queries, return_exceptions=True)
+    refused = [outcome for outcome in outcomes if isinstance(outcome, QueriesWaitingError)]
+    assert len(refused) == 5
+    assert all(1 <= error.retry_after < 60 for error in refused)
+    hit = await engine.answer("slow", Question(tmp_path, 99))
+    assert hit[1] == "hit"
 
 
 async def test_event_loop_stays_free_while_histories_are_made_and_kept(engine: Engine, tmp_path: Path) -> None:

@@ -1,0 +1,269 @@
+"""Durable jobs: what has been accepted is finished, whatever happens to the process meanwhile.
+
+    jobs.sqlite   jobs, their cases in slices, how far each case is
+
+A job is `accepting`, and seen by nobody, until all its cases are there.
+"""
+
+import itertools
+import secrets
+import sqlite3
+import time
+from collections.abc import Collection, Mapping
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import orjson
+
+from service.database import Database, StorageError
+from service.job import CaseRow, Idempotency, IdempotencyBusyError, IdempotencyConflictError, JobState, Status
+from service.keys import SCHEMA_VERSION, result_key
+from service.slices import SLICE, CaseState, Slice, join_keys, split_custom_ids, split_keys, split_requests
+from solver import ENGINE_VERSION
+
+__all__ = [
+    "CaseRow",
+    "Idempotency",
+    "IdempotencyBusyError",
+    "IdempotencyConflictError",
+    "JobState",
+    "JobStore",
+    "Status",
+    "StorageError",
+]
+
+DAY = 86_400.0  # [s]
+VERSIONS = f"{ENGINE_VERSION} {SCHEMA_VERSION}"
+"""What the keys of a job were made with."""
+COLUMNS = (
+    "id, operation, status, total, done, cached, failed, created, started, finished, expires, problem, revision, "
+    "number, owner, versions"
+)
+
+
+class JobStore:
+    """Keeps jobs. Everything here waits for the disk, is safe from several threads and raises `StorageError`.
+
+    Parameters
+    ----------
+    folder
+        Data folder of the service.
+    job_days
+        How long a job is kept after its end.
+    """
+
+    def __init__(self, folder: Path, *, job_days: float) -> None:
+        self._database = Database(folder / "jobs.sqlite")
+        self._kept_seconds = job_days * DAY
+
+    def sweep(self, *, at_start: bool = False) -> int:
+        """Remove what has expired, and at the start what was never accepted whole; return how many jobs."""
+        with self._database.writing() as database:
+            removed = database.execute("DELETE FROM jobs WHERE expires < ?", (time.time(),)).rowcount
+            if at_start:
+                removed += database.execute("DELETE FROM jobs WHERE status = 'accepting'").rowcount
+        return removed
+
+    def create(self, operation: str, owner: str) -> int:
+        """Begin a job that nobody sees yet; return its number."""
+        row = (secrets.token_hex(16), owner, operation, VERSIONS, "accepting", time.time())
+        with self._database.writing() as database:
+            statement = "INSERT INTO jobs (id, owner, operation, versions, status, created) VALUES (?, ?, ?, ?, ?, ?)"
+            return database.execute(statement, row).lastrowid or 0
+
+    def append(self, job: int, number: int, cases: Slice) -> None:
+        """Add the slice with this number, whole but for the last one."""
+        with self._database.writing() as database:
+            row = (job, number, cases.keys, cases.requests, cases.custom_ids)
+            database.execute("INSERT INTO slices VALUES (?, ?, ?, ?, ?)", row)
+            database.execute("INSERT INTO states VALUES (?, ?, ?)", (job, number, bytes(cases.count)))
+
+    def accept(self, job: int, total: int, idempotency: Idempotency | None) -> JobState:
+        """Make the job known: from here on it will be finished."""
+        with self._database.writing() as database:
+            if idempotency is not None:
+                statement = "INSERT INTO idempotency SELECT owner, ?, ?, number FROM jobs WHERE number = ?"
+                database.execute(statement, (idempotency.token, idempotency.whole_digest, job))
+            changes = "status = 'accepted', total = ?, revision = 1, created = ?"
+            state = _changed(database, job, changes, (total, time.time()))
+            return state if total else self._end(database, job, "successful", None)
+
+    def discard(self, job: int) -> None:
+        """Remove the job and all that belongs to it."""
+        with self._database.writing() as database:
+            database.execute("DELETE FROM jobs WHERE number = ?", (job,))
+
+    def begin(self, job: int) -> JobState:
+        """Note that the job is being worked on."""
+        with self._database.writing() as database:
+            changes = "status = 'running', started = coalesce(started, ?), revision = revision + 1"
+            return _changed(database, job, changes, (time.time(),))
+
+    def mark(
+        self, job: int, states: Mapping[int, CaseState], problems: Mapping[int, dict[str, Any]] | None = None
+    ) -> JobState:
+        """Note results of cases, by their number; the job ends with the last of them."""
+        counts = dict.fromkeys(CaseState, 0)
+        with self._database.writing() as database:
+            for number, cases in itertools.groupby(sorted(states), key=lambda case: case // SLICE):
+                place = (job, number)
+                found = database.execute("SELECT states FROM states WHERE job = ? AND slice = ?", place).fetchone()
+                stored = bytearray(found[0])
+                for case in cases:
+                    if stored[case % SLICE] == CaseState.WAITING:
+                        stored[case % SLICE] = states[case]
+                        counts[states[case]] += 1
+                database.execute("UPDATE states SET states = ? WHERE job = ? AND slice = ?", (stored, *place))
+            rows = [(job, case, orjson.dumps(problem).decode()) for case, problem in (problems or {}).items()]
+            database.executemany("INSERT OR IGNORE INTO problems VALUES (?, ?, ?)", rows)
+            changes = "done = done + ?, cached = cached + ?, failed = failed + ?, revision = revision + 1"
+            added = (sum(counts.values()), counts[CaseState.CACHED], counts[CaseState.FAILED])
+            state = _changed(database, job, changes, added)
+            finished = state.done == state.total and not state.final
+            return self._end(database, job, "successful", None) if finished else state
+
+    def end(self, job: int, status: Status, problem: dict[str, Any] | None = None) -> JobState:
+        """End the job as it is; one that has ended stays as it was."""
+        with self._database.writing() as database:
+            return self._end(database, job, status, problem)
+
+    def token(self, owner: str, token: str) -> tuple[str, JobState] | None:
+        """Digest and job of an idempotency key."""
+        with self._database.reading() as database:
+            statement = "SELECT digest, job FROM idempotency WHERE owner = ? AND token = ?"
+            row = database.execute(statement, (owner, token)).fetchone()
+        found = self._jobs("number = ?", row[1]) if row else []
+        return (row[0], found[0]) if found else None
+
+    def job(self, name: str) -> JobState | None:
+        """Job with this id."""
+        found = self._jobs("id = ? AND status != 'accepting'", name)
+        return found[0] if found else None
+
+    def jobs(self, owner: str) -> list[JobState]:
+        """Jobs of this owner, in order of arrival."""
+        return self._jobs("owner = ? AND status != 'accepting'", owner)
+
+    def unfinished(self) -> list[JobState]:
+        """Jobs to go on with, in order of arrival."""
+        return self._jobs("status IN ('accepted', 'running')")
+
+    def waiting(self, job: int, first: int, count: int) -> list[tuple[int, str]]:
+        """Numbers and keys of the cases in these slices that have no result yet."""
+        statement = (
+            "SELECT slice, keys, states FROM slices JOIN states USING (job, slice) "
+            "WHERE job = ? AND slice BETWEEN ? AND ? ORDER BY slice"
+        )
+        with self._database.reading() as database:
+            slices = database.execute(statement, (job, first, first + count - 1)).fetchall()
+        return [
+            (number * SLICE + i, key)
+            for number, keys, states in slices
+            if CaseState.WAITING in states
+            for i, key in enumerate(split_keys(keys))
+            if states[i] == CaseState.WAITING
+        ]
+
+    def rows(self, job: int, start: int, limit: int) -> list[CaseRow]:
+        """Up to so many cases in order."""
+        end = start + limit
+        with self._database.reading() as database:
+            statement = (
+                "SELECT slice, keys, custom_ids, states FROM slices JOIN states USING (job, slice) "
+                "WHERE job = ? AND slice BETWEEN ? AND ? ORDER BY slice"
+            )
+            slices = database.execute(statement, (job, start // SLICE, (end - 1) // SLICE)).fetchall()
+            statement = "SELECT number, problem FROM problems WHERE job = ? AND number >= ? AND number < ?"
+            problems = dict(database.execute(statement, (job, start, end)))
+        rows: list[CaseRow] = []
+        for number, keys, custom_ids, states in slices:
+            first, skipped, taken = (
+                number * SLICE,
+                max(0, start - number * SLICE),
+                min(len(states), end - number * SLICE),
+            )
+            split, names = split_keys(keys), split_custom_ids(custom_ids, len(states))
+            for i in range(skipped, taken):
+                problem = orjson.loads(problems[first + i]) if first + i in problems else None
+                rows.append(CaseRow(first + i, CaseState(states[i]), split[i], names[i], problem))
+        return rows
+
+    def requests(self, job: int, cases: Collection[int]) -> dict[int, bytes]:
+        """Canonical requests of these cases, as JSON."""
+        found: dict[int, bytes] = {}
+        statement = "SELECT requests FROM slices WHERE job = ? AND slice = ?"
+        with self._database.reading() as database:
+            for number, group in itertools.groupby(sorted(cases), key=lambda case: case // SLICE):
+                lines = split_requests(database.execute(statement, (job, number)).fetchone()[0])
+                found |= {case: lines[case % SLICE] for case in group}
+        return found
+
+    def renew_keys(self, job: int) -> None:
+        """Make the keys of a job that an earlier engine has accepted anew: its cases are now another's results."""
+        number = 0
+        operation = self._jobs("number = ?", job)[0].operation
+        while found := self.requests_of(job, number):
+            keys = join_keys(result_key(operation, orjson.loads(line)) for line in found)
+            with self._database.writing() as database:
+                database.execute("UPDATE slices SET keys = ? WHERE job = ? AND slice = ?", (keys, job, number))
+            number += 1
+        with self._database.writing() as database:
+            _changed(database, job, "versions = ?", (VERSIONS,))
+
+    def requests_of(self, job: int, number: int) -> tuple[bytes, ...]:
+        """Canonical requests of a slice; none if there is no such slice."""
+        with self._database.reading() as database:
+            statement = "SELECT requests FROM slices WHERE job = ? AND slice = ?"
+            found = database.execute(statement, (job, number)).fetchone()
+        return split_requests(found[0]) if found else ()
+
+    def close(self) -> None:
+        """Let go of the file."""
+        self._database.close()
+
+    def _end(self, database: sqlite3.Connection, job: int, status: Status, problem: dict[str, Any] | None) -> JobState:
+        now = time.time()
+        text = None if problem is None else orjson.dumps(problem).decode()
+        values = (status, now, now + self._kept_seconds, text)
+        changes = "status = ?, finished = ?, expires = ?, problem = ?, revision = revision + 1"
+        return _changed(database, job, changes, values, "AND status IN ('accepted', 'running')")
+
+    def _jobs(self, condition: str, *values: object) -> list[JobState]:
+        statement = f"SELECT {COLUMNS} FROM jobs WHERE {condition} ORDER BY number"  # noqa: S608 (of this file)
+        with self._database.reading() as database:
+            return [_state(row) for row in database.execute(statement, values)]
+
+
+def _changed(
+    database: sqlite3.Connection, job: int, changes: str, values: tuple[object, ...], condition: str = ""
+) -> JobState:
+    """Change a job; return it as it is then."""
+    database.execute(f"UPDATE jobs SET {changes} WHERE number = ? {condition}", (*values, job))  # noqa: S608 (likewise)
+    row = database.execute(f"SELECT {COLUMNS} FROM jobs WHERE number = ?", (job,)).fetchone()  # noqa: S608
+    if row is None:
+        raise StorageError("the job has been deleted")
+    return _state(row)
+
+
+def _state(row: tuple[Any, ...]) -> JobState:
+    name, operation, status, total, done, cached, failed, *moments, problem, revision, number, owner, versions = row
+    created, started, finished, expires = (None if t is None else datetime.fromtimestamp(t, UTC) for t in moments)
+    return JobState(
+        id=name,
+        operation=operation,
+        status=status,
+        total=total,
+        done=done,
+        cached=cached,
+        failed=failed,
+        created=created or datetime.now(UTC),
+        started=started,
+        finished=finished,
+        expires=expires,
+        problem=None if problem is None else orjson.loads(problem),
+        revision=revision,
+        number=number,
+        owner=owner,
+        versions=versions,
+    )

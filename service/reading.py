@@ -1,0 +1,112 @@
+"""Results of a job in their order, as far as they are there; what the cache has lost is computed again."""
+
+import itertools
+import math
+from collections.abc import AsyncGenerator, Awaitable, Callable, Sequence
+from contextlib import aclosing
+from dataclasses import replace
+from typing import Any, TypeVar
+
+from anyio import CapacityLimiter
+from anyio.to_thread import run_sync
+
+from service.engine import Engine
+from service.jobs import CaseRow, JobState, JobStore
+from service.slices import Case, CaseState
+from service.small import CaseResult, SmallWork
+
+MOST_CASES = 200
+FIRST_CASES = 16
+"""Before it is known how large the results of a job are."""
+SLICE_BYTES = 8 * 1024 * 1024
+"""Of answers read at once, about: those with long histories take 4 MB each."""
+THREADS = 1
+"""It reads and parses; more would hold up the event loop."""
+
+Value = TypeVar("Value")
+
+
+class Reader:
+    """Reads results.
+
+    Parameters
+    ----------
+    small
+        Computes what the cache has lost.
+    """
+
+    def __init__(self, engine: Engine, jobs: JobStore, small: SmallWork) -> None:
+        self._engine = engine
+        self._jobs = jobs
+        self._small = small
+        self._threads = CapacityLimiter(THREADS)
+
+    async def read(
+        self, current: Callable[[], Awaitable[JobState | None]], start: int, limit: int | None
+    ) -> AsyncGenerator[list[CaseResult], None]:
+        """Yield results from case `start` on, slice by slice.
+
+        Ends at the first case without a result; in a job that has ended, such cases are left out.
+
+        Parameters
+        ----------
+        current
+            The job as it is now; None once it has been deleted.
+        limit
+            Of results; None for all.
+        """
+        count, left = FIRST_CASES, math.inf if limit is None else limit
+        while left > 0 and (state := await current()) is not None:
+            rows = await self._thread(self._jobs.rows, state.number, start, int(min(count, left)))
+            ready = rows_ready(rows, final=state.final)
+            if ready:
+                results = await self._results(state, ready)
+                count = next_count(results)
+                yield results
+            if not rows or (len(ready) < len(rows) and not state.final):
+                return
+            start += len(rows)
+            left -= len(ready)
+
+    async def _results(self, state: JobState, rows: Sequence[CaseRow]) -> list[CaseResult]:
+        answered = [row for row in rows if row.problem is None]
+        records = await self._thread(self._engine.cache.get_many, list({row.key for row in answered}))
+        lost = [row for row in answered if row.key not in records]
+        again = await self._compute(state, lost) if lost else {}
+        return [
+            again[row.number]
+            if row.number in again
+            else CaseResult(row.number, row.custom_id, records.get(row.key), row.problem, row.state == CaseState.CACHED)
+            for row in rows
+        ]
+
+    async def _compute(self, state: JobState, rows: Sequence[CaseRow]) -> dict[int, CaseResult]:
+        """Compute these cases again."""
+
+        def parse() -> list[Case]:
+            requests = self._jobs.requests(state.number, [row.number for row in rows])
+            operation = self._engine.operations[state.operation]
+            return [Case(operation.parse(requests[row.number]), row.custom_id) for row in rows]
+
+        found: dict[int, CaseResult] = {}
+        async with aclosing(self._small.run(state.operation, await self._thread(parse))) as results:
+            async for result in results:
+                row = rows[result.number]
+                found[row.number] = replace(result, number=row.number, cached=row.state == CaseState.CACHED)
+        return found
+
+    async def _thread(self, function: Callable[..., Value], *arguments: Any) -> Value:
+        return await run_sync(function, *arguments, limiter=self._threads)
+
+
+def rows_ready(rows: Sequence[CaseRow], *, final: bool) -> list[CaseRow]:
+    """Return the cases that have a result: up to the first that has none, all of them if nothing is to come."""
+    if final:
+        return [row for row in rows if row.state]
+    return list(itertools.takewhile(lambda row: row.state, rows))
+
+
+def next_count(results: Sequence[CaseResult]) -> int:
+    """Return how many cases to read next, going by the size of these."""
+    nbytes = sum(len(result.record.json) for result in results if result.record is not None)
+    return max(1, min(MOST_CASES, SLICE_BYTES * len(results) // max(nbytes, 1)))

@@ -1,0 +1,39 @@
+"""Accepts and marks one job after the other in a folder, in processes that are killed at random instants."""
+
+import os
+import random
+import signal
+import sys
+import time
+from pathlib import Path
+
+from service.jobs import JobStore
+from service.slices import SLICE, Case, CaseState, pack
+from tests.service.questions import PROBLEM, Question
+
+CASES = 450
+KILLS = 12
+
+
+def write_for_ever(folder: Path) -> None:
+    store = JobStore(folder, job_days=7.0)
+    while True:
+        job = store.create("square", "local")
+        for number, first in enumerate(range(0, CASES, SLICE)):
+            cases = [Case(Question(i)) for i in range(first, min(CASES, first + SLICE))]
+            store.append(job, number, pack("square", cases))
+        store.accept(job, CASES, None)
+        for first in range(0, CASES, 50):
+            failed = {first: CaseState.FAILED}
+            store.mark(job, dict.fromkeys(range(first, first + 50), CaseState.DONE) | failed, {first: PROBLEM})
+
+
+if __name__ == "__main__":
+    instants = random.Random(0)  # noqa: S311
+    for _ in range(KILLS):
+        child = os.fork()
+        if not child:
+            write_for_ever(Path(sys.argv[1]))
+        time.sleep(instants.uniform(0.05, 0.2))
+        os.kill(child, signal.SIGKILL)
+        os.waitpid(child, 0)

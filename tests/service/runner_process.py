@@ -1,0 +1,29 @@
+"""Runs the jobs of a folder until they are done, or until it is killed; accepts one first if there is none.
+
+Its worker is a process of its own, as in the service, and each run of a case leaves a file.
+"""
+
+import asyncio
+import sys
+from pathlib import Path
+
+from service.executor import PoolExecutor
+from tests.service.squares import accepted, cases, ended, running
+
+CASES = 300
+
+
+async def main(folder: Path) -> None:
+    pool = PoolExecutor(workers=2, task_seconds=60.0)
+    await pool.start()
+    async with running(folder, pool) as runner:
+        print("started", flush=True)  # noqa: T201
+        if not await runner.jobs():
+            await accepted(runner, cases(range(CASES), folder / "log", seconds=0.01))
+        for job in await runner.jobs():
+            await ended(runner, job)
+    await pool.stop(1.0)
+
+
+if __name__ == "__main__":
+    asyncio.run(main(Path(sys.argv[1])))

@@ -1,0 +1,111 @@
+"""A process that runs jobs is killed again and again; a disk fills up while they run."""
+
+import asyncio
+import random
+import resource
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from service.cache import ResultCache
+from service.executor import PoolExecutor
+from service.jobs import JobStore
+from service.runner import StorageError
+from service.slices import Case
+from tests.service.questions import Question, runs
+from tests.service.runner_process import CASES
+from tests.service.squares import accepted, all_results, cases, collect, ended, running, squares, until_done
+
+pytestmark = [pytest.mark.anyio, pytest.mark.timeout(120)]
+
+ROOT = Path(__file__).parents[2]
+SECONDS = 2.0
+"""That all the cases take two workers, about."""
+
+
+def stored(folder: Path) -> set[float]:
+    """Numbers whose results are on disk."""
+    jobs = JobStore(folder / "data", job_days=7.0)
+    with ResultCache(folder / "data", memory_bytes=0, disk_bytes=10**9) as cache:
+        rows = [row for job in jobs.jobs("local") for row in jobs.rows(job.number, 0, CASES)]
+        known = cache.known([row.key for row in rows])
+    jobs.close()
+    return {row.number for row in rows if row.key in known}
+
+
+@pytest.mark.timeout(600)
+@pytest.mark.parametrize("kills", [2, pytest.param(40, marks=pytest.mark.slow)])
+async def test_killed_at_any_instant_every_case_is_answered_once_and_nothing_kept_is_computed_again(
+    kills: int, pool: PoolExecutor, tmp_path: Path
+) -> None:
+    (tmp_path / "log").mkdir()
+    instants = random.Random(kills)  # noqa: S311
+    command = [sys.executable, "-m", "tests.service.runner_process", str(tmp_path)]
+    kept, before = set[float](), dict[float, int]()
+    for _ in range(kills):
+        with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE) as process:  # noqa: ASYNC220
+            assert process.stdout is not None
+            await asyncio.to_thread(process.stdout.readline)
+            await asyncio.sleep(instants.uniform(0.0, 2.0 * SECONDS / kills))
+            process.kill()
+        kept, before = stored(tmp_path), runs(tmp_path / "log")
+    async with running(tmp_path, pool) as runner:
+        [job] = await runner.jobs() or [await accepted(runner, cases(range(CASES), tmp_path / "log", seconds=0.01))]
+        state = await ended(runner, job)
+        results = await all_results(runner, job)
+    assert (state.status, state.total, state.done, state.failed) == ("successful", CASES, CASES, 0)
+    assert [result.number for result in results] == list(range(CASES))
+    assert squares(results) == [i**2 for i in range(CASES)]
+    after = runs(tmp_path / "log")
+    assert {number: after[number] for number in kept} == {number: before[number] for number in kept}
+    assert not [path for path in (tmp_path / "data").rglob(".partial/*") if path.is_file()]
+    assert not (tmp_path / "data" / "damaged").exists()
+
+
+async def test_job_on_a_full_disk_fails_with_a_reason_and_goes_on_at_the_next_start(
+    pool: PoolExecutor, tmp_path: Path
+) -> None:
+    async with running(tmp_path, pool) as runner:
+        job = await accepted(runner, cases(range(400), seconds=0.005))
+        await until_done(runner, job, 4)
+        soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (4096, hard))
+        try:
+            state = await ended(runner, job)
+            with pytest.raises(StorageError):
+                await accepted(runner, cases(range(1000)))
+            assert state.status == "failed"
+            assert state.problem is not None
+            assert state.problem["type"] == "urn:ricochet:problem:storage-full"
+            assert str(tmp_path) not in str(state.problem)
+            assert await runner.job(job.id) == state
+            assert await runner.jobs() == [state]
+            assert len(squares(await all_results(runner, job))) == state.done > 0
+            assert squares(await collect(runner, cases([5000]))) == [5000**2]
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+        assert (await ended(runner, await accepted(runner, cases(range(5000, 5010))))).done == 10
+        runner._dispatcher.unwritten.clear()  # as if it had been killed now
+    async with running(tmp_path, pool) as runner:
+        assert (await ended(runner, job)).status == "successful"
+        assert squares(await all_results(runner, job)) == [i**2 for i in range(400)]
+
+
+async def test_end_that_could_not_be_written_is_written_when_there_is_room(pool: PoolExecutor, tmp_path: Path) -> None:
+    async with running(tmp_path, pool) as runner:
+        job = await accepted(runner, [Case(Question(i, seconds=0.01)) for i in range(400)])
+        await until_done(runner, job, 4)
+        soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (4096, hard))
+        try:
+            cancelled = await runner.cancel(job.id)
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+        assert cancelled is not None
+    async with running(tmp_path, pool) as runner:
+        state = await runner.job(job.id)
+        assert state is not None
+        assert state.status == cancelled.status == "dismissed"
+        assert state.done == cancelled.done

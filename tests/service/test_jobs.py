@@ -1,0 +1,246 @@
+"""Jobs in their SQLite file, with real crashes and a disk that is really full."""
+
+import resource
+import sqlite3
+import subprocess
+import sys
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import orjson
+import pytest
+
+from service import jobs as module
+from service.database import StorageError
+from service.jobs import Idempotency, JobState, JobStore
+from service.keys import result_key
+from service.slices import SLICE, Case, CaseState, pack, split_custom_ids, split_keys, split_requests
+from tests.service.questions import PROBLEM, Question
+
+pytestmark = pytest.mark.timeout(60)
+
+ROOT = Path(__file__).parents[2]
+
+
+def store_in(folder: Path, job_days: float = 7.0) -> JobStore:
+    return JobStore(folder, job_days=job_days)
+
+
+def cases(count: int, first: int = 0) -> list[Case]:
+    return [Case(Question(i), f"name {i}" if i % 3 == 0 else None) for i in range(first, first + count)]
+
+
+def stored_job(store: JobStore, count: int = 450, owner: str = "local", token: Idempotency | None = None) -> JobState:
+    job = store.create("square", owner)
+    for number, first in enumerate(range(0, count, SLICE)):
+        store.append(job, number, pack("square", cases(min(SLICE, count - first), first)))
+    return store.accept(job, count, token)
+
+
+def test_slice_gives_back_what_was_packed() -> None:
+    packed = pack("square", cases(200))
+    assert packed.count == 200
+    assert split_custom_ids(packed.custom_ids, 200) == [case.custom_id for case in cases(200)]
+    assert split_custom_ids(pack("square", [Case(Question(1))]).custom_ids, 1) == [None]
+    assert [orjson.loads(line) for line in split_requests(packed.requests)] == [
+        case.request.canonical() for case in cases(200)
+    ]
+    assert split_keys(packed.keys) == [result_key("square", case.request.canonical()) for case in cases(200)]
+    assert len(packed.requests) < 20 * 200
+
+
+def test_job_is_seen_by_nobody_until_it_is_accepted(tmp_path: Path) -> None:
+    store = store_in(tmp_path)
+    job = store.create("square", "local")
+    store.append(job, 0, pack("square", cases(5)))
+    assert store.jobs("local") == store.unfinished() == []
+    state = store.accept(job, 5, None)
+    assert (state.status, state.total, state.done, state.final) == ("accepted", 5, 0, False)
+    assert store.job(state.id) == store.jobs("local")[0] == store.unfinished()[0] == state
+    assert store.jobs("someone else") == []
+    assert len(state.id) == 32
+
+
+def test_cases_come_back_in_order_from_any_place(tmp_path: Path) -> None:
+    store = store_in(tmp_path)
+    job = stored_job(store).number
+    for start, limit in [(0, 450), (199, 2), (200, 200), (37, 301), (449, 10), (450, 10)]:
+        rows = store.rows(job, start, limit)
+        expected = range(start, min(450, start + limit))
+        assert [row.number for row in rows] == list(expected)
+        assert [row.custom_id for row in rows] == [f"name {i}" if i % 3 == 0 else None for i in expected]
+        assert [row.key for row in rows] == [result_key("square", Question(i).canonical()) for i in expected]
+    assert store.requests(job, [3, 449]) == {i: orjson.dumps(Question(i).canonical()) for i in (3, 449)}
+
+
+def test_marks_are_counted_once_and_the_last_one_ends_the_job(tmp_path: Path) -> None:
+    store = store_in(tmp_path)
+    job = stored_job(store).number
+    state = store.begin(job)
+    assert (state.status, state.started is not None) == ("running", True)
+    marks = {0: CaseState.DONE, 199: CaseState.CACHED, 200: CaseState.FAILED}
+    state = store.mark(job, marks, {200: PROBLEM})
+    again = store.mark(job, marks, {200: PROBLEM})
+    assert (state.done, state.cached, state.failed) == (again.done, again.cached, again.failed) == (3, 1, 1)
+    assert again.revision > state.revision
+    assert [number for number, _ in store.waiting(job, 0, 2)] == [i for i in range(400) if i not in marks]
+    assert [row.problem for row in store.rows(job, 199, 3)] == [None, PROBLEM, None]
+    ended = store.mark(job, dict.fromkeys(range(450), CaseState.DONE))
+    assert (ended.status, ended.done, ended.cached, ended.failed) == ("successful", 450, 1, 1)
+    assert ended.finished is not None
+    assert ended.expires is not None
+    assert (ended.expires - ended.finished).days == 7
+    assert store.unfinished() == []
+    assert store.end(job, "dismissed") == ended
+
+
+def test_marks_from_many_threads_are_all_there(tmp_path: Path) -> None:
+    store = store_in(tmp_path)
+    job = stored_job(store, 400).number
+    with ThreadPoolExecutor(8) as threads:
+        list(threads.map(lambda i: store.mark(job, {i: CaseState.DONE}), range(400)))
+    state = store.jobs("local")[0]
+    assert (state.status, state.done) == ("successful", 400)
+
+
+def test_expired_jobs_go_with_all_they_had(tmp_path: Path) -> None:
+    store = store_in(tmp_path, job_days=0.0)
+    stays, goes = (stored_job(store, 300, token=Idempotency(name, "digest")) for name in "ab")
+    store.mark(goes.number, {250: CaseState.FAILED}, {250: PROBLEM})
+    store.end(goes.number, "dismissed")
+    time.sleep(0.01)
+    assert store.sweep() == 1
+    assert [state.id for state in store.jobs("local")] == [stays.id]
+    assert store.token("local", "b") is None
+    with sqlite3.connect(tmp_path / "jobs.sqlite") as database:
+        for table in ("slices", "states", "problems", "idempotency"):
+            assert {row[0] for row in database.execute(f"SELECT job FROM {table}")} <= {stays.number}  # noqa: S608
+    database.close()
+
+
+def test_token_leads_to_its_job_and_only_its_owner(tmp_path: Path) -> None:
+    store = store_in(tmp_path)
+    state = stored_job(store, 3, token=Idempotency("token", lambda: "digest"))
+    assert store.token("local", "token") == ("digest", state)
+    assert store.token("other", "token") is None
+    other = stored_job(store, 3, owner="other", token=Idempotency("token", "digest"))
+    assert store.token("other", "token") == ("digest", other)
+    store.discard(state.number)
+    assert store.token("local", "token") is None
+
+
+def test_job_of_an_earlier_engine_gets_the_keys_of_this_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    store = store_in(tmp_path)
+    with monkeypatch.context() as earlier:
+        earlier.setattr("service.keys.ENGINE_VERSION", "0")
+        earlier.setattr(module, "VERSIONS", "0 0")
+        job = stored_job(store)
+        old = [row.key for row in store.rows(job.number, 0, 450)]
+    assert job.versions == "0 0"
+    store.renew_keys(job.number)
+    new = [row.key for row in store.rows(job.number, 0, 450)]
+    assert new == [result_key("square", Question(i).canonical()) for i in range(450)]
+    assert not set(old) & set(new)
+    assert store.jobs("local")[0].versions == module.VERSIONS
+
+
+def test_empty_job_has_ended(tmp_path: Path) -> None:
+    store = store_in(tmp_path)
+    assert store.accept(store.create("square", "local"), 0, None).status == "successful"
+
+
+@pytest.mark.parametrize("content", [b"no database", b"SQLite format 3\0" + bytes(4000)])
+def test_file_that_is_no_database_is_set_aside(content: bytes, tmp_path: Path) -> None:
+    (tmp_path / "jobs.sqlite").write_bytes(content)
+    store = store_in(tmp_path)
+    state = stored_job(store)
+    assert [path.read_bytes() for path in (tmp_path / "damaged").iterdir()] == [content]
+    assert store_in(tmp_path).jobs("local") == [state]
+
+
+def test_file_of_a_later_version_is_left_alone(tmp_path: Path) -> None:
+    stored_job(store_in(tmp_path))
+    database = sqlite3.connect(tmp_path / "jobs.sqlite")
+    database.execute("PRAGMA user_version = 99")
+    database.close()
+    with pytest.raises(StorageError, match="layout 99"):
+        store_in(tmp_path).jobs("local")
+
+
+def test_folder_that_cannot_be_made_is_told_and_tried_again(tmp_path: Path) -> None:
+    (tmp_path / "data").write_text("a file")
+    store = store_in(tmp_path / "data")
+    with pytest.raises(StorageError):
+        store.sweep(at_start=True)
+    with pytest.raises(StorageError):
+        store.jobs("local")
+    (tmp_path / "data").unlink()
+    assert store.jobs("local") == []
+
+
+def test_full_disk_is_told_changes_nothing_and_is_forgotten_when_there_is_room(tmp_path: Path) -> None:
+    store = store_in(tmp_path)
+    before = stored_job(store)
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    largest = max(path.stat().st_size for path in tmp_path.iterdir())
+    resource.setrlimit(resource.RLIMIT_FSIZE, (largest, hard))
+    try:
+        with pytest.raises(StorageError):  # noqa: PT012 (it may fit a few times)
+            for _ in range(100):
+                job = store.create("square", "local")
+                store.append(job, 0, pack("square", cases(200)))
+        assert store.jobs("local") == [before]
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    store.sweep(at_start=True)
+    after = stored_job(store)
+    assert store_in(tmp_path).jobs("local") == [before, after]
+    with sqlite3.connect(tmp_path / "jobs.sqlite") as database:
+        assert database.execute("PRAGMA integrity_check").fetchone() == ("ok",)
+        assert database.execute("SELECT count(*) FROM jobs").fetchone() == (2,)
+    database.close()
+
+
+def test_writer_killed_at_any_instant_leaves_whole_jobs_only(tmp_path: Path) -> None:
+    """A job has all its cases once it is seen; its counts are those of its marks."""
+    command = [sys.executable, "-m", "tests.service.jobs_writer", str(tmp_path)]
+    subprocess.run(command, check=True, cwd=ROOT)
+    store = store_in(tmp_path)
+    store.sweep(at_start=True)
+    states = store.jobs("local")
+    assert len(states) > 10
+    for state in states:
+        rows = store.rows(state.number, 0, 10_000)
+        assert len(rows) == state.total == 450
+        assert sum(bool(row.state) for row in rows) == state.done
+        assert (state.status == "successful") == (state.done == 450)
+        assert sum(row.problem is not None for row in rows) == state.failed
+    with sqlite3.connect(tmp_path / "jobs.sqlite") as database:
+        numbers = {row[0] for row in database.execute("SELECT DISTINCT job FROM slices")}
+        assert numbers == {state.number for state in states}
+        assert database.execute("PRAGMA integrity_check").fetchone() == ("ok",)
+    database.close()
+
+
+def test_readers_do_not_wait_for_a_writer(tmp_path: Path) -> None:
+    store = store_in(tmp_path)
+    stored_job(store)
+    inside, leave = threading.Event(), threading.Event()
+
+    def write() -> None:
+        with store._database.writing() as database:
+            database.execute("UPDATE jobs SET revision = 77")
+            inside.set()
+            leave.wait(10.0)
+
+    writer = threading.Thread(target=write)
+    writer.start()
+    assert inside.wait(10.0)
+    began = time.monotonic()
+    assert store.jobs("local")[0].revision == 1
+    assert time.monotonic() - began < 0.5
+    leave.set()
+    writer.join()
+    assert store.jobs("local")[0].revision == 77
