@@ -1,17 +1,27 @@
 """The application: settings in, routes, handlers and what lives as long as it runs out."""
 
+import asyncio
+import shutil
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from contextlib import AsyncExitStack, asynccontextmanager
 from typing import Any
 
+from anyio import CapacityLimiter
 from fastapi import FastAPI
+from pydantic.json_schema import models_json_schema
+from starlette.types import ASGIApp
 
 from service.cache import ResultCache
 from service.engine import Engine
 from service.executor import PoolExecutor
 from service.keys import SCHEMA_VERSION
+from service.logs import RequestLog
 from service.problems import MEDIA_TYPE, install_problem_handlers
-from service.routes import cra, docs, health, results, trajectory
+from service.routes import batch, cra, docs, health, jobs, metrics, results, sweep, trajectory
+from service.routes.download import FOLDER as DOWNLOADS
+from service.routes.hot import HotAnswers, HotPath
+from service.runner import Runner
+from service.schemas import CriticalAngleBatch, CriticalAngleSweep, TrajectoryBatch, TrajectorySweep
 from service.settings import Settings
 
 DESCRIPTION = """
@@ -20,9 +30,16 @@ Critical ricochet angles of rigid projectiles on concrete.
 Angles are in degrees from the inward normal of the face: 0° is normal impact. Depth is positive inside the target.
 Fields are named with their units and never null: what is not given is absent.
 """
-STOP_SECONDS = 1
-"""Of the grace time, for the workers to end after the last request has been answered or given up."""
+POOL_SECONDS = 1
+"""For the workers to end once nothing is asked of them any more."""
+STOP_SECONDS = POOL_SECONDS + 1
+"""Of the grace time, for jobs and workers to end after the last request has been answered or given up."""
 OPERATIONS = {"trajectory": trajectory.TRAJECTORY, "cra": cra.CRITICAL_ANGLE}
+RESOURCES = (batch, sweep, trajectory, cra, results, jobs, health, metrics, docs)
+BODIES = (TrajectoryBatch, CriticalAngleBatch, TrajectorySweep, CriticalAngleSweep)
+"""Models of the bodies that routes read piece by piece, which FastAPI does not get to see."""
+READING_THREADS = 1
+"""They validate cases: more would only take the interpreter lock from the event loop more often."""
 
 
 class Application(FastAPI):
@@ -30,18 +47,44 @@ class Application(FastAPI):
 
     def openapi(self) -> dict[str, Any]:
         """Return the contract."""
-        contract = super().openapi()
-        for path in contract["paths"].values():
-            for operation in path.values():
-                declare_problems(operation["responses"])
-        return contract
+        if self.openapi_schema is None:
+            contract = super().openapi()
+            declare_bodies(contract["components"]["schemas"])
+            for path in contract["paths"].values():
+                for operation in path.values():
+                    declare_problems(operation["responses"])
+                    declare_events(operation["responses"])
+        return super().openapi()
+
+    def build_middleware_stack(self) -> ASGIApp:
+        """Return what answers requests. Outside all that FastAPI does, so that what it answers to a failure is seen."""
+        counts: metrics.Metrics = self.state.metrics
+        hot = HotPath(super().build_middleware_stack(), lambda: getattr(self.state, "hot", None), counts.count_hit)
+        return RequestLog(hot, counts.observe, self.state.settings.log_level)
+
+
+def declare_bodies(schemas: dict[str, Any]) -> None:
+    """Add the models of the bodies that FastAPI does not get to see."""
+    _, found = models_json_schema(
+        [(model, "validation") for model in BODIES], ref_template="#/components/schemas/{model}"
+    )
+    for name, schema in found["$defs"].items():
+        schemas.setdefault(name, schema)
+
+
+def declare_events(responses: dict[str, Any]) -> None:
+    """Declare server-sent events by their media type alone: what FastAPI says of them is of a later OpenAPI."""
+    content = responses.get("200", {}).get("content", {})
+    if "text/event-stream" in content:
+        content["text/event-stream"] = {}
 
 
 def declare_problems(responses: dict[str, Any]) -> None:
     """Give the errors among these responses their media type, which FastAPI takes from the route."""
     for status, response in responses.items():
-        if status >= "400" and "application/json" in response["content"]:
-            response["content"] = {MEDIA_TYPE: response["content"]["application/json"]}
+        if status >= "400":
+            (content,) = response["content"].values()
+            response["content"] = {MEDIA_TYPE: content}
 
 
 def create_app(settings: Settings | None = None) -> FastAPI:
@@ -59,8 +102,9 @@ def create_app(settings: Settings | None = None) -> FastAPI:
         generate_unique_id_function=lambda route: route.name,
     )
     app.state.settings = settings or Settings()
+    app.state.metrics = metrics.Metrics()
     install_problem_handlers(app)
-    for resource in (trajectory, cra, results, health, docs):
+    for resource in RESOURCES:
         app.include_router(resource.router)
     app.mount("/docs/assets", docs.ASSETS)
     return app
@@ -68,13 +112,26 @@ def create_app(settings: Settings | None = None) -> FastAPI:
 
 @asynccontextmanager
 async def lifespan(app: FastAPI) -> AsyncIterator[None]:
-    """Bring the workers up, and end them at last."""
+    """Bring up what answers requests, and end it at last."""
     state, settings = app.state, app.state.settings
-    state.cache = ResultCache(settings.data_dir, memory_bytes=settings.memory_cache_bytes)
-    state.executor = PoolExecutor(workers=settings.workers, task_seconds=settings.task_seconds)
-    state.engine = Engine(state.cache, state.executor, OPERATIONS)
-    await state.executor.start()
-    try:
+    counts: metrics.Metrics = state.metrics
+    operations = {name: counts.counting(name, operation) for name, operation in OPERATIONS.items()}
+    state.stopping = asyncio.Event()
+    state.reading = CapacityLimiter(READING_THREADS)
+    async with AsyncExitStack() as stack:
+        state.cache = stack.enter_context(
+            ResultCache(settings.data_dir, memory_bytes=settings.memory_cache_bytes, disk_bytes=settings.cache_bytes)
+        )
+        shutil.rmtree(settings.data_dir / DOWNLOADS, ignore_errors=True)
+        state.executor = PoolExecutor(workers=settings.workers, task_seconds=settings.task_seconds)
+        await state.executor.start()
+        stack.push_async_callback(state.executor.stop, POOL_SECONDS)
+        state.engine = Engine(state.cache, state.executor, operations, most_waiting=settings.max_waiting_queries)
+        state.hot = HotAnswers(state.engine)
+        stored = metrics.CountedJobs(settings.data_dir, counts, job_days=settings.job_days)
+        state.runner = Runner(
+            state.engine, stored, workers=settings.workers, max_queued_cases=settings.max_queued_cases
+        )
+        await state.runner.start()
+        stack.push_async_callback(state.runner.stop)
         yield
-    finally:
-        await state.executor.stop(STOP_SECONDS)

@@ -2,7 +2,7 @@
 
 import os
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import Field
 from pydantic_settings import BaseSettings, SettingsConfigDict
@@ -24,7 +24,7 @@ class Settings(BaseSettings):
         "127.0.0.1"
     )
     port: Annotated[int, Field(ge=0, le=65535, description="Port to listen on; 0 takes a free one.")] = 8000
-    data_dir: Annotated[Path, Field(description="Folder of the results; made if it is not there.")] = Path("data")
+    data_dir: Annotated[Path, Field(description="Folder of results and jobs; made if it is not there.")] = Path("data")
     workers: Annotated[
         int, Field(default_factory=available_cores, ge=1, le=1024, description="Worker processes; the cores.")
     ]
@@ -40,6 +40,63 @@ class Settings(BaseSettings):
         int,
         Field(ge=0, description="Memory for the latest results: some 500 with a history, tens of thousands without."),
     ] = 128 * 1024 * 1024
+    cache_bytes: Annotated[
+        int,
+        Field(
+            ge=0,
+            description="Disk for results; those used longest ago go first. Ten million critical angles or a hundred "
+            "thousand histories: more than most ask for, less than a disk holds.",
+        ),
+    ] = 10 * 1024**3
+    max_batch_bytes: Annotated[
+        int,
+        Field(
+            ge=1024,
+            description="Largest JSON body of a batch or a sweep. A thousand cases take some 400 kB; parsing is one "
+            "piece of work that nothing else gets between, and 2 MiB of it take some 20 ms.",
+        ),
+    ] = 2 * 1024 * 1024
+    max_jsonl_bytes: Annotated[
+        int,
+        Field(
+            ge=1024,
+            description="Largest JSONL body, read as a stream: 100,000 cases of 2 kB each, five times the usual.",
+        ),
+    ] = 200 * 1024 * 1024
+    small_cases: Annotated[
+        int,
+        Field(
+            ge=0,
+            le=1000,
+            description="Up to so many cases are answered at once, more become a job: a hundred take about a second.",
+        ),
+    ] = 100
+    max_queued_cases: Annotated[
+        int,
+        Field(
+            ge=1,
+            description="Cases that may wait in all jobs together: ten of the largest batches, some hours of work.",
+        ),
+    ] = 1_000_000
+    max_waiting_queries: Annotated[
+        int,
+        Field(ge=1, description="Single queries that may wait for a worker: at 10 ms each, some seconds of work."),
+    ] = 1000
+    job_days: Annotated[
+        float,
+        Field(gt=0.0, description="How long a job is kept after its end: over a weekend and a few days more."),
+    ] = 7.0
+    most_wait_seconds: Annotated[
+        float,
+        Field(
+            ge=0.0,
+            description="Longest that `Prefer: wait` is obeyed: less than the 60 s after which proxies give up.",
+        ),
+    ] = 30.0
+    log_level: Annotated[
+        Literal["debug", "info", "warning", "error"],
+        Field(description="Least weight of what is logged; `warning` leaves out the line for each request."),
+    ] = "info"
     task_seconds: Annotated[
         float,
         Field(
@@ -59,7 +116,7 @@ class Settings(BaseSettings):
     grace_seconds: Annotated[
         int,
         Field(
-            ge=2,
+            ge=3,
             description="How long the service may take to end after SIGTERM, running queries included. Less than the "
             "10 s after which container managers kill.",
         ),

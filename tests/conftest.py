@@ -5,8 +5,8 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -55,7 +55,8 @@ class Service:
 def running_service(folder: Path, **settings: str) -> Iterator[Service]:
     """A service with an empty data folder, which must end well and log no failure."""
     port = free_port()
-    names = {"host": "127.0.0.1", "port": str(port), "data_dir": str(folder / "data"), "workers": "2"} | settings
+    names = {"host": "127.0.0.1", "port": str(port), "data_dir": str(folder / "data"), "workers": "2"}
+    names |= {"log_level": "warning"} | settings
     environment = os.environ | {f"RICOCHET_{name.upper()}": value for name, value in names.items()}
     command = [sys.executable, "-W", "error", "-m", "service.cli", "serve"]
     with (
@@ -72,6 +73,12 @@ def running_service(folder: Path, **settings: str) -> Iterator[Service]:
     report = (folder / "log").read_text(errors="replace")
     assert status == 0, report
     assert "Traceback" not in report, report
+
+
+@pytest.fixture(scope="session")
+def service_on() -> Callable[..., AbstractContextManager[Service]]:
+    """Run a service with settings of its own."""
+    return running_service
 
 
 @pytest.fixture

@@ -1,6 +1,6 @@
-"""How a JSON body is read: what is no JSON, too long or of another type is refused before anything looks at it."""
+"""How a body is read: what is too long, of another type or no JSON is refused before anything looks at it."""
 
-from collections.abc import Callable, Coroutine
+from collections.abc import AsyncIterator, Callable, Coroutine
 from http import HTTPStatus
 from typing import Any
 
@@ -9,6 +9,7 @@ from fastapi.routing import APIRoute
 from pydantic_core import from_json
 
 JSON = "application/json"
+JSONL = "application/jsonl"
 
 
 class JsonRequest(Request):
@@ -26,17 +27,7 @@ class JsonRequest(Request):
             413 if it is too long.
         """
         if not hasattr(self, "_body"):
-            limit: int = self.app.state.settings.max_body_bytes
-            chunks, length = [], int(self.headers.get("content-length", 0))
-            if length <= limit:
-                length = 0
-                async for chunk in self.stream():
-                    chunks.append(chunk)
-                    length += len(chunk)
-                    if length > limit:
-                        break
-            if length > limit:
-                raise HTTPException(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, f"the body may be {limit} bytes long at most")
+            chunks = [chunk async for chunk in stream_up_to(self, self.app.state.settings.max_body_bytes)]
             self._body = b"".join(chunks)
         return self._body
 
@@ -48,10 +39,7 @@ class JsonRequest(Request):
         HTTPException
             400 if it cannot be parsed.
         """
-        try:
-            return from_json(await self.body())
-        except ValueError as error:
-            raise HTTPException(HTTPStatus.BAD_REQUEST, f"not JSON: {error}") from error
+        return parse_json(await self.body())
 
 
 class JsonRoute(APIRoute):
@@ -63,14 +51,48 @@ class JsonRoute(APIRoute):
 
         async def handle_json(request: Request) -> Response:
             if self.body_field is not None:
-                require_json(request)
+                require_type(request, JSON)
             return await handle(JsonRequest(request.scope, request.receive))
 
         return handle_json
 
 
-def require_json(request: Request) -> None:
-    """Refuse a body of another type or encoding.
+def parse_json(text: bytes) -> Any:
+    """Return what a text says.
+
+    Raises
+    ------
+    HTTPException
+        400 if it is no JSON.
+    """
+    try:
+        return from_json(text)
+    except ValueError as error:
+        raise HTTPException(HTTPStatus.BAD_REQUEST, f"not JSON: {error}") from error
+
+
+async def stream_up_to(request: Request, limit: int) -> AsyncIterator[bytes]:
+    """Yield the body as it arrives.
+
+    Raises
+    ------
+    HTTPException
+        413 as soon as it is known to be too long.
+    """
+    length = int(request.headers.get("content-length", 0))
+    if length <= limit:
+        length = 0
+        async for chunk in request.stream():
+            length += len(chunk)
+            if length > limit:
+                break
+            yield chunk
+    if length > limit:
+        raise HTTPException(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, f"the body may be {limit} bytes long at most")
+
+
+def require_type(request: Request, *accepted: str) -> str:
+    """Return the media type of the body, refusing others and encodings.
 
     Raises
     ------
@@ -79,8 +101,11 @@ def require_json(request: Request) -> None:
     """
     media_type = request.headers.get("content-type", "").partition(";")[0].strip().lower()
     coding = request.headers.get("content-encoding", "identity").strip().lower()
-    if media_type != JSON or coding != "identity":
+    if media_type not in accepted or coding != "identity":
         found = f"{media_type or 'no content type'}{'' if coding == 'identity' else f' in {coding}'}"
         raise HTTPException(
-            HTTPStatus.UNSUPPORTED_MEDIA_TYPE, f"the body must be {JSON}, got {found}", headers={"Accept": JSON}
+            HTTPStatus.UNSUPPORTED_MEDIA_TYPE,
+            f"the body must be {' or '.join(accepted)}, got {found}",
+            headers={"Accept": ", ".join(accepted)},
         )
+    return media_type

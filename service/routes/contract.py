@@ -1,12 +1,16 @@
 """What the operations of the contract have in common: the engine they ask, the problems they may answer."""
 
+import time
 from typing import Annotated, Any, TypeAlias
 
 from fastapi import Depends, Request, Response
+from pydantic import BaseModel
 
-from service.engine import CacheStatus, Engine
+from service.engine import Engine
+from service.kinds import kind_of
+from service.logs import BEGUN
 from service.problems import Problem
-from service.record import Record
+from service.schemas import Job
 
 Responses: TypeAlias = dict[int | str, dict[str, Any]]
 
@@ -15,7 +19,12 @@ CACHE_STATUS = {
         "description": "`ricochet; hit` if the result was there, `ricochet; fwd=miss` if it was computed (RFC 9211).",
         "schema": {"type": "string"},
         "required": True,
-    }
+    },
+    "Server-Timing": {
+        "description": "Milliseconds until the request was read, then until its answer was there, and of both.",
+        "schema": {"type": "string"},
+        "required": True,
+    },
 }
 RESULT_LINK = {
     "result": {
@@ -29,15 +38,23 @@ RESULT_LINK = {
 RETRY_AFTER = {
     "Retry-After": {"description": "When to ask again. [s]", "schema": {"type": "integer"}, "required": True}
 }
+RETRY_LATER: dict[str, Any] = {
+    "headers": {
+        "Retry-After": {"description": "When to ask again, unless it has ended. [s]", "schema": {"type": "integer"}}
+    }
+}
 PROBLEMS: Responses = {
     400: {"description": "The body cannot be parsed."},
-    404: {"description": "Nothing is kept under this key."},
+    404: {"description": "Nothing is kept under this name."},
     406: {"description": "The result is not given in a form that `Accept` asks for."},
+    409: {"description": "The request with this idempotency key is still being accepted."},
     413: {"description": "The body is too long."},
-    415: {"description": "The body is not `application/json`."},
+    415: {"description": "The body is of another media type."},
     422: {"description": "A field is wrong, or the case cannot be computed."},
+    429: {"description": "Too many cases wait.", "headers": RETRY_AFTER},
     500: {"description": "The service failed."},
     503: {"description": "The service is not ready, or has no worker for the query.", "headers": RETRY_AFTER},
+    507: {"description": "Jobs cannot be stored now."},
 }
 
 
@@ -52,6 +69,54 @@ COMPUTED: Responses = {
 }
 
 
+MANY: Responses = {
+    200: {
+        "description": "All results, in the order of the request; as JSON lines, in the order in which they finish.",
+        "content": {"application/jsonl": {"schema": {"type": "string"}}},
+        "headers": {
+            "Cache-Status": {
+                "description": "`ricochet; hit` if nothing had to be computed; not told of JSON lines (RFC 9211).",
+                "schema": {"type": "string"},
+            },
+            "Preference-Applied": {"description": "RFC 7240.", "schema": {"type": "string"}},
+        },
+    },
+    202: {
+        "model": Job,
+        "description": "The job that will have the results.",
+        "headers": {
+            **RETRY_AFTER,
+            "Location": {"description": "Of the job.", "schema": {"type": "string"}, "required": True},
+            "Preference-Applied": {"description": "RFC 7240.", "schema": {"type": "string"}},
+        },
+        "links": {
+            "job": {"operationId": "get_job", "parameters": {"job_id": "$response.body#/id"}},
+            "results": {"operationId": "get_job_results", "parameters": {"job_id": "$response.body#/id"}},
+        },
+    },
+    **problems(400, 406, 409, 413, 415, 422, 429, 500, 503, 507),
+}
+
+
+def one_body(model: type[BaseModel]) -> dict[str, Any]:
+    """Return the declaration of a JSON body that the route reads itself, piece by piece."""
+    return {"requestBody": {"required": True, "content": {"application/json": {"schema": reference(model)}}}}
+
+
+def many_bodies(model: type[BaseModel], line: type[BaseModel]) -> dict[str, Any]:
+    """Return the declaration of a body that is JSON, or JSON lines."""
+    declared = one_body(model)
+    declared["requestBody"]["content"]["application/jsonl"] = {
+        "schema": {"type": "string", "description": f"A `{line.__name__}` a line."}
+    }
+    return declared
+
+
+def reference(model: type[BaseModel]) -> dict[str, str]:
+    """Return the place of a model in the contract."""
+    return {"$ref": f"#/components/schemas/{model.__name__}"}
+
+
 async def engine_of(request: Request) -> Engine:
     """Return the engine of the running application. Asynchronous, as FastAPI runs other functions in a thread."""
     engine: Engine = request.app.state.engine
@@ -61,7 +126,22 @@ async def engine_of(request: Request) -> Engine:
 AskedEngine = Annotated[Engine, Depends(engine_of)]
 
 
-def computed(record: Record, status: CacheStatus) -> Response:
-    """Reply with a result."""
-    header = "ricochet; hit" if status == "hit" else "ricochet; fwd=miss"
-    return Response(record.json, media_type="application/json", headers={"Cache-Status": header})
+async def computed(request: Request, operation: str, case: Any, engine: Engine) -> Response:
+    """Reply with the result of a single query."""
+    validated = time.perf_counter()
+    app, begun = request.app.state, request.scope[BEGUN]
+    try:
+        record, status = await engine.answer(operation, case)
+    except Exception as error:
+        app.metrics.count_problem(operation, {"type": kind_of(error).uri})
+        raise
+    if status == "hit":
+        app.metrics.count_hit(record)
+    app.hot.remember(request.scope, record.key)
+    now = time.perf_counter()
+    timing = f"validate;dur={1e3 * (validated - begun):.2f}, compute;dur={1e3 * (now - validated):.2f}"
+    headers = {
+        "Cache-Status": "ricochet; hit" if status == "hit" else "ricochet; fwd=miss",
+        "Server-Timing": f"{timing}, total;dur={1e3 * (now - begun):.2f}",
+    }
+    return Response(record.json, media_type="application/json", headers=headers)

@@ -1,6 +1,6 @@
 """One critical ricochet angle."""
 
-from fastapi import APIRouter, Response
+from fastapi import APIRouter, Request, Response
 
 from service.engine import Operation
 from service.routes.body import JsonRoute
@@ -13,13 +13,14 @@ router = APIRouter(route_class=JsonRoute, tags=["critical ricochet angle"])
 CRITICAL_ANGLE = Operation(
     call=lambda case: (run_cra, case.arguments()),
     answer=lambda _, case: critical_angle_answer(case.found, case.trajectory),
+    parse=CriticalAngleRequest.model_validate_json,
 )
 
 
 @router.post("/cra", response_model=CriticalAngleAnswer, responses=COMPUTED)
-async def find_critical_angle(case: CriticalAngleRequest, engine: AskedEngine) -> Response:
+async def find_critical_angle(request: Request, case: CriticalAngleRequest, engine: AskedEngine) -> Response:
     """Find the smallest oblique angle, from the normal, at which a projectile is turned away.
 
     That there is none in the range is an answer too, and told by its `status`.
     """
-    return computed(*await engine.answer("cra", case))
+    return await computed(request, "cra", case, engine)

@@ -1,6 +1,6 @@
 """One trajectory."""
 
-from fastapi import APIRouter, Response
+from fastapi import APIRouter, Request, Response
 
 from service.engine import Operation
 from service.routes.body import JsonRoute
@@ -13,10 +13,11 @@ router = APIRouter(route_class=JsonRoute, tags=["trajectory"])
 TRAJECTORY = Operation(
     call=lambda case: (run_trajectory, (case.arguments(),)),
     answer=lambda _, trajectory: trajectory_answer(trajectory),
+    parse=TrajectoryRequest.model_validate_json,
 )
 
 
 @router.post("/trajectory", response_model=TrajectoryAnswer, responses=COMPUTED)
-async def compute_trajectory(case: TrajectoryRequest, engine: AskedEngine) -> Response:
+async def compute_trajectory(request: Request, case: TrajectoryRequest, engine: AskedEngine) -> Response:
     """Compute the motion of a projectile from first contact until it is turned away, at rest, or out of time."""
-    return computed(*await engine.answer("trajectory", case))
+    return await computed(request, "trajectory", case, engine)

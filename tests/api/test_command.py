@@ -62,6 +62,54 @@ def test_running_query_is_answered_before_the_service_ends(own_service: Service,
     assert answers[0].status_code == 200
 
 
+def test_results_are_looked_after(
+    own_service: Service, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The folder of the service is that of the fixture."""
+    monkeypatch.setenv("RICOCHET_DATA_DIR", str(tmp_path / "data"))
+    for oblique_angle_deg in (45.0, 46.0, 47.0):
+        body = PAPER_AT_45 | {"impact": PAPER_AT_45["impact"] | {"oblique_angle_deg": oblique_angle_deg}}
+        assert httpx.post(f"{own_service.url}/trajectory", json=body, trust_env=False).is_success
+    assert cli.main(["cache", "stat"]) == 0
+    assert capsys.readouterr().out.startswith("3 results, 3 files, ")
+    assert cli.main(["cache", "verify"]) == 1  # in use
+    assert "in use" in capsys.readouterr().err
+    own_service.process.terminate()
+    own_service.process.wait(20.0)
+    (tmp_path / "data" / "results" / "index.sqlite").unlink()
+    assert cli.main(["cache", "rebuild"]) == 0
+    assert capsys.readouterr().out.startswith("3 results, 3 files, ")
+    segment = next((tmp_path / "data" / "results" / "segments").rglob("*.h5"))
+    segment.write_bytes(segment.read_bytes()[:-100])
+    assert cli.main(["cache", "verify"]) == 1
+    assert f"damaged, set aside: {segment.stem}" in capsys.readouterr().out
+    assert cli.main(["cache", "verify"]) == 0
+    assert capsys.readouterr().out.startswith("2 results, 2 files, ")
+    assert cli.main(["cache", "evict", "--bytes", "1"]) == 0
+    assert capsys.readouterr().out == "0 results, 0 files, 0 bytes\n"
+
+
+def test_folder_without_results_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("RICOCHET_DATA_DIR", str(tmp_path))
+    assert cli.main(["cache", "stat"]) == 1
+    assert "there are no results" in capsys.readouterr().err
+
+
+def test_second_service_on_a_folder_is_refused(own_service: Service, tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "service.cli", "serve"],
+        env={"RICOCHET_PORT": "0", "RICOCHET_DATA_DIR": str(tmp_path / "data")},
+        cwd=Path(cli.__file__).parents[1],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 3
+    assert "in use by another service" in done.stderr
+
+
 def test_wrong_setting_is_named(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.setenv("RICOCHET_WORKERS", "none")
     with pytest.raises(SystemExit) as ended:

@@ -1,6 +1,6 @@
 """Every example of the contract is sent to the service, or compared with what the service answers."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import httpx
@@ -40,7 +40,25 @@ SENT = [
     for name, steps in places(request)
     for number, example in enumerate(SCHEMAS[name].get("examples", ()))
 ]
-IN_REQUESTS = {name for request in REQUESTS for name, _ in places(request)}
+VELOCITIES = {"field": "impact.velocity_m_s", "values": [238.0]}
+MANY: dict[str, tuple[str, Callable[[Any], Any]]] = {
+    "TrajectoryBatch": ("/trajectory/batch", lambda example: example),
+    "TrajectoryCase": ("/trajectory/batch", lambda example: {"cases": [example]}),
+    "BatchOutput": ("/trajectory/batch", lambda example: {"cases": [PAPER_AT_45 | {"output": example}]}),
+    "TrajectoryBase": ("/trajectory/sweep", lambda example: {"base": example, "axes": [VELOCITIES]}),
+    "TrajectorySweep": ("/trajectory/sweep", lambda example: example),
+    "CriticalAngleBatch": ("/cra/batch", lambda example: example),
+    "CriticalAngleCase": ("/cra/batch", lambda example: {"cases": [example]}),
+    "CriticalAngleSweep": ("/cra/sweep", lambda example: example),
+    "Axis": ("/cra/sweep", lambda example: {"base": PAPER, "axes": [example]}),
+}
+"""Where the parts of requests for many cases are sent, and in what."""
+SENT += [
+    pytest.param(path, body(example), id=f"{name}-{number}-{path}")
+    for name, (path, body) in MANY.items()
+    for number, example in enumerate(SCHEMAS[name]["examples"])
+]
+IN_REQUESTS = MANY.keys() | {name for request in REQUESTS for name, _ in places(request)}
 IN_ANSWERS = SCHEMAS.keys() - IN_REQUESTS
 
 

@@ -16,6 +16,14 @@ from service.schemas.pointers import TAGGED
 COMMITTED = Path(__file__).parents[2] / "openapi" / "openapi.json"
 CONTRACT: dict[str, Any] = create_app().openapi()
 SCHEMAS: dict[str, dict[str, Any]] = CONTRACT["components"]["schemas"]
+REQUESTS = (
+    "TrajectoryRequest",
+    "TrajectoryBatch",
+    "TrajectorySweep",
+    "CriticalAngleRequest",
+    "CriticalAngleBatch",
+    "CriticalAngleSweep",
+)
 OPERATIONS: dict[str, dict[str, Any]] = {
     f"{method.upper()} {path}": operation
     for path, methods in CONTRACT["paths"].items()
@@ -56,11 +64,22 @@ def test_service_serves_its_contract(client: httpx.Client) -> None:
 
 def test_operation_ids_are_the_names_of_the_routes() -> None:
     assert {operation["operationId"] for operation in OPERATIONS.values()} == {
+        "cancel_job",
+        "compute_trajectories",
         "compute_trajectory",
+        "delete_job",
         "find_critical_angle",
+        "find_critical_angles",
+        "follow_job",
+        "get_job",
+        "get_job_results",
         "get_result",
+        "list_jobs",
         "livez",
+        "metrics",
         "readyz",
+        "sweep_critical_angles",
+        "sweep_trajectories",
         "version",
     }
 
@@ -104,7 +123,7 @@ def test_objects_and_enumerations_are_components() -> None:
 def test_requests_refuse_unknown_fields_and_bound_every_number() -> None:
     for name, schema in SCHEMAS.items():
         assert schema.get("type") != "object" or schema["additionalProperties"] is False, name
-    for request in ("TrajectoryRequest", "CriticalAngleRequest"):
+    for request in REQUESTS:
         for place, node in nodes_of_component(request):
             if node.get("type") in {"number", "integer"}:
                 assert {"minimum", "exclusiveMinimum"} & node.keys(), place
@@ -128,6 +147,19 @@ def test_every_model_has_examples_and_every_field_a_description() -> None:
             assert schema["description"], name
 
 
+@pytest.mark.parametrize("path", ["/cra/batch", "/trajectory/batch"])
+def test_batches_are_declared_as_json_and_as_lines(path: str) -> None:
+    operation = OPERATIONS[f"POST {path}"]
+    assert list(operation["requestBody"]["content"]) == ["application/json", "application/jsonl"]
+    assert set(operation["responses"]["200"]["content"]) == {"application/json", "application/jsonl"}
+
+
+def test_every_reference_leads_somewhere() -> None:
+    for place, node in nodes(CONTRACT):
+        if "$ref" in node:
+            assert node["$ref"].removeprefix("#/components/schemas/") in SCHEMAS, place
+
+
 def test_errors_are_declared_as_problems() -> None:
     for name, operation in OPERATIONS.items():
         errors = {status: response for status, response in operation["responses"].items() if status >= "400"}
@@ -135,4 +167,8 @@ def test_errors_are_declared_as_problems() -> None:
         for status, response in errors.items():
             assert list(response["content"]) == ["application/problem+json"], (name, status)
     assert {"400", "413", "415", "422", "503"} <= OPERATIONS["POST /cra"]["responses"].keys()
+    for path in ("/cra/batch", "/trajectory/batch", "/cra/sweep", "/trajectory/sweep"):
+        assert {"202", "406", "409", "413", "415", "422", "429", "503"} <= OPERATIONS[f"POST {path}"][
+            "responses"
+        ].keys()
     assert {"304", "404", "406"} <= OPERATIONS["GET /results/{key}"]["responses"].keys()

@@ -5,9 +5,11 @@ import pytest
 from starlette.requests import Request
 from starlette.responses import Response
 
+from service.admission import QueriesWaitingError, QueueFullError
 from service.app import create_app
+from service.jobs import IdempotencyBusyError, IdempotencyConflictError, StorageError
 from service.lane import PoolUnavailableError, TaskTimeoutError, WorkerCrashedError
-from service.problems import KINDS, Problem
+from service.problems import HANDLED, InvalidBodyError, Problem
 from solver import IntegrationError, ParameterError, StepLimitError
 
 pytestmark = pytest.mark.anyio
@@ -38,6 +40,12 @@ async def answer_to(error: Exception) -> httpx.Response:
         (TaskTimeoutError("more than 60 s"), 422, "timeout"),
         (WorkerCrashedError("gave up"), 500, "worker-crashed"),
         (PoolUnavailableError("stopping"), 503, "unavailable"),
+        (QueriesWaitingError(7), 503, "busy"),
+        (QueueFullError(7), 429, "queue-full"),
+        (IdempotencyConflictError("other"), 422, "idempotency-conflict"),
+        (IdempotencyBusyError("wait"), 409, "idempotency-busy"),
+        (StorageError("full"), 507, "storage-full"),
+        (InvalidBodyError([{"pointer": "/17", "detail": "is empty"}], "line 18"), 422, "invalid-request"),
         (UnforeseenError("secret"), 500, "internal-error"),
     ],
     ids=lambda value: type(value).__name__ if isinstance(value, Exception) else None,
@@ -47,12 +55,19 @@ async def test_exception_becomes_its_problem(error: Exception, status: int, name
     problem = Problem.model_validate_json(response.content)
     assert response.headers["Content-Type"] == "application/problem+json"
     assert (response.status_code, problem.status, problem.type) == (status, status, f"urn:ricochet:problem:{name}")
-    assert ("Retry-After" in response.headers) == (status == 503)
+    assert response.headers.get("Retry-After") == (
+        str(getattr(error, "retry_after", 5)) if status in {429, 503} else None
+    )
     assert "secret" not in response.text
 
 
 async def test_names_of_problems_are_unique() -> None:
-    assert len({(kind.name, kind.title) for kind in KINDS.values()}) == len({kind.name for kind in KINDS.values()})
+    assert len({(kind.name, kind.title) for kind in HANDLED.values()}) == len({kind.name for kind in HANDLED.values()})
+
+
+async def test_problem_of_many_cases_tells_the_line() -> None:
+    found = (await answer_to(InvalidBodyError([{"pointer": "/17", "detail": "is empty"}], "line 18"))).json()
+    assert (found["detail"], found["errors"]) == ("line 18: /17: is empty", [{"pointer": "/17", "detail": "is empty"}])
 
 
 @pytest.mark.parametrize(

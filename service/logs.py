@@ -1,0 +1,113 @@
+"""The log: one JSON object a line, one line a request, each with the id of its request."""
+
+import logging
+import re
+import secrets
+import sys
+import time
+from collections.abc import Callable
+
+import orjson
+import structlog
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+BEGUN = "ricochet.begun"
+"""In the scope of a request: when it was begun, on the performance counter."""
+SANE_ID = re.compile(rb"[0-9A-Za-z._:-]{1,128}")
+"""Ids of others that are taken over: nothing that could be more than an id where it is printed."""
+UNKNOWN = "unknown"
+"""Stands for every path that is no route: each of its own would fill the metrics."""
+
+Observe = Callable[[str, str, int, float], None]
+"""Told of every request: its method, route, status and seconds."""
+
+
+def configure(level: str) -> None:
+    """Have everything that is logged, by the libraries too, written to standard error as JSON."""
+    shared: list[structlog.typing.Processor] = [
+        structlog.contextvars.merge_contextvars,
+        structlog.stdlib.add_log_level,
+        structlog.stdlib.add_logger_name,
+        structlog.processors.TimeStamper(fmt="iso", utc=True),
+        structlog.processors.format_exc_info,
+    ]
+    formatter = structlog.stdlib.ProcessorFormatter(
+        foreign_pre_chain=[structlog.stdlib.PositionalArgumentsFormatter(), *shared],
+        processors=[structlog.stdlib.ProcessorFormatter.remove_processors_meta, structlog.processors.JSONRenderer()],
+    )
+    handler = logging.StreamHandler()
+    handler.setFormatter(formatter)
+    logging.basicConfig(level=level.upper(), handlers=[handler], force=True)
+
+
+def request_logger(level: str) -> structlog.typing.FilteringBoundLogger:
+    """Return what writes the lines for requests, past the library's logging: there is one for each of thousands."""
+    logger: structlog.typing.FilteringBoundLogger = structlog.wrap_logger(
+        structlog.BytesLogger(sys.stderr.buffer),
+        processors=[
+            structlog.contextvars.merge_contextvars,
+            structlog.processors.add_log_level,
+            structlog.processors.TimeStamper(fmt="iso", utc=True),
+            structlog.processors.JSONRenderer(serializer=lambda event, **_: orjson.dumps(event)),
+        ],
+        wrapper_class=structlog.make_filtering_bound_logger(level),
+        cache_logger_on_first_use=True,
+    )
+    return logger.bind()
+
+
+class RequestLog:
+    """Middleware, outside all others: gives each request an id, and tells of it when it has been answered.
+
+    Parameters
+    ----------
+    app
+        What answers.
+    observe
+        Told of every request.
+    level
+        Least weight of what is logged.
+    """
+
+    def __init__(self, app: ASGIApp, observe: Observe, level: str) -> None:
+        self._app = app
+        self._observe = observe
+        self._log = request_logger(level)
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer a request."""
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+        begun = scope[BEGUN] = time.perf_counter()
+        request_id = id_of(scope)
+        structlog.contextvars.bind_contextvars(request_id=request_id.decode())
+        status = 500
+
+        async def send_with_id(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                nonlocal status
+                status = message["status"]
+                message["headers"] = [*message.get("headers", ()), (b"x-request-id", request_id)]
+            await send(message)
+
+        try:
+            await self._app(scope, receive, send_with_id)
+        finally:
+            seconds, route = time.perf_counter() - begun, route_of(scope)
+            self._observe(scope["method"], route, status, seconds)
+            self._log.info("request", method=scope["method"], path=route, status=status, seconds=round(seconds, 6))
+
+
+def id_of(scope: Scope) -> bytes:
+    """Return the id the client has given the request, or a new one."""
+    for name, value in scope["headers"]:
+        if name == b"x-request-id" and SANE_ID.fullmatch(value):
+            return bytes(value)
+    return secrets.token_hex(16).encode()
+
+
+def route_of(scope: Scope) -> str:
+    """Return the path of a request with the names of its parameters in place of their values."""
+    path: str = getattr(scope.get("route"), "path", UNKNOWN)
+    return path

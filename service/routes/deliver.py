@@ -1,0 +1,236 @@
+"""Many cases answered: small work at once, larger work as a job."""
+
+import asyncio
+import math
+from collections.abc import AsyncGenerator, AsyncIterator, Sequence
+from contextlib import aclosing, suppress
+from http import HTTPStatus
+from typing import Annotated, Any
+
+import orjson
+from anyio import CancelScope
+from fastapi import Depends, Header, HTTPException, Request, Response
+from fastapi.responses import StreamingResponse
+
+from service.jobs import Idempotency, JobState
+from service.routes.accept import choose
+from service.routes.body import JSON, JSONL
+from service.routes.cases import Incoming
+from service.routes.items import as_array, as_lines, to_item, to_lines
+from service.routes.metrics import Metrics
+from service.routes.prefer import Preference, read_preference
+from service.runner import Runner
+from service.settings import Settings
+from service.slices import Case
+from service.small import CaseResult
+
+FORMS = (JSON, JSONL)
+VARY = {"Vary": "Prefer, Accept"}
+SHORTEST_RETRY, LONGEST_RETRY = 1, 60  # [s]
+
+IdempotencyKey = Annotated[
+    str,
+    Header(
+        max_length=255,
+        description="Of the client's choice: a request that is sent again with the same key and body is answered with "
+        "the job it made the first time. Without effect on work that is answered at once.",
+    ),
+]
+Prefer = Annotated[
+    str,
+    Header(
+        description="RFC 7240: `respond-async` asks for a job whatever the size of the work, `wait=10` to be answered "
+        "with the results if they are ready after so many seconds."
+    ),
+]
+
+
+async def preference_of(request: Request, prefer: Prefer = "") -> Preference:
+    """Return what the client would rather have."""
+    return read_preference(request.headers.getlist("prefer") if prefer else ())
+
+
+AskedPreference = Annotated[Preference, Depends(preference_of)]
+
+
+class Delivery:
+    """Answers one request for many cases.
+
+    Parameters
+    ----------
+    request
+        The request, its body aside.
+    operation
+        Of every case.
+    preference
+        Of the client.
+    idempotency_key
+        As it was sent, empty if it was not.
+
+    Raises
+    ------
+    HTTPException
+        406 if the client takes no form that is given.
+    """
+
+    def __init__(self, request: Request, operation: str, preference: Preference, idempotency_key: str) -> None:
+        form = choose(request.headers.get("accept", "*/*"), FORMS)
+        if form is None:
+            raise HTTPException(HTTPStatus.NOT_ACCEPTABLE, f"results are given as {' or '.join(FORMS)}")
+        self.form = form
+        self.operation = operation
+        self.path = request.url.path
+        self.preference = preference
+        self._token = idempotency_key
+        self._runner: Runner = request.app.state.runner
+        self._settings: Settings = request.app.state.settings
+        self._stopping: asyncio.Event = request.app.state.stopping
+        self._metrics: Metrics = request.app.state.metrics
+
+    async def answer(self, incoming: Incoming) -> Response:
+        """Return the results, or the job that will have them."""
+        small, rest = await take(incoming.slices, self._settings.small_cases)
+        if rest is None and not self.preference.respond_async:
+            return await self._answer_now(small)
+        idempotency = Idempotency(self._token, incoming.digest) if self._token else None
+        state, _ = await self._runner.accept(self.operation, chain(small, rest), idempotency=idempotency)
+        waited = None if self.preference.wait is None else min(self.preference.wait, self._settings.most_wait_seconds)
+        if waited:
+            state = await self._wait(state, waited)
+        headers = {**VARY, **self.preference.applied(waited)}
+        if waited is not None and state.status == "successful":
+            return self._answer_all(state, headers)
+        headers |= {"Location": f"/jobs/{state.id}"} | retry_after(state, self._runner)
+        return job_response(state, HTTPStatus.ACCEPTED, headers)
+
+    async def _answer_now(self, cases: Sequence[Case]) -> Response:
+        results = self._counted(self._runner.run_now(self.operation, cases))
+        if self.form == JSONL:
+            begun = await begin(results)  # what is refused is told before the answer has begun
+            lines = (to_lines([result], self.path) async for result in begun)
+            return StreamingResponse(closing(lines, results), media_type=JSONL, headers=VARY)
+        found = sorted([result async for result in results], key=lambda result: result.number)
+        items = [to_item(result, self.path) for result in found]
+        status = "ricochet; hit" if all(result.cached for result in found) else "ricochet; fwd=miss"
+        content = b'{"results":[%b]}' % b",".join(items)
+        return Response(content, media_type=JSON, headers={**VARY, "Cache-Status": status})
+
+    async def _counted(self, results: AsyncGenerator[CaseResult, None]) -> AsyncGenerator[CaseResult, None]:
+        async with aclosing(results):
+            async for result in results:
+                self._metrics.count_result(self.operation, result)
+                yield result
+
+    def _answer_all(self, state: JobState, headers: dict[str, str]) -> Response:
+        slices = self._runner.results(state.id)
+        path = f"/jobs/{state.id}/results"
+        content = as_lines(slices, path) if self.form == JSONL else as_array(slices, path)
+        return StreamingResponse(
+            closing(content, slices), media_type=self.form, headers={**headers, "Content-Location": path}
+        )
+
+    async def _wait(self, state: JobState, seconds: float) -> JobState:
+        """Return the job as it is at its end or after this time, whichever comes first."""
+        changes = until(self._stopping, self._runner.changes(state.id))
+        with suppress(TimeoutError):
+            async with asyncio.timeout(seconds), aclosing(changes):
+                async for change in changes:
+                    state = change
+        return state
+
+
+async def take(slices: AsyncIterator[list[Case]], count: int) -> tuple[list[Case], AsyncIterator[list[Case]] | None]:
+    """Return the first cases, all if there are no more than so many; and the rest, if there may be more."""
+    taken: list[Case] = []
+    async for cases in slices:
+        taken += cases
+        if len(taken) > count:
+            return taken, slices
+    return taken, None
+
+
+async def chain(first: list[Case], rest: AsyncIterator[list[Case]] | None) -> AsyncIterator[list[Case]]:
+    """Yield all cases."""
+    yield first
+    if rest is not None:
+        async for cases in rest:
+            yield cases
+
+
+async def begin(results: AsyncGenerator[CaseResult, None]) -> AsyncIterator[CaseResult]:
+    """Wait for the first result; return all of them."""
+    first = await anext(results, None)
+
+    async def resumed() -> AsyncIterator[CaseResult]:
+        if first is not None:
+            yield first
+        async for result in results:
+            yield result
+
+    return resumed()
+
+
+async def until(stopping: asyncio.Event, changes: AsyncGenerator[JobState, None]) -> AsyncGenerator[JobState, None]:
+    """Yield changes until the service is stopping, which no change may tell of."""
+    stopped = asyncio.ensure_future(stopping.wait())
+    async with aclosing(changes):
+        try:
+            while not stopped.done():
+                change = asyncio.ensure_future(anext(changes, None))
+                try:
+                    await asyncio.wait({change, stopped}, return_when=asyncio.FIRST_COMPLETED)
+                finally:
+                    await settle(change)
+                if change.cancelled() or (state := change.result()) is None:
+                    return
+                yield state
+        finally:
+            stopped.cancel()
+
+
+async def settle(task: asyncio.Future[Any]) -> None:
+    """Cancel a task unless it is done, and see it end."""
+    if not task.done():
+        task.cancel()
+        with CancelScope(shield=True):
+            await asyncio.wait({task})
+
+
+async def closing(content: AsyncIterator[bytes], source: AsyncGenerator[Any, None]) -> AsyncIterator[bytes]:
+    """Yield the content; also if nobody reads it to its end, the source is closed then."""
+    async with aclosing(source):
+        async for part in content:
+            yield part
+
+
+def retry_after(state: JobState, runner: Runner) -> dict[str, str]:
+    """Return the header that says when a job is worth asking about again."""
+    left = max(runner.queued_cases, state.total - state.done) / max(runner.rate, 1.0)
+    return {"Retry-After": str(min(LONGEST_RETRY, max(SHORTEST_RETRY, math.ceil(left))))}
+
+
+def job_response(
+    state: JobState, status: HTTPStatus = HTTPStatus.OK, headers: dict[str, str] | None = None
+) -> Response:
+    """Return a job."""
+    return Response(job_json(state), status, media_type=JSON, headers=headers)
+
+
+def job_json(state: JobState) -> bytes:
+    """Return a job as JSON."""
+    return orjson.dumps(to_job(state), option=orjson.OPT_UTC_Z)
+
+
+def to_job(state: JobState) -> dict[str, Any]:
+    """Return a job as the contract has it."""
+    path = f"/jobs/{state.id}"
+    times = {name: getattr(state, name) for name in ("created", "started", "finished", "expires")}
+    problem = None if state.problem is None else {**state.problem, "instance": path}
+    return {
+        "id": state.id,
+        "operation": state.operation,
+        "status": state.status,
+        "counts": {name: getattr(state, name) for name in ("total", "done", "cached", "failed")},
+        **{name: value for name, value in {**times, "problem": problem}.items() if value is not None},
+        "links": {"self": path, **{name: f"{path}/{name}" for name in ("results", "events", "cancel")}},
+    }

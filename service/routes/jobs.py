@@ -1,0 +1,213 @@
+"""Jobs: how far they are, their results in every form, and their end."""
+
+import binascii
+from base64 import urlsafe_b64decode, urlsafe_b64encode
+from collections.abc import AsyncIterator
+from contextlib import aclosing
+from http import HTTPStatus
+from typing import Annotated
+
+import orjson
+from fastapi import APIRouter, Depends, HTTPException, Path, Query, Request, Response
+from fastapi.responses import StreamingResponse
+from fastapi.sse import EventSourceResponse, ServerSentEvent
+
+from service.jobs import JobState
+from service.routes.accept import choose
+from service.routes.body import JSON, JSONL
+from service.routes.contract import RETRY_LATER, Responses, problems
+from service.routes.deliver import closing, job_json, job_response, retry_after, to_job, until
+from service.routes.download import CSV, HDF5, send_hdf5, to_csv
+from service.routes.items import as_array, as_lines
+from service.runner import Runner
+from service.schemas import Job, JobResults, Jobs
+from service.small import CaseResult
+
+router = APIRouter(tags=["jobs"])
+
+FORMS = (JSON, JSONL, CSV, HDF5)
+PAGE = 200
+MOST_ROWS = 1_000
+"""Of a page."""
+MOST_DIGITS = 9
+"""Of the number of a case."""
+
+
+async def runner_of(request: Request) -> Runner:
+    """Return the runner of the running application."""
+    runner: Runner = request.app.state.runner
+    return runner
+
+
+AskedRunner = Annotated[Runner, Depends(runner_of)]
+JobId = Annotated[str, Path(description="Of the job.", max_length=200)]
+
+
+async def job_of(job_id: JobId, runner: AskedRunner) -> JobState:
+    """Return the job that is asked for."""
+    return known(await runner.job(job_id))
+
+
+def known(state: JobState | None) -> JobState:
+    """Return the job, if there is one.
+
+    Raises
+    ------
+    HTTPException
+        404 if there is none.
+    """
+    if state is None:
+        raise HTTPException(HTTPStatus.NOT_FOUND, "there is no job with this id; it may have expired")
+    return state
+
+
+AskedJob = Annotated[JobState, Depends(job_of)]
+Cursor = Annotated[str, Query(max_length=20, description="`next` of the page before; empty for the first.")]
+Limit = Annotated[
+    int,
+    Query(ge=1, le=MOST_ROWS, description="Results of a page. The other forms give all that is ready unless told."),
+]
+
+RESULTS: Responses = {
+    200: {
+        "description": "What is ready, in the form that `Accept` asks for.",
+        "content": {
+            JSONL: {"schema": {"type": "string"}},
+            CSV: {"schema": {"type": "string"}},
+            HDF5: {},
+        },
+    },
+    **problems(404, 406, 422, 500),
+}
+EVENTS: Responses = {
+    200: {
+        "description": "A job whenever it changes, as server-sent events; the last is its end. Their ids may be sent "
+        "back as `Last-Event-ID`.",
+    },
+    **problems(404, 422, 500),
+}
+
+
+@router.get("/jobs", response_model=Jobs, responses=problems(422, 500))
+async def list_jobs(
+    runner: AskedRunner, limit: Annotated[int, Query(ge=1, le=MOST_ROWS, description="Jobs to give.")] = 100
+) -> Response:
+    """List the jobs, the newest first."""
+    states = await runner.jobs()
+    content = orjson.dumps({"jobs": [to_job(state) for state in states[:limit]]}, option=orjson.OPT_UTC_Z)
+    return Response(content, media_type=JSON)
+
+
+@router.get(
+    "/jobs/{job_id}",  # noqa: FAST003 (of AskedJob)
+    response_model=Job,
+    responses={200: RETRY_LATER, **problems(404, 422, 500)},
+)
+async def get_job(job: AskedJob, runner: AskedRunner) -> Response:
+    """Tell how far a job is."""
+    return job_response(job, headers={} if job.final else retry_after(job, runner))
+
+
+@router.get("/jobs/{job_id}/results", response_model=JobResults, responses=RESULTS)  # noqa: FAST003
+async def get_job_results(
+    request: Request, job: AskedJob, runner: AskedRunner, cursor: Cursor = "", limit: Limit = PAGE
+) -> Response:
+    """Give the results that are ready, in the order of the request, at any time.
+
+    JSON comes in pages; JSON lines, CSV (the summaries, a row a case) and HDF5 hold all that is ready from the cursor
+    on, unless a limit is given.
+    """
+    form = choose(request.headers.get("accept", "*/*"), FORMS)
+    if form is None:
+        raise HTTPException(HTTPStatus.NOT_ACCEPTABLE, f"results are given as {', '.join(FORMS)}")
+    start, path = read_cursor(cursor), f"/jobs/{job.id}/results"
+    most = limit if form == JSON or "limit" in request.query_params else None
+    slices = runner.results(job.id, start=start, limit=most)
+    if form == HDF5:
+        return await send_hdf5(request.app.state.settings.data_dir, job, slices)
+    if form == CSV:
+        content = to_csv(slices, job.operation)
+    elif form == JSONL:
+        content = as_lines(slices, path)
+    else:
+        page = Page(job, start, limit)
+        content = as_array(page.read(slices), path, page.end)
+    return StreamingResponse(closing(content, slices), media_type=form, headers={"Vary": "Accept"})
+
+
+class Page:
+    """Results that are being sent, and the cursor of those that follow.
+
+    Parameters
+    ----------
+    job
+        As it was before its results were read: if it had ended then, what is missing now never comes.
+    start
+        First case.
+    limit
+        Of the page.
+    """
+
+    def __init__(self, job: JobState, start: int, limit: int) -> None:
+        self._job = job
+        self._limit = limit
+        self._next = start
+        self._count = 0
+
+    async def read(self, slices: AsyncIterator[list[CaseResult]]) -> AsyncIterator[list[CaseResult]]:
+        """Yield the results, and see how far they go."""
+        async for results in slices:
+            self._count += len(results)
+            self._next = results[-1].number + 1 if results else self._next
+            yield results
+
+    def end(self) -> bytes:
+        """Return what follows the results of the page: the cursor, if anything may follow."""
+        if self._next >= self._job.total or (self._job.final and self._count < self._limit):
+            return b""
+        return b',"next":"%b"' % write_cursor(self._next)
+
+
+def write_cursor(number: int) -> bytes:
+    """Return the cursor of this case."""
+    return urlsafe_b64encode(str(number).encode()).rstrip(b"=")
+
+
+def read_cursor(cursor: str) -> int:
+    """Return the case of a cursor.
+
+    Raises
+    ------
+    HTTPException
+        422 if the service has not made it.
+    """
+    try:
+        text = urlsafe_b64decode(cursor.encode("ascii") + b"=" * (-len(cursor) % 4)) or b"0"
+    except (binascii.Error, UnicodeEncodeError):
+        text = b""
+    if not text.isdigit() or len(text) > MOST_DIGITS or (cursor and write_cursor(int(text)) != cursor.encode()):
+        raise HTTPException(HTTPStatus.UNPROCESSABLE_ENTITY, "`cursor` is none that this service has given")
+    return int(text)
+
+
+@router.get("/jobs/{job_id}/events", response_class=EventSourceResponse, responses=EVENTS)  # noqa: FAST003
+async def follow_job(request: Request, job: AskedJob, runner: AskedRunner) -> AsyncIterator[ServerSentEvent]:
+    """Tell of a job whenever it changes, until it has ended. A job that has ended is told of once."""
+    seen = request.headers.get("last-event-id", "")
+    async with aclosing(until(request.app.state.stopping, runner.changes(job.id))) as changes:
+        async for state in changes:
+            if state.final or str(state.revision) != seen:
+                yield ServerSentEvent(raw_data=job_json(state).decode(), id=str(state.revision))
+
+
+@router.post("/jobs/{job_id}/cancel", response_model=Job, responses=problems(404, 422, 500, 507))
+async def cancel_job(job_id: JobId, runner: AskedRunner) -> Response:
+    """End a job; what is ready of its results stays until it expires. A job that has ended stays as it is."""
+    return job_response(known(await runner.cancel(job_id)))
+
+
+@router.delete("/jobs/{job_id}", status_code=HTTPStatus.NO_CONTENT, responses=problems(404, 422, 500, 507))
+async def delete_job(job_id: JobId, runner: AskedRunner) -> None:
+    """Cancel a job and forget it; its results stay, by their keys, as long as there is room."""
+    if not await runner.delete(job_id):
+        known(None)

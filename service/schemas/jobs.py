@@ -1,0 +1,122 @@
+"""Jobs as the contract has them."""
+
+from enum import StrEnum
+from typing import Annotated
+
+from pydantic import MISSING, AwareDatetime, Field
+
+from service.schemas.answers import FOUND, VERSIONED, Result
+from service.schemas.batches import Item
+from service.schemas.problems import Problem
+from service.schemas.quantities import Count, Part, with_examples
+
+ID = "0123456789abcdef0123456789abcdef"
+COUNTS = {"total": 200, "done": 120, "cached": 20, "failed": 1}
+LINKS = {
+    "self": f"/jobs/{ID}",
+    "results": f"/jobs/{ID}/results",
+    "events": f"/jobs/{ID}/events",
+    "cancel": f"/jobs/{ID}/cancel",
+}
+RUNNING = {
+    "id": ID,
+    "operation": "cra",
+    "status": "running",
+    "counts": COUNTS,
+    "created": "2026-01-01T12:00:00.000000Z",
+    "started": "2026-01-01T12:00:01.000000Z",
+    "links": LINKS,
+}
+
+Number = Annotated[Count, Field(ge=0)]
+Path = Annotated[str, Field(description="Path at this service.")]
+
+
+class JobOperation(StrEnum):
+    """What every case of a job asks for."""
+
+    TRAJECTORY = "trajectory"
+    CRA = "cra"
+
+
+class JobStatus(StrEnum):
+    """`accepted` waits, `running` has begun; the others are final: all cases done, given up, cancelled."""
+
+    ACCEPTED = "accepted"
+    RUNNING = "running"
+    SUCCESSFUL = "successful"
+    FAILED = "failed"
+    DISMISSED = "dismissed"
+
+
+class JobCounts(Part):
+    """Cases of a job."""
+
+    model_config = with_examples(COUNTS)
+
+    total: Number
+    done: Annotated[Number, Field(description="With a result or a problem, the next two included.")]
+    cached: Annotated[Number, Field(description="Whose result was there already.")]
+    failed: Annotated[Number, Field(description="With a problem.")]
+
+
+class JobLinks(Part):
+    """Where a job is asked about."""
+
+    model_config = with_examples(LINKS)
+
+    self_: Annotated[Path, Field(alias="self")]
+    results: Path
+    events: Path
+    cancel: Path
+
+
+class Job(Part):
+    """Work that goes on after its request has been answered."""
+
+    model_config = with_examples(RUNNING)
+
+    id: Annotated[str, Field(description="Unique, and not to be guessed.")]
+    operation: JobOperation
+    status: JobStatus
+    counts: JobCounts
+    created: Annotated[AwareDatetime, Field(description="When it was accepted.")]
+    started: Annotated[AwareDatetime, Field(description="When it was begun.")] | MISSING = MISSING
+    finished: Annotated[AwareDatetime, Field(description="When it ended.")] | MISSING = MISSING
+    expires: (
+        Annotated[AwareDatetime, Field(description="When it is removed; its results may stay longer, by their keys.")]
+        | MISSING
+    ) = MISSING
+    problem: Annotated[Problem, Field(description="Why it failed.")] | MISSING = MISSING
+    links: JobLinks
+
+
+class Jobs(Part):
+    """Jobs, the newest first."""
+
+    model_config = with_examples({"jobs": [RUNNING]})
+
+    jobs: list[Job]
+
+
+class JobItem(Item):
+    """What became of one case of a job: its result, or the problem that kept it from having one."""
+
+    model_config = with_examples({"index": 0, "custom_id": "paper", "result": FOUND | VERSIONED})
+
+    result: Result | MISSING = MISSING
+
+
+class JobResults(Part):
+    """Results of a job that are ready, in the order of the request."""
+
+    model_config = with_examples({"results": [{"index": 0, "result": FOUND | VERSIONED}], "next": "MQ"})
+
+    results: list[JobItem]
+    next: (
+        Annotated[
+            str,
+            Field(description="Cursor of the page that follows; absent once there is nothing more to come."),
+        ]
+        | MISSING
+    ) = MISSING

@@ -1,0 +1,200 @@
+"""Requests that differ in up to four numbers, as the contract has them."""
+
+import itertools
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from functools import cache
+from typing import Annotated, Any, Self
+
+from pydantic import MISSING, BaseModel, Field, StringConstraints, model_validator
+from pydantic_core import PydanticCustomError
+
+from service.schemas.batches import MOST_LINES, TrajectoryBase
+from service.schemas.examples import PAPER, PAPER_AT_45
+from service.schemas.quantities import WHOLE, Count, Num, Part, with_examples
+from service.schemas.requests import CriticalAngleRequest
+
+MOST_AXES = 4
+EVEN = {"field": "impact.velocity_m_s", "start": 200.0, "stop": 300.0, "count": 3}
+LISTED = {"field": "target.compressive_strength_pa", "values": [39e6, 97e6]}
+
+AxisNumber = Annotated[Num, Field(ge=-1e300, le=1e300)]
+
+
+class Axis(Part):
+    """A field and the values it takes: those listed, or as many as asked for at even distances, both ends included."""
+
+    model_config = with_examples(EVEN, LISTED)
+
+    field: Annotated[
+        str,
+        StringConstraints(strict=True, min_length=1, max_length=200),
+        Field(description="Dotted path to a number of the base, such as `impact.velocity_m_s`."),
+    ]
+    values: Annotated[list[AxisNumber], Field(min_length=1, max_length=MOST_LINES, fail_fast=True)] | MISSING = MISSING
+    start: AxisNumber | MISSING = MISSING
+    stop: AxisNumber | MISSING = MISSING
+    count: Annotated[Count, Field(ge=1, le=MOST_LINES), WHOLE] | MISSING = MISSING
+
+    @model_validator(mode="after")
+    def _check_form(self) -> Self:
+        listed = self.values is not MISSING
+        given = [part is not MISSING for part in (self.start, self.stop, self.count)]
+        if any(given) if listed else not all(given):
+            raise PydanticCustomError("axis_form", "Takes either `values` or all of `start`, `stop` and `count`")
+        return self
+
+    def numbers(self) -> list[float]:
+        """Return the values."""
+        if self.values is not MISSING:
+            return self.values
+        assert self.start is not MISSING  # noqa: S101 (one of both forms)
+        assert self.stop is not MISSING  # noqa: S101
+        assert self.count is not MISSING  # noqa: S101
+        if self.count == 1:
+            return [self.start]
+        step = (self.stop - self.start) / (self.count - 1)
+        return [self.start + step * i for i in range(self.count - 1)] + [self.stop]
+
+
+class TrajectorySweep(Part):
+    """Trajectories that differ in the fields of the axes: every combination, the last axis fastest."""
+
+    model_config = with_examples({"base": PAPER_AT_45, "axes": [EVEN, LISTED]})
+
+    base: Annotated[TrajectoryBase, Field(description="A whole request, in which the axes set their fields anew.")]
+    axes: Annotated[list[Axis], Field(min_length=1, max_length=MOST_AXES)]
+
+
+class CriticalAngleSweep(Part):
+    """Critical angles that differ in the fields of the axes: every combination, the last axis fastest."""
+
+    model_config = with_examples({"base": PAPER, "axes": [EVEN, LISTED]})
+
+    base: Annotated[
+        CriticalAngleRequest, Field(description="A whole request, in which the axes set their fields anew.")
+    ]
+    axes: Annotated[list[Axis], Field(min_length=1, max_length=MOST_AXES)]
+
+
+class Outline(Part):
+    """A sweep before its points are looked at."""
+
+    base: dict[str, Any]
+    axes: Annotated[list[Axis], Field(min_length=1, max_length=MOST_AXES, fail_fast=True)]
+
+
+class AxisError(Exception):
+    """The axis cannot be laid.
+
+    Parameters
+    ----------
+    pointer
+        Place in the sweep.
+    detail
+        What is wrong there.
+    """
+
+    def __init__(self, pointer: str, detail: str) -> None:
+        super().__init__(detail)
+        self.pointer = pointer
+        self.detail = detail
+
+
+class Grid:
+    """The points of a sweep, in order.
+
+    Parameters
+    ----------
+    model
+        Request that every point has to be.
+    outline
+        Base and axes.
+
+    Raises
+    ------
+    AxisError
+        If an axis does not name a number of the base, or there are too many points.
+    """
+
+    def __init__(self, model: type[BaseModel], outline: Outline) -> None:
+        self.base = outline.base
+        self.fields = [axis.field for axis in outline.axes]
+        self.listed = [axis.values is not MISSING for axis in outline.axes]
+        self.values = [axis.numbers() for axis in outline.axes]
+        self.count = math.prod(map(len, self.values))
+        self._paths = [field.split(".") for field in self.fields]
+        for number, field in enumerate(self.fields):
+            try:
+                check_field(model, self.base, self._paths[number])
+                if field in self.fields[:number]:
+                    raise LookupError("is the field of another axis")
+            except LookupError as error:
+                raise AxisError(f"/axes/{number}/field", f"{field!r} {error.args[0]}") from None
+        if self.count > MOST_LINES:
+            raise AxisError("/axes", f"make {self.count:,} points; {MOST_LINES:,} at most are computed")
+
+    def points(self) -> Iterator[tuple[float, ...]]:
+        """Values of every point."""
+        return itertools.product(*self.values)
+
+    def request(self, point: Sequence[float]) -> dict[str, Any]:
+        """Return the base with the values of a point."""
+        request = self.base
+        for path, value in zip(self._paths, point, strict=True):
+            request = put(request, path, value)
+        return request
+
+    def pointer(self, number: int, pointer: str) -> str:
+        """Place in the sweep that a place in the request of a point comes from."""
+        for axis, path in enumerate(self._paths):
+            if pointer == "/" + "/".join(path):
+                later = math.prod(map(len, self.values[axis + 1 :]))
+                index = number // later % len(self.values[axis])
+                return f"/axes/{axis}/values/{index}" if self.listed[axis] else f"/axes/{axis}"
+        return f"/base{pointer}"
+
+
+def put(part: Mapping[str, Any], path: Sequence[str], value: float) -> dict[str, Any]:
+    """Return a copy with this value there."""
+    name, *rest = path
+    return {**part, name: put(part.get(name, {}), rest, value) if rest else value}
+
+
+def check_field(model: type[BaseModel], base: dict[str, Any], path: Sequence[str]) -> None:
+    """Tell by a LookupError what keeps this path from leading to a number of the request."""
+    schema, given = schema_of(model), base
+    node: dict[str, Any] = schema
+    for name in path:
+        node = _variant(schema, _resolved(schema, node), given)
+        if name not in node.get("properties", {}):
+            holder = node["title"] if "properties" in node else "a number or list"
+            raise LookupError(f"is not there: {name!r} is no field of {holder}")
+        if not isinstance(given, dict):
+            raise LookupError(f"is not there: what holds {name!r} is no object in the base")
+        node, given = node["properties"][name], given.get(name, {})
+    if _resolved(schema, node).get("type") not in {"number", "integer"}:
+        raise LookupError("is no number")
+
+
+@cache
+def schema_of(model: type[BaseModel]) -> dict[str, Any]:
+    """Schema of a request, made once."""
+    return model.model_json_schema()
+
+
+def _resolved(schema: dict[str, Any], node: dict[str, Any]) -> dict[str, Any]:
+    while "$ref" in node:
+        node = schema["$defs"][node["$ref"].rpartition("/")[2]]
+    return node
+
+
+def _variant(schema: dict[str, Any], node: dict[str, Any], given: Any) -> dict[str, Any]:
+    """Member of a union that the base has there."""
+    if "discriminator" not in node:
+        return node
+    name, mapping = node["discriminator"]["propertyName"], node["discriminator"]["mapping"]
+    tag = given.get(name) if isinstance(given, dict) else None
+    if not isinstance(tag, str) or tag not in mapping:
+        raise LookupError(f"is not known: the base has to say by {name!r} which of {', '.join(mapping)} it is")
+    return _resolved(schema, {"$ref": mapping[tag]})

@@ -1,0 +1,63 @@
+"""Many cases, no two alike, and how their results are read."""
+
+import itertools
+import json
+import time
+from typing import Any
+
+import httpx
+
+from service.schemas.examples import PAPER, PAPER_AT_45
+
+JSONL = "application/jsonl"
+LINES = {"Content-Type": JSONL}
+ASYNC = {"Prefer": "respond-async"}
+ROUGH = {"lower_deg": 40.0, "upper_deg": 80.0, "tolerance_deg": 1.0}
+DEADLINE_S = 60.0
+
+fresh = itertools.count()
+
+
+def searches(count: int) -> list[dict[str, Any]]:
+    """Searches that no test has asked for before."""
+    return [
+        PAPER | {"impact": {"velocity_m_s": 240.0 + 1e-4 * number}, "search": ROUGH}
+        for number in itertools.islice(fresh, count)
+    ]
+
+
+def strikes(count: int) -> list[dict[str, Any]]:
+    """Trajectories that no test has asked for before."""
+    return [
+        PAPER_AT_45 | {"impact": {"velocity_m_s": 240.0 + 1e-4 * number, "oblique_angle_deg": 50.0}}
+        for number in itertools.islice(fresh, count)
+    ]
+
+
+def slow_strikes(count: int) -> list[dict[str, Any]]:
+    """Trajectories that take some 0.2 s each."""
+    return [strike | {"numerics": {"method": "panels", "panels": 20_000}} for strike in strikes(count)]
+
+
+def lines(cases: list[dict[str, Any]]) -> bytes:
+    """A JSONL body."""
+    return "".join(json.dumps(case) + "\n" for case in cases).encode()
+
+
+def items_of(response: httpx.Response) -> list[dict[str, Any]]:
+    """Items of an answer in either form."""
+    assert response.status_code == 200, response.text
+    if response.headers["Content-Type"] == JSONL:
+        return [json.loads(line) for line in response.text.splitlines()]
+    items: list[dict[str, Any]] = response.json()["results"]
+    return items
+
+
+def finished(client: httpx.Client, job: dict[str, Any]) -> dict[str, Any]:
+    """The job at its end."""
+    deadline = time.monotonic() + DEADLINE_S
+    while job["status"] in {"accepted", "running"}:
+        assert time.monotonic() < deadline, job
+        time.sleep(0.05)
+        job = client.get(job["links"]["self"]).raise_for_status().json()
+    return job

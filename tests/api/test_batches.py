@@ -1,0 +1,237 @@
+"""Batches over a real socket: both bodies, both answers, and what is refused."""
+
+import json
+from typing import Any
+
+import httpx
+import pytest
+
+from service.problems import Problem
+from service.schemas import CriticalAngleResults, Job, TrajectoryResults
+from service.schemas.examples import PAPER, PAPER_AT_45
+
+from .many import ASYNC, JSONL, LINES, finished, items_of, lines, searches, strikes
+
+TOO_SHORT = PAPER | {"projectile": PAPER["projectile"] | {"length_m": 0.1}}
+
+
+def refused(response: httpx.Response, status: int, *pointers: str) -> Problem:
+    assert response.status_code == status, response.text
+    problem = Problem.model_validate(response.json())
+    assert tuple(error.pointer for error in problem.errors) == pointers
+    return problem
+
+
+@pytest.mark.parametrize("accept", ["application/json", JSONL])
+@pytest.mark.parametrize("as_lines", [False, True])
+def test_batch_answers_each_case_as_it_is_answered_alone(client: httpx.Client, accept: str, as_lines: bool) -> None:
+    cases = searches(7)
+    named = [case | {"custom_id": f"№ {number}"} if number % 2 else case for number, case in enumerate(cases)]
+    body: dict[str, Any] = {"content": lines(named)} if as_lines else {"json": {"cases": named}}
+    headers = {"Accept": accept} | (LINES if as_lines else {})
+    response = client.post("/cra/batch", headers=headers, **body)
+    assert response.headers["Content-Type"] == accept
+    assert response.headers["Vary"] == "Prefer, Accept"
+    items = items_of(response)
+    assert sorted(item["index"] for item in items) == list(range(7))
+    for item in items:
+        assert item.get("custom_id") == named[item["index"]].get("custom_id")
+        alone = client.post("/cra", json=cases[item["index"]])
+        assert alone.headers["Cache-Status"] == "ricochet; hit"
+        assert alone.json() == item["result"]
+    CriticalAngleResults.model_validate({"results": items})
+
+
+def test_json_answer_is_in_the_order_of_the_request_and_says_what_was_cached(client: httpx.Client) -> None:
+    cases = searches(5)
+    first = client.post("/cra/batch", json={"cases": cases})
+    second = client.post("/cra/batch", json={"cases": cases[::-1]})
+    assert [item["index"] for item in items_of(first)] == [item["index"] for item in items_of(second)] == [*range(5)]
+    assert [item["result"] for item in items_of(second)] == [item["result"] for item in items_of(first)][::-1]
+    assert first.headers["Cache-Status"] == "ricochet; fwd=miss"
+    assert second.headers["Cache-Status"] == "ricochet; hit"
+
+
+def test_history_is_given_only_to_cases_that_ask_for_it(client: httpx.Client) -> None:
+    quiet, told = strikes(2)
+    items = items_of(client.post("/trajectory/batch", json={"cases": [quiet, told | {"output": {"history": True}}]}))
+    assert "history" not in items[0]["result"]
+    assert items[1]["result"]["history"]["time_s"][0] == 0.0
+    TrajectoryResults.model_validate({"results": items})
+    alone = client.post("/trajectory", json=quiet | {"output": {"history": False}})
+    assert alone.headers["Cache-Status"] == "ricochet; hit"
+    assert alone.json() == items[0]["result"]
+
+
+def test_case_that_the_solver_cannot_finish_is_a_result_with_a_problem(hurried_url: str) -> None:
+    endless = PAPER_AT_45 | {"numerics": {"method": "panels", "panels": 100_000, "time_step_s": 1e-6}}
+    with httpx.Client(base_url=hurried_url, timeout=60.0, trust_env=False) as client:
+        response = client.post("/trajectory/batch", json={"cases": [*strikes(2), endless | {"custom_id": "endless"}]})
+    items = items_of(response)
+    assert ["result" in item for item in items] == [True, True, False]
+    problem = Problem.model_validate(items[2]["problem"])
+    assert problem.type == "urn:ricochet:problem:timeout"
+    assert problem.instance == "/trajectory/batch"
+    assert items[2]["custom_id"] == "endless"
+
+
+def test_line_that_only_the_solver_can_refuse_is_a_result_with_a_problem(client: httpx.Client) -> None:
+    items = items_of(client.post("/cra/batch", content=lines([*searches(1), TOO_SHORT]), headers=LINES))
+    problem = Problem.model_validate(items[1]["problem"])
+    assert (problem.type, problem.errors[0].pointer) == ("urn:ricochet:problem:invalid-request", "/projectile/length_m")
+
+
+def with_17_before(case: Any) -> dict[str, Any]:
+    return {"cases": [PAPER] * 17 + [case]}
+
+
+@pytest.mark.parametrize(
+    ("body", "pointer"),
+    [
+        (with_17_before(PAPER | {"impact": {"velocity_m_s": -1.0}}), "/cases/17/impact/velocity_m_s"),
+        (with_17_before(PAPER | {"custom_id": ""}), "/cases/17/custom_id"),
+        (with_17_before(PAPER | {"custom_id": "x" * 129}), "/cases/17/custom_id"),
+        (with_17_before(PAPER | {"custom_id": 17}), "/cases/17/custom_id"),
+        (with_17_before(PAPER | {"extra": 1}), "/cases/17/extra"),
+        (with_17_before(TOO_SHORT), "/cases/17/projectile/length_m"),
+        (with_17_before({"x": "y" * 140_000}), "/cases/17"),
+        (with_17_before(None), "/cases/17"),
+        ({"cases": []}, "/cases"),
+        ({"cases": PAPER}, "/cases"),
+        ({"cases": [PAPER] * 1001}, "/cases"),
+        ({}, "/cases"),
+        ({"cases": [PAPER], "name": "x"}, "/name"),
+        ({f"field_{number}": 1 for number in range(50_000)}, ""),
+        ([], ""),
+        (None, ""),
+    ],
+    ids=lambda value: value if isinstance(value, str) else "",
+)
+def test_json_batch_is_refused_whole_and_the_case_is_named(client: httpx.Client, body: Any, pointer: str) -> None:
+    refused(
+        client.post("/cra/batch", content=json.dumps(body), headers={"Content-Type": "application/json"}), 422, pointer
+    )
+
+
+def test_every_wrong_case_is_named_up_to_a_hundred(client: httpx.Client) -> None:
+    problem = refused(
+        client.post("/cra/batch", json={"cases": [PAPER, {}]}),
+        422,
+        *(f"/cases/1/{name}" for name in ("projectile", "target", "impact")),
+    )
+    assert "(and more)" in problem.detail
+    found = client.post("/cra/batch", json={"cases": [PAPER | {"extra": 1}] * 500}).json()
+    assert len(found["errors"]) == 100
+
+
+LINE = json.dumps(PAPER).encode()
+
+
+@pytest.mark.parametrize(
+    ("body", "line", "pointer"),
+    [
+        (LINE + b"\n" + LINE.replace(b"238.0", b"-1"), "line 2", "/1/impact/velocity_m_s"),
+        (LINE + b"\n" + LINE.replace(b"238.0", b"NaN"), "line 2", "/1/impact/velocity_m_s"),
+        (LINE + b"\n" + LINE.replace(b"238.0", b"1e999"), "line 2", "/1/impact/velocity_m_s"),
+        (LINE + b"\n" + LINE.replace(b"238.0", b'"238"'), "line 2", "/1/impact/velocity_m_s"),
+        (LINE + b"\n{\n" + LINE, "line 2", "/1"),
+        (LINE + b"\n" + b"[" * 10_000, "line 2", "/1"),
+        (LINE + b"\n\n" + LINE, "line 2", "/1"),
+        (LINE + b"\n \n", "line 2", "/1"),
+        (LINE + b"\n\n", "line 2", "/1"),
+        (LINE + b"\n" + b" " * 140_000 + LINE, "line 2", "/1"),
+        (LINE + b"\n" + b" " * 5_000_000, "line 2", "/1"),
+        (LINE + b"\nnull\n", "line 2", "/1"),
+        (b"\xff\n", "line 1", "/0"),
+        ((LINE + b"\n") * 450 + b"{}x", "line 451", "/450"),
+        (b"", "", ""),
+    ],
+)
+def test_lines_are_refused_whole_and_the_line_is_named(
+    client: httpx.Client, body: bytes, line: str, pointer: str
+) -> None:
+    problem = refused(client.post("/cra/batch", content=body, headers=LINES), 422, pointer)
+    assert problem.detail.startswith(line)
+    assert client.get("/jobs").json()["jobs"] == [] or all(
+        job["counts"]["total"] != 451 for job in client.get("/jobs").json()["jobs"]
+    )
+
+
+@pytest.mark.parametrize("end", [b"", b"\n", b"\r\n"])
+def test_lines_may_end_as_files_do(client: httpx.Client, end: bytes) -> None:
+    body = LINE + (end or b"\n") + LINE + end
+    assert len(items_of(client.post("/cra/batch", content=body, headers=LINES))) == 2
+
+
+@pytest.mark.parametrize(
+    ("headers", "status"),
+    [
+        ({"Content-Type": "text/plain"}, 415),
+        ({"Content-Type": "application/jsonl", "Content-Encoding": "gzip"}, 415),
+        (LINES | {"Accept": "text/csv"}, 406),
+        (LINES | {"Idempotency-Key": "x" * 256}, 422),
+    ],
+)
+def test_what_is_not_read_or_given_is_refused(client: httpx.Client, headers: dict[str, str], status: int) -> None:
+    assert client.post("/cra/batch", content=LINE, headers=headers).status_code == status
+
+
+def test_body_that_is_no_json_is_a_bad_request(client: httpx.Client) -> None:
+    refused(client.post("/cra/batch", content=b"{", headers={"Content-Type": "application/json"}), 400, "")
+
+
+def test_json_body_too_long_is_refused(client: httpx.Client) -> None:
+    refused(client.post("/cra/batch", content=b" " * 3_000_000, headers={"Content-Type": "application/json"}), 413, "")
+
+
+def test_too_many_lines_are_refused(client: httpx.Client) -> None:
+    body = (line for line in [LINE + b"\n"] * 200 + [b"{}\n" * 100_000])
+    refused(
+        client.post("/cra/batch", content=body, headers=LINES), 422, "/200/projectile", "/200/target", "/200/impact"
+    )
+
+
+def test_large_work_becomes_a_job_with_every_result(client: httpx.Client) -> None:
+    cases = searches(150)
+    response = client.post("/cra/batch", content=lines(cases), headers=LINES)
+    assert response.status_code == 202
+    assert response.headers["Location"] == response.json()["links"]["self"]
+    assert int(response.headers["Retry-After"]) >= 1
+    assert "Preference-Applied" not in response.headers
+    job = Job.model_validate(response.json())
+    assert (job.operation, job.counts.total) == ("cra", 150)
+    assert finished(client, response.json())["status"] == "successful"
+    results = items_of(client.get(f"/jobs/{job.id}/results", headers={"Accept": JSONL}))
+    assert [item["index"] for item in results] == list(range(150))
+    assert results[42]["result"] == client.post("/cra", json=cases[42]).json()
+
+
+def test_preference_makes_a_job_of_small_work(client: httpx.Client) -> None:
+    response = client.post("/cra/batch", json={"cases": searches(1)}, headers=ASYNC)
+    assert response.status_code == 202
+    assert response.headers["Preference-Applied"] == "respond-async"
+    assert finished(client, response.json())["counts"] == {"total": 1, "done": 1, "cached": 0, "failed": 0}
+
+
+@pytest.mark.parametrize("accept", ["application/json", JSONL])
+def test_who_waits_gets_the_results_themselves(client: httpx.Client, accept: str) -> None:
+    headers = [("Prefer", "Respond-Async"), ("Prefer", "wait=20"), ("Accept", accept)]
+    response = client.post("/cra/batch", json={"cases": searches(3)}, headers=headers)
+    assert response.headers["Preference-Applied"] == "respond-async, wait=20"
+    assert [item["index"] for item in items_of(response)] == [0, 1, 2]
+    assert client.get(response.headers["Content-Location"]).json()["results"]
+
+
+def test_same_key_and_body_is_the_same_job(client: httpx.Client) -> None:
+    body, headers = lines(searches(2)), LINES | ASYNC | {"Idempotency-Key": "again and again"}
+    first = client.post("/cra/batch", content=body, headers=headers)
+    again = client.post("/cra/batch", content=body, headers=headers)
+    assert first.json()["id"] == again.json()["id"]
+    assert again.headers["Location"] == first.headers["Location"]
+    refused(client.post("/cra/batch", content=body + lines(searches(1)), headers=headers), 422)
+    other = client.post(
+        "/cra/sweep",
+        json={"base": PAPER, "axes": [{"field": "impact.velocity_m_s", "values": [9.0]}]},
+        headers=ASYNC | {"Idempotency-Key": "again and again"},
+    )
+    assert other.json()["type"] == "urn:ricochet:problem:idempotency-conflict"

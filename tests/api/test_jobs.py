@@ -1,0 +1,214 @@
+"""Jobs over a real socket: how far they are, their results in every form, and their end."""
+
+import csv
+import io
+import json
+import threading
+import time
+from typing import Any, Protocol
+
+import h5py
+import httpx
+import pytest
+
+from service.schemas import Job, JobResults
+from service.schemas.examples import PAPER
+
+from .many import ASYNC, JSONL, LINES, finished, items_of, lines, searches, slow_strikes, strikes
+
+TOO_SHORT = PAPER | {"projectile": PAPER["projectile"] | {"length_m": 0.1}}
+
+
+class Service(Protocol):
+    @property
+    def url(self) -> str: ...
+
+
+@pytest.fixture(scope="module")
+def job(client: httpx.Client) -> dict[str, Any]:
+    """A finished job of 260 searches, one of which has a problem."""
+    cases = [case | {"custom_id": f"case {number}"} for number, case in enumerate(searches(260))]
+    cases[7] = TOO_SHORT
+    return finished(client, client.post("/cra/batch", content=lines(cases), headers=LINES).json())
+
+
+@pytest.fixture(scope="module")
+def items(client: httpx.Client, job: dict[str, Any]) -> list[dict[str, Any]]:
+    return items_of(client.get(job["links"]["results"], headers={"Accept": JSONL}))
+
+
+def test_finished_job_tells_its_times_and_counts(client: httpx.Client, job: dict[str, Any]) -> None:
+    told = Job.model_validate(job)
+    assert job["counts"] == {"total": 260, "done": 260, "cached": 0, "failed": 1}
+    assert told.started is not None
+    assert job["created"] <= job["started"] <= job["finished"] < job["expires"]
+    assert "problem" not in job
+    assert client.get("/jobs").json()["jobs"][0]["created"] >= job["created"]
+    assert job in client.get("/jobs", params={"limit": 1000}).json()["jobs"]
+
+
+def test_pages_hold_every_result_once(client: httpx.Client, job: dict[str, Any], items: list[dict[str, Any]]) -> None:
+    found, cursor = [], ""
+    while True:
+        page = client.get(job["links"]["results"], params={"limit": 100, "cursor": cursor}).json()
+        JobResults.model_validate(page)
+        found += page["results"]
+        if "next" not in page:
+            break
+        cursor = page["next"]
+    assert found == items
+    assert [item["index"] for item in found] == list(range(260))
+    assert "problem" in found[7]
+    usual = client.get(job["links"]["results"]).json()
+    assert len(usual["results"]) == 200
+
+
+@pytest.mark.parametrize("cursor", ["x", "!", "MQ==", "LTE", "999", "MTAwMDAwMDAwMDAwMA", "MDE", "\u00e9"])
+def test_cursor_of_another_make_is_refused(client: httpx.Client, job: dict[str, Any], cursor: str) -> None:
+    assert client.get(job["links"]["results"], params={"cursor": cursor}).status_code == 422
+
+
+@pytest.mark.parametrize("limit", ["0", "1001", "-1", "x"])
+def test_limit_out_of_range_is_refused(client: httpx.Client, job: dict[str, Any], limit: str) -> None:
+    assert client.get(job["links"]["results"], params={"limit": limit}).status_code == 422
+    assert client.get("/jobs", params={"limit": limit}).status_code == 422
+
+
+def test_lines_and_tables_start_at_the_cursor(
+    client: httpx.Client, job: dict[str, Any], items: list[dict[str, Any]]
+) -> None:
+    cursor = client.get(job["links"]["results"], params={"limit": 250}).json()["next"]
+    asked = {"cursor": cursor}
+    assert items_of(client.get(job["links"]["results"], params=asked, headers={"Accept": JSONL})) == items[250:]
+    some = client.get(job["links"]["results"], params=asked | {"limit": "3"}, headers={"Accept": JSONL})
+    assert items_of(some) == items[250:253]
+
+
+def test_table_has_a_row_a_case(client: httpx.Client, job: dict[str, Any], items: list[dict[str, Any]]) -> None:
+    response = client.get(job["links"]["results"], headers={"Accept": "text/csv"})
+    assert response.headers["Content-Type"] == "text/csv; charset=utf-8"
+    rows = list(csv.DictReader(io.StringIO(response.text)))
+    assert len(rows) == 260
+    row, result = rows[3], items[3]["result"]
+    assert (row["index"], row["custom_id"], row["key"], row["status"]) == (
+        "3",
+        "case 3",
+        result["key"],
+        result["status"],
+    )
+    assert float(row["critical_angle_deg"]) == result["critical_angle_deg"]
+    assert [float(row["bracket_low_deg"]), float(row["bracket_high_deg"])] == result["bracket_deg"]
+    assert row["warnings"].split() == [warning["code"] for warning in result["warnings"]]
+    assert (rows[7]["key"], rows[7]["problem"]) == ("", "urn:ricochet:problem:invalid-request")
+
+
+def test_table_of_trajectories_has_their_ends(client: httpx.Client) -> None:
+    job = finished(client, client.post("/trajectory/batch", json={"cases": strikes(2)}, headers=ASYNC).json())
+    response = client.get(job["links"]["results"], headers={"Accept": "text/csv"})
+    row = list(csv.DictReader(io.StringIO(response.text)))[1]
+    result = client.get(job["links"]["results"]).json()["results"][1]["result"]
+    assert {name: float(row[f"final_{name}"]) for name in result["final"]} == result["final"]
+    assert (row["outcome"], float(row["maximum_depth_m"])) == (result["outcome"], result["maximum_depth_m"])
+
+
+def test_whole_job_as_one_file_opens(client: httpx.Client, job: dict[str, Any], items: list[dict[str, Any]]) -> None:
+    response = client.get(job["links"]["results"], headers={"Accept": "application/x-hdf5"})
+    assert response.headers["Content-Type"] == "application/x-hdf5"
+    assert int(response.headers["Content-Length"]) == len(response.content)
+    with h5py.File(io.BytesIO(response.content)) as file:
+        summary = file["summary"][()]
+        assert len(summary) == 260
+        assert summary["critical_angle_deg"][3] == items[3]["result"]["critical_angle_deg"]
+
+
+def test_form_that_is_not_given_is_not_acceptable(client: httpx.Client, job: dict[str, Any]) -> None:
+    assert client.get(job["links"]["results"], headers={"Accept": "text/html"}).status_code == 406
+
+
+def events_of(response: httpx.Response) -> list[tuple[int, dict[str, Any]]]:
+    blocks = [
+        dict(line.split(": ", 1) for line in block.splitlines()) for block in response.text.split("\n\n") if block
+    ]
+    return [(int(block["id"]), json.loads(block["data"])) for block in blocks if "data" in block]
+
+
+def test_events_tell_of_a_job_until_its_end(client: httpx.Client) -> None:
+    job = client.post("/cra/batch", json={"cases": searches(200)}).json()
+    response = client.get(job["links"]["events"])
+    assert response.headers["Content-Type"].startswith("text/event-stream")
+    events = events_of(response)
+    revisions = [revision for revision, _ in events]
+    assert revisions == sorted(set(revisions))
+    done = [state["counts"]["done"] for _, state in events]
+    assert done == sorted(done)
+    assert events[-1][1]["status"] == "successful"
+    assert done[-1] == 200
+    resumed = events_of(client.get(job["links"]["events"], headers={"Last-Event-ID": str(revisions[-1])}))
+    assert resumed == events[-1:]
+
+
+def test_events_of_a_job_under_way_are_not_told_again(client: httpx.Client) -> None:
+    job = client.post("/trajectory/batch", json={"cases": slow_strikes(30)}, headers=ASYNC).json()
+    with client.stream("GET", job["links"]["events"]) as response:
+        seen = next(line for line in response.iter_lines() if line.startswith("id: ")).removeprefix("id: ")
+    events = events_of(client.get(job["links"]["events"], headers={"Last-Event-ID": seen}))
+    assert min(revision for revision, _ in events) > int(seen)
+    assert events[-1][1]["status"] == "successful"
+
+
+def test_cancelled_job_keeps_what_it_has(client: httpx.Client) -> None:
+    job = client.post("/trajectory/batch", json={"cases": slow_strikes(60)}, headers=ASYNC).json()
+    while not client.get(job["links"]["self"]).json()["counts"]["done"]:
+        time.sleep(0.02)
+    before = time.monotonic()
+    ended = client.post(job["links"]["cancel"])
+    assert time.monotonic() - before < 1.0
+    assert (ended.status_code, ended.json()["status"]) == (200, "dismissed")
+    assert client.post(job["links"]["cancel"]).json() == ended.json() == client.get(job["links"]["self"]).json()
+    page = client.get(job["links"]["results"]).json()
+    assert len(page["results"]) == ended.json()["counts"]["done"] < 60
+    assert "next" not in page
+    assert events_of(client.get(job["links"]["events"]))[-1][1]["status"] == "dismissed"
+
+
+def test_results_come_while_the_job_runs(client: httpx.Client) -> None:
+    job = client.post("/trajectory/batch", json={"cases": slow_strikes(20)}, headers=ASYNC).json()
+    found, cursor = [], ""
+    while True:
+        page = client.get(job["links"]["results"], params={"cursor": cursor, "limit": 5}).json()
+        found += [item["index"] for item in page["results"]]
+        if "next" not in page:
+            break
+        cursor = page["next"]
+        time.sleep(0.02)
+    assert found == list(range(20))
+
+
+def test_deleted_job_is_gone_and_its_results_stay(client: httpx.Client) -> None:
+    cases = searches(2)
+    job = finished(client, client.post("/cra/batch", json={"cases": cases}, headers=ASYNC).json())
+    deleted = client.delete(job["links"]["self"])
+    assert (deleted.status_code, deleted.content) == (204, b"")
+    for path in job["links"].values():
+        answer = client.post(path) if path.endswith("cancel") else client.get(path)
+        assert answer.status_code == 404
+        assert answer.headers["Content-Type"] == "application/problem+json"
+    assert client.delete(job["links"]["self"]).status_code == 404
+    assert client.post("/cra", json=cases[0]).headers["Cache-Status"] == "ricochet; hit"
+
+
+@pytest.mark.timeout(120)
+def test_service_stops_in_time_though_somebody_listens(own_service: Service) -> None:
+    """The fixture sees to it that it ends well, with a job half done and somebody following it."""
+    with httpx.Client(base_url=own_service.url, timeout=30.0, trust_env=False) as client:
+        job = client.post("/trajectory/batch", json={"cases": slow_strikes(200)}, headers=ASYNC).json()
+    listening = threading.Thread(
+        target=lambda: httpx.get(own_service.url + job["links"]["events"], timeout=30.0, trust_env=False)
+    )
+    listening.start()
+    time.sleep(1.0)
+    own_service.process.terminate()  # type: ignore[attr-defined]
+    before = time.monotonic()
+    assert own_service.process.wait(10.0) == 0  # type: ignore[attr-defined]
+    assert time.monotonic() - before < 5.0
+    listening.join()

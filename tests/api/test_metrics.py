@@ -1,0 +1,101 @@
+"""What the service says of its work: metrics, log, headers."""
+
+import json
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+from prometheus_client.parser import text_string_to_metric_families
+
+from service.schemas.examples import PAPER
+from solver import ENGINE_VERSION
+
+from .many import ASYNC, finished, searches
+
+TOO_SHORT = PAPER | {"projectile": PAPER["projectile"] | {"length_m": 0.1}}
+
+
+def metrics(client: httpx.Client) -> dict[tuple[str, ...], float]:
+    response = client.get("/metrics")
+    assert response.headers["Content-Type"].startswith("text/plain")
+    return {
+        (sample.name, *(value for _, value in sorted(sample.labels.items()))): sample.value
+        for family in text_string_to_metric_families(response.text)
+        for sample in family.samples
+    }
+
+
+def test_cases_are_counted_by_how_they_ended(client: httpx.Client) -> None:
+    before = metrics(client)
+    single, *several = searches(4)
+    for _ in range(3):
+        client.post("/cra", json=single)
+    client.post("/cra/batch", json={"cases": [single, several[0]]})
+    axes = [{"field": "projectile.length_m", "values": [0.1]}]
+    client.post("/cra/sweep", json={"base": PAPER, "axes": axes})
+    finished(client, client.post("/cra/batch", json={"cases": several}, headers=ASYNC).json())
+    finished(client, client.post("/cra/sweep", json={"base": PAPER, "axes": axes}, headers=ASYNC).json())
+    after = metrics(client)
+
+    def grown(*names: str) -> float:
+        return after[names] - before.get(names, 0.0)
+
+    assert grown("ricochet_cases_total", "miss", "cra", "converged") == 4
+    assert grown("ricochet_cases_total", "hit", "cra", "converged") == 3
+    assert grown("ricochet_cases_total", "hit", "cra", "stored") == 1
+    assert grown("ricochet_cases_total", "miss", "cra", "invalid-request") == 2
+    assert grown("ricochet_request_seconds_count", "POST", "/cra", "200") == 3
+    assert after["ricochet_queued_cases",] == after["ricochet_running_chunks",] == 0
+    assert after["ricochet_workers",] == 2
+    assert after["ricochet_cache_bytes",] > 0
+    assert after["ricochet_cache_segments",] > 0
+    assert grown("ricochet_jobs", "successful") == 2
+    assert any(name == "ricochet_build_info" and ENGINE_VERSION in rest for name, *rest in after)
+
+
+def test_paths_are_counted_by_their_route(client: httpx.Client) -> None:
+    client.get("/results/" + "0" * 64)
+    client.get("/some/secret/path")
+    names = metrics(client).keys()
+    assert ("ricochet_request_seconds_count", "GET", "/results/{key}", "404") in names
+    assert ("ricochet_request_seconds_count", "GET", "unknown", "404") in names
+    assert not any("secret" in label for name in names for label in name)
+
+
+@pytest.mark.parametrize("given", ["mine-1", "0" * 128, "a.b:c_d"])
+def test_id_of_a_request_is_taken_over(client: httpx.Client, given: str) -> None:
+    assert client.get("/livez", headers={"X-Request-ID": given}).headers["X-Request-ID"] == given
+
+
+@pytest.mark.parametrize("given", ["", "0" * 129, 'x"y', "<script>", "a b"])
+def test_id_that_is_none_is_replaced(client: httpx.Client, given: str) -> None:
+    answers = [client.get("/nothing", headers={"X-Request-ID": given}).headers["X-Request-ID"] for _ in range(2)]
+    assert all(re.fullmatch("[0-9a-f]{32}", answer) for answer in answers)
+    assert answers[0] != answers[1]
+
+
+def test_answer_says_how_long_it_took(client: httpx.Client) -> None:
+    (case,) = searches(1)
+    computed, known = client.post("/cra", json=case), client.post("/cra", json=case)
+    parts = dict(part.split(";dur=") for part in computed.headers["Server-Timing"].split(", "))
+    assert list(parts) == ["validate", "compute", "total"]
+    assert float(parts["validate"]) + float(parts["compute"]) == pytest.approx(float(parts["total"]), abs=0.02)
+    assert float(known.headers["Server-Timing"].removeprefix("total;dur=")) < 1e3 * computed.elapsed.total_seconds()
+
+
+def test_log_has_a_line_of_json_for_each_request(tmp_path: Path, service_on: Callable[..., Any]) -> None:
+    with service_on(tmp_path, log_level="info") as service:
+        for _ in range(2):  # the second is answered from memory
+            httpx.post(f"{service.url}/cra", json=PAPER, headers={"X-Request-ID": "traced"}, trust_env=False)
+        httpx.get(f"{service.url}/results/{'1' * 64}", trust_env=False)
+    lines = [json.loads(line) for line in (tmp_path / "log").read_text().splitlines()]
+    requests = [line for line in lines if line["event"] == "request"]
+    asked = [line for line in requests if line["request_id"] == "traced"]
+    assert [(line["method"], line["path"], line["status"], line["level"]) for line in asked] == [
+        ("POST", "/cra", 200, "info")
+    ] * 2
+    assert all(0.0 < line["seconds"] < 60.0 and line["timestamp"] for line in asked)
+    assert "/results/{key}" in {line["path"] for line in requests}

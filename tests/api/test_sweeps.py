@@ -1,0 +1,126 @@
+"""Sweeps over a real socket."""
+
+import itertools
+from typing import Any
+
+import httpx
+import pytest
+
+from service.problems import Problem
+from service.schemas import CriticalAngleRequest
+from service.schemas.examples import PAPER, PAPER_AT_45
+from service.schemas.sweeps import Axis, Grid, Outline
+
+from .many import ASYNC, ROUGH, finished
+
+VELOCITY = {"field": "impact.velocity_m_s", "values": [230.0, 240.0]}
+STRENGTH = {"field": "target.compressive_strength_pa", "start": 35e6, "stop": 45e6, "count": 3}
+BASE = PAPER | {"search": ROUGH}
+
+
+def test_every_combination_is_answered_the_last_axis_fastest(client: httpx.Client) -> None:
+    response = client.post("/cra/sweep", json={"base": BASE, "axes": [VELOCITY, STRENGTH]})
+    items = response.json()["results"]
+    assert [item["index"] for item in items] == list(range(6))
+    points = itertools.product([230.0, 240.0], [35e6, 40e6, 45e6])
+    for item, (velocity, strength) in zip(items, points, strict=True):
+        target = BASE["target"] | {"compressive_strength_pa": strength}
+        alone = client.post("/cra", json=BASE | {"impact": {"velocity_m_s": velocity}, "target": target})
+        assert alone.headers["Cache-Status"] == "ricochet; hit"
+        assert alone.json() == item["result"]
+
+
+def test_sweep_of_trajectories_gives_no_histories(client: httpx.Client) -> None:
+    axes = [{"field": "impact.oblique_angle_deg", "values": [45, 55]}]
+    items = client.post("/trajectory/sweep", json={"base": PAPER_AT_45, "axes": axes}).json()["results"]
+    assert [item["result"]["outcome"] for item in items] == ["embedded", "ricochet"]
+    assert "history" not in items[0]["result"]
+
+
+def test_large_sweep_becomes_a_job(client: httpx.Client) -> None:
+    axes = [{"field": "impact.velocity_m_s", "start": 230.0, "stop": 250.0, "count": 120}]
+    response = client.post("/cra/sweep", json={"base": BASE, "axes": axes})
+    assert response.status_code == 202
+    assert finished(client, response.json())["counts"]["total"] == 120
+
+
+@pytest.mark.parametrize(
+    ("axes", "pointer", "detail"),
+    [
+        ([VELOCITY | {"field": "impact.speed"}], "/axes/0/field", "'speed' is no field of Strike"),
+        ([VELOCITY | {"field": ""}], "/axes/0/field", "at least 1"),
+        ([VELOCITY | {"field": "impact"}], "/axes/0/field", "no number"),
+        ([VELOCITY | {"field": "search.method"}], "/axes/0/field", "no number"),
+        ([VELOCITY | {"field": "output.history"}], "/axes/0/field", "no number"),
+        ([VELOCITY | {"field": "impact.velocity_m_s.x"}], "/axes/0/field", "no field of a number"),
+        ([VELOCITY | {"field": "projectile.nose.length_to_diameter"}], "/axes/0/field", "no field of OgiveNose"),
+        ([VELOCITY | {"field": "resistance.strength_factor.value"}], "/axes/0/field", "has to say by 'model'"),
+        ([VELOCITY, STRENGTH, VELOCITY], "/axes/2/field", "another axis"),
+        ([VELOCITY | {"start": 1.0}], "/axes/0", "either"),
+        ([{"field": "impact.velocity_m_s", "start": 1.0, "stop": 2.0}], "/axes/0", "either"),
+        ([VELOCITY | {"values": []}], "/axes/0/values", "at least 1"),
+        ([VELOCITY | {"values": [230.0, "240"]}], "/axes/0/values/1", "number"),
+        ([STRENGTH | {"count": 0}], "/axes/0/count", "greater"),
+        ([STRENGTH | {"count": 2.5}], "/axes/0/count", "integer"),
+        ([STRENGTH | {"count": 1000}, VELOCITY | {"values": [1.0] * 101}], "/axes", "101,000 points"),
+        ([VELOCITY, VELOCITY | {"field": "x"}, STRENGTH, STRENGTH, STRENGTH], "/axes", "at most 4"),
+        ([], "/axes", "at least 1"),
+        ([STRENGTH, VELOCITY | {"values": [230.0, -1.0]}], "/axes/1/values/1", "compressive_strength_pa = 3.5e+07"),
+        ([VELOCITY, STRENGTH | {"stop": 1e15}], "/axes/1", "impact.velocity_m_s = 230"),
+        ([{"field": "numerics.panels", "start": 100, "stop": 101, "count": 3}], "/axes/0", "numerics.panels = 100.5"),
+    ],
+)
+def test_axis_that_cannot_be_laid_is_named(
+    client: httpx.Client, axes: list[dict[str, Any]], pointer: str, detail: str
+) -> None:
+    response = client.post("/cra/sweep", json={"base": BASE, "axes": axes})
+    assert response.status_code == 422
+    problem = Problem.model_validate(response.json())
+    assert [error.pointer for error in problem.errors] == [pointer], problem
+    assert detail in problem.detail
+
+
+@pytest.mark.parametrize(
+    ("base", "pointer"),
+    [
+        (PAPER | {"extra": 1}, "/base/extra"),
+        ({name: PAPER[name] for name in ("projectile", "impact")}, "/base/target"),
+        (PAPER | {"impact": 3}, "/base/impact"),
+        (PAPER | {"impact": {}}, "/base/impact/velocity_m_s"),
+        (PAPER | {"x": "y" * 140_000}, "/base"),
+        ([], "/base"),
+    ],
+)
+def test_base_that_is_no_request_is_named(client: httpx.Client, base: Any, pointer: str) -> None:
+    response = client.post("/cra/sweep", json={"base": base, "axes": [VELOCITY]})
+    assert response.status_code == 422
+    assert response.json()["errors"][0]["pointer"] == pointer
+
+
+def test_point_that_only_the_solver_can_refuse_is_a_result_with_a_problem(client: httpx.Client) -> None:
+    axes = [{"field": "projectile.length_m", "values": [0.53, 0.1]}]
+    items = client.post("/cra/sweep", json={"base": BASE, "axes": axes}).json()["results"]
+    assert "result" in items[0]
+    assert items[1]["problem"]["errors"][0]["pointer"] == "/projectile/length_m"
+
+
+def test_idempotency_key_is_for_sweeps_too(client: httpx.Client) -> None:
+    headers = ASYNC | {"Idempotency-Key": "sweep"}
+    sweep = {"base": BASE, "axes": [VELOCITY]}
+    jobs = [client.post("/cra/sweep", json=sweep, headers=headers).json()["id"] for _ in range(2)]
+    assert jobs[0] == jobs[1]
+
+
+def test_even_values_are_those_of_numpy_and_end_exactly() -> None:
+    axis = Axis(field="x", start=0.1, stop=0.7, count=7)
+    assert axis.numbers() == pytest.approx([0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7], rel=1e-15)
+    assert (axis.numbers()[0], axis.numbers()[-1]) == (0.1, 0.7)
+    assert Axis(field="x", start=0.3, stop=0.7, count=1).numbers() == [0.3]
+
+
+def test_base_is_not_changed_by_its_points() -> None:
+    outline = Outline.model_validate({"base": PAPER, "axes": [VELOCITY, STRENGTH]})
+    grid = Grid(CriticalAngleRequest, outline)
+    made = [grid.request(point) for point in grid.points()]
+    assert outline.base == PAPER
+    assert len({str(request) for request in made}) == grid.count == 6
