@@ -73,10 +73,10 @@ def declare_bodies(schemas: dict[str, Any]) -> None:
 
 
 def declare_events(responses: dict[str, Any]) -> None:
-    """Declare server-sent events by their media type alone: what FastAPI says of them is of a later OpenAPI."""
+    """Declare server-sent events in words: what FastAPI says of them is of a later OpenAPI."""
     content = responses.get("200", {}).get("content", {})
     if "text/event-stream" in content:
-        content["text/event-stream"] = {}
+        content["text/event-stream"] = {"schema": {"description": "Server-sent events."}}
 
 
 def declare_problems(responses: dict[str, Any]) -> None:

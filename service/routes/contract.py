@@ -72,7 +72,9 @@ COMPUTED: Responses = {
 MANY: Responses = {
     200: {
         "description": "All results, in the order of the request; as JSON lines, in the order in which they finish.",
-        "content": {"application/jsonl": {"schema": {"type": "string"}}},
+        "content": {
+            "application/jsonl": {"schema": {"type": "string", "description": "A member of `results` a line."}}
+        },
         "headers": {
             "Cache-Status": {
                 "description": "`ricochet; hit` if nothing had to be computed; not told of JSON lines (RFC 9211).",
@@ -104,10 +106,10 @@ def one_body(model: type[BaseModel]) -> dict[str, Any]:
 
 
 def many_bodies(model: type[BaseModel], line: type[BaseModel]) -> dict[str, Any]:
-    """Return the declaration of a body that is JSON, or JSON lines."""
+    """Return the declaration of a body that is JSON, or JSON lines: those as binary, as clients send a file of them."""
     declared = one_body(model)
     declared["requestBody"]["content"]["application/jsonl"] = {
-        "schema": {"type": "string", "description": f"A `{line.__name__}` a line."}
+        "schema": {"type": "string", "format": "binary", "description": f"A `{line.__name__}` a line."}
     }
     return declared
 

@@ -31,6 +31,7 @@ SHORTEST_RETRY, LONGEST_RETRY = 1, 60  # [s]
 IdempotencyKey = Annotated[
     str,
     Header(
+        alias="Idempotency-Key",
         max_length=255,
         description="Of the client's choice: a request that is sent again with the same key and body is answered with "
         "the job it made the first time. Without effect on work that is answered at once.",
@@ -39,8 +40,9 @@ IdempotencyKey = Annotated[
 Prefer = Annotated[
     str,
     Header(
+        alias="Prefer",
         description="RFC 7240: `respond-async` asks for a job whatever the size of the work, `wait=10` to be answered "
-        "with the results if they are ready after so many seconds."
+        "with the results if they are ready after so many seconds.",
     ),
 ]
 

@@ -37,13 +37,13 @@ class Version(Part):
     libraries: Annotated[dict[str, str], Field(description="Versions of this package and those it stands on.")]
 
 
-@router.get("/livez", responses=problems(500))
+@router.get("/livez", response_description="It answers.", responses=problems(500))
 async def livez() -> Health:
     """Tell whether the service answers at all."""
     return Health(status="ok")
 
 
-@router.get("/readyz", responses=problems(500, 503))
+@router.get("/readyz", response_description="It is ready.", responses=problems(500, 503))
 async def readyz(request: Request) -> Health:
     """Tell whether a worker answers and results can be written."""
     state = request.app.state
@@ -54,7 +54,7 @@ async def readyz(request: Request) -> Health:
     return Health(status="ok")
 
 
-@router.get("/version", responses=problems(500))
+@router.get("/version", response_description="The versions.", responses=problems(500))
 async def version() -> Version:
     """Tell the versions of the solver, the contract and the libraries."""
     return Version(engine_version=ENGINE_VERSION, schema_version=SCHEMA_VERSION, libraries=library_versions())

@@ -8,7 +8,7 @@ from http import HTTPStatus
 from typing import Annotated
 
 import orjson
-from fastapi import APIRouter, Depends, HTTPException, Path, Query, Request, Response
+from fastapi import APIRouter, Depends, Header, HTTPException, Path, Query, Request, Response
 from fastapi.responses import StreamingResponse
 from fastapi.sse import EventSourceResponse, ServerSentEvent
 
@@ -72,23 +72,24 @@ RESULTS: Responses = {
     200: {
         "description": "What is ready, in the form that `Accept` asks for.",
         "content": {
-            JSONL: {"schema": {"type": "string"}},
-            CSV: {"schema": {"type": "string"}},
+            JSONL: {"schema": {"type": "string", "description": "A `JobItem` a line."}},
+            CSV: {"schema": {"type": "string", "description": "A row a case: the summary, or the problem."}},
             HDF5: {},
         },
     },
     **problems(404, 406, 422, 500),
 }
 EVENTS: Responses = {
-    200: {
-        "description": "A job whenever it changes, as server-sent events; the last is its end. Their ids may be sent "
-        "back as `Last-Event-ID`.",
-    },
+    200: {"description": "A `Job` whenever it changes, as the data of server-sent events; the last is its end."},
     **problems(404, 422, 500),
 }
+LastEventId = Annotated[
+    str,
+    Header(alias="Last-Event-ID", description="Of the event seen last: the state it told of is not told again."),
+]
 
 
-@router.get("/jobs", response_model=Jobs, responses=problems(422, 500))
+@router.get("/jobs", response_model=Jobs, response_description="The jobs.", responses=problems(422, 500))
 async def list_jobs(
     runner: AskedRunner, limit: Annotated[int, Query(ge=1, le=MOST_ROWS, description="Jobs to give.")] = 100
 ) -> Response:
@@ -101,6 +102,7 @@ async def list_jobs(
 @router.get(
     "/jobs/{job_id}",  # noqa: FAST003 (of AskedJob)
     response_model=Job,
+    response_description="The job.",
     responses={200: RETRY_LATER, **problems(404, 422, 500)},
 )
 async def get_job(job: AskedJob, runner: AskedRunner) -> Response:
@@ -191,22 +193,33 @@ def read_cursor(cursor: str) -> int:
 
 
 @router.get("/jobs/{job_id}/events", response_class=EventSourceResponse, responses=EVENTS)  # noqa: FAST003
-async def follow_job(request: Request, job: AskedJob, runner: AskedRunner) -> AsyncIterator[ServerSentEvent]:
+async def follow_job(
+    request: Request, job: AskedJob, runner: AskedRunner, last_event_id: LastEventId = ""
+) -> AsyncIterator[ServerSentEvent]:
     """Tell of a job whenever it changes, until it has ended. A job that has ended is told of once."""
-    seen = request.headers.get("last-event-id", "")
     async with aclosing(until(request.app.state.stopping, runner.changes(job.id))) as changes:
         async for state in changes:
-            if state.final or str(state.revision) != seen:
+            if state.final or str(state.revision) != last_event_id:
                 yield ServerSentEvent(raw_data=job_json(state).decode(), id=str(state.revision))
 
 
-@router.post("/jobs/{job_id}/cancel", response_model=Job, responses=problems(404, 422, 500, 507))
+@router.post(
+    "/jobs/{job_id}/cancel",
+    response_model=Job,
+    response_description="The job.",
+    responses=problems(404, 422, 500, 507),
+)
 async def cancel_job(job_id: JobId, runner: AskedRunner) -> Response:
     """End a job; what is ready of its results stays until it expires. A job that has ended stays as it is."""
     return job_response(known(await runner.cancel(job_id)))
 
 
-@router.delete("/jobs/{job_id}", status_code=HTTPStatus.NO_CONTENT, responses=problems(404, 422, 500, 507))
+@router.delete(
+    "/jobs/{job_id}",
+    status_code=HTTPStatus.NO_CONTENT,
+    response_description="The job is gone.",
+    responses=problems(404, 422, 500, 507),
+)
 async def delete_job(job_id: JobId, runner: AskedRunner) -> None:
     """Cancel a job and forget it; its results stay, by their keys, as long as there is room."""
     if not await runner.delete(job_id):

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, get_args
 
 from fastapi import APIRouter, Request, Response
+from fastapi.responses import PlainTextResponse
 from prometheus_client import (
     CONTENT_TYPE_LATEST,
     CollectorRegistry,
@@ -149,7 +150,7 @@ def outcome_of(answer: Mapping[str, Any]) -> str:
     return outcome
 
 
-@router.get("/metrics", responses={200: {"content": {"text/plain": {"schema": {"type": "string"}}}}, **problems(500)})
+@router.get("/metrics", response_class=PlainTextResponse, response_description="The metrics.", responses=problems(500))
 async def metrics(request: Request) -> Response:
     """Tell what the service has done and how it is, in the text format of Prometheus."""
     state = request.app.state

@@ -59,7 +59,7 @@ async def get_result(
     request: Request,
     engine: AskedEngine,
     key: Annotated[str, Path(description="Of an answer.", json_schema_extra=KEY)],
-    if_none_match: Annotated[str, Header(description="Entity tags the client has.")] = "",
+    if_none_match: Annotated[str, Header(alias="If-None-Match", description="Entity tags the client has.")] = "",
 ) -> Response:
     """Give the result with this key: JSON, CSV (the history, or the trials of a search) or HDF5 (all of it)."""
     media_type = choose(request.headers.get("accept", "*/*"), list(REPRESENTATIONS))

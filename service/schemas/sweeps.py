@@ -31,10 +31,21 @@ class Axis(Part):
         StringConstraints(strict=True, min_length=1, max_length=200),
         Field(description="Dotted path to a number of the base, such as `impact.velocity_m_s`."),
     ]
-    values: Annotated[list[AxisNumber], Field(min_length=1, max_length=MOST_LINES, fail_fast=True)] | MISSING = MISSING
-    start: AxisNumber | MISSING = MISSING
-    stop: AxisNumber | MISSING = MISSING
-    count: Annotated[Count, Field(ge=1, le=MOST_LINES), WHOLE] | MISSING = MISSING
+    values: (
+        Annotated[
+            list[AxisNumber],
+            Field(min_length=1, max_length=MOST_LINES, fail_fast=True, description="All of them, in any order."),
+        ]
+        | MISSING
+    ) = MISSING
+    start: Annotated[AxisNumber, Field(description="The first, unless they are listed.")] | MISSING = MISSING
+    stop: Annotated[AxisNumber, Field(description="The last, unless they are listed.")] | MISSING = MISSING
+    count: (
+        Annotated[
+            Count, Field(ge=1, le=MOST_LINES, description="How many from `start` to `stop`, both included."), WHOLE
+        ]
+        | MISSING
+    ) = MISSING
 
     @model_validator(mode="after")
     def _check_form(self) -> Self:

@@ -154,6 +154,30 @@ def test_batches_are_declared_as_json_and_as_lines(path: str) -> None:
     assert set(operation["responses"]["200"]["content"]) == {"application/json", "application/jsonl"}
 
 
+def test_answers_are_described_and_typed() -> None:
+    for name, operation in OPERATIONS.items():
+        for status, response in operation["responses"].items():
+            assert response["description"] not in {"", "Successful Response"}, (name, status)
+            for media_type, content in response.get("content", {}).items():
+                assert content.get("schema") or media_type == "application/x-hdf5", (name, status, media_type)
+
+
+def test_headers_are_spelled_as_everybody_does() -> None:
+    headers = {
+        parameter["name"]
+        for operation in OPERATIONS.values()
+        for parameter in operation.get("parameters", ())
+        if parameter["in"] == "header"
+    }
+    assert headers == {"Idempotency-Key", "If-None-Match", "Last-Event-ID", "Prefer"}
+
+
+def test_json_lines_are_sent_as_a_file() -> None:
+    bodies = [operation["requestBody"]["content"] for operation in OPERATIONS.values() if "requestBody" in operation]
+    lines = [content["application/jsonl"]["schema"] for content in bodies if "application/jsonl" in content]
+    assert [(schema["type"], schema["format"]) for schema in lines] == [("string", "binary")] * 2
+
+
 def test_every_reference_leads_somewhere() -> None:
     for place, node in nodes(CONTRACT):
         if "$ref" in node:

@@ -1,0 +1,85 @@
+"""A TypeScript client made by openapi-typescript from the committed contract, and used as its users would."""
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+CONTRACT = ROOT / "openapi" / "openapi.json"
+CLIENT = ROOT / "tests" / "clients" / "typescript"
+FILES = ("package.json", "package-lock.json", ".npmrc", "tsconfig.json", "conversation.ts")
+PARTS = ("findOneAngle", "findSomeAtOnce", "sweepTwoAxes", "followAJob", "cancelAJob", "getProblems")
+
+OLDEST_NODE = 20
+LIMIT_S = 90.0  # of each command; together some 15 s on two cores
+OUT_OF_REACH = re.compile(
+    r"\b(E(NOTFOUND|AI_AGAIN|CONN\w+|TIMEDOUT|NETUNREACH|HOSTUNREACH|40[137]|5\d\d)|ERR_SOCKET\w+)\b"
+)
+"""What npm says if there is no way to its registry."""
+
+ENVIRONMENT = os.environ | {
+    # Node.js may have been installed beside the Python that runs the tests.
+    "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}",
+    "NO_PROXY": f"{os.environ.get('NO_PROXY', '')},127.0.0.1",
+}
+
+
+def run(folder: Path, *command: str) -> subprocess.CompletedProcess[str]:
+    program = shutil.which(command[0], path=ENVIRONMENT["PATH"])
+    if program is None:
+        pytest.skip(f"there is no {command[0]} here")
+    return subprocess.run(
+        [program, *command[1:]],
+        cwd=folder,
+        env=ENVIRONMENT,
+        capture_output=True,
+        text=True,
+        timeout=LIMIT_S,
+        check=False,
+    )
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder of the client, its packages installed as locked, its types checked."""
+    folder = tmp_path_factory.mktemp("typescript")
+    version = run(folder, "node", "--version").stdout.strip()
+    if int(version.lstrip("v").partition(".")[0]) < OLDEST_NODE:
+        pytest.skip(f"Node.js {OLDEST_NODE} or later is needed, here is {version}")
+    for name in FILES:
+        shutil.copy(CLIENT / name, folder)
+    shutil.copy(CONTRACT, folder / "contract.json")
+    patience = (
+        "--prefer-offline",
+        "--fetch-retries",
+        "1",
+        "--fetch-retry-mintimeout",
+        "1000",
+        "--fetch-timeout",
+        "20000",
+    )
+    installed = run(folder, "npm", "ci", "--ignore-scripts", *patience)
+    if installed.returncode and (reason := OUT_OF_REACH.search(installed.stderr)):
+        pytest.skip(f"npm cannot reach its registry: {reason[0]}")
+    assert installed.returncode == 0, installed.stdout + installed.stderr
+    checked = run(folder, "npm", "run", "build")
+    assert checked.returncode == 0, checked.stdout + checked.stderr
+    return folder
+
+
+def test_typescript_client_asks_follows_reads_and_cancels(built: Path, live_url: str) -> None:
+    talked = run(built, "node", "out/conversation.js", live_url)
+    assert (talked.returncode, talked.stdout.split()) == (0, list(PARTS)), talked.stdout + talked.stderr
+
+
+def test_lock_checks_every_package_and_names_no_registry() -> None:
+    lock = (CLIENT / "package-lock.json").read_text(encoding="utf-8")
+    assert "registry" not in lock
+    assert '"resolved"' not in lock
+    packages = re.findall(r'^    "node_modules/', lock, re.MULTILINE)
+    assert len(packages) == len(re.findall(r'^      "integrity": "sha512-', lock, re.MULTILINE)) > 0

@@ -1,0 +1,215 @@
+"""What a program in Python asks of the service, with a client made from the contract.
+
+    openapi-python-client generate --path openapi/openapi.json --output-path ricochet_client --meta none \
+        --config tests/clients/python/config.yml
+    PYTHONPATH=. python tests/clients/python/conversation.py http://127.0.0.1:8000
+"""
+# mypy: ignore-errors
+# The client is there only once it has been generated.
+
+import io
+import json
+import os
+import sys
+import time
+
+from ricochet_client import Client
+from ricochet_client.api.critical_ricochet_angle import (
+    find_critical_angle,
+    find_critical_angles,
+    sweep_critical_angles,
+)
+from ricochet_client.api.health import livez, metrics, readyz, version
+from ricochet_client.api.jobs import cancel_job, delete_job, follow_job, get_job, get_job_results, list_jobs
+from ricochet_client.api.results import get_result
+from ricochet_client.api.trajectory import compute_trajectories, compute_trajectory
+from ricochet_client.models import (
+    Axis,
+    CriticalAngleAnswer,
+    CriticalAngleBatch,
+    CriticalAngleCase,
+    CriticalAngleRequest,
+    CriticalAngleResults,
+    CriticalAngleSweep,
+    Impact,
+    Job,
+    JobOperation,
+    JobResults,
+    JobStatus,
+    Method,
+    Numerics,
+    OgiveNose,
+    Outcome,
+    Problem,
+    Projectile,
+    Search,
+    SearchStatus,
+    Strike,
+    Target,
+    TrajectoryAnswer,
+    TrajectoryBatch,
+    TrajectoryCase,
+    TrajectoryOutput,
+    TrajectoryRequest,
+)
+from ricochet_client.types import UNSET, File
+
+NOSE = OgiveNose(shape="ogive", caliber_radius_head=3.0)
+PROJECTILE = Projectile(nose=NOSE, diameter_m=0.08, length_m=0.53, mass_kg=13.0)
+TOO_SHORT = Projectile(nose=NOSE, diameter_m=0.08, length_m=0.1, mass_kg=13.0)
+TARGET = Target(compressive_strength_pa=39e6, density_kg_m3=2250.0)
+PAPER = CriticalAngleRequest(projectile=PROJECTILE, target=TARGET, impact=Strike(velocity_m_s=238.0))
+ROUGH = Search(lower_deg=40.0, upper_deg=80.0, tolerance_deg=1.0)
+
+client = Client(base_url=sys.argv[1], raise_on_unexpected_status=True)
+
+
+def find_one_angle() -> None:
+    found = find_critical_angle.sync(client=client, body=PAPER)
+    assert isinstance(found, CriticalAngleAnswer)
+    assert found.status == SearchStatus.CONVERGED
+    assert abs(found.critical_angle_deg - 48.57) < 0.05, found.critical_angle_deg
+    assert found.iterations[0].outcome == Outcome.EMBEDDED
+    assert found.trajectory is UNSET
+    assert get_result.sync(client=client, key=found.key) == found
+    assert CriticalAngleRequest.from_dict(PAPER.to_dict()) == PAPER
+
+
+def compute_some_motions() -> None:
+    for oblique_angle_deg, outcome in ((45.0, Outcome.EMBEDDED), (55.0, Outcome.RICOCHET)):
+        impact = Impact(velocity_m_s=238.0, oblique_angle_deg=oblique_angle_deg)
+        shot = TrajectoryRequest(projectile=PROJECTILE, target=TARGET, impact=impact)
+        answer = compute_trajectory.sync(client=client, body=shot)
+        assert isinstance(answer, TrajectoryAnswer)
+        assert answer.outcome == outcome
+        assert answer.history.time_s[-1] == answer.final.time_s
+        shot.output = TrajectoryOutput(history=False)
+        assert compute_trajectory.sync(client=client, body=shot).history is UNSET
+        assert get_result.sync(client=client, key=answer.key) == answer
+
+
+def find_some_at_once() -> None:
+    found = find_critical_angle.sync(client=client, body=PAPER)
+    named = CriticalAngleCase(
+        projectile=PROJECTILE, target=TARGET, impact=Strike(velocity_m_s=238.0), custom_id="paper"
+    )
+    some = find_critical_angles.sync(client=client, body=CriticalAngleBatch(cases=[named, named]))
+    assert isinstance(some, CriticalAngleResults)
+    assert [(item.index, item.custom_id) for item in some.results] == [(0, "paper"), (1, "paper")]
+    assert [item.result for item in some.results] == [found, found]
+    assert some.results[0].problem is UNSET
+
+    axis = Axis(field="impact.velocity_m_s", start=230.0, stop=238.0, count=2)
+    swept = sweep_critical_angles.sync(client=client, body=CriticalAngleSweep(base=PAPER, axes=[axis]))
+    assert isinstance(swept, CriticalAngleResults)
+    assert swept.results[1].result == found
+
+
+def rough(velocity: float, custom_id: str) -> CriticalAngleCase:
+    strike = Strike(velocity_m_s=velocity)
+    return CriticalAngleCase(projectile=PROJECTILE, target=TARGET, impact=strike, search=ROUGH, custom_id=custom_id)
+
+
+def follow_a_job() -> None:
+    cases = [rough(270.0 + 0.01 * number, f"case-{number}") for number in range(24)]
+    lines = "".join(json.dumps(case.to_dict()) + "\n" for case in cases).encode()
+    token = f"conversation-{os.getpid()}-{time.time_ns()}"
+    submitted = [
+        find_critical_angles.sync_detailed(
+            client=client, body=File(payload=io.BytesIO(lines)), prefer="respond-async", idempotency_key=token
+        )
+        for _ in range(2)
+    ]
+    assert [response.status_code for response in submitted] == [202, 202]
+    first, again = (response.parsed for response in submitted)
+    assert isinstance(first, Job)
+    assert first.operation == JobOperation.CRA
+    assert again.id == first.id
+    assert submitted[0].headers["Location"] == first.links.self_
+
+    job = first
+    while job.status in (JobStatus.ACCEPTED, JobStatus.RUNNING):
+        time.sleep(0.1)
+        job = get_job.sync(client=client, job_id=first.id)
+    assert (job.status, job.counts.total, job.counts.failed) == (JobStatus.SUCCESSFUL, 24, 0)
+    assert job.created <= job.started <= job.finished < job.expires
+    events = follow_job.sync(client=client, job_id=first.id)
+    told = [line.removeprefix("data: ") for line in events.splitlines() if line.startswith("data: ")]
+    assert [Job.from_dict(json.loads(each)) for each in told] == [job]
+
+    items, cursor = [], ""
+    while cursor is not UNSET:
+        page = get_job_results.sync(client=client, job_id=first.id, cursor=cursor, limit=10)
+        assert isinstance(page, JobResults)
+        items += page.results
+        cursor = page.next_
+    assert [item.index for item in items] == list(range(24))
+    assert [item.custom_id for item in items] == [case.custom_id for case in cases]
+    assert all(isinstance(item.result, CriticalAngleAnswer) for item in items)
+    # Other forms are left to the HTTP client inside.
+    table = client.get_httpx_client().get(first.links.results, headers={"Accept": "text/csv"})
+    assert len(table.text.splitlines()) == 1 + 24
+
+    assert cancel_job.sync(client=client, job_id=first.id) == job
+    assert first.id in [each.id for each in list_jobs.sync(client=client).jobs]
+
+
+def cancel_a_job() -> None:
+    numerics = Numerics(method=Method.PANELS, panels=20_000)  # slow, so that there is something to cancel
+    strikes = [Impact(velocity_m_s=280.0 + 1e-3 * number, oblique_angle_deg=50.0) for number in range(200)]
+    cases = [
+        TrajectoryCase(projectile=PROJECTILE, target=TARGET, impact=impact, numerics=numerics) for impact in strikes
+    ]
+    job = compute_trajectories.sync(client=client, body=TrajectoryBatch(cases=cases), prefer="respond-async")
+    assert isinstance(job, Job)
+    cancelled = cancel_job.sync(client=client, job_id=job.id)
+    assert cancelled.status == JobStatus.DISMISSED
+    assert cancelled.counts.done < cancelled.counts.total == 200
+    assert cancel_job.sync(client=client, job_id=job.id) == cancelled
+    partial = get_job_results.sync(client=client, job_id=job.id)
+    assert len(partial.results) <= cancelled.counts.done
+    assert delete_job.sync_detailed(client=client, job_id=job.id).status_code == 204
+    gone = get_job.sync(client=client, job_id=job.id)
+    assert isinstance(gone, Problem)
+    assert gone.status == 404
+
+
+def get_problems() -> None:
+    strike = Strike(velocity_m_s=238.0)
+    short = CriticalAngleCase(projectile=TOO_SHORT, target=TARGET, impact=strike)
+    one = find_critical_angle.sync(
+        client=client, body=CriticalAngleRequest(projectile=TOO_SHORT, target=TARGET, impact=strike)
+    )
+    assert isinstance(one, Problem)
+    assert [error.pointer for error in one.errors] == ["/projectile/length_m"]
+    many = find_critical_angles.sync(client=client, body=CriticalAngleBatch(cases=[rough(238.0, "good"), short]))
+    assert isinstance(many, Problem)
+    assert [error.pointer for error in many.errors] == ["/cases/1/projectile/length_m"]
+    line = find_critical_angles.sync(client=client, body=File(payload=io.BytesIO(b'{"impact": 1}\n')))
+    assert isinstance(line, Problem)
+    assert "/0/impact" in [error.pointer for error in line.errors]
+    axis = Axis(field="impact.velocity", values=[238.0])
+    sweep = sweep_critical_angles.sync(client=client, body=CriticalAngleSweep(base=PAPER, axes=[axis]))
+    assert isinstance(sweep, Problem)
+    assert [error.pointer for error in sweep.errors] == ["/axes/0/field"]
+    assert isinstance(get_result.sync(client=client, key="0" * 64), Problem)
+
+
+def ask_how_it_is() -> None:
+    assert livez.sync(client=client).status == readyz.sync(client=client).status == "ok"
+    assert "numpy" in version.sync(client=client).libraries
+    assert "ricochet_" in metrics.sync(client=client)
+
+
+if __name__ == "__main__":
+    for part in (
+        find_one_angle,
+        compute_some_motions,
+        find_some_at_once,
+        follow_a_job,
+        cancel_a_job,
+        get_problems,
+        ask_how_it_is,
+    ):
+        part()
+        sys.stdout.write(f"{part.__name__}\n")
