@@ -8,7 +8,7 @@ COMPILE := $(BIN)/uv pip compile --universal --python-version 3.11 --fork-strate
 	--custom-compile-command "make lock" --quiet
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo serve test test-all check format openapi bench accuracy figures lock clean
+.PHONY: help setup demo serve test test-all check format openapi bench accuracy stress figures lock clean
 
 help: ## list what can be made
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -58,6 +58,9 @@ bench: setup ## measure the routes side by side, some minutes; ARGS="--quick" or
 
 accuracy: setup ## compare 200 random critical angles with converged ones, some minutes
 	$(BIN)/python benchmarks/accuracy.py $(ARGS)
+
+stress: setup ## load and faults against real servers, ten minutes; ARGS="--quick" or ARGS="--full"
+	$(BIN)/python -m benchmarks.stress $(ARGS)
 
 figures: setup ## draw the pictures of the README
 	$(BIN)/python docs/figures/trajectories.py

@@ -1,0 +1,1 @@
+"""What the service promises under load and through faults, measured on a real server: see `benchmarks.stress.run`."""
