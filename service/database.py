@@ -75,17 +75,22 @@ class StorageError(Exception):
     """Jobs cannot be stored or read: the disk is full, read-only or gone."""
 
 
+class JobGoneError(StorageError):
+    """The job has been deleted meanwhile."""
+
+
 class Database:
     """One connection to write, one to read, each for one thread at a time.
 
     Parameters
     ----------
     path
-        Of the file; made if it is not there. One that is no database is set aside.
+        Of the file; made if it is not there. One that is no database, or a damaged one, is set aside.
     """
 
     def __init__(self, path: Path) -> None:
         self._path = path
+        self._checked = False
         self._opening = threading.Lock()
         self._locks = {"write": threading.Lock(), "read": threading.Lock()}
         self._connections: dict[str, sqlite3.Connection] = {}
@@ -169,6 +174,9 @@ class Database:
                 connection.executescript(f"BEGIN IMMEDIATE; {TABLES} PRAGMA user_version = {LAYOUT}; COMMIT;")
             elif layout != LAYOUT:
                 raise sqlite3.OperationalError(f"jobs.sqlite has layout {layout}, this version knows {LAYOUT}")
+            elif not self._checked and (said := connection.execute("PRAGMA quick_check(1)").fetchone()[0]) != "ok":
+                raise sqlite3.DatabaseError(said)
+            self._checked = True
         except BaseException:
             connection.close()
             raise
@@ -179,8 +187,9 @@ class Database:
         log.warning("%s set aside as %s: %s", self._path, aside, error)
         aside.parent.mkdir(exist_ok=True)
         self._path.replace(aside)
-        for end in ("-wal", "-shm"):
-            Path(f"{self._path}{end}").unlink(missing_ok=True)
+        with suppress(FileNotFoundError):
+            Path(f"{self._path}-wal").replace(f"{aside}-wal")  # it may hold what is worth saving
+        Path(f"{self._path}-shm").unlink(missing_ok=True)
 
 
 def reason(error: sqlite3.Error | OSError) -> str:

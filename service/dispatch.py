@@ -19,7 +19,7 @@ from anyio.to_thread import run_sync
 from service.active import ActiveJob, Waiting
 from service.admission import Rate
 from service.engine import Engine, Wanted
-from service.jobs import VERSIONS, JobState, JobStore, Status, StorageError
+from service.jobs import VERSIONS, JobGoneError, JobState, JobStore, Status, StorageError
 from service.kinds import problem_of
 from service.marks import Marks
 from service.slices import CaseState
@@ -103,11 +103,15 @@ class Dispatcher:
                 stop()
             await asyncio.wait(others, timeout=0.1)
 
-    async def end(self, job: ActiveJob, status: Status, problem: dict[str, Any] | None = None) -> JobState:
-        """End a job as it is, and all its work within a second."""
+    async def end(self, job: ActiveJob, status: Status, problem: dict[str, Any] | None = None) -> JobState | None:
+        """End a job as it is, and all its work within a second; return it, unless it was deleted meanwhile."""
         await self.halt(job)
         try:
             state = await self.thread(self._jobs.end, job.state.number, status, problem)
+        except JobGoneError:
+            self.active.pop(job.state.id, None)
+            job.update(job.state)
+            return None
         except StorageError:
             now, revision = datetime.now(UTC), job.state.revision + 1
             state = replace(job.state, status=status, finished=now, problem=problem, revision=revision)
@@ -120,8 +124,9 @@ class Dispatcher:
         """Write what could not be written before, if it can be now."""
         with suppress(StorageError):
             for state in list(self.unwritten.values()):
-                await self.thread(self._jobs.end, state.number, state.status, state.problem)
-                del self.unwritten[state.id]
+                with suppress(JobGoneError):
+                    await self.thread(self._jobs.end, state.number, state.status, state.problem)
+                self.unwritten.pop(state.id, None)
 
     async def thread(self, function: Callable[..., Value], *arguments: Any) -> Value:
         """Run what waits for the disk, or takes long, in a thread."""

@@ -16,7 +16,7 @@ from typing import Any
 
 import orjson
 
-from service.database import Database, StorageError
+from service.database import Database, JobGoneError, StorageError
 from service.job import CaseRow, Idempotency, IdempotencyBusyError, IdempotencyConflictError, JobState, Status
 from service.keys import SCHEMA_VERSION, result_key
 from service.slices import SLICE, CaseState, Slice, join_keys, split_custom_ids, split_keys, split_requests
@@ -27,6 +27,7 @@ __all__ = [
     "Idempotency",
     "IdempotencyBusyError",
     "IdempotencyConflictError",
+    "JobGoneError",
     "JobState",
     "JobStore",
     "Status",
@@ -242,7 +243,7 @@ def _changed(
     database.execute(f"UPDATE jobs SET {changes} WHERE number = ? {condition}", (*values, job))  # noqa: S608 (likewise)
     row = database.execute(f"SELECT {COLUMNS} FROM jobs WHERE number = ?", (job,)).fetchone()  # noqa: S608
     if row is None:
-        raise StorageError("the job has been deleted")
+        raise JobGoneError("the job has been deleted")
     return _state(row)
 
 

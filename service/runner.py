@@ -35,6 +35,8 @@ SPARE_CHUNKS = 1
 CHUNKS_KEPT = 2
 """Beside those in the pool, being made or kept: this bounds the memory they take."""
 SWEEP_SECONDS = 3600.0
+RETRY_SECONDS = 5.0
+"""Between looks at a folder of jobs that could not be read at the start."""
 CHANGE_SECONDS = 0.2
 """Between two changes told of a job: more than anyone reads."""
 THREADS = 2
@@ -74,6 +76,9 @@ class Runner:
         """Owners and idempotency keys of what is being received."""
         self._received = 0
         """Cases of jobs that are not yet accepted."""
+        self._going_on = False
+        """Whether the jobs of before have been taken on."""
+        self._beginning = asyncio.Lock()
         self._stopping = False
         self._tasks: list[asyncio.Task[None]] = []
         self._threads = CapacityLimiter(THREADS)
@@ -97,14 +102,9 @@ class Runner:
     async def start(self) -> None:
         """Go on with the jobs that are not finished. Without a folder for them the service runs all the same."""
         try:
-            removed = await self._thread(self._sweep_at_start)
-            for state in await self._thread(self._jobs.unfinished):
-                self._dispatcher.add(state)
+            await self._go_on()
         except StorageError as error:
             log.warning("%s", error)
-        else:
-            if removed or self._dispatcher.active:
-                log.info("jobs: %d to go on with, %d removed", len(self._dispatcher.active), removed)
         self._tasks = [asyncio.create_task(self._dispatcher.run()), asyncio.create_task(self._sweep())]
 
     async def stop(self) -> None:
@@ -240,6 +240,7 @@ class Runner:
         self, operation: str, slices: AsyncIterator[Sequence[Case]], owner: str, idempotency: Idempotency | None
     ) -> JobState:
         self._admit(0)
+        await self._go_on()
         job = await self._thread(self._jobs.create, operation, owner)
         received = 0
         try:
@@ -276,14 +277,27 @@ class Runner:
     async def _state(self, name: str) -> JobState | None:
         return self._present(name) or await self._thread(self._jobs.job, name)
 
+    async def _go_on(self) -> None:
+        """Take on the jobs of before, unless that was done; no other is stored until then, as half a job may be."""
+        async with self._beginning:
+            if self._going_on:
+                return
+            removed = await self._thread(self._sweep_at_start)
+            for state in await self._thread(self._jobs.unfinished):
+                self._dispatcher.add(state)
+            self._going_on = True
+            if removed or self._dispatcher.active:
+                log.info("jobs: %d to go on with, %d removed", len(self._dispatcher.active), removed)
+
     def _sweep_at_start(self) -> int:
         return self._jobs.sweep(at_start=True)
 
     async def _sweep(self) -> None:
         while True:
-            await asyncio.sleep(SWEEP_SECONDS)
+            await asyncio.sleep(SWEEP_SECONDS if self._going_on else RETRY_SECONDS)
             await self._dispatcher.write_ends()
             with suppress(StorageError):
+                await self._go_on()
                 await self._thread(self._jobs.sweep)
 
     async def _thread(self, function: Callable[..., Value], *arguments: Any) -> Value:

@@ -1,5 +1,6 @@
 """Results of a whole job as one file: a table of the summaries, or everything as HDF5."""
 
+import os
 from collections.abc import AsyncGenerator, AsyncIterator
 from io import BufferedReader
 from pathlib import Path
@@ -10,7 +11,7 @@ from anyio.to_thread import run_sync
 from fastapi.responses import StreamingResponse
 
 from service.hdf5 import BatchFile
-from service.jobs import JobState
+from service.jobs import JobState, StorageError
 from service.routes.items import header, to_rows
 from service.small import CaseResult
 
@@ -42,13 +43,22 @@ async def send_hdf5(data_dir: Path, job: JobState, slices: AsyncGenerator[list[C
 
 
 async def write_hdf5(path: Path, operation: str, slices: AsyncGenerator[list[CaseResult], None]) -> BufferedReader:
-    """Write the results, slice by slice; return the file, open, without a name on the disk any more."""
+    """Write the results, slice by slice; return the file, open, without a name on the disk any more.
+
+    Raises
+    ------
+    StorageError
+        If the disk has no room for it.
+    """
     try:
         await run_sync(lambda: path.parent.mkdir(parents=True, exist_ok=True))
         with await run_sync(BatchFile, path, operation) as batch:
             async for results in slices:
                 await run_sync(batch.write, results)
         return await run_sync(path.open, "rb")
+    except OSError as error:  # what HDF5 says of it holds the path
+        why = os.strerror(error.errno) if error.errno else "the disk refuses it"
+        raise StorageError(f"the file cannot be written: {why}") from error
     finally:
         with CancelScope(shield=True):
             await slices.aclose()

@@ -77,11 +77,11 @@ RESULTS: Responses = {
             HDF5: {},
         },
     },
-    **problems(404, 406, 422, 500),
+    **problems(404, 406, 422, 500, 507),
 }
 EVENTS: Responses = {
     200: {"description": "A `Job` whenever it changes, as the data of server-sent events; the last is its end."},
-    **problems(404, 422, 500),
+    **problems(404, 422, 500, 507),
 }
 LastEventId = Annotated[
     str,
@@ -89,7 +89,7 @@ LastEventId = Annotated[
 ]
 
 
-@router.get("/jobs", response_model=Jobs, response_description="The jobs.", responses=problems(422, 500))
+@router.get("/jobs", response_model=Jobs, response_description="The jobs.", responses=problems(422, 500, 507))
 async def list_jobs(
     runner: AskedRunner, limit: Annotated[int, Query(ge=1, le=MOST_ROWS, description="Jobs to give.")] = 100
 ) -> Response:
@@ -103,7 +103,7 @@ async def list_jobs(
     "/jobs/{job_id}",  # noqa: FAST003 (of AskedJob)
     response_model=Job,
     response_description="The job.",
-    responses={200: RETRY_LATER, **problems(404, 422, 500)},
+    responses={200: RETRY_LATER, **problems(404, 422, 500, 507)},
 )
 async def get_job(job: AskedJob, runner: AskedRunner) -> Response:
     """Tell how far a job is."""

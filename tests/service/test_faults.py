@@ -1,0 +1,117 @@
+"""Short forms of `benchmarks.stress.faults`: real servers that are killed, filled up and cancelled, over HTTP.
+
+And what was found with them, one by one.
+"""
+
+import asyncio
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from benchmarks.stress.faults_cancel import cancel_jobs
+from benchmarks.stress.faults_crashes import kill_servers, kill_workers
+from benchmarks.stress.faults_disk import fill_disks
+from benchmarks.stress.faults_found import Found
+from benchmarks.stress.faults_losses import lose_files
+from service.executor import PoolExecutor
+from service.job import JobState
+from service.runner import StorageError
+from tests.service.squares import accepted, all_results, cases, ended, running, squares, until_done
+
+needs_proc = pytest.mark.skipif(not Path("/proc/self/environ").exists(), reason="finds processes in /proc")
+LONG = pytest.param(50, marks=[pytest.mark.slow, pytest.mark.timeout(1200)])
+Hurt = Callable[[Path, int, float], Found]
+
+
+def hurt(fault: Hurt, folder: Path, rounds: int) -> None:
+    found = fault(folder, rounds, math.inf)
+    assert not found.faults
+    assert found.rounds >= rounds
+
+
+@needs_proc
+@pytest.mark.parametrize("rounds", [2, LONG])
+def test_server_killed_in_a_batch_answers_every_case_once_after_its_restart(rounds: int, tmp_path: Path) -> None:
+    hurt(kill_servers, tmp_path, rounds)
+
+
+@needs_proc
+@pytest.mark.parametrize("rounds", [2, LONG])
+def test_workers_killed_in_a_batch_cost_no_case(rounds: int, tmp_path: Path) -> None:
+    hurt(kill_workers, tmp_path, rounds)
+
+
+@needs_proc
+@pytest.mark.parametrize("rounds", [2, LONG])
+def test_full_disk_costs_no_answer_and_leaves_nothing(rounds: int, tmp_path: Path) -> None:
+    hurt(fill_disks, tmp_path, rounds)
+
+
+@needs_proc
+@pytest.mark.parametrize("rounds", [2, LONG])
+def test_jobs_end_within_a_second_whatever_they_are_on(rounds: int, tmp_path: Path) -> None:
+    hurt(cancel_jobs, tmp_path, rounds)
+
+
+@needs_proc
+@pytest.mark.parametrize("rounds", [3, LONG])
+def test_lost_files_cost_exactly_what_was_in_them(rounds: int, tmp_path: Path) -> None:
+    hurt(lose_files, tmp_path, rounds)
+
+
+async def half_done(folder: Path, pool: PoolExecutor) -> JobState:
+    async with running(folder, pool) as runner:
+        job = await accepted(runner, cases(range(400), seconds=0.005))
+        await until_done(runner, job, 20)
+    return job
+
+
+@pytest.mark.anyio
+async def test_jobs_that_could_not_be_read_at_the_start_go_on_once_they_can(pool: PoolExecutor, tmp_path: Path) -> None:
+    job = await half_done(tmp_path, pool)
+    file, elsewhere = tmp_path / "data" / "jobs.sqlite", tmp_path / "jobs.sqlite"
+    file.replace(elsewhere)
+    file.mkdir()
+    async with running(tmp_path, pool) as runner:
+        with pytest.raises(StorageError):
+            await accepted(runner, cases(range(1000, 1010)))
+        file.rmdir()
+        elsewhere.replace(file)
+        other = await accepted(runner, cases(range(1000, 1010)))
+        assert (await ended(runner, other)).done == 10
+        assert (await ended(runner, job)).status == "successful"
+        assert squares(await all_results(runner, job)) == [i**2 for i in range(400)]
+
+
+@pytest.mark.anyio
+async def test_jobs_damaged_anywhere_are_set_aside_and_their_results_stay(pool: PoolExecutor, tmp_path: Path) -> None:
+    job = await half_done(tmp_path, pool)
+    file = tmp_path / "data" / "jobs.sqlite"
+    content = file.read_bytes()
+    file.write_bytes(content[:4096] + b"\xff" * 4096 + content[8192:])
+    async with running(tmp_path, pool) as runner:
+        assert await runner.job(job.id) is None
+        again = await ended(runner, await accepted(runner, cases(range(400), seconds=0.005)))
+        assert (again.status, again.done) == ("successful", 400)
+        assert again.cached >= 20
+    assert any(path.name.startswith("jobs-") for path in (tmp_path / "data" / "damaged").iterdir())
+
+
+@pytest.mark.anyio
+@pytest.mark.parametrize("pause", [0.0, 0.001, 0.005])
+async def test_job_deleted_while_it_is_cancelled_is_gone(pause: float, pool: PoolExecutor, tmp_path: Path) -> None:
+    async with running(tmp_path, pool) as runner:
+        for _ in range(5):
+            job = await accepted(runner, cases(range(400), seconds=0.005))
+            await until_done(runner, job, 4)
+
+            async def later(name: str = job.id) -> None:
+                await asyncio.sleep(pause)
+                await runner.cancel(name)
+
+            deleted, *_ = await asyncio.gather(runner.delete(job.id), later(), later())
+            assert deleted
+            assert await runner.job(job.id) is None
+            assert await runner.jobs() == []
