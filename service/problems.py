@@ -8,6 +8,7 @@ import orjson
 from fastapi import FastAPI, Request, Response
 from fastapi.exceptions import RequestValidationError
 from starlette.exceptions import HTTPException
+from starlette.routing import compile_path
 
 from service.kinds import INVALID, KINDS, Kind, content, detail_of, kind_of
 from service.kinds import errors_of as errors_of_case
@@ -68,7 +69,22 @@ async def answer_http_exception(request: Request, exception: Exception) -> Respo
     assert isinstance(exception, HTTPException)  # noqa: S101 (the handler of nothing else)
     status = HTTPStatus(exception.status_code)
     errors = [{"pointer": "", "detail": exception.detail}] if status in OF_THE_BODY else []
-    return problem(request, Kind(status, "", status.phrase), exception.detail, errors, exception.headers)
+    headers = dict(exception.headers or {})
+    if status is HTTPStatus.METHOD_NOT_ALLOWED:
+        headers["Allow"] = ", ".join(allowed_methods(request))
+    return problem(request, Kind(status, "", status.phrase), exception.detail, errors, headers)
+
+
+def allowed_methods(request: Request) -> list[str]:
+    """Return what may be asked of this path; the framework tells of the first of its routes alone."""
+    contract: FastAPI = request.app
+    found = {
+        method.upper()
+        for path, operations in contract.openapi()["paths"].items()
+        if compile_path(path)[0].match(request.url.path)
+        for method in operations
+    }
+    return sorted(found) or ["GET"]
 
 
 def errors_of(exception: Exception) -> list[dict[str, str]]:

@@ -84,3 +84,9 @@ async def test_problem_of_many_cases_tells_the_line() -> None:
 async def test_parameter_is_told_by_its_name_in_the_request(field: str, pointer: str) -> None:
     response = await answer_to(ParameterError(field, "is wrong"))
     assert response.json()["errors"] == [{"pointer": pointer, "detail": "is wrong"}]
+
+
+def test_wrong_method_is_told_all_that_the_path_allows(client: httpx.Client) -> None:
+    for path, allowed in (("/jobs/1", "DELETE, GET"), ("/cra", "POST"), ("/jobs/1/cancel", "POST"), ("/livez", "GET")):
+        answer = client.request("PATCH", path)
+        assert (answer.status_code, answer.headers["Allow"]) == (405, allowed)
