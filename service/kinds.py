@@ -54,7 +54,7 @@ KINDS: Mapping[type[Exception], Kind] = {
     IdempotencyBusyError: Kind(
         HTTPStatus.CONFLICT, "idempotency-busy", "The request with this idempotency key is still being accepted"
     ),
-    StorageError: Kind(HTTPStatus.INSUFFICIENT_STORAGE, "storage-full", "Jobs cannot be stored now"),
+    StorageError: Kind(HTTPStatus.INSUFFICIENT_STORAGE, "storage-full", "Nothing can be stored now"),
     Exception: FAILED,
 }
 

@@ -54,7 +54,7 @@ PROBLEMS: Responses = {
     429: {"description": "Too many cases wait.", "headers": RETRY_AFTER},
     500: {"description": "The service failed."},
     503: {"description": "The service is not ready, or has no worker for the query.", "headers": RETRY_AFTER},
-    507: {"description": "Jobs cannot be stored now."},
+    507: {"description": "Nothing can be stored now."},
 }
 
 
