@@ -57,7 +57,7 @@ from solver import warm_up
 
 HERE = Path(__file__).parent
 QUICK = Sizes(counts=(2,), mix=2, repetitions=1, longest=10.0)
-USUAL = Sizes(counts=(1, 10, 100, 1_000), mix=100, repetitions=5, longest=600.0)
+USUAL = Sizes(counts=(1, 10, 100, 1_000), mix=100, repetitions=3, longest=600.0)
 FULL = Sizes(counts=(*USUAL.counts, 10_000, 100_000), mix=100, repetitions=5, longest=3_600.0)
 
 
