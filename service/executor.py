@@ -20,7 +20,8 @@ from concurrent.futures import Future, wait
 from contextlib import suppress
 from typing import Any, TypeVar, TypeVarTuple
 
-from service.lane import CHUNK, END, PROBE, SINGLE, Backlog, ExecutorError, Job, Lane, PoolUnavailableError
+from service.backlog import CHUNK, END, PROBE, SINGLE, Backlog, Job
+from service.lane import ExecutorError, Lane, PoolUnavailableError
 from service.worker import Call, Finished
 
 Arguments = TypeVarTuple("Arguments")

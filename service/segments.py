@@ -114,11 +114,8 @@ class Segments:
         """
         staged = self._partial / f"{os.getpid()}-{next(self._numbers)}"
         try:
-            try:
-                staged.write_bytes(content)
-            except FileNotFoundError:
-                self._partial.mkdir(parents=True, exist_ok=True)
-                staged.write_bytes(content)
+            self._partial.mkdir(parents=True, exist_ok=True)
+            staged.write_bytes(content)
         except OSError:
             discard(staged)
             raise
@@ -135,11 +132,8 @@ class Segments:
         path = self.path(name)
         try:
             signature = _signature(staged)
-            try:
-                staged.replace(path)
-            except FileNotFoundError:
-                path.parent.mkdir(parents=True, exist_ok=True)
-                staged.replace(path)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            staged.replace(path)
         except OSError:
             discard(staged)
             raise

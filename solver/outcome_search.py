@@ -260,6 +260,16 @@ def _same(bracket: npt.NDArray[np.int64], right: int, trials: FloatArray, level:
     return bool(abs(shift) <= 2.0 * level.tolerance and _turned_away(trials[right]) == _turned_away(trials[bracket[1]]))
 
 
+@lean
+def _is_finer(level: Level, other: Level) -> bool:
+    tolerance, stations, points = level.accuracy.relative_tolerance, level.quadrature.stations, level.quadrature.points
+    return bool(
+        tolerance < other.accuracy.relative_tolerance
+        or stations.shape[0] > other.quadrature.stations.shape[0]
+        or points.shape[0] > other.quadrature.points.shape[0]
+    )
+
+
 @compiled
 def _settle(
     left: int, right: int, first: int, strike: Strike, model: Model, levels: Levels, room: Room, count: int
@@ -272,7 +282,8 @@ def _settle(
     for k in range(first, len(levels)):
         if k == LAST:
             slow = trials[right, ANGLE] < SLOW_EXIT and model.panels.area.size == 0
-            if not (slow or abs(found[k - 1] - found[k - 2]) > max(DOUBT, levels[k].tolerance)):
+            doubtful = slow or abs(found[k - 1] - found[k - 2]) > max(DOUBT, levels[k].tolerance)
+            if not doubtful or not _is_finer(levels[LAST], levels[ASKED]):
                 break
             trials[begun:count, FINE] = 0.0  # these only showed where to look
         begun = count

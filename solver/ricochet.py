@@ -125,7 +125,7 @@ def critical_angle(
         bracket=change.bracket,
         iterations=trials,
         other_crossings=change.other_crossings,
-        warnings=_warnings(shot, impact, change, trials),
+        warnings=_warnings(shot, impact, change, trials, by_paper=paper),
     )
 
 
@@ -230,7 +230,9 @@ def _first_onset(brackets: list[tuple[Trial, Trial]], trials: tuple[Trial, ...])
     )
 
 
-def _warnings(shot: Shot, impact: Impact, change: Change, trials: tuple[Trial, ...]) -> tuple[ModelWarning, ...]:
+def _warnings(
+    shot: Shot, impact: Impact, change: Change, trials: tuple[Trial, ...], *, by_paper: bool
+) -> tuple[ModelWarning, ...]:
     warnings = list(
         advice.input_warnings(
             projectile=shot.projectile,
@@ -245,8 +247,8 @@ def _warnings(shot: Shot, impact: Impact, change: Change, trials: tuple[Trial, .
         warnings.append(advice.RICOCHET_AT_LOWER_BOUND)
     if any(trial.outcome is Outcome.IN_MOTION for trial in change.deciding or trials):
         warnings.append(advice.undecided(termination_time=shot.numerics.termination_time))
-    if change.angle is not None and shot.numerics.method == "adaptive":
-        release = next(trial.final_position for trial in trials if trial.oblique_angle == change.angle)
-        warnings += advice.slow_exit(release_depth=release, diameter=shot.projectile.diameter)
+    for trial in change.deciding:
+        if trial.oblique_angle == change.angle and not by_paper:  # whose positions are not those of the release
+            warnings += advice.slow_exit(release_depth=trial.final_position, diameter=shot.projectile.diameter)
     warnings.append(advice.NO_MEASURED_ANGLE)
     return tuple(warnings)

@@ -55,6 +55,7 @@ async def write_hdf5(path: Path, operation: str, slices: AsyncGenerator[list[Cas
         with await run_sync(BatchFile, path, operation) as batch:
             async for results in slices:
                 await run_sync(batch.write, results)
+            await run_sync(batch.finish)  # compresses what is left and reads the whole file for its hash
         return await run_sync(path.open, "rb")
     except OSError as error:  # what HDF5 says of it holds the path
         why = os.strerror(error.errno) if error.errno else "the disk refuses it"
