@@ -11,16 +11,16 @@ from fastapi import FastAPI
 from pydantic.json_schema import models_json_schema
 from starlette.types import ASGIApp
 
-from service.cache import ResultCache
+from service.batches.runner import Runner
 from service.engine import Engine
-from service.executor import PoolExecutor
 from service.keys import SCHEMA_VERSION
 from service.logs import RequestLog
+from service.pool.executor import PoolExecutor
 from service.problems import MEDIA_TYPE, install_problem_handlers
+from service.results.cache import ResultCache
 from service.routes import batch, cra, docs, health, jobs, metrics, results, sweep, trajectory
 from service.routes.download import FOLDER as DOWNLOADS
 from service.routes.hot import HotAnswers, HotPath
-from service.runner import Runner
 from service.schemas import CriticalAngleBatch, CriticalAngleSweep, TrajectoryBatch, TrajectorySweep
 from service.settings import Settings
 

@@ -10,12 +10,12 @@ from anyio import CapacityLimiter
 from anyio.to_thread import run_sync
 
 from service.admission import QueriesWaitingError, Rate
-from service.cache import ResultCache
-from service.executor import PoolExecutor
+from service.jobs.slices import Request
 from service.keys import SCHEMA_VERSION, result_key
-from service.record import FloatColumns, Record
-from service.slices import Request
-from service.worker import Call, Finished
+from service.pool.executor import PoolExecutor
+from service.pool.worker import Call, Finished
+from service.results.cache import ResultCache
+from service.results.record import FloatColumns, Record
 from solver import ENGINE_VERSION
 
 __all__ = ["AbandonedError", "CacheStatus", "Chunk", "Engine", "Operation", "Request", "Wanted"]

@@ -10,8 +10,8 @@ from http import HTTPStatus
 from typing import Any
 
 from service.admission import QueriesWaitingError, QueueFullError
-from service.jobs import IdempotencyBusyError, IdempotencyConflictError, StorageError
-from service.lane import PoolUnavailableError, TaskTimeoutError, WorkerCrashedError
+from service.jobs.store import IdempotencyBusyError, IdempotencyConflictError, StorageError
+from service.pool.lane import PoolUnavailableError, TaskTimeoutError, WorkerCrashedError
 from service.schemas.pointers import pointer_of_parameter
 from solver import IntegrationError, ParameterError, StepLimitError
 

@@ -15,12 +15,12 @@ from fastapi import HTTPException, Request
 from pydantic import MISSING, BaseModel, ValidationError
 from pydantic_core import to_json
 
+from service.jobs.slices import Case
 from service.kinds import errors_of as errors_of_case
 from service.problems import MOST_ERRORS, InvalidBodyError, errors_told
 from service.routes.body import JSON, JSONL, parse_json, require_type, stream_up_to
 from service.schemas.batches import MOST_LINES, Cases
 from service.schemas.sweeps import AxisError, Grid, Outline
-from service.slices import Case
 from solver import ParameterError
 
 LINES = 200

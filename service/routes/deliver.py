@@ -12,17 +12,17 @@ from anyio import CancelScope
 from fastapi import Depends, Header, HTTPException, Request, Response
 from fastapi.responses import StreamingResponse
 
-from service.jobs import Idempotency, JobState
+from service.batches.runner import Runner
+from service.batches.small import CaseResult
+from service.jobs.slices import Case
+from service.jobs.store import Idempotency, JobState
 from service.routes.accept import choose
 from service.routes.body import JSON, JSONL
 from service.routes.cases import Incoming
 from service.routes.items import as_array, as_lines, to_item, to_lines
 from service.routes.metrics import Metrics
 from service.routes.prefer import Preference, read_preference
-from service.runner import Runner
 from service.settings import Settings
-from service.slices import Case
-from service.small import CaseResult
 
 FORMS = (JSON, JSONL)
 VARY = {"Vary": "Prefer, Accept"}

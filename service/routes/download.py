@@ -10,10 +10,10 @@ from anyio import CancelScope
 from anyio.to_thread import run_sync
 from fastapi.responses import StreamingResponse
 
-from service.hdf5 import BatchFile
-from service.jobs import JobState, StorageError
+from service.batches.small import CaseResult
+from service.jobs.store import JobState, StorageError
+from service.results.hdf5 import BatchFile
 from service.routes.items import header, to_rows
-from service.small import CaseResult
 
 CSV = "text/csv"
 HDF5 = "application/x-hdf5"

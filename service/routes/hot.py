@@ -8,7 +8,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from service.engine import Engine
 from service.logs import BEGUN
-from service.record import Record
+from service.results.record import Record
 
 PATHS = frozenset({"/cra", "/trajectory"})
 LONGEST = 8 * 1024

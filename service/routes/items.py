@@ -8,7 +8,7 @@ from typing import Any
 
 import orjson
 
-from service.small import CaseResult
+from service.batches.small import CaseResult
 
 PIECE = 128 * 1024
 """Sent at once. [bytes]"""

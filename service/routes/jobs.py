@@ -12,16 +12,16 @@ from fastapi import APIRouter, Depends, Header, HTTPException, Path, Query, Requ
 from fastapi.responses import StreamingResponse
 from fastapi.sse import EventSourceResponse, ServerSentEvent
 
-from service.jobs import JobState
+from service.batches.runner import Runner
+from service.batches.small import CaseResult
+from service.jobs.store import JobState
 from service.routes.accept import choose
 from service.routes.body import JSON, JSONL
 from service.routes.contract import RETRY_LATER, Responses, problems
 from service.routes.deliver import closing, job_json, job_response, retry_after, to_job, until
 from service.routes.download import CSV, HDF5, send_hdf5, to_csv
 from service.routes.items import as_array, as_lines
-from service.runner import Runner
 from service.schemas import Job, JobResults, Jobs
-from service.small import CaseResult
 
 router = APIRouter(tags=["jobs"])
 

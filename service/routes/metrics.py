@@ -19,16 +19,16 @@ from prometheus_client import (
     generate_latest,
 )
 
-from service.cache import ResultCache
+from service.batches.runner import Runner
+from service.batches.small import CaseResult
 from service.engine import Operation
-from service.executor import PoolExecutor
-from service.jobs import JobState, JobStore, Status
+from service.jobs.slices import CaseState
+from service.jobs.store import JobState, JobStore, Status
 from service.keys import SCHEMA_VERSION
-from service.record import Record
+from service.pool.executor import PoolExecutor
+from service.results.cache import ResultCache
+from service.results.record import Record
 from service.routes.contract import problems
-from service.runner import Runner
-from service.slices import CaseState
-from service.small import CaseResult
 from solver import ENGINE_VERSION
 
 router = APIRouter(tags=["health"])

@@ -10,8 +10,8 @@ from typing import Annotated
 from anyio.to_thread import run_sync
 from fastapi import APIRouter, Header, HTTPException, Path, Request, Response
 
-from service.hdf5 import to_hdf5
-from service.record import Record
+from service.results.hdf5 import to_hdf5
+from service.results.record import Record
 from service.routes.accept import choose, matches
 from service.routes.contract import AskedEngine, Responses, problems
 from service.schemas import Result

@@ -3,10 +3,10 @@
 from fastapi import APIRouter, Request, Response
 
 from service.engine import Operation
+from service.pool.worker import run_trajectory
 from service.routes.body import JsonRoute
 from service.routes.contract import COMPUTED, AskedEngine, computed
 from service.schemas import TrajectoryAnswer, TrajectoryRequest, trajectory_answer
-from service.worker import run_trajectory
 
 router = APIRouter(route_class=JsonRoute, tags=["trajectory"])
 

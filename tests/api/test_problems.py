@@ -7,8 +7,8 @@ from starlette.responses import Response
 
 from service.admission import QueriesWaitingError, QueueFullError
 from service.app import create_app
-from service.jobs import IdempotencyBusyError, IdempotencyConflictError, StorageError
-from service.lane import PoolUnavailableError, TaskTimeoutError, WorkerCrashedError
+from service.jobs.store import IdempotencyBusyError, IdempotencyConflictError, StorageError
+from service.pool.lane import PoolUnavailableError, TaskTimeoutError, WorkerCrashedError
 from service.problems import HANDLED, InvalidBodyError, Problem
 from solver import IntegrationError, ParameterError, StepLimitError
 

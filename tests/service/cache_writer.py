@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from service.cache import ResultCache
-from service.record import Record
+from service.results.cache import ResultCache
+from service.results.record import Record
 
 cache = ResultCache(Path(sys.argv[1]), memory_bytes=0, disk_bytes=int(sys.argv[2]))
 rows = {"time_s": np.random.default_rng(0).normal(size=4000)}

@@ -2,7 +2,7 @@ from collections.abc import AsyncIterator
 
 import pytest
 
-from service.executor import PoolExecutor
+from service.pool.executor import PoolExecutor
 
 
 @pytest.fixture

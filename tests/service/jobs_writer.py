@@ -7,8 +7,8 @@ import sys
 import time
 from pathlib import Path
 
-from service.jobs import JobStore
-from service.slices import SLICE, Case, CaseState, pack
+from service.jobs.slices import SLICE, Case, CaseState, pack
+from service.jobs.store import JobStore
 from tests.service.questions import PROBLEM, Question
 
 CASES = 450

@@ -3,7 +3,7 @@
 import asyncio
 import sys
 
-from service.executor import PoolExecutor
+from service.pool.executor import PoolExecutor
 
 
 async def main(task: str) -> None:

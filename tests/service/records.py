@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from service.record import Record
-from service.tables import MOTION
+from service.results.record import Record
+from service.results.tables import MOTION
 
 COLUMNS = [column.name for column in MOTION]
 

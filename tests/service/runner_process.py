@@ -7,7 +7,7 @@ import asyncio
 import sys
 from pathlib import Path
 
-from service.executor import PoolExecutor
+from service.pool.executor import PoolExecutor
 from tests.service.squares import accepted, cases, ended, running
 
 CASES = 300

@@ -7,11 +7,11 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any
 
-from service.cache import ResultCache
+from service.batches.runner import Case, CaseResult, JobState, Runner
 from service.engine import Engine, Operation
-from service.executor import PoolExecutor
-from service.jobs import JobStore
-from service.runner import Case, CaseResult, JobState, Runner
+from service.jobs.store import JobStore
+from service.pool.executor import PoolExecutor
+from service.results.cache import ResultCache
 from solver import ParameterError
 from tests.service.questions import Question, work
 

@@ -9,11 +9,11 @@ from pathlib import Path
 
 import pytest
 
-from service.cache import ResultCache
-from service.executor import PoolExecutor
-from service.jobs import JobStore
-from service.runner import StorageError
-from service.slices import Case
+from service.batches.runner import StorageError
+from service.jobs.slices import Case
+from service.jobs.store import JobStore
+from service.pool.executor import PoolExecutor
+from service.results.cache import ResultCache
 from tests.service.questions import Question, runs
 from tests.service.runner_process import CASES
 from tests.service.squares import accepted, all_results, cases, collect, ended, running, squares, until_done

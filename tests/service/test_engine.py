@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 
 from service.admission import QueriesWaitingError
-from service.cache import NOT_CACHED, ResultCache
 from service.engine import AbandonedError, Engine, Operation, Wanted
-from service.executor import PoolExecutor
 from service.keys import result_key
-from service.lane import WorkerCrashedError
-from service.record import FloatColumns
+from service.pool.executor import PoolExecutor
+from service.pool.lane import WorkerCrashedError
+from service.results.cache import NOT_CACHED, ResultCache
+from service.results.record import FloatColumns
 from solver.arrays import FloatArray
 
 pytestmark = [pytest.mark.anyio, pytest.mark.timeout(60)]

@@ -19,9 +19,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from service.executor import PoolExecutor
-from service.lane import PoolUnavailableError, TaskTimeoutError, WorkerCrashedError
-from service.worker import Call
+from service.pool.executor import PoolExecutor
+from service.pool.lane import PoolUnavailableError, TaskTimeoutError, WorkerCrashedError
+from service.pool.worker import Call
 
 pytestmark = [pytest.mark.anyio, pytest.mark.timeout(60)]
 

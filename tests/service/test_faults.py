@@ -15,9 +15,9 @@ from benchmarks.stress.faults_crashes import kill_servers, kill_workers
 from benchmarks.stress.faults_disk import fill_disks
 from benchmarks.stress.faults_found import Found
 from benchmarks.stress.faults_losses import lose_files
-from service.executor import PoolExecutor
-from service.job import JobState
-from service.runner import StorageError
+from service.batches.runner import StorageError
+from service.jobs.job import JobState
+from service.pool.executor import PoolExecutor
 from tests.service.squares import accepted, all_results, cases, ended, running, squares, until_done
 
 needs_proc = pytest.mark.skipif(not Path("/proc/self/environ").exists(), reason="finds processes in /proc")

@@ -13,10 +13,10 @@ import numpy as np
 import orjson
 import pytest
 
-from service.hdf5 import BLOCK, BatchFile, DamagedFileError, check, read_keys, read_records, to_hdf5
-from service.record import Record
+from service.results.hdf5 import BLOCK, BatchFile, DamagedFileError, check, read_keys, read_records, to_hdf5
+from service.results.record import Record
+from service.results.tables import MOTION, SCALARS, TRIALS
 from service.schemas.answers import MotionState, Trial
-from service.tables import MOTION, SCALARS, TRIALS
 from tests.service.records import (
     COLUMNS,
     critical_angle,

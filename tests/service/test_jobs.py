@@ -12,11 +12,11 @@ from pathlib import Path
 import orjson
 import pytest
 
-from service import jobs as module
-from service.database import StorageError
-from service.jobs import Idempotency, JobState, JobStore
+from service.jobs import store as module
+from service.jobs.database import StorageError
+from service.jobs.slices import SLICE, Case, CaseState, pack, split_custom_ids, split_keys, split_requests
+from service.jobs.store import Idempotency, JobState, JobStore
 from service.keys import result_key
-from service.slices import SLICE, Case, CaseState, pack, split_custom_ids, split_keys, split_requests
 from tests.service.questions import PROBLEM, Question
 
 pytestmark = pytest.mark.timeout(60)

@@ -13,9 +13,9 @@ from pathlib import Path
 import pytest
 
 from service.admission import QueueFullError
-from service.executor import PoolExecutor
-from service.jobs import IdempotencyBusyError, IdempotencyConflictError
-from service.runner import Case, CaseResult, Idempotency, Runner, StorageError
+from service.batches.runner import Case, CaseResult, Idempotency, Runner, StorageError
+from service.jobs.store import IdempotencyBusyError, IdempotencyConflictError
+from service.pool.executor import PoolExecutor
 from tests.service.questions import Question, runs
 from tests.service.squares import (
     accepted,
@@ -137,7 +137,7 @@ async def test_cancel_takes_effect_at_once_and_leaves_what_is_there(runner: Runn
 async def test_cases_that_turn_out_slow_are_shared_out_anew(
     runner: Runner, log: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("service.dispatch.OVERLONG_SECONDS", 0.5)
+    monkeypatch.setattr("service.batches.dispatch.OVERLONG_SECONDS", 0.5)
     job = await accepted(runner, cases(range(100), seconds=0.001) + cases(range(100, 120), log, seconds=0.4))
     began = time.monotonic()
     assert (await ended(runner, job)).done == 120

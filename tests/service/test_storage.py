@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from service.cache import ResultCache
-from service.segments import name_of
-from service.storage import UnusableFolderError, evict, rebuild, stat, verify
+from service.results.cache import ResultCache
+from service.results.segments import name_of
+from service.results.storage import UnusableFolderError, evict, rebuild, stat, verify
 from tests.service.records import critical_angle, key_of
 
 pytestmark = pytest.mark.timeout(60)

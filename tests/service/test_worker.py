@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from service.executor import PoolExecutor
-from service.worker import Channel, answer, run_cra, run_trajectory, unpacked
+from service.pool.executor import PoolExecutor
+from service.pool.worker import Channel, answer, run_cra, run_trajectory, unpacked
 from solver import Impact, Numerics, ParameterError, Search, critical_angle, simulate
 from solver.cases import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY
 

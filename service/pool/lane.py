@@ -9,8 +9,8 @@ from concurrent.futures import Future
 from contextlib import suppress
 from multiprocessing.context import ForkServerContext
 
-from service.backlog import CHUNK, END, Backlog, Job
-from service.worker import STOP, Channel, Finished, serve, unpacked
+from service.pool.backlog import CHUNK, END, Backlog, Job
+from service.pool.worker import STOP, Channel, Finished, serve, unpacked
 
 ATTEMPTS = 2
 """A call that has ended this many workers is given up."""

@@ -11,14 +11,14 @@ from anyio import CapacityLimiter
 from anyio.to_thread import run_sync
 
 from service.admission import QueueFullError, Rate
+from service.batches.pace import Pace
+from service.batches.turns import Slots
 from service.engine import AbandonedError, Engine, Wanted
+from service.jobs.slices import Case
 from service.keys import result_key
 from service.kinds import problem_of
-from service.lane import PoolUnavailableError
-from service.pace import Pace
-from service.record import Record
-from service.slices import Case
-from service.turns import Slots
+from service.pool.lane import PoolUnavailableError
+from service.results.record import Record
 
 CHUNK_SECONDS = 0.1
 """Of work in a chunk: the client sees the first results soon."""

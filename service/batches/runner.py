@@ -10,13 +10,20 @@ from anyio import CancelScope, CapacityLimiter
 from anyio.to_thread import run_sync
 
 from service.admission import QueueFullError, Rate
-from service.dispatch import Dispatcher
+from service.batches.dispatch import Dispatcher
+from service.batches.reading import Reader
+from service.batches.small import CaseResult, SmallWork
+from service.batches.turns import Slots
 from service.engine import Engine
-from service.jobs import Idempotency, IdempotencyBusyError, IdempotencyConflictError, JobState, JobStore, StorageError
-from service.reading import Reader
-from service.slices import SLICE, Case, pack
-from service.small import CaseResult, SmallWork
-from service.turns import Slots
+from service.jobs.slices import SLICE, Case, pack
+from service.jobs.store import (
+    Idempotency,
+    IdempotencyBusyError,
+    IdempotencyConflictError,
+    JobState,
+    JobStore,
+    StorageError,
+)
 
 __all__ = [
     "Case",

@@ -3,7 +3,7 @@
 import threading
 from collections import OrderedDict
 
-from service.record import Record
+from service.results.record import Record
 
 
 class RecentRecords:

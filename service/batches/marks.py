@@ -5,12 +5,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from service.active import Waiting
 from service.admission import QueueFullError
+from service.batches.active import Waiting
 from service.engine import AbandonedError, Answered
+from service.jobs.slices import CaseState
 from service.kinds import problem_of
-from service.lane import PoolUnavailableError
-from service.slices import CaseState
+from service.pool.lane import PoolUnavailableError
 
 PASSING = (AbandonedError, PoolUnavailableError, QueueFullError)
 """Errors that are none of the case's own: it is tried again."""

@@ -20,9 +20,9 @@ from concurrent.futures import Future, wait
 from contextlib import suppress
 from typing import Any, TypeVar, TypeVarTuple
 
-from service.backlog import CHUNK, END, PROBE, SINGLE, Backlog, Job
-from service.lane import ExecutorError, Lane, PoolUnavailableError
-from service.worker import Call, Finished
+from service.pool.backlog import CHUNK, END, PROBE, SINGLE, Backlog, Job
+from service.pool.lane import ExecutorError, Lane, PoolUnavailableError
+from service.pool.worker import Call, Finished
 
 Arguments = TypeVarTuple("Arguments")
 Result = TypeVar("Result")
@@ -44,7 +44,7 @@ class PoolExecutor:
 
     def __init__(self, *, workers: int, task_seconds: float) -> None:
         context = multiprocessing.get_context("forkserver")
-        context.set_forkserver_preload(["service.preload", "service.worker"])
+        context.set_forkserver_preload(["service.pool.preload", "service.pool.worker"])
         self._jobs = Backlog()
         self._numbers = itertools.count()
         self._unfinished: set[Future[Any]] = set()

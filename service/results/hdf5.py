@@ -21,9 +21,9 @@ import h5py
 import numpy as np
 import orjson
 
-from service.chunks import Stream, memory_file, read_single, write_attribute
-from service.record import Record
-from service.tables import (
+from service.results.chunks import Stream, memory_file, read_single, write_attribute
+from service.results.record import Record
+from service.results.tables import (
     CASE,
     MOTION,
     NUMBERING,

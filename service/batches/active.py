@@ -6,9 +6,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from service.jobs import JobState
-from service.pace import Pace
-from service.slices import SLICE
+from service.batches.pace import Pace
+from service.jobs.slices import SLICE
+from service.jobs.store import JobState
 
 CHUNK_SECONDS = 0.25
 """Of work in a chunk: what a crash costs at most, and a hundred times what handing it over does."""

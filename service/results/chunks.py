@@ -15,7 +15,7 @@ import h5py
 import numpy as np
 from h5py import h5a, h5d, h5f, h5p, h5s, h5t
 
-from service.tables import Column, Table
+from service.results.tables import Column, Table
 
 LEVEL = 3
 """Of the compression: the next ones take twice the time for a tenth less."""

@@ -1,7 +1,7 @@
 """Results on disk, in segments of one or many, and the latest of them in memory.
 
     results/index.sqlite     which result is in which segment; made anew from the segments if it is lost
-    results/segments/        see `service.segments`
+    results/segments/        see `service.results.segments`
 
 A folder belongs to one running service.
 """
@@ -16,11 +16,11 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from service.hdf5 import DamagedFileError, read_keys, read_records, to_hdf5
-from service.index import Index, Place, Statistics, discard_index
-from service.recent import RecentRecords
-from service.record import Record
-from service.segments import FolderLock, Segments, discard, name_of
+from service.results.hdf5 import DamagedFileError, read_keys, read_records, to_hdf5
+from service.results.index import Index, Place, Statistics, discard_index
+from service.results.recent import RecentRecords
+from service.results.record import Record
+from service.results.segments import FolderLock, Segments, discard, name_of
 
 NOT_CACHED = "result_not_cached"
 KEY = re.compile(r"[0-9a-f]{64}")

@@ -16,10 +16,10 @@ from typing import Any
 
 import orjson
 
-from service.database import Database, JobGoneError, StorageError
-from service.job import CaseRow, Idempotency, IdempotencyBusyError, IdempotencyConflictError, JobState, Status
+from service.jobs.database import Database, JobGoneError, StorageError
+from service.jobs.job import CaseRow, Idempotency, IdempotencyBusyError, IdempotencyConflictError, JobState, Status
+from service.jobs.slices import SLICE, CaseState, Slice, join_keys, split_custom_ids, split_keys, split_requests
 from service.keys import SCHEMA_VERSION, result_key
-from service.slices import SLICE, CaseState, Slice, join_keys, split_custom_ids, split_keys, split_requests
 from solver import ENGINE_VERSION
 
 __all__ = [

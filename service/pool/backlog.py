@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, field
 
-from service.worker import Call, Finished, packed
+from service.pool.worker import Call, Finished, packed
 
 PROBE, SINGLE, CHUNK, END = range(4)
 """Priorities of jobs. A probe and a single call overtake chunks, also one that runs, between two of its calls."""

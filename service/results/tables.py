@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from service.record import FloatColumns, Record
+from service.results.record import FloatColumns, Record
 
 Table = npt.NDArray[Any]
 

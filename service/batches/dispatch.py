@@ -16,14 +16,14 @@ from typing import Any, TypeVar
 from anyio import CapacityLimiter
 from anyio.to_thread import run_sync
 
-from service.active import ActiveJob, Waiting
 from service.admission import Rate
+from service.batches.active import ActiveJob, Waiting
+from service.batches.marks import Marks
+from service.batches.turns import Place, Slots, Turns
 from service.engine import Engine, Wanted
-from service.jobs import VERSIONS, JobGoneError, JobState, JobStore, Status, StorageError
+from service.jobs.slices import CaseState
+from service.jobs.store import VERSIONS, JobGoneError, JobState, JobStore, Status, StorageError
 from service.kinds import problem_of
-from service.marks import Marks
-from service.slices import CaseState
-from service.turns import Place, Slots, Turns
 
 AHEAD = 10
 """Slices looked up in the cache at once: what is there is marked without a chunk being made of it."""

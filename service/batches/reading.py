@@ -10,10 +10,10 @@ from typing import Any, TypeVar
 from anyio import CapacityLimiter
 from anyio.to_thread import run_sync
 
+from service.batches.small import CaseResult, SmallWork
 from service.engine import Engine
-from service.jobs import CaseRow, JobState, JobStore
-from service.slices import Case, CaseState
-from service.small import CaseResult, SmallWork
+from service.jobs.slices import Case, CaseState
+from service.jobs.store import CaseRow, JobState, JobStore
 
 MOST_CASES = 200
 FIRST_CASES = 16

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from datetime import datetime
 from typing import Any, Literal, NamedTuple, TypeAlias
 
-from service.slices import CaseState
+from service.jobs.slices import CaseState
 
 Status: TypeAlias = Literal["accepted", "running", "successful", "failed", "dismissed"]
 FINAL = frozenset({"successful", "failed", "dismissed"})
