@@ -298,6 +298,17 @@ def _settle(
     return left, right, count
 
 
+@lean
+def _lead(lowest: FloatArray, highest: FloatArray, trials: FloatArray, brackets: npt.NDArray[np.int64]) -> bool:
+    """Whether these changes lead from one end of the range to the other, so that none is missing between them."""
+    turned_away = _turned_away(lowest)
+    for i in range(brackets.shape[0]):
+        if _turned_away(trials[brackets[i, 0]]) != turned_away:
+            return False
+        turned_away = _turned_away(trials[brackets[i, 1]])
+    return bool(turned_away == _turned_away(highest))
+
+
 @compiled
 def search_outcome(angles: FloatArray, strike: Strike, model: Model, levels: Levels) -> Found:
     """Scan `angles`, which rise, then narrow every change of outcome level by level.
@@ -308,9 +319,9 @@ def search_outcome(angles: FloatArray, strike: Strike, model: Model, levels: Lev
         make_work(), make_linearisation(), np.empty((1, STEP_WIDTH)), np.zeros((MOST_TRIALS + 8 * angles.size, 5))
     )
     trials, brackets = room.trials, np.zeros((angles.size, 2), np.int64)
-    count = changes = 0
+    count = changes = earlier = 0
     panels = model.panels.area.size > 0  # as many at every level
-    for scan in range(2):  # without a change the scan is repeated as finely as asked
+    for scan in range(2):  # without a change, or if one is missing, the scan is repeated as finely as asked
         first = ASKED if panels or scan == 1 else ROUGH
         numbers, count = _scan(angles, strike, model, levels[first], room, count)
         for i in range(numbers.size - 1):
@@ -324,6 +335,8 @@ def search_outcome(angles: FloatArray, strike: Strike, model: Model, levels: Lev
                 changes += 1
         if _failed(trials[count - 1]):
             return Found(trials[:count], brackets[:0])
-        if changes > 0 or panels:
+        lowest, highest = trials[numbers[0]], trials[numbers[numbers.size - 1]]
+        if panels or scan == 1 or (changes > 0 and _lead(lowest, highest, trials, brackets[:changes])):
             break
-    return Found(trials[:count], brackets[:changes])
+        earlier, changes = changes, 0
+    return Found(trials[:count], brackets[: changes if changes > 0 else earlier])

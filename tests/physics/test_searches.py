@@ -11,14 +11,20 @@ import pytest
 from solver import (
     ConstantStrengthFactor,
     CriticalAngle,
+    ElasticPlastic,
     Impact,
     Numerics,
     ObliquityPolynomial,
+    Ogive,
     Outcome,
     ParameterError,
+    Projectile,
     Resistance,
     Search,
     SearchStatus,
+    StrengthPowerLaw,
+    Target,
+    Trial,
     critical_angle,
     simulate,
 )
@@ -234,3 +240,23 @@ def test_critical_angle_at_which_the_nose_is_still_inside_at_release_comes_with_
     assert run.outcome is Outcome.RICOCHET
     assert "slow_exit" in {warning.code for warning in run.warnings}
     assert "slow_exit" not in codes(find())
+
+
+def test_changes_of_outcome_lead_from_one_end_of_the_range_to_the_other() -> None:
+    found = critical_angle(  # slow, on strong concrete: turned away at 25°, not at 34°, and again at 37°
+        projectile=Projectile(nose=Ogive(caliber_radius_head=2.16), diameter=0.14655, length=0.712, mass=89.81),
+        target=Target(compressive_strength=82.86e6, density=2109.5),
+        velocity=106.8,
+        angle_of_attack=-0.0181,
+        resistance=Resistance(strength_factor=StrengthPowerLaw(), free_surface=ElasticPlastic(inertia=True)),
+    )
+    assert found.status is SearchStatus.CONVERGED
+    assert found.angle is not None
+    changes = [found.angle, *found.other_crossings]
+    first, last = (min(found.iterations, key=key) for key in (_angle, lambda trial: -_angle(trial)))
+    assert (first.outcome is not last.outcome) == (len(changes) % 2 == 1)
+    assert len(changes) == 3
+
+
+def _angle(trial: Trial) -> float:
+    return trial.oblique_angle
