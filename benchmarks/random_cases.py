@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import TypedDict
 
 import numpy as np
@@ -18,6 +19,7 @@ from solver import (
     Target,
     solid_properties,
 )
+from solver.cases import PAPER_PROJECTILE
 
 DECAYS = (
     ElasticPlastic(),
@@ -60,6 +62,25 @@ def random_cases(count: int, seed: int) -> Cases:
     """
     random = np.random.default_rng(seed)
     return together(_random_case(random, index) for index in range(count))
+
+
+def study_cases(count: int, seed: int) -> Cases:
+    """`count` strikes about the paper's, as a study of one projectile asks for; likewise, and cheap ones.
+
+    Velocity 200 to 400 m/s, strength 25 to 55 MPa and density 2100 to 2500 kg/m³ of the concrete, mass 11 to 15 kg.
+    """
+    random = np.random.default_rng(seed)
+    return together(_study_case(random) for _ in range(count))
+
+
+def _study_case(random: np.random.Generator) -> Case:
+    return {
+        "projectile": replace(PAPER_PROJECTILE, mass=random.uniform(11.0, 15.0)),
+        "target": Target(compressive_strength=random.uniform(25e6, 55e6), density=random.uniform(2100.0, 2500.0)),
+        "velocity": random.uniform(200.0, 400.0),
+        "angle_of_attack": 0.0,
+        "resistance": Resistance(),
+    }
 
 
 def _random_case(random: np.random.Generator, index: int) -> Case:

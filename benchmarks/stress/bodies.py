@@ -6,14 +6,14 @@ from typing import Any
 
 import orjson
 
-from benchmarks.random_cases import Case, one_by_one, random_cases
+from benchmarks.random_cases import Case, Cases, one_by_one
 from service.schemas import CriticalAngleRequest
 from solver import ElasticPlastic, MohrCoulomb, Ogive, StrengthPowerLaw
 
 
-def strikes(count: int, seed: int) -> list[dict[str, Any]]:
-    """Random `/cra` requests."""
-    return [to_request(case) for case in one_by_one(random_cases(count, seed))]
+def to_requests(cases: Cases) -> list[dict[str, Any]]:
+    """Cases as `/cra` requests."""
+    return [to_request(case) for case in one_by_one(cases)]
 
 
 def to_request(case: Case) -> dict[str, Any]:

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks.random_cases import one_by_one, random_cases
-from benchmarks.stress.bodies import strikes, to_arguments
+from benchmarks.stress.bodies import to_arguments, to_requests
 from benchmarks.stress.lines import Line
 from benchmarks.stress.mutations import ROUTES, mutants
 from benchmarks.stress.report import as_table
@@ -18,7 +18,8 @@ COUNT = 20
 
 
 def test_bodies_ask_for_the_random_cases() -> None:
-    for request, case in zip(strikes(COUNT, seed=1), one_by_one(random_cases(COUNT, seed=1)), strict=True):
+    cases = random_cases(COUNT, seed=1)
+    for request, case in zip(to_requests(cases), one_by_one(cases), strict=True):
         arguments = to_arguments(request)
         for name in ("projectile", "target", "velocity", "resistance"):
             assert arguments[name] == case[name]
