@@ -1,7 +1,7 @@
 """The service under load: a large batch against a bare pool, what others notice of it, and hot answers.
 
-The cases are those of a study of one projectile. They take about as long as the paper's, a third of what random ones do,
-so that the service's own share of the time counts for more.
+The cases are those of a study of one projectile. They take about as long as the paper's, a third of what random ones
+do, so that the service's own share of the time counts for more.
 """
 
 import json
