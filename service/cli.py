@@ -6,7 +6,7 @@ from importlib.metadata import version
 
 from pydantic import ValidationError
 
-from service.commands import cache, contract
+from service.commands import cache, calibrate, contract
 from service.commands.serve import serve
 from service.settings import Settings
 from solver import ENGINE_VERSION
@@ -21,6 +21,7 @@ def main(arguments: list[str] | None = None) -> int:
     export.add_argument("--check", action="store_true", help="only tell whether the file there is up to date")
     results = commands.add_parser("cache", help="look after the results of the data folder")
     cache.add_commands(results.add_subparsers(dest="action", required=True))
+    calibrate.add_commands(commands)
     commands.add_parser("version", help="print the versions of the package and the solver")
     asked = parser.parse_args(arguments)
     if asked.command in {"serve", "cache"}:
@@ -29,6 +30,8 @@ def main(arguments: list[str] | None = None) -> int:
         except ValidationError as error:
             parser.error(f"a RICOCHET_... variable is wrong: {error}")
         return serve(settings) if asked.command == "serve" else cache.look_after(settings, asked)
+    if asked.command == "calibrate":
+        return calibrate.run(asked)
     if asked.command == "openapi":
         return contract.check_contract() if asked.check else contract.write_contract()
     print(f"ricochet {version('ricochet')}, engine {ENGINE_VERSION}")

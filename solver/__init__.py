@@ -6,6 +6,7 @@ from solver.free_surface import ElasticPlastic, MohrCoulomb, NoFreeSurface, deca
 from solver.impact import Impact
 from solver.many import critical_angle_many, simulate_many
 from solver.numerics import Numerics
+from solver.penetration import closed_form_depth
 from solver.projectile import (
     Conical,
     Flat,
@@ -67,6 +68,7 @@ __all__ = [
     "Target",
     "Trajectory",
     "Trial",
+    "closed_form_depth",
     "concrete_youngs_modulus",
     "critical_angle",
     "critical_angle_many",

@@ -1,6 +1,7 @@
 """Warnings that travel with a result: what an assessor should know before using a number."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from solver.projectile import Projectile
@@ -33,14 +34,8 @@ class ModelWarning:
     detail: str
 
 
-def input_warnings(
-    *,
-    projectile: Projectile,
-    target: Target,
-    velocity: float,
-    angle_of_attack: float,
-) -> tuple[ModelWarning, ...]:
-    """Warnings about the inputs alone, whatever the oblique angle."""
+def range_warnings(*, target: Target, velocity: float) -> tuple[ModelWarning, ...]:
+    """Warnings about a speed or a strength beyond what the resistance law was tested for."""
     found = []
     if velocity > RIGID_VELOCITY:
         found.append(
@@ -59,6 +54,18 @@ def input_warnings(
                 f"{highest / 1e6:g} MPa, the range of the tests behind the resistance law",
             )
         )
+    return tuple(found)
+
+
+def input_warnings(
+    *,
+    projectile: Projectile,
+    target: Target,
+    velocity: float,
+    angle_of_attack: float,
+) -> tuple[ModelWarning, ...]:
+    """Warnings about the inputs alone, whatever the oblique angle."""
+    found = list(range_warnings(target=target, velocity=velocity))
     if abs(angle_of_attack) > SMALL_ATTACK:
         found.append(
             ModelWarning(
@@ -170,3 +177,31 @@ RICOCHET_AT_LOWER_BOUND = ModelWarning(
     "ricochet_at_lower_bound",
     "the projectile is turned away at the lower end of the search already: a smaller critical angle lies below it",
 )
+
+STANDARD_ERROR_UNKNOWN = ModelWarning(
+    "standard_error_unknown",
+    "with the strength factor one standard error lower or higher the search finds no critical angle in the range: the "
+    "angle's own standard error is not known",
+)
+
+
+def shallow_tests(*, depths: Sequence[float], diameter: float) -> tuple[ModelWarning, ...]:
+    """Warning of depth tests that ended within the front crater."""
+    shallow_ones = [index for index, depth in enumerate(depths) if depth < CRATER_CALIBERS * diameter]
+    if not shallow_ones:
+        return ()
+    return (
+        ModelWarning(
+            "shallow_tests",
+            f"{len(shallow_ones)} of {len(depths)} tests, the first of them number {shallow_ones[0] + 1}, ended less "
+            f"than {CRATER_CALIBERS:g} diameters deep, within the front crater: spalling, which the model leaves out, "
+            "governs there",
+        ),
+    )
+
+
+def group_of_one(name: str) -> ModelWarning:
+    """Warning of a group of tests that gets no fit."""
+    return ModelWarning(
+        "group_of_one", f"group {name} has one test, which leaves no scatter to judge by: it has no fit of its own"
+    )

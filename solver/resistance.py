@@ -7,12 +7,18 @@ import math
 from dataclasses import dataclass, field
 from typing import ClassVar, TypeAlias
 
+import numpy as np
+
 from solver.errors import ParameterError
 from solver.free_surface import ElasticPlastic, FreeSurface
 from solver.target import Target
 from solver.validation import require, require_finite, require_positive
 
 FIELD = "resistance.strength_factor"
+ROUNDING = 1e-6
+"""Tolerance on correlations, for a covariance that was written with some digits."""
+STRENGTH_CHECKS = 801
+"""Angles of a range at which the strength factor is looked at."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -44,6 +50,8 @@ class ObliquityPolynomial:
     ----------
     coefficients
         From the constant term upwards. [1, 1/°, 1/°², ...]
+    covariance
+        Of the coefficients, if known: a search then tells the standard error of its angle. [products of their units]
 
     Notes
     -----
@@ -53,15 +61,51 @@ class ObliquityPolynomial:
     name: ClassVar[str] = "obliquity_polynomial"
     fitted_to: ClassVar[float] = math.radians(45.0)
     coefficients: tuple[float, ...] = (8.469, 0.0149, -0.0013)
+    covariance: tuple[tuple[float, ...], ...] | None = None
 
     def __post_init__(self) -> None:
         require(1 <= len(self.coefficients) <= 10, f"{FIELD}.coefficients", "must hold 1 to 10 numbers")
         for index, coefficient in enumerate(self.coefficients):
             require_finite(f"{FIELD}.coefficients.{index}", coefficient)
+        if self.covariance is not None:
+            _check_covariance(self.covariance, len(self.coefficients))
+
+    def standard_error(self, oblique_angle: float) -> float:
+        """Standard error of S at an oblique angle, from the covariance. [1]"""
+        if self.covariance is None:
+            raise ParameterError(f"{FIELD}.covariance", "must be given for a standard error")
+        powers = abs(math.degrees(oblique_angle)) ** np.arange(len(self.coefficients))
+        return math.sqrt(max(0.0, float(powers @ np.array(self.covariance) @ powers)))
+
+    def positive_up_to(self, lower: float, upper: float) -> float:
+        """The upper end of a range of oblique angles, or the angle below it up to which S is above zero. [rad]"""
+        angles = np.linspace(lower, upper, STRENGTH_CHECKS)
+        values = np.polynomial.polynomial.polyval(np.abs(np.degrees(angles)), self.coefficients)
+        beyond = np.flatnonzero(~(values > 0.0))
+        return float(angles[max(beyond[0] - 1, 0)]) if beyond.size else upper
 
     def polynomial(self, target: Target) -> tuple[float, ...]:
         """S in powers of the oblique angle in degrees, constant first."""
         return self.coefficients
+
+
+def _check_covariance(covariance: tuple[tuple[float, ...], ...], size: int) -> None:
+    """Refuse what is no covariance of so many coefficients."""
+    name = f"{FIELD}.covariance"
+    require(len(covariance) == size, name, f"must have a row for each of the {size} coefficients")
+    for index, row in enumerate(covariance):
+        require(len(row) == size, f"{name}.{index}", f"must hold {size} numbers, got {len(row)}")
+        for column, value in enumerate(row):
+            require_finite(f"{name}.{index}.{column}", value)
+    matrix = np.array(covariance)
+    variances = np.diagonal(matrix)
+    require(bool(np.all(variances >= 0.0)), name, "must have no variance below 0")
+    # In units of the standard errors, or the small ones of high powers would pass unseen.
+    errors = np.where(variances > 0.0, np.sqrt(variances), 1.0)
+    correlation = matrix / errors[:, None] / errors
+    require(bool(np.allclose(correlation, correlation.T, rtol=0.0, atol=ROUNDING)), name, "must be symmetric")
+    least = float(np.linalg.eigvalsh(correlation).min())
+    require(least >= -ROUNDING, name, "must be positive semidefinite, as every covariance is")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -9,6 +9,7 @@ from solver import advice
 from solver.adaptive import LARGEST_STEP, Accuracy
 from solver.advice import ModelWarning
 from solver.arrays import FloatArray
+from solver.errors import RicochetError
 from solver.events import LODGED_ENERGY
 from solver.impact import Impact
 from solver.loads import build_quadrature
@@ -17,7 +18,7 @@ from solver.numerics import SEARCH_STATIONS, SEARCH_TOLERANCE, TERMINATION_TIME,
 from solver.outcome_search import ANGLE, END, FINE, POSITION, Level, Strike, search_outcome
 from solver.paper_search import search_bisection, search_secant
 from solver.projectile import Projectile
-from solver.resistance import Resistance, strength_factor
+from solver.resistance import ObliquityPolynomial, Resistance, strength_factor
 from solver.search import Change, CriticalAngle, Search, SearchStatus, Trial
 from solver.shot import Outcome, Shot, check_end, final_tip_depth, integrate, outcome_of, prepare
 from solver.target import Target
@@ -94,6 +95,8 @@ def critical_angle(
 
     Notes
     -----
+    A covariance of the strength factor costs two more searches, which tell the standard error of the angle.
+
     Section 2.3 and eqs. 7-8. As printed, eq. 7 averages the last two angles whatever their outcome; here the bracket
     with the change of sign is kept.
     """
@@ -118,15 +121,58 @@ def critical_angle(
         angle_of_attack=angle_of_attack,
         angular_velocity=angular_velocity,
     )
-    change, trials = (_search_paper if paper else _search_outcome)(shot, impact, search)
+    change, trials = _seek(shot, impact, search)
+    standard_error, doubts = _standard_error(shot, impact, search, change)
     return CriticalAngle(
         status=change.status,
         angle=change.angle,
         bracket=change.bracket,
         iterations=trials,
         other_crossings=change.other_crossings,
-        warnings=_warnings(shot, impact, change, trials, by_paper=paper),
+        warnings=_warnings(shot, impact, change, trials, by_paper=paper) + doubts,
+        standard_error=standard_error,
     )
+
+
+def _seek(shot: Shot, impact: Impact, search: Search) -> tuple[Change, tuple[Trial, ...]]:
+    """The search by its method."""
+    return (_search_outcome if search.method == "outcome" else _search_paper)(shot, impact, search)
+
+
+def _standard_error(
+    shot: Shot, impact: Impact, search: Search, change: Change
+) -> tuple[float | None, tuple[ModelWarning, ...]]:
+    """Standard error of the critical angle from the covariance of the strength factor, if it has one. [rad]
+
+    Two more searches, with the strength factor one of its standard errors at the critical angle lower and higher. The
+    whole polynomial is shifted: near the angle that is what counts.
+    """
+    model = shot.resistance.strength_factor
+    if not isinstance(model, ObliquityPolynomial) or model.covariance is None:
+        return None, ()
+    if change.status is not SearchStatus.CONVERGED or change.angle is None:
+        return None, ()
+    shift = model.standard_error(change.angle)
+    if shift == 0.0:
+        return 0.0, ()
+    lower, upper = (_shifted_angle(shot, impact, search, by) for by in (-shift, shift))
+    if lower is None or upper is None:
+        return None, (advice.STANDARD_ERROR_UNKNOWN,)
+    return 0.5 * abs(upper - lower), ()
+
+
+def _shifted_angle(shot: Shot, impact: Impact, search: Search, shift: float) -> float | None:
+    """Critical angle with the strength factor shifted, within what it leaves of the range; None if there is none."""
+    model = shot.resistance.strength_factor
+    constant, *rest = model.polynomial(shot.target)
+    shifted = ObliquityPolynomial(coefficients=(constant + shift, *rest))
+    upper = shifted.positive_up_to(*search.bounds)
+    present = replace(shot, resistance=replace(shot.resistance, strength_factor=shifted))
+    try:
+        change, _ = _seek(present, impact, replace(search, upper=upper))
+    except RicochetError:  # must not cost the angle itself
+        return None
+    return change.angle if change.status is SearchStatus.CONVERGED else None
 
 
 def _search_paper(shot: Shot, impact: Impact, search: Search) -> tuple[Change, tuple[Trial, ...]]:

@@ -101,6 +101,8 @@ class CriticalAngle:
     other_crossings: tuple[float, ...]
     """Other angles in the range at which the outcome changes, either way. [rad]"""
     warnings: tuple[ModelWarning, ...]
+    standard_error: float | None = None
+    """Of the angle, from the covariance of the strength factor; None without one. [rad]"""
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,7 +13,7 @@ from solver.events import End, Run
 from solver.fixed_step import integrate_fixed
 from solver.impact import Impact
 from solver.loads import build_law, build_quadrature
-from solver.motion import CORNERED_RAMP, RAMP_FRACTION, STEP_WIDTH, Model, make_work, start_state
+from solver.motion import CORNERED_RAMP, RAMP_FRACTION, STEP_WIDTH, Model, make_work, sample, start_state
 from solver.numerics import ResolvedNumerics
 from solver.projectile import Projectile, mass_properties
 from solver.resistance import Resistance, strength_factor
@@ -120,3 +120,14 @@ def final_tip_depth(run: Run, body: Body, time: float) -> float:
     flight = max(0.0, time - run.time) if run.end in (End.EXIT, End.LODGED) else 0.0
     angle = run.state[2] + run.state[5] * flight
     return float(run.state[0] + run.state[3] * flight + body.tip * math.cos(angle))
+
+
+def positions_at(run: Run, steps: FloatArray, times: FloatArray) -> FloatArray:
+    """(n, 3) depth and lateral position of the centre of gravity and axis angle, at sorted `times`. [m, m, rad]
+
+    After the end of the run the projectile stays where it came to rest, or flies freely once it was released.
+    """
+    inside = int(np.searchsorted(times, run.time, side="right")) if len(steps) else 0
+    flight = times[inside:, None] - run.time if run.end in (End.EXIT, End.LODGED) else 0.0
+    after = run.state[:3] + flight * np.repeat(run.state[None, 3:], times.size - inside, axis=0)
+    return np.concatenate((sample(steps, times[:inside])[:, :3], after))

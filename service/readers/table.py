@@ -1,0 +1,221 @@
+"""CSV files: a header and rows of numbers, each known by its line."""
+
+import csv
+import math
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from service.readers.errors import FileError
+from service.readers.readings import Readings
+from service.readers.text import lines_of, read_bytes
+from service.readers.units import Quantity, UnknownUnitError, factor_to_si, spelled, unit_in_header
+
+SEPARATORS = ",;\t"
+COMMENT = "#"
+MOST_NAMES = 20
+"""Of the header, told in an error."""
+NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eEdD][+-]?\d+)?")
+DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+")
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """A CSV file as text.
+
+    Parameters
+    ----------
+    header
+        The names of the columns, in order.
+    header_line
+        Where it stands.
+    rows
+        The cells of each row, as many as the header has.
+    lines
+        Where each row begins.
+    """
+
+    path: str | Path
+    header: Sequence[str]
+    header_line: int
+    rows: Sequence[Sequence[str]]
+    lines: Sequence[int]
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """A column that is read.
+
+    Parameters
+    ----------
+    place
+        In the header, from 0.
+    factor
+        From the unit of the file to SI, with the sign of the direction.
+    """
+
+    quantity: Quantity
+    place: int
+    factor: float
+
+
+def read_table(path: str | Path, content: bytes | None = None) -> Table:
+    """Read a CSV file; commas, semicolons or tabs part the cells, lines from ``#`` on are comments.
+
+    Raises
+    ------
+    FileError
+        If it is not a table: no text, no rows, or rows of another length than the header.
+    """
+    lines = lines_of(path, read_bytes(path) if content is None else content)
+    while not lines[-1].strip():
+        lines.pop()
+    head = next((line for line in lines if line.strip() and not line.startswith(COMMENT)), None)
+    if head is None:
+        raise FileError(path, "the file holds comments only")
+    cells = _cells(path, lines, separator=max(SEPARATORS, key=head.count))
+    header_line, header = next(cells)
+    while header and not header[-1]:
+        header.pop()
+    rows, places = [], []
+    for line, row in cells:
+        if not any(row):
+            raise FileError(path, "the line is empty", line)
+        while len(row) > len(header) and not row[-1]:
+            row.pop()
+        if len(row) != len(header):
+            raise FileError(path, f"the line has {len(row)} cells, the header {len(header)}", line)
+        rows.append(row)
+        places.append(line)
+    if not rows:
+        raise FileError(path, "there are no rows below the header", header_line)
+    return Table(path, header, header_line, rows, places)
+
+
+def read_columns(
+    table: Table, quantities: Sequence[Quantity], columns: Mapping[str, str], units: Mapping[str, str]
+) -> tuple[Readings, Mapping[str, Sequence[str]]]:
+    """Read the quantities that the table has: the numbers in SI, and the columns of text.
+
+    Parameters
+    ----------
+    columns
+        Header of a quantity, where it is not that of the quantity itself. With a minus sign before it, the values
+        are taken with the other sign; empty, the quantity is left out.
+    units
+        Unit of a quantity, where the header gives none; SI if neither does.
+
+    Raises
+    ------
+    FileError
+        If a column is missing or there twice, a unit is not known, or a cell is not a number.
+    """
+    found = _find(table, quantities, columns, units)
+    text = {c.quantity.name: _texts(table, c) for c in found if c.quantity.units is None}
+    values = {c.quantity.name: np.array(_numbers(table, c)) for c in found if c.quantity.units is not None}
+    return Readings(path=table.path, values=values, lines=table.lines), text
+
+
+def _cells(path: str | Path, lines: list[str], separator: str) -> Iterator[tuple[int, list[str]]]:
+    # A comment is passed on as an empty line, which keeps the count.
+    reader = csv.reader(
+        ("\n" if line.startswith(COMMENT) else line + "\n" for line in lines), delimiter=separator, strict=True
+    )
+    begun = False
+    while True:
+        line = reader.line_num + 1
+        try:
+            row = next(reader)
+        except StopIteration:
+            return
+        except csv.Error as error:
+            raise FileError(path, f"not a CSV file: {error}", line) from None
+        if lines[line - 1].startswith(COMMENT) or (not begun and not lines[line - 1].strip()):
+            continue
+        begun = True
+        yield line, [" ".join(cell.split()) for cell in row]
+
+
+def _find(
+    table: Table, quantities: Sequence[Quantity], columns: Mapping[str, str], units: Mapping[str, str]
+) -> list[Column]:
+    found = []
+    try:
+        for quantity in quantities:
+            column = _find_one(table, quantity, columns.get(quantity.name), units.get(quantity.name))
+            if column is not None:
+                found.append(column)
+    except UnknownUnitError as error:
+        raise FileError(table.path, str(error), table.header_line) from None
+    return found
+
+
+def _find_one(table: Table, quantity: Quantity, name: str | None, unit: str | None) -> Column | None:
+    if name is not None and not name.strip():
+        return None
+    sign, wanted = 1.0, None if name is None else " ".join(name.split())
+    if wanted is not None and wanted not in table.header and wanted.startswith("-"):
+        sign, wanted = -1.0, wanted[1:].strip()
+    if wanted is None:
+        units = [unit_in_header(quantity, cell, named=False) for cell in table.header]
+        places = [place for place, given in enumerate(units) if given is not None]
+    else:
+        places = [place for place, cell in enumerate(table.header) if cell == wanted]
+    if not places:
+        _require_absent(table, quantity, wanted)
+        return None
+    if len(places) > 1:
+        names = " and ".join(repr(table.header[place]) for place in places)
+        raise FileError(table.path, f"{quantity.name} is there {len(places)} times: {names}", table.header_line)
+    given = unit_in_header(quantity, table.header[places[0]], named=wanted is not None) or ""
+    if quantity.units is None:
+        return Column(quantity, places[0], 1.0)
+    if unit and given and spelled(unit) != spelled(given):
+        raise FileError(
+            table.path, f"{quantity.name} is in {given} by the header, but {unit} was asked for", table.header_line
+        )
+    return Column(quantity, places[0], sign * factor_to_si(quantity, unit or given or next(iter(quantity.units))))
+
+
+def _require_absent(table: Table, quantity: Quantity, wanted: str | None) -> None:
+    """Refuse that a quantity is not there, if it has to be or seems to be there with a unit nobody knows."""
+    if wanted is None:
+        for cell in table.header:
+            for name in quantity.names:
+                if cell.lower().startswith(f"{name}_") and quantity.units is not None:
+                    raise UnknownUnitError(quantity, cell[len(name) + 1 :])
+        if not quantity.required:
+            return
+    there = ", ".join(table.header[:MOST_NAMES]) + (", ..." if len(table.header) > MOST_NAMES else "")
+    missing = f"no column {wanted!r}" if wanted is not None else f"no column of {quantity.name}"
+    raise FileError(table.path, f"{missing}; there are: {there}", table.header_line)
+
+
+def _numbers(table: Table, column: Column) -> list[float]:
+    return [
+        column.factor * _number(table, column, line, row[column.place])
+        for line, row in zip(table.lines, table.rows, strict=True)
+    ]
+
+
+def _number(table: Table, column: Column, line: int, cell: str) -> float:
+    name = column.quantity.name
+    if not cell:
+        raise FileError(table.path, f"{name} is missing: the cell is empty", line)
+    if not NUMBER.fullmatch(cell):
+        hint = "; write decimals with a point" if DECIMAL_COMMA.fullmatch(cell) else ""
+        raise FileError(table.path, f"{name} must be a finite number, got {cell[:40]!r}{hint}", line)
+    value = float(cell.lower().replace("d", "e"))
+    if not math.isfinite(value):
+        raise FileError(table.path, f"{name} must be a finite number, got {cell[:40]!r}", line)
+    return value
+
+
+def _texts(table: Table, column: Column) -> list[str]:
+    for line, row in zip(table.lines, table.rows, strict=True):
+        if not row[column.place]:
+            raise FileError(table.path, f"{column.quantity.name} is missing: the cell is empty", line)
+    return [row[column.place] for row in table.rows]

@@ -1,0 +1,272 @@
+"""Strength factor from the depths of normal-impact tests (section 3.1)."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from solver import advice
+from solver.advice import ModelWarning
+from solver.arrays import FloatArray
+from solver.calibration.estimate import (
+    Estimate,
+    Residuals,
+    build_estimate,
+    coarse_strengths,
+    log_slope,
+    minimise,
+    require_confidence_level,
+    valleys,
+)
+from solver.events import End, Run
+from solver.impact import Impact
+from solver.numerics import Numerics
+from solver.projectile import Projectile
+from solver.resistance import ConstantStrengthFactor, Resistance
+from solver.shot import Shot, integrate, prepare
+from solver.target import Target
+from solver.validation import require, require_positive
+
+FIRST_LOOK = 9
+"""Strength factors tried before the fit: depth falls with S, so there is one minimum, or nearly."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DepthTest:
+    """One normal-impact test.
+
+    Parameters
+    ----------
+    velocity
+        At first contact. [m/s]
+    depth
+        Greatest depth of the nose tip. [m]
+    mass
+        Of this projectile; that of the shared one if not given. [kg]
+    weight
+        Of its squared residual. [1]
+    group
+        Name of the group it belongs to, if the tests have groups.
+    """
+
+    velocity: float
+    depth: float
+    mass: float | None = None
+    weight: float = 1.0
+    group: str | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DepthFit:
+    """Strength factor that fits the depths of tests best."""
+
+    estimate: Estimate
+    predicted: FloatArray
+    """(n,) greatest depth of the nose tip at the fitted S. [m]"""
+    residuals: FloatArray
+    """(n,) measured minus predicted. [m]"""
+    root_mean_square: float
+    """Of the residuals, weighted. [m]"""
+    groups: Mapping[str, "DepthFit"]
+    """One fit for each group of two tests or more; empty if the tests have no groups."""
+    warnings: tuple[ModelWarning, ...]
+
+
+class _Shots:
+    """Normal impacts of one projectile on one target, prepared once for each mass."""
+
+    def __init__(
+        self, projectile: Projectile, target: Target, resistance: Resistance | None, numerics: Numerics | None
+    ) -> None:
+        self.projectile, self.target = projectile, target
+        self.resistance = resistance or Resistance()
+        self.numerics = (numerics or Numerics()).resolved()
+        self.shots: dict[float, Shot] = {}
+
+    def run(self, velocity: float, mass: float | None, strength_factor: float) -> Run:
+        """Normal impact of one of them."""
+        key = self.projectile.mass if mass is None else mass
+        if key not in self.shots:
+            self.shots[key] = prepare(
+                projectile=replace(self.projectile, mass=key),
+                target=self.target,
+                resistance=self.resistance,
+                numerics=self.numerics,
+            )
+        law = replace(self.resistance, strength_factor=ConstantStrengthFactor(value=strength_factor))
+        shot, impact = replace(self.shots[key], resistance=law), Impact(velocity=velocity, oblique_angle=0.0)
+        run, _ = integrate(shot, shot.model._replace(law=shot.law_at(impact)), impact, keep_steps=False)
+        return run
+
+    def runs(self, tests: Sequence[DepthTest], strength_factor: float) -> list[Run]:
+        """All of some tests."""
+        return [self.run(test.velocity, test.mass, strength_factor) for test in tests]
+
+
+def penetration_depths(
+    *,
+    projectile: Projectile,
+    target: Target,
+    velocities: Sequence[float] | FloatArray,
+    strength_factor: float,
+    masses: Sequence[float] | FloatArray | None = None,
+    resistance: Resistance | None = None,
+    numerics: Numerics | None = None,
+) -> FloatArray:
+    """Greatest depth of the nose tip in normal impact, over velocity.
+
+    Parameters
+    ----------
+    projectile, target
+        What strikes and what is struck.
+    velocities
+        (n,) at first contact. [m/s]
+    strength_factor
+        S, the same for all. [1]
+    masses
+        (n,) of the projectiles, if not all have that of `projectile`. [kg]
+    resistance
+        Inertia factor and decay; its strength factor is not used.
+    numerics
+        Route and resolution; adaptive unless given.
+
+    Returns
+    -------
+    (n,) array
+        [m]
+
+    Raises
+    ------
+    ParameterError
+        If an input is outside what the model accepts.
+    """
+    for index, velocity in enumerate(velocities):
+        require_positive(f"velocities.{index}", velocity)
+    if masses is not None:
+        require(
+            len(masses) == len(velocities),
+            "masses",
+            f"must be as many as the velocities, {len(velocities)}, got {len(masses)}",
+        )
+        for index, mass in enumerate(masses):
+            require_positive(f"masses.{index}", mass)
+    require_positive("strength_factor", strength_factor)
+    shots = _Shots(projectile, target, resistance, numerics)
+    each = [None] * len(velocities) if masses is None else [float(mass) for mass in masses]
+    runs = [shots.run(float(velocity), mass, strength_factor) for velocity, mass in zip(velocities, each, strict=True)]
+    return np.array([run.maximum_tip_depth for run in runs])
+
+
+def fit_depth(
+    *,
+    projectile: Projectile,
+    target: Target,
+    tests: Sequence[DepthTest],
+    resistance: Resistance | None = None,
+    numerics: Numerics | None = None,
+    confidence_level: float = 0.95,
+) -> DepthFit:
+    """Strength factor that fits the depths of normal-impact tests best, by weighted least squares.
+
+    Parameters
+    ----------
+    projectile, target
+        Shared by the tests.
+    tests
+        Two or more. If one names a group, all must; then each group of two or more gets its own fit besides the
+        common one.
+    resistance
+        Inertia factor and decay; its strength factor is not used.
+    numerics
+        Route and resolution; adaptive unless given.
+    confidence_level
+        Of the interval. [1]
+
+    Returns
+    -------
+    DepthFit
+
+    Raises
+    ------
+    ParameterError
+        If a test is not a test, or together they do not tell the strength factor.
+
+    Notes
+    -----
+    Section 3.1. The standard error follows from the slope of the depths over S and the scatter of the residuals with
+    n - 1 degrees of freedom, the interval from Student's distribution: it covers the scatter of the tests, not an
+    error that all of them share.
+    """
+    require_confidence_level(confidence_level)
+    _check(tests)
+    shots = _Shots(projectile, target, resistance, numerics)
+    common = _fit(tests, shots, confidence_level)
+    members: dict[str, list[DepthTest]] = {}
+    for test in tests:
+        if test.group is not None:
+            members.setdefault(test.group, []).append(test)
+    groups = {name: _fit(group, shots, confidence_level) for name, group in members.items() if len(group) > 1}
+    alone = tuple(advice.group_of_one(name) for name, group in members.items() if len(group) == 1)
+    return replace(common, groups=groups, warnings=common.warnings + alone)
+
+
+def _check(tests: Sequence[DepthTest]) -> None:
+    require(len(tests) >= 2, "tests", f"must be at least 2, for one leaves no scatter to judge by, got {len(tests)}")
+    grouped = [test.group is not None for test in tests]
+    for index, test in enumerate(tests):
+        field = f"tests.{index}"
+        require_positive(f"{field}.velocity", test.velocity)
+        require_positive(f"{field}.depth", test.depth)
+        require_positive(f"{field}.weight", test.weight)
+        if test.mass is not None:
+            require_positive(f"{field}.mass", test.mass)
+        require(grouped[index] or not any(grouped), f"{field}.group", "must be given, since other tests have one")
+
+
+def _fit(tests: Sequence[DepthTest], shots: _Shots, confidence_level: float) -> DepthFit:
+    """One fit of some tests."""
+    measured = np.array([test.depth for test in tests])
+    weights = np.array([test.weight for test in tests])
+    roots = np.sqrt(weights / weights.mean())
+
+    def residuals(strength_factor: float) -> FloatArray:
+        runs = shots.runs(tests, strength_factor)
+        weighted: FloatArray = roots * (measured - [run.maximum_tip_depth for run in runs])
+        return weighted
+
+    best = minimise(residuals, _first_look(residuals), "tests")
+    slope = log_slope(residuals, best) / best
+    runs = shots.runs(tests, best)
+    predicted = np.array([run.maximum_tip_depth for run in runs])
+    misses = measured - predicted
+    variance = float(np.sum((roots * misses) ** 2)) / (len(tests) - 1)
+    return DepthFit(
+        estimate=build_estimate(
+            strength_factor=best,
+            standard_error=math.sqrt(variance / float(slope @ slope)),
+            degrees_of_freedom=len(tests) - 1,
+            confidence_level=confidence_level,
+        ),
+        predicted=predicted,
+        residuals=misses,
+        root_mean_square=math.sqrt(float(np.average(misses**2, weights=weights))),
+        groups={},
+        warnings=_warnings(tests, runs, shots),
+    )
+
+
+def _first_look(residuals: Residuals) -> float:
+    """Where to start."""
+    strengths = coarse_strengths(FIRST_LOOK)
+    costs = np.array([float(np.sum(residuals(float(value)) ** 2)) for value in strengths])
+    _, start, _ = valleys(strengths, costs)[0]
+    return start
+
+
+def _warnings(tests: Sequence[DepthTest], runs: Sequence[Run], shots: _Shots) -> tuple[ModelWarning, ...]:
+    found = list(advice.range_warnings(target=shots.target, velocity=max(test.velocity for test in tests)))
+    found += advice.shallow_tests(depths=[test.depth for test in tests], diameter=shots.projectile.diameter)
+    if any(run.end == End.TIME for run in runs):
+        found.append(advice.undecided(termination_time=shots.numerics.termination_time))
+    return tuple(found)

@@ -1,0 +1,140 @@
+"""Motion histories to fit: displacement and rotation over time, and the weights of the three."""
+
+import math
+from dataclasses import dataclass, fields
+from typing import Final
+
+import numpy as np
+
+from solver.arrays import FloatArray
+from solver.errors import ParameterError
+from solver.impact import Impact
+from solver.projectile import Projectile, mass_properties
+from solver.validation import require
+
+QUANTITIES: Final = ("depth_displacement", "lateral_displacement", "rotation")
+REACH, SLACK = 1.1, 0.1
+"""Tolerance on how far a body can get and turn by its energy: a factor, and shares of its length and of a radian."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MotionHistory:
+    """Motion of the centre of gravity since first contact. Any of the three quantities may be missing, not all.
+
+    Parameters
+    ----------
+    time
+        (n,) rising, from 0 or later. [s]
+    depth_displacement
+        (n,) along the inward normal of the face. [m]
+    lateral_displacement
+        (n,) along the face, the way the projectile travels. [m]
+    rotation
+        (n,) of the axis, positive as the nose turns toward the face. [rad]
+
+    Raises
+    ------
+    ParameterError
+        If there are fewer than two rows, columns differ in length, a value is not finite, or time does not rise.
+    """
+
+    time: FloatArray
+    depth_displacement: FloatArray | None = None
+    lateral_displacement: FloatArray | None = None
+    rotation: FloatArray | None = None
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            if getattr(self, field.name) is not None:
+                object.__setattr__(self, field.name, _column(field.name, getattr(self, field.name)))
+        rows = len(self.time)
+        require(rows >= 2, "history.time", f"must hold at least 2 rows, for one leaves nothing to fit, got {rows}")
+        require(bool(self.columns), "history", f"must hold at least one of {', '.join(QUANTITIES)}")
+        require(self.time[0] >= 0.0, "history.time.0", f"must be at least 0, first contact, got {self.time[0]:g}")
+        steps = np.diff(self.time)
+        if not np.all(steps > 0.0):
+            index = int(np.argmin(steps > 0.0)) + 1
+            raise ParameterError(
+                f"history.time.{index}",
+                f"must be later than the row before, {self.time[index - 1]:g} s, got {self.time[index]:g} s",
+            )
+        for name, values in self.columns.items():
+            require(len(values) == rows, f"history.{name}", f"must be as long as time, {rows} rows, got {len(values)}")
+
+    @property
+    def columns(self) -> dict[str, FloatArray]:
+        """The quantities that are there, by name."""
+        given = {name: getattr(self, name) for name in QUANTITIES}
+        return {name: values for name, values in given.items() if values is not None}
+
+    @property
+    def time_of_greatest_depth(self) -> float:
+        """When the centre of gravity is deepest. [s]"""
+        if self.depth_displacement is None:
+            raise ParameterError("history.depth_displacement", "must be given to find the time of greatest depth")
+        return float(self.time[int(np.argmax(self.depth_displacement))])
+
+    def until(self, time: float) -> "MotionHistory":
+        """The rows up to and including a time. [s]"""
+        kept = int(np.searchsorted(self.time, time, side="right"))
+        return MotionHistory(time=self.time[:kept], **{name: values[:kept] for name, values in self.columns.items()})
+
+
+def _column(name: str, values: FloatArray) -> FloatArray:
+    """One column as an array, checked."""
+    column: FloatArray = np.asarray(values, dtype=np.float64)
+    require(column.ndim == 1, f"history.{name}", "must be a column of numbers")
+    finite = np.isfinite(column)
+    if not finite.all():
+        index = int(np.argmin(finite))
+        raise ParameterError(f"history.{name}.{index}", f"must be a finite number, got {column[index]}")
+    return column
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Weights:
+    """Relative weights of the squared residuals, after each quantity was scaled by its span.
+
+    Parameters
+    ----------
+    depth, lateral, rotation
+        Of depth displacement, lateral displacement and rotation; 0 leaves a quantity out. [1]
+    """
+
+    depth: float = 1.0
+    lateral: float = 1.0
+    rotation: float = 1.0
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            require(
+                math.isfinite(value) and value >= 0.0, f"weights.{field.name}", f"must be at least 0, got {value:g}"
+            )
+
+    def of(self, quantity: str) -> float:
+        """Weight of one of the three quantities of a history."""
+        return float(getattr(self, quantity.removesuffix("_displacement")))
+
+
+def check_reach(projectile: Projectile, impact: Impact, history: MotionHistory) -> None:
+    """Refuse what the energy of the strike cannot have done: wrong units, mostly."""
+    properties = mass_properties(projectile)
+    ratio = properties.moment_of_inertia / properties.mass
+    fastest = math.sqrt(impact.velocity**2 + ratio * impact.angular_velocity**2)
+    length = projectile.length
+    bounds = {
+        "depth_displacement": ("m", REACH * fastest * history.time + SLACK * length),
+        "lateral_displacement": ("m", REACH * fastest * history.time + SLACK * length),
+        "rotation": ("rad", REACH * fastest / math.sqrt(ratio) * history.time + SLACK),
+    }
+    for q, values in history.columns.items():
+        unit, bound = bounds[q]
+        beyond = np.abs(values) > bound
+        if beyond.any():
+            row = int(np.argmax(beyond))
+            raise ParameterError(
+                f"history.{q}.{row}",
+                f"must be within {bound[row]:.3g} {unit} at {history.time[row]:g} s, which is as far as the energy of "
+                f"the strike allows, got {values[row]:g} {unit}: check the units",
+            )

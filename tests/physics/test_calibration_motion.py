@@ -1,0 +1,283 @@
+"""Strength factor from motion histories."""
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from solver import ConstantStrengthFactor, Numerics, Outcome, ParameterError, Resistance, Trajectory, simulate
+from solver.arrays import FloatArray
+from solver.calibration import MotionFit, MotionHistory, Weights, fit_motion, predict_motion
+from solver.cases import PAPER_PROJECTILE, PAPER_TARGET, paper_impact
+
+ANGLES = (15.0, 30.0, 45.0)
+TIMES = np.linspace(0.0, 5e-3, 101)
+QUANTITIES = ("depth_displacement", "lateral_displacement", "rotation")
+NOISE = {"depth_displacement": 1e-3, "lateral_displacement": 1e-3, "rotation": math.radians(0.5)}
+
+
+def run(angle: float, strength_factor: float, sample_interval: float) -> Trajectory:
+    return simulate(
+        projectile=PAPER_PROJECTILE,
+        target=PAPER_TARGET,
+        impact=paper_impact(oblique_angle_degrees=angle),
+        resistance=Resistance(strength_factor=ConstantStrengthFactor(value=strength_factor)),
+        sample_interval=sample_interval,
+    )
+
+
+def motion(angle: float, strength_factor: float, times: FloatArray = TIMES, **more: Any) -> MotionHistory:
+    return predict_motion(
+        projectile=PAPER_PROJECTILE,
+        target=PAPER_TARGET,
+        impact=paper_impact(oblique_angle_degrees=angle),
+        strength_factor=strength_factor,
+        times=times,
+        **more,
+    )
+
+
+def fit(angle: float, history: MotionHistory, **more: Any) -> MotionFit:
+    return fit_motion(
+        projectile=PAPER_PROJECTILE,
+        target=PAPER_TARGET,
+        impact=paper_impact(oblique_angle_degrees=angle),
+        history=history,
+        **more,
+    )
+
+
+def shifted(history: MotionHistory, shifts: dict[str, FloatArray]) -> MotionHistory:
+    return replace(history, **{name: getattr(history, name) + shift for name, shift in shifts.items()})
+
+
+def white(random: np.random.Generator, size: int) -> dict[str, FloatArray]:
+    return {name: scatter * random.normal(size=size) for name, scatter in NOISE.items()}
+
+
+def codes(found: MotionFit) -> set[str]:
+    return {warning.code for warning in found.warnings}
+
+
+@pytest.mark.parametrize("strength_factor", [5.0, 8.5, 12.0])
+@pytest.mark.parametrize("angle", ANGLES)
+def test_motion_of_the_model_returns_its_strength_factor(angle: float, strength_factor: float) -> None:
+    """Within 0.1 %, which is asked; within 10⁻⁴, which it does. At 45° the last of them is turned away."""
+    made = run(angle, strength_factor, 5e-5).history
+    assert made is not None
+    found = fit(
+        angle,
+        MotionHistory(
+            time=made.time,
+            depth_displacement=made.center_of_gravity_depth - made.center_of_gravity_depth[0],
+            lateral_displacement=made.center_of_gravity_lateral,
+            rotation=made.axis_angle - made.axis_angle[0],
+        ),
+    )
+    assert found.estimate.strength_factor == pytest.approx(strength_factor, rel=1e-4)
+    assert min(found.r_squared.values()) > 0.999999
+    assert "poor_fit" not in codes(found)
+
+
+@pytest.mark.parametrize("quantity", QUANTITIES)
+def test_each_quantity_alone_tells_the_strength_factor(quantity: str) -> None:
+    whole = motion(30.0, 8.0)
+    found = fit(30.0, MotionHistory(time=TIMES, **{quantity: getattr(whole, quantity)}))
+    assert found.estimate.strength_factor == pytest.approx(8.0, rel=1e-4)
+    assert list(found.root_mean_square) == [quantity]
+    assert list(found.residuals.columns) == [quantity]
+    assert list(found.predicted.columns) == list(QUANTITIES)
+
+
+def covered(trials: int) -> int:
+    """How many 95 % intervals hold the true value, S from 5 to 12, with white noise of 1 mm and 0.5°."""
+    random, hits = np.random.default_rng(20180628), 0
+    for trial in range(trials):
+        angle, strength_factor = ANGLES[trial % 3], random.uniform(5.0, 12.0)
+        history = shifted(motion(angle, strength_factor), white(random, TIMES.size))
+        low, high = fit(angle, history).estimate.confidence_interval
+        hits += low <= strength_factor <= high
+    return hits
+
+
+def test_intervals_hold_the_true_value_under_noise() -> None:
+    assert covered(6) >= 5
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1200)
+def test_95_percent_intervals_hold_the_true_value_in_93_percent_of_300_trials() -> None:
+    assert covered(300) >= 279
+
+
+def test_errors_that_neighbours_share_make_a_wider_interval() -> None:
+    """The same scatter, once white and once with an autocorrelation of 0.9: fewer samples say something new."""
+    random, history = np.random.default_rng(3), motion(30.0, 8.0)
+    noise = white(random, TIMES.size)
+    alike = {name: values.copy() for name, values in noise.items()}
+    for values in alike.values():
+        for n in range(1, values.size):
+            values[n] = 0.9 * values[n - 1] + math.sqrt(1.0 - 0.9**2) * values[n]
+    plain, correlated = fit(30.0, shifted(history, noise)).estimate, fit(30.0, shifted(history, alike)).estimate
+    assert correlated.standard_error > 2.0 * plain.standard_error
+    assert correlated.degrees_of_freedom < plain.degrees_of_freedom / 3.0
+    low, high = correlated.confidence_interval
+    assert low < 8.0 < high
+
+
+def test_standard_error_under_white_noise_is_that_of_weighted_least_squares() -> None:
+    """1 / sqrt(Σ (slope / noise)²) with the true noise."""
+    times = np.linspace(0.0, 3e-3, 400)
+    history = shifted(motion(30.0, 8.0, times), white(np.random.default_rng(4), times.size))
+    upper, lower = motion(30.0, 8.02, times), motion(30.0, 7.98, times)
+    information = sum(
+        float(np.sum(((getattr(upper, name) - getattr(lower, name)) / 0.04 / scatter) ** 2))
+        for name, scatter in NOISE.items()
+    )
+    best = {name: (float(np.ptp(getattr(history, name))) / scatter) ** 2 for name, scatter in NOISE.items()}
+    weights = Weights(**{name.removesuffix("_displacement"): weight for name, weight in best.items()})
+    found = fit(30.0, history, weights=weights)
+    assert found.estimate.standard_error == pytest.approx(information**-0.5, rel=0.15)
+    for name, scatter in NOISE.items():
+        assert found.root_mean_square[name] == pytest.approx(scatter, rel=0.1)
+
+
+def test_weight_zero_leaves_a_quantity_out() -> None:
+    random, history = np.random.default_rng(6), motion(30.0, 8.0)
+    spoilt = shifted(history, {"rotation": 0.05 * random.normal(size=TIMES.size)})
+    found = fit(30.0, spoilt, weights=Weights(rotation=0.0))
+    assert found.estimate.strength_factor == pytest.approx(8.0, rel=1e-4)
+    assert found.root_mean_square["rotation"] == pytest.approx(0.05, rel=0.2)
+
+
+def test_only_the_ratio_of_weights_counts() -> None:
+    history = shifted(motion(45.0, 8.0), white(np.random.default_rng(7), TIMES.size))
+    plain, heavy = fit(45.0, history), fit(45.0, history, weights=Weights(depth=5.0, lateral=5.0, rotation=5.0))
+    assert heavy.estimate.strength_factor == pytest.approx(plain.estimate.strength_factor, rel=1e-6)
+    assert heavy.estimate.standard_error == pytest.approx(plain.estimate.standard_error, rel=1e-4)
+
+
+def test_prediction_is_the_motion_of_a_run_at_the_times_asked_for() -> None:
+    for angle in (30.0, 60.0):
+        made = run(angle, 8.0, 1e-4)
+        assert made.history is not None
+        predicted = motion(angle, 8.0, made.history.time).columns
+        depth, axis = made.history.center_of_gravity_depth, made.history.axis_angle
+        for name, expected in (
+            ("depth_displacement", depth - depth[0]),
+            ("lateral_displacement", made.history.center_of_gravity_lateral),
+            ("rotation", axis - axis[0]),
+        ):
+            np.testing.assert_allclose(predicted[name], expected, rtol=0, atol=1e-6)
+
+
+def test_prediction_stays_at_rest_once_embedded() -> None:
+    made = run(15.0, 8.0, 1e-4)
+    assert made.outcome is Outcome.EMBEDDED
+    late = motion(15.0, 8.0, made.final.time + np.array([1e-5, 1e-3, 1.0]))
+    assert late.depth_displacement is not None
+    np.testing.assert_allclose(late.depth_displacement, late.depth_displacement[0], rtol=0, atol=1e-12)
+    assert late.lateral_displacement is not None
+    assert late.lateral_displacement[0] == pytest.approx(made.final.center_of_gravity_lateral, abs=1e-7)
+
+
+def test_prediction_flies_freely_once_turned_away() -> None:
+    made = run(60.0, 8.0, 1e-4)
+    assert made.outcome is Outcome.RICOCHET
+    flight = np.array([0.0, 1e-3, 0.1])
+    late = motion(60.0, 8.0, made.final.time * (1.0 + 1e-9) + flight)
+    for values, rate in (
+        (late.depth_displacement, made.final.depth_velocity),
+        (late.lateral_displacement, made.final.lateral_velocity),
+        (late.rotation, made.final.angular_velocity),
+    ):
+        assert values is not None
+        np.testing.assert_allclose(values - values[0], rate * flight, rtol=1e-5)
+
+
+def test_prediction_of_the_panels_is_that_of_the_arcs() -> None:
+    fine, panels = motion(30.0, 8.0), motion(30.0, 8.0, numerics=Numerics(method="panels", panels=3000))
+    assert fine.depth_displacement is not None
+    assert panels.depth_displacement is not None
+    assert np.abs(fine.depth_displacement - panels.depth_displacement).max() < 5e-4
+
+
+def test_history_is_cut_at_a_time_and_its_greatest_depth() -> None:
+    history = MotionHistory(time=np.arange(5.0), depth_displacement=np.array([0.0, 2.0, 3.0, 2.5, 2.4]))
+    assert history.time_of_greatest_depth == 2.0
+    cut = history.until(history.time_of_greatest_depth)
+    assert list(cut.time) == [0.0, 1.0, 2.0]
+    assert cut.depth_displacement is not None
+    assert list(cut.depth_displacement) == [0.0, 2.0, 3.0]
+    with pytest.raises(ParameterError, match="at least 2 rows"):
+        history.until(0.5)
+    with pytest.raises(ParameterError, match=r"history\.depth_displacement"):
+        _ = MotionHistory(time=np.arange(2.0), rotation=np.zeros(2)).time_of_greatest_depth
+
+
+def test_motion_that_the_model_does_not_follow_is_called_poor() -> None:
+    history = motion(30.0, 8.0)
+    assert history.rotation is not None
+    found = fit(30.0, replace(history, rotation=-history.rotation))
+    assert "poor_fit" in codes(found)
+    assert found.r_squared["rotation"] < 0.5
+
+
+def column(**columns: list[float]) -> Callable[[], MotionHistory]:
+    return lambda: MotionHistory(**{name: np.array(values) for name, values in columns.items()})
+
+
+REFUSED: list[tuple[str, str, Callable[[], MotionHistory]]] = [
+    ("history", "at least one", column(time=[0.0, 1.0])),
+    ("history.time", "one leaves nothing to fit", column(time=[0.0], rotation=[0.0])),
+    ("history.time", "at least 2", column(time=[], rotation=[])),
+    ("history.time.0", "at least 0", column(time=[-1e-6, 1.0], rotation=[0.0, 0.0])),
+    ("history.time.2", "later than the row before", column(time=[0.0, 2.0, 1.0], rotation=[0.0, 0.0, 0.0])),
+    ("history.time.1", "later than the row before", column(time=[0.0, 0.0, 1.0], rotation=[0.0, 0.0, 0.0])),
+    ("history.time.1", "finite", column(time=[0.0, math.nan], rotation=[0.0, 0.0])),
+    ("history.rotation", "as long as time", column(time=[0.0, 1.0], rotation=[0.0, 0.0, 0.0])),
+    ("history.lateral_displacement.1", "finite", column(time=[0.0, 1.0], lateral_displacement=[0.0, math.inf])),
+    ("history.rotation", "column", lambda: MotionHistory(time=np.arange(2.0), rotation=np.zeros((2, 2)))),
+]
+
+
+@pytest.mark.parametrize(("field", "reason", "build"), REFUSED)
+def test_what_is_no_history_is_refused(field: str, reason: str, build: Callable[[], MotionHistory]) -> None:
+    with pytest.raises(ParameterError, match=reason) as refused:
+        build()
+    assert refused.value.field == field
+
+
+@pytest.mark.parametrize(
+    ("quantity", "factor"),
+    [("depth_displacement", 1e3), ("lateral_displacement", 1e3), ("rotation", 180.0 / math.pi)],
+    ids=["depth in mm", "lateral in mm", "rotation in degrees"],
+)
+def test_motion_beyond_the_energy_of_the_strike_is_refused(quantity: str, factor: float) -> None:
+    history = motion(30.0, 8.0)
+    wrong = replace(history, **{quantity: getattr(history, quantity) * factor})
+    with pytest.raises(ParameterError, match="check the units") as refused:
+        fit(30.0, wrong)
+    assert refused.value.field.startswith(f"history.{quantity}.")
+
+
+def test_history_that_does_not_tell_the_strength_factor_is_refused() -> None:
+    """A projectile that flies on as if nothing were there, and rows before first contact has had any effect."""
+    impact = paper_impact(oblique_angle_degrees=30.0)
+    on = MotionHistory(time=TIMES, depth_displacement=impact.velocity * math.cos(impact.oblique_angle) * TIMES)
+    with pytest.raises(ParameterError, match=r"history: must tell the strength factor"):
+        fit(30.0, on)
+    still = MotionHistory(time=np.array([0.0, 1e-12]), depth_displacement=np.zeros(2))
+    with pytest.raises(ParameterError, match=r"history: must tell the strength factor"):
+        fit(30.0, still)
+
+
+def test_weights_are_not_below_zero_nor_all_zero() -> None:
+    with pytest.raises(ParameterError) as refused:
+        Weights(lateral=-1.0)
+    assert refused.value.field == "weights.lateral"
+    with pytest.raises(ParameterError, match=r"weights: must be greater than 0"):
+        fit(30.0, MotionHistory(time=TIMES, rotation=np.zeros(TIMES.size)), weights=Weights(rotation=0.0))

@@ -1,0 +1,118 @@
+"""Depth of normal impact in closed form."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from solver import (
+    Conical,
+    Flat,
+    Ogive,
+    ParameterError,
+    Projectile,
+    Spherical,
+    StrengthPowerLaw,
+    Target,
+    closed_form_depth,
+)
+from solver.penetration import nose_factor
+
+from .strikes import NOSES, steel
+from .tables import rows
+
+LI_CHEN = Projectile(nose=Ogive(caliber_radius_head=2.0), diameter=0.0269, length=0.242, mass=0.906)
+LI_CHEN_TARGET = Target(compressive_strength=35.2e6, density=2370.0)
+"""Test of Forrestal et al. (1994) at 277 m/s, 173 mm deep; Li and Chen (2003) compute it with S 12."""
+
+
+def depth(velocity: float, *, projectile: Projectile = LI_CHEN, strength_factor: float = 12.0) -> float:
+    return closed_form_depth(
+        projectile=projectile, target=LI_CHEN_TARGET, velocity=velocity, strength_factor=strength_factor
+    )
+
+
+def test_check_case_of_li_and_chen() -> None:
+    assert depth(277.0) == pytest.approx(0.1672, abs=0.5e-4)
+
+
+@pytest.mark.parametrize("crh", [0.5, 1.0, 2.0, 3.0, 10.0])
+def test_nose_factor_of_an_ogive_is_that_of_forrestal(crh: float) -> None:
+    assert nose_factor(steel(Ogive(caliber_radius_head=crh))) == pytest.approx((8.0 * crh - 1.0) / (24.0 * crh**2))
+
+
+def test_nose_factors_of_cones_caps_and_flat_faces_are_the_known_ones() -> None:
+    """Chen and Li (2002): 1/(1 + 4ψ²) for a cone ψ diameters long, 1 - 1/(8ψ²) for a cap, 1 for a flat face."""
+    assert nose_factor(steel(Flat())) == pytest.approx(1.0)
+    for slenderness in (0.2, 1.5, 5.0):
+        cone = nose_factor(steel(Conical(length_to_diameter=slenderness)))
+        assert cone == pytest.approx(1.0 / (1.0 + 4.0 * slenderness**2))
+    for crh in (0.5, 1.2, 3.0):
+        assert nose_factor(steel(Spherical(caliber_radius_head=crh))) == pytest.approx(1.0 - 1.0 / (8.0 * crh**2))
+
+
+@pytest.mark.parametrize("velocity", [120.0, 200.0, 277.0, 800.0])
+@pytest.mark.parametrize("name", ["ogive", "cone", "flat"])
+def test_depth_is_that_of_its_force_law_integrated(name: str, velocity: float) -> None:
+    """c z in the crater, c such that the force has no jump at its end; then the force of eq. 1 on the whole nose."""
+    projectile, static = steel(NOSES[name]), 12.0 * LI_CHEN_TARGET.compressive_strength
+    inertia, area = nose_factor(projectile) * LI_CHEN_TARGET.density, math.pi * projectile.radius**2
+    crater = 2.0 * projectile.diameter
+    mass = projectile.mass
+    at_end = (mass * velocity**2 - area * crater * static) / (mass + area * crater * inertia)
+    stiffness = area * (static + inertia * max(at_end, 0.0)) / crater
+
+    def slope(z: float, energy: np.ndarray) -> list[float]:
+        square = 2.0 * float(energy[0]) / mass
+        return [-stiffness * z if z < crater else -area * (static + inertia * square)]
+
+    def at_rest(z: float, energy: np.ndarray) -> float:
+        return float(energy[0])
+
+    at_rest.terminal = True  # type: ignore[attr-defined]
+    run = solve_ivp(slope, (0.0, 20.0), [0.5 * mass * velocity**2], events=at_rest, rtol=1e-9, max_step=0.01)
+    assert run.t_events is not None
+    assert depth(velocity, projectile=projectile) == pytest.approx(run.t_events[0][0], rel=1e-4)
+
+
+def test_crater_and_what_lies_beyond_it_meet() -> None:
+    limit = math.sqrt(4.0 * math.pi * LI_CHEN.radius**3 * 12.0 * LI_CHEN_TARGET.compressive_strength / LI_CHEN.mass)
+    crater = 2.0 * LI_CHEN.diameter
+    assert depth(limit * (1.0 - 1e-9)) == pytest.approx(crater)
+    assert depth(limit * (1.0 + 1e-9)) == pytest.approx(crater)
+    assert depth(0.5 * limit) == pytest.approx(0.5 * crater)
+
+
+def test_power_law_predicts_the_tests_of_1994_as_published() -> None:
+    """Mean ratio 1.02 and coefficient of variation 0.08 with 82.6 (f'c/MPa)^-0.544; row 55 is left out."""
+    ratios = []
+    for row in rows("penetration_tests.csv"):
+        if row["series"] == "forrestal-1994" and row["row"] != "55":
+            target = Target(
+                compressive_strength=float(row["compressive_strength_pa"]), density=float(row["density_kg_m3"])
+            )
+            projectile = Projectile(
+                nose=Ogive(caliber_radius_head=float(row["caliber_radius_head"])),
+                diameter=float(row["diameter_m"]),
+                length=float(row["length_m"]),
+                mass=float(row["mass_kg"]),
+            )
+            predicted = closed_form_depth(
+                projectile=projectile,
+                target=target,
+                velocity=float(row["striking_velocity_m_s"]),
+                strength_factor=StrengthPowerLaw().polynomial(target)[0],
+            )
+            ratios.append(predicted / float(row["penetration_depth_m"]))
+    assert np.mean(ratios) == pytest.approx(1.02, abs=0.03)
+    assert np.std(ratios, ddof=1) / np.mean(ratios) == pytest.approx(0.08, abs=0.02)
+
+
+@pytest.mark.parametrize("value", [0.0, -1.0, math.nan, math.inf])
+@pytest.mark.parametrize("field", ["velocity", "strength_factor"])
+def test_value_that_is_not_above_zero_is_refused(field: str, value: float) -> None:
+    arguments = {"velocity": 277.0, "strength_factor": 12.0} | {field: value}
+    with pytest.raises(ParameterError) as refused:
+        closed_form_depth(projectile=LI_CHEN, target=LI_CHEN_TARGET, **arguments)
+    assert refused.value.field == field

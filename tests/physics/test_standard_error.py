@@ -1,0 +1,131 @@
+"""Standard error of the critical angle from the covariance of the strength factor."""
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from solver import (
+    CriticalAngle,
+    Numerics,
+    ObliquityPolynomial,
+    ParameterError,
+    Resistance,
+    Search,
+    SearchStatus,
+    critical_angle,
+)
+from solver.calibration import fit_obliquity
+from solver.cases import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY
+
+from .tables import table_2
+
+NAN = math.nan
+TABLE_2 = fit_obliquity(points=table_2()).model
+NONE_KNOWN = ((0.0, 0.0, 0.0),) * 3
+
+
+def find(strength_factor: ObliquityPolynomial, *, numerics: Numerics | None = None, **search: Any) -> CriticalAngle:
+    return critical_angle(
+        projectile=PAPER_PROJECTILE,
+        target=PAPER_TARGET,
+        velocity=PAPER_VELOCITY,
+        resistance=Resistance(strength_factor=strength_factor),
+        numerics=numerics,
+        search=Search(**search),
+    )
+
+
+def codes(found: CriticalAngle) -> set[str]:
+    return {warning.code for warning in found.warnings}
+
+
+def constant_term_known_to(error: float) -> ObliquityPolynomial:
+    return ObliquityPolynomial(covariance=((error**2, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
+
+
+def test_it_is_the_scatter_of_angles_over_coefficients_drawn_from_the_covariance() -> None:
+    """100 draws know their scatter to 7 %; the fit to Table 2, and one with a third of its errors."""
+    for share in (1.0, 1.0 / 3.0):
+        assert TABLE_2.covariance is not None
+        covariance = share**2 * np.array(TABLE_2.covariance)
+        model = replace(TABLE_2, covariance=tuple(map(tuple, covariance.tolist())))
+        drawn = np.random.default_rng(11).multivariate_normal(model.coefficients, covariance, 100)
+        found = find(model)
+        angles = [find(ObliquityPolynomial(coefficients=tuple(row)), upper=math.radians(70.0)).angle for row in drawn]
+        scatter = float(np.std([angle for angle in angles if angle is not None], ddof=1))
+        assert None not in angles
+        assert found.standard_error == pytest.approx(scatter, rel=0.2)
+
+
+def test_no_error_in_the_coefficients_is_none_in_the_angle() -> None:
+    assert find(ObliquityPolynomial(covariance=NONE_KNOWN)).standard_error == 0.0
+
+
+@pytest.mark.parametrize("method", ["outcome", "secant"])
+def test_covariance_changes_nothing_else(method: str) -> None:
+    numerics = Numerics(method="adaptive")
+    plain = find(ObliquityPolynomial(), method=method, numerics=numerics)
+    known = find(constant_term_known_to(0.2), method=method, numerics=numerics)
+    assert plain.standard_error is None
+    assert known.standard_error is not None
+    assert replace(known, standard_error=None) == plain
+
+
+def test_it_grows_as_the_error_of_the_strength_factor() -> None:
+    errors = [find(constant_term_known_to(error)).standard_error for error in (0.1, 0.2, 0.3)]
+    assert errors[0] is not None
+    assert errors[0] > math.radians(0.1)
+    np.testing.assert_allclose(np.array(errors) / errors[0], [1.0, 2.0, 3.0], rtol=0.1)
+
+
+def test_strength_factor_that_falls_to_zero_beyond_the_angle_does_not_hide_it() -> None:
+    """Eq. 9 less 0.5 is below zero at 85°, the end of the range."""
+    wide, narrow = find(constant_term_known_to(0.5)), find(constant_term_known_to(0.1))
+    assert wide.standard_error is not None
+    assert narrow.standard_error is not None
+    assert wide.standard_error == pytest.approx(5.0 * narrow.standard_error, rel=0.1)
+
+
+def test_it_is_unknown_if_a_shifted_search_finds_no_angle() -> None:
+    close = find(constant_term_known_to(0.5), lower=math.radians(48.0), upper=math.radians(49.0))
+    assert close.status is SearchStatus.CONVERGED
+    assert close.standard_error is None
+    assert "standard_error_unknown" in codes(close)
+    vague = find(constant_term_known_to(7.0))
+    assert vague.standard_error is None
+    assert "standard_error_unknown" in codes(vague)
+
+
+def test_without_an_angle_there_is_none() -> None:
+    found = find(constant_term_known_to(0.2), lower=math.radians(10.0), upper=math.radians(35.0))
+    assert found.status is SearchStatus.NO_RICOCHET
+    assert found.standard_error is None
+    assert "standard_error_unknown" not in codes(found)
+
+
+def test_standard_error_of_the_strength_factor_follows_from_the_covariance() -> None:
+    model = ObliquityPolynomial(coefficients=(8.0, -0.05), covariance=((0.04, -1e-3), (-1e-3, 1e-4)))
+    for degrees in (0.0, 10.0, -10.0, 40.0):
+        expected = math.sqrt(0.04 - 2e-3 * abs(degrees) + 1e-4 * degrees**2)
+        assert model.standard_error(math.radians(degrees)) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(
+    ("place", "covariance"),
+    [
+        ("", ((1.0, 0.0), (0.0, 1.0))),
+        (".1", ((1.0, 0.0, 0.0), (0.0, 1.0), (0.0, 0.0, 1.0))),
+        (".2.1", ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, NAN, 1.0))),
+        ("", ((1.0, 0.1, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))),
+        ("", ((1.0, 0.0, 0.0), (0.0, -1e-9, 0.0), (0.0, 0.0, 1.0))),
+        ("", ((1.0, 2e-4, 0.0), (2e-4, 1e-8, 0.0), (0.0, 0.0, 1e-12))),
+    ],
+    ids=["too few rows", "short row", "not a number", "not symmetric", "negative variance", "not semidefinite"],
+)
+def test_what_is_no_covariance_is_refused(place: str, covariance: tuple[tuple[float, ...], ...]) -> None:
+    with pytest.raises(ParameterError) as refused:
+        ObliquityPolynomial(covariance=covariance)
+    assert refused.value.field == f"resistance.strength_factor.covariance{place}"

@@ -1,0 +1,230 @@
+"""Tests and histories from CSV files: what is read, and what is refused with its line."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from service.readers import Expected, FileError, read_depth_tests, read_motion, read_obliquity_points
+from solver import Impact
+from solver.cases import PAPER_PROJECTILE
+
+STRIKE = Expected(impact=Impact(velocity=238.0, oblique_angle=math.radians(30.0)), projectile=PAPER_PROJECTILE)
+TESTS = "velocity_m_s,depth_m\n200,0.2\n300,0.4\n"
+HISTORY = (
+    "time_s,depth_displacement_m,lateral_displacement_m,rotation_deg\n0,0,0,0\n0.001,0.2,0.1,1\n0.002,0.3,0.2,3.5\n"
+)
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    return tmp_path / "file.csv"
+
+
+def test_depth_tests_of_published_tables_need_no_flags(file: Path) -> None:
+    file.write_text("series,mass_kg,striking_velocity_m_s,penetration_depth_m\nA,12.9,312.5,0.61\nB,13.0,200,0.42\n")
+    first, second = read_depth_tests(file)
+    assert (first.velocity, first.depth, first.mass, first.group) == (312.5, 0.61, 12.9, None)
+    assert (second.velocity, second.depth, second.mass) == (200.0, 0.42, 13.0)
+    named = read_depth_tests(file, {"group": "series", "mass": ""}, grouped=True)
+    assert [(test.group, test.mass) for test in named] == [("A", None), ("B", None)]
+
+
+def test_finite_element_history_needs_no_flags(file: Path) -> None:
+    head = "time_s,depth_displacement_m,lateral_displacement_m,rotation_deg,depth_velocity_m_s,angular_velocity_deg_s"
+    file.write_text(f"{head}\n0,0,0,0,206.1,0\n2.00247e-05,0.00412737,0.00238294,0,206.114,26.5\n1e-3,.18,.1,9,190,3\n")
+    history = read_motion(file, expected=STRIKE)
+    assert history.time.tolist() == [0.0, 2.00247e-05, 1e-3]
+    assert history.rotation is not None
+    assert history.rotation[-1] == pytest.approx(math.radians(9.0))
+
+
+@pytest.mark.parametrize(
+    "head", ["time_ms,depth_displacement_mm,rotation_rad", "time [ms];depth displacement (mm);Rotation(rad)"]
+)
+def test_units_in_the_header_are_converted(file: Path, head: str) -> None:
+    separator = ";" if ";" in head else ","
+    file.write_text(f"{head}\n" + "0,0,0\n1,150,0.1\n".replace(",", separator))
+    history = read_motion(file)
+    columns = history.columns
+    assert np.allclose([history.time[1], columns["depth_displacement"][1], columns["rotation"][1]], [1e-3, 0.15, 0.1])
+
+
+def test_time_histories_of_openradioss_are_read_by_their_names(file: Path) -> None:
+    """Its converter quotes names, leaves blanks in them and a comma behind the last, and forgets the last number."""
+    head = '"time","INTERNAL ENERGY","CG 42 body  DX        ","CG 42 body  DZ        ","CG 42 body  FX        ",'
+    file.write_text(f"{head}\n0.000000,0.1,0.000000,-0.000000,7\n1.000000,0.1,100.000000,-150.000000,\n")
+    columns = {"depth_displacement": "-CG 42 body DZ", "lateral_displacement": "CG 42 body DX"}
+    units = {"time": "ms", "depth_displacement": "mm", "lateral_displacement": "mm"}
+    history = read_motion(file, columns, units, expected=STRIKE)
+    assert {name: column[1] for name, column in history.columns.items()} == {
+        "depth_displacement": pytest.approx(0.15),
+        "lateral_displacement": pytest.approx(0.1),
+    }
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        TESTS.encode(),
+        b"\xef\xbb\xbf" + TESTS.encode(),
+        TESTS.replace("\n", "\r\n").encode(),
+        TESTS.replace(",", ";").encode(),
+        TESTS.replace(",", "\t").encode(),
+        ("# by hand\n\n" + TESTS + "\n\n").encode(),
+    ],
+    ids=["plain", "byte order mark", "crlf", "semicolons", "tabs", "comments"],
+)
+def test_usual_kinds_of_csv_are_read(file: Path, content: bytes) -> None:
+    file.write_bytes(content)
+    assert [(test.velocity, test.depth) for test in read_depth_tests(file)] == [(200.0, 0.2), (300.0, 0.4)]
+
+
+@pytest.mark.parametrize(
+    ("content", "line", "reason"),
+    [
+        ("velocity_m_s,depth_m\n200,0.2\n300,\n", 3, "depth is missing: the cell is empty"),
+        ("velocity_m_s,depth_m\n200,0.2\n300\n", 3, "the line has 1 cells, the header 2"),
+        ("velocity_m_s,depth_m\n200,0.2\n\n300,0.4\n", 3, "the line is empty"),
+        ("velocity_m_s,depth_m\n200,0.2\n300,0.4,1\n", 3, "the line has 3 cells, the header 2"),
+        ("velocity_m_s,mass_kg\n200,13\n300,13\n", 1, "no column of depth; there are: velocity_m_s, mass_kg"),
+        ("velocity_m_s,depth_m\n200,0.2\n", 2, "at least 2 rows are needed, the file has 1"),
+        ("velocity_m_s,depth_m\n", 1, "there are no rows below the header"),
+        ("velocity_m_s,depth_m\n200,0.2\n0,0.4\n", 3, "velocity must be greater than 0, got 0 m/s"),
+        ("velocity_m_s,depth_m\n200,0.2\n300,-0.4\n", 3, "depth must be greater than 0, got -0.4 m"),
+        ("velocity_m_s,depth_m,mass_kg\n200,0.2,1\n300,0.4,0\n", 3, "mass must be greater than 0, got 0 kg"),
+        ("velocity_m_s,depth_m,depth_mm\n200,0.2,200\n300,0.4,400\n", 1, "depth is there 2 times"),
+        ("velocity_m_s,velocity_m_s,depth_m\n1,1,1\n1,1,1\n", 1, "velocity is there 2 times"),
+        ("velocity_m_s,depth_m\n200,0.2\n300,deep\n", 3, "depth must be a finite number, got 'deep'"),
+        ("velocity_m_s,depth_m\n200,0.2\n300,nan\n", 3, "depth must be a finite number, got 'nan'"),
+        ("velocity_m_s,depth_m\n200,0.2\n300,1e999\n", 3, "depth must be a finite number, got '1e999'"),
+        ("velocity_m_s,depth_m\n200,0.2\n1_000,0.4\n", 3, "velocity must be a finite number, got '1_000'"),
+        ("velocity_m_s;depth_m\n200;0.2\n300;0,4\n", 3, "write decimals with a point"),
+        ("velocity_m_s,depth_furlong\n200,0.2\n300,0.4\n", 1, "unknown unit 'furlong' of depth, known are m, cm, mm"),
+        ("velocity_km_s,depth_m\n200,0.2\n300,0.4\n", 2, "velocity is above 10 km/s (wrong unit?), got 200000 m/s"),
+        ("velocity,depth\n200,0.2\n300,400\n", 3, "depth is above 1000 diameters (wrong unit?), got 400 m"),
+        ('velocity_m_s,depth_m\n200,0.2\n"300,0.4\n', 3, "not a CSV file"),
+    ],
+)
+def test_wrong_tests_are_refused_with_their_line(file: Path, content: str, line: int, reason: str) -> None:
+    file.write_text(content)
+    with pytest.raises(FileError) as refused:
+        read_depth_tests(file, diameter=0.08)
+    assert str(refused.value).startswith(f"{file}:{line}: ")
+    assert reason in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "line", "reason"),
+    [
+        ("0.002,", "0.001,", 4, "time must rise from row to row, got 0.001 s after 0.001 s"),
+        ("0.002,", "0.0005,", 4, "time must rise from row to row, got 0.0005 s after 0.001 s"),
+        ("0,0,0,0", "-0.001,0,0,0", 2, "time must be at least 0, first contact"),
+        ("0.001,0.2", "0.001,", 3, "depth_displacement is missing: the cell is empty"),
+        ("rotation_deg", "rotation_turns", 1, "unknown unit 'turns' of rotation"),
+        ("rotation_deg", "time_ms", 1, "time is there 2 times: 'time_s' and 'time_ms'"),
+        ("time_s", "clock", 1, "no column of time"),
+        (
+            "depth_displacement_m",
+            "depth_displacement",
+            3,
+            "depth_displacement of 200 m after 0.001 s is more than a body",
+        ),
+        ("time_s", "time_ms", 3, "m after 1e-06 s is more than a body that strikes at 238 m/s can make"),
+        ("depth_displacement_m,", "depth_displacement_mm,", 3, "of 0.0002 m after 0.001 s is much less than a body"),
+        ("rotation_deg", "rotation", 4, "rotation of 3.5 rad after 0.002 s is more than a body"),
+    ],
+)
+def test_wrong_histories_are_refused_with_their_line(file: Path, old: str, new: str, line: int, reason: str) -> None:
+    content = HISTORY.replace(old, new)
+    if new == "depth_displacement":
+        content = content.replace("0.2,0.1", "200,0.1")
+    file.write_text(content)
+    with pytest.raises(FileError) as refused:
+        read_motion(file, expected=STRIKE)
+    assert str(refused.value).startswith(f"{file}:{line}: ")
+    assert reason in str(refused.value)
+
+
+def test_history_without_motion_is_refused(file: Path) -> None:
+    file.write_text("time_s,depth_displacement_m\n0,0\n0.001,0\n")
+    with pytest.raises(FileError, match="much less"):
+        read_motion(file, expected=STRIKE)
+    file.write_text("time_s,depth_velocity_m_s\n0,0\n0.001,0\n")
+    with pytest.raises(FileError, match=":1: no column of depth_displacement, lateral_displacement, rotation"):
+        read_motion(file)
+
+
+@pytest.mark.parametrize(
+    ("content", "reason"),
+    [
+        (b"", "the file is empty"),
+        (b"\xef\xbb\xbf\n", "the file is empty"),
+        (b"# nothing\n", "comments only"),
+        (TESTS.encode("utf-16"), "UTF-16"),
+        (b"velocity_m_s,depth_m\n\x00\x01", "not a text file"),
+        (b"velocity_m_s,depth_m\n\xff,1\n", "not a text file"),
+    ],
+)
+def test_what_is_no_text_is_refused(file: Path, content: bytes, reason: str) -> None:
+    file.write_bytes(content)
+    with pytest.raises(FileError, match=reason):
+        read_depth_tests(file)
+
+
+def test_missing_file_is_named(tmp_path: Path) -> None:
+    with pytest.raises(FileError, match=r"nothing\.csv: No such file"):
+        read_depth_tests(tmp_path / "nothing.csv")
+    with pytest.raises(FileError, match="directory"):
+        read_depth_tests(tmp_path)
+
+
+def test_unit_asked_for_must_agree_with_the_header(file: Path) -> None:
+    file.write_text(HISTORY)
+    with pytest.raises(FileError, match=":1: time is in s by the header, but ms was asked for"):
+        read_motion(file, units={"time": "ms"})
+    assert read_motion(file, units={"time": "s"}).time[-1] == 0.002
+
+
+def test_column_asked_for_must_be_there(file: Path) -> None:
+    file.write_text(HISTORY)
+    with pytest.raises(FileError, match=":1: no column 'T'; there are: time_s, depth_displacement_m"):
+        read_motion(file, {"time": "T"})
+
+
+def test_time_and_displacements_count_from_contact(file: Path) -> None:
+    file.write_text("time_s,depth_displacement_m,rotation_deg\n-0.001,-0.2,0\n0.001,0.2,0\n0.002,0.35,1\n")
+    history = read_motion(file, contact=0.0005)
+    assert history.depth_displacement is not None
+    assert np.allclose(history.time, [0.0, 0.0005, 0.0015])
+    assert np.allclose(history.depth_displacement, [0.0, 0.1, 0.25])
+    with pytest.raises(FileError, match=r"the contact, 0\.002 s, must be"):
+        read_motion(file, contact=0.002)
+
+
+def test_obliquity_points_are_read(file: Path) -> None:
+    file.write_text("oblique_angle_deg,strength_factor,standard_error\n15,8.25,0.1\n30,7.91,0.2\n")
+    points = read_obliquity_points(file)
+    assert [point.oblique_angle for point in points] == pytest.approx([math.radians(15.0), math.radians(30.0)])
+    assert [(point.strength_factor, point.standard_error) for point in points] == [(8.25, 0.1), (7.91, 0.2)]
+
+
+@pytest.mark.parametrize(
+    ("content", "line", "reason"),
+    [
+        (
+            "oblique_angle,strength_factor\n0,8\n15,8\n",
+            3,
+            "must be less than 90° from the normal (wrong unit?), got 15 rad",
+        ),
+        ("oblique_angle_deg,strength_factor\n0,8\n15,0\n", 3, "strength_factor must be greater than 0, got 0"),
+        ("oblique_angle_deg,strength_factor,standard_error\n0,8,0.1\n15,8,\n", 3, "standard_error is missing"),
+    ],
+)
+def test_wrong_points_are_refused_with_their_line(file: Path, content: str, line: int, reason: str) -> None:
+    file.write_text(content)
+    with pytest.raises(FileError) as refused:
+        read_obliquity_points(file)
+    assert str(refused.value).startswith(f"{file}:{line}: ")
+    assert reason in str(refused.value)

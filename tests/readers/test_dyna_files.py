@@ -1,0 +1,152 @@
+"""LS-DYNA's rbdout, nodout and binout: one motion read from each, and what is refused."""
+
+import math
+import random
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from service.readers import Axis, FileError, read_motion
+from solver.arrays import FloatArray
+from tests.readers.dyna_files import write_binout, write_nodout, write_rbdout
+
+TIME = np.linspace(0.0, 4.0, 21)  # ms
+DEPTH, LATERAL, ROTATION = 200.0 * np.sin(TIME / 3.0), 120.0 * TIME, 0.05 * TIME**2  # mm, mm, rad
+AXES = {
+    "depth_displacement": Axis.named("-z"),
+    "lateral_displacement": Axis.named("x"),
+    "rotation": Axis.named("-y"),
+}
+UNITS = {"time": "ms", "depth_displacement": "mm", "lateral_displacement": "mm"}
+OTHER = np.full((len(TIME), 6), -1.2345e-101)
+
+
+def along_axes() -> FloatArray:
+    zero = np.zeros_like(TIME)
+    return np.column_stack([LATERAL, zero, -DEPTH, zero, -ROTATION, zero])
+
+
+Writer = Callable[..., None]
+WRITERS = pytest.mark.parametrize(
+    ("write", "choice"),
+    [
+        (write_rbdout, {"part": 42}),
+        (write_nodout, {"node": 42}),
+        (write_binout, {"part": 42}),
+        (lambda *a: write_binout(*a, order=">"), {"part": 42}),
+        (lambda *a: write_binout(*a, database="nodout"), {"node": 42}),
+    ],
+    ids=["rbdout", "nodout", "binout", "binout of the other byte order", "binout of nodes"],
+)
+
+
+@WRITERS
+def test_motion_is_read_along_the_named_axes(tmp_path: Path, write: Writer, choice: dict[str, Any]) -> None:
+    write(tmp_path / "file", TIME, {7: OTHER, 42: along_axes()})
+    history = read_motion(tmp_path / "file", units=UNITS, axes=AXES, **choice)
+    assert np.allclose(history.time, 1e-3 * TIME)
+    for name, expected in (("depth_displacement", 1e-3 * DEPTH), ("lateral_displacement", 1e-3 * LATERAL)):
+        assert np.allclose(history.columns[name], expected, rtol=2e-4, atol=1e-12), name
+    assert np.allclose(history.columns["rotation"], ROTATION, rtol=2e-4, atol=1e-12)
+
+
+@WRITERS
+def test_motion_counts_from_the_first_state(tmp_path: Path, write: Writer, choice: dict[str, Any]) -> None:
+    write(tmp_path / "file", TIME + 5.0, {7: OTHER, 42: along_axes() + 3.0})
+    history = read_motion(tmp_path / "file", axes=AXES, **choice)
+    assert [history.time[0], *(column[0] for column in history.columns.values())] == [0.0] * 4
+    assert history.time[-1] == pytest.approx(4.0)
+    later = read_motion(tmp_path / "file", axes=AXES, contact=6.1, **choice)
+    assert later.time[-1] == pytest.approx(2.9)
+
+
+@WRITERS
+def test_body_must_be_chosen_where_there_are_several(tmp_path: Path, write: Writer, choice: dict[str, Any]) -> None:
+    file = tmp_path / "file"
+    write(file, TIME, {7: OTHER, 42: along_axes()})
+    absent: dict[str, Any] = dict.fromkeys(choice, 3)
+    with pytest.raises(FileError, match=r"there is no .* 3, there are: 7, 42"):
+        read_motion(file, axes=AXES, **absent)
+    with pytest.raises(FileError, match=r"say which .* to read, there are: 7, 42"):
+        read_motion(file, axes=AXES)
+    with pytest.raises(FileError, match="say which is depth"):
+        read_motion(file, **choice)
+    write(file, TIME, {42: along_axes()})
+    assert len(read_motion(file, axes=AXES).time) == len(TIME)
+
+
+@WRITERS
+def test_one_state_or_repeated_time_is_refused(tmp_path: Path, write: Writer, choice: dict[str, Any]) -> None:
+    write(tmp_path / "file", TIME[:1], {42: along_axes()})
+    with pytest.raises(FileError, match="at least 2 rows"):
+        read_motion(tmp_path / "file", axes=AXES)
+    write(tmp_path / "file", np.where(TIME == 4.0, 3.8, TIME), {42: along_axes()})
+    with pytest.raises(FileError, match=r"(:\d+|state 21): time must rise from row to row, got 3.8 s after 3.8 s"):
+        read_motion(tmp_path / "file", axes=AXES)
+
+
+@pytest.mark.parametrize("write", [write_rbdout, write_nodout], ids=["rbdout", "nodout"])
+def test_damaged_text_is_refused_with_its_line(tmp_path: Path, write: Writer) -> None:
+    file = tmp_path / "file"
+    write(file, TIME, {42: along_axes()})
+    lines = file.read_bytes().splitlines(keepends=True)
+    row = next(n for n, line in enumerate(lines) if f"{-DEPTH[3]:12.4E}".encode() in line and b"coord" not in line)
+    for damage, reason in ((b" ***********", "must be numbers"), (b"         NaN", "must be numbers")):
+        damaged = lines[row].replace(f"{-DEPTH[3]:12.4E}".encode(), damage)
+        file.write_bytes(b"".join([*lines[:row], damaged, *lines[row + 1 :]]))
+        with pytest.raises(FileError, match=reason) as refused:
+            read_motion(file, axes=AXES)
+        assert refused.value.line == row + 1
+    file.write_bytes(b"".join(lines[:row]))
+    with pytest.raises(FileError, match="is the file cut short"):
+        read_motion(file, axes=AXES)
+
+
+def test_binout_cut_or_damaged_anywhere_is_refused(tmp_path: Path) -> None:
+    file = tmp_path / "binout0000"
+    write_binout(file, TIME[:3], {42: along_axes()})
+    whole = file.read_bytes()
+    for length in range(1, len(whole), 7):
+        file.write_bytes(whole[:length])
+        with pytest.raises(FileError):
+            read_motion(file, axes=AXES, part=42)
+    shuffle = random.Random(5)  # noqa: S311
+    for _ in range(300):
+        damaged = bytearray(whole)
+        damaged[shuffle.randrange(len(whole))] = shuffle.randrange(256)
+        file.write_bytes(damaged)
+        with suppress(FileError):  # or the damage is in the numbers
+            read_motion(file, axes=AXES, part=42)
+
+
+def test_binout_goes_on_in_its_next_file(tmp_path: Path) -> None:
+    write_binout(tmp_path / "binout0000", TIME[:8], {42: along_axes()[:8]})
+    write_binout(tmp_path / "binout0000%001", TIME[8:], {42: along_axes()[8:]}, first=9)
+    history = read_motion(tmp_path / "binout0000", units=UNITS, axes=AXES)
+    assert np.allclose(history.columns["depth_displacement"], 1e-3 * DEPTH, rtol=2e-4)
+
+
+def test_file_without_rotations_gives_displacements_alone(tmp_path: Path) -> None:
+    write_nodout(tmp_path / "nodout", TIME, {42: along_axes()}, rotations=False)
+    with pytest.raises(FileError, match="the file has no rotations"):
+        read_motion(tmp_path / "nodout", axes=AXES)
+    history = read_motion(tmp_path / "nodout", axes={"depth_displacement": Axis.named("-z")})
+    assert history.columns.keys() == {"depth_displacement"}
+
+
+def test_flags_of_the_other_kind_are_refused(tmp_path: Path) -> None:
+    write_rbdout(tmp_path / "rbdout", TIME, {42: along_axes()})
+    with pytest.raises(FileError, match="only CSV files have columns to name"):
+        read_motion(tmp_path / "rbdout", {"time": "T"}, axes=AXES)
+    with pytest.raises(FileError, match="cannot be along the same axis"):
+        read_motion(tmp_path / "rbdout", axes=AXES | {"lateral_displacement": Axis.named("z")})
+    with pytest.raises(FileError, match="unknown unit 'furlong' of time"):
+        read_motion(tmp_path / "rbdout", units={"time": "furlong"}, axes=AXES)
+    (tmp_path / "file.csv").write_text("time_s,rotation_deg\n0,0\n1,1\n")
+    with pytest.raises(FileError, match="a CSV file has no axes"):
+        read_motion(tmp_path / "file.csv", axes=AXES)
+    assert math.isclose(read_motion(tmp_path / "file.csv").columns["rotation"][1], math.radians(1.0))
