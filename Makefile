@@ -8,7 +8,7 @@ COMPILE := $(BIN)/uv pip compile --universal --python-version 3.11 --fork-strate
 	--custom-compile-command "make lock" --quiet
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo serve test test-all check format openapi bench accuracy stress figures lock clean
+.PHONY: help setup demo serve test test-all check format openapi bench accuracy stress reproduce validate figures lock clean
 
 help: ## list what can be made
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -61,6 +61,12 @@ accuracy: setup ## compare 200 random critical angles with converged ones, some 
 
 stress: setup ## load and faults against real servers, ten minutes; ARGS="--quick" or ARGS="--full"
 	$(BIN)/python -m benchmarks.stress $(ARGS)
+
+reproduce: setup ## compute the paper anew, into build/reproduce
+	@$(BIN)/ricochet reproduce $(ARGS)
+
+validate: setup ## compare with published penetration tests, into build/validation
+	@$(BIN)/ricochet validate $(ARGS)
 
 figures: setup ## draw the pictures of the README
 	$(BIN)/python docs/figures/trajectories.py

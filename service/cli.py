@@ -6,7 +6,7 @@ from importlib.metadata import version
 
 from pydantic import ValidationError
 
-from service.commands import cache, calibrate, contract
+from service.commands import cache, calibrate, contract, reports
 from service.commands.serve import serve
 from service.settings import Settings
 from solver import ENGINE_VERSION
@@ -22,6 +22,7 @@ def main(arguments: list[str] | None = None) -> int:
     results = commands.add_parser("cache", help="look after the results of the data folder")
     cache.add_commands(results.add_subparsers(dest="action", required=True))
     calibrate.add_commands(commands)
+    reports.add_commands(commands)
     commands.add_parser("version", help="print the versions of the package and the solver")
     asked = parser.parse_args(arguments)
     if asked.command in {"serve", "cache"}:
@@ -32,6 +33,8 @@ def main(arguments: list[str] | None = None) -> int:
         return serve(settings) if asked.command == "serve" else cache.look_after(settings, asked)
     if asked.command == "calibrate":
         return calibrate.run(asked)
+    if asked.command in {"reproduce", "validate"}:
+        return reports.run(asked)
     if asked.command == "openapi":
         return contract.check_contract() if asked.check else contract.write_contract()
     print(f"ricochet {version('ricochet')}, engine {ENGINE_VERSION}")

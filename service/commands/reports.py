@@ -1,0 +1,69 @@
+"""`ricochet reproduce` and `ricochet validate`: reports as a page, pictures and tables."""
+
+import argparse
+import sys
+from collections.abc import Iterable
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+EXTRA = frozenset({"jinja2", "markupsafe", "matplotlib"})
+"""Packages of the extra `reports`."""
+REPORTS = {"reproduce": "reproduction", "validate": "validation"}
+"""Module of `service.reports` by command."""
+
+
+def add_commands(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Add both commands.
+
+    Parameters
+    ----------
+    commands
+        Of the parser of `ricochet`.
+    """
+    reproduce = commands.add_parser("reproduce", help="compute the paper anew, beside its own numbers")
+    reproduce.add_argument("--output", type=Path, default=Path("build/reproduce"), metavar="FOLDER")
+    validate = commands.add_parser("validate", help="compare with published penetration tests")
+    validate.add_argument("--output", type=Path, default=Path("build/validation"), metavar="FOLDER")
+
+
+def run(asked: argparse.Namespace) -> int:
+    """Write the report that is asked for; return 1 if it cannot be written."""
+    try:
+        writer = import_module("service.reports.report")
+        report = import_module(f"service.reports.{REPORTS[asked.command]}")
+    except ModuleNotFoundError as error:
+        if (error.name or "").partition(".")[0] not in EXTRA:
+            raise
+        print(f"{error.name} is not installed; reports need it: pip install 'ricochet[reports]'", file=sys.stderr)
+        return 1
+    try:
+        page = _write(writer, report, asked.output)
+    except OSError as error:
+        print(f"the report cannot be written: {error}", file=sys.stderr)
+        return 1
+    print(f"wrote {page}")
+    return 0
+
+
+def _write(writer: Any, report: Any, folder: Path) -> Path:
+    """Write a report, with a bar on standard error that tells how far it is."""
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=Console(stderr=True)) as progress:
+        task = progress.add_task("warming up", total=report.COUNT)
+
+        def tell(what: str) -> None:
+            progress.update(task, description=what)
+
+        def counted() -> Iterable[Any]:
+            for section in report.sections(tell):
+                yield section
+                progress.advance(task)
+
+        page: Path = writer.write_report(
+            folder, title=report.TITLE, introduction=report.INTRODUCTION, sections=counted()
+        )
+    return page

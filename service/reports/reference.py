@@ -1,0 +1,199 @@
+"""Published numbers, tests and finite element histories that the reports compare with. Sources: `data/SOURCES.md`."""
+
+import csv
+import re
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+
+import numpy as np
+
+from solver.arrays import FloatArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PaperNumber:
+    """A number printed in the paper."""
+
+    table: str
+    quantity: str
+    key: str
+    value: float
+    unit: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Shot:
+    """A test of the paper's Table 1."""
+
+    name: str
+    mass: float
+    """[kg]"""
+    velocity: float
+    """[m/s]"""
+    depth: float
+    """[m]"""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PenetrationTest:
+    """A published test: steel, ogive nose, normal impact on concrete."""
+
+    series: str
+    row: int
+    """In the data set it was taken from."""
+    mass: float
+    """[kg]"""
+    diameter: float
+    """[m]"""
+    length: float | None
+    """None where not known. [m]"""
+    caliber_radius_head: float
+    compressive_strength: float
+    """[Pa]"""
+    density: float
+    """Of the concrete. [kg/m³]"""
+    target_diameter: float
+    """[m]"""
+    velocity: float
+    """[m/s]"""
+    depth: float
+    """[m]"""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FiniteElementRun:
+    """A run of the project's finite element model of the paper's strike; displacements since first contact."""
+
+    name: str
+    oblique_angle: float
+    """[rad]"""
+    velocity: float
+    """[m/s]"""
+    greatest_tip_depth: float
+    """[m]"""
+    outcome: str
+    """As the solver names them."""
+    cpu_seconds: float
+    time: FloatArray
+    """[s]"""
+    depth_displacement: FloatArray
+    """Of the centre of gravity. [m]"""
+    lateral_displacement: FloatArray
+    """Likewise. [m]"""
+    rotation: FloatArray
+    """Positive as the nose turns toward the face. [rad]"""
+    depth_velocity: FloatArray
+    """[m/s]"""
+    lateral_velocity: FloatArray
+    """[m/s]"""
+    angular_velocity: FloatArray
+    """[rad/s]"""
+
+
+@cache
+def paper_numbers() -> tuple[PaperNumber, ...]:
+    """Every number of the paper that the project uses, in its order."""
+    return tuple(
+        PaperNumber(
+            table=row["table"],
+            quantity=row["quantity"],
+            key=row["key"],
+            value=float(row["value"]),
+            unit=row["unit"],
+        )
+        for row in _rows("paper_tables.csv")
+    )
+
+
+def paper_value(quantity: str, key: str | None = None) -> float:
+    """Return one number of the paper.
+
+    Parameters
+    ----------
+    quantity, key
+        As in `paper_tables.csv`; the key where a quantity has several values.
+    """
+    (found,) = (each for each in paper_numbers() if each.quantity == quantity and key in (None, each.key))
+    return found.value
+
+
+def table_1() -> tuple[Shot, ...]:
+    """Depth tests of the paper's Table 1, slowest first."""
+    shots = []
+    for each in paper_numbers():
+        if each.table == "1":
+            name, mass, velocity = re.findall(r"^(\S+) ([\d.]+)kg ([\d.]+)m/s", each.key)[0]
+            shots.append(Shot(name=name, mass=float(mass), velocity=float(velocity), depth=each.value))
+    return tuple(shots)
+
+
+def table_2() -> tuple[tuple[float, float], ...]:
+    """Oblique angle and strength factor of the paper's Table 2. [°, 1]"""
+    return tuple((float(each.key.split()[-2]), each.value) for each in paper_numbers() if each.table == "2")
+
+
+def equation_9() -> tuple[float, ...]:
+    """Coefficients of the paper's eq. 9. [1, 1/°, 1/°²]"""
+    return tuple(each.value for each in paper_numbers() if each.table == "eq9")
+
+
+@cache
+def penetration_tests() -> tuple[PenetrationTest, ...]:
+    """Published depth tests, all of them, in the order of the file."""
+    return tuple(
+        PenetrationTest(
+            series=row["series"],
+            row=int(row["row"]),
+            mass=float(row["mass_kg"]),
+            diameter=float(row["diameter_m"]),
+            length=float(row["length_m"]) if row["length_m"] else None,
+            caliber_radius_head=float(row["caliber_radius_head"]),
+            compressive_strength=float(row["compressive_strength_pa"]),
+            density=float(row["density_kg_m3"]),
+            target_diameter=float(row["target_diameter_m"]),
+            velocity=float(row["striking_velocity_m_s"]),
+            depth=float(row["penetration_depth_m"]),
+        )
+        for row in _rows("penetration_tests.csv")
+    )
+
+
+@cache
+def finite_element_runs() -> tuple[FiniteElementRun, ...]:
+    """Normal runs by velocity, then the oblique ones by angle."""
+    return tuple(_finite_element_run(row) for row in _rows("finite_element/runs.csv"))
+
+
+def finite_element_run(name: str) -> FiniteElementRun:
+    """Return one run by its name, such as `oblique-45`."""
+    (found,) = (run for run in finite_element_runs() if run.name == name)
+    return found
+
+
+def _finite_element_run(row: dict[str, str]) -> FiniteElementRun:
+    rows = _rows(f"finite_element/{row['name']}.csv")
+    table = {name: np.array([float(each[name]) for each in rows]) for name in rows[0]}
+    return FiniteElementRun(
+        name=row["name"],
+        oblique_angle=float(np.radians(float(row["oblique_angle_deg"]))),
+        velocity=float(row["velocity_m_s"]),
+        greatest_tip_depth=float(row["greatest_tip_depth_m"]),
+        outcome=row["outcome"],
+        cpu_seconds=float(row["cpu_s"]),
+        time=table["time_s"],
+        depth_displacement=table["depth_displacement_m"],
+        lateral_displacement=table["lateral_displacement_m"],
+        rotation=np.radians(table["rotation_deg"]),
+        depth_velocity=table["depth_velocity_m_s"],
+        lateral_velocity=table["lateral_velocity_m_s"],
+        angular_velocity=np.radians(table["angular_velocity_deg_s"]),
+    )
+
+
+def _rows(name: str) -> list[dict[str, str]]:
+    return list(csv.DictReader(_text(name).splitlines()))
+
+
+def _text(name: str) -> str:
+    return files("service.reports").joinpath("data", name).read_text(encoding="utf-8")

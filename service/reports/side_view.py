@@ -1,0 +1,93 @@
+"""The projectile from the side: where its outline is at instants of its motion."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+
+from service.reports import style
+from solver import mass_properties
+from solver.arrays import FloatArray
+from solver.projectile import Line, Projectile
+
+TIP_PATH = "#c8102e"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TipPath:
+    """Motion of the nose tip, from the origin."""
+
+    time: FloatArray
+    """[s]"""
+    lateral: FloatArray
+    """Along the face. [m]"""
+    depth: FloatArray
+    """[m]"""
+    axis_angle: FloatArray
+    """[rad]"""
+
+
+def tip_path(
+    projectile: Projectile,
+    *,
+    time: FloatArray,
+    depth_displacement: FloatArray,
+    lateral_displacement: FloatArray,
+    axis_angle: FloatArray,
+) -> TipPath:
+    """Path of a nose tip that touches the face first.
+
+    Parameters
+    ----------
+    projectile
+        Its centre of gravity is behind the tip.
+    time
+        Since first contact, from 0. [s]
+    depth_displacement, lateral_displacement
+        Of the centre of gravity since then. [m]
+    axis_angle
+        From the inward normal to the axis. [rad]
+    """
+    ahead = mass_properties(projectile).center_of_gravity
+    lateral, depth = ahead * np.sin(axis_angle), ahead * np.cos(axis_angle)
+    return TipPath(
+        time=time,
+        lateral=lateral_displacement + lateral - lateral[0],
+        depth=depth_displacement + depth - depth[0],
+        axis_angle=axis_angle,
+    )
+
+
+def silhouette(projectile: Projectile) -> FloatArray:
+    """(n, 2) distance behind the tip and signed distance from the axis, once around. [m]"""
+    edge: list[tuple[float, float]] = []
+    for piece in projectile.outline():
+        if isinstance(piece, Line):
+            edge += [(piece.x_start, piece.r_start), (piece.x_end, piece.r_end)]
+        else:
+            x, r, _, _ = piece.at(np.linspace(0.0, 1.0, 60))
+            edge += zip(x.tolist(), r.tolist(), strict=True)
+    upper = np.array(edge)
+    return np.concatenate([upper, upper[::-1] * (1.0, -1.0)])
+
+
+def draw_path(axes: Axes, projectile: Projectile, path: TipPath, instants: Sequence[float] | FloatArray) -> None:
+    """Draw the body at some instants and the path of its tip, labelled for a legend; depth is the ordinate."""
+    body = silhouette(projectile)
+    colors = mpl.colormaps["viridis"](np.linspace(0.75, 0.0, len(instants)))
+    for row, color in zip(np.searchsorted(path.time, instants), colors, strict=True):
+        cosine, sine = np.cos(path.axis_angle[row]), np.sin(path.axis_angle[row])
+        lateral = path.lateral[row] - body[:, 0] * sine + body[:, 1] * cosine
+        depth = path.depth[row] - body[:, 0] * cosine - body[:, 1] * sine
+        label = f"{path.time[row] * 1e3:.1f} ms"
+        axes.fill(lateral, depth, facecolor=(*color[:3], 0.25), edgecolor=color, linewidth=1.1, label=label)
+    axes.plot(path.lateral, path.depth, color=TIP_PATH, linewidth=1.8, label="nose tip")
+
+
+def draw_concrete(axes: Axes, *, lateral: tuple[float, float], depth: tuple[float, float]) -> None:
+    """Frame a view between two places along the face and two depths, and fill in the target. [m]"""
+    axes.set(xlim=lateral, ylim=(depth[1], depth[0]), aspect="equal")
+    axes.axhspan(0.0, depth[1], color=style.CONCRETE, zorder=0)
+    axes.axhline(0.0, color=style.FACE, linewidth=1.0, zorder=1)

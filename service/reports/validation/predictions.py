@@ -1,0 +1,129 @@
+"""Depth of every test by four choices of the strength factor and by two ways from it to the depth."""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from numpy.polynomial import Chebyshev
+from scipy.optimize import minimize_scalar
+
+from service.reports.validation.strikes import Strike
+from solver import ConstantStrengthFactor, Resistance, StrengthPowerLaw, strength_factor
+from solver.arrays import FloatArray
+from solver.calibration import penetration_depths
+from solver.penetration import closed_form_depth
+from solver.resistance import StrengthFactor
+
+FIT_RANGE = (3.0, 15.0)
+"""Strength factors among which the best is sought. [1]"""
+CURVE_DEGREE = 6
+"""Of the polynomial that stands for depth over S while fitting: true to 10⁻⁶ of the depth."""
+
+DepthCurve: TypeAlias = Callable[[float], float]
+"""Depth of the nose tip by strength factor. [m]"""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Prediction:
+    """Depths of all tests by one choice of the strength factor and one way to the depth."""
+
+    factor_model: str
+    method: str
+    factors: FloatArray
+    """Strength factor of each test. [1]"""
+    depths: FloatArray
+    """[m]"""
+
+
+TRAJECTORY, CLOSED_FORM = "trajectory model", "closed form"
+POWER_LAW, SQUARE_ROOT, CONSTANT, LEFT_OUT = "82.6 f'c^−0.544", "72 f'c^−0.5", "constant 8.52", "leave-one-out"
+FACTOR_MODELS: Mapping[str, StrengthFactor] = {
+    POWER_LAW: StrengthPowerLaw(coefficient=82.6, exponent=-0.544),
+    SQUARE_ROOT: StrengthPowerLaw(coefficient=72.0, exponent=-0.5),
+    CONSTANT: ConstantStrengthFactor(value=8.52),
+}
+"""Correlations of Frew et al. (1998) and of Li and Chen (2003), and the paper's value at 0°."""
+ALL_MODELS = (POWER_LAW, SQUARE_ROOT, CONSTANT, LEFT_OUT)
+
+
+def trajectory_depth(strike: Strike, factor: float) -> float:
+    """Greatest depth of the nose tip by the trajectory model. [m]"""
+    depths = penetration_depths(
+        projectile=strike.projectile,
+        target=strike.target,
+        velocities=[strike.test.velocity],
+        strength_factor=factor,
+    )
+    return float(depths[0])
+
+
+def crater_depth(strike: Strike, factor: float) -> float:
+    """Depth by the closed form with a crater two diameters deep. [m]"""
+    return closed_form_depth(
+        projectile=strike.projectile,
+        target=strike.target,
+        velocity=strike.test.velocity,
+        strength_factor=factor,
+    )
+
+
+METHODS: Mapping[str, Callable[[Strike, float], float]] = {TRAJECTORY: trajectory_depth, CLOSED_FORM: crater_depth}
+
+
+def predict(strikes: Sequence[Strike], method: str, curves: Sequence[DepthCurve]) -> list[Prediction]:
+    """Depths of all strikes by one method, for every choice of the strength factor; `curves` are theirs by it."""
+    depth = METHODS[method]
+    found = [
+        Prediction(
+            factor_model=name,
+            method=method,
+            factors=(factors := model_factors(strikes, model)),
+            depths=np.array([depth(*pair) for pair in zip(strikes, factors.tolist(), strict=True)]),
+        )
+        for name, model in FACTOR_MODELS.items()
+    ]
+    factors = leave_one_out(strikes, curves)
+    depths = np.array([curve(factor) for curve, factor in zip(curves, factors.tolist(), strict=True)])
+    return [*found, Prediction(factor_model=LEFT_OUT, method=method, factors=factors, depths=depths)]
+
+
+def model_factors(strikes: Sequence[Strike], model: StrengthFactor) -> FloatArray:
+    """Strength factor of each strike by a model that knows the concrete only. [1]"""
+    resistance = Resistance(strength_factor=model)
+    return np.array([strength_factor(resistance=resistance, oblique_angle=0.0, target=each.target) for each in strikes])
+
+
+def depth_curve(strike: Strike, method: str) -> DepthCurve:
+    """Depth over S as a polynomial between the logarithms of both, so that a fit costs a dozen runs only."""
+    depth = METHODS[method]
+
+    def logarithms(factors: FloatArray) -> FloatArray:
+        return np.array([math.log(depth(strike, math.exp(factor))) for factor in factors.tolist()])
+
+    domain = [math.log(factor) for factor in FIT_RANGE]
+    curve = Chebyshev.interpolate(logarithms, CURVE_DEGREE, domain=domain)
+    return lambda factor: math.exp(float(curve(math.log(factor))))
+
+
+def leave_one_out(strikes: Sequence[Strike], curves: Sequence[DepthCurve]) -> FloatArray:
+    """Strength factor of each strike, fitted to the others of its group that are counted. [1]"""
+    factors = []
+    for index, strike in enumerate(strikes):
+        others = [
+            (other.test.depth, curve)
+            for place, (other, curve) in enumerate(zip(strikes, curves, strict=True))
+            if place != index and other.counted and other.group == strike.group
+        ]
+        factors.append(fit_factor(others))
+    return np.array(factors)
+
+
+def fit_factor(measured: Sequence[tuple[float, DepthCurve]]) -> float:
+    """Return the strength factor with the least sum of squared differences between depths. [1]"""
+
+    def squares(factor: float) -> float:
+        return sum((curve(factor) - depth) ** 2 for depth, curve in measured)
+
+    return float(minimize_scalar(squares, bounds=FIT_RANGE, method="bounded", options={"xatol": 1e-7}).x)

@@ -1,0 +1,132 @@
+import csv
+import re
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+from service.cli import main
+from service.reports import style
+from service.reports.paper import depth, obliquity, open_points, searches, sensitivity, turning
+from service.reports.reference import equation_9, paper_numbers, paper_value, table_1
+from service.reports.report import Comparison, Section, Tell
+from solver.cases import PAPER_PROJECTILE
+
+LIMIT_S = 120.0
+FIGURES = {f"figure-{number:02d}" for number in (6, *range(8, 19))}
+CHEAP = (depth.section, obliquity.section, searches.section, turning.section, sensitivity.section, open_points.section)
+
+
+@cache
+def section_of(make: Callable[[Tell], Section]) -> Section:
+    with style.styled():
+        return make(lambda _: None)
+
+
+def compared(make: Callable[[Tell], Section], start: str) -> Comparison:
+    (found,) = (each for each in section_of(make).comparisons if each.what.startswith(start))
+    return found
+
+
+def test_strength_factor_from_table_1() -> None:
+    assert compared(depth.section, "S from Table 1, 13 kg").ours == pytest.approx(8.44, abs=0.02)
+    assert compared(depth.section, "S from Table 1, tabulated masses").ours == pytest.approx(8.38, abs=0.02)
+    assert compared(depth.section, "S from Table 1, 13 kg").reference == paper_value(
+        "strength_factor", "oblique angle 0 deg"
+    )
+
+
+def test_strength_factor_of_the_diameter_that_was_fired() -> None:
+    slim = replace(PAPER_PROJECTILE, diameter=depth.FIRED_DIAMETER)
+    assert depth.fit(table_1(), own_masses=True, projectile=slim).estimate.strength_factor == pytest.approx(
+        9.2, abs=0.05
+    )
+
+
+def test_equation_9_from_table_2_to_the_printed_digits() -> None:
+    coefficients = obliquity.fit_table_2().coefficients
+    assert tuple(round(value, places) for value, places in zip(coefficients, (3, 4, 4), strict=True)) == equation_9()
+
+
+def test_critical_angle_is_the_paper_s_within_its_tolerance() -> None:
+    printed = paper_value("critical_ricochet_angle_deg")
+    for method in ("bisection", "secant", "outcome"):
+        found = compared(searches.section, f"critical angle by {method}")
+        assert found.reference == printed
+        assert found.ours == pytest.approx(printed, rel=paper_value("relative_tolerance"))
+
+
+def test_critical_angles_of_other_readings_are_those_of_the_separate_program() -> None:
+    known = {"all as in this report": 48.57, "ν = 0.2": 49.07, "no decay near the face": 57.48, "tip at 5 ms": 48.61}
+    for choice, angle in known.items():
+        assert compared(open_points.section, f"critical angle, {choice}").ours == pytest.approx(angle, abs=0.03)
+
+
+@pytest.mark.parametrize("make", CHEAP, ids=lambda make: make.__module__.rpartition(".")[2])
+def test_whatever_has_a_tolerance_is_within_it(make: Callable[[Tell], Section]) -> None:
+    assert [each.what for each in section_of(make).comparisons if each.holds is False] == []
+
+
+def test_references_named_after_the_paper_are_numbers_that_it_prints() -> None:
+    printed = {number.value for number in paper_numbers()}
+    claimed = [
+        each
+        for make in CHEAP
+        for each in section_of(make).comparisons
+        if re.match(r"Table|eq\.|Figure", each.reference_source)
+    ]
+    assert len(claimed) > 10
+    assert {each.reference for each in claimed} <= printed
+
+
+def test_trials_turned_away_are_those_that_end_above_the_face() -> None:
+    bisection = section_of(searches.section).tables[0]
+    _, degrees, early, final, turned_away = zip(*bisection.rows, strict=True)
+    assert degrees[:3] == pytest.approx((40.0, 60.0, 50.0))
+    assert turned_away[:4] == ("no", "yes", "yes", "no")
+    assert early[0] == pytest.approx(final[0])  # at rest by then
+    assert early[1] > final[1]  # still rising
+
+
+def test_finer_steps_and_more_elements_come_nearer_to_the_adaptive_route() -> None:
+    (table,) = section_of(sensitivity.section).tables
+    far = {(row[0], row[1]): row[4] for row in table.rows}
+    assert far[sensitivity.PAPER_STEP * 1e3, 12_000] < 0.1 * far[sensitivity.STEPS[0] * 1e3, 12_000]  # type: ignore[operator]
+    assert far[sensitivity.PAPER_STEP * 1e3, 12_000] < 0.1 * far[sensitivity.PAPER_STEP * 1e3, 750]  # type: ignore[operator]
+
+
+@pytest.mark.slow
+def test_the_whole_paper_is_reproduced_in_two_minutes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    start = time.monotonic()
+    assert main(["reproduce", "--output", str(tmp_path)]) == 0
+    assert time.monotonic() - start < LIMIT_S
+    assert str(tmp_path / "index.html") in capsys.readouterr().out
+    for suffix in ("png", "svg", "csv"):
+        assert {path.stem for path in (tmp_path / "figures").glob(f"figure-*.{suffix}")} >= FIGURES
+    page = (tmp_path / "index.html").read_text(encoding="utf-8")
+    assert not re.search(r"https?://|<script", page)
+    with (tmp_path / "comparisons.csv").open(newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert [row["what"] for row in rows if row["holds"] == "no"] == []
+    assert {float(row["reference"]) for row in rows if row["reference"]} >= {
+        8.52,
+        8.25,
+        7.91,
+        6.48,
+        *equation_9(),
+        48.2,
+    }
+
+
+@pytest.mark.slow
+def test_two_reports_differ_in_times_only(tmp_path: Path) -> None:
+    for name in ("one", "two"):
+        assert main(["reproduce", "--output", str(tmp_path / name)]) == 0
+    timed = re.compile(r"index\.html|cost|comparisons|figure-16|finite")
+    for path in (tmp_path / "one").rglob("*.*"):
+        if not timed.search(path.name):
+            twin = tmp_path / "two" / path.relative_to(tmp_path / "one")
+            assert path.read_bytes() == twin.read_bytes(), path.name

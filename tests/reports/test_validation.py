@@ -1,0 +1,202 @@
+"""Depths of published tests: the numbers held to, what is left out, and how the two ways to a depth differ."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from service.reports import style
+from service.reports.contents import Section
+from service.reports.reference import penetration_tests, table_2
+from service.reports.validation.assessment import Assessment, assess, every, of_diameter, of_group, of_series
+from service.reports.validation.crater import crater_differences
+from service.reports.validation.listing import tests_section as listing_section
+from service.reports.validation.predictions import (
+    ALL_MODELS,
+    CLOSED_FORM,
+    CONSTANT,
+    FACTOR_MODELS,
+    LEFT_OUT,
+    METHODS,
+    POWER_LAW,
+    TRAJECTORY,
+    crater_depth,
+    depth_curve,
+    fit_factor,
+    leave_one_out,
+    trajectory_depth,
+)
+from service.reports.validation.ratios import ratios_section
+from service.reports.validation.sections import parts
+from service.reports.validation.strikes import OUTLIER_ROW, Strike, grades, strikes
+from solver import ConstantStrengthFactor, solid_properties
+from solver.calibration import DepthTest, fit_depth
+
+WEAK_2006 = "frew-2006, 23 MPa"
+
+
+@pytest.fixture(scope="module")
+def assessment() -> Assessment:
+    return assess(lambda what: None)
+
+
+@pytest.fixture(scope="module")
+def sections(assessment: Assessment) -> list[Section]:
+    with style.styled():
+        return list(parts(assessment, lambda what: None))
+
+
+def outlier_place(assessment: Assessment) -> int:
+    (place,) = (place for place, strike in enumerate(assessment.strikes) if strike.test.row == OUTLIER_ROW)
+    return place
+
+
+def test_closed_form_with_the_power_law_meets_the_numbers_of_the_1994_series(assessment: Assessment) -> None:
+    found = assessment.agreement(CLOSED_FORM, POWER_LAW, of_series("forrestal-1994"))
+    assert found.number == 16
+    assert found.mean_ratio == pytest.approx(1.02, abs=0.03)
+    assert found.coefficient_of_variation == pytest.approx(0.08, abs=0.02)
+    assert all(comparison.holds in (True, None) for comparison in ratios_section(assessment).comparisons)
+
+
+def test_mean_set_for_the_1994_series_is_that_with_its_outlier_to_the_digit(assessment: Assessment) -> None:
+    ratios = assessment.ratios(CLOSED_FORM, POWER_LAW)
+    of_1994 = ratios[[strike.test.series == "forrestal-1994" for strike in assessment.strikes]]
+    assert round(float(of_1994.mean()), 2) == 1.02
+
+
+def test_trajectory_model_goes_less_deep_than_the_closed_form_in_the_1994_series(assessment: Assessment) -> None:
+    ours, closed = (assessment.agreement(each, POWER_LAW, of_series("forrestal-1994")) for each in METHODS)
+    assert 0.02 < closed.mean_ratio - ours.mean_ratio < 0.04
+    assert ours.mean_ratio == pytest.approx(1.0, abs=0.03)
+
+
+def test_every_row_but_the_outlier_is_counted(assessment: Assessment) -> None:
+    counted = {assessment.strikes[place].test.row for place in assessment.chosen(every)}
+    assert counted == {test.row for test in penetration_tests()} - {OUTLIER_ROW}
+    assert {assessment.agreement(method, model).number for method in METHODS for model in ALL_MODELS} == {54}
+
+
+def test_outlier_enters_no_fit(assessment: Assessment) -> None:
+    """Its depth doubled, no strength factor moves; that of a counted test would."""
+    place = outlier_place(assessment)
+    curves = [depth_curve(strike, CLOSED_FORM) for strike in assessment.strikes]
+    moved = with_depth(assessment.strikes, place, factor=2.0)
+    np.testing.assert_array_equal(leave_one_out(moved, curves), leave_one_out(assessment.strikes, curves))
+
+
+def with_depth(given: Sequence[Strike], place: int, *, factor: float) -> list[Strike]:
+    """The same strikes, with one measured depth changed."""
+    strike = given[place]
+    test = replace(strike.test, depth=factor * strike.test.depth)
+    return [replace(strike, test=test) if index == place else each for index, each in enumerate(given)]
+
+
+@pytest.mark.parametrize("place", [0, 20, 40])
+def test_depth_of_a_test_does_not_move_its_own_prediction_but_moves_the_others(
+    assessment: Assessment, place: int
+) -> None:
+    curves = [depth_curve(strike, CLOSED_FORM) for strike in assessment.strikes]
+    before = leave_one_out(assessment.strikes, curves)
+    after = leave_one_out(with_depth(assessment.strikes, place, factor=1.3), curves)
+    group = assessment.strikes[place].group
+    others = [other for other in assessment.chosen(of_group(group)) if other != place]
+    elsewhere = [other for other, strike in enumerate(assessment.strikes) if strike.group != group]
+    assert after[place] == before[place]
+    assert np.all(after[others] < before[others])
+    np.testing.assert_array_equal(after[elsewhere], before[elsewhere])
+
+
+def test_factor_of_a_group_is_that_of_the_calibration_from_depths(assessment: Assessment) -> None:
+    """By two routes, on the group with one projectile and one concrete."""
+    group = [strike for strike in assessment.strikes if strike.group == WEAK_2006]
+    tests = [DepthTest(velocity=each.test.velocity, depth=each.test.depth, mass=each.test.mass) for each in group]
+    expected = fit_depth(projectile=group[0].projectile, target=group[0].target, tests=tests).estimate
+    assert assessment.group_factors[TRAJECTORY, WEAK_2006] == pytest.approx(expected.strength_factor, rel=1e-5)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_depth_curve_follows_the_depth(assessment: Assessment, method: str) -> None:
+    for strike in assessment.strikes[::9]:
+        curve = depth_curve(strike, method)
+        for factor in (3.7, 7.1, 12.9):
+            assert curve(factor) == pytest.approx(METHODS[method](strike, factor), rel=1e-5)
+
+
+def test_fit_finds_the_factor_that_made_the_depths(assessment: Assessment) -> None:
+    chosen = assessment.strikes[:5]
+    made = [(crater_depth(strike, 6.5), depth_curve(strike, CLOSED_FORM)) for strike in chosen]
+    assert fit_factor(made) == pytest.approx(6.5, rel=1e-4)
+
+
+def test_depth_does_not_depend_on_the_length_that_was_assumed() -> None:
+    for strike in strikes(penetration_tests()):
+        if strike.test.length is None and strike.test.row % 5 == 0:
+            longer = replace(strike, projectile=replace(strike.projectile, length=2.0 * strike.projectile.length))
+            assert trajectory_depth(longer, 8.0) == pytest.approx(trajectory_depth(strike, 8.0), rel=1e-6)
+
+
+def test_assumed_lengths_make_solid_steel() -> None:
+    for strike in strikes(penetration_tests()):
+        if strike.test.length is None:
+            density = strike.test.mass / solid_properties(strike.projectile).volume
+            assert density == pytest.approx(7850.0, rel=1e-9)
+
+
+def test_grades_split_a_series_where_its_strengths_do() -> None:
+    found = dict(zip((test.row for test in penetration_tests()), grades(penetration_tests()), strict=True))
+    assert found[40] == found[52] == "forrestal-1994, 32.4 to 40.1 MPa"
+    assert found[41] == found[42] == "forrestal-1994, 90.5 to 108 MPa"
+    assert len(set(found.values())) == 6
+
+
+def test_strength_correlation_misses_the_large_projectiles_by_a_third_and_more(assessment: Assessment) -> None:
+    for method in METHODS:
+        large = assessment.agreement(method, POWER_LAW, of_diameter(0.0762))
+        assert large.number == 22
+        assert 0.55 < large.mean_ratio < 0.70
+
+
+def test_strength_factor_from_other_tests_of_the_group_carries_the_depth(assessment: Assessment) -> None:
+    for method in METHODS:
+        found = assessment.agreement(method, LEFT_OUT)
+        assert found.mean_ratio == pytest.approx(1.0, abs=0.03)
+        assert found.coefficient_of_variation < 0.11
+
+
+def test_constant_is_the_papers_at_normal_impact() -> None:
+    assert FACTOR_MODELS[CONSTANT] == ConstantStrengthFactor(value=dict(table_2())[0.0])
+
+
+def test_depths_of_the_two_ways_differ_by_nearly_a_constant_of_the_nose(assessment: Assessment) -> None:
+    """In normal impact below 500 m/s within a tenth of a diameter of what follows without inertia."""
+    for each in crater_differences(assessment):
+        slow = np.array([strike.test.velocity < 500.0 for strike in each.strikes])
+        beyond = (each.differences - each.static) / each.diameter
+        assert np.all(beyond > 0.0)
+        assert np.all(beyond[slow] < 0.05)
+        assert np.ptp(each.differences) / each.diameter < 0.1
+
+
+def test_flags_are_the_warnings_of_the_model(assessment: Assessment) -> None:
+    (table,) = listing_section(assessment).tables
+    flags = {row[1]: str(row[-1]) for row in table.rows}
+    assert "velocity_beyond_rigid" in flags[72]
+    assert "strength_beyond_tests" in flags[46]
+    assert "left_out" in flags[OUTLIER_ROW]
+    assert flags[61] == ""
+
+
+def test_report_names_the_outlier_and_says_that_no_angle_was_tested(sections: list[Section]) -> None:
+    text = " ".join(paragraph for section in sections for paragraph in section.text)
+    assert f"Row {OUTLIER_ROW} of forrestal-1994 is left out" in text
+    assert "by a third and more" in text
+    assert "No test of the critical ricochet angle" in text
+
+
+def test_figures_carry_every_test(sections: list[Section]) -> None:
+    scatter = {figure.name: figure for section in sections for figure in section.figures if figure.name != "crater"}
+    assert len(scatter) == len(ALL_MODELS)
+    for figure in scatter.values():
+        assert {len(column) for column in figure.data.values()} == {len(penetration_tests())}
