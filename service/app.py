@@ -18,10 +18,18 @@ from service.logs import RequestLog
 from service.pool.executor import PoolExecutor
 from service.problems import MEDIA_TYPE, install_problem_handlers
 from service.results.cache import ResultCache
-from service.routes import batch, cra, docs, health, jobs, metrics, results, sweep, trajectory
+from service.routes import batch, calibration, cra, docs, health, jobs, metrics, results, sweep, trajectory
 from service.routes.download import FOLDER as DOWNLOADS
 from service.routes.hot import HotAnswers, HotPath
-from service.schemas import CriticalAngleBatch, CriticalAngleSweep, TrajectoryBatch, TrajectorySweep
+from service.schemas import (
+    CriticalAngleBatch,
+    CriticalAngleSweep,
+    DepthCalibrationRequest,
+    MotionCalibrationRequest,
+    ObliquityCalibrationRequest,
+    TrajectoryBatch,
+    TrajectorySweep,
+)
 from service.settings import Settings
 
 DESCRIPTION = """
@@ -34,9 +42,17 @@ POOL_SECONDS = 1
 """For the workers to end once nothing is asked of them any more."""
 STOP_SECONDS = POOL_SECONDS + 1
 """Of the grace time, for jobs and workers to end after the last request has been answered or given up."""
-OPERATIONS = {"trajectory": trajectory.TRAJECTORY, "cra": cra.CRITICAL_ANGLE}
-RESOURCES = (batch, sweep, trajectory, cra, results, jobs, health, metrics, docs)
-BODIES = (TrajectoryBatch, CriticalAngleBatch, TrajectorySweep, CriticalAngleSweep)
+OPERATIONS = {"trajectory": trajectory.TRAJECTORY, "cra": cra.CRITICAL_ANGLE} | calibration.OPERATIONS
+RESOURCES = (batch, sweep, trajectory, cra, calibration, results, jobs, health, metrics, docs)
+BODIES = (
+    TrajectoryBatch,
+    CriticalAngleBatch,
+    TrajectorySweep,
+    CriticalAngleSweep,
+    DepthCalibrationRequest,
+    MotionCalibrationRequest,
+    ObliquityCalibrationRequest,
+)
 """Models of the bodies that routes read piece by piece, which FastAPI does not get to see."""
 READING_THREADS = 1
 """They validate cases: more would only take the interpreter lock from the event loop more often."""

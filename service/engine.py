@@ -18,11 +18,23 @@ from service.results.cache import ResultCache
 from service.results.record import FloatColumns, Record
 from solver import ENGINE_VERSION
 
-__all__ = ["AbandonedError", "CacheStatus", "Chunk", "Engine", "Operation", "Request", "Wanted"]
+__all__ = [
+    "AbandonedError",
+    "CacheStatus",
+    "Chunk",
+    "Engine",
+    "Named",
+    "Operation",
+    "Request",
+    "Wanted",
+    "name_request",
+]
 
 CacheStatus: TypeAlias = Literal["hit", "miss"]
 Answer: TypeAlias = tuple[dict[str, Any], FloatColumns | None]
 Answered: TypeAlias = tuple[Record, CacheStatus]
+Named: TypeAlias = tuple[str, dict[str, Any]]
+"""Key and canonical form of a request."""
 
 CACHE_THREADS = 2
 """Encoding holds the interpreter lock: more threads would only make the event loop wait longer for its turn."""
@@ -97,19 +109,18 @@ class Engine:
         self._threads = CapacityLimiter(CACHE_THREADS)
         self._chunk_threads = CapacityLimiter(CHUNK_THREADS)
 
-    async def answer(self, operation: str, request: Request) -> Answered:
+    async def answer(self, operation: str, request: Request, named: Named | None = None) -> Answered:
         """Record of the request, and whether it was there already.
 
         Equal requests underway share one computation. It belongs to none of them: it goes on if whoever asked first,
-        or everyone, has left, and its result is kept.
+        or everyone, has left, and its result is kept. Large requests are named before, off the event loop.
 
         Raises
         ------
         QueriesWaitingError
             If too many wait for a worker.
         """
-        canonical = request.canonical()
-        key = result_key(operation, canonical)
+        key, canonical = named or name_request(operation, request)
         record = self.cache.recall(key)
         if record is not None:
             return record, "hit"
@@ -210,6 +221,12 @@ class Engine:
         del self._underway[key]
         if not task.cancelled():
             task.exception()  # seen, even if nobody waits for it any more
+
+
+def name_request(operation: str, request: Request) -> Named:
+    """Return key and canonical form of a request."""
+    canonical = request.canonical()
+    return result_key(operation, canonical), canonical
 
 
 @dataclass(frozen=True, slots=True)

@@ -27,6 +27,19 @@ AXES = [
     {"field": "impact.velocity_m_s", "values": [240.0, 250.0]},
     {"field": "target.density_kg_m3", "start": 2200.0, "stop": 2300.0, "count": 2},
 ]
+TESTS = [{"velocity_m_s": 238.1, "depth_m": 0.3}, {"velocity_m_s": 314.0, "depth_m": 0.45, "mass_kg": 12.91}]
+MODEL = {name: PAPER[name] for name in ("projectile", "target")}
+MOTION = MODEL | {
+    "impact": {"velocity_m_s": 238.0, "oblique_angle_deg": 30.0},
+    "history": {
+        "time_s": [0.0, 1e-3, 2e-3],
+        "depth_displacement_m": [0.0, 0.173, 0.252],
+        "rotation_deg": [0, 7.1, 11.6],
+    },
+    "weights": {"rotation": 0.5},
+    "until_s": 0.002,
+}
+POINTS = [{"oblique_angle_deg": angle, "strength_factor": 8.5 - 0.05 * angle} for angle in (0.0, 15.0, 30.0, 45.0)]
 NUMBERS = (0, -0.0, -1, 1, 1e-320, 1e-9, 1e9, 1e308, -1e308, 2**63, 10**30, 89.999, 90, 0.5, 100_000)
 OTHERS: tuple[Any, ...] = (
     None,
@@ -105,6 +118,9 @@ ROUTES: dict[tuple[str, str], Callable[[], Any]] = {
     ("/cra/batch", JSONL): lambda: _batch(SEARCH)["cases"],
     ("/trajectory/sweep", JSON): lambda: _sweep(STRIKE),
     ("/cra/sweep", JSON): lambda: _sweep(SEARCH),
+    ("/calibration/depth", JSON): lambda: MODEL | {"tests": TESTS, "compare_strength_factors": [8.0]},
+    ("/calibration/motion", JSON): lambda: MOTION,
+    ("/calibration/obliquity", JSON): lambda: {"points": POINTS, "order": 2},
 }
 
 

@@ -17,6 +17,18 @@ from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 from solver import CriticalAngle, Impact, Trajectory, critical_angle, simulate, warm_up
+from solver.arrays import FloatArray
+from solver.calibration import (
+    DepthFit,
+    MotionFit,
+    MotionHistory,
+    ObliquityFit,
+    fit_depth,
+    fit_motion,
+    fit_obliquity,
+    penetration_depths,
+    predict_motion,
+)
 
 Call: TypeAlias = tuple[Callable[..., Any], tuple[Any, ...]]
 """A picklable function and its arguments."""
@@ -31,6 +43,8 @@ NICENESS = 5
 """Below the server, which has to answer others while the workers fill the cores."""
 STRIKE = ("velocity", "angle_of_attack", "angular_velocity")
 """What a critical angle is sought for and a run takes as part of its impact."""
+MODEL = ("projectile", "target", "resistance")
+"""What a fit and a prediction beside it have in common."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,6 +53,22 @@ class CriticalCase:
 
     found: CriticalAngle
     trajectory: Trajectory | None
+
+
+@dataclass(frozen=True, slots=True)
+class DepthCalibration:
+    """A fit to depths, and curves beside it: strength factor, velocities and depths of each."""
+
+    fit: DepthFit
+    curves: Sequence[tuple[float, FloatArray, FloatArray]]
+
+
+@dataclass(frozen=True, slots=True)
+class MotionCalibration:
+    """A fit to a motion, and predictions beside it: the strength factor of each, and the motion."""
+
+    fit: MotionFit
+    compared: Sequence[tuple[float, MotionHistory]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,6 +105,34 @@ def run_cra(arguments: Mapping[str, Any], sample_interval: float | None) -> Crit
     strike = {name: motion.pop(name) for name in STRIKE if name in motion}
     motion["impact"] = Impact(oblique_angle=found.angle, **strike)
     return CriticalCase(found, simulate(**motion, sample_interval=sample_interval))
+
+
+def run_depth_calibration(
+    arguments: Mapping[str, Any], strength_factors: Sequence[float], velocities: FloatArray
+) -> DepthCalibration:
+    """Run :func:`solver.calibration.fit_depth` with these keyword arguments, and a curve for each strength factor."""
+    model = {name: arguments[name] for name in MODEL}
+    fit = fit_depth(**arguments)
+    curves = [
+        (factor, velocities, penetration_depths(**model, velocities=velocities, strength_factor=factor))
+        for factor in strength_factors
+    ]
+    return DepthCalibration(fit, curves)
+
+
+def run_motion_calibration(
+    arguments: Mapping[str, Any], strength_factors: Sequence[float], times: FloatArray
+) -> MotionCalibration:
+    """Run :func:`solver.calibration.fit_motion` with these keyword arguments, and a motion for each strength factor."""
+    model = {name: arguments[name] for name in (*MODEL, "impact")}
+    fit = fit_motion(**arguments)
+    compared = [(factor, predict_motion(**model, times=times, strength_factor=factor)) for factor in strength_factors]
+    return MotionCalibration(fit, compared)
+
+
+def run_obliquity_calibration(arguments: Mapping[str, Any]) -> ObliquityFit:
+    """Run :func:`solver.calibration.fit_obliquity` with these keyword arguments."""
+    return fit_obliquity(**arguments)
 
 
 class Channel:

@@ -5,6 +5,7 @@
     answers      likewise
     iterations   every trial of the searches
     history      the motions over time
+    residuals    what a calibration was given, what it predicts and what is left
 
 Before the HDF5 data stands a block of 512 bytes, which HDF5 allows for and its tools skip, with the hash of all that
 follows. So every byte is checked before the HDF5 library, which does not take damage well, gets to see any.
@@ -27,11 +28,13 @@ from service.results.tables import (
     CASE,
     MOTION,
     NUMBERING,
+    RESIDUALS,
     TRIALS,
     Column,
     Table,
     histories_of,
     history_of,
+    residual_table,
     summarize,
     summary_columns,
     table_of,
@@ -51,6 +54,7 @@ DESCRIPTIONS = {
     "answers": "answers, JSON Lines likewise: without the histories, which are a table of this file",
     "iterations": "every trial of the searches, in order",
     "history": "the motions at even intervals and at the event that ended the run",
+    "residuals": "what a calibration was given, what it predicts and what is left",
 }
 
 
@@ -163,7 +167,12 @@ class Contents:
             write_attribute(root, name, text)
         self._summary = (*more, *summary_columns(operation))
         self._rows = 0
-        known = {"summary": self._summary, "iterations": (CASE, *TRIALS), "history": (CASE, *MOTION)}
+        known = {
+            "summary": self._summary,
+            "iterations": (CASE, *TRIALS),
+            "history": (CASE, *MOTION),
+            "residuals": (CASE, *RESIDUALS),
+        }
         self._streams = {
             name: Stream(file, name, description, columns=known.get(name, ()), chunk_bytes=chunk_bytes)
             for name, description in DESCRIPTIONS.items()
@@ -185,6 +194,7 @@ class Contents:
             "answers": _lines(answers),
             "iterations": trials_of(records, self._rows),
             "history": histories_of(records, self._rows),
+            "residuals": residual_table(records, self._rows),
         }
         for name, table in tables.items():
             self._streams[name].append(table)

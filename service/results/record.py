@@ -20,7 +20,7 @@ class Record:
     key
         Hash of the request, the operation and the versions.
     operation
-        ``"trajectory"`` or ``"cra"``.
+        ``"trajectory"``, ``"cra"`` or one of the calibrations.
     request
         Canonical request, every default filled in; or its JSON, which is then read only when somebody looks at it.
     answer

@@ -84,6 +84,12 @@ IDENTITY = (
     Column("engine_version", "of the solver", "S32"),
     Column("schema_version", "of the contract", "S32"),
 )
+ESTIMATE = (
+    Column("strength_factor", "that fits best"),
+    Column("standard_error", "of the strength factor"),
+    Column("confidence_low", "lower end of the confidence interval of the strength factor"),
+    Column("confidence_high", "upper end of it"),
+)
 SCALARS = {
     "trajectory": (
         Column("outcome", "how the run ended", "S32"),
@@ -98,7 +104,10 @@ SCALARS = {
         Column("critical_angle_deg", "smallest oblique angle, from the normal, at which the projectile is turned away"),
         Column("bracket_low_deg", "lower of the angles between which the change was last pinned down"),
         Column("bracket_high_deg", "upper of these"),
+        Column("critical_angle_standard_error_deg", "of the angle, from the covariance of the strength factor"),
     ),
+    "calibration_depth": ESTIMATE,
+    "calibration_motion": ESTIMATE,
 }
 """What a summary tells of an answer, by operation."""
 WARNINGS = Column("warnings", "codes of the warnings, with spaces between", "S512")
@@ -116,6 +125,27 @@ TRIALS = (
     Column("fine", "whether it was computed as finely as asked for, or only to see where to look", "?"),
 )
 
+QUANTITIES = {
+    "depth_displacement_m": "displacement of the centre of gravity along the inward normal of the face",
+    "lateral_displacement_m": "displacement of the centre of gravity along the face",
+    "rotation_deg": "change of the axis angle",
+}
+RESIDUALS = (
+    Column("oblique_angle_deg", "from the inward normal of the face to the velocity"),
+    Column("strength_factor", "as given"),
+    Column("residual", "given minus fitted strength factor"),
+    Column("velocity_m_s", "at first contact"),
+    Column("group", "that the test belongs to", "S512"),
+    Column("depth_m", "greatest depth of the nose tip, as given"),
+    Column("predicted_depth_m", "with the strength factor that fits best"),
+    Column("residual_m", "given minus predicted depth"),
+    Column("time_s", "since first contact"),
+    *(Column(name, f"{text}, as given") for name, text in QUANTITIES.items()),
+    *(Column(f"predicted_{name}", "with the strength factor that fits best") for name in QUANTITIES),
+    *(Column(f"residual_{name}", "given minus predicted") for name in QUANTITIES),
+)
+"""Of every calibration; each has some of these."""
+
 
 def summary_columns(operation: str) -> tuple[Column, ...]:
     """Columns of a summary of results of this operation."""
@@ -130,6 +160,8 @@ def summarize(record: Record) -> dict[str, Any]:
     row |= {name: getattr(record, name) for name in ("key", "operation", "engine_version", "schema_version")}
     if bracket := answer.get("bracket_deg"):
         row["bracket_low_deg"], row["bracket_high_deg"] = min(bracket), max(bracket)
+    if interval := answer.get("confidence_interval"):
+        row["confidence_low"], row["confidence_high"] = interval
     row["warnings"] = " ".join(dict.fromkeys(warning["code"] for warning in answer.get("warnings", ())))
     return row
 
@@ -145,6 +177,42 @@ def trials_of(records: Sequence[Record | None], first: int) -> Table:
     trials = [trial for search in searches for trial in search]
     rows = np.repeat(np.arange(first, first + len(records)), list(map(len, searches)))
     return _joined({CASE.name: rows} | _filled(TRIALS, trials), len(trials))
+
+
+def residuals_of(record: Record) -> dict[str, list[Any]]:
+    """Return what a calibration was given, what it predicts and what is left, by column; of other results nothing."""
+    kind = record.operation
+    if not kind.startswith("calibration_"):
+        return {}
+    answer = record.answer
+    if kind == "calibration_depth":
+        tests = record.request["tests"]
+        given = {
+            name: [test[name] for test in tests] for name in ("velocity_m_s", "group", "depth_m") if name in tests[0]
+        }
+        return given | {"predicted_depth_m": answer["predicted_depth_m"], "residual_m": answer["residuals"]}
+    if kind == "calibration_obliquity":
+        points = record.request["points"]
+        given = {name: [point[name] for point in points] for name in ("oblique_angle_deg", "strength_factor")}
+        return given | {"residual": answer["residuals"]}
+    columns = dict(answer["residuals"])
+    time = columns.pop("time_s")
+    used = {name: record.request["history"][name][: len(time)] for name in columns}
+    predicted = {f"predicted_{name}": answer["predicted"][name] for name in columns}
+    return {"time_s": time} | used | predicted | {f"residual_{name}": column for name, column in columns.items()}
+
+
+def residual_table(records: Sequence[Record | None], first: int) -> Table:
+    """Residuals of a calibration as a table, with the row of the summary; its file holds no other result."""
+    found = [
+        (row, columns) for row, record in enumerate(records, first) if record and (columns := residuals_of(record))
+    ]
+    if not found:
+        return np.empty(0)
+    ((row, columns),) = found
+    table = {column.name: column.fill(columns[column.name]) for column in RESIDUALS if column.name in columns}
+    length = len(next(iter(table.values())))
+    return _joined({CASE.name: np.full(length, row)} | table, length)
 
 
 def histories_of(records: Sequence[Record | None], first: int) -> Table:

@@ -6,7 +6,7 @@ from typing import Annotated, Any, TypeAlias
 from fastapi import Depends, Request, Response
 from pydantic import BaseModel
 
-from service.engine import Engine
+from service.engine import Engine, Named
 from service.kinds import kind_of
 from service.logs import BEGUN
 from service.problems import Problem
@@ -128,12 +128,12 @@ async def engine_of(request: Request) -> Engine:
 AskedEngine = Annotated[Engine, Depends(engine_of)]
 
 
-async def computed(request: Request, operation: str, case: Any, engine: Engine) -> Response:
-    """Reply with the result of a single query."""
+async def computed(request: Request, operation: str, case: Any, engine: Engine, named: Named | None = None) -> Response:
+    """Reply with the result of a single query, which may have been named already."""
     validated = time.perf_counter()
     app, begun = request.app.state, request.scope[BEGUN]
     try:
-        record, status = await engine.answer(operation, case)
+        record, status = await engine.answer(operation, case, named)
     except Exception as error:
         app.metrics.count_problem(operation, {"type": kind_of(error).uri})
         raise

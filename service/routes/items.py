@@ -28,7 +28,7 @@ FINAL = (
 )
 SCALARS: Mapping[str, tuple[str, ...]] = {
     "trajectory": ("outcome", "maximum_depth_m", *(f"final_{name}" for name in FINAL)),
-    "cra": ("status", "critical_angle_deg", "bracket_low_deg", "bracket_high_deg"),
+    "cra": ("status", "critical_angle_deg", "bracket_low_deg", "bracket_high_deg", "critical_angle_standard_error_deg"),
 }
 """Columns of the table of an operation, between what names the case and what is to be said of it."""
 

@@ -145,8 +145,8 @@ class CountedJobs(JobStore):
 
 
 def outcome_of(answer: Mapping[str, Any]) -> str:
-    """Return how a run or a search ended."""
-    outcome: str = answer.get("outcome") or answer.get("status") or ""
+    """Return how a run or a search ended; a fit that has an answer was found."""
+    outcome: str = answer.get("outcome") or answer.get("status") or "fitted"
     return outcome
 
 

@@ -12,6 +12,7 @@ from fastapi import APIRouter, Header, HTTPException, Path, Request, Response
 
 from service.results.hdf5 import to_hdf5
 from service.results.record import Record
+from service.results.tables import residuals_of
 from service.routes.accept import choose, matches
 from service.routes.contract import AskedEngine, Responses, problems
 from service.schemas import Result
@@ -20,9 +21,14 @@ router = APIRouter(tags=["results"])
 
 
 def to_csv(record: Record) -> bytes:
-    """Return the table of a result: the history of a run, or its end if it has none; the trials of a search."""
+    """Return the table of a result.
+
+    The history of a run, or its end if it has none; the trials of a search; the residuals of a calibration.
+    """
     if record.operation == "trajectory" and record.history is not None:
         names, columns = list(record.history), [column.tolist() for column in record.history.values()]
+    elif residuals := residuals_of(record):
+        names, columns = list(residuals), list(residuals.values())
     else:
         records = [record.answer["final"]] if record.operation == "trajectory" else record.answer["iterations"]
         names = list(records[0])
@@ -61,7 +67,10 @@ async def get_result(
     key: Annotated[str, Path(description="Of an answer.", json_schema_extra=KEY)],
     if_none_match: Annotated[str, Header(alias="If-None-Match", description="Entity tags the client has.")] = "",
 ) -> Response:
-    """Give the result with this key: JSON, CSV (the history, or the trials of a search) or HDF5 (all of it)."""
+    """Give the result with this key: JSON, CSV or HDF5 (all of it).
+
+    CSV is the history of a run, the trials of a search, the residuals of a calibration.
+    """
     media_type = choose(request.headers.get("accept", "*/*"), list(REPRESENTATIONS))
     if media_type is None:
         raise HTTPException(HTTPStatus.NOT_ACCEPTABLE, f"a result is given as {', '.join(REPRESENTATIONS)}")

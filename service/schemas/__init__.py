@@ -1,6 +1,6 @@
 """Requests and answers as the contract has them; the only place that converts degrees."""
 
-from service.schemas.answers import CriticalAngleAnswer, Result, TrajectoryAnswer
+from service.schemas.answers import CriticalAngleAnswer, TrajectoryAnswer
 from service.schemas.batches import (
     CriticalAngleBatch,
     CriticalAngleCase,
@@ -11,8 +11,20 @@ from service.schemas.batches import (
     TrajectoryResults,
 )
 from service.schemas.building import critical_angle_answer, trajectory_answer
+from service.schemas.calibration import (
+    DepthCalibrationAnswer,
+    DepthCalibrationRequest,
+    MotionCalibrationAnswer,
+    MotionCalibrationRequest,
+    ObliquityCalibrationAnswer,
+    ObliquityCalibrationRequest,
+    depth_answer,
+    motion_answer,
+    obliquity_answer,
+)
 from service.schemas.jobs import Job, JobResults, Jobs
 from service.schemas.requests import CriticalAngleRequest, TrajectoryRequest
+from service.schemas.results import Result
 from service.schemas.sweeps import CriticalAngleSweep, TrajectorySweep
 
 __all__ = [
@@ -22,9 +34,15 @@ __all__ = [
     "CriticalAngleRequest",
     "CriticalAngleResults",
     "CriticalAngleSweep",
+    "DepthCalibrationAnswer",
+    "DepthCalibrationRequest",
     "Job",
     "JobResults",
     "Jobs",
+    "MotionCalibrationAnswer",
+    "MotionCalibrationRequest",
+    "ObliquityCalibrationAnswer",
+    "ObliquityCalibrationRequest",
     "Result",
     "TrajectoryAnswer",
     "TrajectoryBase",
@@ -34,5 +52,8 @@ __all__ = [
     "TrajectoryResults",
     "TrajectorySweep",
     "critical_angle_answer",
+    "depth_answer",
+    "motion_answer",
+    "obliquity_answer",
     "trajectory_answer",
 ]

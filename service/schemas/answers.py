@@ -3,7 +3,6 @@
 from typing import Annotated, Generic, TypeVar
 
 from pydantic import MISSING, Field
-from typing_extensions import TypeAliasType
 
 from service.schemas.quantities import Num, Part, with_examples
 from solver import Outcome, SearchStatus
@@ -149,6 +148,13 @@ class CriticalAngleAnswer(Part):
         ]
         | MISSING
     ) = MISSING
+    critical_angle_standard_error_deg: (
+        Annotated[
+            Num,
+            Field(ge=0.0, description="From the covariance of the strength factor, if that was given. [°]"),
+        ]
+        | MISSING
+    ) = MISSING
     bracket_deg: Bracket | MISSING = MISSING
     iterations: Annotated[list[Trial], Field(description="Every angle tried, in order.")]
     other_crossings_deg: Annotated[
@@ -158,6 +164,3 @@ class CriticalAngleAnswer(Part):
     warnings: list[ModelWarning]
     key: Key
     engine_version: EngineVersion
-
-
-Result = TypeAliasType("Result", Annotated[TrajectoryAnswer | CriticalAngleAnswer, Field(description="Any answer.")])

@@ -35,7 +35,7 @@ def trajectory_answer(trajectory: solver.Trajectory) -> tuple[dict[str, Any], Co
         "outcome": trajectory.outcome.value,
         "final": final | {"axis_angle_deg": degrees(trajectory.final.axis_angle)},
         "maximum_depth_m": trajectory.maximum_depth,
-        "warnings": _warnings(trajectory.warnings),
+        "warnings": warnings_told(trajectory.warnings),
     }
     return answer, None if trajectory.history is None else _columns(trajectory.history)
 
@@ -47,6 +47,8 @@ def critical_angle_answer(
     answer: dict[str, Any] = {"status": found.status.value}
     if found.angle is not None:
         answer["critical_angle_deg"] = degrees(found.angle)
+    if found.standard_error is not None:
+        answer["critical_angle_standard_error_deg"] = degrees(found.standard_error)
     if found.bracket is not None:
         answer["bracket_deg"] = [degrees(angle) for angle in found.bracket]
     answer["iterations"] = [
@@ -62,7 +64,7 @@ def critical_angle_answer(
     history = None
     if trajectory is not None:
         answer["trajectory"], history = trajectory_answer(trajectory)
-    return answer | {"warnings": _warnings(found.warnings)}, history
+    return answer | {"warnings": warnings_told(found.warnings)}, history
 
 
 def _columns(history: solver.Motion[FloatArray]) -> Columns:
@@ -70,5 +72,6 @@ def _columns(history: solver.Motion[FloatArray]) -> Columns:
     return columns | {"axis_angle_deg": np.degrees(history.axis_angle)}
 
 
-def _warnings(warnings: tuple[solver.ModelWarning, ...]) -> list[dict[str, str]]:
+def warnings_told(warnings: tuple[solver.ModelWarning, ...]) -> list[dict[str, str]]:
+    """Return warnings as they are told."""
     return [{"code": warning.code, "detail": warning.detail} for warning in warnings]

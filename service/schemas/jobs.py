@@ -5,10 +5,11 @@ from typing import Annotated
 
 from pydantic import MISSING, AwareDatetime, Field
 
-from service.schemas.answers import FOUND, VERSIONED, Result
+from service.schemas.answers import FOUND, VERSIONED
 from service.schemas.batches import Item
 from service.schemas.problems import Problem
 from service.schemas.quantities import Count, Part, with_examples
+from service.schemas.results import Result
 
 ID = "0123456789abcdef0123456789abcdef"
 COUNTS = {"total": 200, "done": 120, "cached": 20, "failed": 1}

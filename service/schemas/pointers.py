@@ -27,8 +27,17 @@ UNITS = {
     "upper": "deg",
     "tolerance": "deg",
     "sample_interval": "s",
+    "time": "s",
+    "until": "s",
+    "depth": "m",
+    "depth_displacement": "m",
+    "lateral_displacement": "m",
+    "rotation": "deg",
 }
 """What the contract adds to the names of the solver."""
+
+UNITLESS = frozenset({"weights"})
+"""Parts whose numbers are named after quantities, but have no units."""
 
 
 def json_pointer(steps: Iterable[str | int]) -> str:
@@ -52,4 +61,5 @@ def pointer_of_location(location: Iterable[str | int]) -> str:
 def pointer_of_parameter(field: str) -> str:
     """Pointer of an input as the solver names it, such as ``projectile.length``."""
     names = PLACES.get(field, field).split(".")
-    return json_pointer(f"{name}_{UNITS[name]}" if name in UNITS else name for name in names)
+    units = {} if names[0] in UNITLESS else UNITS
+    return json_pointer(f"{name}_{units[name]}" if name in units else name for name in names)

@@ -3,7 +3,7 @@
 from enum import StrEnum
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import MISSING, Field
 from typing_extensions import TypeAliasType
 
 import solver
@@ -13,10 +13,25 @@ POLYNOMIAL = solver.ObliquityPolynomial()
 POWER_LAW = solver.StrengthPowerLaw()
 CONSTANT = {"model": "constant", "value": 8.52}
 OBLIQUITY = {"model": "obliquity_polynomial", "coefficients": list(POLYNOMIAL.coefficients)}
+UNCERTAIN = OBLIQUITY | {
+    "covariance": [[0.0494, -0.00364, 5.78e-05], [-0.00364, 0.000566, -1.156e-05], [5.78e-05, -1.156e-05, 2.569e-07]]
+}
 STRENGTH = {"model": "strength_power_law", "coefficient": 72.0, "exponent": -0.5}
 MOHR_COULOMB = {"model": "mohr_coulomb", "inertia": True}
 
-Coefficient = Annotated[Num, Field(ge=-1e6, le=1e6)]
+LARGEST_COEFFICIENT = 1e6
+
+Coefficient = Annotated[Num, Field(ge=-LARGEST_COEFFICIENT, le=LARGEST_COEFFICIENT)]
+CovarianceRow = Annotated[list[Coefficient], Field(min_length=1, max_length=10)]
+CovarianceMatrix = Annotated[
+    list[CovarianceRow],
+    Field(
+        min_length=1,
+        max_length=10,
+        description="Of the coefficients: a row for each, symmetric and positive semidefinite. Gives the critical "
+        "angle a standard error. [1, 1/°, 1/°², ... times the same]",
+    ),
+]
 
 
 class ConstantStrengthFactor(Part):
@@ -35,7 +50,7 @@ class ConstantStrengthFactor(Part):
 class ObliquityPolynomial(Part):
     """Polynomial in the initial oblique angle in degrees. Must be above zero at every angle asked for."""
 
-    model_config = with_examples(OBLIQUITY)
+    model_config = with_examples(OBLIQUITY, UNCERTAIN)
 
     model: Literal["obliquity_polynomial"]
     coefficients: Annotated[
@@ -48,10 +63,15 @@ class ObliquityPolynomial(Part):
             f"{list(POLYNOMIAL.coefficients)}, when not given. [1, 1/°, 1/°², ...]",
         ),
     ]
+    covariance: CovarianceMatrix | MISSING = MISSING
 
     def to_solver(self) -> solver.ObliquityPolynomial:
         """Return the solver's model."""
-        return solver.ObliquityPolynomial(coefficients=tuple(self.coefficients))
+        covariance = self.covariance
+        return solver.ObliquityPolynomial(
+            coefficients=tuple(self.coefficients),
+            covariance=None if covariance is MISSING else tuple(map(tuple, covariance)),
+        )
 
 
 class StrengthPowerLaw(Part):
@@ -107,6 +127,16 @@ class FreeSurface(Part):
         return solver.NoFreeSurface()
 
 
+InertiaFactor = Annotated[Num, Field(ge=0.0, le=10.0, description="Scales density times velocity squared. [1]")]
+Decay = Annotated[
+    FreeSurface,
+    Field(
+        default_factory=lambda: FreeSurface(model=FreeSurfaceModel.ELASTIC_PLASTIC),
+        description="Decay near the face; `elastic_plastic` without inertia when not given.",
+    ),
+]
+
+
 class Resistance(Part):
     """How the target resists."""
 
@@ -119,16 +149,8 @@ class Resistance(Part):
             description="Scales the compressive strength; `obliquity_polynomial` when not given.",
         ),
     ]
-    inertia_factor: Annotated[Num, Field(ge=0.0, le=10.0, description="Scales density times velocity squared. [1]")] = (
-        1.0
-    )
-    free_surface: Annotated[
-        FreeSurface,
-        Field(
-            default_factory=lambda: FreeSurface(model=FreeSurfaceModel.ELASTIC_PLASTIC),
-            description="Decay near the face; `elastic_plastic` without inertia when not given.",
-        ),
-    ]
+    inertia_factor: InertiaFactor = 1.0
+    free_surface: Decay
 
     def to_solver(self) -> solver.Resistance:
         """Return the solver's resistance."""

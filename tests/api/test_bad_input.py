@@ -1,43 +1,14 @@
 """Whatever is sent, the answer is a problem that names what is wrong, never a 500."""
 
-import copy
 import json
 from typing import Any
 
 import httpx
 import pytest
 
-from service.problems import Problem
 from service.schemas.examples import PAPER, PAPER_AT_45
 
-TEXT = {"Content-Type": "application/json"}
-
-
-def problem_of(response: httpx.Response, status: int) -> Problem:
-    assert response.status_code == status, response.text
-    assert response.headers["Content-Type"] == "application/problem+json"
-    found = Problem.model_validate(response.json())
-    assert found.status == status
-    assert found.instance == response.request.url.path
-    return found
-
-
-def changed(body: dict[str, Any], pointer: str, value: Any) -> dict[str, Any]:
-    """Copy of the body with another value, or without it where that is `...`."""
-    result: Any = copy.deepcopy(body)
-    *parents, last = pointer.strip("/").split("/")
-    place = result
-    for name in parents:
-        place = place.setdefault(name, {})
-    if value is ...:
-        del place[last]
-    else:
-        place[last] = value
-    assert isinstance(result, dict)
-    return result
-
-
-LITERALS = ["NaN", "Infinity", "-Infinity", "1e999", "-1e999", '"1"', "true", "null", "[1]", "{}", "1" + "0" * 400]
+from .refused import LITERALS, TEXT, changed, problem_of
 
 
 @pytest.mark.parametrize("literal", LITERALS, ids=[literal[:10] for literal in LITERALS])

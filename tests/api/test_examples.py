@@ -53,12 +53,26 @@ MANY: dict[str, tuple[str, Callable[[Any], Any]]] = {
     "Axis": ("/cra/sweep", lambda example: {"base": PAPER, "axes": [example]}),
 }
 """Where the parts of requests for many cases are sent, and in what."""
+TESTS = SCHEMAS["DepthCalibrationRequest"]["examples"][0]
+MOTION = SCHEMAS["MotionCalibrationRequest"]["examples"][0]
+POINTS = SCHEMAS["ObliquityCalibrationRequest"]["examples"][0]
+CALIBRATIONS: dict[str, tuple[str, Callable[[Any], Any]]] = {
+    "DepthCalibrationRequest": ("/calibration/depth", lambda example: example),
+    "DepthTest": ("/calibration/depth", lambda example: TESTS | {"tests": [example, example]}),
+    "CalibrationResistance": ("/calibration/depth", lambda example: TESTS | {"resistance": example}),
+    "MotionCalibrationRequest": ("/calibration/motion", lambda example: example),
+    "MotionRecord": ("/calibration/motion", lambda example: MOTION | {"history": example}),
+    "MotionWeights": ("/calibration/motion", lambda example: MOTION | {"weights": example}),
+    "ObliquityCalibrationRequest": ("/calibration/obliquity", lambda example: example),
+    "ObliquityPoint": ("/calibration/obliquity", lambda example: {"points": [example], "order": 0}),
+}
+"""Likewise of calibrations, but for what they share with the others."""
 SENT += [
     pytest.param(path, body(example), id=f"{name}-{number}-{path}")
-    for name, (path, body) in MANY.items()
+    for name, (path, body) in (MANY | CALIBRATIONS).items()
     for number, example in enumerate(SCHEMAS[name]["examples"])
 ]
-IN_REQUESTS = MANY.keys() | {name for request in REQUESTS for name, _ in places(request)}
+IN_REQUESTS = MANY.keys() | CALIBRATIONS.keys() | {name for request in REQUESTS for name, _ in places(request)}
 IN_ANSWERS = SCHEMAS.keys() - IN_REQUESTS
 
 
@@ -97,6 +111,26 @@ def test_example_of_a_critical_angle_is_that_of_the_paper(client: httpx.Client) 
     assert example["status"] == answer["status"]
     assert example["critical_angle_deg"] == pytest.approx(answer["critical_angle_deg"], abs=0.02)
     assert example["bracket_deg"] == pytest.approx(answer["bracket_deg"], abs=0.02)
+
+
+@pytest.mark.parametrize("kind", ["Depth", "Motion", "Obliquity"])
+def test_example_of_a_calibration_is_answered_as_its_example_says(client: httpx.Client, kind: str) -> None:
+    request, example = (SCHEMAS[f"{kind}Calibration{part}"]["examples"][0] for part in ("Request", "Answer"))
+    answer = client.post(f"/calibration/{kind.lower()}", json=request).json()
+    told, shown = dict(leaves(answer)), dict(leaves(example))
+    assert told.keys() == shown.keys()
+    for place, value in shown.items():
+        if isinstance(value, float):
+            assert told[place] == pytest.approx(value, rel=0.02, abs=5e-3), place
+
+
+def leaves(value: Any, steps: tuple[Any, ...] = ()) -> Iterator[tuple[tuple[Any, ...], Any]]:
+    """Every value that holds no others, and the way to it."""
+    if isinstance(value, dict | list):
+        for step, item in value.items() if isinstance(value, dict) else enumerate(value):
+            yield from leaves(item, (*steps, step))
+    else:
+        yield steps, value
 
 
 def test_example_of_a_problem_is_answered(client: httpx.Client) -> None:

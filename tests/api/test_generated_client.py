@@ -12,6 +12,7 @@ PARTS = [
     "find_one_angle",
     "compute_some_motions",
     "find_some_at_once",
+    "calibrate",
     "follow_a_job",
     "cancel_a_job",
     "get_problems",

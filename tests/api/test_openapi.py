@@ -24,6 +24,9 @@ REQUESTS = (
     "CriticalAngleRequest",
     "CriticalAngleBatch",
     "CriticalAngleSweep",
+    "DepthCalibrationRequest",
+    "MotionCalibrationRequest",
+    "ObliquityCalibrationRequest",
 )
 OPERATIONS: dict[str, dict[str, Any]] = {
     f"{method.upper()} {path}": operation
@@ -65,6 +68,9 @@ def test_service_serves_its_contract(client: httpx.Client) -> None:
 
 def test_operation_ids_are_the_names_of_the_routes() -> None:
     assert {operation["operationId"] for operation in OPERATIONS.values()} == {
+        "calibrate_by_depth",
+        "calibrate_by_motion",
+        "calibrate_over_obliquity",
         "cancel_job",
         "compute_trajectories",
         "compute_trajectory",
@@ -196,4 +202,6 @@ def test_errors_are_declared_as_problems() -> None:
         assert {"202", "406", "409", "413", "415", "422", "429", "503"} <= OPERATIONS[f"POST {path}"][
             "responses"
         ].keys()
+    for path in ("/calibration/depth", "/calibration/motion", "/calibration/obliquity"):
+        assert OPERATIONS[f"POST {path}"]["responses"].keys() == OPERATIONS["POST /cra"]["responses"].keys()
     assert {"304", "404", "406"} <= OPERATIONS["GET /results/{key}"]["responses"].keys()

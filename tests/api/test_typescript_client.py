@@ -13,7 +13,7 @@ ROOT = Path(__file__).parents[2]
 CONTRACT = ROOT / "openapi" / "openapi.json"
 CLIENT = ROOT / "tests" / "clients" / "typescript"
 FILES = ("package.json", "package-lock.json", ".npmrc", "tsconfig.json", "conversation.ts")
-PARTS = ("findOneAngle", "findSomeAtOnce", "sweepTwoAxes", "followAJob", "cancelAJob", "getProblems")
+PARTS = ("findOneAngle", "findSomeAtOnce", "sweepTwoAxes", "calibrate", "followAJob", "cancelAJob", "getProblems")
 
 OLDEST_NODE = 20
 LIMIT_S = 90.0  # of each command; together some 15 s on two cores

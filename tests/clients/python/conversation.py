@@ -14,6 +14,7 @@ import sys
 import time
 
 from ricochet_client import Client
+from ricochet_client.api.calibration import calibrate_by_depth, calibrate_by_motion, calibrate_over_obliquity
 from ricochet_client.api.critical_ricochet_angle import (
     find_critical_angle,
     find_critical_angles,
@@ -31,17 +32,27 @@ from ricochet_client.models import (
     CriticalAngleRequest,
     CriticalAngleResults,
     CriticalAngleSweep,
+    DepthCalibrationAnswer,
+    DepthCalibrationRequest,
+    DepthTest,
     Impact,
     Job,
     JobOperation,
     JobResults,
     JobStatus,
     Method,
+    MotionCalibrationAnswer,
+    MotionCalibrationRequest,
+    MotionRecord,
     Numerics,
+    ObliquityCalibrationAnswer,
+    ObliquityCalibrationRequest,
+    ObliquityPoint,
     OgiveNose,
     Outcome,
     Problem,
     Projectile,
+    Resistance,
     Search,
     SearchStatus,
     Strike,
@@ -103,6 +114,51 @@ def find_some_at_once() -> None:
     swept = sweep_critical_angles.sync(client=client, body=CriticalAngleSweep(base=PAPER, axes=[axis]))
     assert isinstance(swept, CriticalAngleResults)
     assert swept.results[1].result == found
+
+
+def calibrate() -> None:
+    tests = [
+        DepthTest(velocity_m_s=v, depth_m=z) for v, z in ((238.1, 0.3), (275.7, 0.38), (314.0, 0.45), (369.5, 0.53))
+    ]
+    deep = calibrate_by_depth.sync(
+        client=client, body=DepthCalibrationRequest(projectile=PROJECTILE, target=TARGET, tests=tests)
+    )
+    assert isinstance(deep, DepthCalibrationAnswer)
+    assert abs(deep.strength_factor - 8.44) < 0.02
+    assert deep.curves is UNSET
+
+    shot = TrajectoryRequest(
+        projectile=PROJECTILE, target=TARGET, impact=Impact(velocity_m_s=238.0, oblique_angle_deg=40.0)
+    )
+    moved = compute_trajectory.sync(client=client, body=shot).history
+    history = MotionRecord(
+        time_s=moved.time_s, rotation_deg=[angle - moved.axis_angle_deg[0] for angle in moved.axis_angle_deg]
+    )
+    oblique = calibrate_by_motion.sync(
+        client=client,
+        body=MotionCalibrationRequest(projectile=PROJECTILE, target=TARGET, impact=shot.impact, history=history),
+    )
+    assert isinstance(oblique, MotionCalibrationAnswer)
+    assert abs(oblique.strength_factor - (8.469 + 0.0149 * 40.0 - 0.0013 * 40.0**2)) < 0.01
+    assert oblique.residuals.time_s == moved.time_s
+    assert oblique.residuals.depth_displacement_m is UNSET
+
+    points = [
+        ObliquityPoint(oblique_angle_deg=angle, strength_factor=fit.strength_factor, standard_error=0.1)
+        for angle, fit in ((0.0, deep), (40.0, oblique))
+    ]
+    fit = calibrate_over_obliquity.sync(client=client, body=ObliquityCalibrationRequest(points=points, order=1))
+    assert isinstance(fit, ObliquityCalibrationAnswer)
+    for answer in (deep, oblique, fit):
+        assert get_result.sync(client=client, key=answer.key) == answer
+    asked = CriticalAngleRequest(
+        projectile=PROJECTILE,
+        target=TARGET,
+        impact=Strike(velocity_m_s=238.0),
+        resistance=Resistance(strength_factor=fit.strength_factor_model),
+    )
+    found = find_critical_angle.sync(client=client, body=asked)
+    assert 0.0 < found.critical_angle_standard_error_deg < 2.0
 
 
 def rough(velocity: float, custom_id: str) -> CriticalAngleCase:
@@ -188,6 +244,11 @@ def get_problems() -> None:
     line = find_critical_angles.sync(client=client, body=File(payload=io.BytesIO(b'{"impact": 1}\n')))
     assert isinstance(line, Problem)
     assert "/0/impact" in [error.pointer for error in line.errors]
+    tests = [DepthTest(velocity_m_s=238.1, depth_m=0.3)] * 2
+    shots = DepthCalibrationRequest(projectile=TOO_SHORT, target=TARGET, tests=tests)
+    fit = calibrate_by_depth.sync(client=client, body=shots)
+    assert isinstance(fit, Problem)
+    assert [error.pointer for error in fit.errors] == ["/projectile/length_m"]
     axis = Axis(field="impact.velocity", values=[238.0])
     sweep = sweep_critical_angles.sync(client=client, body=CriticalAngleSweep(base=PAPER, axes=[axis]))
     assert isinstance(sweep, Problem)
@@ -206,6 +267,7 @@ if __name__ == "__main__":
         find_one_angle,
         compute_some_motions,
         find_some_at_once,
+        calibrate,
         follow_a_job,
         cancel_a_job,
         get_problems,

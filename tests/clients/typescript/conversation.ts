@@ -110,6 +110,38 @@ async function sweepTwoAxes(): Promise<void> {
   assert.deepEqual(swept.results.map(({ index }) => index), [0, 1, 2, 3, 4, 5]);
 }
 
+async function calibrate(): Promise<void> {
+  const { impact: _, ...shared } = paper;
+  const tests: Schemas["DepthTest"][] = [
+    { velocity_m_s: 238.1, depth_m: 0.3 },
+    { velocity_m_s: 275.7, depth_m: 0.38 },
+    { velocity_m_s: 314.0, depth_m: 0.45 },
+    { velocity_m_s: 369.5, depth_m: 0.53 },
+  ];
+  const deep = given(await client.POST("/calibration/depth", { body: { ...shared, tests } }));
+  assert.ok(Math.abs(deep.strength_factor - 8.44) < 0.02, `${deep.strength_factor}`);
+  assert.equal(deep.residuals.length, tests.length);
+
+  const impact = { velocity_m_s: 238.0, oblique_angle_deg: 40.0 };
+  const shot = given(await client.POST("/trajectory", { body: { ...shared, impact } }));
+  assert.ok(shot.history);
+  const [first = NaN] = shot.history.axis_angle_deg;
+  const history = { time_s: shot.history.time_s, rotation_deg: shot.history.axis_angle_deg.map((angle) => angle - first) };
+  const oblique = given(await client.POST("/calibration/motion", { body: { ...shared, impact, history } }));
+  assert.equal(oblique.residuals.rotation_deg?.length, history.time_s.length);
+
+  const points = [
+    { oblique_angle_deg: 0.0, strength_factor: deep.strength_factor, standard_error: 0.1 },
+    { oblique_angle_deg: 40.0, strength_factor: oblique.strength_factor, standard_error: 0.1 },
+  ];
+  const fit = given(await client.POST("/calibration/obliquity", { body: { points, order: 1 } }));
+  const resistance = { strength_factor: fit.strength_factor_model };
+  const found = given(await client.POST("/cra", { body: { ...paper, resistance } }));
+  assert.ok(found.critical_angle_standard_error_deg);
+  const again = given(await client.GET("/results/{key}", { params: { path: { key: fit.key } } }));
+  assert.deepEqual(again, fit);
+}
+
 async function followAJob(): Promise<void> {
   const cases = Array.from({ length: 24 }, (_, number) => rough(239.0 + 0.01 * number, `case-${number}`));
   const token = `conversation-${process.pid}-${Date.now()}`;
@@ -194,7 +226,7 @@ async function getProblems(): Promise<void> {
   assert.match(line.detail, /line 2/);
 }
 
-for (const part of [findOneAngle, findSomeAtOnce, sweepTwoAxes, followAJob, cancelAJob, getProblems]) {
+for (const part of [findOneAngle, findSomeAtOnce, sweepTwoAxes, calibrate, followAJob, cancelAJob, getProblems]) {
   await part();
   console.log(part.name);
 }

@@ -1,0 +1,21 @@
+"""Calibrations of the strength factor as the contract has them, a file for each."""
+
+from service.schemas.calibration.depth import DepthCalibrationAnswer, DepthCalibrationRequest, depth_answer
+from service.schemas.calibration.motion import MotionCalibrationAnswer, MotionCalibrationRequest, motion_answer
+from service.schemas.calibration.obliquity import (
+    ObliquityCalibrationAnswer,
+    ObliquityCalibrationRequest,
+    obliquity_answer,
+)
+
+__all__ = [
+    "DepthCalibrationAnswer",
+    "DepthCalibrationRequest",
+    "MotionCalibrationAnswer",
+    "MotionCalibrationRequest",
+    "ObliquityCalibrationAnswer",
+    "ObliquityCalibrationRequest",
+    "depth_answer",
+    "motion_answer",
+    "obliquity_answer",
+]

@@ -1,0 +1,173 @@
+"""Strength factor from depths of penetration, as the contract has it."""
+
+from collections.abc import Sequence
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import MISSING, Field, StringConstraints
+
+from service.schemas.answers import VERSIONED, EngineVersion, Key, ModelWarning
+from service.schemas.building import warnings_told
+from service.schemas.calibration.shared import (
+    Calibration,
+    FittedStrength,
+    Residuals,
+    StrengthFactorValue,
+    estimate_told,
+)
+from service.schemas.projectile import PROJECTILE
+from service.schemas.quantities import Num, Part, with_examples
+from service.schemas.strike import TARGET
+from solver.arrays import FloatArray
+from solver.calibration import DepthFit
+from solver.calibration import DepthTest as SolverTest
+
+MOST_TESTS = 1000
+CURVE_POINTS = 21
+BELOW, ABOVE = 0.8, 1.2
+"""Where a curve begins and ends, over the lowest and the highest velocity of the tests."""
+
+TEST = {"velocity_m_s": 238.1, "depth_m": 0.30, "mass_kg": 12.923}
+TABLE_1 = [
+    TEST,
+    {"velocity_m_s": 275.7, "depth_m": 0.38, "mass_kg": 12.900},
+    {"velocity_m_s": 314.0, "depth_m": 0.45, "mass_kg": 12.910},
+    {"velocity_m_s": 369.5, "depth_m": 0.53, "mass_kg": 12.914},
+]
+"""Of the paper."""
+
+Group = Annotated[str, StringConstraints(strict=True, min_length=1, max_length=128)]
+
+
+class DepthTest(Part):
+    """One shot along the normal, and how deep it went."""
+
+    model_config = with_examples(TEST, TEST | {"weight": 0.5, "group": "80 mm"})
+
+    velocity_m_s: Annotated[Num, Field(ge=0.1, le=1e4, description="At first contact. [m/s]")]
+    depth_m: Annotated[Num, Field(ge=1e-6, le=100.0, description="Greatest depth of the nose tip. [m]")]
+    mass_kg: (
+        Annotated[Num, Field(ge=1e-6, le=1e7, description="That of the projectile when not given. [kg]")] | MISSING
+    ) = MISSING
+    weight: Annotated[Num, Field(ge=1e-6, le=1e6, description="Of the squared residual, relative. [1]")] = 1.0
+    group: (
+        Annotated[Group, Field(description="Gets a strength factor of its own, beside that of all tests.")] | MISSING
+    ) = MISSING
+
+    def to_solver(self) -> SolverTest:
+        """Return the solver's test."""
+        return SolverTest(
+            velocity=self.velocity_m_s,
+            depth=self.depth_m,
+            mass=None if self.mass_kg is MISSING else self.mass_kg,
+            weight=self.weight,
+            group=None if self.group is MISSING else self.group,
+        )
+
+
+class DepthCalibrationRequest(Calibration):
+    """Shots along the normal, of one projectile into one target."""
+
+    model_config = with_examples(
+        {"projectile": PROJECTILE, "target": TARGET, "tests": TABLE_1},
+        {
+            "projectile": PROJECTILE,
+            "target": TARGET,
+            "tests": [test | {"group": "slow" if number < 2 else "fast"} for number, test in enumerate(TABLE_1)],
+            "resistance": {"inertia_factor": 1.0},
+            "confidence_level": 0.9,
+            "compare_strength_factors": [7.0, 8.5, 10.0],
+        },
+    )
+
+    tests: Annotated[list[DepthTest], Field(min_length=2, max_length=MOST_TESTS, fail_fast=True)]
+
+    def arguments(self) -> tuple[dict[str, Any], tuple[float, ...], FloatArray]:
+        """Return the arguments of `fit_depth`, the strength factors to compare, and the velocities of their curves.
+
+        Raises
+        ------
+        ParameterError
+            If values do not go together.
+        """
+        fit = self.model_arguments() | {
+            "tests": [test.to_solver() for test in self.tests],
+            "confidence_level": self.confidence_level,
+        }
+        velocities = [test.velocity_m_s for test in self.tests]
+        return fit, self.compared(), np.linspace(BELOW * min(velocities), ABOVE * max(velocities), CURVE_POINTS)
+
+
+class DepthGroup(FittedStrength):
+    """The strength factor of a group of tests."""
+
+    model_config = with_examples(
+        {
+            "group": "80 mm",
+            "strength_factor": 8.377,
+            "standard_error": 0.396,
+            "confidence_interval": [7.116, 9.638],
+        }
+    )
+
+    group: Group
+
+
+class DepthCurve(Part):
+    """Depths that the model predicts with one strength factor, for the mass of the projectile."""
+
+    model_config = with_examples(
+        {"strength_factor": 8.5, "velocity_m_s": [238.1, 369.5], "depth_m": [0.274, 0.562]},
+    )
+
+    strength_factor: StrengthFactorValue
+    velocity_m_s: Annotated[
+        list[Num],
+        Field(description=f"From {BELOW:g} of the lowest velocity of the tests to {ABOVE:g} of the highest. [m/s]"),
+    ]
+    depth_m: Annotated[list[Num], Field(description="Greatest depth of the nose tip. [m]")]
+
+
+class DepthCalibrationAnswer(FittedStrength):
+    """The strength factor that fits depths of penetration best."""
+
+    model_config = with_examples(
+        {
+            "strength_factor": 8.377,
+            "standard_error": 0.396,
+            "confidence_interval": [7.116, 9.638],
+            "residuals": [0.0221, 0.0304, 0.017, -0.0399],
+            "predicted_depth_m": [0.2779, 0.3496, 0.433, 0.5699],
+            "root_mean_square_m": 0.0287,
+            "warnings": [],
+        }
+        | VERSIONED
+    )
+
+    residuals: Annotated[Residuals, Field(description="Measured minus predicted depth of each test. [m]")]
+    predicted_depth_m: Annotated[list[Num], Field(description="Of each test. [m]")]
+    root_mean_square_m: Annotated[Num, Field(ge=0.0, description="Of the residuals, weighted. [m]")]
+    groups: Annotated[list[DepthGroup], Field(description="If the tests name groups.")] | MISSING = MISSING
+    curves: Annotated[list[DepthCurve], Field(description="If strength factors to compare are given.")] | MISSING = (
+        MISSING
+    )
+    warnings: list[ModelWarning]
+    key: Key
+    engine_version: EngineVersion
+
+
+def depth_answer(fit: DepthFit, curves: Sequence[tuple[float, FloatArray, FloatArray]]) -> dict[str, Any]:
+    """Return the answer from a fit and the curves: strength factor, velocities and depths of each."""
+    answer = estimate_told(fit.estimate) | {
+        "residuals": fit.residuals.tolist(),
+        "predicted_depth_m": fit.predicted.tolist(),
+        "root_mean_square_m": fit.root_mean_square,
+    }
+    if fit.groups:
+        answer["groups"] = [{"group": name} | estimate_told(group.estimate) for name, group in fit.groups.items()]
+    if curves:
+        answer["curves"] = [
+            {"strength_factor": factor, "velocity_m_s": velocities.tolist(), "depth_m": depths.tolist()}
+            for factor, velocities, depths in curves
+        ]
+    return answer | {"warnings": warnings_told(fit.warnings)}

@@ -1,0 +1,35 @@
+"""Bodies with one thing changed, and the problems they are answered with."""
+
+import copy
+from typing import Any
+
+import httpx
+
+from service.problems import Problem
+
+TEXT = {"Content-Type": "application/json"}
+LITERALS = ["NaN", "Infinity", "-Infinity", "1e999", "-1e999", '"1"', "true", "null", "[1]", "{}", "1" + "0" * 400]
+
+
+def problem_of(response: httpx.Response, status: int) -> Problem:
+    assert response.status_code == status, response.text
+    assert response.headers["Content-Type"] == "application/problem+json"
+    found = Problem.model_validate(response.json())
+    assert found.status == status
+    assert found.instance == response.request.url.path
+    return found
+
+
+def changed(body: dict[str, Any], pointer: str, value: Any) -> dict[str, Any]:
+    """Copy of the body with another value, or without it where that is `...`."""
+    result: Any = copy.deepcopy(body)
+    *parents, last = pointer.strip("/").split("/")
+    place = result
+    for name in parents:
+        place = place[int(name)] if isinstance(place, list) else place.setdefault(name, {})
+    if value is ...:
+        del place[last]
+    else:
+        place[int(last) if isinstance(place, list) else last] = value
+    assert isinstance(result, dict)
+    return result

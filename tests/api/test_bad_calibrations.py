@@ -1,0 +1,174 @@
+"""Whatever is sent to be calibrated, the answer is a problem that names what is wrong, never a 500."""
+
+import json
+from typing import Any
+
+import httpx
+import pytest
+
+from service.schemas.calibration.depth import TABLE_1
+from service.schemas.calibration.motion import AT_30
+from service.schemas.calibration.obliquity import TABLE_2
+from service.schemas.examples import PAPER
+
+from .refused import LITERALS, TEXT, changed, problem_of
+
+SHARED = {"projectile": PAPER["projectile"], "target": PAPER["target"]}
+CALIBRATIONS: dict[str, dict[str, Any]] = {
+    "/calibration/depth": SHARED | {"tests": TABLE_1},
+    "/calibration/motion": SHARED | {"impact": {"velocity_m_s": 238.0, "oblique_angle_deg": 30.0}, "history": AT_30},
+    "/calibration/obliquity": {"points": TABLE_2},
+}
+EQ_9 = {"model": "obliquity_polynomial", "coefficients": [8.469, 0.0149, -0.0013]}
+MATRIX = [[0.05, 0.0, 0.0], [0.0, 1e-4, 0.0], [0.0, 0.0, 1e-8]]
+
+
+@pytest.mark.parametrize(
+    ("pointer", "value", "named"),
+    [
+        ("", MATRIX[:2], ""),
+        ("/2", [0.0, 0.0], "/2"),
+        ("/1/1", -1e-4, ""),
+        ("/0/1", 0.01, ""),
+        ("/0/2", 1.0, ""),
+        ("", [], ""),
+        ("/1", [], "/1"),
+        ("/1/2", "0", "/1/2"),
+        ("/1/2", 1e7, "/1/2"),
+    ],
+)
+def test_covariance_that_is_none_is_named(client: httpx.Client, pointer: str, value: Any, named: str) -> None:
+    matrix = changed({"m": MATRIX}, f"/m{pointer}", value)["m"]
+    if pointer == "/0/2":
+        matrix[2][0] = value
+    place = "/resistance/strength_factor"
+    case = changed(PAPER, place, EQ_9 | {"covariance": matrix})
+    found = problem_of(client.post("/cra", json=case), 422)
+    assert [error.pointer for error in found.errors] == [f"{place}/covariance{named}"], found
+    many = problem_of(client.post("/cra/batch", json={"cases": [case]}), 422)
+    assert [error.pointer for error in many.errors] == [f"/cases/0{place}/covariance{named}"], many
+
+
+@pytest.mark.parametrize(
+    ("path", "pointer", "value", "named"),
+    [
+        ("depth", "/tests", [], "/tests"),
+        ("depth", "/tests", TABLE_1[:1], "/tests"),
+        ("depth", "/tests", TABLE_1 * 251, "/tests"),
+        ("depth", "/tests", ..., "/tests"),
+        ("depth", "/tests/3/velocity_m_s", 0.0, "/tests/3/velocity_m_s"),
+        ("depth", "/tests/3/velocity_m_s", -238.0, "/tests/3/velocity_m_s"),
+        ("depth", "/tests/2/depth_m", 0.0, "/tests/2/depth_m"),
+        ("depth", "/tests/2/depth_m", 450.0, "/tests/2/depth_m"),
+        ("depth", "/tests/1/mass_kg", 0.0, "/tests/1/mass_kg"),
+        ("depth", "/tests/1/weight", 0.0, "/tests/1/weight"),
+        ("depth", "/tests/1/velocity", 275.7, "/tests/1/velocity"),
+        ("depth", "/tests/0/group", "one", "/tests/1/group"),
+        ("depth", "/tests/0/group", "", "/tests/0/group"),
+        ("depth", "/projectile/length_m", 0.1, "/projectile/length_m"),
+        ("depth", "/target", ..., "/target"),
+        ("depth", "/resistance", {"strength_factor": EQ_9}, "/resistance/strength_factor"),
+        ("depth", "/confidence_level", 1.0, "/confidence_level"),
+        ("depth", "/compare_strength_factors", [0.0], "/compare_strength_factors/0"),
+        ("depth", "/compare_strength_factors", [8.0] * 21, "/compare_strength_factors"),
+        ("depth", "/target/compressive_strength_pa", 1e5, "/tests"),
+        ("motion", "/history", {"time_s": [0.0, 0.001]}, "/history"),
+        ("motion", "/history/time_s", ..., "/history/time_s"),
+        ("motion", "/history/time_s", [0.0], "/history/time_s"),
+        ("motion", "/history/time_s/3", 0.0005, "/history/time_s/3"),
+        ("motion", "/history/time_s/3", 0.001, "/history/time_s/3"),
+        ("motion", "/history/time_s/0", -0.001, "/history/time_s/0"),
+        ("motion", "/history/rotation_deg", [0.0, 1.0, 2.0], "/history/rotation_deg"),
+        ("motion", "/history/rotation_deg/3", "11", "/history/rotation_deg/3"),
+        ("motion", "/history/rotation_deg/3", 1100.0, "/history/rotation_deg/3"),
+        ("motion", "/history/depth_displacement_m/3", 226.0, "/history/depth_displacement_m/3"),
+        ("motion", "/history/lateral_displacement_m", [0.0] * 20_001, "/history/lateral_displacement_m"),
+        ("motion", "/history/velocity_m_s", [0.0] * 6, "/history/velocity_m_s"),
+        ("motion", "/impact/oblique_angle_deg", ..., "/impact/oblique_angle_deg"),
+        ("motion", "/impact/velocity_m_s", 0.0, "/impact/velocity_m_s"),
+        ("motion", "/until_s", 0.0, "/until_s"),
+        ("motion", "/until_s", 1e-4, "/until_s"),
+        ("motion", "/until_greatest_depth", 1, "/until_greatest_depth"),
+        ("motion", "/weights", {"depth": 0.0, "lateral": 0.0, "rotation": 0.0}, "/weights"),
+        ("motion", "/weights/depth", -1.0, "/weights/depth"),
+        ("obliquity", "/points", [], "/points"),
+        ("obliquity", "/points", TABLE_2[:2], "/points"),
+        ("obliquity", "/points", TABLE_2[:1] * 5, "/points"),
+        ("obliquity", "/points/1/oblique_angle_deg", 90.0, "/points/1/oblique_angle_deg"),
+        ("obliquity", "/points/1/strength_factor", 0.0, "/points/1/strength_factor"),
+        ("obliquity", "/points/1/standard_error", 0.0, "/points/1/standard_error"),
+        ("obliquity", "/points/0/standard_error", 0.1, "/points/1/standard_error"),
+        ("obliquity", "/points", [TABLE_2[i] | {"oblique_angle_deg": i * 1e-9} for i in range(3)], "/points"),
+        ("obliquity", "/order", 4, "/points"),
+        ("obliquity", "/order", 10, "/order"),
+        ("obliquity", "/order", -1, "/order"),
+        ("obliquity", "/order", 1.5, "/order"),
+    ],
+)
+def test_calibration_problem_names_the_field(
+    client: httpx.Client, path: str, pointer: str, value: Any, named: str
+) -> None:
+    path = f"/calibration/{path}"
+    found = problem_of(client.post(path, json=changed(CALIBRATIONS[path], pointer, value)), 422)
+    assert [error.pointer for error in found.errors] == [named], found
+
+
+def test_two_ends_of_a_history_are_one_too_many(client: httpx.Client) -> None:
+    body = CALIBRATIONS["/calibration/motion"] | {"until_s": 0.001, "until_greatest_depth": True}
+    found = problem_of(client.post("/calibration/motion", json=body), 422)
+    assert [error.pointer for error in found.errors] == ["/until_greatest_depth"]
+    body = body | {"history": {name: AT_30[name] for name in ("time_s", "rotation_deg")}}
+    del body["until_s"]
+    found = problem_of(client.post("/calibration/motion", json=body), 422)
+    assert [error.pointer for error in found.errors] == ["/history/depth_displacement_m"]
+
+
+@pytest.mark.parametrize("literal", LITERALS, ids=[literal[:10] for literal in LITERALS])
+@pytest.mark.parametrize(
+    ("path", "pointer"),
+    [
+        ("/calibration/depth", "/tests/3/depth_m"),
+        ("/calibration/motion", "/history/rotation_deg/2"),
+        ("/calibration/obliquity", "/points/2/strength_factor"),
+    ],
+)
+def test_value_of_a_calibration_that_is_no_finite_number_is_named(
+    client: httpx.Client, path: str, pointer: str, literal: str
+) -> None:
+    body = json.dumps(changed(CALIBRATIONS[path], pointer, "HERE"))
+    found = problem_of(client.post(path, content=body.replace('"HERE"', literal), headers=TEXT), 422)
+    assert [error.pointer for error in found.errors] == [pointer]
+
+
+@pytest.mark.parametrize("path", CALIBRATIONS)
+@pytest.mark.parametrize(
+    ("content", "status", "pointer"),
+    [
+        (b"", 400, ""),
+        (b"null", 422, ""),
+        (b"[]", 422, ""),
+        (b"{", 400, ""),
+        (b"[" * 10_000 + b"]" * 10_000, 400, ""),
+        (b" " * 5_000_000, 413, ""),
+        (json.dumps(dict.fromkeys(map(str, range(100_000)), 1)).encode(), 422, ""),
+        (json.dumps({"a": [0, {"b/c": dict.fromkeys(map(str, range(21)), 1)}]}).encode(), 422, "/a/1/b~1c"),
+    ],
+    ids=lambda value: repr(value[:16]) if isinstance(value, bytes) else str(value),
+)
+def test_body_that_is_no_calibration_is_refused_whole(
+    client: httpx.Client, path: str, content: bytes, status: int, pointer: str
+) -> None:
+    found = problem_of(client.post(path, content=content, headers=TEXT), status)
+    assert [error.pointer for error in found.errors] == [pointer]
+
+
+def test_columns_full_of_mistakes_are_told_of_by_their_first(client: httpx.Client) -> None:
+    body = CALIBRATIONS["/calibration/motion"] | {"history": {name: ["x"] * 20_000 for name in AT_30}}
+    found = problem_of(client.post("/calibration/motion", json=body), 422)
+    assert [error.pointer for error in found.errors] == [f"/history/{name}/0" for name in AT_30]
+
+
+@pytest.mark.parametrize("path", CALIBRATIONS)
+def test_calibration_takes_json_alone(client: httpx.Client, path: str) -> None:
+    problem_of(client.post(path, content=b"{}", headers={"Content-Type": "text/csv"}), 415)
+    assert client.get(path).headers["Allow"] == "POST"

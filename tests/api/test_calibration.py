@@ -1,0 +1,194 @@
+"""Strength factors from tests over HTTP, up to a critical angle with its standard error."""
+
+import math
+from typing import Any
+
+import httpx
+import numpy as np
+import pytest
+
+from service.schemas import DepthCalibrationAnswer, MotionCalibrationAnswer, ObliquityCalibrationAnswer
+from service.schemas.calibration.depth import CURVE_POINTS, TABLE_1
+from service.schemas.calibration.obliquity import TABLE_2
+from service.schemas.examples import PAPER
+
+from .calibrations import BODY, POINTS, TESTS, answered, history_at, strike_at
+
+EQ_9 = {"model": "obliquity_polynomial", "coefficients": [8.469, 0.0149, -0.0013]}
+COVARIANCE = [[0.01, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]]
+"""A standard error of 0.1 at every angle."""
+NARROW = {"lower_deg": 40.0, "upper_deg": 60.0}
+
+
+@pytest.fixture(scope="module")
+def motion(client: httpx.Client) -> dict[str, Any]:
+    """A request with a history that needs a strength factor of 7.5."""
+    return strike_at(30.0, history_at(client, 30.0, 7.5))
+
+
+@pytest.mark.parametrize(("with_masses", "strength_factor"), [(False, 8.44), (True, 8.38)])
+def test_depths_of_the_paper_give_its_strength_factor(
+    client: httpx.Client, with_masses: bool, strength_factor: float
+) -> None:
+    tests = [test if with_masses else {**test, "mass_kg": 13.0} for test in TABLE_1]
+    answer = DepthCalibrationAnswer.model_validate(answered(client, "/calibration/depth", BODY | {"tests": tests}))
+    assert answer.strength_factor == pytest.approx(strength_factor, abs=0.02)
+    low, high = answer.confidence_interval
+    assert answer.strength_factor - low == pytest.approx(high - answer.strength_factor)
+    assert high - answer.strength_factor == pytest.approx(3.182 * answer.standard_error, rel=1e-3)
+    measured = [test["depth_m"] for test in TABLE_1]
+    assert np.add(answer.predicted_depth_m, answer.residuals).tolist() == pytest.approx(measured)
+    assert answer.root_mean_square_m == pytest.approx(math.hypot(*answer.residuals) / 2.0)
+
+
+def test_mass_that_is_not_given_is_that_of_the_projectile(client: httpx.Client) -> None:
+    light = {name: value for name, value in TABLE_1[0].items() if name != "mass_kg"}
+    bodies = [BODY | {"tests": [first, *TABLE_1[1:]]} for first in (light, light | {"mass_kg": 13.0})]
+    one, other = (answered(client, "/calibration/depth", body) for body in bodies)
+    assert one["strength_factor"] == other["strength_factor"]
+
+
+def test_groups_get_strength_factors_of_their_own(client: httpx.Client) -> None:
+    tests = [test | {"group": "slow" if number < 2 else "fast"} for number, test in enumerate(TABLE_1)]
+    answer = answered(client, "/calibration/depth", BODY | {"tests": tests})
+    slow, fast = answer["groups"]
+    assert (slow["group"], fast["group"]) == ("slow", "fast")
+    alone = answered(client, "/calibration/depth", BODY | {"tests": TABLE_1[:2]})
+    assert slow["strength_factor"] == pytest.approx(alone["strength_factor"], rel=1e-4)
+    assert slow["strength_factor"] < answer["strength_factor"] < fast["strength_factor"]
+
+
+def test_curves_are_those_of_the_trajectory_model(client: httpx.Client) -> None:
+    answer = answered(client, "/calibration/depth", TESTS | {"compare_strength_factors": [7.0, 10.0]})
+    curves = answer["curves"]
+    assert [curve["strength_factor"] for curve in curves] == [7.0, 10.0]
+    for curve in curves:
+        assert len(curve["velocity_m_s"]) == len(curve["depth_m"]) == CURVE_POINTS
+        assert (np.diff(curve["depth_m"]) > 0.0).all()
+    assert np.less(curves[1]["depth_m"], curves[0]["depth_m"]).all()
+    strike = BODY | {
+        "impact": {"velocity_m_s": curves[0]["velocity_m_s"][10], "oblique_angle_deg": 0.0},
+        "resistance": {"strength_factor": {"model": "constant", "value": 7.0}},
+    }
+    deepest = answered(client, "/trajectory", strike)["maximum_depth_m"]
+    assert curves[0]["depth_m"][10] == pytest.approx(deepest, rel=1e-4)
+
+
+def test_history_of_the_model_gives_its_strength_factor_back(client: httpx.Client, motion: dict[str, Any]) -> None:
+    answer = answered(client, "/calibration/motion", motion)
+    told = MotionCalibrationAnswer.model_validate(answer)
+    assert told.strength_factor == pytest.approx(7.5, rel=1e-3)
+    low, high = told.confidence_interval
+    assert low <= told.strength_factor <= high
+    for part in ("residuals", "predicted"):
+        assert list(answer[part]) == list(motion["history"])
+        assert answer[part]["time_s"] == motion["history"]["time_s"]
+    for name, tolerance in {"depth_displacement_m": 1e-4, "lateral_displacement_m": 1e-4, "rotation_deg": 0.05}.items():
+        assert answer["predicted"][name] == pytest.approx(motion["history"][name], abs=tolerance)
+        assert answer["root_mean_square"][name] < tolerance
+        assert answer["r_squared"][name] == pytest.approx(1.0, abs=1e-4)
+
+
+def test_quantities_that_are_not_given_are_absent(client: httpx.Client, motion: dict[str, Any]) -> None:
+    history = {name: motion["history"][name] for name in ("time_s", "rotation_deg")}
+    body = motion | {"history": history, "compare_strength_factors": [7.0]}
+    answer = answered(client, "/calibration/motion", body)
+    assert answer["strength_factor"] == pytest.approx(7.5, rel=1e-3)
+    columns = ["time_s", "rotation_deg"]
+    assert list(answer["residuals"]) == list(answer["predicted"]) == columns
+    assert list(answer["compared"][0]["history"]) == columns
+    assert list(answer["root_mean_square"]) == list(answer["r_squared"]) == ["rotation_deg"]
+
+
+def test_rows_behind_the_end_asked_for_are_not_used(client: httpx.Client, motion: dict[str, Any]) -> None:
+    history = motion["history"]
+    deepest = int(np.argmax(history["depth_displacement_m"]))
+    until = answered(client, "/calibration/motion", motion | {"until_s": 0.001})
+    assert until["residuals"]["time_s"] == history["time_s"][:21]
+    greatest = answered(client, "/calibration/motion", motion | {"until_greatest_depth": True})
+    assert greatest["residuals"]["time_s"] == history["time_s"][: deepest + 1]
+    spoiled = history | {"rotation_deg": history["rotation_deg"][:21] + [90.0] * (len(history["time_s"]) - 21)}
+    again = answered(client, "/calibration/motion", motion | {"until_s": 0.001, "history": spoiled})
+    assert again["strength_factor"] == until["strength_factor"]
+
+
+def test_weight_of_zero_leaves_a_quantity_out(client: httpx.Client, motion: dict[str, Any]) -> None:
+    spoiled = motion["history"] | {"rotation_deg": [-angle for angle in motion["history"]["rotation_deg"]]}
+    body = motion | {"history": spoiled, "weights": {"rotation": 0.0}}
+    answer = answered(client, "/calibration/motion", body)
+    assert answer["strength_factor"] == pytest.approx(7.5, rel=1e-3)
+
+
+def test_table_2_gives_equation_9(client: httpx.Client) -> None:
+    answer = ObliquityCalibrationAnswer.model_validate(answered(client, "/calibration/obliquity", POINTS))
+    assert [round(value, digits) for value, digits in zip(answer.coefficients, (3, 4, 4), strict=True)] == [
+        8.469,
+        0.0149,
+        -0.0013,
+    ]
+    assert sum(answer.residuals) == pytest.approx(0.0, abs=1e-12)
+    assert answer.strength_factor_model.coefficients == answer.coefficients
+    assert answer.strength_factor_model.covariance == answer.covariance
+    assert np.array(answer.covariance).shape == (3, 3)
+
+
+def test_polynomial_through_every_point_has_no_covariance(client: httpx.Client) -> None:
+    answer = answered(client, "/calibration/obliquity", POINTS | {"order": 3})
+    assert "covariance" not in answer
+    assert "covariance" not in answer["strength_factor_model"]
+    known = [point | {"standard_error": 0.1} for point in TABLE_2]
+    assert "covariance" in answered(client, "/calibration/obliquity", {"points": known, "order": 3})
+
+
+def test_covariance_gives_the_critical_angle_a_standard_error(client: httpx.Client) -> None:
+    certain = PAPER | {"search": NARROW, "resistance": {"strength_factor": EQ_9}}
+    uncertain = certain | {"resistance": {"strength_factor": EQ_9 | {"covariance": COVARIANCE}}}
+    one, other = answered(client, "/cra", certain), answered(client, "/cra", uncertain)
+    assert "critical_angle_standard_error_deg" not in one
+    assert one["critical_angle_deg"] == other["critical_angle_deg"]
+    shifted = [
+        answered(client, "/cra", certain | {"resistance": {"strength_factor": {**EQ_9, "coefficients": [low, *rest]}}})
+        for low, *rest in ([8.369, 0.0149, -0.0013], [8.569, 0.0149, -0.0013])
+    ]
+    half = 0.5 * abs(shifted[1]["critical_angle_deg"] - shifted[0]["critical_angle_deg"])
+    assert other["critical_angle_standard_error_deg"] == pytest.approx(half, abs=0.01)
+
+
+def test_standard_error_is_told_of_many_angles_too(client: httpx.Client) -> None:
+    case = PAPER | {"search": NARROW, "resistance": {"strength_factor": EQ_9 | {"covariance": COVARIANCE}}}
+    alone = answered(client, "/cra", case)
+    axes = [{"field": "impact.velocity_m_s", "values": [238.0]}]
+    bodies = {"/cra/batch": {"cases": [case, PAPER | {"search": NARROW}]}, "/cra/sweep": {"base": case, "axes": axes}}
+    for path, body in bodies.items():
+        results = answered(client, path, body)["results"]
+        assert results[0]["result"] == alone
+    job = client.post("/cra/batch", json=bodies["/cra/batch"], headers={"Prefer": "wait=20, respond-async"}).json()
+    assert [item["result"].get("critical_angle_standard_error_deg") for item in job["results"]] == [
+        alone["critical_angle_standard_error_deg"],
+        None,
+    ]
+
+
+def test_strength_factors_of_several_strikes_end_in_an_angle_with_its_standard_error(client: httpx.Client) -> None:
+    factors = {15.0: 8.25, 30.0: 7.91, 40.0: 7.1, 45.0: 6.48}
+    noise = np.random.default_rng(5)
+    points = []
+    for angle, factor in factors.items():
+        history = history_at(client, angle, factor)
+        for name, scatter in {
+            "depth_displacement_m": 1e-3,
+            "lateral_displacement_m": 1e-3,
+            "rotation_deg": 0.5,
+        }.items():
+            history[name] = np.add(history[name], noise.normal(scale=scatter, size=len(history[name]))).tolist()
+        body = strike_at(angle, history) | {"until_greatest_depth": True}
+        fit = answered(client, "/calibration/motion", body)
+        assert fit["strength_factor"] == pytest.approx(factor, abs=4.0 * fit["standard_error"])
+        points.append(
+            {"oblique_angle_deg": angle} | {name: fit[name] for name in ("strength_factor", "standard_error")}
+        )
+    model = answered(client, "/calibration/obliquity", {"points": points})["strength_factor_model"]
+    answer = answered(client, "/cra", PAPER | {"search": NARROW, "resistance": {"strength_factor": model}})
+    assert answer["status"] == "converged"
+    assert answer["critical_angle_deg"] == pytest.approx(48.6, abs=2.0)
+    assert 0.0 < answer["critical_angle_standard_error_deg"] < 2.0

@@ -1,0 +1,124 @@
+"""Results of calibrations: kept by their key, given as tables, large ones too."""
+
+import csv
+import io
+import json
+from typing import Any
+
+import h5py
+import httpx
+import numpy as np
+import pytest
+
+from service.schemas.calibration.depth import TABLE_1
+from service.schemas.calibration.motion import COMPARED_ROWS
+from service.schemas.requests import MOST_ROWS
+
+from .calibrations import BODY, POINTS, TESTS, answered, history_at, strike_at
+
+
+@pytest.fixture(scope="module")
+def motion(client: httpx.Client) -> dict[str, Any]:
+    """A request with a history that needs a strength factor of 7.5."""
+    return strike_at(30.0, history_at(client, 30.0, 7.5))
+
+
+ASKED: dict[str, dict[str, Any]] = {"/calibration/depth": TESTS, "/calibration/obliquity": POINTS}
+
+
+def asked(path: str, motion: dict[str, Any]) -> dict[str, Any]:
+    return ASKED.get(path, motion)
+
+
+PATHS = ("/calibration/depth", "/calibration/motion", "/calibration/obliquity")
+
+
+@pytest.mark.parametrize("path", PATHS)
+def test_second_calibration_is_a_hit_and_the_same(client: httpx.Client, path: str, motion: dict[str, Any]) -> None:
+    body = asked(path, motion)
+    first, second = client.post(path, json=body), client.post(path, json=dict(reversed(body.items())))
+    assert second.headers["Cache-Status"] == "ricochet; hit"
+    assert "validate;dur=" in second.headers["Server-Timing"]
+    assert first.content == second.content
+    again = client.get(f"/results/{first.json()['key']}")
+    assert again.json() == first.json()
+
+
+def table_of(client: httpx.Client, key: str) -> dict[str, list[str]]:
+    text = client.get(f"/results/{key}", headers={"Accept": "text/csv"}).text
+    names, *rows = csv.reader(io.StringIO(text))
+    return {name: [row[column] for row in rows] for column, name in enumerate(names)}
+
+
+COLUMNS = {
+    "/calibration/depth": ["velocity_m_s", "depth_m", "predicted_depth_m", "residual_m"],
+    "/calibration/obliquity": ["oblique_angle_deg", "strength_factor", "residual"],
+    "/calibration/motion": [
+        "time_s",
+        *("depth_displacement_m", "lateral_displacement_m", "rotation_deg"),
+        *("predicted_depth_displacement_m", "predicted_lateral_displacement_m", "predicted_rotation_deg"),
+        *("residual_depth_displacement_m", "residual_lateral_displacement_m", "residual_rotation_deg"),
+    ],
+}
+
+
+@pytest.mark.parametrize("path", PATHS)
+def test_csv_of_a_calibration_is_its_residuals(client: httpx.Client, path: str, motion: dict[str, Any]) -> None:
+    answer = answered(client, path, asked(path, motion) | ({"until_s": 0.001} if path.endswith("motion") else {}))
+    table = table_of(client, answer["key"])
+    assert list(table) == COLUMNS[path]
+    numbers = {name: [float(cell) for cell in column] for name, column in table.items()}
+    if path.endswith("motion"):
+        for name in ("depth_displacement_m", "lateral_displacement_m", "rotation_deg"):
+            left = np.subtract(numbers[name], numbers[f"predicted_{name}"])
+            assert numbers[f"residual_{name}"] == answer["residuals"][name] == pytest.approx(left.tolist(), abs=1e-12)
+    else:
+        assert next(column for name, column in numbers.items() if name.startswith("residual")) == answer["residuals"]
+
+
+@pytest.mark.parametrize("path", PATHS)
+def test_hdf5_of_a_calibration_has_its_numbers(client: httpx.Client, path: str, motion: dict[str, Any]) -> None:
+    answer = answered(client, path, asked(path, motion))
+    content = client.get(f"/results/{answer['key']}", headers={"Accept": "application/x-hdf5"}).content
+    with h5py.File(io.BytesIO(content)) as file:
+        summary, residuals = file["summary"][()], file["residuals"]
+        assert summary["operation"].astype(str).tolist() == [path[1:].replace("/", "_")]
+        assert list(residuals.dtype.names) == ["case", *COLUMNS[path]]
+        units = dict(zip(residuals.dtype.names, residuals.attrs["column_units"].astype(str), strict=True))
+        stored = {name: residuals[name].tolist() for name in COLUMNS[path]}
+        if "strength_factor" in answer:
+            assert summary["strength_factor"][0] == answer["strength_factor"]
+            assert [summary[f"confidence_{end}"][0] for end in ("low", "high")] == answer["confidence_interval"]
+    assert {
+        name: [float(cell) for cell in column] for name, column in table_of(client, answer["key"]).items()
+    } == stored
+    assert units.get("velocity_m_s", "m/s") == "m/s"
+    assert units.get("residual_rotation_deg", "deg") == "deg"
+
+
+def test_groups_are_a_column_of_the_residuals(client: httpx.Client) -> None:
+    names = ["one", "one", "two", "two"]
+    tests = [test | {"group": name} for test, name in zip(TABLE_1, names, strict=True)]
+    answer = answered(client, "/calibration/depth", BODY | {"tests": tests})
+    assert table_of(client, answer["key"])["group"] == names
+    content = client.get(f"/results/{answer['key']}", headers={"Accept": "application/x-hdf5"}).content
+    with h5py.File(io.BytesIO(content)) as file:
+        assert file["residuals"]["group"].astype(str).tolist() == names
+
+
+def test_history_of_the_most_rows_is_answered(client: httpx.Client) -> None:
+    digits = np.random.default_rng(1)
+    time = np.linspace(0.0, 0.003, MOST_ROWS) * (1.0 + 1e-15)
+    columns = {
+        name: (scale * time * (1.0 + 0.01 * digits.random(MOST_ROWS))).tolist()
+        for name, scale in {"depth_displacement_m": 100.0, "lateral_displacement_m": 80.0}.items()
+    }
+    history = {"time_s": time.tolist(), "rotation_deg": (-1e-7 * digits.random(MOST_ROWS)).tolist()} | columns
+    body = strike_at(30.0, history) | {"weights": {"rotation": 0.0}, "compare_strength_factors": [6.0, 9.0]}
+    assert len(json.dumps(body)) > 1_500_000
+    answer = answered(client, "/calibration/motion", body)
+    assert len(answer["residuals"]["time_s"]) == MOST_ROWS
+    for compared in answer["compared"]:
+        chosen = compared["history"]["time_s"]
+        assert len(chosen) == COMPARED_ROWS
+        assert (chosen[0], chosen[-1]) == (history["time_s"][0], history["time_s"][-1])
