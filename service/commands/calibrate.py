@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from service.commands import calibration_answers as answers
 from service.commands.calibration_flags import (
     GREATEST_DEPTH,
     add_depth,
@@ -18,6 +17,7 @@ from service.commands.calibration_flags import (
     add_obliquity,
     named,
 )
+from service.commands.calibration_tables import print_depth, print_motion, print_obliquity
 from service.commands.case import BODY, STRIKE, CommandError, DepthCase, MotionCase, case_arguments
 from service.readers import (
     DEPTH_TESTS,
@@ -30,7 +30,9 @@ from service.readers import (
     read_motion,
     read_obliquity_points,
 )
-from solver import ParameterError, RicochetError
+from service.schemas import depth_answer, motion_answer, obliquity_answer
+from service.schemas.quantities import degrees
+from solver import ENGINE_VERSION, ParameterError, RicochetError
 from solver.calibration import (
     MotionHistory,
     Weights,
@@ -93,13 +95,14 @@ def _depth(asked: argparse.Namespace) -> None:
         velocities = np.linspace(lowest, measured.max() + margin, CURVE_POINTS)
         for factor in _compared(asked.strength_factors, fit.estimate.strength_factor):
             depths = penetration_depths(velocities=velocities, strength_factor=factor, **case)
-            curves.append(answers.curve(factor, velocities, depths))
+            curves.append((factor, velocities, depths))
+    answer = depth_answer(fit, curves)
     if asked.curves:
-        _write(asked.curves, curves)
+        _write(asked.curves, answer["curves"])
     if asked.json:
-        _print_json(answers.depth_answer(fit) | ({"curves": curves} if curves else {}))
+        _print_json(answer)
     else:
-        answers.print_depth(tests, fit)
+        print_depth(tests, fit)
 
 
 def _motion(asked: argparse.Namespace) -> None:
@@ -111,13 +114,15 @@ def _motion(asked: argparse.Namespace) -> None:
     if asked.histories or asked.strength_factors:
         for factor in _compared(asked.strength_factors, fit.estimate.strength_factor):
             motion = predict_motion(strength_factor=factor, times=history.time, **case)
-            compared.append(answers.compared(factor, motion))
+            compared.append((factor, motion))
+    answer = motion_answer(fit, compared)
     if asked.histories:
-        _write(asked.histories, [{"strength_factor": each["strength_factor"], **each["history"]} for each in compared])
-    if asked.json:
-        _print_json(answers.motion_answer(case["impact"], fit) | ({"compared": compared} if compared else {}))
+        tables = [{"strength_factor": each["strength_factor"], **each["history"]} for each in answer["compared"]]
+        _write(asked.histories, tables)
+    if asked.json:  # with the oblique angle, which a fit over it needs
+        _print_json({"oblique_angle_deg": degrees(case["impact"].oblique_angle)} | answer)
     else:
-        answers.print_motion(case["impact"], fit)
+        print_motion(case["impact"], fit)
 
 
 def _obliquity(asked: argparse.Namespace) -> None:
@@ -131,9 +136,9 @@ def _obliquity(asked: argparse.Namespace) -> None:
     except ParameterError as error:
         raise CommandError(f"{asked.points}: {error}") from None
     if asked.json:
-        _print_json(answers.obliquity_answer(fit))
+        _print_json(obliquity_answer(fit))
     else:
-        answers.print_obliquity(points, fit)
+        print_obliquity(points, fit)
 
 
 def _read_motion(asked: argparse.Namespace, expected: Expected) -> MotionHistory:
@@ -189,4 +194,4 @@ def _write(path: Path, tables: Iterable[Mapping[str, Any]]) -> None:
 
 
 def _print_json(answer: Mapping[str, Any]) -> None:
-    print(json.dumps(answer, allow_nan=False))
+    print(json.dumps({**answer, "engine_version": ENGINE_VERSION}, allow_nan=False))

@@ -30,6 +30,8 @@ from solver.validation import require, require_positive
 
 FIRST_LOOK = 9
 """Strength factors tried before the fit: depth falls with S, so there is one minimum, or nearly."""
+FIRST_TESTS = 20
+"""Of many tests, about so many are looked at for that."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -102,6 +104,10 @@ class _Shots:
     def runs(self, tests: Sequence[DepthTest], strength_factor: float) -> list[Run]:
         """All of some tests."""
         return [self.run(test.velocity, test.mass, strength_factor) for test in tests]
+
+    def depths(self, tests: Sequence[DepthTest], strength_factor: float) -> FloatArray:
+        """Greatest depth of each of some tests. [m]"""
+        return np.array([run.maximum_tip_depth for run in self.runs(tests, strength_factor)])
 
 
 def penetration_depths(
@@ -231,11 +237,12 @@ def _fit(tests: Sequence[DepthTest], shots: _Shots, confidence_level: float) -> 
     roots = np.sqrt(weights / weights.mean())
 
     def residuals(strength_factor: float) -> FloatArray:
-        runs = shots.runs(tests, strength_factor)
-        weighted: FloatArray = roots * (measured - [run.maximum_tip_depth for run in runs])
+        weighted: FloatArray = roots * (measured - shots.depths(tests, strength_factor))
         return weighted
 
-    best = minimise(residuals, _first_look(residuals), "tests")
+    few = slice(None, None, 1 + len(tests) // FIRST_TESTS)
+    start = _first_look(lambda factor: roots[few] * (measured[few] - shots.depths(tests[few], factor)))
+    best = minimise(residuals, start, "tests")
     slope = log_slope(residuals, best) / best
     runs = shots.runs(tests, best)
     predicted = np.array([run.maximum_tip_depth for run in runs])

@@ -24,6 +24,8 @@ FIT_TOLERANCE = 1e-6
 MOST_STEPS = 50
 ROUGHLY = 1e-3
 """Width in ln S to which a valley is searched before the fit itself."""
+SMALLEST_SLOPE = 1e-30
+"""Of the residuals over ln S, below which its square is lost."""
 REFINED = 3
 """Valleys of a first look that are refined before the deepest is taken."""
 
@@ -108,7 +110,7 @@ def minimise(residuals: Residuals, start: float, field: str) -> float:
 
     def slope(point: FloatArray) -> FloatArray:
         values = log_slope(residuals, math.exp(point[0]))
-        if not values.any():
+        if not np.abs(values).max() > SMALLEST_SLOPE:
             raise _cannot_be_told(field)
         return values[:, None]
 

@@ -13,6 +13,7 @@ from solver.resistance import ObliquityPolynomial
 from solver.validation import require, require_between, require_positive
 
 HIGHEST_ORDER = 9
+RIGHT_ANGLE = 90.0  # [°]
 UNLIKELY = 0.01
 """Chance of a larger scatter below which the standard errors of the points are called too small. [1]"""
 
@@ -81,11 +82,12 @@ def fit_obliquity(*, points: Sequence[ObliquityPoint], order: int = 2) -> Obliqu
     Eq. 9. The sign of the angle does not matter, as in `ObliquityPolynomial`.
     """
     degrees, values, errors = _columns(points, order)
-    largest = float(degrees.max()) or 1.0
-    scales = largest ** -np.arange(order + 1.0)
-    # The matrix is built in the angle over its largest, or high powers would be lost to rounding.
-    matrix = np.vander(degrees / largest, order + 1, increasing=True) / errors[:, None]
+    scales = RIGHT_ANGLE ** -np.arange(order + 1.0)
+    # The matrix is built in the angle over a right one, or high powers would be lost to rounding.
+    matrix = np.vander(degrees / RIGHT_ANGLE, order + 1, increasing=True) / errors[:, None]
     left, singular, right = np.linalg.svd(matrix, full_matrices=False)
+    least = max(matrix.shape) * np.finfo(np.float64).eps * singular[0]
+    require(singular[-1] > least, "points", f"are too close together for a polynomial of order {order}")
     root = scales[:, None] * right.T / singular
     coefficients = root @ (left.T @ (values / errors))
     residuals = values - np.polynomial.polynomial.polyval(degrees, coefficients)
