@@ -128,7 +128,7 @@ def factor_figure(
     found: Calibrations, model: ObliquityPolynomial, predicted: float | None, bracket: tuple[float, float]
 ) -> Figure:
     """S over the angle: fitted points and their polynomial, beside Table 2 and eq. 9; angles in radians."""
-    figure, (axes,) = style.panels(1, height=4.4)
+    figure, (axes,) = style.panels(1, height=4.8)
     low, high = (math.degrees(angle) for angle in bracket)
     axes.axvspan(low, high, color=style.CONCRETE, label=f"finite elements change: {low:g}° to {high:g}°")
     curve, paper = (np.polynomial.polynomial.polyval(ANGLES, each) for each in (model.coefficients, equation_9()))
@@ -153,7 +153,7 @@ def factor_figure(
     axes.set(
         xlabel="oblique angle from the normal [°]", ylabel="strength factor S", xlim=(-2.0, 60.0), ylim=(0.0, 14.0)
     )
-    axes.legend(loc="lower left")
+    figure.legend(loc="outside lower center", ncols=3)
     caption = (
         "Strength factor over the oblique angle: fitted to finite element depths at 0° and motion elsewhere, and the "
         "paper's. Bars are 95 % intervals; they do not hold an error that all of a fit has in common."

@@ -120,7 +120,7 @@ def _figure(fitted: ObliquityFit, own: dict[float, Estimate]) -> Figure:
     points = np.array(table_2()).T
     strengths = np.array([each.strength_factor for each in own.values()])
     bounds = np.array([each.confidence_interval for each in own.values()]).T
-    figure, (axes,) = style.panels(1, height=3.8)
+    figure, (axes,) = style.panels(1, height=4.2)
     _draw_polynomial(axes, fitted)
     axes.plot(*points, "o", color=style.PAPER, markersize=7, label="Table 2 (LS-DYNA; at 0° tests)")
     axes.errorbar(
@@ -133,7 +133,7 @@ def _figure(fitted: ObliquityFit, own: dict[float, Estimate]) -> Figure:
         label="our finite elements (OpenRadioss), 95 %",
     )
     axes.set_ylim(0.0, 14.0)
-    axes.legend(loc="upper right", bbox_to_anchor=(0.78, 1.0))
+    figure.legend(loc="outside lower center", ncols=2)
     series = {
         "polynomial": {"oblique_angle_deg": ANGLES, "strength_factor": _polynomial(fitted, ANGLES)},
         "table 2": {"oblique_angle_deg": points[0], "strength_factor": points[1]},
