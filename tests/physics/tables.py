@@ -6,7 +6,7 @@ from pathlib import Path
 
 from solver.calibration import DepthTest, ObliquityPoint
 
-REFERENCE = Path(__file__).parents[1] / "reference"
+REFERENCE = Path(__file__).parents[2] / "service" / "reports" / "data"
 
 
 def rows(name: str) -> list[dict[str, str]]:
