@@ -6,8 +6,8 @@ PYTHON ?= $(shell for p in python3 python3.14 python3.13 python3.12 python3.11; 
 	"$$p" -c 'import sys; sys.exit(not (3, 11) <= sys.version_info < (3, 15))' 2>/dev/null && { echo "$$p"; break; }; done)
 COMPILE := $(BIN)/uv pip compile --universal --python-version 3.11 --fork-strategy fewest --generate-hashes \
 	--custom-compile-command "make lock" --quiet
-# Compiles the solver if it never was, about a minute: or all that the tests start would, at the same time.
-WARM_UP = $(BIN)/python -c "import solver; solver.warm_up()"
+# Else all that the tests start would compile it at the same time.
+WARM_UP = echo "compiling the solver unless that was done, up to a minute ..." && $(BIN)/python -c "import solver; solver.warm_up()"
 
 .DEFAULT_GOAL := help
 .PHONY: help setup demo serve test test-all check format openapi bench accuracy stress reproduce validate figures lock clean
