@@ -72,7 +72,7 @@ class Sizes:
 
 
 QUICK = Sizes(cases=200, polled_cases=100, copies=20, rounds=1)
-USUAL = Sizes(cases=10_000, polled_cases=10_000, copies=10, rounds=1)
+USUAL = Sizes(cases=6_000, polled_cases=6_000, copies=10, rounds=1)
 FULL = Sizes(cases=20_000, polled_cases=20_000, copies=5, rounds=1)
 
 

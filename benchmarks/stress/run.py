@@ -2,7 +2,7 @@
 
     python -m benchmarks.stress            # up to ten minutes
     python -m benchmarks.stress --quick    # a minute, to see that it runs; writes to a temporary folder
-    python -m benchmarks.stress --full     # 20,000 and 100,000 cases, 50 rounds of every fault
+    python -m benchmarks.stress --full     # 20,000 and 100,000 cases, 50 rounds of every fault: 40 minutes
     python -m benchmarks.stress --only load
 
 Everything runs on this machine: servers with folders of their own, and clients over the loopback interface. Progress
@@ -54,7 +54,7 @@ def main() -> None:
         prog="python -m benchmarks.stress", description="Measure what the service has to hold."
     )
     parser.add_argument("--quick", action="store_true", help="a smoke run of a minute")
-    parser.add_argument("--full", action="store_true", help="larger batches and more rounds, an hour or so")
+    parser.add_argument("--full", action="store_true", help="larger batches and more rounds, 40 minutes")
     parser.add_argument("--only", choices=PARTS, help="one part of it")
     parser.add_argument("--output", type=Path, help="folder to write to; benchmarks, or a temporary one with --quick")
     options = parser.parse_args()
