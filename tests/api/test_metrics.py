@@ -2,7 +2,7 @@
 
 import json
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -28,17 +28,24 @@ def metrics(client: httpx.Client) -> dict[tuple[str, ...], float]:
     }
 
 
-def test_cases_are_counted_by_how_they_ended(client: httpx.Client) -> None:
-    before = metrics(client)
+@pytest.fixture
+def own_client(own_service: Any) -> Iterator[httpx.Client]:
+    """Of a service that nobody else asks: jobs that other tests have left may still run."""
+    with httpx.Client(base_url=own_service.url, timeout=60.0, trust_env=False) as session:
+        yield session
+
+
+def test_cases_are_counted_by_how_they_ended(own_client: httpx.Client) -> None:
+    before = metrics(own_client)
     single, *several = searches(4)
     for _ in range(3):
-        client.post("/cra", json=single)
-    client.post("/cra/batch", json={"cases": [single, several[0]]})
+        own_client.post("/cra", json=single)
+    own_client.post("/cra/batch", json={"cases": [single, several[0]]})
     axes = [{"field": "projectile.length_m", "values": [0.1]}]
-    client.post("/cra/sweep", json={"base": PAPER, "axes": axes})
-    finished(client, client.post("/cra/batch", json={"cases": several}, headers=ASYNC).json())
-    finished(client, client.post("/cra/sweep", json={"base": PAPER, "axes": axes}, headers=ASYNC).json())
-    after = metrics(client)
+    own_client.post("/cra/sweep", json={"base": PAPER, "axes": axes})
+    finished(own_client, own_client.post("/cra/batch", json={"cases": several}, headers=ASYNC).json())
+    finished(own_client, own_client.post("/cra/sweep", json={"base": PAPER, "axes": axes}, headers=ASYNC).json())
+    after = metrics(own_client)
 
     def grown(*names: str) -> float:
         return after[names] - before.get(names, 0.0)
