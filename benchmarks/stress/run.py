@@ -32,7 +32,7 @@ HERE = Path(__file__).parents[1]
 PACKAGES = ("fastapi", "uvicorn", "uvloop", "pydantic", "orjson", "h5py")
 PARTS = ("load", "hostile", "faults")
 BODIES, FEW_BODIES = 10_000, 500
-FAULT_SECONDS, FEW_FAULT_SECONDS = 240.0, 30.0
+FAULT_SECONDS, FEW_FAULT_SECONDS = 180.0, 30.0
 """For as many rounds of faults as fit."""
 
 
