@@ -76,7 +76,7 @@ figures: setup ## draw the pictures of the README
 	$(BIN)/python docs/figures/trajectories.py
 
 lock: setup ## pin the newest version of every package; the other locks follow the one of the developers
-	$(COMPILE) --upgrade pyproject.toml --group dev --extra reports -o $(DEV)
+	$(COMPILE) --upgrade pyproject.toml --group dev --all-extras -o $(DEV)
 	$(COMPILE) --no-annotate -c $(DEV) pyproject.toml -o requirements/run.txt
 	$(COMPILE) --no-annotate -c $(DEV) --group build -o requirements/build.txt
 
