@@ -1,44 +1,88 @@
-"""The `ricochet` command."""
+"""The `ricochet` command: which commands there are, and how they end.
+
+A command is a module of `service.commands` with `add_arguments(parser)` and `run(asked)`, which returns the exit
+status. It is imported only when it is asked for: `ricochet --help` would otherwise wait seconds for the solver's
+libraries.
+"""
 
 import argparse
+import os
 import sys
-from importlib.metadata import version
+from importlib import import_module
+from typing import Any, NamedTuple
 
-from pydantic import ValidationError
+from service.commands.errors import EXIT_STATUSES, FAILED, INTERRUPTED, CommandError, UsageError
+from service.commands.parsers import Formatter, examples
 
-from service.commands import cache, calibrate, contract, reports
-from service.commands.serve import serve
-from service.settings import Settings
-from solver import ENGINE_VERSION
+
+class Command(NamedTuple):
+    """A command and the module that does it."""
+
+    name: str
+    help: str
+    module: str
+
+
+COMMANDS = (
+    Command("trajectory", "motion of one strike", "trajectory"),
+    Command("cra", "critical ricochet angle of one strike", "cra"),
+    Command("batch", "many cases from a file", "batch"),
+    Command("sweep", "one case over ranges of up to four of its numbers", "sweep"),
+    Command("jobs", "the jobs of a service", "jobs"),
+    Command("serve", "run the service, as the RICOCHET_... variables say", "serve"),
+    Command("cache", "look after the results of the data folder", "cache"),
+    Command("calibrate", "fit strength factors to tests or finite element histories", "calibrate"),
+    Command("reproduce", "compute the paper anew, beside its own numbers", "reports"),
+    Command("validate", "compare with published penetration tests", "reports"),
+    Command("openapi", "write the contract, openapi/openapi.json", "contract"),
+    Command("version", "print the versions of the package and the solver", "version"),
+)
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the command; return its exit status."""
-    parser = argparse.ArgumentParser(prog="ricochet", description="Critical ricochet angles over HTTP.")
-    commands = parser.add_subparsers(dest="command", required=True)
-    commands.add_parser("serve", help="run the service, as the RICOCHET_... variables say")
-    export = commands.add_parser("openapi", help=f"write the contract to {contract.CONTRACT}")
-    export.add_argument("--check", action="store_true", help="only tell whether the file there is up to date")
-    results = commands.add_parser("cache", help="look after the results of the data folder")
-    cache.add_commands(results.add_subparsers(dest="action", required=True))
-    calibrate.add_commands(commands)
-    reports.add_commands(commands)
-    commands.add_parser("version", help="print the versions of the package and the solver")
+    arguments = sys.argv[1:] if arguments is None else arguments
+    name = next((argument for argument in arguments if not argument.startswith("-")), "")
+    try:
+        return run(name, arguments)
+    except CommandError as error:
+        print(f"ricochet {name}: {error}", file=sys.stderr)
+        return error.status
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        return INTERRUPTED
+    except BrokenPipeError:  # whoever reads has enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return FAILED
+
+
+def run(name: str, arguments: list[str]) -> int:
+    """Run the command of this name; only its module is imported, only its own flags are known."""
+    parser = argparse.ArgumentParser(
+        prog="ricochet",
+        description="Critical ricochet angles of rigid projectiles on concrete, computed here or by a service (--url).",
+        epilog=f"{examples('ricochet cra --help')}\n\n{EXIT_STATUSES}",
+        formatter_class=Formatter,
+    )
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    asked_for, module = parser, None
+    for command in COMMANDS:
+        own = commands.add_parser(command.name, help=command.help, formatter_class=Formatter, allow_abbrev=False)
+        if command.name == name:
+            asked_for, module = own, import_module(f"service.commands.{command.module}")
+            module.add_arguments(own)
     asked = parser.parse_args(arguments)
-    if asked.command in {"serve", "cache"}:
-        try:
-            settings = Settings()
-        except ValidationError as error:
-            parser.error(f"a RICOCHET_... variable is wrong: {error}")
-        return serve(settings) if asked.command == "serve" else cache.look_after(settings, asked)
-    if asked.command == "calibrate":
-        return calibrate.run(asked)
-    if asked.command in {"reproduce", "validate"}:
-        return reports.run(asked)
-    if asked.command == "openapi":
-        return contract.check_contract() if asked.check else contract.write_contract()
-    print(f"ricochet {version('ricochet')}, engine {ENGINE_VERSION}")
-    return 0
+    return finished(asked_for, module, asked)
+
+
+def finished(parser: argparse.ArgumentParser, module: Any, asked: argparse.Namespace) -> int:
+    """Run a command to its end, all it prints included."""
+    try:
+        status: int = module.run(asked)
+        sys.stdout.flush()
+    except UsageError as error:
+        parser.error(str(error))
+    return status
 
 
 if __name__ == "__main__":

@@ -3,21 +3,30 @@
 import argparse
 import sys
 
-from service.results import storage
-from service.settings import Settings
+from service.commands.environment import read_settings
+from service.commands.parsers import add_actions, examples
+
+ACTIONS = (
+    ("stat", "tell how much is stored, also while the service runs", "ricochet cache stat"),
+    ("verify", "read everything, and set aside what is damaged", "ricochet cache verify"),
+    ("rebuild", "make the index anew from the stored results", "ricochet cache rebuild"),
+    ("evict", "remove the results used longest ago", "ricochet cache evict --bytes 1000000000"),
+)
 
 
-def add_commands(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add what can be done to the results, each with its help."""
-    actions.add_parser("stat", help="tell how much is stored, also while the service runs")
-    actions.add_parser("verify", help="read everything, and set aside what is damaged")
-    actions.add_parser("rebuild", help="make the index anew from the stored results")
-    evict = actions.add_parser("evict", help="remove the results used longest ago")
-    evict.add_argument("--bytes", type=int, help="what may stay; RICOCHET_CACHE_BYTES unless said otherwise")
+    parser.description = "Look after the results of the data folder, RICOCHET_DATA_DIR."
+    parser.epilog = examples("ricochet cache stat")
+    actions = add_actions(parser, "action", ACTIONS)
+    actions["evict"].add_argument("--bytes", type=int, help="what may stay; RICOCHET_CACHE_BYTES unless said otherwise")
 
 
-def look_after(settings: Settings, asked: argparse.Namespace) -> int:
+def run(asked: argparse.Namespace) -> int:
     """Do what is asked to the results; return 1 if it cannot be done or something was damaged."""
+    from service.results import storage
+
+    settings = read_settings()
     folder, damaged = settings.data_dir, list[str]()
     try:
         if asked.action == "stat":

@@ -18,7 +18,10 @@ from service.commands.calibration_flags import (
     named,
 )
 from service.commands.calibration_tables import print_depth, print_motion, print_obliquity
-from service.commands.case import BODY, STRIKE, CommandError, DepthCase, MotionCase, case_arguments
+from service.commands.case import DepthCase, MotionCase, case_arguments
+from service.commands.errors import FAILED, WRONG, CommandError
+from service.commands.flags import BODY, STRIKE
+from service.commands.parsers import examples
 from service.readers import (
     DEPTH_TESTS,
     MOTION,
@@ -43,15 +46,14 @@ from solver.calibration import (
     predict_motion,
 )
 
-FAILED, WRONG = 1, 2
-"""Exit statuses: nothing fits; a file or a flag is wrong."""
 CURVE_POINTS = 41
 MARGIN = 0.1  # of the range of velocities, drawn beyond the tests on either side
 
 
-def add_commands(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Add the command with its three kinds."""
-    parser = commands.add_parser("calibrate", help="fit strength factors to tests or finite element histories")
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add its three kinds."""
+    parser.description = "Fit strength factors to tests or finite element histories."
+    parser.epilog = examples("ricochet calibrate obliquity points.csv --json")
     kinds = parser.add_subparsers(dest="calibration", required=True)
     add_depth(kinds)
     add_motion(kinds)

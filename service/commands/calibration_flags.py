@@ -5,7 +5,10 @@ import math
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from service.commands.case import BODY, STRIKE, CommandError, add_case_flags
+from service.commands.case import add_case_flags
+from service.commands.errors import CommandError
+from service.commands.flags import BODY, STRIKE
+from service.commands.parsers import Formatter, examples
 from service.readers import DEPTH_TESTS, MOTION, OBLIQUITY_POINTS, Quantity
 
 GREATEST_DEPTH = "greatest-depth"
@@ -31,6 +34,8 @@ def add_depth(kinds: "argparse._SubParsersAction[argparse.ArgumentParser]") -> N
         "depth",
         help="one strength factor from depths in normal impact",
         description=f"Fit the strength factor to depths of normal-impact tests. {CSV_FILES}",
+        formatter_class=Formatter,
+        epilog=examples("ricochet calibrate depth tests.csv --case strike.toml"),
     )
     parser.add_argument("tests", metavar="TESTS.csv", help="velocity and depth of each test; mass and weight if there")
     _add_file_flags(parser, DEPTH_TESTS, "velocity=V0", "depth=mm")
@@ -48,6 +53,10 @@ def add_motion(kinds: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
         description="Fit the strength factor to the motion of the centre of gravity since first contact: depth and "
         "lateral displacement and rotation, positive as the nose turns toward the face, or some of them. "
         f"{CSV_FILES} {DYNA_FILES}",
+        formatter_class=Formatter,
+        epilog=examples(
+            "ricochet calibrate motion history.csv --case strike.toml --oblique-angle 30 --until greatest-depth"
+        ),
     )
     parser.add_argument("history", metavar="HISTORY", help="CSV, rbdout, nodout or binout")
     _add_file_flags(parser, MOTION, "time=T(ms)", "time=ms")
@@ -94,6 +103,8 @@ def add_obliquity(kinds: "argparse._SubParsersAction[argparse.ArgumentParser]") 
         help="a polynomial over the oblique angle from strength factors",
         description="Fit a polynomial to strength factors over the oblique angle, weighted by their standard errors if "
         f"there are, and print it as a request to /cra takes it. {CSV_FILES}",
+        formatter_class=Formatter,
+        epilog=examples("ricochet calibrate obliquity points.csv"),
     )
     parser.add_argument(
         "points", metavar="POINTS.csv", help="oblique_angle_deg, strength_factor and, if there, standard_error"

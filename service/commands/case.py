@@ -1,17 +1,17 @@
-"""The strike that a calibration is of, from flags and from a file with the body of a request to the service."""
+"""The strike that a calibration is of, from flags and from a file with the body of a request."""
 
 import argparse
 import json
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
 from pydantic import Field, ValidationError
 
 import solver
-from service.readers import FileError
-from service.readers.text import lines_of, read_bytes
+from service.commands.body import read_body
+from service.commands.errors import CommandError
+from service.commands.flags import Flag, add_numbers
 from service.schemas.numerics import Method, Numerics
 from service.schemas.pointers import pointer_of_location, pointer_of_parameter
 from service.schemas.projectile import Projectile
@@ -20,57 +20,6 @@ from service.schemas.resistance import Resistance
 from service.schemas.strike import Impact, Target
 from solver.numerics import TERMINATION_TIME, TRAJECTORY_TOLERANCE
 
-
-class CommandError(Exception):
-    """What was asked for cannot be done; the text is for people."""
-
-
-@dataclass(frozen=True, slots=True)
-class Flag:
-    """A flag that gives one number of the case.
-
-    Parameters
-    ----------
-    steps
-        Where it stands in the body of a request.
-    """
-
-    name: str
-    steps: tuple[str, ...]
-    help: str
-
-    @property
-    def pointer(self) -> str:
-        """Of its place."""
-        return "".join(f"/{step}" for step in self.steps)
-
-
-BODY = (
-    Flag("--diameter", ("projectile", "diameter_m"), "of the shank [m]"),
-    Flag("--length", ("projectile", "length_m"), "from the nose tip to the base [m]"),
-    Flag("--mass", ("projectile", "mass_kg"), "[kg]"),
-    Flag(
-        "--caliber-radius-head",
-        ("projectile", "nose", "caliber_radius_head"),
-        "of an ogive, its radius over the diameter; other noses come with --case [1]",
-    ),
-    Flag("--center-of-gravity", ("projectile", "center_of_gravity_m"), "behind the tip; homogeneous if not given [m]"),
-    Flag(
-        "--moment-of-inertia",
-        ("projectile", "moment_of_inertia_kg_m2"),
-        "transverse, about it; homogeneous if not given [kg m²]",
-    ),
-    Flag("--compressive-strength", ("target", "compressive_strength_pa"), "of the concrete [Pa]"),
-    Flag("--density", ("target", "density_kg_m3"), "of the concrete [kg/m³]"),
-    Flag("--youngs-modulus", ("target", "youngs_modulus_pa"), "from the strength by ACI 318-19 if not given [Pa]"),
-    Flag("--poissons-ratio", ("target", "poissons_ratio"), "0.5 if not given [1]"),
-)
-STRIKE = (
-    Flag("--velocity", ("impact", "velocity_m_s"), "at first contact [m/s]"),
-    Flag("--oblique-angle", ("impact", "oblique_angle_deg"), "from the normal of the face to the velocity [°]"),
-    Flag("--angle-of-attack", ("impact", "angle_of_attack_deg"), "axis minus velocity; 0 if not given [°]"),
-    Flag("--angular-velocity", ("impact", "angular_velocity_rad_s"), "of the axis; 0 if not given [rad/s]"),
-)
 NOT_USED = ("output", "search", "custom_id")
 """Of a request: what no calibration has."""
 
@@ -108,15 +57,9 @@ class MotionCase(DepthCase):
 
 def add_case_flags(parser: argparse.ArgumentParser, flags: Sequence[Flag]) -> None:
     """Add the flags of a case."""
-    group = parser.add_argument_group("case", "SI units, angles in degrees from the normal of the face")
-    group.add_argument(
-        "--case",
-        type=Path,
-        metavar="FILE.json",
-        help="the body of a request to /trajectory; flags go before what it says",
+    add_numbers(parser, flags).add_argument(
+        "--case", type=Path, metavar="FILE", help="TOML or JSON file with the body of a request to /trajectory"
     )
-    for flag in flags:
-        group.add_argument(flag.name, dest="/".join(flag.steps), type=float, metavar="NUMBER", help=flag.help)
 
 
 def case_arguments(asked: argparse.Namespace, model: type[DepthCase], flags: Sequence[Flag]) -> dict[str, Any]:
@@ -125,55 +68,16 @@ def case_arguments(asked: argparse.Namespace, model: type[DepthCase], flags: Seq
     Raises
     ------
     CommandError
-        If they do not fit the contract, naming the flag or the pointer.
-    FileError
-        If the file is no JSON object.
+        If there is no object in the file, or it does not fit the contract, naming the flag or the pointer.
     """
-    body: dict[str, Any] = {} if asked.case is None else _read_object(asked.case)
-    body = {name: value for name, value in body.items() if name not in NOT_USED}
+    body = read_body(asked.case, asked, flags)
+    content = {name: value for name, value in body.content.items() if name not in NOT_USED}
     if "impact" not in model.model_fields:
-        body.pop("impact", None)
-    given = {flag.pointer for flag in flags if getattr(asked, "/".join(flag.steps)) is not None}
-    for flag in flags:
-        _put(body, flag, getattr(asked, "/".join(flag.steps)))
-    by_pointer = {flag.pointer: flag for flag in flags}
+        content.pop("impact", None)
     try:
-        return model.model_validate_json(json.dumps(body)).arguments()
+        return model.model_validate_json(json.dumps(content)).arguments()
     except ValidationError as error:
         wrong = [(pointer_of_location(each["loc"]), each["msg"]) for each in error.errors()]
     except solver.ParameterError as error:
         wrong = [(pointer_of_parameter(error.field), error.requirement)]
-    raise CommandError("\n".join(_told(asked.case, by_pointer, given, pointer, detail) for pointer, detail in wrong))
-
-
-def _put(body: dict[str, Any], flag: Flag, value: float | None) -> None:
-    """Put the value of a flag at its place; without one, see to it that the place can be missed."""
-    place: Any = body
-    for step in flag.steps[:-1]:
-        place = place.setdefault(step, {}) if isinstance(place, dict) else None
-    if value is not None and isinstance(place, dict):
-        if flag.steps[-2] == "nose":
-            place.clear()
-            place["shape"] = "ogive"
-        place[flag.steps[-1]] = value
-
-
-def _told(case: Path | None, flags: Mapping[str, Flag], given: set[str], pointer: str, detail: str) -> str:
-    if pointer == "/projectile/nose" and case is None:
-        return "--caliber-radius-head is missing"
-    flag = flags.get(pointer)
-    if flag is not None and (pointer in given or case is None):
-        return f"{flag.name}: {detail}" if pointer in given else f"{flag.name} is missing"
-    return f"{case}: {pointer or '/'}: {detail}" if case is not None else f"{pointer}: {detail}"
-
-
-def _read_object(path: Path) -> dict[str, Any]:
-    try:
-        content = json.loads("\n".join(lines_of(path, read_bytes(path))))
-    except json.JSONDecodeError as error:
-        raise FileError(path, f"not JSON: {error.msg}", error.lineno) from None
-    except RecursionError:
-        raise FileError(path, "not JSON: nested too deep") from None
-    if not isinstance(content, dict):
-        raise FileError(path, "must be a JSON object")
-    return content
+    raise CommandError("\n".join(body.told(pointer, detail) for pointer, detail in wrong))

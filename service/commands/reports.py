@@ -10,24 +10,27 @@ from typing import Any
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
+from service.commands.parsers import examples
+
 EXTRA = frozenset({"jinja2", "markupsafe", "matplotlib"})
 """Packages of the extra `reports`."""
 REPORTS = {"reproduce": "reproduction", "validate": "validation"}
 """Module of `service.reports` by command."""
+FOLDERS = {"reproduce": Path("build/reproduce"), "validate": Path("build/validation")}
+DESCRIPTIONS = {
+    "reproduce": "Compute the source paper anew, figure by figure, each number beside the printed one.",
+    "validate": "Set the model beside published penetration tests.",
+}
 
 
-def add_commands(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Add both commands.
-
-    Parameters
-    ----------
-    commands
-        Of the parser of `ricochet`.
-    """
-    reproduce = commands.add_parser("reproduce", help="compute the paper anew, beside its own numbers")
-    reproduce.add_argument("--output", type=Path, default=Path("build/reproduce"), metavar="FOLDER")
-    validate = commands.add_parser("validate", help="compare with published penetration tests")
-    validate.add_argument("--output", type=Path, default=Path("build/validation"), metavar="FOLDER")
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the flags, the same for both."""
+    command = parser.prog.split()[-1]
+    parser.description = DESCRIPTIONS[command]
+    parser.epilog = examples(f"{parser.prog} --output report")
+    parser.add_argument(
+        "--output", type=Path, default=FOLDERS[command], metavar="FOLDER", help="of the page (%(default)s)"
+    )
 
 
 def run(asked: argparse.Namespace) -> int:

@@ -3,34 +3,16 @@
 import csv
 import io
 import itertools
-from collections.abc import AsyncIterator, Callable, Iterable, Iterator, Mapping
+from collections.abc import AsyncIterator, Callable, Iterable, Iterator
 from typing import Any
 
 import orjson
 
 from service.batches.small import CaseResult
+from service.summary import SCALARS, codes_of, scalars_of
 
 PIECE = 128 * 1024
 """Sent at once. [bytes]"""
-FINAL = (
-    "time_s",
-    "center_of_gravity_depth_m",
-    "center_of_gravity_lateral_m",
-    "nose_tip_depth_m",
-    "axis_angle_deg",
-    "depth_velocity_m_s",
-    "lateral_velocity_m_s",
-    "angular_velocity_rad_s",
-    "depth_force_n",
-    "lateral_force_n",
-    "moment_n_m",
-    "kinetic_energy_j",
-)
-SCALARS: Mapping[str, tuple[str, ...]] = {
-    "trajectory": ("outcome", "maximum_depth_m", *(f"final_{name}" for name in FINAL)),
-    "cra": ("status", "critical_angle_deg", "bracket_low_deg", "bracket_high_deg", "critical_angle_standard_error_deg"),
-}
-"""Columns of the table of an operation, between what names the case and what is to be said of it."""
 
 
 def to_item(result: CaseResult, instance: str) -> bytes:
@@ -91,19 +73,12 @@ def to_rows(results: Iterable[CaseResult], operation: str) -> bytes:
 
 
 def _row(result: CaseResult, operation: str) -> list[Any]:
-    scalars = SCALARS[operation]
     if result.record is None:
         problem = (result.problem or {}).get("type", "")
-        return [result.number, result.custom_id or "", "", *[""] * len(scalars), "", problem]
+        return [result.number, result.custom_id or "", "", *[""] * len(SCALARS[operation]), "", problem]
     answer = result.record.answer
-    values = dict(answer)
-    if operation == "cra":
-        values |= zip(("bracket_low_deg", "bracket_high_deg"), answer.get("bracket_deg", ()), strict=False)
-    else:
-        values |= {f"final_{name}": value for name, value in answer["final"].items()}
-    codes = " ".join(warning["code"] for warning in answer["warnings"])
-    numbers = [values.get(name, "") for name in scalars]
-    return [result.number, result.custom_id or "", result.record.key, *numbers, codes, ""]
+    scalars = scalars_of(operation, answer)
+    return [result.number, result.custom_id or "", result.record.key, *scalars, codes_of(answer), ""]
 
 
 def _rows(rows: Iterable[list[Any]]) -> bytes:

@@ -1,0 +1,99 @@
+"""One case: read, asked of a service or computed here, printed."""
+
+import argparse
+import csv
+import json
+import sys
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from service.commands.body import Body, read_body
+from service.commands.errors import CommandError, RefusedError
+from service.commands.flags import Flag
+from service.commands.tables import heading, print_table, print_values, print_warnings
+
+
+def answer_one(operation: str, asked: argparse.Namespace, flags: Sequence[Flag]) -> tuple[Body, bytes]:
+    """Return the body of the request and the answer to it, as JSON.
+
+    Raises
+    ------
+    CommandError
+        If there is no answer, naming the flag or the place in the file that is to blame, if one is.
+    """
+    body = read_body(asked.case, asked, flags)
+    if asked.plot:
+        from service.commands.pictures import check_picture
+
+        check_picture(asked.plot)
+    try:
+        if asked.url:
+            from service.commands.client import connect
+
+            with connect(asked.url) as client:
+                return body, client.compute(operation, body.content)
+        from service.commands.alone import compute
+
+        return body, compute(operation, body.content)
+    except RefusedError as error:
+        raise body.explained(error) from None
+
+
+def print_json(answer: bytes) -> None:
+    """Print an answer as it is sent, on one line."""
+    sys.stdout.buffer.write(answer + b"\n")
+    sys.stdout.buffer.flush()
+
+
+def print_csv(columns: Mapping[str, Sequence[Any]]) -> None:
+    """Print columns of equal length."""
+    writer = csv.writer(sys.stdout, lineterminator="\n")
+    writer.writerow(columns)
+    writer.writerows(zip(*columns.values(), strict=True))
+
+
+def print_motion(answer: Mapping[str, Any]) -> None:
+    """Print how a strike ended."""
+    final = {heading(name): value for name, value in answer["final"].items()}
+    values = {"outcome": answer["outcome"], heading("maximum_depth_m"): answer["maximum_depth_m"]}
+    print_values(values | {f"final {name}": value for name, value in final.items()})
+    print_warnings(answer["warnings"])
+
+
+def history_of(answer: Mapping[str, Any]) -> Mapping[str, Sequence[float]]:
+    """Return the columns of a motion over time.
+
+    Raises
+    ------
+    CommandError
+        If the case asks for none.
+    """
+    if "history" not in answer:
+        raise CommandError("there is no history: output.history is false in this case")
+    history: Mapping[str, Sequence[float]] = answer["history"]
+    return history
+
+
+def print_search(answer: Mapping[str, Any]) -> None:
+    """Print the angles that a search has tried, and what it has found."""
+    columns = ("oblique_angle_deg", "final_position_m", "outcome")
+    print_table(
+        [heading(name) for name in columns], [[trial[name] for name in columns] for trial in answer["iterations"]]
+    )
+    found = {"status": answer["status"]}
+    for name in ("critical_angle_deg", "critical_angle_standard_error_deg"):
+        if name in answer:
+            found[heading(name)] = answer[name]
+    if "bracket_deg" in answer:
+        found[heading("bracket_deg")] = " to ".join(f"{angle:.5g}" for angle in answer["bracket_deg"])
+    if answer["other_crossings_deg"]:
+        found[heading("other_crossings_deg")] = ", ".join(f"{angle:.5g}" for angle in answer["other_crossings_deg"])
+    print()
+    print_values(found)
+    print_warnings(answer["warnings"])
+
+
+def loads(answer: bytes) -> dict[str, Any]:
+    """Return an answer as data."""
+    content: dict[str, Any] = json.loads(answer)
+    return content
