@@ -1,6 +1,7 @@
 """Oblique impact of rigid projectiles on concrete: motion and critical ricochet angle. SI units and radians."""
 
 from solver.advice import ModelWarning
+from solver.columns import columns, to_dataframe
 from solver.errors import IntegrationError, ParameterError, RicochetError, StepLimitError
 from solver.free_surface import ElasticPlastic, MohrCoulomb, NoFreeSurface, decay_factor
 from solver.impact import Impact
@@ -69,6 +70,7 @@ __all__ = [
     "Trajectory",
     "Trial",
     "closed_form_depth",
+    "columns",
     "concrete_youngs_modulus",
     "critical_angle",
     "critical_angle_many",
@@ -78,5 +80,6 @@ __all__ = [
     "simulate_many",
     "solid_properties",
     "strength_factor",
+    "to_dataframe",
     "warm_up",
 ]

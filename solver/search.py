@@ -3,9 +3,12 @@
 import math
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
+
+import numpy as np
 
 from solver.advice import ModelWarning
+from solver.frame import Columns, dataframe
 from solver.shot import Outcome
 from solver.validation import require, require_between
 
@@ -103,6 +106,20 @@ class CriticalAngle:
     warnings: tuple[ModelWarning, ...]
     standard_error: float | None = None
     """Of the angle, from the covariance of the strength factor; None without one. [rad]"""
+
+    def columns(self) -> Columns:
+        """Return the trials as arrays by name, in order: angles in radians, positions in metres."""
+        trials = self.iterations
+        return {
+            "oblique_angle": np.array([trial.oblique_angle for trial in trials], float),
+            "final_position": np.array([trial.final_position for trial in trials], float),
+            "outcome": np.array([trial.outcome.value for trial in trials], str),
+            "fine": np.array([trial.fine for trial in trials], bool),
+        }
+
+    def to_dataframe(self) -> Any:
+        """Return the trials as a ``pandas.DataFrame``, which has to be installed."""
+        return dataframe(self.columns())
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass, fields
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from solver.advice import ModelWarning
 from solver.arrays import FloatArray
 from solver.errors import ParameterError
 from solver.events import End, Run, tip_depth
+from solver.frame import Columns, dataframe
 from solver.impact import Impact
 from solver.motion import Model, sample, sample_loads
 from solver.numerics import Numerics
@@ -58,6 +59,14 @@ class Motion(Generic[Value]):
     kinetic_energy: Value
     """Of translation and rotation. [J]"""
 
+    def columns(self) -> Columns:
+        """Return the quantities as arrays by name; one instant as arrays of one value."""
+        return {field.name: np.atleast_1d(getattr(self, field.name)) for field in fields(self)}
+
+    def to_dataframe(self) -> Any:
+        """Return them as a ``pandas.DataFrame``, which has to be installed."""
+        return dataframe(self.columns())
+
 
 @dataclass(frozen=True, slots=True)
 class Trajectory:
@@ -77,6 +86,22 @@ class Trajectory:
     """Time steps taken."""
     evaluations: int
     """Evaluations of force and moment."""
+
+    def columns(self) -> Columns:
+        """Return the history as arrays by name, in SI units and radians.
+
+        Raises
+        ------
+        ParameterError
+            If there is none.
+        """
+        if self.history is None:
+            raise ParameterError("sample_interval", "must be given for a history, which these columns are of")
+        return self.history.columns()
+
+    def to_dataframe(self) -> Any:
+        """Return the history as a ``pandas.DataFrame``, which has to be installed."""
+        return dataframe(self.columns())
 
 
 def simulate(

@@ -1,0 +1,90 @@
+"""Answers as columns and as tables of pandas."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import solver
+from solver import Impact, ParameterError, critical_angle, critical_angle_many, simulate, simulate_many
+from solver.cases import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY, paper_impact
+
+
+def test_history_is_a_table_with_a_column_for_each_quantity() -> None:
+    trajectory = simulate(
+        projectile=PAPER_PROJECTILE, target=PAPER_TARGET, impact=paper_impact(oblique_angle_degrees=55.0)
+    )
+    columns, table = trajectory.columns(), trajectory.to_dataframe()
+    assert trajectory.history is not None
+    assert columns["nose_tip_depth"] is trajectory.history.nose_tip_depth
+    assert list(table.columns) == list(columns)
+    assert len(table) == trajectory.history.time.size
+    assert table["nose_tip_depth"].max() == pytest.approx(trajectory.maximum_depth, rel=1e-3)
+    assert table.iloc[-1].to_dict() == {name: values[0] for name, values in trajectory.final.columns().items()}
+
+
+def test_columns_without_a_history_say_what_is_missing() -> None:
+    impact = paper_impact(oblique_angle_degrees=55.0)
+    trajectory = simulate(projectile=PAPER_PROJECTILE, target=PAPER_TARGET, impact=impact, sample_interval=None)
+    with pytest.raises(ParameterError, match="sample_interval: must be given"):
+        trajectory.columns()
+
+
+def test_trials_of_a_search_are_a_table() -> None:
+    found = critical_angle(projectile=PAPER_PROJECTILE, target=PAPER_TARGET, velocity=PAPER_VELOCITY)
+    table = found.to_dataframe()
+    assert found.angle is not None
+    assert len(table) == len(found.iterations)
+    fine = table[table["fine"]]
+    assert fine[fine["outcome"] == "ricochet"]["oblique_angle"].min() == found.angle
+
+
+def test_many_critical_angles_are_a_table_with_the_failed_ones_in_it() -> None:
+    velocities = [200.0, -1.0, 300.0]
+    answers = critical_angle_many(projectile=PAPER_PROJECTILE, target=PAPER_TARGET, velocity=velocities)
+    table = solver.to_dataframe(answers)
+    assert list(table["status"]) == ["converged", "", "converged"]
+    assert np.isnan(table["angle"][1])
+    assert "impact.velocity" in table["error"][1]
+    assert table["angle"][0] < table["angle"][2]
+    assert (table["bracket_low"] <= table["angle"])[[0, 2]].all()
+    assert "strength_fit_extrapolated" in table["warnings"][0].split()
+
+
+def test_many_trajectories_are_columns() -> None:
+    impacts = [paper_impact(oblique_angle_degrees=angle) for angle in (30.0, 60.0)]
+    answers = list(simulate_many(projectile=PAPER_PROJECTILE, target=PAPER_TARGET, impact=impacts))
+    columns = solver.columns(answers)
+    assert columns["outcome"].tolist() == ["embedded", "ricochet"]
+    assert columns["final_depth_velocity"][1] < 0.0 < columns["maximum_depth"][1] < columns["maximum_depth"][0]
+    assert {len(values) for values in columns.values()} == {2}
+    pd.testing.assert_frame_equal(solver.to_dataframe(answers), pd.DataFrame(columns))
+
+
+def test_answers_of_both_kinds_are_no_table() -> None:
+    impact = Impact(velocity=PAPER_VELOCITY, oblique_angle=0.5)
+    answers = [
+        simulate(projectile=PAPER_PROJECTILE, target=PAPER_TARGET, impact=impact),
+        critical_angle(projectile=PAPER_PROJECTILE, target=PAPER_TARGET, velocity=PAPER_VELOCITY),
+    ]
+    with pytest.raises(ParameterError, match="not both"):
+        solver.columns(answers)
+
+
+def test_no_answers_are_an_empty_table() -> None:
+    assert {name: len(values) for name, values in solver.columns([]).items()} == {"warnings": 0, "error": 0}
+
+
+def test_pandas_is_imported_only_for_its_table_and_missed_in_words() -> None:
+    program = (
+        "import sys; sys.modules['pandas'] = None\n"
+        "from solver import critical_angle\nfrom solver.cases import *\n"
+        "found = critical_angle(projectile=PAPER_PROJECTILE, target=PAPER_TARGET, velocity=PAPER_VELOCITY)\n"
+        "print(len(found.columns()['fine']))\n"
+        "found.to_dataframe()"
+    )
+    ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    assert int(ended.stdout) > 5
+    assert "to_dataframe() needs pandas: pip install pandas" in ended.stderr.splitlines()[-1]
