@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import fields
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -76,13 +77,13 @@ Column = tuple[Callable[[Any], Any], Any]
 
 COLUMNS: Mapping[type, Mapping[str, Column]] = {
     Trajectory: {
-        "outcome": (lambda answer: answer.outcome.value, ""),
-        "maximum_depth": (lambda answer: answer.maximum_depth, math.nan),
-        "strength_factor": (lambda answer: answer.strength_factor, math.nan),
-        **{f"final_{name}": (lambda answer, name=name: getattr(answer.final, name), math.nan) for name in FINAL},
+        "outcome": (attrgetter("outcome.value"), ""),
+        "maximum_depth": (attrgetter("maximum_depth"), math.nan),
+        "strength_factor": (attrgetter("strength_factor"), math.nan),
+        **{f"final_{name}": (attrgetter(f"final.{name}"), math.nan) for name in FINAL},
     },
     CriticalAngle: {
-        "status": (lambda answer: answer.status.value, ""),
+        "status": (attrgetter("status.value"), ""),
         "angle": (lambda answer: _number(answer.angle), math.nan),
         "standard_error": (lambda answer: _number(answer.standard_error), math.nan),
         "bracket_low": (lambda answer: (answer.bracket or NO_BRACKET)[0], math.nan),

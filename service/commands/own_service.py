@@ -20,6 +20,7 @@ from service.app import create_app, lifespan
 from service.commands.client import Client, connect
 from service.commands.environment import read_settings
 from service.commands.errors import FAILED, CommandError
+from service.commands.progress import progress
 from service.commands.server import Server
 from service.pool.lane import ExecutorError
 from service.results.segments import FolderInUseError
@@ -43,7 +44,7 @@ def own_service(data_dir: Path | None) -> Iterator[Client]:
     CommandError
         If the folder belongs to a running service, or the service cannot be started.
     """
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(TERMINATED))  # leaves by way of what is below
+    before = signal.signal(signal.SIGTERM, lambda *_: sys.exit(TERMINATED))  # leaves by way of what is below
     with tempfile.TemporaryDirectory(prefix="ricochet-") as folder:
         address = f"{folder}/socket"
         settings = read_settings(data_dir=data_dir or Path(folder) / "data", log_level="error")
@@ -51,7 +52,8 @@ def own_service(data_dir: Path | None) -> Iterator[Client]:
         thread = threading.Thread(target=server.live, name="ricochet-service")
         thread.start()
         try:
-            server.up.result()
+            with progress("starting"):
+                server.up.result()
             with connect("http://ricochet", transport=HTTPTransport(uds=address), trust_env=False) as client:
                 yield client
         except FolderInUseError as error:
@@ -61,6 +63,7 @@ def own_service(data_dir: Path | None) -> Iterator[Client]:
         finally:
             server.should_exit = True
             thread.join()
+            signal.signal(signal.SIGTERM, before)
 
 
 class PrivateServer(Server):

@@ -8,7 +8,16 @@ import pandas as pd
 import pytest
 
 import solver
-from solver import Impact, ParameterError, critical_angle, critical_angle_many, simulate, simulate_many
+from solver import (
+    CriticalAngle,
+    Impact,
+    ParameterError,
+    Trajectory,
+    critical_angle,
+    critical_angle_many,
+    simulate,
+    simulate_many,
+)
 from solver.cases import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY, paper_impact
 
 
@@ -65,7 +74,7 @@ def test_many_trajectories_are_columns() -> None:
 
 def test_answers_of_both_kinds_are_no_table() -> None:
     impact = Impact(velocity=PAPER_VELOCITY, oblique_angle=0.5)
-    answers = [
+    answers: list[Trajectory | CriticalAngle] = [
         simulate(projectile=PAPER_PROJECTILE, target=PAPER_TARGET, impact=impact),
         critical_angle(projectile=PAPER_PROJECTILE, target=PAPER_TARGET, velocity=PAPER_VELOCITY),
     ]
