@@ -9,8 +9,9 @@ import httpx
 import pytest
 
 from service import cli
+from service.commands.errors import RefusedError
 from service.schemas.examples import PAPER, PAPER_AT_45
-from tests.command.commands import STRIKE_TOML, case_at, run, run_on_terminal
+from tests.command.commands import STRIKE_TOML, run, run_on_terminal
 from tests.conftest import free_port
 
 FLAGS = "--diameter 0.08 --length 0.53 --mass 13 --caliber-radius-head 3 --compressive-strength 39e6 --density 2250"
@@ -147,11 +148,14 @@ def test_a_service_names_what_is_wrong_likewise(
         assert capsys.readouterr().err == alone
 
 
-def test_what_cannot_be_computed_ends_with_status_1(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (here / "hard.json").write_text(json.dumps(case_at(238.0, search={"method": "secant"})))
-    fine = ["--set", "numerics.time_step_s=1e-8", "--set", "numerics.termination_time_s=1"]
-    assert cli.main(["cra", "hard.json", *fine]) == 1
-    assert "more time steps than one may take" in capsys.readouterr().err
+@pytest.mark.parametrize(
+    ("kind", "status", "ended"),
+    [("step-limit", 422, 1), ("timeout", 422, 1), ("busy", 503, 1), ("invalid-request", 422, 2), ("", 413, 2)],
+)
+def test_problems_of_the_input_end_with_status_2_and_others_with_1(kind: str, status: int, ended: int) -> None:
+    problem = {"type": f"urn:ricochet:problem:{kind}", "title": "No", "detail": "why", "status": status}
+    error = RefusedError(problem)
+    assert (error.status, str(error)) == (ended, "No: why")
 
 
 def test_no_service_ends_with_status_1(folder: Path) -> None:
