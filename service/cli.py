@@ -54,6 +54,9 @@ def main(arguments: list[str] | None = None) -> int:
     except BrokenPipeError:  # whoever reads has enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return FAILED
+    except OSError as error:  # a full disk, most likely
+        print(f"ricochet {name}: {error}", file=sys.stderr)
+        return FAILED
 
 
 def run(name: str, arguments: list[str]) -> int:

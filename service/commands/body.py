@@ -95,7 +95,7 @@ def _split(text: str) -> tuple[str, Any]:
         raise CommandError(f"--set {text}: must be FIELD=VALUE, such as impact.velocity_m_s=300")
     try:
         return field, json.loads(value)
-    except json.JSONDecodeError:
+    except (ValueError, RecursionError):
         return field, value  # a word, such as the name of a model
 
 
@@ -118,16 +118,23 @@ def read_object(file: str | Path) -> dict[str, Any]:
     """
     text = _read_text(file)
     try:
-        content = tomllib.loads(text) if Path(file).suffix.lower() == ".toml" else json.loads(text)
+        content = _from_toml(text) if Path(file).suffix.lower() == ".toml" else json.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise CommandError(f"{file}: not TOML: {error}") from None
     except json.JSONDecodeError as error:
         raise CommandError(f"{file}:{error.lineno}: not JSON: {error.msg}") from None
+    except ValueError as error:  # a number with thousands of digits
+        raise CommandError(f"{file}: {error}") from None
     except RecursionError:
         raise CommandError(f"{file}: nested too deep") from None
     if not isinstance(content, dict):
         raise CommandError(f"{file}: must be a JSON object")
     return content
+
+
+def _from_toml(text: str) -> Any:
+    """Return what JSON has in its place: a date is text, which no field takes."""
+    return json.loads(json.dumps(tomllib.loads(text), default=str))
 
 
 def _read_text(file: str | Path) -> str:

@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any, TypeAlias
+from urllib.parse import quote
 
 import httpx
 import orjson
@@ -16,8 +17,10 @@ KEY = "RICOCHET_API_KEY"
 """Variable with the key of a service: a flag could be read in the list of processes."""
 TIMEOUT = httpx.Timeout(120.0, connect=10.0)
 """Longer than a single query may take. [s]"""
-TRIES = 8
-LONGEST_PAUSE = 60.0  # [s]
+PAUSES = (1.0, 2.0, 4.0, 8.0, 10.0, 10.0, 10.0)
+"""Before a service that does not answer any more is asked again: it may be starting anew. [s]"""
+LONGEST_PAUSE = 60.0
+"""Before one that is busy is. [s]"""
 BUSY = frozenset({429, 503})
 """Statuses that are over soon."""
 PAGE = 1000
@@ -76,7 +79,7 @@ class Client:
 
     def job(self, name: str) -> dict[str, Any]:
         """Return a job."""
-        return parsed(self._ask("GET", f"/jobs/{name}"))
+        return parsed(self._ask("GET", path_of(name)))
 
     def jobs(self) -> list[dict[str, Any]]:
         """Return the jobs, the newest first."""
@@ -85,15 +88,15 @@ class Client:
 
     def page(self, name: str, cursor: str) -> dict[str, Any]:
         """Return results of a job that are ready, `next` with them if there is more to come."""
-        return parsed(self._ask("GET", f"/jobs/{name}/results?limit={PAGE}&cursor={cursor}"))
+        return parsed(self._ask("GET", f"{path_of(name)}/results?limit={PAGE}&cursor={cursor}"))
 
     def cancel(self, name: str) -> dict[str, Any]:
         """End a job."""
-        return parsed(self._ask("POST", f"/jobs/{name}/cancel"))
+        return parsed(self._ask("POST", f"{path_of(name)}/cancel"))
 
     def delete(self, name: str) -> None:
         """End a job and forget it."""
-        self._ask("DELETE", f"/jobs/{name}")
+        self._ask("DELETE", path_of(name))
 
     def _ask(
         self, method: str, path: str, content: Content | None = None, headers: dict[str, str] | None = None
@@ -107,23 +110,27 @@ class Client:
         CommandError
             If there is no answer.
         """
-        for last in (*[False] * (TRIES - 1), True):
-            pause = 1.0
+        for pause in (*PAUSES, None):
             try:
                 response = self._http.request(method, path, content=content() if content else None, headers=headers)
             except httpx.TransportError as error:
-                if last or not self._reached:
+                if pause is None or not self._reached:
                     why = str(error) or type(error).__name__
                     raise CommandError(f"no service answers at {self._address}: {why}", FAILED) from None
-            else:
-                self._reached = True
-                if response.is_success:
-                    return response
-                if last or response.status_code not in BUSY:
-                    raise refusal(response)
-                pause = pause_of(response)
-            time.sleep(pause)
-        raise AssertionError
+                time.sleep(pause)
+                continue
+            self._reached = True
+            if response.is_success:
+                return response
+            if pause is None or response.status_code not in BUSY:
+                raise refusal(response)
+            time.sleep(pause_of(response))
+        raise AssertionError("the last try ends it")
+
+
+def path_of(name: str) -> str:
+    """Return the path of a job, whatever somebody calls one."""
+    return f"/jobs/{quote(name, safe='')}"
 
 
 def encoded(body: dict[str, Any]) -> bytes:

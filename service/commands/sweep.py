@@ -26,11 +26,12 @@ MOST_POINTS = 100_000
 
 
 class Axis(NamedTuple):
-    """A field, the values it takes, and how that was typed."""
+    """A field, the values it takes, and how that was typed and is sent."""
 
     field: str
     values: list[float]
     text: str
+    sent: dict[str, Any]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -69,7 +70,7 @@ def run(asked: argparse.Namespace) -> int:
 
     axes: list[Axis] = asked.axis
     body = read_body(asked.case, asked, FLAGS)
-    content = encoded({"base": _filled(body.content, axes), "axes": _as_sent(axes)})
+    content = encoded({"base": _filled(body.content, axes), "axes": [axis.sent for axis in axes]})
     values = {axis.field: axis.values for axis in axes}
     more: list[Sink] = []
     if asked.plot:
@@ -94,9 +95,12 @@ def _axis(text: str) -> Axis:
         if not equals or not all(field.split(".")):
             raise ValueError(text)
         if ":" not in range_:
-            return Axis(field, [float(value) for value in range_.split(",")], text)
-        start, stop, count = range_.split(":")
-        return Axis(field, _even(float(start), float(stop), int(count)), text)
+            values = [float(value) for value in range_.split(",")]
+            return Axis(field, values, text, {"field": field, "values": values})
+        first, last, number = range_.split(":")
+        start, stop, count = float(first), float(last), int(number)
+        sent = {"field": field, "start": start, "stop": stop, "count": count}
+        return Axis(field, _even(start, stop, count), text, sent)
     except ValueError:
         raise argparse.ArgumentTypeError(
             f"must be FIELD=A,B,C or FIELD=START:STOP:COUNT with up to {MOST_POINTS:,} values, got {text!r}"
@@ -111,10 +115,6 @@ def _even(start: float, stop: float, count: int) -> list[float]:
         return [start]
     step = (stop - start) / (count - 1)
     return [start + step * i for i in range(count - 1)] + [stop]
-
-
-def _as_sent(axes: Sequence[Axis]) -> list[dict[str, Any]]:
-    return [{"field": axis.field, "values": axis.values} for axis in axes]
 
 
 def _filled(body: dict[str, Any], axes: Sequence[Axis]) -> dict[str, Any]:
@@ -132,10 +132,14 @@ def _filled(body: dict[str, Any], axes: Sequence[Axis]) -> dict[str, Any]:
 def _explained(error: RefusedError, body: Body, axes: Sequence[Axis]) -> CommandError:
     """Return a refusal in the words of whoever gave what is refused."""
     told = []
+    by_pointer = {"/" + axis.field.replace(".", "/"): axis for axis in axes}
     for each in error.errors:
         _, part, *steps = each["pointer"].split("/") if each["pointer"].count("/") else ("", "")
-        if part == "base":
-            told.append(body.told("".join(f"/{step}" for step in steps), each["detail"]))
+        pointer = "".join(f"/{step}" for step in steps)
+        if part == "base" and pointer not in by_pointer:
+            told.append(body.told(pointer, each["detail"]))
+        elif part == "base":
+            told.append(f"--axis {by_pointer[pointer].text}: {each['detail']}")
         elif part == "axes" and steps:
             told.append(f"--axis {axes[int(steps[0])].text}: {each['detail']}")
         else:

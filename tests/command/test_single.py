@@ -2,8 +2,11 @@
 
 import csv
 import json
+import threading
+from collections.abc import Iterator
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import httpx
 import pytest
@@ -118,6 +121,9 @@ def test_pictures_are_drawn(here: Path, capsys: pytest.CaptureFixture[str], name
         ("cra strike.toml --length 0.05", "--length: must be at least the length of the nose"),
         ("cra nothing.toml", "nothing.toml: No such file"),
         ("cra wrong.toml", "wrong.toml: not TOML: "),
+        ("cra dated.toml", "dated.toml: /projectile/mass_kg: Input should be a valid number"),
+        ("cra long.json", "long.json: Exceeds the limit"),
+        ("cra empty.json", "empty.json: the file is empty"),
         ("cra odd.toml", "odd.toml: /projectile/mass_kg: Input should be a valid number"),
         ("trajectory strike.toml", "strike.toml: /impact/oblique_angle_deg: Field required"),
         ("trajectory strike.toml --angle 95", "--oblique-angle: Input should be less than 90"),
@@ -131,6 +137,9 @@ def test_wrong_input_is_named_and_ends_with_status_2(
 ) -> None:
     (here / "wrong.toml").write_text("= 3")
     (here / "odd.toml").write_text(STRIKE_TOML.replace("13.0", '"heavy"'))
+    (here / "dated.toml").write_text(STRIKE_TOML.replace("13.0", "2026-01-01"))
+    (here / "long.json").write_text("1" * 5000)
+    (here / "empty.json").write_text("\n")
     assert cli.main(arguments.split()) == 2
     captured = capsys.readouterr()
     assert captured.out == ""
@@ -156,6 +165,47 @@ def test_problems_of_the_input_end_with_status_2_and_others_with_1(kind: str, st
     problem = {"type": f"urn:ricochet:problem:{kind}", "title": "No", "detail": "why", "status": status}
     error = RefusedError(problem)
     assert (error.status, str(error)) == (ended, "No: why")
+
+
+class Moody(BaseHTTPRequestHandler):
+    """A service that is busy at first, then gone for a moment, and takes one key."""
+
+    moods: ClassVar[list[str]] = []
+
+    def do_POST(self) -> None:
+        self.rfile.read(int(self.headers["Content-Length"]))
+        mood = self.moods.pop(0)
+        if mood == "gone":
+            return
+        allowed = self.headers["Authorization"] == "Bearer secret"
+        self.send_response(503 if mood == "busy" else 200 if allowed else 401)
+        self.send_header("Retry-After", "0")
+        self.end_headers()
+        self.wfile.write(b'{"mood": "good"}')
+
+    def log_message(self, *_: object) -> None:
+        """Say nothing."""
+
+
+@pytest.fixture
+def moody_url() -> Iterator[str]:
+    with ThreadingHTTPServer(("127.0.0.1", 0), Moody) as server:
+        thread = threading.Thread(target=server.serve_forever)
+        thread.start()
+        yield f"http://127.0.0.1:{server.server_port}"
+        server.shutdown()
+        thread.join()
+
+
+def test_busy_service_is_asked_again_and_gets_the_key(folder: Path, moody_url: str) -> None:
+    Moody.moods = ["busy", "gone", "busy", "good"]
+    asked = ["cra", "strike.toml", "--json", "--url", moody_url]
+    done = run(folder, *asked, RICOCHET_API_KEY="secret")
+    assert (done.status, done.out, done.err) == (0, '{"mood": "good"}\n', "")
+    Moody.moods = ["good"]
+    refused = run(folder, *asked, RICOCHET_API_KEY="other")
+    assert (refused.status, refused.out) == (1, "")
+    assert "401" in refused.err
 
 
 def test_no_service_ends_with_status_1(folder: Path) -> None:
