@@ -18,7 +18,7 @@ from service.logs import RequestLog
 from service.pool.executor import PoolExecutor
 from service.problems import MEDIA_TYPE, install_problem_handlers
 from service.results.cache import ResultCache
-from service.routes import batch, calibration, cra, docs, health, jobs, metrics, results, sweep, trajectory
+from service.routes import batch, calibration, cra, docs, health, jobs, metrics, page, results, sweep, trajectory
 from service.routes.download import FOLDER as DOWNLOADS
 from service.routes.hot import HotAnswers, HotPath
 from service.schemas import (
@@ -43,7 +43,7 @@ POOL_SECONDS = 1
 STOP_SECONDS = POOL_SECONDS + 1
 """Of the grace time, for jobs and workers to end after the last request has been answered or given up."""
 OPERATIONS = {"trajectory": trajectory.TRAJECTORY, "cra": cra.CRITICAL_ANGLE} | calibration.OPERATIONS
-RESOURCES = (batch, sweep, trajectory, cra, calibration, results, jobs, health, metrics, docs)
+RESOURCES = (batch, sweep, trajectory, cra, calibration, results, jobs, health, metrics, docs, page)
 BODIES = (
     TrajectoryBatch,
     CriticalAngleBatch,
@@ -123,6 +123,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     for resource in RESOURCES:
         app.include_router(resource.router)
     app.mount("/docs/assets", docs.ASSETS)
+    app.mount("/page", page.ASSETS)
     return app
 
 

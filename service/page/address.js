@@ -1,0 +1,77 @@
+// Addresses that can be shared: `#/<view>?<query>`, where the query holds what differs from the paper's case.
+
+import { valueAt, withValue } from "./case.js";
+import { nodeAt, paperCase, tagOf } from "./contract.js";
+
+const PARTS = ["projectile", "target", "impact", "resistance", "numerics", "search"];
+
+/** Return the case that a query tells of; what cannot be read is left as in the paper's case. */
+export function readCase(query) {
+  let values = paperCase();
+  const given = [...query].filter(([path]) => PARTS.includes(path.split(".")[0]));
+  for (const [path, text] of given) {
+    const [, holder, name] = path.match(/^(.+)\.(.+)$/) ?? [];
+    const part = holder && valueAt(values, holder);
+    if (part && name === tagOf(part) && part[name] !== text) values = withValue(values, holder, { [name]: text });
+  }
+  for (const [path, text] of given) {
+    const node = nodeAt(path, values);
+    const value = node && parse(text, node.type);
+    if (value !== undefined) values = withValue(values, path, value);
+  }
+  return values;
+}
+
+/** Return the query that tells of a case. */
+export function caseQuery(values) {
+  const query = new URLSearchParams();
+  const usual = paperCase();
+  for (const [path, value] of leaves(values)) {
+    const holder = path.slice(0, path.lastIndexOf("."));
+    const [part, usualPart] = [valueAt(values, holder), valueAt(usual, holder)];
+    const tag = tagOf(part);
+    const other = tag && usualPart?.[tag] !== part[tag];
+    if (other || JSON.stringify(value) !== JSON.stringify(valueAt(usual, path))) query.set(path, format(value));
+  }
+  return query;
+}
+
+/** Return the address of a view. */
+export function address(view, query) {
+  const text = query.toString();
+  return text ? `#/${view}?${text}` : `#/${view}`;
+}
+
+/** Put the address of a view into the address bar; the view is not shown anew. */
+export function replaceAddress(view, query) {
+  history.replaceState(null, "", address(view, query));
+}
+
+/** Return the view and the query that an address (`location.hash`) tells of. */
+export function readAddress(hash) {
+  const [path, query = ""] = hash.replace(/^#\/?/, "").split("?");
+  return { view: path, query: new URLSearchParams(query) };
+}
+
+function* leaves(part, before = "") {
+  for (const [name, value] of Object.entries(part)) {
+    const isObject = typeof value === "object" && !Array.isArray(value);
+    if (isObject) yield* leaves(value, `${before}${name}.`);
+    else yield [before + name, value];
+  }
+}
+
+function format(value) {
+  return typeof value === "string" ? value : JSON.stringify(value);
+}
+
+function parse(text, type) {
+  if (type === "string") return text;
+  try {
+    const value = JSON.parse(text);
+    const isRight = type === "array" ? Array.isArray(value) : typeof value === (type === "integer" ? "number" : type);
+    return isRight ? value : undefined;
+  } catch {
+    return undefined;
+  }
+}

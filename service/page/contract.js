@@ -1,0 +1,68 @@
+// What the contract (openapi.json) says of the fields: examples, bounds, choices. Nothing of it is repeated here.
+
+import { ask } from "./service.js";
+
+const TAGS = ["shape", "model"];
+
+let schemas;
+
+/** Fetch the contract; the rest of this module needs it. */
+export async function loadContract() {
+  schemas ??= (await ask("openapi.json")).data.components.schemas;
+}
+
+/**
+ * Return the paper's case at 45°: the first example of a trajectory, and its models by name.
+ *
+ * A case of the page is a body of `/trajectory` and one of `/cra` in one: `impact.oblique_angle_deg` and `search` are
+ * both in it; `trajectoryRequest` and `angleRequest` of case.js tell them apart.
+ */
+export function paperCase() {
+  return structuredClone({
+    ...schemas.TrajectoryRequest.examples[0],
+    resistance: { strength_factor: { model: "obliquity_polynomial" }, free_surface: { model: "elastic_plastic" } },
+    search: { method: schemas.Search.properties.method.default },
+  });
+}
+
+/** Return the first example of a variant, such as the `conical` one at `projectile.nose`. */
+export function exampleOf(path, tag) {
+  const { discriminator } = nodeAt(path, {});
+  return structuredClone(resolved({ $ref: discriminator.mapping[tag] }).examples[0]);
+}
+
+/**
+ * Return the schema of the field at a dotted path, in a case that says which variants it is in.
+ *
+ * @returns {{type: string, minimum?: number, maximum?: number, exclusiveMinimum?: number, exclusiveMaximum?: number,
+ *   default?: any, description?: string, enum?: string[]}|undefined} undefined if the case has no such field
+ */
+export function nodeAt(path, values) {
+  const names = path.split(".");
+  const root = names[0] === "search" ? "CriticalAngleRequest" : "TrajectoryRequest";
+  let node = schemas[root];
+  let given = values;
+  for (const name of names) {
+    node = variantOf(node, given)?.properties?.[name];
+    if (!node) return undefined;
+    node = { ...resolved(node), ...node };
+    given = given?.[name];
+  }
+  return node;
+}
+
+/** Return what names the variant of an object, `shape` or `model`; undefined if nothing does. */
+export function tagOf(part) {
+  return TAGS.find((tag) => tag in part);
+}
+
+function resolved(node) {
+  return node.$ref ? resolved(schemas[node.$ref.split("/").at(-1)]) : node;
+}
+
+function variantOf(node, given) {
+  if (!node.discriminator) return node;
+  const { propertyName, mapping } = node.discriminator;
+  const name = mapping[given?.[propertyName]];
+  return name && resolved({ $ref: name });
+}

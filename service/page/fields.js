@@ -1,0 +1,130 @@
+// The fields of a case as the form shows them: label, unit and factor to SI. Bounds are the contract's.
+
+import { valueAt } from "./case.js";
+import { nodeAt } from "./contract.js";
+
+/** Kinds: `number`; `choice` of a variant or a name; `flag`; `numbers`, a list or a list of lists. */
+const field = (kind, path, label, unit = "", extra = {}) => ({ kind, path, label, unit, factor: 1, ...extra });
+const number = (path, label, unit, extra) => field("number", path, label, unit, extra);
+const [MM, MPA, GPA] = [1e-3, 1e6, 1e9].map((factor) => ({ factor }));
+const OPTIONAL = { optional: true };
+
+/**
+ * Groups of fields in the order of the form.
+ *
+ * `factor` times what is shown is the value in SI; `optional` may be empty; `choices` are labels by value, `variant`
+ * marks one that decides which other fields there are; `slider` is [least, most, step] in the unit shown.
+ */
+export const GROUPS = [
+  {
+    name: "Strike",
+    fields: [
+      number("impact.velocity_m_s", "Speed", "m/s", { slider: [50, 800, 1] }),
+      number("impact.oblique_angle_deg", "Oblique angle", "°", { slider: [0, 89.9, 0.1], note: "from the normal" }),
+      number("impact.angle_of_attack_deg", "Angle of attack", "°", OPTIONAL),
+      number("impact.angular_velocity_rad_s", "Angular velocity", "rad/s", OPTIONAL),
+    ],
+  },
+  {
+    name: "Projectile",
+    fields: [
+      field("choice", "projectile.nose.shape", "Nose", "", {
+        variant: true,
+        choices: { ogive: "Ogive", conical: "Cone", spherical: "Spherical cap", flat: "Flat", profile: "Profile" },
+      }),
+      number("projectile.nose.caliber_radius_head", "Caliber radius head ψ", "1"),
+      number("projectile.nose.length_to_diameter", "Cone height over diameter", "1"),
+      field("numbers", "projectile.nose.points", "Points x, r", "mm", { ...MM, note: "a pair a line, from the tip" }),
+      number("projectile.diameter_m", "Diameter", "mm", MM),
+      number("projectile.length_m", "Length", "mm", MM),
+      number("projectile.mass_kg", "Mass", "kg"),
+      number("projectile.center_of_gravity_m", "Centre of gravity", "mm", { ...MM, ...OPTIONAL, note: "behind the tip" }),
+      number("projectile.moment_of_inertia_kg_m2", "Moment of inertia", "kg m²", OPTIONAL),
+    ],
+  },
+  {
+    name: "Target",
+    fields: [
+      number("target.compressive_strength_pa", "Compressive strength", "MPa", MPA),
+      number("target.density_kg_m3", "Density", "kg/m³"),
+      number("target.youngs_modulus_pa", "Young's modulus", "GPa", { ...GPA, ...OPTIONAL }),
+      number("target.poissons_ratio", "Poisson's ratio", "1", OPTIONAL),
+    ],
+  },
+  {
+    name: "Model",
+    fields: [
+      field("choice", "resistance.strength_factor.model", "Strength factor", "", {
+        variant: true,
+        choices: {
+          obliquity_polynomial: "Polynomial in the angle",
+          constant: "Constant",
+          strength_power_law: "Power of the strength",
+        },
+      }),
+      number("resistance.strength_factor.value", "Value", "1"),
+      field("numbers", "resistance.strength_factor.coefficients", "Coefficients", "1, 1/°, ...", OPTIONAL),
+      number("resistance.strength_factor.coefficient", "Coefficient", "1", OPTIONAL),
+      number("resistance.strength_factor.exponent", "Exponent", "1", OPTIONAL),
+      field("choice", "resistance.free_surface.model", "Free surface", "", {
+        choices: { elastic_plastic: "Elastic-plastic", mohr_coulomb: "Mohr-Coulomb", none: "None" },
+      }),
+      field("flag", "resistance.free_surface.inertia", "with inertia of the solid"),
+      number("resistance.inertia_factor", "Inertia factor", "1", OPTIONAL),
+    ],
+  },
+  {
+    name: "Search",
+    fields: [
+      field("choice", "search.method", "Method", "", {
+        choices: { outcome: "Change of outcome", bisection: "Bisection (paper)", secant: "Secant (paper)" },
+      }),
+      number("search.lower_deg", "From", "°", OPTIONAL),
+      number("search.upper_deg", "To", "°", OPTIONAL),
+      number("search.tolerance_deg", "Tolerance", "°", OPTIONAL),
+      number("search.relative_tolerance", "Relative tolerance", "1", { ...OPTIONAL, note: "paper's searches" }),
+    ],
+  },
+];
+
+/** Return the field at a path; undefined if the form has none. */
+export function fieldAt(path) {
+  return GROUPS.flatMap(({ fields }) => fields).find((each) => each.path === path);
+}
+
+/** Tell whether a case, with the nose and models it has, has this field. */
+export function isThere({ path }, values) {
+  return nodeAt(path, values) !== undefined;
+}
+
+/**
+ * Return the bounds of a field in the unit shown.
+ *
+ * @returns {{least?: number, most?: number, above?: number, below?: number}} `above` and `below` are not reached
+ */
+export function boundsOf({ path, factor }, values) {
+  const node = nodeAt(path, values) ?? {};
+  const shown = (bound) => (bound === undefined ? undefined : Number((bound / factor).toPrecision(12)));
+  return {
+    least: shown(node.minimum),
+    most: shown(node.maximum),
+    above: shown(node.exclusiveMinimum),
+    below: shown(node.exclusiveMaximum),
+  };
+}
+
+/** Return the fields of a case that are single numbers, which a sweep may vary. */
+export function numericFields(values) {
+  return GROUPS.flatMap(({ fields }) => fields).filter((each) => each.kind === "number" && isThere(each, values));
+}
+
+/** Return the value of a field in the unit shown; undefined if the case leaves it open. */
+export function shownValue({ path, factor }, values) {
+  const value = valueAt(values, path);
+  return typeof value === "number" ? Number((value / factor).toPrecision(12)) : value;
+}
+
+/** Return a field's label with its unit, for an axis or a column. */
+export function labelWithUnit({ label, unit }) {
+  return unit && unit !== "1" ? `${label} [${unit}]` : label;
+}

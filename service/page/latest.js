@@ -1,0 +1,35 @@
+// While values keep changing, at most one request runs, and the latest value is asked for next.
+
+import { isAbort } from "./service.js";
+
+/**
+ * Return a function that runs `work(value, signal)` for the latest value it was called with.
+ *
+ * @param {(value: any, signal: AbortSignal) => Promise<void>} work
+ * @param {(error: Error) => void} onError told of failures, not of requests given up
+ * @returns {((value: any) => void) & {stop: () => void}}
+ */
+export function latest(work, onError) {
+  const controller = new AbortController();
+  let waiting = [];
+  let runs = false;
+  const run = async () => {
+    runs = true;
+    while (waiting.length && !controller.signal.aborted) {
+      const value = waiting.pop();
+      waiting = [];
+      try {
+        await work(value, controller.signal);
+      } catch (error) {
+        if (!isAbort(error) && !controller.signal.aborted) onError(error);
+      }
+    }
+    runs = false;
+  };
+  const ask = (value) => {
+    waiting = [value];
+    if (!runs) run();
+  };
+  ask.stop = () => controller.abort();
+  return ask;
+}

@@ -1,0 +1,74 @@
+// The router: `#/<view>?<query>` shows views/<view>.js.
+
+import { readAddress } from "./address.js";
+import { loadContract } from "./contract.js";
+import { element, say } from "./elements.js";
+import { ask, keyNeeds, useKey } from "./service.js";
+import { followTheme } from "./theme.js";
+
+const VIEWS = { explore: "Explore", "critical-angle": "Critical angle", map: "Map", jobs: "Jobs" };
+
+const main = document.getElementById("view");
+let leave;
+let shown = 0;
+
+async function show() {
+  const { view, query } = readAddress(location.hash);
+  if (!(view in VIEWS)) return location.replace("#/explore");
+  const turn = ++shown;
+  leave?.();
+  leave = undefined;
+  markCurrent(view);
+  say("Loading ...");
+  const root = element("div.view");
+  main.replaceChildren(root);
+  try {
+    await loadContract();
+    const { show: build } = await import(`./views/${view}.js`);
+    if (turn !== shown) return;
+    say("");
+    const ending = await build(root, query);
+    if (turn === shown) leave = ending;
+    else ending?.();
+  } catch (error) {
+    if (turn !== shown) return;
+    say("");
+    root.replaceChildren(element("p.problem", { role: "alert" }, `This view cannot be shown: ${error.message}`));
+  }
+}
+
+function markCurrent(view) {
+  document.title = `${VIEWS[view]} - ricochet`;
+  for (const link of document.querySelectorAll("nav a")) {
+    if (link.hash === `#/${view}`) link.setAttribute("aria-current", "page");
+    else link.removeAttribute("aria-current");
+  }
+}
+
+async function tellVersions() {
+  const { libraries, engine_version: engine } = (await ask("version")).data;
+  document.getElementById("versions").textContent = `ricochet ${libraries.ricochet}, engine ${engine}.`;
+}
+
+function offerKey() {
+  const form = document.getElementById("key");
+  keyNeeds.addEventListener("needed", () => {
+    form.hidden = false;
+  });
+  form.addEventListener("submit", (event) => {
+    event.preventDefault();
+    useKey(document.getElementById("key-value").value);
+    form.hidden = true;
+    show();
+  });
+}
+
+document.querySelector(".skip").addEventListener("click", (event) => {
+  event.preventDefault(); // the hash is the address of the view
+  main.focus();
+});
+followTheme(document.getElementById("theme"));
+offerKey();
+addEventListener("hashchange", show);
+show();
+tellVersions().catch(() => {}); // the view tells what is wrong

@@ -1,0 +1,120 @@
+// A thin layer over Plotly: colours of the theme, downloads, words for those who do not see the picture.
+
+import { element, save } from "./elements.js";
+import { locate } from "./service.js";
+import { themeChanges } from "./theme.js";
+
+const drawn = new Map();
+let loading;
+
+/**
+ * Draw a plot, or draw it anew, into an element; buttons for its picture and its data are put below it.
+ *
+ * @param {HTMLElement} root
+ * @param {object[]} traces as Plotly takes them
+ * @param {object} layout likewise; what it says goes before what the theme does
+ * @param {{name: string, csv: () => string, label: string}} about the name of the files, the data, and what is seen
+ * @returns {Promise<HTMLElement>} the element that Plotly drew into, for its events
+ */
+export async function draw(root, traces, layout, about) {
+  const Plotly = await loadPlotly();
+  const plot = root.querySelector(".drawing") ?? frame(root);
+  const isNew = !drawn.has(root);
+  drawn.set(root, { traces, layout, about, plot });
+  plot.setAttribute("aria-label", about.label);
+  await Plotly.react(plot, traces, themed(layout), { displayModeBar: false, responsive: true });
+  if (isNew) root.removeAttribute("aria-busy");
+  return plot;
+}
+
+/** Change some attributes of traces that are drawn, as `Plotly.restyle` does. */
+export function restyle(root, change, traces) {
+  const plot = drawn.get(root)?.plot;
+  return plot && window.Plotly.restyle(plot, change, traces);
+}
+
+/** Change the layout of what is drawn, as `Plotly.relayout` does. */
+export function relayout(root, change) {
+  const plot = drawn.get(root)?.plot;
+  return plot && window.Plotly.relayout(plot, change);
+}
+
+/** Forget a plot, and what it listened to. */
+export function purge(root) {
+  const plot = drawn.get(root)?.plot;
+  drawn.delete(root);
+  if (plot) window.Plotly.purge(plot);
+}
+
+/** Return a colour of the theme by the name of its custom property, such as `accent`. */
+export function colour(name, of = document.documentElement) {
+  return getComputedStyle(of).getPropertyValue(`--${name}`).trim();
+}
+
+/** Return CSV text of columns of equal length, by name. */
+export function csvOf(columns) {
+  const names = Object.keys(columns);
+  const cell = (value) => (/[",\n]/.test(value) ? `"${String(value).replaceAll('"', '""')}"` : (value ?? ""));
+  const rows = columns[names[0]].map((_, row) => names.map((name) => cell(columns[name][row])).join(","));
+  return [names.join(","), ...rows, ""].join("\r\n");
+}
+
+function loadPlotly() {
+  loading ??= new Promise((resolve, reject) => {
+    const script = element("script", {
+      src: locate("page/plotly/plotly.min.js"),
+      onload: () => resolve(window.Plotly),
+      onerror: () => reject(new Error("what draws the plots could not be loaded")),
+    });
+    document.head.append(script);
+  });
+  return loading;
+}
+
+function frame(root) {
+  const plot = element("div.drawing", { role: "img" });
+  const download = (text, told, act) => element("button", { type: "button", "aria-label": told, onclick: act }, text);
+  root.classList.add("plot");
+  root.append(
+    plot,
+    element(
+      "div.downloads",
+      {},
+      download("SVG", "Download the plot as SVG", () => saveSvg(root)),
+      download("CSV", "Download the data of the plot as CSV", () => {
+        const { about } = drawn.get(root);
+        save(about.csv(), `${about.name}.csv`, "text/csv");
+      }),
+    ),
+  );
+  return plot;
+}
+
+async function saveSvg(root) {
+  const { plot, traces, about } = drawn.get(root);
+  const { width, height } = plot.getBoundingClientRect();
+  const layout = { ...plot.layout, paper_bgcolor: colour("panel") };
+  const picture = { data: traces, layout, config: {} };
+  const url = await window.Plotly.toImage(picture, { format: "svg", width, height, imageDataOnly: false });
+  save(decodeURIComponent(url.slice(url.indexOf(",") + 1)), `${about.name}.svg`, "image/svg+xml");
+}
+
+function themed(layout) {
+  const lines = { gridcolor: colour("grid"), zerolinecolor: colour("edge"), linecolor: colour("edge"), automargin: true };
+  const made = {
+    margin: { l: 8, r: 8, t: 8, b: 8 },
+    paper_bgcolor: "transparent",
+    plot_bgcolor: "transparent",
+    font: { color: colour("text"), family: getComputedStyle(document.body).fontFamily, size: 12 },
+    hoverlabel: { bgcolor: colour("panel"), bordercolor: colour("edge"), font: { color: colour("text") } },
+    ...layout,
+  };
+  for (const name of new Set(["xaxis", "yaxis", ...Object.keys(layout)])) {
+    if (/^[xy]axis\d*$/.test(name)) made[name] = { ...lines, ...layout[name] };
+  }
+  return made;
+}
+
+themeChanges.addEventListener("change", () => {
+  for (const [root, { traces, layout, about }] of drawn) draw(root, traces, layout, about);
+});

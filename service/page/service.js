@@ -1,0 +1,79 @@
+// One way to ask the service: relative addresses, the key if there is one, problems as errors.
+
+const KEY = "ricochet-key";
+
+/** Fires `needed` when an answer was 401. */
+export const keyNeeds = new EventTarget();
+
+/** What the service says instead of an answer (RFC 9457). */
+export class Problem extends Error {
+  constructor({ status, title, detail = "", errors = [] }, retryAfter) {
+    super(detail || title);
+    Object.assign(this, { name: "Problem", status, title, detail, errors, retryAfter });
+  }
+}
+
+/** Return the absolute address of a path of the service, also behind a prefix. */
+export function locate(path) {
+  return new URL(path.replace(/^\//, ""), document.baseURI).href.split("#")[0];
+}
+
+/** Keep the API key until the tab is closed. */
+export function useKey(key) {
+  sessionStorage.setItem(KEY, key);
+}
+
+/** Return the headers that show who asks; none if there is no key. */
+export function authorization() {
+  const key = sessionStorage.getItem(KEY);
+  return key ? { Authorization: `Bearer ${key}` } : {};
+}
+
+/**
+ * Ask the service.
+ *
+ * @param {string} path
+ * @param {{method?: string, body?: object, headers?: object, signal?: AbortSignal, as?: "data"|"blob"|"stream"}} options
+ *   `body` is sent as JSON, by POST unless said otherwise; `as` tells what `data` shall be: JSON or text, a Blob, or
+ *   the stream of the body.
+ * @returns {Promise<{status: number, headers: Headers, data: any}>}
+ * @throws {Problem} for a status from 400 on, or if there is no answer (status 0)
+ */
+export async function ask(path, { method, body, headers = {}, signal, as = "data" } = {}) {
+  const response = await reach(path, {
+    method: method ?? (body === undefined ? "GET" : "POST"),
+    headers: { ...authorization(), ...(body === undefined ? {} : { "Content-Type": "application/json" }), ...headers },
+    body: body === undefined ? undefined : JSON.stringify(body),
+    signal,
+  });
+  if (!response.ok) throw await problemOf(response);
+  return { status: response.status, headers: response.headers, data: await contentOf(response, as) };
+}
+
+/** Tell whether an error only says that its request was given up. */
+export function isAbort(error) {
+  return error?.name === "AbortError";
+}
+
+async function reach(path, request) {
+  try {
+    return await fetch(locate(path), request);
+  } catch (error) {
+    if (isAbort(error)) throw error;
+    throw new Problem({ status: 0, title: "The service does not answer", detail: "The service does not answer." });
+  }
+}
+
+async function problemOf(response) {
+  if (response.status === 401) keyNeeds.dispatchEvent(new Event("needed"));
+  const told = await response.json().catch(() => ({ title: response.statusText }));
+  const retryAfter = Number(response.headers.get("Retry-After")) || undefined;
+  return new Problem({ ...told, status: response.status }, retryAfter);
+}
+
+async function contentOf(response, as) {
+  if (as === "blob") return response.blob();
+  if (as === "stream") return response.body;
+  const isJson = /\bjson\b/.test(response.headers.get("Content-Type") ?? "");
+  return isJson ? response.json() : response.text();
+}

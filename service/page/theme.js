@@ -1,0 +1,23 @@
+// Light or dark: as the system says, or as chosen.
+
+const STORED = "ricochet-theme";
+
+/** Fires `change` when the colours are others. */
+export const themeChanges = new EventTarget();
+
+/** Follow the system until another theme is chosen in this <select>. */
+export function followTheme(select) {
+  const dark = matchMedia("(prefers-color-scheme: dark)");
+  const apply = () => {
+    const theme = select.value === "system" ? (dark.matches ? "dark" : "light") : select.value;
+    document.documentElement.dataset.theme = theme;
+    themeChanges.dispatchEvent(new Event("change"));
+  };
+  select.value = localStorage.getItem(STORED) ?? "system";
+  select.addEventListener("change", () => {
+    localStorage.setItem(STORED, select.value);
+    apply();
+  });
+  dark.addEventListener("change", apply);
+  apply();
+}

@@ -1,0 +1,4 @@
+// Critical angle: how it is found.
+
+/** Show the view. */
+export async function show(root, query) {}

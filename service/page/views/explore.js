@@ -1,0 +1,4 @@
+// Explore: one strike, as its fields are changed.
+
+/** Show the view. */
+export async function show(root, query) {}

@@ -1,0 +1,58 @@
+"""The page at `/`: static files of `service/page`, and Plotly as its package brings it."""
+
+from importlib.util import find_spec
+from pathlib import Path
+
+from fastapi import APIRouter, Request, Response
+from fastapi.staticfiles import StaticFiles
+from starlette.types import Scope
+
+router = APIRouter(include_in_schema=False)
+
+FOLDER = Path(__file__).parents[1] / "page"
+POLICY = (
+    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data: blob:; connect-src 'self'; "
+    "font-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+)
+"""A browser runs and asks nothing from elsewhere, whatever the page holds."""
+HEADERS = {
+    "Cache-Control": "no-cache",  # kept, but asked about each time: a new version shows at once
+    "Content-Security-Policy": POLICY,
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Referrer-Policy": "no-referrer",
+    "X-Content-Type-Options": "nosniff",
+}
+
+
+class Assets(StaticFiles):
+    """Files of a folder, with the headers of the page."""
+
+    async def get_response(self, path: str, scope: Scope) -> Response:
+        """Answer with a file, or that the browser has it."""
+        response = await super().get_response(path, scope)
+        response.headers.update(HEADERS)
+        return response
+
+
+def plotly_folder() -> Path:
+    """Return the folder of Plotly's bundle. The package is not imported: that takes a while."""
+    spec = find_spec("plotly")
+    assert spec is not None  # noqa: S101 (a dependency)
+    assert spec.origin is not None  # noqa: S101
+    return Path(spec.origin).parent / "package_data"
+
+
+ASSETS = Assets(directory=FOLDER)
+PLOTLY = Assets(directory=plotly_folder())
+
+
+@router.get("/")
+async def page(request: Request) -> Response:
+    """Serve the page."""
+    return await ASSETS.get_response("index.html", request.scope)
+
+
+@router.get("/page/plotly/plotly.min.js")
+async def plotly(request: Request) -> Response:
+    """Serve what draws the plots."""
+    return await PLOTLY.get_response("plotly.min.js", request.scope)
