@@ -61,6 +61,7 @@ export function csvOf(columns) {
 
 function loadPlotly() {
   loading ??= new Promise((resolve, reject) => {
+    setStylesByObject();
     const script = element("script", {
       src: locate("page/plotly/plotly.min.js"),
       onload: () => resolve(window.Plotly),
@@ -69,6 +70,15 @@ function loadPlotly() {
     document.head.append(script);
   });
   return loading;
+}
+
+/** Plotly sets `style` attributes, which the policy of the page forbids; the same through the object model it allows. */
+function setStylesByObject() {
+  const { setAttribute } = Element.prototype;
+  Element.prototype.setAttribute = function set(name, value) {
+    if (name === "style") this.style.cssText = value;
+    else setAttribute.call(this, name, value);
+  };
 }
 
 function frame(root) {

@@ -1,0 +1,59 @@
+// The current case as a command and as a program.
+
+import { angleRequest, trajectoryRequest } from "./case.js";
+import { element, say } from "./elements.js";
+import { locate } from "./service.js";
+
+/** Return the curl command that asks a path, `/cra` or `/trajectory`, about a case. */
+export function curl(values, path) {
+  const body = JSON.stringify(bodyOf(values, path), null, 2).replaceAll("'", "'\\''");
+  return `curl -s ${locate(path)} -H 'Content-Type: application/json' -d '${body}'\n`;
+}
+
+/** Return a Python program that asks the service for the trajectory and the critical angle of a case. */
+export function python(values) {
+  return `import httpx
+
+service = ${JSON.stringify(locate(""))}
+trajectory = ${literal(trajectoryRequest(values))}
+angle = ${literal(angleRequest(values))}
+
+answer = httpx.post(service + "trajectory", json=trajectory, timeout=60.0).raise_for_status().json()
+print(answer["outcome"], answer["maximum_depth_m"])
+answer = httpx.post(service + "cra", json=angle, timeout=60.0).raise_for_status().json()
+print(answer["status"], answer.get("critical_angle_deg"))
+`;
+}
+
+/** Return buttons that copy the case that `read` returns. */
+export function copyButtons(read) {
+  const button = (text, make) =>
+    element("button", { type: "button", onclick: () => copy(make(read()), text) }, `Copy ${text}`);
+  return element(
+    "div.actions",
+    {},
+    button("as curl", (values) => curl(values, "/trajectory")),
+    button("search as curl", (values) => curl(values, "/cra")),
+    button("as Python", python),
+  );
+}
+
+async function copy(text, what) {
+  try {
+    await navigator.clipboard.writeText(text);
+    say(`Copied ${what}.`);
+  } catch {
+    say("The browser does not let the page copy.");
+  }
+}
+
+function bodyOf(values, path) {
+  return path === "/cra" ? angleRequest(values) : trajectoryRequest(values);
+}
+
+/** JSON, but for the names of three constants. */
+function literal(value) {
+  return JSON.stringify(value, null, 4).replace(/: (true|false|null)\b/g, (_, word) => `: ${WORDS[word]}`);
+}
+
+const WORDS = { true: "True", false: "False", null: "None" };

@@ -1,0 +1,84 @@
+// Time histories of a run, with the instant that the side view shows.
+
+import { colour, csvOf, draw, relayout } from "./plots.js";
+
+const NARROW = 640; // px
+const DASHES = ["solid", "dash"];
+/** Each with its axes as Plotly counts them: x, x2, x3 ... */
+const PANELS = [
+  { title: "Depth [mm]", columns: { center_of_gravity_depth_m: "centre of gravity", nose_tip_depth_m: "nose tip" }, factor: 1e3 },
+  { title: "Axis angle [°]", columns: { axis_angle_deg: "axis" }, factor: 1 },
+  { title: "Velocity [m/s]", columns: { depth_velocity_m_s: "inward", lateral_velocity_m_s: "along the face" }, factor: 1 },
+  { title: "Resistance [kN]", columns: { depth_force_n: "inward", lateral_force_n: "along the face" }, factor: 1e-3 },
+];
+
+/** Draw the histories of a run, as `askRun` returns it, with a line at a row of them. */
+export function drawHistories(root, run, row) {
+  const { history } = run;
+  const time = history.time_s.map((seconds) => seconds * 1e3);
+  const traces = PANELS.flatMap(({ columns, factor }, panel) =>
+    Object.entries(columns).map(([column, name], i) => ({
+      x: time,
+      y: history[column].map((value) => value * factor),
+      name,
+      mode: "lines",
+      line: { color: colour(["accent", "path"][i]), dash: DASHES[i], width: 1.8 },
+      xaxis: axis("x", panel),
+      yaxis: axis("y", panel),
+      hovertemplate: "%{y:.4~g}",
+    })),
+  );
+  const isNarrow = root.clientWidth < NARROW;
+  root.classList.toggle("tall", isNarrow);
+  return draw(root, traces, layoutOf(run, row, isNarrow), {
+    name: "histories",
+    csv: () => csvOf(history),
+    label: "Time histories: depth, axis angle, velocity and resistance. The CSV below has them as numbers.",
+  });
+}
+
+/** Move the line to another row of the histories. */
+export function moveInstant(root, run, row) {
+  return relayout(root, { shapes: linesAt(run, row) });
+}
+
+function layoutOf(run, row, isNarrow) {
+  const columns = isNarrow ? 1 : 2;
+  const rows = PANELS.length / columns;
+  const layout = { shapes: linesAt(run, row), annotations: [], showlegend: false, hovermode: "x", dragmode: false };
+  PANELS.forEach(({ title, columns: lines }, panel) => {
+    const [across, down] = [panel % columns, Math.floor(panel / columns)];
+    const x = [across / columns + (across ? 0.05 : 0), (across + 1) / columns - (across + 1 < columns ? 0.03 : 0)];
+    const y = [1 - (down + 1) / rows + 0.12 / rows, 1 - down / rows - 0.14 / rows];
+    const isLast = down === rows - 1;
+    layout[axis("xaxis", panel)] = { domain: x, anchor: axis("y", panel), title: { text: isLast ? "Time [ms]" : "" } };
+    layout[axis("yaxis", panel)] = { domain: y, anchor: axis("x", panel) };
+    layout.annotations.push(heading(x[0], y[1], title, Object.values(lines)));
+  });
+  return layout;
+}
+
+function heading(x, y, title, names) {
+  const strokes = names.length > 1 ? ` ${names.map((name, i) => `${"── ╌╌".split(" ")[i]} ${name}`).join(", ")}` : "";
+  const text = `<b>${title}</b>${strokes}`;
+  return { text, x, y, xref: "paper", yref: "paper", xanchor: "left", yanchor: "bottom", showarrow: false };
+}
+
+function linesAt({ history }, row) {
+  const time = history.time_s[row] * 1e3;
+  const line = { color: colour("quiet"), width: 1.2, dash: "dot" };
+  return PANELS.map((_, panel) => ({
+    type: "line",
+    xref: axis("x", panel),
+    yref: `${axis("y", panel)} domain`,
+    x0: time,
+    x1: time,
+    y0: 0,
+    y1: 1,
+    line,
+  }));
+}
+
+function axis(name, panel) {
+  return panel ? `${name}${panel + 1}` : name;
+}

@@ -1,0 +1,83 @@
+// The outline of the projectile in a meridian plane, from its fields; as solver/projectile.py defines the noses.
+
+const ARC_POINTS = 24;
+
+/**
+ * Return the upper half of the outline, from the nose tip to the rear edge.
+ *
+ * @param {object} projectile as in a request
+ * @returns {[number, number][]} distance behind the tip and from the axis. [m]
+ */
+export function upperOutline({ nose, diameter_m: diameter, length_m: length }) {
+  const radius = diameter / 2;
+  return [...NOSES[nose.shape](nose, radius), [length, radius]];
+}
+
+/** Return the outline once around, closed. [m] */
+export function closedOutline(projectile) {
+  const upper = upperOutline(projectile);
+  const lower = upper.map(([x, r]) => [x, -r]).reverse();
+  return [...upper, ...lower, upper[0]];
+}
+
+/** Return how far behind the tip the centre of gravity is: as given, else that of the homogeneous solid. [m] */
+export function centreOfGravity(projectile) {
+  return projectile.center_of_gravity_m ?? centroid(upperOutline(projectile));
+}
+
+/**
+ * Return an outline where the projectile is at an instant.
+ *
+ * @param {[number, number][]} outline distance behind the tip and from the axis. [m]
+ * @param {{lateral: number, depth: number, angle: number}} tip where its tip is, and the axis angle. [m, rad]
+ * @returns {{x: number[], y: number[]}} along the face, and depth. [m]
+ */
+export function placed(outline, { lateral, depth, angle }) {
+  const [cosine, sine] = [Math.cos(angle), Math.sin(angle)];
+  return {
+    x: outline.map(([behind, off]) => lateral - behind * sine + off * cosine),
+    y: outline.map(([behind, off]) => depth - behind * cosine - off * sine),
+  };
+}
+
+const NOSES = {
+  ogive({ caliber_radius_head: psi }, radius) {
+    const arc = 2 * radius * psi;
+    const length = radius * Math.sqrt(4 * psi - 1);
+    const start = Math.atan2(length, arc - radius);
+    return fractions((t) => {
+      const angle = start * (1 - t);
+      return [length - arc * Math.sin(angle), radius - arc + arc * Math.cos(angle)];
+    });
+  },
+  conical: ({ length_to_diameter: slenderness }, radius) => [
+    [0, 0],
+    [2 * radius * slenderness, radius],
+  ],
+  spherical({ caliber_radius_head: psi }, radius) {
+    const sphere = 2 * radius * psi;
+    const end = Math.asin(radius / sphere);
+    return fractions((t) => [sphere * (1 - Math.cos(t * end)), sphere * Math.sin(t * end)]);
+  },
+  flat: (_, radius) => [
+    [0, 0],
+    [0, radius],
+  ],
+  profile: ({ points }) => (points[0][1] > 0 ? [[0, 0], ...points] : points),
+};
+
+function fractions(at) {
+  return Array.from({ length: ARC_POINTS + 1 }, (_, i) => at(i / ARC_POINTS));
+}
+
+/** Centroid of the solid of revolution, a chain of frustums. */
+function centroid(upper) {
+  let [volume, moment] = [0, 0];
+  for (let i = 1; i < upper.length; i += 1) {
+    const [[x, r], [end, s]] = [upper[i - 1], upper[i]];
+    const slice = (end - x) * (r * r + r * s + s * s);
+    volume += slice;
+    if (slice > 0) moment += slice * x + ((end - x) ** 2 * (r * r + 2 * r * s + 3 * s * s)) / 4;
+  }
+  return moment / volume;
+}

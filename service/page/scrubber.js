@@ -1,0 +1,72 @@
+// Plays and scrubs through the instants of a run.
+
+import { element } from "./elements.js";
+
+const PLAY_MS = 4000;
+const STEPS = 6; // for those who want no motion
+
+/**
+ * Build the controls.
+ *
+ * @param {HTMLElement} root
+ * @param {(row: number) => void} onMove told of the row of the history to show
+ * @returns {{setTimes: (times: number[]) => void, move: (row: number) => void, stop: () => void}}
+ */
+export function buildScrubber(root, onMove) {
+  let times = [0];
+  let frame;
+  const button = element("button", { type: "button", onclick: () => (frame ? stop() : play()) }, "Play");
+  const slider = element("input", { type: "range", min: 0, max: 0, step: 1, "aria-label": "Instant", oninput: scrub });
+  const output = element("output.instant", {});
+  root.append(button, slider, output);
+
+  function show(row) {
+    slider.value = row;
+    const text = `${(times[row] * 1e3).toFixed(2)} ms`;
+    slider.setAttribute("aria-valuetext", text);
+    output.textContent = text;
+  }
+
+  function move(row) {
+    show(row);
+    onMove(row);
+  }
+
+  function scrub() {
+    stop();
+    move(Number(slider.value));
+  }
+
+  function stop() {
+    cancelAnimationFrame(frame);
+    frame = undefined;
+    button.textContent = "Play";
+  }
+
+  function play() {
+    const isCalm = matchMedia("(prefers-reduced-motion: reduce)").matches;
+    const last = times.length - 1;
+    const from = Number(slider.value) < last ? Number(slider.value) / last : 0;
+    const start = performance.now() - from * PLAY_MS;
+    button.textContent = "Pause";
+    const step = (now) => {
+      const share = Math.min((now - start) / PLAY_MS, 1);
+      const row = Math.round((isCalm ? Math.round(share * STEPS) / STEPS : share) * last);
+      if (row !== Number(slider.value)) move(row);
+      if (share < 1) frame = requestAnimationFrame(step);
+      else stop();
+    };
+    frame = requestAnimationFrame(step);
+  }
+
+  return {
+    move,
+    stop,
+    setTimes(next) {
+      stop();
+      times = next;
+      slider.max = times.length - 1;
+      show(times.length - 1);
+    },
+  };
+}

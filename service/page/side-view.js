@@ -1,0 +1,130 @@
+// The side view: the path of the nose tip through the face, to scale, with the projectile's outline at some instants.
+
+import { VIRIDIS, viridis } from "./colours.js";
+import { closedOutline, placed } from "./outline.js";
+import { colour, csvOf, draw, restyle } from "./plots.js";
+import { digits, outcomeShown } from "./words.js";
+
+const OUTLINES = 6;
+const MOVING = 0; // place of its trace
+const GRID_M = 0.1; // ends of the axes, so that the view does not tremble while a slider moves
+
+/**
+ * Draw one or more runs.
+ *
+ * @param {HTMLElement} root
+ * @param {{run: object, name: string}[]} runs as `askRun` returns them; only the first has a movable outline
+ * @param {number} row of the first run's history at which its outline is emphasised
+ */
+export async function drawSideView(root, runs, row) {
+  const speeds = runs.flatMap(({ run }) => run.path.speed);
+  const range = [0, Math.max(...speeds)];
+  const outlines = runs.flatMap(({ run }) => evenRows(run).map((each) => outlineTrace(run, each, range)));
+  const moving = runs.length === 1 ? [movingTrace(runs[0].run, row, range)] : [];
+  const paths = runs.map((each, i) => pathTrace(each, range, i));
+  const traces = [...moving, ...outlines, ...paths];
+  return draw(root, traces, layoutOf(traces, runs.length > 1), {
+    name: "side-view",
+    csv: () => csvOf(tableOf(runs)),
+    label: `Side view to scale. ${runs.map(inWords).join(" ")}`,
+  });
+}
+
+/** Move the emphasised outline to another row of the history. */
+export function moveOutline(root, run, row) {
+  const { x, y, fillcolor } = movingTrace(run, row, [0, Math.max(...run.path.speed)]);
+  return restyle(root, { x: [x], y: [y], fillcolor: [fillcolor] }, [MOVING]);
+}
+
+function evenRows({ history: { time_s: time } }) {
+  return Array.from({ length: OUTLINES }, (_, i) => Math.round((i * (time.length - 1)) / (OUTLINES - 1)));
+}
+
+function outlineTrace(run, row, range) {
+  const { path, projectile } = run;
+  const tip = { lateral: path.lateral[row], depth: path.depth[row], angle: path.angle[row] };
+  return {
+    ...placed(closedOutline(projectile), tip),
+    mode: "lines",
+    fill: "toself",
+    fillcolor: viridis(path.speed[row], range, 0.35),
+    line: { color: colour("edge"), width: 1 },
+    hoverinfo: "skip",
+    showlegend: false,
+  };
+}
+
+function movingTrace(run, row, range) {
+  const trace = outlineTrace(run, row, range);
+  return { ...trace, fillcolor: viridis(run.path.speed[row], range, 0.6), line: { color: colour("text"), width: 2.5 } };
+}
+
+function pathTrace({ run: { history, path }, name }, range, index) {
+  return {
+    x: path.lateral,
+    y: path.depth,
+    customdata: history.time_s.map((time, row) => [time * 1e3, path.speed[row], history.axis_angle_deg[row]]),
+    mode: "lines+markers",
+    name,
+    line: { color: colour("text"), width: 1, dash: ["solid", "dot"][index] },
+    marker: {
+      symbol: ["circle", "diamond"][index],
+      size: 6,
+      color: path.speed,
+      cmin: range[0],
+      cmax: range[1],
+      colorscale: VIRIDIS,
+      showscale: index === 0,
+      colorbar: {
+        title: { text: "Speed [m/s]", side: "top" },
+        orientation: "h",
+        y: 1,
+        yanchor: "bottom",
+        thickness: 8,
+        outlinewidth: 0,
+        nticks: 5,
+      },
+    },
+    hovertemplate:
+      "%{customdata[0]:.3f} ms<br>%{customdata[1]:.1f} m/s<br>axis %{customdata[2]:.1f}°" +
+      "<br>depth %{y:.4f} m<br>along %{x:.4f} m<extra></extra>",
+  };
+}
+
+function layoutOf(traces, hasLegend) {
+  const ends = (values) => [
+    Math.floor(values.reduce((a, b) => Math.min(a, b)) / GRID_M) * GRID_M,
+    Math.ceil(values.reduce((a, b) => Math.max(a, b)) / GRID_M) * GRID_M,
+  ];
+  const [left, right] = ends(traces.flatMap(({ x }) => x));
+  const [top, bottom] = ends(traces.flatMap(({ y }) => y));
+  return {
+    xaxis: { title: { text: "Along the face [m]" }, range: [left, right], zeroline: false },
+    yaxis: { title: { text: "Depth [m]" }, range: [Math.max(bottom, GRID_M), top], scaleanchor: "x", zeroline: false },
+    shapes: [
+      { type: "rect", xref: "paper", x0: 0, x1: 1, y0: 0, y1: 1e3, fillcolor: colour("concrete"), line: { width: 0 }, layer: "below" },
+      { type: "line", xref: "paper", x0: 0, x1: 1, y0: 0, y1: 0, line: { color: colour("edge"), width: 1.5 }, layer: "below" },
+    ],
+    showlegend: hasLegend,
+    legend: { orientation: "h", y: -0.25 },
+    hovermode: "closest",
+    dragmode: "pan",
+  };
+}
+
+function tableOf(runs) {
+  const column = (make) => runs.flatMap(({ run, name }) => run.history.time_s.map((_, row) => make(run, row, name)));
+  return {
+    run: column((_, __, name) => name),
+    time_s: column(({ history }, row) => history.time_s[row]),
+    nose_tip_lateral_m: column(({ path }, row) => path.lateral[row]),
+    nose_tip_depth_m: column(({ path }, row) => path.depth[row]),
+    axis_angle_deg: column(({ history }, row) => history.axis_angle_deg[row]),
+    speed_m_s: column(({ path }, row) => path.speed[row]),
+  };
+}
+
+function inWords({ run, name }) {
+  const depth = digits(run.maximum_depth_m * 1e3);
+  return `${name}: ${outcomeShown(run.outcome)} after ${digits(run.final.time_s * 1e3)} ms, ${depth} mm deep at most.`;
+}

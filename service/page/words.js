@@ -1,0 +1,85 @@
+// Outcomes, statuses and warnings in words.
+
+import { element } from "./elements.js";
+
+const ENDS = {
+  ricochet: "The projectile is turned away.",
+  embedded: "The projectile digs in and stays.",
+  in_motion: "The projectile still moves when the run is given up.",
+};
+const SHORT = { ricochet: "turned away", embedded: "embedded", in_motion: "in motion" };
+const STATUSES = {
+  no_ricochet: "Nothing in the range searched is turned away: there is no critical angle.",
+  always_ricochet: "Everything in the range searched is turned away: the critical angle lies below.",
+  not_converged: "The search did not converge.",
+};
+
+/** Return a number as text with so many significant digits, without a trailing exponent where it can be. */
+export function digits(value, count = 3) {
+  if (value === 0) return "0";
+  const size = Math.floor(Math.log10(Math.abs(value)));
+  if (size < -4 || size > 6) return value.toExponential(count - 1);
+  return value.toFixed(Math.max(0, Math.min(12, count - 1 - size)));
+}
+
+/** Return a critical angle as text, with two decimals. */
+export function degreesShown(value) {
+  return `${value.toFixed(2)}°`;
+}
+
+/** Return the outcome of a run in a word or two. */
+export function outcomeShown(outcome) {
+  return SHORT[outcome];
+}
+
+/** Return paragraphs that tell how a run ended. */
+export function tellRun(run) {
+  const { final, maximum_depth_m: depth } = run;
+  const speed = Math.hypot(final.depth_velocity_m_s, final.lateral_velocity_m_s);
+  const rest = run.outcome === "embedded" ? "" : ` It goes on at ${digits(speed)} m/s.`;
+  return [
+    element("p.outcome", { "data-outcome": run.outcome }, element("strong", {}, ENDS[run.outcome])),
+    element(
+      "p",
+      {},
+      `After ${digits(final.time_s * 1e3)} ms, with its nose tip ${place(final.nose_tip_depth_m)} and its axis at ` +
+        `${digits(final.axis_angle_deg)}° from the normal.${rest} The nose tip went ${digits(depth * 1e3)} mm deep.`,
+    ),
+  ];
+}
+
+/** Return a paragraph that tells what a search found. */
+export function tellAngle(found) {
+  if (found.critical_angle_deg === undefined) return element("p", {}, STATUSES[found.status]);
+  const error = found.critical_angle_standard_error_deg;
+  const spread = error === undefined ? "" : ` ± ${degreesShown(error)} (standard error)`;
+  const others = found.other_crossings_deg.map(degreesShown).join(", ");
+  return element(
+    "p",
+    {},
+    "Critical angle ",
+    element("strong.angle", {}, degreesShown(found.critical_angle_deg)),
+    `${spread} from the normal: the smallest that is turned away.`,
+    others ? ` The outcome changes again at ${others}.` : "",
+    found.status === "not_converged" ? ` ${STATUSES.not_converged}` : "",
+  );
+}
+
+/** Return warnings as a list, each once; nothing if there are none. */
+export function tellWarnings(...lists) {
+  const details = new Map(lists.flat().map(({ code, detail }) => [`${code} ${detail}`, { code, detail }]));
+  if (!details.size) return [];
+  const items = [...details.values()].map(({ code, detail }) =>
+    element("li.warning", { "data-code": code }, sentence(detail)),
+  );
+  return [element("h3", {}, "Mind"), element("ul.warnings", {}, ...items)];
+}
+
+function sentence(text) {
+  return text.charAt(0).toUpperCase() + text.slice(1) + (/[.!?]$/.test(text) ? "" : ".");
+}
+
+function place(depth) {
+  const distance = `${digits(Math.abs(depth) * 1e3)} mm`;
+  return depth >= 0 ? `${distance} inside` : `${distance} outside`;
+}
