@@ -10,13 +10,14 @@ import { digits } from "./words.js";
  * Build the form.
  *
  * @param {HTMLElement} root
- * @param {{case: object, onChange: (values: object, path: string) => void, include?: string[], open?: string[]}} options
+ * @param {{case: object, onChange: (values: object, path: string) => void, include?: string[],
+ *   without?: string[], open?: string[]}} options
  *   `onChange` is told of a case only if all its fields are in their bounds; `include` names the groups of fields.js,
- *   all if none; `open` those that are not folded at first
+ *   all if none, `without` fields to leave out by their paths; `open` the groups that are not folded at first
  * @returns {{setCase: (values: object) => void, showProblems: (problem: Problem) => void, currentCase: () => object}}
  *   `showProblems` puts what the service says of a case at the fields it points to
  */
-export function buildForm(root, { case: given, onChange, include, open = include }) {
+export function buildForm(root, { case: given, onChange, include, without = [], open = include }) {
   let values = given;
   let rows = [];
   const wrong = new Set();
@@ -48,7 +49,9 @@ export function buildForm(root, { case: given, onChange, include, open = include
     const groups = GROUPS.filter(({ name }) => !include || include.includes(name));
     root.replaceChildren(
       ...groups.map(({ name, fields }) => {
-        const made = fields.filter((field) => isThere(field, values)).map((field) => buildRow(field, values, change, tell));
+        const made = fields
+          .filter((field) => !without.includes(field.path) && isThere(field, values))
+          .map((field) => buildRow(field, values, change, tell));
         rows.push(...made);
         const isOpen = isFirst ? !open || open.includes(name) : !folded.includes(name);
         return element(

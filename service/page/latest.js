@@ -7,7 +7,8 @@ import { isAbort } from "./service.js";
  *
  * @param {(value: any, signal: AbortSignal) => Promise<void>} work
  * @param {(error: Error) => void} onError told of failures, not of requests given up
- * @returns {((value: any) => void) & {stop: () => void}}
+ * @returns {((value: any) => void) & {stop: () => void, isBehind: () => boolean}} `isBehind` tells whether a newer
+ *   value waits, so that what only matters at rest can be left out
  */
 export function latest(work, onError) {
   const controller = new AbortController();
@@ -30,6 +31,7 @@ export function latest(work, onError) {
     waiting = [value];
     if (!runs) run();
   };
+  ask.isBehind = () => waiting.length > 0;
   ask.stop = () => controller.abort();
   return ask;
 }

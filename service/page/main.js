@@ -16,6 +16,7 @@ async function show() {
   const { view, query } = readAddress(location.hash);
   if (!(view in VIEWS)) return location.replace("#/explore");
   const turn = ++shown;
+  if (turn > 1) main.focus();
   leave?.();
   leave = undefined;
   markCurrent(view);

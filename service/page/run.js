@@ -4,7 +4,7 @@ import { trajectoryRequest } from "./case.js";
 import { centreOfGravity } from "./outline.js";
 import { ask } from "./service.js";
 
-const INSTANTS = 200;
+const INSTANTS = 100; // at least, mostly
 const [FEWEST, MOST] = [60, 600];
 const MOST_ROWS = 20_000; // of a history, over the termination time
 const TERMINATION_S = 0.05; // when the case leaves it open
@@ -13,19 +13,19 @@ const RADIAN = Math.PI / 180;
 let duration; // of the latest run, which the next is taken to be like. [s]
 
 /**
- * Ask for a trajectory with a history of some 200 instants.
+ * Ask for a trajectory with a history of 100 to 250 instants.
  *
  * @returns {Promise<object>} the answer, with `path`: columns of the nose tip and the speed
  */
 export async function askRun(values, signal) {
-  const ask200 = async (time) => {
+  const askLong = async (time) => {
     const interval = Math.max(nice(time / INSTANTS), (values.numerics?.termination_time_s ?? TERMINATION_S) / MOST_ROWS);
     return (await ask("trajectory", { body: trajectoryRequest(values, interval), signal })).data;
   };
-  let run = await ask200(duration ?? (3 * values.projectile.length_m) / values.impact.velocity_m_s);
+  let run = await askLong(duration ?? (3 * values.projectile.length_m) / values.impact.velocity_m_s);
   duration = run.final.time_s;
   const rows = run.history.time_s.length;
-  if (rows < FEWEST || rows > MOST) run = await ask200(duration);
+  if (rows < FEWEST || rows > MOST) run = await askLong(duration);
   return { ...run, path: pathOf(run.history, values.projectile), projectile: values.projectile };
 }
 

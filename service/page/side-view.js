@@ -5,7 +5,7 @@ import { closedOutline, placed } from "./outline.js";
 import { colour, csvOf, draw, restyle } from "./plots.js";
 import { digits, outcomeShown } from "./words.js";
 
-const OUTLINES = 6;
+const OUTLINES = 6; // of all runs together
 const MOVING = 0; // place of its trace
 const GRID_M = 0.1; // ends of the axes, so that the view does not tremble while a slider moves
 
@@ -19,7 +19,7 @@ const GRID_M = 0.1; // ends of the axes, so that the view does not tremble while
 export async function drawSideView(root, runs, row) {
   const speeds = runs.flatMap(({ run }) => run.path.speed);
   const range = [0, Math.max(...speeds)];
-  const outlines = runs.flatMap(({ run }) => evenRows(run).map((each) => outlineTrace(run, each, range)));
+  const outlines = runs.flatMap(({ run }) => evenRows(run, OUTLINES / runs.length).map((each) => outlineTrace(run, each, range)));
   const moving = runs.length === 1 ? [movingTrace(runs[0].run, row, range)] : [];
   const paths = runs.map((each, i) => pathTrace(each, range, i));
   const traces = [...moving, ...outlines, ...paths];
@@ -36,8 +36,8 @@ export function moveOutline(root, run, row) {
   return restyle(root, { x: [x], y: [y], fillcolor: [fillcolor] }, [MOVING]);
 }
 
-function evenRows({ history: { time_s: time } }) {
-  return Array.from({ length: OUTLINES }, (_, i) => Math.round((i * (time.length - 1)) / (OUTLINES - 1)));
+function evenRows({ history: { time_s: time } }, count) {
+  return Array.from({ length: count }, (_, i) => Math.round((i * (time.length - 1)) / (count - 1)));
 }
 
 function outlineTrace(run, row, range) {
@@ -81,6 +81,7 @@ function pathTrace({ run: { history, path }, name }, range, index) {
         y: 1,
         yanchor: "bottom",
         thickness: 8,
+        ypad: 2,
         outlinewidth: 0,
         nticks: 5,
       },

@@ -72,7 +72,7 @@ export function tellWarnings(...lists) {
   const items = [...details.values()].map(({ code, detail }) =>
     element("li.warning", { "data-code": code }, sentence(detail)),
   );
-  return [element("h3", {}, "Mind"), element("ul.warnings", {}, ...items)];
+  return [element("h2", {}, "Mind"), element("ul.warnings", {}, ...items)];
 }
 
 function sentence(text) {

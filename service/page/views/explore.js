@@ -20,6 +20,7 @@ export async function show(root, query) {
   const told = { run: [], angle: [] };
   let run;
   let row;
+  let angleAsked;
   let start = performance.now();
   let instant = Number(query.get("time_ms")) / 1e3;
 
@@ -38,9 +39,11 @@ export async function show(root, query) {
     scrubber.setTimes(run.history.time_s);
     await drawSideView(parts.side, [{ run, name: "Strike" }], row);
     performance.measure("ricochet: side view", { start: asked });
+    askAngle(values);
     parts.outcome.replaceChildren(...tellRun(run));
     told.run = run.warnings;
     tell();
+    if (askPicture.isBehind()) return;
     await drawHistories(parts.histories, run, row);
     performance.measure("ricochet: histories", { start: asked });
     listen(parts, (next) => scrubber.move(next));
@@ -48,7 +51,10 @@ export async function show(root, query) {
   }, fail);
 
   const askAngle = latest(async (values, signal) => {
-    const { data } = await ask("cra", { body: angleRequest(values), signal });
+    const body = angleRequest(values);
+    if (JSON.stringify(body) === angleAsked) return; // the oblique angle does not matter to it
+    const { data } = await ask("cra", { body, signal });
+    angleAsked = JSON.stringify(body);
     parts.angle.replaceChildren(tellAngle(data));
     told.angle = data.warnings;
     tell();
@@ -66,13 +72,11 @@ export async function show(root, query) {
     onChange(values, path) {
       start = performance.now();
       askPicture(values);
-      if (path !== "impact.oblique_angle_deg") askAngle(values);
       replaceAddress("explore", caseQuery(values));
     },
   });
   parts.copy.append(copyButtons(form.currentCase));
   askPicture(form.currentCase());
-  askAngle(form.currentCase());
   return () => {
     for (const asker of [askPicture, askAngle]) asker.stop();
     scrubber.stop();
@@ -97,18 +101,15 @@ function build(root) {
     element(
       "div.sides",
       {},
-      element("div.stack", {}, parts.form, parts.copy),
+      parts.form,
       element(
-        "div.stack",
+        "div.pictures",
         {},
-        element(
-          "section.panel.answer",
-          { "aria-label": "Outcome" },
-          element("div", {}, parts.outcome, parts.angle, parts.problem),
-          parts.warnings,
-        ),
+        element("section.panel.across", { "aria-label": "Outcome" }, parts.outcome, parts.angle, parts.problem),
         element("section.panel", {}, element("h2", {}, "Side view"), parts.side, parts.scrubber),
         element("section.panel", {}, element("h2", {}, "Histories"), parts.histories),
+        element("section.panel", { "aria-label": "Warnings" }, parts.warnings),
+        element("section.panel", {}, element("h2", {}, "Copy this case"), parts.copy),
       ),
     ),
   );

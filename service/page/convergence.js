@@ -1,0 +1,139 @@
+// How searches converge: the angles tried and the final positions, as in the paper's Figures 13 and 14.
+
+import { element } from "./elements.js";
+import { colour, csvOf, draw } from "./plots.js";
+import { degreesShown, digits, outcomeShown } from "./words.js";
+
+/** Names of the searches, in the order they are shown. */
+export const METHODS = { outcome: "Change of outcome", bisection: "Bisection (paper)", secant: "Secant (paper)" };
+
+const NARROW = 640; // px
+const POSITIONS = { column: "final_position_m", factor: 1e3, title: "Final depth of the nose tip [mm]" };
+const ANGLES = { column: "oblique_angle_deg", factor: 1, title: "Oblique angle [°]" };
+
+/** Draw the angles tried, a panel for each search that was answered. */
+export function drawAngles(root, answers) {
+  return drawTrials(root, answers, ANGLES, "trial-angles");
+}
+
+/** Draw the final positions of the trials likewise; what is outside is above. */
+export function drawPositions(root, answers) {
+  return drawTrials(root, answers, POSITIONS, "final-positions");
+}
+
+/** Return a table of what the searches found. */
+export function summary(answers) {
+  const rows = Object.entries(answers).map(([method, found]) =>
+    row("td", [
+      METHODS[method],
+      found.critical_angle_deg === undefined ? found.status.replace("_", " ") : degreesShown(found.critical_angle_deg),
+      (found.bracket_deg ?? []).map(degreesShown).join(" to "),
+      String(found.iterations.length),
+    ]),
+  );
+  return table("What they find", ["Search", "Critical angle", "Last between", "Trials"], rows);
+}
+
+/** Return a table of the trials of a search. */
+export function trialTable(method, { iterations }) {
+  const rows = iterations.map((trial, i) =>
+    row("td", [
+      String(i + 1),
+      trial.oblique_angle_deg.toFixed(3),
+      digits(trial.final_position_m * 1e3),
+      outcomeShown(trial.outcome) + (trial.fine ? "" : ", roughly"),
+    ]),
+  );
+  return table(METHODS[method], ["Trial", "Angle [°]", "Final depth [mm]", "Outcome"], rows);
+}
+
+function drawTrials(root, answers, what, name) {
+  const methods = Object.keys(METHODS).filter((method) => method in answers);
+  const isNarrow = root.clientWidth < NARROW;
+  root.classList.toggle("tall", isNarrow);
+  const traces = methods.map((method, panel) => trace(method, answers[method], what, panel));
+  return draw(root, traces, layoutOf(answers, methods, what, isNarrow), {
+    name,
+    csv: () => csvOf(tableOf(answers, methods)),
+    label: `${what.title} by trial, for ${methods.map((each) => METHODS[each]).join(", ")}; the tables below have the numbers.`,
+  });
+}
+
+function trace(method, { iterations }, { column, factor }, panel) {
+  const away = iterations.map((trial) => (method === "outcome" ? trial.outcome === "ricochet" : trial.final_position_m < 0));
+  return {
+    x: iterations.map((_, i) => i + 1),
+    y: iterations.map((trial) => trial[column] * factor),
+    text: iterations.map(({ outcome, fine }) => outcomeShown(outcome) + (fine ? "" : ", computed roughly")),
+    mode: "lines+markers",
+    line: { color: colour("edge"), width: 1 },
+    marker: {
+      size: 9,
+      color: away.map((is) => colour(is ? "accent" : "panel")),
+      line: { color: colour("accent"), width: 2 },
+    },
+    xaxis: axis("x", panel),
+    yaxis: axis("y", panel),
+    hovertemplate: "trial %{x}: %{y:.4~g}, %{text}<extra></extra>",
+  };
+}
+
+function layoutOf(answers, methods, { title, column }, isNarrow) {
+  const layout = { showlegend: false, annotations: [], shapes: [], dragmode: false };
+  methods.forEach((method, panel) => {
+    const [across, down] = isNarrow ? [0, panel] : [panel, 0];
+    const [columns, rows] = isNarrow ? [1, methods.length] : [methods.length, 1];
+    const x = [across / columns + (across ? 0.05 : 0), (across + 1) / columns];
+    const y = [1 - (down + 1) / rows + 0.15 / rows, 1 - down / rows - 0.1 / rows];
+    layout[axis("xaxis", panel)] = { domain: x, anchor: axis("y", panel), title: { text: "Trial" }, zeroline: false, tickformat: "d" };
+    layout[axis("yaxis", panel)] = {
+      domain: y,
+      anchor: axis("x", panel),
+      title: { text: panel === 0 || isNarrow ? title : "" },
+      ...(column === POSITIONS.column ? { autorange: "reversed" } : { zeroline: false }),
+    };
+    layout.annotations.push({
+      text: `<b>${METHODS[method]}</b>`, x: x[0], y: y[1], xref: "paper", yref: "paper", xanchor: "left", yanchor: "bottom", showarrow: false,
+    });
+    layout.shapes.push(levelLine(answers[method], column, panel));
+  });
+  return layout;
+}
+
+/** The critical angle, or the face. */
+function levelLine({ critical_angle_deg: angle }, column, panel) {
+  const level = column === POSITIONS.column ? 0 : angle;
+  const line = { color: colour("path"), width: 1.5, dash: "dash" };
+  const place = { xref: `${axis("x", panel)} domain`, yref: axis("y", panel), x0: 0, x1: 1, y0: level, y1: level };
+  return { type: "line", ...place, line, visible: level !== undefined };
+}
+
+function tableOf(answers, methods) {
+  const trials = methods.flatMap((method) => answers[method].iterations.map((trial, i) => ({ method, number: i + 1, ...trial })));
+  const column = (name) => trials.map((trial) => trial[name]);
+  return {
+    search: column("method"),
+    trial: column("number"),
+    oblique_angle_deg: column("oblique_angle_deg"),
+    final_position_m: column("final_position_m"),
+    outcome: column("outcome"),
+    fine: column("fine"),
+  };
+}
+
+function table(caption, names, rows) {
+  const head = row("th", names, { scope: "col" });
+  return element(
+    "div.wide",
+    {},
+    element("table", {}, element("caption", {}, caption), element("thead", {}, head), element("tbody", {}, ...rows)),
+  );
+}
+
+function row(cell, texts, attributes = {}) {
+  return element("tr", {}, ...texts.map((text) => element(cell, attributes, text)));
+}
+
+function axis(name, panel) {
+  return panel ? `${name}${panel + 1}` : name;
+}
