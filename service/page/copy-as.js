@@ -25,25 +25,27 @@ print(answer["status"], answer.get("critical_angle_deg"))
 `;
 }
 
-/** Return buttons that copy the case that `read` returns. */
+/** Return buttons that copy the case that `read` returns, and show what was copied. */
 export function copyButtons(read) {
+  const shown = element("pre", { hidden: true, tabindex: 0, "aria-label": "What was copied" });
   const button = (text, make) =>
-    element("button", { type: "button", onclick: () => copy(make(read()), text) }, `Copy ${text}`);
-  return element(
-    "div.actions",
-    {},
+    element("button", { type: "button", onclick: () => copy(make(read()), text, shown) }, `Copy ${text}`);
+  const buttons = [
     button("as curl", (values) => curl(values, "/trajectory")),
     button("search as curl", (values) => curl(values, "/cra")),
     button("as Python", python),
-  );
+  ];
+  return element("div", {}, element("div.actions", {}, ...buttons), shown);
 }
 
-async function copy(text, what) {
+async function copy(text, what, shown) {
+  shown.textContent = text;
+  shown.hidden = false;
   try {
-    await navigator.clipboard.writeText(text);
+    await navigator.clipboard.writeText(text); // only from https or this machine
     say(`Copied ${what}.`);
   } catch {
-    say("The browser does not let the page copy.");
+    say("The browser does not let the page copy; the text is shown below the buttons.");
   }
 }
 

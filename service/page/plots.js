@@ -14,10 +14,11 @@ let loading;
  * @param {object[]} traces as Plotly takes them
  * @param {object} layout likewise; what it says goes before what the theme does
  * @param {{name: string, csv: () => string, label: string}} about the name of the files, the data, and what is seen
- * @returns {Promise<HTMLElement>} the element that Plotly drew into, for its events
+ * @returns {Promise<HTMLElement|undefined>} the element that Plotly drew into, for its events
  */
 export async function draw(root, traces, layout, about) {
   const Plotly = await loadPlotly();
+  if (!root.isConnected) return undefined; // the view was left meanwhile
   const plot = root.querySelector(".drawing") ?? frame(root);
   const isNew = !drawn.has(root);
   drawn.set(root, { traces, layout, about, plot });

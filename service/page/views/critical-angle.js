@@ -94,8 +94,7 @@ async function showAnswers(parts, answers) {
   }
   parts.summary.replaceChildren(summary(found));
   parts.tables.replaceChildren(...methods.map((method) => trialTable(method, found[method])));
-  await drawAngles(parts.angles, found);
-  await drawPositions(parts.positions, found);
+  await Promise.all([drawAngles(parts.angles, found), drawPositions(parts.positions, found)]);
   if (methods.length === Object.keys(METHODS).length) say("");
 }
 

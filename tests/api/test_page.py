@@ -1,0 +1,153 @@
+"""The page as it is served: its files, its headers, and nothing from elsewhere."""
+
+import base64
+import hashlib
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+
+import httpx
+import pytest
+
+from service.routes.page import FOLDER, MAP_STYLE, NO_STYLE, plotly_folder
+
+PLOTLY = "page/plotly/plotly.min.js"
+FILES = sorted(path.relative_to(FOLDER).as_posix() for path in FOLDER.rglob("*") if path.is_file())
+MEDIA_TYPES = {".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml", ".html": "text/html"}
+IMPORT = re.compile(r"""(?:from|import\()\s*["'`](\.[^"'`$]*)["'`]""")
+
+
+class References(HTMLParser):
+    """What a document refers to."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.addresses: list[str] = []
+        self.inline: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        given = dict(attrs)
+        self.addresses += [value for name in ("href", "src") if (value := given.get(name))]
+        self.inline += [name for name in given if name == "style" or name.startswith("on")]
+        if tag == "style" or (tag == "script" and "src" not in given):
+            self.inline.append(tag)
+
+
+@pytest.fixture(scope="module")
+def references(client: httpx.Client) -> References:
+    parser = References()
+    parser.feed(client.get("/").text)
+    return parser
+
+
+def assert_guarded(response: httpx.Response) -> None:
+    policy = dict(part.strip().split(" ", 1) for part in response.headers["Content-Security-Policy"].split(";"))
+    assert policy["default-src"] == "'none'"
+    assert policy["script-src"] == "'self'"
+    assert policy["connect-src"] == "'self'"
+    assert {policy[name] for name in ("base-uri", "form-action", "frame-ancestors")} == {"'none'"}
+    assert "unsafe" not in response.headers["Content-Security-Policy"]
+    assert response.headers["X-Content-Type-Options"] == "nosniff"
+    assert response.headers["Referrer-Policy"] == "no-referrer"
+    assert response.headers["Cross-Origin-Opener-Policy"] == "same-origin"
+
+
+def test_page_is_at_the_root(client: httpx.Client) -> None:
+    answer = client.get("/")
+    assert answer.status_code == 200
+    assert answer.headers["Content-Type"] == "text/html; charset=utf-8"
+    assert '<main id="view"' in answer.text
+    assert_guarded(answer)
+
+
+def test_page_refers_by_relative_addresses_to_what_is_served(client: httpx.Client, references: References) -> None:
+    assert references.addresses
+    for address in references.addresses:
+        assert not address.startswith("/"), f"{address} would be lost behind a prefix"
+        assert ":" not in address, f"{address} leaves the service"
+        if not address.startswith("#"):
+            assert client.get(f"/{address}").status_code == 200
+
+
+def test_page_has_neither_script_nor_style_inline(references: References) -> None:
+    assert references.inline == []
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_file_is_served_guarded_with_its_type(client: httpx.Client, name: str) -> None:
+    answer = client.get(f"/page/{name}")
+    assert answer.status_code == 200
+    assert answer.content == (FOLDER / name).read_bytes()
+    assert answer.headers["Content-Type"].startswith(MEDIA_TYPES[Path(name).suffix])
+    assert_guarded(answer)
+
+
+@pytest.mark.parametrize("name", [name for name in FILES if name.endswith(".js")])
+def test_module_imports_modules_that_are_there(name: str) -> None:
+    for imported in IMPORT.findall((FOLDER / name).read_text("utf-8")):
+        assert ((FOLDER / name).parent / imported).is_file(), imported
+
+
+def test_no_file_names_another_host() -> None:
+    for name in FILES:
+        text = (FOLDER / name).read_text("utf-8").replace('xmlns="http://www.w3.org/2000/svg"', "")
+        assert not re.search(r"https?://|[\"'`]//", text), name
+
+
+def test_plotly_is_the_installed_one(client: httpx.Client) -> None:
+    answer = client.get(f"/{PLOTLY}")
+    assert answer.content == (plotly_folder() / "plotly.min.js").read_bytes()
+    assert answer.headers["Content-Type"].startswith("text/javascript")
+    assert_guarded(answer)
+
+
+def test_policy_lets_in_the_style_sheets_of_the_installed_plotly() -> None:
+    bundle = (plotly_folder() / "plotly.min.js").read_text("utf-8")
+    sheets = re.findall(r"textContent='((?:[^'\\]|\\.)*)'", bundle)
+    assert [hash_source(sheet) for sheet in sheets] == [MAP_STYLE]
+    assert hash_source("") == NO_STYLE
+
+
+def hash_source(text: str) -> str:
+    return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
+
+
+@pytest.mark.parametrize("address", ["/", "/page/main.js", f"/{PLOTLY}"])
+def test_browser_asks_again_and_is_told_that_nothing_changed(client: httpx.Client, address: str) -> None:
+    first = client.get(address)
+    assert first.headers["Cache-Control"] == "no-cache"
+    again = client.get(address, headers={"If-None-Match": first.headers["ETag"]})
+    assert again.status_code == 304
+    assert again.content == b""
+    assert again.headers["Content-Security-Policy"] == first.headers["Content-Security-Policy"]
+    other = client.get(address, headers={"If-None-Match": '"another"'})
+    assert other.status_code == 200
+
+
+@pytest.mark.parametrize(
+    "address",
+    [
+        "/page/missing.js",
+        "/page/",
+        "/page/views",
+        "/page/plotly/",
+        "/page/plotly/widgetbundle.js",
+        "/page/../app.py",
+        "/page/%2e%2e/app.py",
+        "/page/..%2fapp.py",
+        "/page/views/%2e%2e/%2e%2e/settings.py",
+        "/page/%2fetc/passwd",
+        "/page/plotly/%2e%2e/%2e%2e/__init__.py",
+        "/page/main.js%00.css",
+    ],
+)
+def test_nothing_else_can_be_read(client: httpx.Client, address: str) -> None:
+    url = httpx.URL(client.base_url, raw_path=address.encode())
+    answer = client.send(client.build_request("GET", url))
+    assert answer.status_code == 404
+    assert answer.headers["Content-Type"] == "application/problem+json"
+
+
+def test_page_is_not_part_of_the_contract(client: httpx.Client) -> None:
+    paths = client.get("/openapi.json").json()["paths"]
+    assert not [path for path in paths if path == "/" or path.startswith("/page")]
