@@ -4,11 +4,15 @@ import { valueAt, withValue } from "./case.js";
 import { nodeAt, paperCase, tagOf } from "./contract.js";
 
 const PARTS = ["projectile", "target", "impact", "resistance", "numerics", "search"];
+const LEAST_MS = 250;
+
+let pending;
+let replaced = -LEAST_MS;
 
 /** Return the case that a query tells of; what cannot be read is left as in the paper's case. */
 export function readCase(query) {
   let values = paperCase();
-  const given = [...query].filter(([path]) => PARTS.includes(path.split(".")[0]));
+  const given = [...caseOf(query)];
   for (const [path, text] of given) {
     const [, holder, name] = path.match(/^(.+)\.(.+)$/) ?? [];
     const part = holder && valueAt(values, holder);
@@ -42,9 +46,26 @@ export function address(view, query) {
   return text ? `#/${view}?${text}` : `#/${view}`;
 }
 
-/** Put the address of a view into the address bar; the view is not shown anew. */
+/**
+ * Put the address of a view into the address bar; the view is not shown anew.
+ *
+ * At once, or while it changes quickly after a moment: browsers refuse more than some 200 changes in 30 s.
+ */
 export function replaceAddress(view, query) {
-  history.replaceState(null, "", address(view, query));
+  clearTimeout(pending);
+  const replace = () => {
+    if (readAddress(location.hash).view !== view) return; // left meanwhile
+    replaced = performance.now();
+    history.replaceState(null, "", address(view, query));
+  };
+  const wait = replaced + LEAST_MS - performance.now();
+  if (wait > 0) pending = setTimeout(replace, wait);
+  else replace();
+}
+
+/** Return what of a query tells of the case: that goes along from view to view. */
+export function caseOf(query) {
+  return new URLSearchParams([...query].filter(([path]) => PARTS.includes(path.split(".")[0])));
 }
 
 /** Return the view and the query that an address (`location.hash`) tells of. */

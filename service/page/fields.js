@@ -102,9 +102,9 @@ export function isThere({ path }, values) {
  *
  * @returns {{least?: number, most?: number, above?: number, below?: number}} `above` and `below` are not reached
  */
-export function boundsOf({ path, factor }, values) {
-  const node = nodeAt(path, values) ?? {};
-  const shown = (bound) => (bound === undefined ? undefined : Number((bound / factor).toPrecision(12)));
+export function boundsOf(field, values) {
+  const node = nodeAt(field.path, values) ?? {};
+  const shown = (bound) => (bound === undefined ? undefined : shownNumber(field, bound));
   return {
     least: shown(node.minimum),
     most: shown(node.maximum),
@@ -119,9 +119,14 @@ export function numericFields(values) {
 }
 
 /** Return the value of a field in the unit shown; undefined if the case leaves it open. */
-export function shownValue({ path, factor }, values) {
-  const value = valueAt(values, path);
-  return typeof value === "number" ? Number((value / factor).toPrecision(12)) : value;
+export function shownValue(field, values) {
+  const value = valueAt(values, field.path);
+  return typeof value === "number" ? shownNumber(field, value) : value;
+}
+
+/** Return a number in SI in the unit of a field, without what floating point adds. */
+export function shownNumber({ factor }, value) {
+  return Number((value / factor).toPrecision(12));
 }
 
 /** Return a field's label with its unit, for an axis or a column. */

@@ -1,6 +1,11 @@
 // While values keep changing, at most one request runs, and the latest value is asked for next.
 
+import { say } from "./elements.js";
 import { isAbort } from "./service.js";
+
+const SLOW_MS = 500;
+
+let slow = 0; // how many are waited for that long
 
 /**
  * Return a function that runs `work(value, signal)` for the latest value it was called with.
@@ -19,10 +24,13 @@ export function latest(work, onError) {
     while (waiting.length && !controller.signal.aborted) {
       const value = waiting.pop();
       waiting = [];
+      const done = announce();
       try {
         await work(value, controller.signal);
       } catch (error) {
         if (!isAbort(error) && !controller.signal.aborted) onError(error);
+      } finally {
+        done();
       }
     }
     runs = false;
@@ -34,4 +42,20 @@ export function latest(work, onError) {
   ask.isBehind = () => waiting.length > 0;
   ask.stop = () => controller.abort();
   return ask;
+}
+
+/** Say after a while that something is computed; return what ends it. */
+function announce() {
+  let isSlow = false;
+  const timer = setTimeout(() => {
+    isSlow = true;
+    slow += 1;
+    say("Computing ...");
+  }, SLOW_MS);
+  return () => {
+    clearTimeout(timer);
+    if (!isSlow) return;
+    slow -= 1;
+    if (!slow) say("");
+  };
 }

@@ -1,6 +1,6 @@
 // The router: `#/<view>?<query>` shows views/<view>.js.
 
-import { readAddress } from "./address.js";
+import { address, caseOf, readAddress } from "./address.js";
 import { loadContract } from "./contract.js";
 import { element, say } from "./elements.js";
 import { ask, keyNeeds, useKey } from "./service.js";
@@ -41,7 +41,7 @@ async function show() {
 function markCurrent(view) {
   document.title = `${VIEWS[view]} - ricochet`;
   for (const link of document.querySelectorAll("nav a")) {
-    if (link.hash === `#/${view}`) link.setAttribute("aria-current", "page");
+    if (readAddress(link.hash).view === view) link.setAttribute("aria-current", "page");
     else link.removeAttribute("aria-current");
   }
 }
@@ -70,6 +70,10 @@ document.querySelector(".skip").addEventListener("click", (event) => {
 });
 followTheme(document.getElementById("theme"));
 offerKey();
+document.querySelector("nav").addEventListener("click", ({ target }) => {
+  const { query } = readAddress(location.hash);
+  if (target.hash) target.hash = address(readAddress(target.hash).view, caseOf(query)); // the case goes along
+});
 addEventListener("hashchange", show);
 show();
 tellVersions().catch(() => {}); // the view tells what is wrong

@@ -10,7 +10,7 @@ const STEPS = 6; // for those who want no motion
  *
  * @param {HTMLElement} root
  * @param {(row: number) => void} onMove told of the row of the history to show
- * @returns {{setTimes: (times: number[]) => void, move: (row: number) => void, stop: () => void}}
+ * @returns {{setTimes: (times: number[], row: number) => void, move: (row: number) => void, stop: () => void}}
  */
 export function buildScrubber(root, onMove) {
   let times = [0];
@@ -62,11 +62,11 @@ export function buildScrubber(root, onMove) {
   return {
     move,
     stop,
-    setTimes(next) {
+    setTimes(next, row) {
       stop();
       times = next;
       slider.max = times.length - 1;
-      show(times.length - 1);
+      show(row);
     },
   };
 }

@@ -4,7 +4,7 @@ import { caseQuery, readCase, replaceAddress } from "../address.js";
 import { angleRequest, withValue } from "../case.js";
 import { METHODS, drawAngles, drawPositions, summary, trialTable } from "../convergence.js";
 import { copyButtons } from "../copy-as.js";
-import { element, say } from "../elements.js";
+import { element } from "../elements.js";
 import { buildForm } from "../form.js";
 import { latest } from "../latest.js";
 import { purge } from "../plots.js";
@@ -24,7 +24,6 @@ export async function show(root, query) {
 
   const fail = (error) => {
     parts.problem.textContent = error.errors ? form.showProblems(error) || "A field is not accepted." : error.message;
-    say("");
   };
 
   const askSides = latest(async (values, signal) => {
@@ -54,7 +53,6 @@ export async function show(root, query) {
 
   const askAll = (values) => {
     parts.problem.textContent = "";
-    say("Searching ...");
     for (const asker of askers) asker(values);
   };
   const readdress = () => {
@@ -95,7 +93,6 @@ async function showAnswers(parts, answers) {
   parts.summary.replaceChildren(summary(found));
   parts.tables.replaceChildren(...methods.map((method) => trialTable(method, found[method])));
   await Promise.all([drawAngles(parts.angles, found), drawPositions(parts.positions, found)]);
-  if (methods.length === Object.keys(METHODS).length) say("");
 }
 
 function build(root, offset) {

@@ -3,90 +3,114 @@
 import { caseQuery, readCase, replaceAddress } from "../address.js";
 import { angleRequest } from "../case.js";
 import { copyButtons } from "../copy-as.js";
-import { element, say } from "../elements.js";
+import { element } from "../elements.js";
 import { buildForm } from "../form.js";
 import { drawHistories, moveInstant } from "../histories.js";
 import { latest } from "../latest.js";
 import { purge } from "../plots.js";
 import { askRun, rowAt } from "../run.js";
 import { buildScrubber } from "../scrubber.js";
-import { ask } from "../service.js";
+import { Problem, ask } from "../service.js";
 import { drawSideView, moveOutline } from "../side-view.js";
 import { tellAngle, tellRun, tellWarnings } from "../words.js";
 
 /** Show the view. */
 export async function show(root, query) {
-  const parts = build(root);
-  const told = { run: [], angle: [] };
-  let run;
-  let row;
-  let angleAsked;
-  let start = performance.now();
-  let instant = Number(query.get("time_ms")) / 1e3;
+  const explore = new Explore(root, query);
+  return () => explore.leave();
+}
 
-  const fail = (error) => {
-    parts.problem.textContent = error.errors ? form.showProblems(error) || "A field above is not accepted." : error.message;
-    say("");
-  };
-  const tell = () => parts.warnings.replaceChildren(...tellWarnings(told.run, told.angle));
+class Explore {
+  warnings = { run: [], angle: [] };
+  changed = performance.now(); // when a field was
 
-  const askPicture = latest(async (values, signal) => {
-    const asked = start;
-    run = await askRun(values, signal);
+  constructor(root, query) {
+    const parts = build(root);
+    const fail = (error) => this.fail(error);
+    this.parts = parts;
+    this.instant = Number(query.get("time_ms")) / 1e3; // to show first
+    this.askPicture = latest((values, signal) => this.showPicture(values, signal), fail);
+    this.askAngle = latest((values, signal) => this.showAngle(values, signal), fail);
+    this.scrubber = buildScrubber(parts.scrubber, (row) => this.showInstant(row));
+    this.form = buildForm(parts.form, {
+      case: readCase(query),
+      open: matchMedia("(min-width: 60rem)").matches ? ["Strike", "Projectile", "Target", "Model"] : ["Strike"],
+      onChange: (values) => {
+        this.changed = performance.now();
+        this.askPicture(values);
+        this.readdress();
+      },
+    });
+    parts.copy.append(copyButtons(this.form.currentCase));
+    this.askPicture(this.form.currentCase());
+  }
+
+  async showPicture(values, signal) {
+    const { parts, changed: start } = this;
+    const run = await askRun(values, signal);
+    this.run = run;
+    this.row = this.instant ? rowAt(run, this.instant) : run.history.time_s.length - 1;
+    this.instant = 0;
+    this.scrubber.setTimes(run.history.time_s, this.row);
+    await drawSideView(parts.side, [{ run, name: "Strike" }], this.row);
+    performance.measure("ricochet: side view", { start });
     parts.problem.textContent = "";
-    row = instant ? rowAt(run, instant) : run.history.time_s.length - 1;
-    instant = 0;
-    scrubber.setTimes(run.history.time_s);
-    await drawSideView(parts.side, [{ run, name: "Strike" }], row);
-    performance.measure("ricochet: side view", { start: asked });
-    askAngle(values);
     parts.outcome.replaceChildren(...tellRun(run));
-    told.run = run.warnings;
-    tell();
-    if (askPicture.isBehind()) return;
-    await drawHistories(parts.histories, run, row);
-    performance.measure("ricochet: histories", { start: asked });
-    listen(parts, (next) => scrubber.move(next));
-    scrubber.move(row);
-  }, fail);
+    this.tellWarnings({ run: run.warnings });
+    this.askAngle(values);
+    if (this.askPicture.isBehind()) return;
+    await drawHistories(parts.histories, run, this.row);
+    performance.measure("ricochet: histories", { start });
+    listen(parts, (row) => this.scrubber.move(row));
+  }
 
-  const askAngle = latest(async (values, signal) => {
+  async showAngle(values, signal) {
     const body = angleRequest(values);
-    if (JSON.stringify(body) === angleAsked) return; // the oblique angle does not matter to it
+    const asked = JSON.stringify(body);
+    if (asked === this.angleAsked) return; // the oblique angle does not matter to it
     const { data } = await ask("cra", { body, signal });
-    angleAsked = JSON.stringify(body);
-    parts.angle.replaceChildren(tellAngle(data));
-    told.angle = data.warnings;
-    tell();
-  }, fail);
+    this.angleAsked = asked;
+    this.parts.angle.replaceChildren(tellAngle(data));
+    this.tellWarnings({ angle: data.warnings });
+  }
 
-  const scrubber = buildScrubber(parts.scrubber, (next) => {
-    row = next;
-    moveOutline(parts.side, run, row);
-    moveInstant(parts.histories, run, row);
-  });
+  showInstant(row) {
+    this.row = row;
+    moveOutline(this.parts.side, this.run, row);
+    moveInstant(this.parts.histories, this.run, row);
+    this.readdress();
+  }
 
-  const form = buildForm(parts.form, {
-    case: readCase(query),
-    open: matchMedia("(min-width: 60rem)").matches ? ["Strike", "Projectile", "Target", "Model"] : ["Strike"],
-    onChange(values, path) {
-      start = performance.now();
-      askPicture(values);
-      replaceAddress("explore", caseQuery(values));
-    },
-  });
-  parts.copy.append(copyButtons(form.currentCase));
-  askPicture(form.currentCase());
-  return () => {
-    for (const asker of [askPicture, askAngle]) asker.stop();
-    scrubber.stop();
-    for (const plot of [parts.side, parts.histories]) purge(plot);
-  };
+  tellWarnings(some) {
+    Object.assign(this.warnings, some);
+    this.parts.warnings.replaceChildren(...tellWarnings(this.warnings.run, this.warnings.angle));
+  }
+
+  readdress() {
+    const query = caseQuery(this.form.currentCase());
+    const times = this.run?.history.time_s ?? [];
+    if (this.row < times.length - 1) query.set("time_ms", (times[this.row] * 1e3).toPrecision(4));
+    replaceAddress("explore", query);
+  }
+
+  fail(error) {
+    const isOfService = error instanceof Problem;
+    const unplaced = isOfService ? this.form.showProblems(error) : error.message;
+    this.parts.problem.textContent = unplaced || "A field is not accepted; the picture is of the case before.";
+  }
+
+  leave() {
+    this.askPicture.stop();
+    this.askAngle.stop();
+    this.scrubber.stop();
+    purge(this.parts.side);
+    purge(this.parts.histories);
+  }
 }
 
 function build(root) {
   const parts = {
-    form: element("form.panel", { "aria-label": "Case", onsubmit: (event) => event.preventDefault() }),
+    form: element("form", { "aria-label": "Case", onsubmit: (event) => event.preventDefault() }),
     copy: element("div", {}),
     problem: element("p.problem", { role: "alert" }),
     outcome: element("div", {}, element("p.quiet", {}, "Computing ...")),
@@ -101,7 +125,7 @@ function build(root) {
     element(
       "div.sides",
       {},
-      parts.form,
+      element("div.panel", {}, parts.form, element("a", { href: "#/explore" }, "Start again from the paper's case")),
       element(
         "div.pictures",
         {},

@@ -1,0 +1,113 @@
+// One field of the form: its label, input, slider, unit, and what is wrong with it.
+
+import { valueAt } from "./case.js";
+import { nodeAt } from "./contract.js";
+import { element } from "./elements.js";
+import { readValue } from "./field-value.js";
+import { shownNumber, shownValue } from "./fields.js";
+
+/**
+ * Build the row of a field.
+ *
+ * @param {object} field of fields.js
+ * @param {object} values the case
+ * @param {{accept: (value: any) => void, refuse: (problem: string) => void}} told told of each change
+ * @returns {{field: object, root: HTMLElement, input: HTMLElement, problem: HTMLElement, described: string}}
+ */
+export function buildRow(field, values, { accept, refuse }) {
+  const id = `field-${field.path.replaceAll(".", "-")}`;
+  const read = (given) => {
+    const { value, wrong } = readValue(field, given, values);
+    if (wrong) refuse(wrong);
+    else accept(value);
+  };
+  const input = INPUTS[field.kind](field, values, read);
+  input.id = id;
+  const notes = [
+    field.unit && element("span.unit", { id: `${id}-unit` }, field.unit),
+    field.slider && buildSlider(field, values, input, read),
+    field.note && element("span.note", { id: `${id}-note` }, field.note),
+  ].filter(Boolean);
+  const problem = element("p.problem", { id: `${id}-problem`, hidden: true });
+  const described = notes.map((note) => note.id).filter(Boolean).join(" ");
+  const kind = field.kind === "flag" ? "div.field.flag" : "div.field";
+  const root = element(kind, {}, element("label", { for: id }, field.label), input, ...notes, problem);
+  const row = { field, root, input, problem, described };
+  showProblem(row, "");
+  return row;
+}
+
+/** Show what is wrong with a field, or that nothing is. */
+export function showProblem({ root, input, problem, described }, text) {
+  problem.hidden = !text;
+  problem.textContent = text;
+  const ids = [described, text && problem.id].filter(Boolean).join(" ");
+  if (ids) input.setAttribute("aria-describedby", ids);
+  else input.removeAttribute("aria-describedby");
+  if (text) input.setAttribute("aria-invalid", "true");
+  else input.removeAttribute("aria-invalid");
+  if (text) root.closest("details").open = true;
+}
+
+const INPUTS = {
+  number(field, values, read) {
+    const { default: usual, description } = nodeAt(field.path, values);
+    return element("input", {
+      type: "text",
+      inputmode: "decimal",
+      autocomplete: "off",
+      spellcheck: "false",
+      placeholder: field.optional && (usual === undefined ? "auto" : shownNumber(field, usual)),
+      title: description,
+      value: shownValue(field, values) ?? "",
+      oninput: ({ target }) => read(target.value),
+    });
+  },
+  choice(field, values, read) {
+    const chosen = valueAt(values, field.path);
+    const options = Object.entries(field.choices).map(([value, text]) =>
+      element("option", { value, selected: value === chosen }, text),
+    );
+    return element("select", { onchange: ({ target }) => read(target.value) }, ...options);
+  },
+  flag(field, values, read) {
+    const checked = Boolean(valueAt(values, field.path));
+    return element("input", { type: "checkbox", checked, onchange: ({ target }) => read(target.checked) });
+  },
+  numbers(field, values, read) {
+    const lines = (valueAt(values, field.path) ?? []).map((item) =>
+      [item].flat().map((number) => shownNumber(field, number)).join(", "),
+    );
+    return element(
+      "textarea",
+      {
+        rows: field.pairs ? 4 : 2,
+        spellcheck: "false",
+        placeholder: field.optional && "auto",
+        title: nodeAt(field.path, values).description,
+        oninput: ({ target }) => read(target.value),
+      },
+      lines.join(field.pairs ? "\n" : ", "),
+    );
+  },
+};
+
+function buildSlider(field, values, input, read) {
+  const [min, max, step] = field.slider;
+  const slider = element("input", {
+    type: "range",
+    min,
+    max,
+    step,
+    value: shownValue(field, values),
+    "aria-label": `${field.label}, slider`,
+    oninput() {
+      input.value = slider.value;
+      read(slider.value);
+    },
+  });
+  input.addEventListener("input", () => {
+    slider.value = input.value;
+  });
+  return slider;
+}
