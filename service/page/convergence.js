@@ -54,6 +54,7 @@ function drawTrials(root, answers, what, name) {
   const traces = methods.map((method, panel) => trace(method, answers[method], what, panel));
   return draw(root, traces, layoutOf(answers, methods, what, isNarrow), {
     name,
+    again: () => drawTrials(root, answers, what, name),
     csv: () => csvOf(tableOf(answers, methods)),
     label: `${what.title} by trial, for ${methods.map((each) => METHODS[each]).join(", ")}; the tables below have the numbers.`,
   });

@@ -32,6 +32,7 @@ export function drawHistories(root, run, row) {
   root.classList.toggle("tall", isNarrow);
   return draw(root, traces, layoutOf(run, row, isNarrow), {
     name: "histories",
+    again: () => drawHistories(root, run, row),
     csv: () => csvOf(history),
     label: "Time histories: depth, axis angle, velocity and resistance. The CSV below has them as numbers.",
   });

@@ -5,6 +5,7 @@ import { locate } from "./service.js";
 import { themeChanges } from "./theme.js";
 
 const drawn = new Map();
+const colours = new Map();
 let loading;
 
 /**
@@ -13,7 +14,8 @@ let loading;
  * @param {HTMLElement} root
  * @param {object[]} traces as Plotly takes them
  * @param {object} layout likewise; what it says goes before what the theme does
- * @param {{name: string, csv: () => string, label: string}} about the name of the files, the data, and what is seen
+ * @param {{name: string, csv: () => string, label: string, again?: () => any}} about the name of the files, the data,
+ *   what is seen, and what draws it again in the colours of another theme, if the traces hold any
  * @returns {Promise<HTMLElement|undefined>} the element that Plotly drew into, for its events
  */
 export async function draw(root, traces, layout, about) {
@@ -48,8 +50,9 @@ export function purge(root) {
 }
 
 /** Return a colour of the theme by the name of its custom property, such as `accent`. */
-export function colour(name, of = document.documentElement) {
-  return getComputedStyle(of).getPropertyValue(`--${name}`).trim();
+export function colour(name) {
+  if (!colours.has(name)) colours.set(name, getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim());
+  return colours.get(name);
 }
 
 /** Return CSV text of columns of equal length, by name. */
@@ -127,5 +130,6 @@ function themed(layout) {
 }
 
 themeChanges.addEventListener("change", () => {
-  for (const [root, { traces, layout, about }] of drawn) draw(root, traces, layout, about);
+  colours.clear();
+  for (const [root, { traces, layout, about }] of drawn) about.again ? about.again() : draw(root, traces, layout, about);
 });

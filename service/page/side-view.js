@@ -6,7 +6,7 @@ import { colour, csvOf, draw, restyle } from "./plots.js";
 import { digits, outcomeShown } from "./words.js";
 
 const OUTLINES = 6; // of all runs together
-const MOVING = 0; // place of its trace
+const MOVING = OUTLINES; // place of its trace: above the others, below the path
 const GRID_M = 0.1; // ends of the axes, so that the view does not tremble while a slider moves
 
 /**
@@ -22,9 +22,10 @@ export async function drawSideView(root, runs, row) {
   const outlines = runs.flatMap(({ run }) => evenRows(run, OUTLINES / runs.length).map((each) => outlineTrace(run, each, range)));
   const moving = runs.length === 1 ? [movingTrace(runs[0].run, row, range)] : [];
   const paths = runs.map((each, i) => pathTrace(each, range, i));
-  const traces = [...moving, ...outlines, ...paths];
+  const traces = [...outlines, ...moving, ...paths];
   return draw(root, traces, layoutOf(traces, runs.length > 1), {
     name: "side-view",
+    again: () => drawSideView(root, runs, row),
     csv: () => csvOf(tableOf(runs)),
     label: `Side view to scale. ${runs.map(inWords).join(" ")}`,
   });
@@ -56,7 +57,7 @@ function outlineTrace(run, row, range) {
 
 function movingTrace(run, row, range) {
   const trace = outlineTrace(run, row, range);
-  return { ...trace, fillcolor: viridis(run.path.speed[row], range, 0.6), line: { color: colour("text"), width: 2.5 } };
+  return { ...trace, name: "moving", fillcolor: viridis(run.path.speed[row], range, 0.6), line: { color: colour("text"), width: 2.5 } };
 }
 
 function pathTrace({ run: { history, path }, name }, range, index) {

@@ -11,6 +11,7 @@ import httpx
 import pytest
 from playwright.sync_api import Locator, Page, expect
 
+MOVING = "plot.data.find(({ name }) => name === 'moving')"
 STEPS = 12
 PATIENCE_MS = 2_000.0
 """For a step of a slider on a machine that does much else; alone it takes some 60 ms."""
@@ -44,14 +45,16 @@ def side_view(page: Page) -> Locator:
 
 def outline(page: Page) -> list[list[float]]:
     """Where the outline that can be moved is."""
-    found: list[list[float]] = side_view(page).evaluate("plot => [[...plot.data[0].x], [...plot.data[0].y]]")
+    found: list[list[float]] = side_view(page).evaluate(
+        f"plot => {{ const {{ x, y }} = {MOVING}; return [[...x], [...y]]; }}"
+    )
     return found
 
 
 def wait_for_another_outline(page: Page, before: list[list[float]]) -> None:
     page.wait_for_function(
-        "([x, y]) => { const [{ x: nextX, y: nextY }] = document.querySelector('.side-view .drawing').data;"
-        " return JSON.stringify([nextX, nextY]) !== JSON.stringify([x, y]); }",
+        "before => { const plot = document.querySelector('.side-view .drawing');"
+        f" const {{ x, y }} = {MOVING}; return JSON.stringify([x, y]) !== JSON.stringify(before); }}",
         arg=before,
     )
 
