@@ -1,6 +1,6 @@
 // The colour map of speeds: viridis, which grows evenly brighter.
 
-const STOPS = ["#440154", "#482878", "#3e4989", "#31688e", "#26828e", "#1f9e89", "#35b779", "#6ece58", "#b5de2b", "#fde725"];
+const STOPS = "#440154 #482878 #3e4989 #31688e #26828e #1f9e89 #35b779 #6ece58 #b5de2b #fde725".split(" ");
 
 /** As Plotly takes it. */
 export const VIRIDIS = STOPS.map((colour, i) => [i / (STOPS.length - 1), colour]);

@@ -56,12 +56,12 @@ function drawTrials(root, answers, what, name) {
     name,
     again: () => drawTrials(root, answers, what, name),
     csv: () => csvOf(tableOf(answers, methods)),
-    label: `${what.title} by trial, for ${methods.map((each) => METHODS[each]).join(", ")}; the tables below have the numbers.`,
+    label: `${what.title} by trial: ${methods.map((each) => METHODS[each]).join(", ")}; the tables have the numbers.`,
   });
 }
 
 function trace(method, { iterations }, { column, factor }, panel) {
-  const away = iterations.map((trial) => (method === "outcome" ? trial.outcome === "ricochet" : trial.final_position_m < 0));
+  const isAway = ({ outcome, final_position_m: depth }) => (method === "outcome" ? outcome === "ricochet" : depth < 0);
   return {
     x: iterations.map((_, i) => i + 1),
     y: iterations.map((trial) => trial[column] * factor),
@@ -70,7 +70,7 @@ function trace(method, { iterations }, { column, factor }, panel) {
     line: { color: colour("edge"), width: 1 },
     marker: {
       size: 9,
-      color: away.map((is) => colour(is ? "accent" : "panel")),
+      color: iterations.map((trial) => colour(isAway(trial) ? "accent" : "panel")),
       line: { color: colour("accent"), width: 2 },
     },
     xaxis: axis("x", panel),
@@ -86,19 +86,28 @@ function layoutOf(answers, methods, { title, column }, isNarrow) {
     const [columns, rows] = isNarrow ? [1, methods.length] : [methods.length, 1];
     const x = [across / columns + (across ? 0.05 : 0), (across + 1) / columns];
     const y = [1 - (down + 1) / rows + 0.15 / rows, 1 - down / rows - 0.1 / rows];
-    layout[axis("xaxis", panel)] = { domain: x, anchor: axis("y", panel), title: { text: "Trial" }, zeroline: false, tickformat: "d" };
+    layout[axis("xaxis", panel)] = {
+      domain: x,
+      anchor: axis("y", panel),
+      title: { text: "Trial" },
+      zeroline: false,
+      tickformat: "d",
+    };
     layout[axis("yaxis", panel)] = {
       domain: y,
       anchor: axis("x", panel),
       title: { text: panel === 0 || isNarrow ? title : "" },
       ...(column === POSITIONS.column ? { autorange: "reversed" } : { zeroline: false }),
     };
-    layout.annotations.push({
-      text: `<b>${METHODS[method]}</b>`, x: x[0], y: y[1], xref: "paper", yref: "paper", xanchor: "left", yanchor: "bottom", showarrow: false,
-    });
+    layout.annotations.push(heading(METHODS[method], x[0], y[1]));
     layout.shapes.push(levelLine(answers[method], column, panel));
   });
   return layout;
+}
+
+function heading(text, x, y) {
+  const place = { x, y, xref: "paper", yref: "paper", xanchor: "left", yanchor: "bottom" };
+  return { text: `<b>${text}</b>`, ...place, showarrow: false };
 }
 
 /** The critical angle, or the face. */
@@ -110,7 +119,9 @@ function levelLine({ critical_angle_deg: angle }, column, panel) {
 }
 
 function tableOf(answers, methods) {
-  const trials = methods.flatMap((method) => answers[method].iterations.map((trial, i) => ({ method, number: i + 1, ...trial })));
+  const trials = methods.flatMap((method) =>
+    answers[method].iterations.map((trial, i) => ({ method, number: i + 1, ...trial })),
+  );
   const column = (name) => trials.map((trial) => trial[name]);
   return {
     search: column("method"),

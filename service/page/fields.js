@@ -13,7 +13,8 @@ const OPTIONAL = { optional: true };
  * Groups of fields in the order of the form.
  *
  * `factor` times what is shown is the value in SI; `optional` may be empty; `choices` are labels by value, `variant`
- * marks one that decides which other fields there are; `pairs` is a list of them; `slider` is [least, most, step] in the unit shown.
+ * marks one that decides which other fields there are; `pairs` is a list of them; `slider` is
+ * [least, most, step] in the unit shown.
  */
 export const GROUPS = [
   {
@@ -34,11 +35,15 @@ export const GROUPS = [
       }),
       number("projectile.nose.caliber_radius_head", "Caliber radius head ψ", "1"),
       number("projectile.nose.length_to_diameter", "Cone height over diameter", "1"),
-      field("numbers", "projectile.nose.points", "Points x, r", "mm", { ...MM, pairs: true, note: "a pair a line, from the tip" }),
+      field("numbers", "projectile.nose.points", "Points x, r", "mm", { ...MM, pairs: true, note: "a pair a line" }),
       number("projectile.diameter_m", "Diameter", "mm", MM),
       number("projectile.length_m", "Length", "mm", MM),
       number("projectile.mass_kg", "Mass", "kg"),
-      number("projectile.center_of_gravity_m", "Centre of gravity", "mm", { ...MM, ...OPTIONAL, note: "behind the tip" }),
+      number("projectile.center_of_gravity_m", "Centre of gravity", "mm", {
+        ...MM,
+        ...OPTIONAL,
+        note: "behind the tip",
+      }),
       number("projectile.moment_of_inertia_kg_m2", "Moment of inertia", "kg m²", OPTIONAL),
     ],
   },

@@ -6,7 +6,11 @@ const NARROW = 640; // px
 const DASHES = ["solid", "dash"];
 /** Each with its axes as Plotly counts them: x, x2, x3 ... */
 const PANELS = [
-  { title: "Depth [mm]", columns: { center_of_gravity_depth_m: "centre of gravity", nose_tip_depth_m: "tip" }, factor: 1e3 },
+  {
+    title: "Depth [mm]",
+    columns: { center_of_gravity_depth_m: "centre of gravity", nose_tip_depth_m: "tip" },
+    factor: 1e3,
+  },
   { title: "Axis angle [°]", columns: { axis_angle_deg: "axis" }, factor: 1 },
   { title: "Velocity [m/s]", columns: { depth_velocity_m_s: "inward", lateral_velocity_m_s: "along face" }, factor: 1 },
   { title: "Resistance [kN]", columns: { depth_force_n: "inward", lateral_force_n: "along face" }, factor: 1e-3 },

@@ -51,7 +51,8 @@ export function purge(root) {
 
 /** Return a colour of the theme by the name of its custom property, such as `accent`. */
 export function colour(name) {
-  if (!colours.has(name)) colours.set(name, getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim());
+  const read = () => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
+  if (!colours.has(name)) colours.set(name, read());
   return colours.get(name);
 }
 
@@ -76,7 +77,7 @@ function loadPlotly() {
   return loading;
 }
 
-/** Plotly sets `style` attributes, which the policy of the page forbids; the same through the object model it allows. */
+/** Plotly sets `style` attributes, which the policy of the page forbids; through the object model it allows them. */
 function setStylesByObject() {
   const { setAttribute } = Element.prototype;
   Element.prototype.setAttribute = function set(name, value) {
@@ -114,7 +115,8 @@ async function saveSvg(root) {
 }
 
 function themed(layout) {
-  const lines = { gridcolor: colour("grid"), zerolinecolor: colour("edge"), linecolor: colour("edge"), automargin: true };
+  const edge = colour("edge");
+  const lines = { gridcolor: colour("grid"), zerolinecolor: edge, linecolor: edge, automargin: true };
   const made = {
     margin: { l: 8, r: 8, t: 8, b: 8 },
     paper_bgcolor: "transparent",
@@ -131,5 +133,8 @@ function themed(layout) {
 
 themeChanges.addEventListener("change", () => {
   colours.clear();
-  for (const [root, { traces, layout, about }] of drawn) about.again ? about.again() : draw(root, traces, layout, about);
+  for (const [root, { traces, layout, about }] of drawn) {
+    if (about.again) about.again();
+    else draw(root, traces, layout, about);
+  }
 });

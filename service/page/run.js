@@ -19,7 +19,8 @@ let duration; // of the latest run, which the next is taken to be like. [s]
  */
 export async function askRun(values, signal) {
   const askLong = async (time) => {
-    const interval = Math.max(nice(time / INSTANTS), (values.numerics?.termination_time_s ?? TERMINATION_S) / MOST_ROWS);
+    const least = (values.numerics?.termination_time_s ?? TERMINATION_S) / MOST_ROWS;
+    const interval = Math.max(nice(time / INSTANTS), least);
     return (await ask("trajectory", { body: trajectoryRequest(values, interval), signal })).data;
   };
   let run = await askLong(duration ?? (3 * values.projectile.length_m) / values.impact.velocity_m_s);

@@ -7,6 +7,7 @@ import { digits, outcomeShown } from "./words.js";
 
 const OUTLINES = 6; // of all runs together
 const MOVING = OUTLINES; // place of its trace: above the others, below the path
+const FAR_M = 1e3; // deeper than any view
 const GRID_M = 0.1; // ends of the axes, so that the view does not tremble while a slider moves
 
 /**
@@ -19,7 +20,9 @@ const GRID_M = 0.1; // ends of the axes, so that the view does not tremble while
 export async function drawSideView(root, runs, row) {
   const speeds = runs.flatMap(({ run }) => run.path.speed);
   const range = [0, Math.max(...speeds)];
-  const outlines = runs.flatMap(({ run }) => evenRows(run, OUTLINES / runs.length).map((each) => outlineTrace(run, each, range)));
+  const outlines = runs.flatMap(({ run }) =>
+    evenRows(run, OUTLINES / runs.length).map((each) => outlineTrace(run, each, range)),
+  );
   const moving = runs.length === 1 ? [movingTrace(runs[0].run, row, range)] : [];
   const paths = runs.map((each, i) => pathTrace(each, range, i));
   const traces = [...outlines, ...moving, ...paths];
@@ -57,7 +60,8 @@ function outlineTrace(run, row, range) {
 
 function movingTrace(run, row, range) {
   const trace = outlineTrace(run, row, range);
-  return { ...trace, name: "moving", fillcolor: viridis(run.path.speed[row], range, 0.6), line: { color: colour("text"), width: 2.5 } };
+  const fillcolor = viridis(run.path.speed[row], range, 0.6);
+  return { ...trace, name: "moving", fillcolor, line: { color: colour("text"), width: 2.5 } };
 }
 
 function pathTrace({ run: { history, path }, name }, range, index) {
@@ -100,12 +104,13 @@ function layoutOf(traces, hasLegend) {
   ];
   const [left, right] = ends(traces.flatMap(({ x }) => x));
   const [top, bottom] = ends(traces.flatMap(({ y }) => y));
+  const across = { xref: "paper", x0: 0, x1: 1, y0: 0, layer: "below" };
   return {
     xaxis: { title: { text: "Along the face [m]" }, range: [left, right], zeroline: false },
     yaxis: { title: { text: "Depth [m]" }, range: [Math.max(bottom, GRID_M), top], scaleanchor: "x", zeroline: false },
     shapes: [
-      { type: "rect", xref: "paper", x0: 0, x1: 1, y0: 0, y1: 1e3, fillcolor: colour("concrete"), line: { width: 0 }, layer: "below" },
-      { type: "line", xref: "paper", x0: 0, x1: 1, y0: 0, y1: 0, line: { color: colour("edge"), width: 1.5 }, layer: "below" },
+      { ...across, type: "rect", y1: FAR_M, fillcolor: colour("concrete"), line: { width: 0 } },
+      { ...across, type: "line", y1: 0, line: { color: colour("edge"), width: 1.5 } },
     ],
     showlegend: hasLegend,
     legend: { orientation: "h", y: -0.25 },

@@ -133,7 +133,7 @@ function build(root, offset) {
         {},
         element("section.panel.across", { "aria-label": "Answer" }, parts.answer, parts.problem, parts.summary),
         section("Angles tried", element("p.quiet", {}, `${note} The dashed line is the critical angle.`), parts.angles),
-        section("Final positions", element("p.quiet", {}, `${note} The dashed line is the face; outside is above.`), parts.positions),
+        section("Final positions", element("p.quiet", {}, `${note} Outside the face is above.`), parts.positions),
         parts.sidePanel,
         element("section.panel", { "aria-label": "Warnings" }, parts.warnings),
         element("section.panel.across", {}, element("h2", {}, "Trials"), parts.tables),
