@@ -28,7 +28,7 @@ class Explore {
     const parts = build(root);
     const fail = (error) => this.fail(error);
     this.parts = parts;
-    this.instant = Number(query.get("time_ms")) / 1e3; // to show first
+    this.instant = query.has("time_ms") ? Number(query.get("time_ms")) / 1e3 : Infinity; // the last unless chosen
     this.askPicture = latest((values, signal) => this.showPicture(values, signal), fail);
     this.askAngle = latest((values, signal) => this.showAngle(values, signal), fail);
     this.scrubber = buildScrubber(parts.scrubber, (row) => this.showInstant(row));
@@ -49,8 +49,7 @@ class Explore {
     const { parts, changed: start } = this;
     const run = await askRun(values, signal);
     this.run = run;
-    this.row = this.instant ? rowAt(run, this.instant) : run.history.time_s.length - 1;
-    this.instant = 0;
+    this.row = rowAt(run, this.instant);
     this.scrubber.setTimes(run.history.time_s, this.row);
     await drawSideView(parts.side, [{ run, name: "Strike" }], this.row);
     performance.measure("ricochet: side view", { start });
@@ -75,7 +74,9 @@ class Explore {
   }
 
   showInstant(row) {
+    const { time_s: times } = this.run.history;
     this.row = row;
+    this.instant = row < times.length - 1 ? times[row] : Infinity;
     moveOutline(this.parts.side, this.run, row);
     moveInstant(this.parts.histories, this.run, row);
     this.readdress();
@@ -88,8 +89,7 @@ class Explore {
 
   readdress() {
     const query = caseQuery(this.form.currentCase());
-    const times = this.run?.history.time_s ?? [];
-    if (this.row < times.length - 1) query.set("time_ms", (times[this.row] * 1e3).toPrecision(4));
+    if (Number.isFinite(this.instant)) query.set("time_ms", Number((this.instant * 1e3).toPrecision(4)));
     replaceAddress("explore", query);
   }
 
