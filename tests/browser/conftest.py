@@ -1,0 +1,95 @@
+"""A real browser, the distribution's Chromium, in front of the service that the tests share."""
+
+import os
+import shutil
+from collections.abc import Callable, Iterator
+from typing import Literal
+
+import pytest
+from playwright.sync_api import Browser, ConsoleMessage, Page, sync_playwright
+
+NAMES = ("chromium", "chromium-browser", "google-chrome")
+WAIT_MS = 20_000
+"""For what a test expects to see; a loaded machine takes its time."""
+OFF_THE_NETWORK = (
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-default-apps",
+    "--disable-sync",
+    "--no-first-run",
+    "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1",
+)
+
+NewPage = Callable[..., Page]
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    """Chromium, for one file: while Playwright runs, no other event loop can in this thread."""
+    executable = next(filter(None, map(shutil.which, NAMES)), None)
+    if executable is None:
+        pytest.skip(f"no browser here: none of {', '.join(NAMES)}")
+    sandbox = ["--no-sandbox"] if os.geteuid() == 0 else []  # root has to do without
+    with sync_playwright() as driver:
+        chromium = driver.chromium.launch(executable_path=executable, args=[*OFF_THE_NETWORK, *sandbox])
+        yield chromium
+        chromium.close()
+
+
+@pytest.fixture
+def faults() -> list[str]:
+    """What went wrong in the pages of a test; it takes out what it expects, the rest fails it."""
+    return []
+
+
+@pytest.fixture
+def new_page(browser: Browser, live_url: str, faults: list[str]) -> Iterator[NewPage]:
+    """Open pages, each with a session of its own, that are watched until the test has ended.
+
+    They start at no address; `page.goto("/")` leads to the service.
+    """
+    contexts = []
+
+    def open_page(
+        *, width: int = 1440, height: int = 900, theme: Literal["light", "dark"] = "light", address: str = live_url
+    ) -> Page:
+        context = browser.new_context(
+            base_url=address,
+            viewport={"width": width, "height": height},
+            color_scheme=theme,
+            reduced_motion="reduce",
+        )
+        contexts.append(context)
+        context.set_default_timeout(WAIT_MS)
+        page = context.new_page()
+        watch(page, address, faults)
+        return page
+
+    yield open_page
+    for context in contexts:
+        context.close()
+    assert not faults, "\n".join(faults)
+
+
+@pytest.fixture
+def page(new_page: NewPage) -> Page:
+    """A page of a wide window in light colours."""
+    return new_page()
+
+
+def watch(page: Page, address: str, faults: list[str]) -> None:
+    """Note every error the page tells of, and every request that leaves the service."""
+
+    def hear(message: ConsoleMessage) -> None:
+        if message.type in {"error", "warning"}:
+            faults.append(f"console {message.type}: {message.text} ({message.location['url']})")
+
+    page.on("console", hear)
+    page.on("pageerror", lambda error: faults.append(f"page error: {error}"))
+    page.on("request", lambda request: faults.extend(left(request.url, address)))
+
+
+def left(url: str, address: str) -> list[str]:
+    """Tell of a request to another place than the service."""
+    inside = url.startswith((f"{address}/", "data:", "blob:"))
+    return [] if inside else [f"request that leaves the service: {url}"]

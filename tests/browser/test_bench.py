@@ -1,0 +1,20 @@
+"""The watch on pages that the other browser tests rely on."""
+
+import pytest
+from playwright.sync_api import Error, Page
+
+
+def test_errors_of_a_page_are_noticed(page: Page, faults: list[str]) -> None:
+    page.goto("/docs")
+    page.evaluate("() => { console.error('spilt'); setTimeout(() => { throw new Error('dropped') }) }")
+    page.wait_for_timeout(100)
+    assert [fault.split(" (")[0] for fault in faults] == ["console error: spilt", "page error: dropped"]
+    faults.clear()
+
+
+def test_requests_to_elsewhere_are_noticed(page: Page, faults: list[str]) -> None:
+    page.goto("/docs")
+    with pytest.raises(Error, match="ERR_NAME_NOT_RESOLVED"):
+        page.goto("http://elsewhere.test/")
+    assert faults == ["request that leaves the service: http://elsewhere.test/"]
+    faults.clear()
