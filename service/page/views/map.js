@@ -1,4 +1,133 @@
-// Map: the answer over two fields.
+// The map: a sweep over two fields as a job, drawn while it runs.
 
-/** Show the view. */
-export async function show(root, query) {}
+import { address, caseQuery, replaceAddress } from "../address.js";
+import { element, say } from "../elements.js";
+import { buildForm } from "../form.js";
+import { submit } from "../job-progress.js";
+import { buildMapForm } from "../map-form.js";
+import { rememberMap } from "../map-memory.js";
+import { MapPicture } from "../map-picture.js";
+import { endWords, followMap } from "../map-run.js";
+import { ask, isAbort } from "../service.js";
+import { caseAt, mapQuery, readMap, sweepRequest } from "../sweep.js";
+
+/** Show the map that a query tells of; if it names a job, its results. */
+export async function show(root, query) {
+  const view = new MapView(root, readMap(query));
+  return () => view.leave();
+}
+
+class MapView {
+  #work = new AbortController(); // given up when another map is run
+  #form; // the map of the form; undefined while that has a problem
+  #shown; // the map of the picture, with its job
+
+  constructor(root, map) {
+    this.runButton = element("button.main", { type: "submit" }, "Run");
+    this.cancelButton = element("button", { type: "button", disabled: true, onclick: () => this.#cancel() }, "Cancel");
+    this.size = element("p.quiet", { id: "map-size" });
+    this.problem = element("p.problem", { role: "alert", hidden: true });
+    const [axes, others] = [element("div"), element("div")];
+    const details = element("details", {}, element("summary", {}, "The other fields"), others);
+    const buttons = element("p.buttons", {}, this.runButton, " ", this.cancelButton);
+    const onsubmit = (event) => {
+      event.preventDefault();
+      this.#run();
+    };
+    const form = element("form.panel", { novalidate: true, "aria-label": "What to map", onsubmit }, axes, this.size, buttons);
+    const results = element("div.stack", {}, this.problem);
+    this.picture = new MapPicture(results, (place, cell) => this.#open(place, cell));
+    root.append(
+      element("h1", {}, "Map"),
+      element("div.sides", {}, element("div.stack", {}, form, element("div.panel", {}, details)), results),
+    );
+    if (map.job) this.#follow(map);
+    this.axes = buildMapForm(axes, map, (changed) => this.#change(changed));
+    buildForm(others, { case: map.values, onChange: (values) => this.axes.setCase(values) });
+  }
+
+  leave() {
+    this.#work.abort();
+    this.picture.leave();
+  }
+
+  #change(map) {
+    this.#form = map;
+    this.runButton.disabled = !map;
+    this.size.textContent = map ? `${(map.x.count * map.y.count).toLocaleString("en")} cases` : "";
+    if (map) replaceAddress("map", mapQuery({ ...map, job: this.#jobOf(map) }));
+  }
+
+  /** Return the job of a map if it is the one that is shown. */
+  #jobOf(map) {
+    const bare = (one) => mapQuery({ ...one, job: "" }).toString();
+    return this.#shown && bare(map) === bare(this.#shown) ? this.#shown.job : "";
+  }
+
+  async #run() {
+    const map = this.#form;
+    if (!map) return;
+    this.#begin(map);
+    try {
+      const { path, body } = sweepRequest(map);
+      const job = await submit(path, body, this.#work.signal);
+      rememberMap(job.id, address("map", mapQuery({ ...map, job: job.id })));
+      await this.#follow({ ...map, job: job.id });
+    } catch (error) {
+      this.#fail(error);
+    }
+  }
+
+  async #follow(map) {
+    this.#begin(map);
+    const { signal } = this.#work;
+    if (this.#form) replaceAddress("map", mapQuery(map));
+    this.cancelButton.disabled = false;
+    const listeners = {
+      onProgress: (job) => this.picture.tellProgress(job),
+      onCells: async (cells) => {
+        if (!signal.aborted) await this.picture.showCells(cells);
+      },
+    };
+    try {
+      const job = await followMap(map, listeners, signal);
+      this.picture.tellEnd(job);
+      say(endWords(job));
+    } catch (error) {
+      this.#fail(error);
+    }
+    if (!signal.aborted) this.cancelButton.disabled = true;
+  }
+
+  #begin(map) {
+    this.#work.abort();
+    this.#work = new AbortController();
+    this.#shown = map;
+    this.problem.hidden = true;
+    this.picture.begin(map);
+    say("The map is being computed.");
+  }
+
+  async #cancel() {
+    this.cancelButton.disabled = true;
+    try {
+      await ask(`jobs/${this.#shown.job}/cancel`, { method: "POST" });
+    } catch (error) {
+      this.cancelButton.disabled = false;
+      this.#fail(error);
+    }
+  }
+
+  #fail(error) {
+    if (isAbort(error)) return;
+    say("");
+    const isGone = error.status === 404;
+    this.problem.textContent = isGone ? "The job of this map is gone: it has expired. Run it again." : error.message;
+    this.problem.hidden = false;
+    if (error.errors) this.axes.showProblem(error);
+  }
+
+  #open(place, cell) {
+    location.hash = address("explore", caseQuery(caseAt(this.#shown, place, cell?.angle)));
+  }
+}

@@ -1,0 +1,41 @@
+// The results of a job as files.
+
+import { element, save, say } from "./elements.js";
+import { ask, isAbort } from "./service.js";
+
+const FORMS = {
+  CSV: { type: "text/csv", ending: "csv", about: "a row a case" },
+  JSONL: { type: "application/jsonl", ending: "jsonl", about: "all results, a line a case" },
+  HDF5: { type: "application/x-hdf5", ending: "h5", about: "all results as tables" },
+};
+
+/**
+ * Return buttons that download what is ready of a job. Not links: the form is asked for by a header, as is the key.
+ *
+ * @param {string} id of the job
+ * @param {(error: Error) => void} onError
+ */
+export function downloadButtons(id, onError) {
+  return Object.entries(FORMS).map(([name, { type, ending, about }]) => {
+    const button = element("button", { type: "button", title: about, "aria-label": `${name} of job ${shortId(id)}` }, name);
+    button.addEventListener("click", async () => {
+      button.disabled = true;
+      say(`${name} is being made ...`);
+      try {
+        const { data } = await ask(`jobs/${id}/results`, { headers: { Accept: type }, as: "blob" });
+        save(data, `ricochet-${shortId(id)}.${ending}`, type);
+        say(`${name} is downloaded.`);
+      } catch (error) {
+        say("");
+        if (!isAbort(error)) onError(error);
+      }
+      button.disabled = false;
+    });
+    return button;
+  });
+}
+
+/** Return the beginning of a job's name, enough to tell jobs apart. */
+export function shortId(id) {
+  return id.slice(0, 8);
+}

@@ -1,0 +1,66 @@
+// A row of the table of jobs, brought up to date in place so that the focus stays where it is.
+
+import { downloadButtons, shortId } from "./downloads.js";
+import { element } from "./elements.js";
+import { isFinal } from "./job-progress.js";
+import { mapOf } from "./map-memory.js";
+
+/** The columns; the table may show a row as a card, where each cell tells its name. */
+export const COLUMNS = ["Job", "Asked for", "Status", "Progress", "Created", "Finished", "Expires", "Results", "Actions"];
+const OPERATIONS = { cra: "critical angles", trajectory: "trajectories" };
+const STATUSES = {
+  accepted: "waiting",
+  running: "running",
+  successful: "done",
+  failed: "failed",
+  dismissed: "cancelled",
+};
+const TIME = new Intl.DateTimeFormat(undefined, { dateStyle: "short", timeStyle: "medium" });
+
+/** A job in the table. */
+export class JobRow {
+  /**
+   * @param {object} job
+   * @param {{onCancel: (job: object) => void, onDelete: (job: object) => void, onError: (error: Error) => void}} listeners
+   */
+  constructor(job, { onCancel, onDelete, onError }) {
+    const id = shortId(job.id);
+    const act = (text, listener) =>
+      element("button", { type: "button", "aria-label": `${text} job ${id}`, onclick: () => listener(this.job) }, text);
+    this.bar = element("progress", { "aria-label": `Progress of job ${id}` });
+    this.counts = element("span");
+    this.cancel = act("Cancel", onCancel);
+    this.cells = COLUMNS.map((name) => element("td", { role: "cell", "data-name": name }));
+    this.root = element("tr", { role: "row" }, ...this.cells);
+    const map = mapOf(job.id);
+    const [name, operation, , progress, created, , , results, actions] = this.cells;
+    name.append(element("code", { title: job.id }, id));
+    operation.append(OPERATIONS[job.operation]);
+    progress.append(this.bar, this.counts);
+    created.append(time(job.created));
+    results.append(...downloadButtons(job.id, onError));
+    if (map) actions.append(element("a", { href: map, "aria-label": `Open job ${id} as a map` }, "Map"));
+    actions.append(this.cancel, act("Delete", onDelete));
+    this.update(job);
+  }
+
+  /** Show what has changed. */
+  update(job) {
+    this.job = job;
+    const { total, done, cached, failed } = job.counts;
+    const [, , status, , , finished, expires] = this.cells;
+    status.textContent = STATUSES[job.status];
+    status.title = job.problem?.detail ?? "";
+    this.bar.max = total;
+    this.bar.value = done;
+    const parts = [`${done} of ${total}`, cached && `${cached} known before`, failed && `${failed} failed`];
+    this.counts.textContent = parts.filter(Boolean).join(", ");
+    finished.replaceChildren(job.finished ? time(job.finished) : "");
+    expires.replaceChildren(job.expires ? time(job.expires) : "");
+    this.cancel.hidden = isFinal(job);
+  }
+}
+
+function time(text) {
+  return element("time", { datetime: text }, TIME.format(new Date(text)));
+}

@@ -1,0 +1,52 @@
+// One cell of a map, chosen from two lists: for those who cannot point at the picture.
+
+import { address, caseQuery } from "./address.js";
+import { element } from "./elements.js";
+import { cellWords } from "./map-cells.js";
+import { format } from "./map-plot.js";
+import { caseAt } from "./sweep.js";
+
+/**
+ * Build the choice of a cell.
+ *
+ * @param {HTMLElement} root
+ * @returns {(map: object, axes: object[], cells: object[]) => void} shows the cells of a map
+ */
+export function buildCellChoice(root) {
+  const [across, up] = ["x", "y"].map((side) => element("select", { id: `cell-${side}`, onchange: () => tell() }));
+  const labels = [across, up].map(({ id }) => element("label", { for: id }));
+  const words = element("output", { for: "cell-x cell-y" });
+  const explore = element("a", {}, "Open in Explore");
+  const search = element("a", {}, "Open in Critical angle");
+  let shown;
+
+  function tell() {
+    const { map, cells } = shown;
+    const [column, row] = [across.selectedIndex, up.selectedIndex];
+    const cell = cells[row * map.x.count + column];
+    words.textContent = cellWords(map.operation, cell);
+    const query = caseQuery(caseAt(map, { column, row }, cell?.angle));
+    explore.setAttribute("href", address("explore", query));
+    search.setAttribute("href", address("critical-angle", query));
+  }
+
+  root.append(
+    element("h2", {}, "One case"),
+    ...[across, up].map((select, i) => element("div.field", {}, labels[i], select)),
+    element("p", {}, words),
+    element("p.links", {}, explore, " ", search),
+  );
+  return (map, axes, cells) => {
+    if (shown?.map !== map) {
+      [across, up].forEach((select, i) => fill(select, labels[i], axes[i]));
+    }
+    shown = { map, cells };
+    tell();
+  };
+}
+
+function fill(select, label, axis) {
+  label.textContent = axis.label;
+  select.replaceChildren(...axis.shown.map((value) => element("option", {}, `${format(value)} ${axis.unit}`)));
+  select.selectedIndex = Math.floor(axis.shown.length / 2);
+}

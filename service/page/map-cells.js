@@ -1,0 +1,68 @@
+// What became of the cells of a map, in words.
+
+/** Ways to end that are told apart on a map, with the mark each has there. */
+export const ENDINGS = {
+  cra: {
+    no_ricochet: { label: "never turned away", symbol: "x-thin" },
+    always_ricochet: { label: "turned away at every angle", symbol: "circle-open" },
+    not_converged: { label: "not converged", symbol: "diamond-open" },
+    failed: { label: "failed", symbol: "cross-thin" },
+  },
+  trajectory: {
+    embedded: { label: "embedded", symbol: "x-thin" },
+    in_motion: { label: "still in motion", symbol: "diamond-open" },
+    ricochet: { label: "ricochet", symbol: "circle-open" },
+    failed: { label: "failed", symbol: "cross-thin" },
+  },
+};
+
+/**
+ * Return what a map shows of one result.
+ *
+ * @param {{result?: object, problem?: object}} item of a job
+ * @returns {{ending: string, angle?: number, depth?: number, warnings: string[], detail?: string}} `angle` in degrees,
+ *   `depth` in metres
+ */
+export function readCell({ result, problem }) {
+  if (!result) return { ending: "failed", warnings: [], detail: problem?.detail };
+  return {
+    ending: result.status ?? result.outcome,
+    angle: result.critical_angle_deg,
+    depth: result.maximum_depth_m,
+    warnings: result.warnings.map(({ code }) => code),
+  };
+}
+
+/** Say what became of a cell. */
+export function cellWords(operation, cell) {
+  if (!cell) return "not computed";
+  const { label } = ENDINGS[operation][cell.ending] ?? {};
+  if (cell.ending === "failed") return `${label}: ${cell.detail}`;
+  if (cell.angle !== undefined) return `turned away from ${cell.angle.toFixed(2)}° on`;
+  if (cell.depth !== undefined) return `${label}, ${(1000 * cell.depth).toFixed(0)} mm deep`;
+  return label;
+}
+
+/** Say how many cells ended which way. */
+export function countWords(operation, cells) {
+  const counts = {};
+  for (const cell of cells) if (cell) counts[cell.ending] = (counts[cell.ending] ?? 0) + 1;
+  const words = Object.entries(counts).map(([ending, count]) => {
+    const label = ending === "converged" ? "with an angle" : ENDINGS[operation][ending].label;
+    return `${count} ${label}`;
+  });
+  return words.join(", ");
+}
+
+/** Return the cells as CSV, in SI units. */
+export function cellsCsv(operation, [x, y], cells) {
+  const value = operation === "cra" ? "critical_angle_deg" : "maximum_depth_m";
+  const lines = [[x.field, y.field, operation === "cra" ? "status" : "outcome", value, "warnings"]];
+  cells.forEach((cell, index) => {
+    if (!cell) return;
+    const [column, row] = [index % x.values.length, Math.floor(index / x.values.length)];
+    const number = (operation === "cra" ? cell.angle : cell.depth) ?? "";
+    lines.push([x.values[column], y.values[row], cell.ending, number, cell.warnings.join(" ")]);
+  });
+  return `${lines.map((line) => line.join(",")).join("\n")}\n`;
+}

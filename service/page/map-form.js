@@ -1,0 +1,166 @@
+// The form of a map: what to ask for, and the two fields it varies.
+
+import { element } from "./elements.js";
+import { boundsOf, fieldAt, labelWithUnit, numericFields, shownValue } from "./fields.js";
+import { isVariable, OPERATIONS } from "./sweep.js";
+
+const MOST_VALUES = 100; // of an axis: more than a picture can show
+const SIDES = { x: "Across", y: "Up" };
+
+/**
+ * Build the form of a map.
+ *
+ * @param {HTMLElement} root
+ * @param {object} map as `readMap` tells of it
+ * @param {(map: object|undefined) => void} onChange told of the map, or of nothing while a field is out of its bounds
+ * @returns {{setCase: (values: object) => void, showProblem: (problem: Problem) => void}}
+ */
+export function buildMapForm(root, map, onChange) {
+  let current = map;
+  const change = (part) => {
+    current = { ...current, ...part };
+    const isRight = [sides.x, sides.y].map((side) => side.check(current)).every(Boolean);
+    onChange(isRight ? current : undefined);
+  };
+  const operation = operationField(map.operation, (name) => {
+    current = { ...current, operation: name };
+    change({ x: sides.x.offer(current), y: sides.y.offer(current) });
+  });
+  const sides = {
+    x: axisFields("x", map, (x) => change({ x })),
+    y: axisFields("y", map, (y) => change({ y })),
+  };
+  root.append(operation, sides.x.root, sides.y.root);
+  change({ x: sides.x.offer(map), y: sides.y.offer(map) });
+  return {
+    setCase(values) {
+      current = { ...current, values };
+      change({ x: sides.x.offer(current), y: sides.y.offer(current) });
+    },
+    showProblem(problem) {
+      for (const { pointer, detail } of problem.errors) {
+        const side = { 0: sides.y, 1: sides.x }[pointer.match(/^\/axes\/(\d)/)?.[1]];
+        side?.tell(detail);
+      }
+    },
+  };
+}
+
+function operationField(chosen, onChoice) {
+  const options = Object.entries(OPERATIONS).map(([value, { label }]) =>
+    element("option", { value, selected: value === chosen }, label),
+  );
+  const select = element("select", { id: "map-operation", onchange: () => onChoice(select.value) }, ...options);
+  return element("div.field", {}, element("label", { for: select.id }, "Show"), select);
+}
+
+/** One axis: its field, its ends in the unit shown, how many values. */
+function axisFields(side, map, onChange) {
+  const problem = element("p.problem", { id: `map-${side}-problem`, hidden: true });
+  const field = element("select", { id: `map-${side}-field` });
+  const [start, stop] = ["From", "To"].map((label) => numberField(`map-${side}-${label.toLowerCase()}`, label));
+  const count = numberField(`map-${side}-count`, "Values", { step: 1, min: 1, max: MOST_VALUES });
+  const inputs = [start, stop, count].map(({ input }) => input);
+
+  const tell = (text) => {
+    problem.textContent = text;
+    problem.hidden = !text;
+  };
+  const axis = () => {
+    const { path, factor } = fieldAt(field.value);
+    const [from, to] = inputs.map(({ valueAsNumber }) => Number((valueAsNumber * factor).toPrecision(12)));
+    return { field: path, start: from, stop: to, count: count.input.valueAsNumber };
+  };
+  const put = (from, to) => {
+    [start.input.value, stop.input.value] = [from, to];
+    for (const { unit } of [start, stop]) unit.textContent = fieldAt(field.value).unit;
+  };
+  const offer = (current) => {
+    const before = field.value || current[side].field;
+    const fields = numericFields(current.values).filter(({ path }) => isVariable(current, path));
+    field.replaceChildren(...fields.map((each) => element("option", { value: each.path }, labelWithUnit(each))));
+    const isThere = fields.some(({ path }) => path === before);
+    field.value = isThere ? before : fields[0].path;
+    if (!isThere) put(...usualRange(fieldAt(field.value), current.values));
+    return axis();
+  };
+  const check = (current) => {
+    const other = current[side === "x" ? "y" : "x"];
+    const told = problemOf(current[side], other, current.values);
+    tell(told?.text ?? "");
+    inputs.forEach((input, i) => {
+      input.setAttribute("aria-invalid", told?.parts.includes(i) ?? false);
+      input.setAttribute("aria-describedby", problem.id);
+    });
+    return !told;
+  };
+
+  let { values } = map;
+  field.addEventListener("change", () => {
+    put(...usualRange(fieldAt(field.value), values));
+    onChange(axis());
+  });
+  for (const input of inputs) input.addEventListener("input", () => onChange(axis()));
+  offer(map);
+  const { factor } = fieldAt(field.value);
+  if (field.value === map[side].field) put(...[map[side].start, map[side].stop].map((value) => shown(value, factor)));
+  count.input.value = map[side].count;
+  const label = element("label", { for: field.id }, "Field");
+  const root = element(
+    "fieldset",
+    {},
+    element("legend", {}, SIDES[side]),
+    element("div.field", {}, label, field),
+    ...[start, stop, count].map(({ root: row }) => row),
+    problem,
+  );
+  return {
+    root,
+    check,
+    tell,
+    offer(current) {
+      values = current.values;
+      return offer(current);
+    },
+  };
+}
+
+function numberField(id, label, attributes = {}) {
+  const input = element("input", { id, type: "number", step: "any", required: true, ...attributes });
+  const unit = element("span.unit");
+  return { input, unit, root: element("div.field", {}, element("label", { for: id }, label), input, unit) };
+}
+
+/** Tell what keeps an axis from being laid, and which of its inputs (from, to, count) are to blame. */
+function problemOf({ field, start, stop, count }, other, values) {
+  if (field === other.field) return { text: "Both axes have the same field.", parts: [] };
+  const { factor, unit, path } = fieldAt(field);
+  const { least, most, above, below } = boundsOf({ path, factor }, values);
+  const bounds = [
+    [least, "at least", (value) => value >= least],
+    [above, "more than", (value) => value > above],
+    [most, "at most", (value) => value <= most],
+    [below, "less than", (value) => value < below],
+  ];
+  for (const [part, end] of [start, stop].entries()) {
+    if (Number.isNaN(end)) return { text: "Both ends have to be numbers.", parts: [part] };
+    const broken = bounds.find(([bound, , holds]) => bound !== undefined && !holds(shown(end, factor)));
+    if (broken) return { text: `Has to be ${broken[1]} ${broken[0]} ${unit}.`, parts: [part] };
+  }
+  if (start === stop && count > 1) return { text: "The ends are the same.", parts: [0, 1] };
+  const isCount = Number.isInteger(count) && count >= 1 && count <= MOST_VALUES;
+  return isCount ? undefined : { text: `Takes 1 to ${MOST_VALUES} values.`, parts: [2] };
+}
+
+/** Return ends around the value of the case, as shown. */
+function usualRange(field, values) {
+  const { least, most, above, below } = boundsOf(field, values);
+  const value = shownValue(field, values);
+  const [low, high] = field.slider ?? (value ? [value / 2, value * 1.5].sort((a, b) => a - b) : [least ?? 0, most ?? 1]);
+  const inside = (end) => Math.min(Math.max(end, least ?? above ?? end), most ?? below ?? end);
+  return [low, high].map((end) => Number(inside(end).toPrecision(6)));
+}
+
+function shown(value, factor) {
+  return Number((value / factor).toPrecision(12));
+}

@@ -1,0 +1,99 @@
+// What is seen of a map: how far its job is, the picture, and one case in words.
+
+import { element } from "./elements.js";
+import { fieldAt } from "./fields.js";
+import { buildCellChoice } from "./map-cell.js";
+import { cellsCsv, countWords } from "./map-cells.js";
+import { mapLayout, mapTraces } from "./map-plot.js";
+import { endWords, progressWords } from "./map-run.js";
+import { draw, purge } from "./plots.js";
+import { hasAngle, numbers, OPERATIONS } from "./sweep.js";
+import { valueAt } from "./case.js";
+
+/** The panels of a map. */
+export class MapPicture {
+  #map;
+  #axes;
+  #begin; // when the first state of the job was seen, and how far it was
+
+  /**
+   * @param {HTMLElement} root
+   * @param {(place: {column: number, row: number}, cell: object) => void} onPick told of a cell that is clicked
+   */
+  constructor(root, onPick) {
+    this.onPick = onPick;
+    this.heading = element("h2");
+    this.bar = element("progress", { "aria-label": "Cases computed" });
+    this.words = element("p", { id: "map-progress" });
+    this.counts = element("p.quiet", { id: "map-counts" });
+    this.plot = element("div.map");
+    this.cell = element("section.panel", { hidden: true, "aria-label": "One case" });
+    this.panel = element("section.panel", { hidden: true, "aria-label": "Picture" });
+    this.panel.append(this.heading, this.bar, this.words, this.plot, this.counts);
+    this.showCell = buildCellChoice(this.cell);
+    root.append(this.panel, this.cell);
+  }
+
+  /** Begin with a map, none of whose cells are there yet. */
+  begin(map) {
+    this.#map = map;
+    this.#axes = [map.x, map.y].map(shownAxis);
+    this.#begin = undefined;
+    this.panel.hidden = false;
+    this.bar.removeAttribute("value");
+    this.heading.textContent = titleOf(map, this.#axes);
+    this.words.textContent = "Waiting for the service ...";
+  }
+
+  /** Show how far the job is. */
+  tellProgress(job) {
+    this.#begin ??= { at: performance.now(), done: job.counts.done };
+    this.bar.max = job.counts.total;
+    this.bar.value = job.counts.done;
+    const seconds = (performance.now() - this.#begin.at) / 1000;
+    this.words.textContent = progressWords(job, seconds, this.#begin.done);
+  }
+
+  /** Show how the job has ended. */
+  tellEnd(job) {
+    this.words.textContent = endWords(job);
+  }
+
+  /** Draw what is there of the cells. */
+  async showCells(cells) {
+    const { operation } = this.#map;
+    this.counts.textContent = countWords(operation, cells);
+    this.cell.hidden = false;
+    this.showCell(this.#map, this.#axes, cells);
+    const about = {
+      name: `ricochet-map-${operation}`,
+      csv: () => cellsCsv(operation, this.#axes, cells),
+      label: `${this.heading.textContent}: ${this.counts.textContent}. Below, each case can be chosen and read.`,
+    };
+    const isNew = !this.plot.querySelector(".drawing");
+    const drawn = await draw(this.plot, mapTraces(operation, this.#axes, cells), mapLayout(this.#axes), about);
+    this.pick = (point) => {
+      const [column, row] = [this.#axes[0].shown.indexOf(point.x), this.#axes[1].shown.indexOf(point.y)];
+      this.onPick({ column, row }, cells[row * this.#axes[0].shown.length + column]);
+    };
+    if (isNew) drawn.on("plotly_click", ({ points }) => this.pick(points[0]));
+  }
+
+  /** Forget the plot. */
+  leave() {
+    purge(this.plot);
+  }
+}
+
+function shownAxis(axis) {
+  const { label, unit, factor } = fieldAt(axis.field);
+  const values = numbers(axis);
+  return { field: axis.field, label, unit, values, shown: values.map((value) => Number((value / factor).toPrecision(12))) };
+}
+
+function titleOf(map, [x, y]) {
+  const isVaried = [map.x, map.y].some(({ field }) => field === "impact.oblique_angle_deg");
+  const angle = valueAt(map.values, "impact.oblique_angle_deg");
+  const what = hasAngle(map) ? (isVaried ? "Outcome" : `Outcome at ${angle}°`) : OPERATIONS[map.operation].label;
+  return `${what} over ${x.label.toLowerCase()} and ${y.label.toLowerCase()}`;
+}

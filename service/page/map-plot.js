@@ -1,0 +1,106 @@
+// The picture of a map: colours for what was asked, contour lines over it, a mark where there is no angle.
+
+import { cellWords, ENDINGS } from "./map-cells.js";
+
+// Viridis from a quarter on, so that dark lines and words can be read upon all of it.
+const COLOURS = ["#3b528b", "#2c728e", "#21918c", "#28ae80", "#5ec962", "#addc30", "#fde725"];
+const NO_ANGLE = "#a9a9a9";
+const OUTCOMES = { embedded: "#5b7fb5", in_motion: "#b5b5b5", ricochet: "#fde725", failed: "#8c6d6d" };
+const INK = "#111111";
+
+/**
+ * Return the traces of a map for Plotly.
+ *
+ * @param {"cra"|"trajectory"} operation
+ * @param {{label: string, unit: string, shown: number[]}[]} axes across and up, values as shown
+ * @param {object[]} cells row by row; those without a result are missing
+ */
+export function mapTraces(operation, [x, y], cells) {
+  const rows = (value) => y.shown.map((_, row) => x.shown.map((_, column) => value(cells[row * x.shown.length + column])));
+  const place = { x: x.shown, y: y.shown };
+  const words = y.shown.map((up, row) =>
+    x.shown.map((across, column) => {
+      const cell = cells[row * x.shown.length + column];
+      return `${format(across)} ${x.unit}, ${format(up)} ${y.unit}<br>${cellWords(operation, cell)}`;
+    }),
+  );
+  const surface = operation === "cra" ? angles : outcomes;
+  const hover = { text: words, hovertemplate: "%{text}<extra></extra>", hoverongaps: true };
+  return [...surface(place, rows, hover), ...marks(operation, [x, y], cells)];
+}
+
+/** Return the layout of a map for Plotly. */
+export function mapLayout([x, y]) {
+  const axis = ({ label, unit }) => ({ title: { text: `${label} [${unit}]` }, showgrid: false, zeroline: false });
+  return {
+    xaxis: axis(x),
+    yaxis: axis(y),
+    legend: { orientation: "h", x: 0, y: 1.02, yanchor: "bottom" },
+    hovermode: "closest",
+  };
+}
+
+function angles(place, rows, hover) {
+  const z = rows((cell) => cell?.angle ?? null);
+  const bar = { title: { text: "critical angle [°]", side: "right" }, thickness: 14 };
+  return [
+    { ...place, type: "heatmap", z: rows((cell) => (cell && cell.angle === undefined ? 0 : null)), ...flat(NO_ANGLE) },
+    { ...place, type: "heatmap", z, colorscale: scale(COLOURS), colorbar: bar, ...hover },
+    contours(place, z),
+  ];
+}
+
+function outcomes(place, rows, hover) {
+  const names = Object.keys(OUTCOMES);
+  const z = rows((cell) => (cell ? names.indexOf(cell.ending) : null));
+  const steps = names.flatMap((name, i) => [i, i + 1].map((end) => [end / names.length, OUTCOMES[name]]));
+  const depth = rows((cell) => (cell?.depth === undefined ? null : 1000 * cell.depth));
+  return [
+    { ...place, type: "heatmap", z, zmin: -0.5, zmax: names.length - 0.5, colorscale: steps, showscale: false, ...hover },
+    contours(place, depth),
+  ];
+}
+
+function contours(place, z) {
+  return {
+    ...place,
+    type: "contour",
+    z,
+    contours: { coloring: "none", showlabels: true, labelfont: { size: 11, color: INK } },
+    line: { color: INK, width: 1 },
+    showscale: false,
+    showlegend: false,
+    hoverinfo: "skip",
+  };
+}
+
+/** A mark in each cell whose ending its colour does not tell alone; the legend counts them. */
+function marks(operation, [x, y], cells) {
+  return Object.entries(ENDINGS[operation]).flatMap(([ending, { label, symbol }]) => {
+    const found = [...cells.keys()].filter((index) => cells[index]?.ending === ending);
+    if (!found.length) return [];
+    return {
+      type: "scatter",
+      mode: "markers",
+      name: `${label} (${found.length})`,
+      x: found.map((index) => x.shown[index % x.shown.length]),
+      y: found.map((index) => y.shown[Math.floor(index / x.shown.length)]),
+      marker: { symbol, size: 6, color: INK, line: { width: 1, color: INK } },
+      hoverinfo: "skip",
+      showlegend: true,
+    };
+  });
+}
+
+function flat(colour) {
+  return { colorscale: scale([colour, colour]), showscale: false, hoverinfo: "skip" };
+}
+
+function scale(colours) {
+  return colours.map((colour, i) => [i / (colours.length - 1), colour]);
+}
+
+/** Return a number in few digits. */
+export function format(number) {
+  return String(Number(number.toPrecision(5)));
+}

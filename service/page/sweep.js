@@ -1,0 +1,83 @@
+// A map is a sweep over two fields. Its address holds the case, the fields and the job that computes it.
+
+import { caseQuery, readCase } from "./address.js";
+import { angleRequest, trajectoryRequest, withValue } from "./case.js";
+import { fieldAt } from "./fields.js";
+
+/** What a map may show, and how its cases are asked for. */
+export const OPERATIONS = {
+  cra: { label: "Critical angle", path: "cra/sweep" },
+  trajectory: { label: "Outcome at an angle", path: "trajectory/sweep" },
+};
+const ANGLE = "impact.oblique_angle_deg";
+const USUAL = {
+  x: { field: "impact.velocity_m_s", start: 150, stop: 450, count: 15 },
+  y: { field: "target.compressive_strength_pa", start: 20e6, stop: 60e6, count: 15 },
+};
+
+/**
+ * Return the map that a query tells of.
+ *
+ * @param {URLSearchParams} query
+ * @returns {{values: object, operation: "cra"|"trajectory", x: Axis, y: Axis, job: string}} `values` is the case that
+ *   every point has but for its two fields; an axis has `field`, `start` and `stop` in SI units, and `count`
+ */
+export function readMap(query) {
+  return {
+    values: readCase(query),
+    operation: query.get("operation") in OPERATIONS ? query.get("operation") : "cra",
+    x: readAxis(query.get("x")) ?? USUAL.x,
+    y: readAxis(query.get("y")) ?? USUAL.y,
+    job: query.get("job") ?? "",
+  };
+}
+
+/** Return the query that tells of a map. */
+export function mapQuery({ values, operation, x, y, job }) {
+  const query = new URLSearchParams({ operation, x: writeAxis(x), y: writeAxis(y) });
+  if (job) query.set("job", job);
+  for (const [path, value] of caseQuery(values)) query.set(path, value);
+  return query;
+}
+
+/** Return where the sweep is asked for, and its body: row by row, from left to right. */
+export function sweepRequest({ values, operation, x, y }) {
+  const base = operation === "cra" ? angleRequest(values) : trajectoryRequest(values);
+  return { path: OPERATIONS[operation].path, body: { base, axes: [y, x] } };
+}
+
+/** Tell whether the cases of a map have an oblique angle. */
+export function hasAngle({ operation }) {
+  return operation === "trajectory";
+}
+
+/** Tell whether an axis may be laid along a field: a critical angle has no angle to vary. */
+export function isVariable(map, field) {
+  const [part] = field.split(".");
+  return hasAngle(map) ? part !== "search" : field !== ANGLE;
+}
+
+/** Return the values of an axis, both ends included. */
+export function numbers({ start, stop, count }) {
+  if (count === 1) return [start];
+  const step = (stop - start) / (count - 1);
+  return Array.from({ length: count }, (_, i) => (i === count - 1 ? stop : start + step * i));
+}
+
+/** Return the case at a cell; at its critical angle if that is given. [°] */
+export function caseAt({ values, x, y }, { column, row }, angle) {
+  let found = withValue(values, x.field, numbers(x)[column]);
+  found = withValue(found, y.field, numbers(y)[row]);
+  return angle === undefined ? found : withValue(found, ANGLE, Number(angle.toFixed(2)));
+}
+
+function readAxis(text) {
+  const [field, ...rest] = (text ?? "").split(",");
+  const [start, stop, count] = rest.map(Number);
+  const isRight = fieldAt(field)?.kind === "number" && Number.isInteger(count) && count >= 1;
+  return isRight && Number.isFinite(start) && Number.isFinite(stop) ? { field, start, stop, count } : undefined;
+}
+
+function writeAxis({ field, start, stop, count }) {
+  return [field, start, stop, count].join(",");
+}
