@@ -2,7 +2,7 @@
 
 import { address, caseQuery } from "./address.js";
 import { element } from "./elements.js";
-import { cellWords } from "./map-cells.js";
+import { cellWords, warningWords } from "./map-cells.js";
 import { format } from "./map-plot.js";
 import { caseAt } from "./sweep.js";
 
@@ -16,6 +16,7 @@ export function buildCellChoice(root) {
   const [across, up] = ["x", "y"].map((side) => element("select", { id: `cell-${side}`, onchange: () => tell() }));
   const labels = [across, up].map(({ id }) => element("label", { for: id }));
   const words = element("output", { for: "cell-x cell-y" });
+  const mind = element("p.quiet");
   const explore = element("a", {}, "Open in Explore");
   const search = element("a", {}, "Open in Critical angle");
   let shown;
@@ -24,7 +25,9 @@ export function buildCellChoice(root) {
     const { map, cells } = shown;
     const [column, row] = [across.selectedIndex, up.selectedIndex];
     const cell = cells[row * map.x.count + column];
+    const warnings = (cell?.warnings ?? []).map(warningWords).join(", ");
     words.textContent = cellWords(map.operation, cell);
+    mind.textContent = warnings && `Mind: ${warnings}. Opened in Explore, they are told in full.`;
     const query = caseQuery(caseAt(map, { column, row }, cell?.angle));
     explore.setAttribute("href", address("explore", query));
     search.setAttribute("href", address("critical-angle", query));
@@ -34,6 +37,7 @@ export function buildCellChoice(root) {
     element("h2", {}, "One case"),
     ...[across, up].map((select, i) => element("div.field", {}, labels[i], select)),
     element("p", {}, words),
+    mind,
     element("p.links", {}, explore, " ", search),
   );
   return (map, axes, cells) => {

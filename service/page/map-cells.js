@@ -29,7 +29,7 @@ export function readCell({ result, problem }) {
     ending: result.status ?? result.outcome,
     angle: result.critical_angle_deg,
     depth: result.maximum_depth_m,
-    warnings: result.warnings.map(({ code }) => code),
+    warnings: [...new Set(result.warnings.map(({ code }) => code))],
   };
 }
 
@@ -38,9 +38,21 @@ export function cellWords(operation, cell) {
   if (!cell) return "not computed";
   const { label } = ENDINGS[operation][cell.ending] ?? {};
   if (cell.ending === "failed") return `${label}: ${cell.detail}`;
-  if (cell.angle !== undefined) return `turned away from ${cell.angle.toFixed(2)}° on`;
-  if (cell.depth !== undefined) return `${label}, ${(1000 * cell.depth).toFixed(0)} mm deep`;
-  return label;
+  const words = cell.angle === undefined ? label : `turned away from ${cell.angle.toFixed(2)}° on`;
+  return cell.depth === undefined ? words : `${words}, ${(1000 * cell.depth).toFixed(0)} mm deep`;
+}
+
+/** Return the codes of warnings that some cells have and others do not, each with how many have it. */
+export function localWarnings(cells) {
+  const computed = cells.filter(Boolean);
+  const counts = new Map();
+  for (const { warnings } of computed) for (const code of warnings) counts.set(code, (counts.get(code) ?? 0) + 1);
+  return [...counts].filter(([, count]) => count < computed.length);
+}
+
+/** Return the code of a warning as words. */
+export function warningWords(code) {
+  return code.replaceAll("_", " ");
 }
 
 /** Say how many cells ended which way. */
@@ -51,7 +63,8 @@ export function countWords(operation, cells) {
     const label = ending === "converged" ? "with an angle" : ENDINGS[operation][ending].label;
     return `${count} ${label}`;
   });
-  return words.join(", ");
+  const warnings = localWarnings(cells).map(([code, count]) => `${warningWords(code)} (${count})`);
+  return words.join(", ") + (warnings.length ? `; with a warning of their own: ${warnings.join(", ")}` : "");
 }
 
 /** Return the cells as CSV, in SI units. */

@@ -1,6 +1,6 @@
 // The picture of a map: colours for what was asked, contour lines over it, a mark where there is no angle.
 
-import { cellWords, ENDINGS } from "./map-cells.js";
+import { cellWords, ENDINGS, localWarnings, warningWords } from "./map-cells.js";
 
 // Viridis from a quarter on, so that dark lines and words can be read upon all of it.
 const COLOURS = ["#3b528b", "#2c728e", "#21918c", "#28ae80", "#5ec962", "#addc30", "#fde725"];
@@ -18,15 +18,17 @@ const INK = "#111111";
 export function mapTraces(operation, [x, y], cells) {
   const rows = (value) => y.shown.map((_, row) => x.shown.map((_, column) => value(cells[row * x.shown.length + column])));
   const place = { x: x.shown, y: y.shown };
+  const local = new Map(localWarnings(cells));
   const words = y.shown.map((up, row) =>
     x.shown.map((across, column) => {
       const cell = cells[row * x.shown.length + column];
-      return `${format(across)} ${x.unit}, ${format(up)} ${y.unit}<br>${cellWords(operation, cell)}`;
+      const warnings = (cell?.warnings ?? []).filter((code) => local.has(code)).map((code) => `<br>${warningWords(code)}`);
+      return `${format(across)} ${x.unit}, ${format(up)} ${y.unit}<br>${cellWords(operation, cell)}${warnings.join("")}`;
     }),
   );
   const surface = operation === "cra" ? angles : outcomes;
   const hover = { text: words, hovertemplate: "%{text}<extra></extra>", hoverongaps: true };
-  return [...surface(place, rows, hover), ...marks(operation, [x, y], cells)];
+  return [...surface(place, rows, hover), ...marks(operation, [x, y], cells), ...warned([x, y], cells, local)];
 }
 
 /** Return the layout of a map for Plotly. */
@@ -75,21 +77,32 @@ function contours(place, z) {
 }
 
 /** A mark in each cell whose ending its colour does not tell alone; the legend counts them. */
-function marks(operation, [x, y], cells) {
-  return Object.entries(ENDINGS[operation]).flatMap(([ending, { label, symbol }]) => {
-    const found = [...cells.keys()].filter((index) => cells[index]?.ending === ending);
-    if (!found.length) return [];
-    return {
-      type: "scatter",
-      mode: "markers",
-      name: `${label} (${found.length})`,
-      x: found.map((index) => x.shown[index % x.shown.length]),
-      y: found.map((index) => y.shown[Math.floor(index / x.shown.length)]),
-      marker: { symbol, size: 6, color: INK, line: { width: 1, color: INK } },
-      hoverinfo: "skip",
-      showlegend: true,
-    };
-  });
+function marks(operation, axes, cells) {
+  return Object.entries(ENDINGS[operation]).flatMap(([ending, { label, symbol }]) =>
+    markers(axes, cells, { label, symbol, size: 6, isMarked: (cell) => cell.ending === ending }),
+  );
+}
+
+/** A frame around what carries a warning that not all carry. */
+function warned(axes, cells, local) {
+  const isMarked = ({ warnings }) => warnings.some((code) => local.has(code));
+  return markers(axes, cells, { label: "with a warning of its own", symbol: "square-open", size: 10, isMarked });
+}
+
+function markers([x, y], cells, { label, symbol, size, isMarked }) {
+  const found = [...cells.keys()].filter((index) => cells[index] && isMarked(cells[index]));
+  if (!found.length) return [];
+  const trace = {
+    type: "scatter",
+    mode: "markers",
+    name: `${label} (${found.length})`,
+    x: found.map((index) => x.shown[index % x.shown.length]),
+    y: found.map((index) => y.shown[Math.floor(index / x.shown.length)]),
+    marker: { symbol, size, color: INK, line: { width: 1, color: INK } },
+    hoverinfo: "skip",
+    showlegend: true,
+  };
+  return [trace];
 }
 
 function flat(colour) {

@@ -72,6 +72,7 @@ async function problemOf(response) {
 }
 
 async function contentOf(response, as) {
+  if (response.status === 204) return undefined;
   if (as === "blob") return response.blob();
   if (as === "stream") return response.body;
   const isJson = /\bjson\b/.test(response.headers.get("Content-Type") ?? "");

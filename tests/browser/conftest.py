@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from typing import Literal
 
 import pytest
-from playwright.sync_api import Browser, ConsoleMessage, Page, sync_playwright
+from playwright.sync_api import Browser, ConsoleMessage, Page, expect, sync_playwright
 
 NAMES = ("chromium", "chromium-browser", "google-chrome")
 WAIT_MS = 20_000
@@ -30,6 +30,7 @@ def browser() -> Iterator[Browser]:
     if executable is None:
         pytest.skip(f"no browser here: none of {', '.join(NAMES)}")
     sandbox = ["--no-sandbox"] if os.geteuid() == 0 else []  # root has to do without
+    expect.set_options(timeout=WAIT_MS)
     with sync_playwright() as driver:
         chromium = driver.chromium.launch(executable_path=executable, args=[*OFF_THE_NETWORK, *sandbox])
         yield chromium

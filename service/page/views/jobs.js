@@ -101,18 +101,19 @@ class JobsView {
 
   /** Ask whether a job shall be deleted; Escape keeps it. */
   #confirm(job) {
-    const close = (answer) => () => this.dialog.close(answer);
-    this.dialog.returnValue = "";
-    this.dialog.replaceChildren(
-      element("h2", { id: "delete-title" }, `Delete job ${shortId(job.id)}?`),
-      element("p", {}, "It is cancelled if it runs, and its results can no longer be downloaded here."),
-      element("button.main", { type: "button", onclick: close("delete") }, "Delete"),
-      " ",
-      element("button", { type: "button", autofocus: true, onclick: close("") }, "Keep"),
-    );
-    this.dialog.showModal();
     return new Promise((resolve) => {
-      this.dialog.addEventListener("close", () => resolve(this.dialog.returnValue === "delete"), { once: true });
+      const end = (answer) => () => {
+        this.dialog.close();
+        resolve(answer);
+      };
+      this.dialog.replaceChildren(
+        element("h2", { id: "delete-title" }, `Delete job ${shortId(job.id)}?`),
+        element("p", {}, "It is cancelled if it runs, and its results can no longer be downloaded here."),
+        element("button.main", { type: "button", onclick: end(true) }, "Delete"),
+        element("button", { type: "button", autofocus: true, onclick: end(false) }, "Keep"),
+      );
+      this.dialog.addEventListener("cancel", () => resolve(false), { once: true });
+      this.dialog.showModal();
     });
   }
 

@@ -1,0 +1,58 @@
+"""What axe finds in the views: nothing that keeps somebody out."""
+
+import json
+from typing import Any, Literal
+
+import pytest
+from axe_playwright_python.sync_playwright import Axe
+from playwright.sync_api import Page, expect
+
+from .conftest import NewPage
+
+KEEPS_OUT = {"serious", "critical"}
+OPTIONS = {"resultTypes": ["violations"]}
+SMALL_MAP = "#/map?x=impact.velocity_m_s,150,240,3&y=target.compressive_strength_pa,39e6,60e6,3"
+
+
+def violations(page: Page) -> list[str]:
+    """What axe finds; it is evaluated, so the policy of the page stays as it is."""
+    found: list[dict[str, Any]] = Axe().run(page, options=OPTIONS).response["violations"]
+    return [
+        f"{fault['id']}: {fault['help']}: {json.dumps([node['html'][:200] for node in fault['nodes']])}"
+        for fault in found
+        if fault["impact"] in KEEPS_OUT
+    ]
+
+
+def open_view(page: Page, view: str) -> None:
+    """Show a view with all it has."""
+    page.goto(f"/{SMALL_MAP}" if view == "map" else f"/#/{view}")
+    if view == "map":
+        page.get_by_role("button", name="Run").click()
+        expect(page.locator("#map-progress")).to_have_text("All 9 cases are computed.")
+        page.get_by_text("The other fields").click()
+    if view == "jobs":
+        expect(page.get_by_role("row").or_(page.get_by_text("No jobs")).first).to_be_visible()
+    else:
+        expect(page.locator(".drawing .main-svg").first).to_be_visible()
+
+
+@pytest.mark.parametrize("view", ["explore", "critical-angle", "map", "jobs"])
+@pytest.mark.parametrize("theme", ["light", "dark"])
+def test_no_serious_violation(new_page: NewPage, theme: Literal["light", "dark"], view: str) -> None:
+    page = new_page(theme=theme)
+    open_view(page, view)
+    assert violations(page) == []
+
+
+def test_violations_are_noticed(page: Page) -> None:
+    page.goto("/#/jobs")
+    page.evaluate("document.getElementById('view').append(document.createElement('select'))")
+    assert [fault.partition(":")[0] for fault in violations(page)] == ["select-name"]
+
+
+@pytest.mark.parametrize("view", ["explore", "critical-angle", "map", "jobs"])
+def test_narrow_window_needs_no_sideways_scrolling(new_page: NewPage, view: str) -> None:
+    page = new_page(width=380, height=800)
+    open_view(page, view)
+    assert page.evaluate("document.documentElement.scrollWidth") <= 380

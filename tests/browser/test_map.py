@@ -1,0 +1,118 @@
+"""Maps: sweeps as jobs, drawn while they run."""
+
+import csv
+import re
+from pathlib import Path
+from typing import Any
+from urllib.parse import parse_qs, urlsplit
+
+import httpx
+from playwright.sync_api import Page, expect
+
+ALL_DONE_MS = 120_000  # for 900 cases on a machine that does other things
+ROUGH = "search.tolerance_deg=1&search.lower_deg=40&search.upper_deg=80"
+
+
+def open_map(page: Page, *, x: str, y: str, rest: str = ROUGH) -> None:
+    page.goto(f"/#/map?x={x}&y={y}&{rest}")
+    expect(page.get_by_role("button", name="Run")).to_be_enabled()
+
+
+def job_of(page: Page) -> str:
+    return parse_qs(urlsplit(page.url).fragment.partition("?")[2])["job"][0]
+
+
+def heat(page: Page, trace: int) -> list[list[float | None]]:
+    """Colours of the heat map, as Plotly holds them."""
+    values: list[list[float | None]] = page.evaluate(
+        "trace => document.querySelector('.map .drawing').data[trace].z.map(row => [...row])", trace
+    )
+    return values
+
+
+def test_large_map_is_cancelled_once_and_completed_once(page: Page, client: httpx.Client) -> None:
+    open_map(page, x="impact.velocity_m_s,203,403,30", y="target.compressive_strength_pa,31e6,51e6,30")
+    expect(page.locator("#map-size")).to_have_text("900 cases")
+    page.get_by_role("button", name="Run").click()
+    expect(page.locator("#map-progress")).to_have_text(re.compile(r"^[1-9]\d* of 900 cases"))
+    bar = page.get_by_role("progressbar", name="Cases computed")
+    page.get_by_role("button", name="Cancel").click()
+    expect(page.locator("#map-progress")).to_have_text(re.compile(r"^Cancelled after \d+ of 900 cases"))
+    cancelled = client.get(f"/jobs/{job_of(page)}").json()
+    assert cancelled["status"] == "dismissed"
+    assert 0 < cancelled["counts"]["done"] < 900
+    assert int(bar.get_attribute("value") or 0) == cancelled["counts"]["done"]
+
+    seen = []
+    page.get_by_role("button", name="Run").click()
+    while not (words := page.locator("#map-progress").inner_text()).startswith("All"):
+        seen.append(words)
+        page.wait_for_timeout(250)
+        assert len(seen) < ALL_DONE_MS / 250
+    assert len({words for words in seen if " of 900 cases" in words}) >= 2, seen
+    assert sum(value is not None for row in heat(page, 1) for value in row) > 800
+    completed = client.get(f"/jobs/{job_of(page)}").json()
+    assert completed["id"] != cancelled["id"]
+    assert completed["counts"]["done"] == 900
+
+
+def test_map_shows_the_angles_of_the_service(page: Page, client: httpx.Client) -> None:
+    open_map(page, x="impact.velocity_m_s,238,300,2", y="projectile.mass_kg,13,14,3", rest="")
+    page.get_by_role("button", name="Run").click()
+    expect(page.locator("#map-progress")).to_have_text("All 6 cases are computed.")
+    results = client.get(f"/jobs/{job_of(page)}/results").json()["results"]
+    angles = [item["result"]["critical_angle_deg"] for item in results]
+    assert heat(page, 1) == [angles[0:2], angles[2:4], angles[4:6]]
+    assert abs(angles[0] - 48.57) < 0.02
+    cell = page.get_by_role("region", name="One case")
+    cell.get_by_label("Speed").select_option("238 m/s")
+    cell.get_by_label("Mass").select_option("13 kg")
+    expect(cell.get_by_role("status")).to_have_text(f"turned away from {angles[0]:.2f}° on")
+
+
+def test_map_of_outcomes_tells_them_apart_in_words(page: Page, tmp_path: Path) -> None:
+    page.goto("/#/map?operation=trajectory&x=impact.oblique_angle_deg,40,60,5&y=impact.velocity_m_s,237,239,2")
+    page.get_by_role("button", name="Run").click()
+    expect(page.locator("#map-counts")).to_have_text(re.compile("^4 embedded, 6 ricochet"))
+    with page.expect_download() as download:
+        page.get_by_role("button", name="Download the data").click()
+    download.value.save_as(tmp_path / "map.csv")
+    rows = list(csv.DictReader((tmp_path / "map.csv").open()))
+    assert [row["outcome"] for row in rows] == (["embedded"] * 2 + ["ricochet"] * 3) * 2
+    assert [float(row["impact.oblique_angle_deg"]) for row in rows[:5]] == [40, 45, 50, 55, 60]
+
+
+def test_cell_that_is_clicked_opens_in_explore(page: Page) -> None:
+    open_map(page, x="impact.velocity_m_s,238,300,2", y="projectile.mass_kg,13,14,3", rest="")
+    page.get_by_role("button", name="Run").click()
+    expect(page.locator("#map-progress")).to_have_text("All 6 cases are computed.")
+    box: dict[str, Any] = page.evaluate(
+        "() => { const { x, y, width, height } = document.querySelector('.map .nsewdrag').getBoundingClientRect();"
+        " return { x, y, width, height } }"
+    )
+    page.mouse.move(box["x"] + 0.8 * box["width"], box["y"] + 0.1 * box["height"])
+    expect(page.locator(".map .hovertext")).to_contain_text("300 m/s, 14 kg")
+    page.mouse.click(box["x"] + 0.8 * box["width"], box["y"] + 0.1 * box["height"])
+    expect(page).to_have_url(re.compile(r"#/explore\?.*impact\.velocity_m_s=300"))
+    assert "projectile.mass_kg=14" in page.url
+
+
+def test_bad_axis_is_refused_at_its_field(page: Page) -> None:
+    page.goto("/#/map")
+    page.get_by_role("group", name="Across").get_by_label("From").fill("-3")
+    expect(page.get_by_text("Has to be at least 0.1 m/s.")).to_be_visible()
+    expect(page.get_by_role("group", name="Across").get_by_label("From")).to_have_attribute("aria-invalid", "true")
+    expect(page.get_by_role("button", name="Run")).to_be_disabled()
+    page.get_by_role("group", name="Across").get_by_label("From").fill("100")
+    expect(page.get_by_role("button", name="Run")).to_be_enabled()
+    page.get_by_role("group", name="Up").get_by_label("Field").select_option(label="Speed [m/s]")
+    expect(page.get_by_text("Both axes have the same field.").first).to_be_visible()
+
+
+def test_map_whose_job_is_gone_says_so_and_can_be_run_again(page: Page, faults: list[str]) -> None:
+    page.goto(f"/#/map?x=impact.velocity_m_s,238,300,2&y=projectile.mass_kg,13,14,3&job={'0' * 32}")
+    expect(page.get_by_role("alert")).to_have_text("The job of this map is gone: it has expired. Run it again.")
+    page.get_by_role("button", name="Run").click()
+    expect(page.locator("#map-progress")).to_have_text("All 6 cases are computed.")
+    assert all("404" in fault for fault in faults)
+    faults.clear()
