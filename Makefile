@@ -10,10 +10,10 @@ COMPILE := $(BIN)/uv pip compile --universal --python-version 3.11 --fork-strate
 WARM_UP = echo "compiling the solver unless that was done, up to a minute ..." && $(BIN)/python -c "import solver; solver.warm_up()"
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo serve test test-all check format openapi bench accuracy stress reproduce validate figures lock clean
+.PHONY: help setup demo serve test test-all check format openapi bench accuracy stress reproduce validate figures screenshots lock clean
 
 help: ## list what can be made
-	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-11s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
 setup: .venv/.locked .venv/.installed ## build .venv from the lock, with everything in it
 
@@ -74,6 +74,9 @@ validate: setup ## compare with published penetration tests, into build/validati
 
 figures: setup ## draw the pictures of the README
 	$(BIN)/python docs/figures/trajectories.py
+
+screenshots: setup ## take pictures of the page in Chromium, into build/screenshots
+	@$(BIN)/python -m docs.figures.screenshots
 
 lock: setup ## pin the newest version of every package; the other locks follow the one of the developers
 	$(COMPILE) --upgrade pyproject.toml --group dev --all-extras -o $(DEV)

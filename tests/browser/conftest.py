@@ -1,40 +1,26 @@
 """A real browser, the distribution's Chromium, in front of the service that the tests share."""
 
-import os
-import shutil
 from collections.abc import Callable, Iterator
 from typing import Literal
 
 import pytest
-from playwright.sync_api import Browser, ConsoleMessage, Page, expect, sync_playwright
+from playwright.sync_api import Browser, ConsoleMessage, Page, expect
 
-NAMES = ("chromium", "chromium-browser", "google-chrome")
+from .chromium import NAMES, executable, running_chromium
+
 WAIT_MS = 20_000
 """For what a test expects to see; a loaded machine takes its time."""
-OFF_THE_NETWORK = (
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-default-apps",
-    "--disable-sync",
-    "--no-first-run",
-    "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1",
-)
-
 NewPage = Callable[..., Page]
 
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
-    """Chromium, for one file: while Playwright runs, no other event loop can in this thread."""
-    executable = next(filter(None, map(shutil.which, NAMES)), None)
-    if executable is None:
+    """Chromium, for one file: tests of others have event loops of their own."""
+    if executable() is None:
         pytest.skip(f"no browser here: none of {', '.join(NAMES)}")
-    sandbox = ["--no-sandbox"] if os.geteuid() == 0 else []  # root has to do without
     expect.set_options(timeout=WAIT_MS)
-    with sync_playwright() as driver:
-        chromium = driver.chromium.launch(executable_path=executable, args=[*OFF_THE_NETWORK, *sandbox])
+    with running_chromium() as chromium:
         yield chromium
-        chromium.close()
 
 
 @pytest.fixture

@@ -77,7 +77,7 @@ def test_map_of_outcomes_tells_them_apart_in_words(page: Page, tmp_path: Path) -
     with page.expect_download() as download:
         page.get_by_role("button", name="Download the data").click()
     download.value.save_as(tmp_path / "map.csv")
-    rows = list(csv.DictReader((tmp_path / "map.csv").open()))
+    rows = list(csv.DictReader((tmp_path / "map.csv").read_text().splitlines()))
     assert [row["outcome"] for row in rows] == (["embedded"] * 2 + ["ricochet"] * 3) * 2
     assert [float(row["impact.oblique_angle_deg"]) for row in rows[:5]] == [40, 45, 50, 55, 60]
 

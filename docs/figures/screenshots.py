@@ -1,0 +1,79 @@
+"""Take pictures of the page: every view, wide and narrow, light and dark, of a service of its own.
+
+They go to build/screenshots; those that the README shows, to docs/figures.
+"""
+
+from pathlib import Path
+from typing import Literal
+
+from playwright.sync_api import Browser, Page, expect
+
+from benchmarks.stress.servers import service
+from tests.browser.chromium import executable, running_chromium
+
+ROOT = Path(__file__).parents[2]
+FOLDER = ROOT / "build" / "screenshots"
+SHOWN = {"explore-1440-light": "explore.png", "map-1440-light": "map.png"}
+SIZES = {1440: 900, 380: 800}
+THEMES: tuple[Literal["light", "dark"], ...] = ("light", "dark")
+MAP = "x=impact.velocity_m_s,150,450,30&y=target.compressive_strength_pa,20000000,60000000,30"
+OUTCOMES = "operation=trajectory&x=impact.oblique_angle_deg,20,75,23&y=impact.velocity_m_s,100,500,21"
+VIEWS = {
+    "explore": "explore",
+    "critical-angle": "critical-angle",
+    "map": f"map?{MAP}",
+    "map-outcomes": f"map?{OUTCOMES}",
+    "jobs": "jobs",
+}
+WAIT_MS = 180_000
+
+
+def fill(page: Page, view: str) -> None:
+    """Wait for all that a view shows."""
+    if view.startswith("map"):
+        page.get_by_role("button", name="Run").click()
+        expect(page.locator("#map-progress")).to_contain_text("cases are computed")
+    if view != "jobs":
+        expect(page.locator(".drawing .main-svg").first).to_be_visible()
+    page.wait_for_load_state("networkidle")
+    page.wait_for_timeout(1000)  # for the last plot
+
+
+def take(browser: Browser, address: str, width: int, theme: Literal["light", "dark"]) -> None:
+    """Take a picture of each view."""
+    context = browser.new_context(
+        base_url=address,
+        viewport={"width": width, "height": SIZES[width]},
+        color_scheme=theme,
+        reduced_motion="reduce",
+        locale="en-GB",
+        timezone_id="UTC",
+    )
+    context.set_default_timeout(WAIT_MS)
+    for view, place in VIEWS.items():
+        page = context.new_page()
+        page.goto(f"/#/{place}")
+        fill(page, view)
+        name = f"{view}-{width}-{theme}"
+        page.screenshot(path=FOLDER / f"{name}.png", full_page=True)
+        if name in SHOWN:
+            page.screenshot(path=Path(__file__).with_name(SHOWN[name]))
+        page.close()
+        print(f"took {name}", flush=True)
+    context.close()
+
+
+def main() -> None:
+    """Take all pictures."""
+    if executable() is None:
+        raise SystemExit("no browser here: install Chromium")
+    FOLDER.mkdir(parents=True, exist_ok=True)
+    expect.set_options(timeout=WAIT_MS)
+    with service() as server, running_chromium() as browser:
+        for width in SIZES:
+            for theme in THEMES:
+                take(browser, f"http://127.0.0.1:{server.port}", width, theme)
+
+
+if __name__ == "__main__":
+    main()
