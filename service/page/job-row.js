@@ -36,7 +36,7 @@ export class JobRow {
     const [name, operation, , progress, created, , , results, actions] = this.cells;
     name.append(element("code", { title: job.id }, id));
     operation.append(OPERATIONS[job.operation]);
-    progress.append(this.bar, this.counts);
+    progress.append(element("div", {}, this.bar, this.counts));
     created.append(time(job.created));
     results.append(...downloadButtons(job.id, onError));
     if (map) actions.append(element("a", { href: map, "aria-label": `Open job ${id} as a map` }, "Map"));

@@ -50,6 +50,12 @@ export function localWarnings(cells) {
   return [...counts].filter(([, count]) => count < computed.length);
 }
 
+/** Return the codes of warnings that few cells have: those worth a mark. */
+export function rareWarnings(cells) {
+  const computed = cells.filter(Boolean).length;
+  return new Set(localWarnings(cells).flatMap(([code, count]) => (count < computed / 4 ? [code] : [])));
+}
+
 /** Return the code of a warning as words. */
 export function warningWords(code) {
   return code.replaceAll("_", " ");
@@ -64,7 +70,7 @@ export function countWords(operation, cells) {
     return `${count} ${label}`;
   });
   const warnings = localWarnings(cells).map(([code, count]) => `${warningWords(code)} (${count})`);
-  return words.join(", ") + (warnings.length ? `; with a warning of their own: ${warnings.join(", ")}` : "");
+  return words.join(", ") + (warnings.length ? `; with warnings that not all have: ${warnings.join(", ")}` : "");
 }
 
 /** Return the cells as CSV, in SI units. */

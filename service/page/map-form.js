@@ -51,7 +51,7 @@ function operationField(chosen, onChoice) {
     element("option", { value, selected: value === chosen }, label),
   );
   const select = element("select", { id: "map-operation", onchange: () => onChoice(select.value) }, ...options);
-  return element("div.field", {}, element("label", { for: select.id }, "Show"), select);
+  return element("div.field.whole", {}, element("label", { for: select.id }, "Show"), select);
 }
 
 /** One axis: its field, its ends in the unit shown, how many values. */
@@ -110,7 +110,7 @@ function axisFields(side, map, onChange) {
     "fieldset",
     {},
     element("legend", {}, SIDES[side]),
-    element("div.field", {}, label, field),
+    element("div.field.whole", {}, label, field),
     ...[start, stop, count].map(({ root: row }) => row),
     problem,
   );

@@ -27,7 +27,7 @@ export class MapPicture {
     this.words = element("p", { id: "map-progress" });
     this.counts = element("p.quiet", { id: "map-counts" });
     this.plot = element("div.map");
-    this.cell = element("section.panel", { hidden: true, "aria-label": "One case" });
+    this.cell = element("section.panel.one-case", { hidden: true, "aria-label": "One case" });
     this.panel = element("section.panel", { hidden: true, "aria-label": "Picture" });
     this.panel.append(this.heading, this.bar, this.words, this.plot, this.counts);
     this.showCell = buildCellChoice(this.cell);
@@ -71,12 +71,21 @@ export class MapPicture {
       label: `${this.heading.textContent}: ${this.counts.textContent}. Below, each case can be chosen and read.`,
     };
     const isNew = !this.plot.querySelector(".drawing");
-    const drawn = await draw(this.plot, mapTraces(operation, this.#axes, cells), mapLayout(this.#axes), about);
+    const traces = mapTraces(operation, this.#axes, cells, this.#room());
+    const drawn = await draw(this.plot, traces, mapLayout(this.#axes), about);
     this.pick = (point) => {
       const [column, row] = [this.#axes[0].shown.indexOf(point.x), this.#axes[1].shown.indexOf(point.y)];
       this.onPick({ column, row }, cells[row * this.#axes[0].shown.length + column]);
     };
     if (isNew) drawn.on("plotly_click", ({ points }) => this.pick(points[0]));
+  }
+
+  /** Return the room for the mark of a cell. [px] */
+  #room() {
+    const { clientWidth, clientHeight } = this.plot;
+    const [across, up] = this.#axes.map(({ shown: { length } }) => length);
+    const side = 0.6 * Math.min(clientWidth / across, (clientHeight || clientWidth) / up);
+    return Math.min(12, Math.max(2, side));
   }
 
   /** Forget the plot. */

@@ -1,12 +1,13 @@
 // The picture of a map: colours for what was asked, contour lines over it, a mark where there is no angle.
 
-import { cellWords, ENDINGS, localWarnings, warningWords } from "./map-cells.js";
+import { cellWords, ENDINGS, rareWarnings, warningWords } from "./map-cells.js";
 
 // Viridis from a quarter on, so that dark lines and words can be read upon all of it.
 const COLOURS = ["#3b528b", "#2c728e", "#21918c", "#28ae80", "#5ec962", "#addc30", "#fde725"];
 const NO_ANGLE = "#a9a9a9";
 const OUTCOMES = { embedded: "#5b7fb5", in_motion: "#b5b5b5", ricochet: "#fde725", failed: "#8c6d6d" };
 const INK = "#111111";
+const PAPER = "#e8eaed"; // below the marks of the legend, in either theme
 
 /**
  * Return the traces of a map for Plotly.
@@ -14,37 +15,51 @@ const INK = "#111111";
  * @param {"cra"|"trajectory"} operation
  * @param {{label: string, unit: string, shown: number[]}[]} axes across and up, values as shown
  * @param {object[]} cells row by row; those without a result are missing
+ * @param {number} room for the mark of a cell [px]
  */
-export function mapTraces(operation, [x, y], cells) {
+export function mapTraces(operation, [x, y], cells, room) {
   const rows = (value) => y.shown.map((_, row) => x.shown.map((_, column) => value(cells[row * x.shown.length + column])));
   const place = { x: x.shown, y: y.shown };
-  const local = new Map(localWarnings(cells));
+  const rare = rareWarnings(cells);
   const words = y.shown.map((up, row) =>
     x.shown.map((across, column) => {
       const cell = cells[row * x.shown.length + column];
-      const warnings = (cell?.warnings ?? []).filter((code) => local.has(code)).map((code) => `<br>${warningWords(code)}`);
+      const warnings = (cell?.warnings ?? []).filter((code) => rare.has(code)).map((code) => `<br>${warningWords(code)}`);
       return `${format(across)} ${x.unit}, ${format(up)} ${y.unit}<br>${cellWords(operation, cell)}${warnings.join("")}`;
     }),
   );
   const surface = operation === "cra" ? angles : outcomes;
   const hover = { text: words, hovertemplate: "%{text}<extra></extra>", hoverongaps: true };
-  return [...surface(place, rows, hover), ...marks(operation, [x, y], cells), ...warned([x, y], cells, local)];
+  return [...surface(place, rows, hover), ...marks(operation, [x, y], cells, room), ...warned([x, y], cells, room, rare)];
 }
 
 /** Return the layout of a map for Plotly. */
 export function mapLayout([x, y]) {
-  const axis = ({ label, unit }) => ({ title: { text: `${label} [${unit}]` }, showgrid: false, zeroline: false });
+  const axis = ({ label, unit, shown }) => ({
+    title: { text: unit === "1" ? label : `${label} [${unit}]` },
+    range: ends(shown),
+    showgrid: false,
+    zeroline: false,
+  });
   return {
     xaxis: axis(x),
     yaxis: axis(y),
-    legend: { orientation: "h", x: 0, y: 1.02, yanchor: "bottom" },
+    legend: { orientation: "h", x: 0, y: 1.02, yanchor: "bottom", bgcolor: PAPER, font: { color: INK } },
     hovermode: "closest",
   };
 }
 
+/** Return where the cells of an axis begin and end; undefined if there is but one. */
+function ends(shown) {
+  if (shown.length === 1) return undefined;
+  const [low, high] = [Math.min(...shown), Math.max(...shown)];
+  const half = (high - low) / (shown.length - 1) / 2;
+  return [low - half, high + half];
+}
+
 function angles(place, rows, hover) {
   const z = rows((cell) => cell?.angle ?? null);
-  const bar = { title: { text: "critical angle [°]", side: "right" }, thickness: 14 };
+  const bar = { title: { text: "°", side: "top" }, thickness: 12 };
   return [
     { ...place, type: "heatmap", z: rows((cell) => (cell && cell.angle === undefined ? 0 : null)), ...flat(NO_ANGLE) },
     { ...place, type: "heatmap", z, colorscale: scale(COLOURS), colorbar: bar, ...hover },
@@ -77,16 +92,16 @@ function contours(place, z) {
 }
 
 /** A mark in each cell whose ending its colour does not tell alone; the legend counts them. */
-function marks(operation, axes, cells) {
+function marks(operation, axes, cells, room) {
   return Object.entries(ENDINGS[operation]).flatMap(([ending, { label, symbol }]) =>
-    markers(axes, cells, { label, symbol, size: 6, isMarked: (cell) => cell.ending === ending }),
+    markers(axes, cells, { label, symbol, size: Math.min(6, room / 2), isMarked: (cell) => cell.ending === ending }),
   );
 }
 
-/** A frame around what carries a warning that not all carry. */
-function warned(axes, cells, local) {
-  const isMarked = ({ warnings }) => warnings.some((code) => local.has(code));
-  return markers(axes, cells, { label: "with a warning of its own", symbol: "square-open", size: 10, isMarked });
+/** A frame around what carries a warning that few others do. */
+function warned(axes, cells, room, rare) {
+  const isMarked = ({ warnings }) => warnings.some((code) => rare.has(code));
+  return markers(axes, cells, { label: "with a warning few others have", symbol: "square-open", size: room, isMarked });
 }
 
 function markers([x, y], cells, { label, symbol, size, isMarked }) {
