@@ -13,7 +13,7 @@ def test_explored_case_is_reopened_from_its_address(new_page: NewPage) -> None:
     page.get_by_role("slider", name="Speed").fill("300")
     expect(page).to_have_url(re.compile("velocity_m_s=300"))
     expect(page.locator("[data-outcome]")).to_be_visible()
-    page.wait_for_load_state("networkidle")
+    page.wait_for_load_state("networkidle")  # the answer to the new speed
     told = page.locator("[data-outcome]").inner_text()
     other = new_page(theme="dark")
     other.goto(page.url)
@@ -54,6 +54,7 @@ def test_map_is_found_again_among_the_jobs(page: Page) -> None:
     page.goto("/#/map?x=impact.velocity_m_s,238,300,2&y=projectile.mass_kg,13,14,3")
     page.get_by_role("button", name="Run").click()
     expect(page.locator("#map-progress")).to_have_text("All 6 cases are computed.")
+    expect(page).to_have_url(re.compile("job=[0-9a-f]{32}"))
     address = page.url
     page.get_by_role("link", name="Jobs").click()
     page.get_by_role("link", name="as a map").first.click()
@@ -71,6 +72,7 @@ def test_back_leads_from_a_case_to_its_map(page: Page) -> None:
     page.goto("/#/map?x=impact.velocity_m_s,238,300,2&y=projectile.mass_kg,13,14,3")
     page.get_by_role("button", name="Run").click()
     expect(page.locator("#map-progress")).to_have_text("All 6 cases are computed.")
+    expect(page).to_have_url(re.compile("job=[0-9a-f]{32}"))
     page.get_by_role("link", name="Open in Explore").click()
     expect(page).to_have_url(re.compile("#/explore"))
     page.go_back()

@@ -19,6 +19,7 @@ def open_map(page: Page, *, x: str, y: str, rest: str = ROUGH) -> None:
 
 
 def job_of(page: Page) -> str:
+    expect(page).to_have_url(re.compile("job=[0-9a-f]{32}"))
     return parse_qs(urlsplit(page.url).fragment.partition("?")[2])["job"][0]
 
 

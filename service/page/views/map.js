@@ -35,11 +35,11 @@ class MapView {
       this.#run();
     };
     const form = element("form.panel", { novalidate: true, "aria-label": "What to map", onsubmit }, axes, this.size, buttons);
-    const results = element("div.stack", {}, this.problem);
+    const results = element("div.column", {}, this.problem);
     this.picture = new MapPicture(results, (place, cell) => this.#open(place, cell));
     root.append(
       element("h1", {}, "Map"),
-      element("div.sides", {}, element("div.stack", {}, form, element("div.panel", {}, details)), results),
+      element("div.sides", {}, element("div.column", {}, form, element("div.panel", {}, details)), results),
     );
     if (map.job) this.#follow(map);
     this.axes = buildMapForm(axes, map, (changed) => this.#change(changed));
