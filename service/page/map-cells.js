@@ -1,5 +1,7 @@
 // What became of the cells of a map, in words.
 
+import { csvOf } from "./plots.js";
+
 /** Ways to end that are told apart on a map, with the mark each has there. */
 export const ENDINGS = {
   cra: {
@@ -75,13 +77,14 @@ export function countWords(operation, cells) {
 
 /** Return the cells as CSV, in SI units. */
 export function cellsCsv(operation, [x, y], cells) {
-  const value = operation === "cra" ? "critical_angle_deg" : "maximum_depth_m";
-  const lines = [[x.field, y.field, operation === "cra" ? "status" : "outcome", value, "warnings"]];
-  cells.forEach((cell, index) => {
-    if (!cell) return;
-    const [column, row] = [index % x.values.length, Math.floor(index / x.values.length)];
-    const number = (operation === "cra" ? cell.angle : cell.depth) ?? "";
-    lines.push([x.values[column], y.values[row], cell.ending, number, cell.warnings.join(" ")]);
+  const found = [...cells.keys()].filter((index) => cells[index]);
+  const column = (value) => found.map((index) => value(cells[index]));
+  const isAngle = operation === "cra";
+  return csvOf({
+    [x.field]: found.map((index) => x.values[index % x.values.length]),
+    [y.field]: found.map((index) => y.values[Math.floor(index / x.values.length)]),
+    [isAngle ? "status" : "outcome"]: column(({ ending }) => ending),
+    [isAngle ? "critical_angle_deg" : "maximum_depth_m"]: column(({ angle, depth }) => (isAngle ? angle : depth)),
+    warnings: column(({ warnings }) => warnings.join(" ")),
   });
-  return `${lines.map((line) => line.join(",")).join("\n")}\n`;
 }
