@@ -62,13 +62,14 @@ export class MapPicture {
   /** Draw what is there of the cells. */
   async showCells(cells) {
     const { operation } = this.#map;
-    this.counts.textContent = countWords(operation, cells);
+    const lines = hasAngle(this.#map) ? "greatest depth of the nose tip [mm]" : "critical angle [°]";
+    this.counts.textContent = `${countWords(operation, cells)}. Lines: ${lines}.`;
     this.cell.hidden = false;
     this.showCell(this.#map, this.#axes, cells);
     const about = {
       name: `ricochet-map-${operation}`,
       csv: () => cellsCsv(operation, this.#axes, cells),
-      label: `${this.heading.textContent}: ${this.counts.textContent}. Below, each case can be chosen and read.`,
+      label: `${this.heading.textContent}: ${this.counts.textContent} Below, each case can be chosen and read.`,
     };
     const isNew = !this.plot.querySelector(".drawing");
     const traces = mapTraces(operation, this.#axes, cells, this.#room());
