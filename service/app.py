@@ -11,6 +11,7 @@ from fastapi import FastAPI
 from pydantic.json_schema import models_json_schema
 from starlette.types import ASGIApp
 
+from service import telemetry
 from service.batches.runner import Runner
 from service.engine import Engine
 from service.keys import SCHEMA_VERSION
@@ -40,6 +41,8 @@ Fields are named with their units and never null: what is not given is absent.
 """
 POOL_SECONDS = 1
 """For the workers to end once nothing is asked of them any more."""
+TRACES_SECONDS = 0.5
+"""For the last traces to be sent, when all else has ended."""
 STOP_SECONDS = POOL_SECONDS + 1
 """Of the grace time, for jobs and workers to end after the last request has been answered or given up."""
 OPERATIONS = {"trajectory": trajectory.TRAJECTORY, "cra": cra.CRITICAL_ANGLE} | calibration.OPERATIONS
@@ -76,7 +79,8 @@ class Application(FastAPI):
         """Return what answers requests. Outside all that FastAPI does, so that what it answers to a failure is seen."""
         counts: metrics.Metrics = self.state.metrics
         hot = HotPath(super().build_middleware_stack(), lambda: getattr(self.state, "hot", None), counts.count_hit)
-        return RequestLog(hot, counts.observe, self.state.settings.log_level)
+        answering = hot if self.state.traces is None else telemetry.LinkedTrace(hot)
+        return RequestLog(answering, counts.observe, self.state.settings.log_level)
 
 
 def declare_bodies(schemas: dict[str, Any]) -> None:
@@ -104,7 +108,15 @@ def declare_problems(responses: dict[str, Any]) -> None:
 
 
 def create_app(settings: Settings | None = None) -> FastAPI:
-    """Build the application; nothing runs until it is started."""
+    """Build the application; nothing runs until it is started.
+
+    Raises
+    ------
+    MissingExtraError
+        If traces are asked for, and what sends them is not installed.
+    """
+    settings = settings or Settings()
+    traces = telemetry.tracer_provider() if settings.telemetry else None
     app = Application(
         title="ricochet",
         version=SCHEMA_VERSION,
@@ -116,8 +128,9 @@ def create_app(settings: Settings | None = None) -> FastAPI:
         redoc_url=None,
         redirect_slashes=False,
         generate_unique_id_function=lambda route: route.name,
+        telemetry=telemetry.config(traces),
     )
-    app.state.settings = settings or Settings()
+    app.state.settings, app.state.traces = settings, traces
     app.state.metrics = metrics.Metrics()
     install_problem_handlers(app)
     for resource in RESOURCES:
@@ -136,6 +149,8 @@ async def lifespan(app: FastAPI) -> AsyncIterator[None]:
     state.stopping = asyncio.Event()
     state.reading = CapacityLimiter(READING_THREADS)
     async with AsyncExitStack() as stack:
+        if state.traces is not None:
+            stack.push_async_callback(telemetry.finish, state.traces, TRACES_SECONDS)
         state.cache = stack.enter_context(
             ResultCache(settings.data_dir, memory_bytes=settings.memory_cache_bytes, disk_bytes=settings.cache_bytes)
         )

@@ -97,6 +97,13 @@ class Settings(BaseSettings):
         Literal["debug", "info", "warning", "error"],
         Field(description="Least weight of what is logged; `warning` leaves out the line for each request."),
     ] = "info"
+    telemetry: Annotated[
+        bool,
+        Field(
+            description="Whether a trace of each request goes to the collector that `OTEL_EXPORTER_OTLP_ENDPOINT` "
+            "names; needs the extra `telemetry`."
+        ),
+    ] = False
     task_seconds: Annotated[
         float,
         Field(

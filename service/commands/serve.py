@@ -6,6 +6,7 @@ import sys
 from contextlib import suppress
 
 from service.commands.environment import read_settings
+from service.commands.errors import FAILED, CommandError
 from service.commands.parsers import examples
 
 NOT_STARTED = 3
@@ -27,10 +28,14 @@ def run(_: argparse.Namespace) -> int:
     from service.app import create_app
     from service.commands.server import Server
     from service.logs import configure
+    from service.telemetry import MissingExtraError
 
     configure(settings.log_level)
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))  # uvicorn raises it again once it has stopped
-    server = Server(create_app(settings), settings)
+    try:
+        server = Server(create_app(settings), settings)
+    except MissingExtraError as error:
+        raise CommandError(str(error), FAILED) from None
     with suppress(KeyboardInterrupt):
         server.run()
     return 0 if server.started else NOT_STARTED
