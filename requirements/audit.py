@@ -1,0 +1,57 @@
+"""Look for known vulnerabilities in what the service runs on, requirements/run.txt; arguments go to pip-audit.
+
+Ends in 1 if there are any, in 0 if there are none or if the database cannot be asked, which it says: a check that needs
+somebody else's server must not stop work without it.
+"""
+
+import json
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+LOCK = Path(__file__).with_name("run.txt")
+ANSWER_S, ALL_S = 10, 120
+"""For one answer of the database, and for all of them."""
+UNREACHABLE = ("requests.exceptions.", "ServiceError", "Could not connect")
+"""One of these is in what pip-audit says when it was not answered, or by something that is no such database."""
+
+
+def ask(folder: Path, arguments: list[str]) -> tuple[list[dict[str, Any]] | None, str]:
+    """Return what the database says of each package, or None and why there is nothing."""
+    report = folder / "report.json"
+    command = [sys.executable, "-m", "pip_audit", "--requirement", str(LOCK), "--require-hashes", "--disable-pip"]
+    command += ["--timeout", str(ANSWER_S), "--progress-spinner", "off", "--format", "json", "--output", str(report)]
+    try:
+        said = subprocess.run([*command, *arguments], capture_output=True, text=True, timeout=ALL_S, check=False).stderr
+    except subprocess.TimeoutExpired:
+        return None, f"ServiceError: no answer in {ALL_S} s"
+    return (json.loads(report.read_text())["dependencies"] if report.exists() else None), said
+
+
+def main() -> int:
+    """Say what is known; return 1 if it is bad."""
+    with tempfile.TemporaryDirectory(prefix="ricochet-") as folder:
+        packages, said = ask(Path(folder), sys.argv[1:])
+    if packages is None and not any(sign in said for sign in UNREACHABLE):
+        print(said, file=sys.stderr)
+        return 1
+    known = [package for package in packages or [] if "skip_reason" not in package]
+    if not known:
+        reason = "it knows none of the packages" if packages else said.strip().rpartition("\n")[2][:200]
+        print(f"audit skipped: the advisory database cannot be reached ({reason})")
+        return 0
+    found = [(package, each) for package in known for each in package["vulns"]]
+    for package, each in found:
+        mended = ", ".join(each["fix_versions"]) or "no version yet"
+        print(f"{package['name']} {package['version']}: {each['id']}, mended in {mended}", file=sys.stderr)
+    unknown = (
+        f"; {len(packages or []) - len(known)} are not in the database" if len(known) < len(packages or []) else ""
+    )
+    print(f"{len(found)} known vulnerabilities in {len(known)} packages{unknown}")
+    return 1 if found else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,87 @@
+"""`make audit` against databases of advisories that answer, that are silent, and that are not there."""
+
+import json
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).parents[2]
+ADVISORY = {
+    "id": "TEST-2026-1",
+    "summary": "made up",
+    "affected": [
+        {
+            "package": {"name": "numpy", "ecosystem": "PyPI"},
+            "ranges": [{"type": "ECOSYSTEM", "events": [{"introduced": "0"}, {"fixed": "99.0"}]}],
+        }
+    ],
+}
+
+
+@contextmanager
+def database(status: int, vulnerable: str = "") -> Iterator[str]:
+    """A database in the form of OSV, which knows one package to be vulnerable."""
+
+    class Handler(BaseHTTPRequestHandler):
+        def do_POST(self) -> None:
+            asked = json.loads(self.rfile.read(int(self.headers["Content-Length"])))
+            found = {"vulns": [ADVISORY]} if asked["package"]["name"] == vulnerable else {}
+            body = json.dumps(found).encode()
+            self.send_response(status)
+            self.send_header("Content-Length", str(len(body)))
+            self.end_headers()
+            self.wfile.write(body)
+
+        def log_message(self, format: str, *arguments: Any) -> None:  # noqa: A002 (its name there)
+            """Say nothing."""
+
+    with ThreadingHTTPServer(("127.0.0.1", 0), Handler) as server:
+        threading.Thread(target=server.serve_forever, args=(0.05,), daemon=True).start()
+        try:
+            yield f"http://127.0.0.1:{server.server_port}/v1/query"
+        finally:
+            server.shutdown()
+
+
+def audited(*arguments: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "requirements/audit.py", *arguments]
+    environment = {"NO_PROXY": "*", "HOME": "/nonexistent"}
+    return subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
+
+
+def test_vulnerability_found_fails_and_is_named_with_what_mends_it() -> None:
+    with database(200, vulnerable="numpy") as url:
+        ended = audited("-s", "osv", "--osv-url", url)
+    assert ended.returncode == 1
+    assert ended.stderr.startswith("numpy ")
+    assert "TEST-2026-1, mended in 99.0" in ended.stderr
+    assert ended.stdout.startswith("1 known vulnerabilities in ")
+
+
+def test_every_locked_package_is_asked_for_and_none_found_passes() -> None:
+    with database(200) as url:
+        ended = audited("-s", "osv", "--osv-url", url)
+    locked = [line for line in (ROOT / "requirements" / "run.txt").read_text().splitlines() if "==" in line]
+    here = [line for line in locked if "sys_platform == 'win32'" not in line]
+    assert ended.returncode == 0
+    assert ended.stdout == f"0 known vulnerabilities in {len(here)} packages\n"
+
+
+def test_database_that_is_not_there_or_fails_is_told_from_one_that_finds_nothing() -> None:
+    with database(503) as url:
+        failing = audited("-s", "osv", "--osv-url", url)
+    missing = audited("-s", "osv", "--osv-url", url)
+    for ended in (failing, missing):
+        assert ended.returncode == 0
+        assert ended.stdout.startswith("audit skipped: the advisory database cannot be reached")
+
+
+def test_what_is_wrong_here_is_not_taken_for_a_database_that_is_not_there() -> None:
+    ended = audited("--nonsense")
+    assert ended.returncode == 1
+    assert "--nonsense" in ended.stderr

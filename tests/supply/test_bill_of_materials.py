@@ -1,0 +1,50 @@
+"""`make sbom`: what the service runs on, as CycloneDX."""
+
+import json
+import os
+import re
+import subprocess
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+PINNED = re.compile(r"^([\w.-]+)==(\S+)", re.MULTILINE)
+
+
+@pytest.fixture(scope="module")
+def lock() -> str:
+    return (ROOT / "requirements" / "run.txt").read_text()
+
+
+def test_bill_names_every_locked_package_with_its_hashes(lock: str) -> None:
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("MAKE")}
+    made = subprocess.run(
+        ["make", "--old-file=setup", "sbom"],  # noqa: S607
+        cwd=ROOT,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert made.returncode == 0, made.stderr
+    bill = json.loads((ROOT / "build" / "sbom.cdx.json").read_text())
+    assert (bill["bomFormat"], bill["metadata"]["component"]["name"]) == ("CycloneDX", "ricochet")
+    listed = {(part["name"], part["version"]) for part in bill["components"]}
+    assert listed == set(PINNED.findall(lock))
+    hashes = {
+        found["content"]
+        for part in bill["components"]
+        for reference in part["externalReferences"]
+        for found in reference.get("hashes", [])
+    }
+    assert hashes == set(re.findall(r"--hash=sha256:([0-9a-f]{64})", lock))
+
+
+def test_locks_pin_every_package_with_hashes_and_name_no_index() -> None:
+    for path in (ROOT / "requirements").glob("*.txt"):
+        text = path.read_text()
+        packages = re.split(r"\n(?=\S)", re.sub(r"(?m)^#.*\n", "", text).strip())
+        assert len(packages) >= 5
+        assert all(PINNED.match(package) and "--hash=sha256:" in package for package in packages), path
+        assert "://" not in text

@@ -1,0 +1,68 @@
+"""The package as it is built: the same bytes wherever and whenever, and nothing in it but the service."""
+
+import hashlib
+import os
+import shutil
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+SOURCES = ("pyproject.toml", "README.md", "LICENSE", "service", "solver")
+"""What the Dockerfile copies."""
+
+
+def built(folder: Path, *, seconds: int, umask: int, hidden: bool) -> Path:
+    """Build the wheel from a copy whose files have this age, and bytecode beside them."""
+    source = folder / "source"
+    source.mkdir(parents=True)
+    for name in SOURCES:
+        path = ROOT / name
+        if path.is_dir():
+            shutil.copytree(path, source / name, ignore=None if hidden else shutil.ignore_patterns("__pycache__"))
+        else:
+            shutil.copy(path, source / name)
+    for path in source.rglob("*"):
+        path.chmod((0o777 if path.is_dir() else 0o666) & ~umask)
+        os.utime(path, (seconds, seconds))
+    command = ["wheel", "--no-index", "--no-deps", "--no-build-isolation", "--no-cache-dir", "--wheel-dir", "wheel"]
+    subprocess.run(
+        [sys.executable, "-m", "pip", *command, "./source"],
+        cwd=folder,
+        umask=umask,
+        env={name: value for name, value in os.environ.items() if name != "SOURCE_DATE_EPOCH"},
+        capture_output=True,
+        check=True,
+    )
+    [wheel] = (folder / "wheel").iterdir()
+    return wheel
+
+
+@pytest.fixture(scope="module")
+def wheels(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    folder = tmp_path_factory.mktemp("wheels")
+    old = built(folder / "old", seconds=1_000_000_000, umask=0o022, hidden=False)
+    new = built(folder / "elsewhere" / "and" / "new", seconds=1_700_000_000, umask=0o027, hidden=True)
+    return old, new
+
+
+def test_two_builds_from_copies_of_other_ages_in_other_places_are_byte_for_byte_the_same(
+    wheels: tuple[Path, Path],
+) -> None:
+    old, new = wheels
+    assert old.name == new.name
+    assert hashlib.sha256(old.read_bytes()).hexdigest() == hashlib.sha256(new.read_bytes()).hexdigest()
+
+
+def test_wheel_holds_the_two_packages_whole_and_nothing_else(wheels: tuple[Path, Path]) -> None:
+    names = {name for name in zipfile.ZipFile(wheels[0]).namelist() if ".dist-info/" not in name}
+    tracked = {
+        path.relative_to(ROOT).as_posix()
+        for package in ("service", "solver")
+        for path in (ROOT / package).rglob("*")
+        if path.is_file() and "__pycache__" not in path.parts
+    }
+    assert names == tracked
