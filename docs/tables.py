@@ -1,0 +1,106 @@
+"""Write the tables of docs/operating.md that the code says: settings and metrics. With --check, only compare.
+
+Each table stands between two comments with its name; everything else of the page is written by hand.
+"""
+
+import re
+import sys
+from pathlib import Path
+from typing import Any, Literal, get_args, get_origin
+
+from annotated_types import Ge, Gt, Le, Lt
+from pydantic.fields import FieldInfo
+
+from service.routes.metrics import Metrics
+from service.settings import Settings
+
+PAGE = Path(__file__).with_name("operating.md")
+BYTES = {"GiB": 1024**3, "MiB": 1024**2, "KiB": 1024}
+SIGNS = ((Ge, "ge", "≥"), (Gt, "gt", ">"), (Le, "le", "≤"), (Lt, "lt", "<"))
+
+
+def settings_table() -> str:
+    """Return the settings: name, default, bounds, reason."""
+    prefix = Settings.model_config["env_prefix"]
+    rows = [
+        (f"`{(prefix + name).upper()}`", default(name, field), bounds(field), field.description or "")
+        for name, field in Settings.model_fields.items()
+    ]
+    return table(("variable", "default", "bounds", "what it is, and why so much"), rows)
+
+
+def metrics_table() -> str:
+    """Return the metrics: name, labels, what is counted."""
+    registry = Metrics().registry
+    rows = []
+    for collector in registry._collector_to_names:  # noqa: SLF001 (it tells the labels nowhere else)
+        (family,) = collector.collect()
+        name = family.name + {"counter": "_total", "info": "_info"}.get(family.type, "")
+        labels = ", ".join(f"`{label}`" for label in getattr(collector, "_labelnames", ()))
+        rows.append((f"`{name}`", "gauge" if family.type == "info" else family.type, labels, family.documentation))
+    return table(("metric", "type", "labels", "what"), rows)
+
+
+TABLES = {"settings": settings_table, "metrics": metrics_table}
+
+
+def default(name: str, field: FieldInfo) -> str:
+    """Return what holds without the variable; bytes in a unit that can be read as well."""
+    if field.default_factory is not None:
+        return (field.default_factory.__doc__ or "").strip().rstrip(".").lower()
+    value = field.default
+    if value is None:
+        return "none"
+    if isinstance(value, bool):
+        return f"`{str(value).lower()}`"
+    if name.endswith("bytes"):
+        unit, size = next((unit, size) for unit, size in BYTES.items() if value % size == 0)
+        return f"`{value}` ({value // size} {unit})"
+    return f"`{value}`"
+
+
+def bounds(field: FieldInfo) -> str:
+    """Return what values may be."""
+    if get_origin(field.annotation) is Literal:
+        return ", ".join(f"`{value}`" for value in get_args(field.annotation))
+    if field.annotation is bool:
+        return "`true`, `false`"
+    found = [
+        f"{sign} {getattr(bound, attribute):g}".replace("e+0", "e")
+        for kind, attribute, sign in SIGNS
+        for bound in field.metadata
+        if isinstance(bound, kind)
+    ]
+    return ", ".join(found)
+
+
+def table(head: tuple[str, ...], rows: list[Any]) -> str:
+    """Return a table of Markdown."""
+    lines = [head, ("---",) * len(head), *rows]
+    return "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines)
+
+
+def filled(page: str) -> str:
+    """Return the page with its tables as the code says them now."""
+    for name, make in TABLES.items():
+        place = re.compile(rf"(<!-- table: {name} -->\n).*?(<!-- end of table -->)", re.DOTALL)
+        if len(place.findall(page)) != 1:
+            raise SystemExit(f"{PAGE.name} must have one place for the table {name}")
+        text = make() + "\n"
+        page = place.sub(lambda found, text=text: found[1] + text + found[2], page)  # type: ignore[misc]
+    return page
+
+
+def main() -> int:
+    """Write the tables; with --check, return 1 if they are not up to date."""
+    page = PAGE.read_text(encoding="utf-8")
+    if "--check" not in sys.argv[1:]:
+        PAGE.write_text(filled(page), encoding="utf-8")
+    elif page != filled(page):
+        print(f"the tables of docs/{PAGE.name} are not up to date: run `make docs`", file=sys.stderr)
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,51 @@
+"""Fenced blocks of a page of Markdown, and the services they ask."""
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+PAGES = sorted([ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").glob("*.md")])
+FENCE = re.compile(r"^(?P<fence>```+)(?P<info>[^\n`]*)\n(?P<text>.*?)^(?P=fence)[ ]*$", re.MULTILINE | re.DOTALL)
+COMMANDS = frozenset({"", "sh", "bash", "shell", "console", "python"})
+"""Languages of blocks that somebody may want to run; no language may be anything."""
+
+
+@dataclass(frozen=True)
+class Block:
+    """A fenced block.
+
+    Parameters
+    ----------
+    line
+        Of its first line, in the page.
+    info
+        What stands behind the fence: the language, `run`, and `server` if it asks a service.
+    """
+
+    page: Path
+    line: int
+    info: tuple[str, ...]
+    text: str
+
+    @property
+    def language(self) -> str:
+        return self.info[0] if self.info else ""
+
+    @property
+    def runs(self) -> bool:
+        return "run" in self.info[1:]
+
+    @property
+    def asks_service(self) -> bool:
+        return "server" in self.info[1:]
+
+    def __str__(self) -> str:
+        return f"{self.page.relative_to(ROOT)}:{self.line}"
+
+
+def blocks(page: Path) -> Iterator[Block]:
+    text = page.read_text(encoding="utf-8")
+    for found in FENCE.finditer(text):
+        yield Block(page, text.count("\n", 0, found.start()) + 2, tuple(found["info"].split()), found["text"])

@@ -1,0 +1,115 @@
+"""Blocks of commands in the documentation do what they are there for.
+
+A block marked `sh run` or `python run` is run as it stands, the blocks of a page in order in one empty folder. With
+`server` it asks a service of its own: `localhost:8000` is that one, `data` in the folder what it keeps, and 4xx or 5xx
+to curl is a failure. Whatever else looks like commands has to be on the list below.
+"""
+
+import json
+import os
+import re
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from .blocks import COMMANDS, PAGES, ROOT, Block, blocks
+
+NOT_RUN = {
+    "make demo": "what CI runs itself",
+    "make test": "what CI runs itself, and this is part of it",
+    "make setup": "done by all others",
+    "make check": "what CI runs itself",
+    "docker ": "needs an engine; tests/container runs the steps",
+}
+"""Beginnings of commands that stand in a block which is not run, with the reason."""
+MOST_S = 120.0
+TOLERANCE_DEG = 0.02
+"""Twice that of the search: the README rounds."""
+BIN = Path(sys.executable).parent
+
+
+def environment(folder: Path) -> dict[str, str]:
+    """That of an operator who has the package, and nothing set."""
+    kept = {name: value for name, value in os.environ.items() if not name.startswith(("RICOCHET_", "OTEL_"))}
+    (folder / ".curlrc").write_text("fail-with-body\nshow-error\nnoproxy = *\n")
+    return kept | {"PATH": f"{BIN}:{os.environ['PATH']}", "CURL_HOME": str(folder), "NO_PROXY": "*"}
+
+
+def run(block: Block, folder: Path, url: str) -> subprocess.CompletedProcess[str]:
+    """Run a block; it must end well."""
+    text = block.text.replace("localhost:8000", url.removeprefix("http://")) if block.asks_service else block.text
+    command = {"sh": ["bash", "-euo", "pipefail", "-c", text], "python": [str(BIN / "python"), "-c", text]}
+    done = subprocess.run(
+        command[block.language],
+        cwd=folder,
+        env=environment(folder),
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        timeout=MOST_S,
+        check=False,
+    )
+    assert done.returncode == 0, f"{block} ended in {done.returncode}\n{text}\n{done.stdout}\n{done.stderr}"
+    return done
+
+
+@pytest.fixture
+def run_page(tmp_path: Path, service_on: Callable[..., Any]) -> Iterator[Callable[[Path], dict[str, str]]]:
+    """Run the blocks of a page; return what each printed, by its place."""
+    with ExitStack() as stack:
+
+        def run_all(page: Path) -> dict[str, str]:
+            marked = [block for block in blocks(page) if block.runs]
+            url = ""
+            if any(block.asks_service for block in marked):
+                url = stack.enter_context(service_on(tmp_path)).url
+            return {str(block): run(block, tmp_path, url).stdout for block in marked}
+
+        yield run_all
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_every_block_of_a_page_that_is_to_run_runs(page: Path, run_page: Callable[[Path], dict[str, str]]) -> None:
+    printed = run_page(page)
+    if page.name == "README.md":
+        cra, sweep, python = printed.values()
+        [said] = re.findall(r'"critical_angle_deg": ([0-9.]+)\.\.\.', page.read_text(encoding="utf-8"))
+        assert json.loads(cra)["critical_angle_deg"] == pytest.approx(float(said), abs=TOLERANCE_DEG)
+        assert float(python.split()[-1]) == pytest.approx(float(said), abs=TOLERANCE_DEG)
+        assert json.loads(sweep)["counts"]["total"] == 13 * 4
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_every_block_of_commands_is_run_or_on_the_list_of_those_that_are_not(page: Path) -> None:
+    for block in blocks(page):
+        if block.language not in COMMANDS or block.runs:
+            continue
+        lines = [line.removeprefix("$ ") for line in block.text.splitlines() if line and not line.startswith(" ")]
+        for line in lines:
+            assert line.startswith(tuple(NOT_RUN)), (
+                f"{block}: mark it `sh run`, or give a reason why `{line}` is not run"
+            )
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_marks_are_ones_that_are_understood(page: Path) -> None:
+    for block in blocks(page):
+        assert set(block.info[1:]) <= {"run", "server"}, block
+        assert not block.runs or block.language in {"sh", "python"}, block
+
+
+def test_readme_and_the_page_for_operators_have_blocks_that_run() -> None:
+    counts = {page.name: sum(block.runs for block in blocks(page)) for page in PAGES}
+    assert counts["README.md"] >= 3
+    assert counts["operating.md"] >= 4
+
+
+def test_links_between_pages_lead_somewhere() -> None:
+    for page in PAGES:
+        for target in re.findall(r"\]\(([^)#:]+)\)", page.read_text()):
+            assert (page.parent / target).exists(), f"{page.relative_to(ROOT)} links to {target}"

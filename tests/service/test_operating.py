@@ -1,0 +1,117 @@
+"""What docs/operating.md says happens, where no other test holds it: upgrades, lost power, a clock that is set."""
+
+import shutil
+import time
+from pathlib import Path
+
+import pytest
+
+from service.jobs import store
+from service.pool.executor import PoolExecutor
+from solver import ENGINE_VERSION
+from tests.service.questions import runs
+from tests.service.squares import accepted, all_results, cases, collect, ended, running, squares, until_done
+
+pytestmark = [pytest.mark.anyio, pytest.mark.timeout(60)]
+EARLIER = "0"
+
+
+@pytest.fixture
+def log(tmp_path: Path) -> Path:
+    """Where each run of a case leaves a file."""
+    folder = tmp_path / "log"
+    folder.mkdir()
+    return folder
+
+
+def downgrade(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Have the service be that of an earlier engine."""
+    monkeypatch.setattr("service.keys.ENGINE_VERSION", EARLIER)
+    monkeypatch.setattr("service.engine.ENGINE_VERSION", EARLIER)
+    monkeypatch.setattr(store, "VERSIONS", f"{EARLIER} 1")
+    monkeypatch.setattr("service.batches.dispatch.VERSIONS", f"{EARLIER} 1")
+
+
+async def test_upgrade_answers_no_query_with_a_result_of_the_older_engine_and_keeps_it_under_its_key(
+    pool: PoolExecutor, tmp_path: Path, log: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as earlier:
+        downgrade(earlier)
+        async with running(tmp_path, pool) as runner:
+            old = [result.record for result in await collect(runner, cases(range(20), log))]
+    async with running(tmp_path, pool) as runner:
+        new = [result.record for result in await collect(runner, cases(range(20), log))]
+        assert {record.engine_version for record in new if record} == {ENGINE_VERSION}
+        assert runs(log) == dict.fromkeys(range(20), 2)
+        for record in old:
+            assert record is not None
+            kept = runner._engine.cache.get(record.key)
+            assert kept is not None
+            assert (kept.engine_version, kept.json) == (EARLIER, record.json)
+
+
+async def test_job_that_an_upgrade_interrupts_ends_with_results_of_one_engine(
+    pool: PoolExecutor, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as earlier:
+        downgrade(earlier)
+        async with running(tmp_path, pool) as runner:
+            job = await accepted(runner, cases(range(300), seconds=0.005))
+            await until_done(runner, job, 20)
+    async with running(tmp_path, pool) as runner:
+        state = await ended(runner, job)
+        results = await all_results(runner, job)
+    assert (state.status, state.done) == ("successful", 300)
+    assert squares(results) == [i**2 for i in range(300)]
+    assert {result.record.engine_version for result in results if result.record} == {ENGINE_VERSION}
+
+
+async def test_job_that_had_ended_keeps_the_results_it_had_after_an_upgrade(
+    pool: PoolExecutor, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as earlier:
+        downgrade(earlier)
+        async with running(tmp_path, pool) as runner:
+            job = await accepted(runner, cases(range(50)))
+            await ended(runner, job)
+    async with running(tmp_path, pool) as runner:
+        kept = await all_results(runner, job)
+        assert {result.record.engine_version for result in kept if result.record} == {EARLIER}
+    shutil.rmtree(tmp_path / "data" / "results")
+    async with running(tmp_path, pool) as runner:
+        again = await all_results(runner, job)
+    assert {result.record.engine_version for result in again if result.record} == {ENGINE_VERSION}
+    assert squares(again) == squares(kept) == [i**2 for i in range(50)]
+
+
+async def test_case_marked_done_whose_segment_the_power_cut_took_is_computed_again(
+    pool: PoolExecutor, tmp_path: Path, log: Path
+) -> None:
+    async with running(tmp_path, pool) as runner:
+        job = await accepted(runner, cases(range(100), log))
+        await ended(runner, job)
+    for number, path in enumerate(sorted((tmp_path / "data" / "results" / "segments").rglob("*.h5"))):
+        path.write_bytes(b"" if number % 2 else path.read_bytes()[:4096] + bytes(4096))  # blocks that were not written
+    async with running(tmp_path, pool) as runner:
+        assert squares(await all_results(runner, job)) == [i**2 for i in range(100)]
+    assert runs(log) == dict.fromkeys(range(100), 2)
+
+
+@pytest.mark.parametrize("jump", [-30 * 86_400.0, 30 * 86_400.0])
+async def test_clock_set_back_or_forward_changes_when_ended_jobs_go_and_nothing_else(
+    jump: float, pool: PoolExecutor, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    real = time.time
+    async with running(tmp_path, pool) as runner:
+        before = await accepted(runner, cases(range(100)))
+        await ended(runner, before)
+        under_way = await accepted(runner, cases(range(1000, 1300), seconds=0.002))
+        await until_done(runner, under_way, 10)
+        monkeypatch.setattr("time.time", lambda: real() + jump)
+        state = await ended(runner, under_way)
+        assert (state.status, state.done) == ("successful", 300)
+        assert squares(await all_results(runner, under_way)) == [i**2 for i in range(1000, 1300)]
+    async with running(tmp_path, pool) as runner:  # which looks for jobs that have expired
+        assert (await runner.job(before.id) is None) == (jump > 0)
+        assert await runner.job(under_way.id) is not None
+        assert [result.cached for result in await collect(runner, cases(range(100)))] == [True] * 100
