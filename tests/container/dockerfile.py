@@ -1,0 +1,69 @@
+"""The Dockerfile as steps: as much of its language as it uses."""
+
+import json
+import re
+import shlex
+from dataclasses import dataclass, field
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+KNOWN = {"FROM", "ENV", "WORKDIR", "RUN", "COPY", "USER", "VOLUME", "EXPOSE", "HEALTHCHECK", "CMD"}
+
+
+@dataclass(frozen=True)
+class Step:
+    """An instruction and all that stands behind it, on one line."""
+
+    instruction: str
+    text: str
+
+    def assignments(self) -> dict[str, str]:
+        """Variables of an ENV."""
+        return dict(word.split("=", 1) for word in shlex.split(self.text))
+
+    def command(self) -> list[str]:
+        """Program and arguments of a CMD, or of a HEALTHCHECK's."""
+        words: list[str] = json.loads(self.text.partition("CMD ")[2] if "CMD " in self.text else self.text)
+        return words
+
+    def paths(self) -> tuple[str, list[str], str]:
+        """Stage, sources and destination of a COPY; no stage for the folder the image is built in."""
+        *words, destination = self.text.split()
+        stage = words.pop(0).removeprefix("--from=") if words[0].startswith("--from=") else ""
+        return stage, words, destination
+
+
+@dataclass
+class Stage:
+    """What stands from one FROM to the next."""
+
+    image: str
+    name: str
+    steps: list[Step] = field(default_factory=list)
+
+    def last(self, instruction: str) -> Step:
+        """The one that counts."""
+        return [step for step in self.steps if step.instruction == instruction][-1]
+
+    def environment(self) -> dict[str, str]:
+        """All variables, as they are written."""
+        found: dict[str, str] = {}
+        for step in self.steps:
+            if step.instruction == "ENV":
+                found |= step.assignments()
+        return found
+
+
+def read(path: Path = ROOT / "Dockerfile") -> list[Stage]:
+    """Return the stages; the last one is the image."""
+    text = re.sub(r"(?m)^\s*#.*\n", "", path.read_text(encoding="utf-8"))
+    stages: list[Stage] = []
+    for line in filter(None, re.sub(r"\\\n\s*", "", text).splitlines()):
+        instruction, _, rest = line.partition(" ")
+        assert instruction in KNOWN, f"the tests do not know {instruction}"
+        if instruction == "FROM":
+            image, _, name = rest.partition(" AS ")
+            stages.append(Stage(image, name))
+        else:
+            stages[-1].steps.append(Step(instruction, rest))
+    return stages

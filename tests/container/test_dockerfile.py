@@ -1,0 +1,81 @@
+"""What the Dockerfile says, against what the service and the Makefile say."""
+
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+
+from service.settings import Settings
+
+from .dockerfile import ROOT, Stage, read
+
+STAGES = read()
+IMAGE = STAGES[-1]
+MAKEFILE = (ROOT / "Makefile").read_text(encoding="utf-8")
+
+
+def test_image_starts_what_make_serve_runs() -> None:
+    [recipe] = [line for line in MAKEFILE.partition("\nserve:")[2].splitlines()[1:] if line.startswith("\t")][:1]
+    assert IMAGE.last("CMD").command() == recipe.strip().removeprefix("@$(BIN)/").split()
+
+
+def test_its_variables_are_settings_within_their_bounds(monkeypatch: pytest.MonkeyPatch) -> None:
+    given = {name: value for name, value in IMAGE.environment().items() if name.startswith("RICOCHET_")}
+    assert {name.removeprefix("RICOCHET_").lower() for name in given} <= Settings.model_fields.keys()
+    for name, value in given.items():
+        monkeypatch.setenv(name, value)
+    settings = Settings()
+    assert str(settings.port) == IMAGE.last("EXPOSE").text
+    assert str(settings.data_dir) == IMAGE.last("VOLUME").text
+
+
+def test_it_runs_as_nobody_who_may_do_more() -> None:
+    user = IMAGE.last("USER").text
+    assert user.isdigit()
+    assert int(user) > 0
+    after = IMAGE.steps[[step.instruction for step in IMAGE.steps].index("USER") :]
+    assert "COPY" not in {step.instruction for step in after}
+
+
+def test_everything_is_installed_by_its_hash_and_nothing_is_compiled() -> None:
+    installs = [part for stage in STAGES for step in stage.steps for part in step.text.split("&&") if "pip " in part]
+    assert len(installs) == 4
+    for part in installs:
+        locked = "--require-hashes" in part and "--only-binary :all:" in part and "--requirement" in part
+        assert locked or ("--no-index" in part and "--no-deps" in part), part
+
+
+@pytest.mark.parametrize("stage", STAGES, ids=lambda stage: stage.name or "image")
+def test_what_it_copies_is_there_and_not_ignored(stage: Stage) -> None:
+    ignored, *excepted = (ROOT / ".dockerignore").read_text(encoding="utf-8").splitlines()[1:]
+    assert ignored == "*"
+    for step in stage.steps:
+        if step.instruction != "COPY":
+            continue
+        source, paths, _ = step.paths()
+        if source:
+            assert source in {other.name for other in STAGES}
+            continue
+        for path in paths:
+            assert (ROOT / path).exists()
+            assert f"!{path}" in excepted
+
+
+def test_its_health_check_tells_a_service_that_lives_from_one_that_does_not(
+    tmp_path: Path, service_on: Callable[..., Any]
+) -> None:
+    program, *arguments = IMAGE.last("HEALTHCHECK").command()
+    assert program == "python"
+
+    def check(port: int | None) -> int:
+        environment = {"RICOCHET_PORT": str(port), "http_proxy": "http://127.0.0.1:9"}
+        command = [str(ROOT / ".venv" / "bin" / "python"), *arguments]
+        return subprocess.run(command, env=environment, capture_output=True, check=False).returncode
+
+    with service_on(tmp_path) as service:
+        port = httpx.URL(service.url).port
+        assert check(port) == 0
+    assert check(port) != 0

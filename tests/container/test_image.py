@@ -1,0 +1,116 @@
+"""The steps of the Dockerfile, taken one by one in a clean root, and the image they make started as an engine would.
+
+Needs root, debootstrap and the package index; skipped without. CLEAN_ROOT names a Debian root that is there already.
+"""
+
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import httpx
+import pytest
+
+from service.schemas.examples import PAPER
+from tests.conftest import START_LIMIT_S, STOP_LIMIT_S, free_port
+
+from .clean_root import RELEASES, WHEELS, Container, build, skip_unless_possible
+from .dockerfile import ROOT, read
+
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(1800)]
+STAGES = read()
+
+
+@pytest.fixture(scope="module")
+def wheels(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """What the steps install, as the index gives it to the Python of the image: these hashes or none."""
+    folder = tmp_path_factory.mktemp("wheels")
+    _, version = RELEASES[STAGES[0].image]
+    command = ["download", "--quiet", "--require-hashes", "--only-binary", ":all:", "--python-version", version]
+    for lock in ("build.txt", "run.txt"):
+        words = [sys.executable, "-m", "pip", *command, "--requirement", str(ROOT / "requirements" / lock)]
+        done = subprocess.run([*words, "--dest", str(folder)], capture_output=True, text=True, check=False)
+        if done.returncode:
+            assert "DO NOT MATCH" not in done.stderr
+            pytest.skip(f"no index gives the packages: {done.stderr.strip().splitlines()[-1]}")
+    yield folder
+    shutil.rmtree(folder)
+
+
+@pytest.fixture(scope="module")
+def image(tmp_path_factory: pytest.TempPathFactory, wheels: Path) -> Iterator[Container]:
+    skip_unless_possible()
+    folder = tmp_path_factory.mktemp("image")
+    try:
+        yield build(STAGES, folder, wheels)
+    finally:
+        shutil.rmtree(folder)  # some gigabytes
+
+
+@contextmanager
+def started(image: Container, log: Path) -> Iterator[tuple[str, int]]:
+    """The image's own command with its own variables, on a port of this machine alone; its address and process."""
+    settings = {"RICOCHET_HOST": "127.0.0.1", "RICOCHET_PORT": str(free_port()), "RICOCHET_WORKERS": "2"}
+    command, environment = image.entered(STAGES[-1].last("CMD").command(), **settings)
+    with log.open("wb") as output, subprocess.Popen(command, env=environment, stderr=output) as process:
+        url, deadline = f"http://127.0.0.1:{settings['RICOCHET_PORT']}", time.monotonic() + START_LIMIT_S
+        try:
+            while time.monotonic() < deadline:
+                assert process.poll() is None, log.read_text()
+                try:
+                    if httpx.get(f"{url}/readyz", trust_env=False).is_success:
+                        break
+                except httpx.TransportError:
+                    pass  # not listening yet
+                time.sleep(0.2)
+            [service] = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
+            yield url, int(service)
+            os.kill(int(service), signal.SIGTERM)
+            assert process.wait(STOP_LIMIT_S) == 0, log.read_text()
+        finally:
+            process.kill()
+
+
+def test_image_answers_as_its_own_user_keeps_results_and_ends_well(image: Container, tmp_path: Path) -> None:
+    with started(image, tmp_path / "log") as (url, process):
+        answer = httpx.post(f"{url}/cra", json=PAPER, timeout=60.0, trust_env=False)
+        assert answer.json()["critical_angle_deg"] == pytest.approx(48.57, abs=0.02)
+        assert "not_cached" not in answer.text
+        [user] = re.findall(r"(?m)^Uid:\t(\d+)", Path(f"/proc/{process}/status").read_text())
+        assert user == STAGES[-1].last("USER").text
+        check = image.run(STAGES[-1].last("HEALTHCHECK").command(), RICOCHET_PORT=url.rpartition(":")[2])
+        assert check == ""
+    assert list(image.inside("/data/results/segments").rglob("*.h5"))
+    assert "Traceback" not in (tmp_path / "log").read_text()
+
+
+def test_nothing_but_the_service_and_what_is_locked_for_it_is_installed(image: Container) -> None:
+    listed = set(re.findall(r"(?m)^([\w.-]+)==(\S+)$", image.run(["python", "-m", "pip", "list", "--format=freeze"])))
+    locked = set(re.findall(r"(?m)^([\w.-]+)==(\S+)", (ROOT / "requirements" / "run.txt").read_text()))
+    names = {re.sub(r"[-_.]+", "-", name).lower() for name, _ in listed} - {"pip", "ricochet"}
+    assert names <= {name for name, _ in locked}
+    assert {(re.sub(r"[-_.]+", "-", name).lower(), version) for name, version in listed} >= {
+        (name, version) for name, version in locked if name not in {"colorama", "tzdata", "win32-setctime"}
+    }
+    for path in ("/src", WHEELS, "/opt/ricochet/bin/pytest", "/opt/ricochet/bin/hatchling"):
+        assert not image.inside(path).exists()
+
+
+def test_solver_was_compiled_when_the_image_was_made(image: Container) -> None:
+    compiled = list(image.inside(image.environment["NUMBA_CACHE_DIR"]).rglob("*.nbc"))
+    assert compiled
+    image.run(["python", "-c", "import solver; solver.warm_up()"])
+    assert list(image.inside(image.environment["NUMBA_CACHE_DIR"]).rglob("*.nbc")) == compiled
+
+
+def test_traces_without_the_extra_are_refused_with_what_to_install(image: Container) -> None:
+    command, environment = image.entered(["ricochet", "serve"], RICOCHET_TELEMETRY="true")
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert "ricochet[telemetry]" in done.stderr
