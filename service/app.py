@@ -14,9 +14,9 @@ from starlette.types import ASGIApp
 from service import telemetry
 from service.batches.runner import Runner
 from service.engine import Engine
+from service.executors.choice import executor_for
 from service.keys import SCHEMA_VERSION
 from service.logs import RequestLog
-from service.pool.executor import PoolExecutor
 from service.problems import MEDIA_TYPE, install_problem_handlers
 from service.results.cache import ResultCache
 from service.routes import batch, calibration, cra, docs, health, jobs, metrics, page, results, sweep, trajectory
@@ -155,15 +155,13 @@ async def lifespan(app: FastAPI) -> AsyncIterator[None]:
             ResultCache(settings.data_dir, memory_bytes=settings.memory_cache_bytes, disk_bytes=settings.cache_bytes)
         )
         shutil.rmtree(settings.data_dir / DOWNLOADS, ignore_errors=True)
-        state.executor = PoolExecutor(workers=settings.workers, task_seconds=settings.task_seconds)
+        state.executor = executor_for(settings)
         await state.executor.start()
         stack.push_async_callback(state.executor.stop, POOL_SECONDS)
         state.engine = Engine(state.cache, state.executor, operations, most_waiting=settings.max_waiting_queries)
         state.hot = HotAnswers(state.engine)
         stored = metrics.CountedJobs(settings.data_dir, counts, job_days=settings.job_days)
-        state.runner = Runner(
-            state.engine, stored, workers=settings.workers, max_queued_cases=settings.max_queued_cases
-        )
+        state.runner = Runner(state.engine, stored, max_queued_cases=settings.max_queued_cases)
         await state.runner.start()
         stack.push_async_callback(state.runner.stop)
         yield

@@ -10,9 +10,9 @@ from anyio import CapacityLimiter
 from anyio.to_thread import run_sync
 
 from service.admission import QueriesWaitingError, Rate
+from service.executors.face import Executor
 from service.jobs.slices import Request
 from service.keys import SCHEMA_VERSION, result_key
-from service.pool.executor import PoolExecutor
 from service.pool.worker import Call, Finished
 from service.results.cache import ResultCache
 from service.results.record import FloatColumns, Record
@@ -95,7 +95,7 @@ class Engine:
     def __init__(
         self,
         cache: ResultCache,
-        executor: PoolExecutor,
+        executor: Executor,
         operations: Mapping[str, Operation],
         *,
         most_waiting: int = MOST_WAITING,
@@ -108,6 +108,11 @@ class Engine:
         self._underway: dict[str, asyncio.Future[Answered]] = {}
         self._threads = CapacityLimiter(CACHE_THREADS)
         self._chunk_threads = CapacityLimiter(CHUNK_THREADS)
+
+    @property
+    def width(self) -> int:
+        """Chunks that can run at the same time, now."""
+        return self._executor.width
 
     async def answer(self, operation: str, request: Request, named: Named | None = None) -> Answered:
         """Record of the request, and whether it was there already.

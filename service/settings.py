@@ -1,10 +1,11 @@
 """Settings of the service, from the environment (`RICOCHET_*`); each limit with its reason."""
 
 import os
+from importlib.util import find_spec
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 
@@ -28,6 +29,17 @@ class Settings(BaseSettings):
     workers: Annotated[
         int, Field(default_factory=available_cores, ge=1, le=1024, description="Worker processes; the cores.")
     ]
+    executor: Annotated[
+        Literal["pool", "dask", "in-process"],
+        Field(
+            description="Where batches are computed: in the worker processes, on a Dask cluster, or in a thread of the "
+            "service, for a debugger. Single queries go to the worker processes in either of the first two.",
+        ),
+    ] = "pool"
+    dask_scheduler: Annotated[
+        str,
+        Field(pattern=r"^((tcp|tls|ws|wss)://.+)?$", description="Address of the Dask scheduler: tcp://host:8786."),
+    ] = ""
     max_body_bytes: Annotated[
         int,
         Field(
@@ -128,3 +140,11 @@ class Settings(BaseSettings):
             "10 s after which container managers kill.",
         ),
     ] = 8
+
+    @model_validator(mode="after")
+    def _dask_is_there(self) -> Self:
+        if self.executor == "dask" and not self.dask_scheduler:
+            raise ValueError("RICOCHET_EXECUTOR=dask needs RICOCHET_DASK_SCHEDULER, such as tcp://scheduler:8786")
+        if self.executor == "dask" and find_spec("distributed") is None:
+            raise ValueError('RICOCHET_EXECUTOR=dask needs the package distributed: install "ricochet[dask]"')
+        return self

@@ -46,13 +46,13 @@ class Dispatcher:
     ----------
     slots
         Places in the pool, shared with small work.
+    room
+        Places for chunks that are in the making, in the pool or being kept.
     rate
         Told of every case that is done.
-    most_chunks
-        Chunks that may be in the making, in the pool or being kept.
     """
 
-    def __init__(self, engine: Engine, jobs: JobStore, slots: Slots, rate: Rate, *, most_chunks: int) -> None:
+    def __init__(self, engine: Engine, jobs: JobStore, slots: Slots, room: Slots, rate: Rate) -> None:
         self.active: dict[str, ActiveJob] = {}
         self.unwritten: dict[str, JobState] = {}
         """Jobs that have ended though it could not be written: the next start would go on with them."""
@@ -61,7 +61,7 @@ class Dispatcher:
         self._slots = slots
         self._rate = rate
         self._turns: Turns[ActiveJob] = Turns()
-        self._room = asyncio.Semaphore(most_chunks)
+        self._room = room
         self._threads = CapacityLimiter(THREADS)
         self._step: asyncio.Task[None] | None = None
 
@@ -75,13 +75,13 @@ class Dispatcher:
         """Hand out cases until cancelled."""
         while True:
             job = await self._turns.next()
-            await self._room.acquire()
+            room = await self._room.take(urgent=False)
             try:
                 place = await self._slots.take(urgent=False)
             except asyncio.CancelledError:
-                self._room.release()
+                room.leave()
                 raise
-            step = self._step = asyncio.create_task(self._advance(job, place))
+            step = self._step = asyncio.create_task(self._advance(job, room, place))
             self._belongs(job, step)
             await asyncio.shield(step)
 
@@ -132,7 +132,7 @@ class Dispatcher:
         """Run what waits for the disk, or takes long, in a thread."""
         return await run_sync(function, *arguments, limiter=self._threads)
 
-    async def _advance(self, job: ActiveJob, place: Place) -> None:
+    async def _advance(self, job: ActiveJob, room: Place, place: Place) -> None:
         """Start the next chunk of the job, if it has one."""
         cases: list[Waiting] = []
         try:
@@ -142,11 +142,11 @@ class Dispatcher:
             await self._fail(job, error)
         if job.ending or not cases:
             place.leave()
-            self._room.release()
+            room.leave()
         else:
             chunk = asyncio.create_task(self._run_chunk(job, cases, place))
             chunk.add_done_callback(lambda _: place.leave())
-            chunk.add_done_callback(lambda _: self._room.release())
+            chunk.add_done_callback(lambda _: room.leave())
             self._belongs(job, chunk)
 
     def _belongs(self, job: ActiveJob, work: "asyncio.Task[None]") -> None:

@@ -63,21 +63,19 @@ class Runner:
         Computes and keeps results.
     jobs
         Keeps the jobs.
-    workers
-        Of the pool.
     max_queued_cases
         Cases that may wait, of all jobs together.
     """
 
-    def __init__(self, engine: Engine, jobs: JobStore, *, workers: int, max_queued_cases: int) -> None:
+    def __init__(self, engine: Engine, jobs: JobStore, *, max_queued_cases: int) -> None:
         self._jobs = jobs
         self._engine = engine
         self._most_queued = max_queued_cases
         self._rate = Rate()
-        slots = Slots(workers + SPARE_CHUNKS)
-        chunks = workers + SPARE_CHUNKS + CHUNKS_KEPT
-        self._dispatcher = Dispatcher(engine, jobs, slots, self._rate, most_chunks=chunks)
-        self._small = SmallWork(engine, slots, self._rate, workers=workers)
+        slots = Slots(lambda: engine.width + SPARE_CHUNKS)
+        room = Slots(lambda: engine.width + SPARE_CHUNKS + CHUNKS_KEPT)
+        self._dispatcher = Dispatcher(engine, jobs, slots, room, self._rate)
+        self._small = SmallWork(engine, slots, self._rate)
         self._reader = Reader(engine, jobs, self._small)
         self._accepting: set[tuple[str, str]] = set()
         """Owners and idempotency keys of what is being received."""

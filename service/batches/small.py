@@ -70,12 +70,11 @@ class SmallWork:
         Told of every case that is done.
     """
 
-    def __init__(self, engine: Engine, slots: Slots, rate: Rate, *, workers: int) -> None:
+    def __init__(self, engine: Engine, slots: Slots, rate: Rate) -> None:
         self.queued = 0
         self._engine = engine
         self._slots = slots
         self._rate = rate
-        self._workers = workers
         self._paces: dict[str, Pace] = defaultdict(lambda: Pace(CHUNK_SECONDS))
         self._threads = CapacityLimiter(THREADS)
 
@@ -133,7 +132,7 @@ class SmallWork:
         return numbers, wanted, known
 
     def _begin(self, operation: str, wanted: Sequence[Wanted | Outcome]) -> set["asyncio.Task[list[Outcome]]"]:
-        share = math.ceil(len(wanted) / self._workers)
+        share = math.ceil(len(wanted) / self._engine.width)
         size = max(1, min(self._paces[operation].cases, share))
         chunks = [wanted[i : i + size] for i in range(0, len(wanted), size)]
         work = {asyncio.create_task(self._compute(operation, chunk)) for chunk in chunks}

@@ -2,6 +2,7 @@
 
 import asyncio
 from collections import deque
+from collections.abc import Callable
 from typing import Generic, TypeVar
 
 Item = TypeVar("Item")
@@ -55,23 +56,24 @@ class Place:
 
 
 class Slots:
-    """Places for chunks in the pool.
+    """Places for chunks.
 
     Parameters
     ----------
     count
-        One more than there are workers keeps them all busy, and a chunk never waits long in the pool, where nothing
-        but single queries can overtake it.
+        How many there are now: with workers that come and go it changes, and is asked for whenever a place is taken or
+        left.
     """
 
-    def __init__(self, count: int) -> None:
-        self._free = count
+    def __init__(self, count: Callable[[], int]) -> None:
+        self._count = count
+        self._taken = 0
         self._waiting: dict[bool, deque[asyncio.Future[None]]] = {True: deque(), False: deque()}
 
     async def take(self, *, urgent: bool) -> Place:
         """Wait for a place; urgent work goes first."""
-        if self._free:
-            self._free -= 1
+        if self._taken < self._count():
+            self._taken += 1
             return Place(self)
         turn = asyncio.get_running_loop().create_future()
         self._waiting[urgent].append(turn)
@@ -84,11 +86,11 @@ class Slots:
         return Place(self)
 
     def give_back(self) -> None:
-        """Leave a place to whoever waits."""
+        """Leave a place to whoever waits; if there are more places than before, to several."""
+        self._taken -= 1
         for waiting in (self._waiting[True], self._waiting[False]):
-            while waiting:
+            while waiting and self._taken < self._count():
                 turn = waiting.popleft()
                 if not turn.done():
+                    self._taken += 1
                     turn.set_result(None)
-                    return
-        self._free += 1

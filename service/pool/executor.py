@@ -42,6 +42,9 @@ class PoolExecutor:
         Wall time one call may take; its worker is killed then, as nothing else interrupts compiled code.
     """
 
+    trouble = "no worker answered in time"
+    """Why a probe fails."""
+
     def __init__(self, *, workers: int, task_seconds: float) -> None:
         context = multiprocessing.get_context("forkserver")
         context.set_forkserver_preload(["service.pool.preload", "service.pool.worker"])
@@ -66,6 +69,11 @@ class PoolExecutor:
     def queued(self) -> int:
         """Calls submitted singly, probes among them, that wait for a worker."""
         return self._jobs.urgent
+
+    @property
+    def width(self) -> int:
+        """Chunks that can run at the same time."""
+        return len(self._lanes)
 
     async def start(self) -> None:
         """Bring every worker up, warm.

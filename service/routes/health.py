@@ -48,7 +48,7 @@ async def readyz(request: Request) -> Health:
     """Tell whether a worker answers and results can be written."""
     state = request.app.state
     if not await state.executor.probe(state.settings.probe_seconds):
-        raise HTTPException(HTTPStatus.SERVICE_UNAVAILABLE, "no worker answered in time")
+        raise HTTPException(HTTPStatus.SERVICE_UNAVAILABLE, state.executor.trouble)
     if not await run_sync(state.cache.writable):
         raise HTTPException(HTTPStatus.SERVICE_UNAVAILABLE, f"results cannot be written: {state.cache.trouble}")
     return Health(status="ok")

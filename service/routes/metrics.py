@@ -22,10 +22,10 @@ from prometheus_client import (
 from service.batches.runner import Runner
 from service.batches.small import CaseResult
 from service.engine import Operation
+from service.executors.face import Executor
 from service.jobs.slices import CaseState
 from service.jobs.store import JobState, JobStore, Status
 from service.keys import SCHEMA_VERSION
-from service.pool.executor import PoolExecutor
 from service.results.cache import ResultCache
 from service.results.record import Record
 from service.routes.contract import problems
@@ -61,6 +61,7 @@ class Metrics:
                 "queued_cases": "Cases of batches and jobs that wait or are being computed",
                 "cases_per_second": "Cases of batches and jobs done in a second, lately",
                 "running_chunks": "Chunks of jobs being made, computed or kept",
+                "chunk_width": "Chunks that can be computed at the same time, here or on the cluster",
                 "workers": "Worker processes that are up",
                 "worker_restarts": "Worker processes that had to be replaced since the start",
                 "cache_bytes": "Size of the results on the disk",
@@ -105,7 +106,7 @@ class Metrics:
 
         return replace(operation, answer=answer)
 
-    def look_up(self, runner: Runner, executor: PoolExecutor, cache: ResultCache, jobs: list[JobState]) -> None:
+    def look_up(self, runner: Runner, executor: Executor, cache: ResultCache, jobs: list[JobState]) -> None:
         """Note how things are now."""
         stored = cache.statistics()
         values = {
@@ -113,6 +114,7 @@ class Metrics:
             "queued_cases": runner.queued_cases,
             "cases_per_second": runner.rate,
             "running_chunks": runner.running_chunks,
+            "chunk_width": executor.width,
             "workers": len(executor.worker_pids),
             "worker_restarts": executor.restarts,
             "cache_bytes": stored.bytes,

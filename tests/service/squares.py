@@ -9,8 +9,8 @@ from typing import Any
 
 from service.batches.runner import Case, CaseResult, JobState, Runner
 from service.engine import Engine, Operation
+from service.executors.face import Executor
 from service.jobs.store import JobStore
-from service.pool.executor import PoolExecutor
 from service.results.cache import ResultCache
 from solver import ParameterError
 from tests.service.questions import Question, work
@@ -34,11 +34,11 @@ SQUARE = Operation(
 
 
 @asynccontextmanager
-async def running(folder: Path, pool: PoolExecutor, max_queued_cases: int = 100_000) -> AsyncIterator[Runner]:
+async def running(folder: Path, executor: Executor, max_queued_cases: int = 100_000) -> AsyncIterator[Runner]:
     with ResultCache(folder / "data", memory_bytes=50_000_000, disk_bytes=10**9) as cache:
-        engine = Engine(cache, pool, {"square": SQUARE})
+        engine = Engine(cache, executor, {"square": SQUARE})
         jobs = JobStore(folder / "data", job_days=7.0)
-        runner = Runner(engine, jobs, workers=2, max_queued_cases=max_queued_cases)
+        runner = Runner(engine, jobs, max_queued_cases=max_queued_cases)
         await runner.start()
         try:
             yield runner

@@ -14,6 +14,7 @@ import pytest
 from service.admission import QueriesWaitingError
 from service.engine import AbandonedError, Engine, Operation, Wanted
 from service.keys import result_key
+from service.executors.face import Executor
 from service.pool.executor import PoolExecutor
 from service.pool.lane import WorkerCrashedError
 from service.results.cache import NOT_CACHED, ResultCache
@@ -60,7 +61,7 @@ def engine(pool: PoolExecutor, tmp_path: Path) -> Engine:
     return engine_on(tmp_path, pool)
 
 
-def engine_on(folder: Path, pool: PoolExecutor, most_waiting: int = 1000) -> Engine:
+def engine_on(folder: Path, pool: Executor, most_waiting: int = 1000) -> Engine:
     cache = ResultCache(folder / "data", memory_bytes=100_000_000, disk_bytes=10**9)
     return Engine(cache, pool, OPERATIONS, most_waiting=most_waiting)
 

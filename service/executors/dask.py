@@ -1,0 +1,221 @@
+"""Chunks on a Dask cluster, single calls on a pool of our own.
+
+A client waits for a single call: the pool answers in a millisecond and does not care how the cluster is. Chunks are
+what there are many of. Each is one task of Dask, and comes back whole or is given out again: when its worker or the
+scheduler has died, to whoever is there then, and while there is nobody, to the pool. So a job always goes on.
+"""
+
+import asyncio
+import logging
+import time
+import uuid
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from typing import Any, TypeVar, TypeVarTuple
+
+from distributed import Future, KilledWorker
+
+from service.executors.cluster import Cluster, in_time
+from service.executors.host import run_chunk, versions
+from service.pool.executor import PoolExecutor
+from service.pool.lane import PoolUnavailableError, WorkerCrashedError
+from service.pool.worker import Call, Finished, answer, packed, unpacked
+
+ATTEMPTS = 5
+"""A chunk that was lost so many times is left to the pool."""
+PATIENCE_SECONDS = 5.0
+"""For which chunks wait for a cluster that has been lost, rather than fill the pool: most restarts take less."""
+CANCEL_SECONDS = 1.0
+"""For the scheduler to hear that a chunk is not wanted any more."""
+
+Arguments = TypeVarTuple("Arguments")
+Result = TypeVar("Result")
+log = logging.getLogger(__name__)
+
+
+class LostError(Exception):
+    """The cluster has not brought the chunk to its end."""
+
+
+class DaskExecutor:
+    """Runs chunks on a cluster.
+
+    Parameters
+    ----------
+    address
+        Of the scheduler, such as ``tcp://scheduler:8786``.
+    workers
+        Processes of the pool.
+    task_seconds
+        Wall time one call may take.
+    """
+
+    def __init__(self, *, address: str, workers: int, task_seconds: float) -> None:
+        self.trouble = ""
+        self.cluster = Cluster(address, task_seconds)
+        self._pool = PoolExecutor(workers=workers, task_seconds=task_seconds)
+        self._task_seconds = task_seconds
+        self._underway: set[asyncio.Task[list[Finished]]] = set()
+        self._stopping = False
+
+    @property
+    def worker_pids(self) -> list[int]:
+        """Process ids of the workers of the pool."""
+        return self._pool.worker_pids
+
+    @property
+    def restarts(self) -> int:
+        """Workers of the pool that had to be replaced."""
+        return self._pool.restarts
+
+    @property
+    def queued(self) -> int:
+        """Calls submitted singly, probes among them, that wait for a worker."""
+        return self._pool.queued
+
+    @property
+    def width(self) -> int:
+        """Chunks that can run at the same time: on the cluster or, while there is none, here."""
+        return self.cluster.width or self._pool.width
+
+    async def start(self) -> None:
+        """Bring the pool up, and those workers of the cluster that are there; without any it starts all the same."""
+        await self._pool.start()
+        try:
+            await self.cluster.start()
+        except BaseException:
+            await self.stop(0.0)
+            raise
+
+    async def submit(self, function: Callable[[*Arguments], Result], *arguments: *Arguments) -> Result:
+        """Run a picklable function in the pool."""
+        return await self._pool.submit(function, *arguments)
+
+    async def run(self, calls: Sequence[Call]) -> list[Finished]:
+        """Run a chunk of calls one after the other on a worker of the cluster."""
+        if self._stopping:
+            raise PoolUnavailableError("the service is stopping")
+        if not calls:
+            return []
+        work = asyncio.create_task(self._see_through(calls))
+        self._underway.add(work)
+        work.add_done_callback(self._underway.discard)
+        try:
+            await asyncio.wait([work])
+        except asyncio.CancelledError:
+            work.cancel()
+            raise
+        if work.cancelled():
+            raise PoolUnavailableError("the service is stopping")
+        return work.result()
+
+    async def probe(self, seconds: float) -> bool:
+        """Tell whether a worker of the pool answers within this time, and the cluster."""
+        pool, cluster = await asyncio.gather(self._pool.probe(seconds), self.cluster.answers(seconds))
+        self.trouble = self._pool.trouble if not pool else f"cluster unreachable: no worker through {self._address}"
+        return pool and cluster
+
+    async def stop(self, grace: float) -> None:
+        """Take no more work, let what there is finish, and have ended all within the grace time. [s]"""
+        self._stopping = True
+        ending = asyncio.create_task(self._pool.stop(grace))
+        if self._underway:
+            await asyncio.wait(self._underway, timeout=max(0.0, grace - CANCEL_SECONDS))
+        left = list(self._underway)
+        for work in left:
+            work.cancel()
+        if left:
+            await asyncio.wait(left, timeout=CANCEL_SECONDS)
+        await self.cluster.stop()
+        await ending
+
+    @property
+    def _address(self) -> str:
+        return self.cluster.address
+
+    async def _see_through(self, calls: Sequence[Call]) -> list[Finished]:
+        messages = await asyncio.to_thread(all_packed, calls)
+        return await asyncio.to_thread(all_opened, await self._replies(messages))
+
+    async def _replies(self, messages: Sequence[bytes]) -> list[Finished]:
+        """Bring packed calls to their end, wherever."""
+        for attempt in range(ATTEMPTS):
+            if not await self._cluster_there():
+                break
+            try:
+                return await self._attempt(messages)
+            except KilledWorker as error:
+                if len(messages) == 1:
+                    return [Finished(None, WorkerCrashedError(f"the task ended the workers it was on: {error}"), 0.0)]
+                half = len(messages) // 2
+                return [*await self._replies(messages[:half]), *await self._replies(messages[half:])]
+            except LostError as error:
+                log.debug("chunk of %d calls was lost %d times: %s", len(messages), attempt + 1, error)
+        return await self._pool.run([(answer, (message,)) for message in messages])
+
+    async def _cluster_there(self) -> bool:
+        """Tell whether a worker can be had; soon, if the cluster has been gone for long."""
+        left = self.cluster.lost + PATIENCE_SECONDS - time.monotonic()
+        return bool(self.cluster.width) or await self.cluster.wait_for_width(max(0.0, left))
+
+    async def _attempt(self, messages: Sequence[bytes]) -> list[Finished]:
+        """Have a worker run these calls.
+
+        Raises
+        ------
+        KilledWorker
+            If several have died over it.
+        LostError
+            If none has run them for another reason.
+        """
+        client, workers = self.cluster.client, list(self.cluster.threads)
+        if client is None:
+            raise LostError("there is no connection")
+        key = f"ricochet-{uuid.uuid4().hex}"
+        try:
+            task: Future[Any] = client.submit(
+                run_chunk, key, self._task_seconds, versions(), messages, key=key, pure=False, workers=workers
+            )
+        except Exception as error:
+            raise LostError(str(error)) from error
+        result = asyncio.ensure_future(task.result())  # never cancelled: gathering is shared among chunks
+        try:
+            while not result.done():
+                if self.cluster.client is not client or self.cluster.threads.keys().isdisjoint(workers):
+                    raise LostError("its workers have gone")
+                changed = asyncio.ensure_future(self.cluster.changed.wait())
+                await asyncio.wait([result, changed], return_when=asyncio.FIRST_COMPLETED)
+                changed.cancel()
+            return outcome_of(result)
+        finally:
+            result.add_done_callback(lambda done: done.cancelled() or done.exception())  # seen
+            if not result.done():
+                await give_up(task)
+
+
+def outcome_of(result: "asyncio.Future[list[Finished]]") -> list[Finished]:
+    """Return what a chunk came to, or raise why there is nothing."""
+    if result.cancelled():
+        raise LostError("the connection was lost")
+    error = result.exception()
+    if isinstance(error, KilledWorker):
+        raise error
+    if error is not None:
+        raise LostError(f"{type(error).__name__}: {error}") from error
+    return result.result()
+
+
+async def give_up(task: "Future[Any]") -> None:
+    """Tell the scheduler that nobody wants this any more."""
+    with suppress(Exception):  # there may be no scheduler to tell
+        await in_time(task.cancel, CANCEL_SECONDS)
+
+
+def all_packed(calls: Sequence[Call]) -> list[bytes]:
+    """Pickle calls."""
+    return [packed(call) for call in calls]
+
+
+def all_opened(replies: Sequence[Finished]) -> list[Finished]:
+    """Return what became of calls, each as the process it ran in told it, or the pool of the worker."""
+    return [reply if reply.error is not None else unpacked(reply.value) for reply in replies]

@@ -1,0 +1,256 @@
+"""What every executor has to do alike, so that they cannot drift apart. Dask runs as real processes over TCP."""
+
+import asyncio
+import operator
+import os
+import pickle
+import signal
+import sys
+import threading
+import time
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
+from contextlib import AsyncExitStack
+from dataclasses import replace
+from pathlib import Path
+from typing import TypeAlias
+
+import numpy as np
+import pytest
+
+from service.executors.dask import DaskExecutor
+from service.executors.face import Executor
+from service.executors.in_process import InProcessExecutor
+from service.pool.executor import PoolExecutor
+from service.pool.lane import PoolUnavailableError, TaskTimeoutError, WorkerCrashedError
+from service.pool.worker import Call, run_cra, run_trajectory
+from solver import Impact
+from solver.cases import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY
+from tests.service.dask_cluster import DaskCluster, dask_cluster
+
+pytestmark = [pytest.mark.anyio, pytest.mark.timeout(120)]
+
+USUAL_SECONDS = 60.0
+WAIT_SECONDS = 60.0
+DEADLY: Call = (signal.raise_signal, (signal.SIGKILL,))
+ENDLESS: Call = (pow, (7, 10**8))
+
+Make: TypeAlias = Callable[..., Awaitable[Executor]]
+with_processes = pytest.mark.parametrize("kind", ["pool", "dask"], indirect=True)
+"""A thread cannot do without the process it is in."""
+
+
+@pytest.fixture(scope="module")
+def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[DaskCluster]:
+    with dask_cluster(tmp_path_factory.mktemp("dask"), workers=2) as running:
+        yield running
+
+
+@pytest.fixture(params=["in-process", "pool", "dask"])
+def kind(request: pytest.FixtureRequest) -> str:
+    name: str = request.param
+    return name
+
+
+@pytest.fixture
+async def make(kind: str, request: pytest.FixtureRequest) -> AsyncIterator[Make]:
+    """Make executors of this kind, each with two workers if it has any."""
+    async with AsyncExitStack() as stack:
+
+        async def started(task_seconds: float = USUAL_SECONDS) -> Executor:
+            executor: Executor
+            if kind == "in-process":
+                executor = InProcessExecutor(task_seconds=task_seconds)
+            elif kind == "pool":
+                executor = PoolExecutor(workers=2, task_seconds=task_seconds)
+            else:
+                address = request.getfixturevalue("cluster").address
+                executor = DaskExecutor(address=address, workers=1, task_seconds=task_seconds)
+            await executor.start()
+            stack.push_async_callback(executor.stop, 1.5)
+            if isinstance(executor, DaskExecutor):
+                await until(lambda: executor.cluster.width == 2)
+            return executor
+
+        yield started
+
+
+@pytest.fixture
+async def executor(make: Make) -> Executor:
+    return await make()
+
+
+async def until(claim: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + WAIT_SECONDS
+    while not claim():  # noqa: ASYNC110 (other processes set no event)
+        assert time.monotonic() < deadline
+        await asyncio.sleep(0.02)
+
+
+def nap(seconds: float) -> Call:
+    return time.sleep, (seconds,)
+
+
+def folders(inside: Path, count: int) -> list[Call]:
+    """Calls that leave a trace each, and cannot run twice."""
+    return [(os.mkdir, (inside / str(number),)) for number in range(count)]
+
+
+async def test_single_call_returns_or_raises(executor: Executor) -> None:
+    assert await executor.submit(operator.add, 2, 3) == 5
+    with pytest.raises(ValueError, match="invalid literal"):
+        await executor.submit(int, "x")
+    with pytest.raises(TypeError, match="pickle"):
+        await executor.submit(threading.Lock)
+    assert executor.queued == 0
+
+
+async def test_calls_come_back_in_order_each_with_its_own_outcome(executor: Executor) -> None:
+    calls: list[Call] = [(operator.add, (1, 2)), (int, ("x",)), nap(0.2), (threading.Lock, ()), (operator.neg, (7,))]
+    first, wrong, slow, unsendable, last = await executor.run(calls)
+    assert (first.value, first.error, slow.error, last.value, last.error) == (3, None, None, -7, None)
+    assert isinstance(wrong.error, ValueError)
+    assert isinstance(unsendable.error, TypeError)
+    assert 0.2 <= slow.seconds < 2.0
+    assert first.seconds < 0.1
+    assert await executor.run([]) == []
+
+
+async def test_call_or_error_that_cannot_be_pickled_spoils_no_other(executor: Executor) -> None:
+    odd: Call = (eval, ("(_ for _ in ()).throw(type('Odd', (Exception,), {})())",))
+    one_way: Call = (exec, ("import json; json.loads('{')\n",))
+    calls: list[Call] = [(len, (threading.Lock(),)), odd, (lambda: 1, ()), one_way, (operator.add, (1, 2))]
+    finished = await executor.run(calls)
+    assert all(isinstance(outcome.error, Exception) for outcome in finished[:4])
+    assert "pickle" in str(finished[0].error)
+    assert finished[4].value == 3
+
+
+async def test_many_chunks_at_once_keep_their_answers_apart(executor: Executor) -> None:
+    chunks = [[(operator.mul, (chunk, number)) for number in range(20)] for chunk in range(30)]
+    for chunk, finished in enumerate(await asyncio.gather(*map(executor.run, chunks))):
+        assert [outcome.value for outcome in finished] == [chunk * number for number in range(20)]
+
+
+async def test_large_results_arrive_whole(executor: Executor) -> None:
+    finished = await executor.run([(np.full, (1_000_000, number)) for number in range(3)])
+    assert [outcome.value.sum() for outcome in finished] == [0.0, 1e6, 2e6]
+
+
+async def test_answers_of_the_solver_are_the_same_to_the_last_bit(executor: Executor) -> None:
+    calls: list[Call] = []
+    for number in range(6):
+        projectile = replace(PAPER_PROJECTILE, mass=11.0 + 0.7 * number)
+        shot = {"projectile": projectile, "target": PAPER_TARGET}
+        calls.append((run_cra, ({**shot, "velocity": 200.0 + 31.0 * number}, None)))
+        impact = Impact(velocity=PAPER_VELOCITY, oblique_angle=0.5 + 0.1 * number)
+        calls.append((run_trajectory, ({**shot, "impact": impact},)))
+    expected = [pickle.dumps(function(*arguments)) for function, arguments in calls]
+    finished = await executor.run(calls)
+    assert [outcome.error for outcome in finished] == [None] * len(calls)
+    assert [pickle.dumps(pickle.loads(pickle.dumps(outcome.value))) for outcome in finished] == [
+        pickle.dumps(pickle.loads(one)) for one in expected
+    ]
+
+
+async def test_call_past_its_time_says_so_and_the_others_run(make: Make) -> None:
+    executor = await make(task_seconds=0.5)
+    finished = await executor.run([nap(0.3), nap(1.0), (operator.add, (1, 2))])
+    assert [type(outcome.error) for outcome in finished] == [type(None), TaskTimeoutError, type(None)]
+    assert finished[1].seconds == 0.5
+    assert finished[2].value == 3
+    with pytest.raises(TaskTimeoutError):
+        await executor.submit(time.sleep, 1.0)
+
+
+@with_processes
+async def test_endless_call_is_ended(make: Make) -> None:
+    executor = await make(task_seconds=0.5)
+    finished = await executor.run([(operator.add, (1, 2)), ENDLESS, (operator.add, (3, 4))])
+    assert [type(outcome.error) for outcome in finished] == [type(None), TaskTimeoutError, type(None)]
+    assert [finished[0].value, finished[2].value] == [3, 7]
+
+
+@with_processes
+async def test_call_that_ends_its_workers_fails_alone_after_two(executor: Executor, tmp_path: Path) -> None:
+    diary = tmp_path / "diary"
+    noted: Call = (exec, (f"open({str(diary)!r}, 'a').write('x'); import os; os.kill(os.getpid(), 9)",))
+    finished = await executor.run([*folders(tmp_path, 2), noted, (operator.add, (1, 2)), DEADLY])
+    crash, fine = WorkerCrashedError, type(None)
+    assert [type(outcome.error) for outcome in finished] == [fine, fine, crash, fine, crash]
+    assert diary.read_text() == "xx"
+    with pytest.raises(WorkerCrashedError):
+        await executor.submit(*DEADLY[:1], *DEADLY[1])
+
+
+async def test_cancelled_chunk_stops_after_the_call_it_is_on(executor: Executor, tmp_path: Path) -> None:
+    begun = tmp_path / "begun"
+    later = tmp_path / "later"
+    later.mkdir()
+    running = [
+        asyncio.ensure_future(executor.run([(os.makedirs, (begun / str(number),)), nap(0.6), *folders(later, 3)]))
+        for number in range(executor.width)
+    ]
+    await until(begun.exists)
+    for chunk in running:
+        chunk.cancel()
+    await asyncio.wait(running)
+    assert all(chunk.cancelled() for chunk in running)
+    await asyncio.gather(*(executor.run([nap(0.0)]) for _ in range(2 * executor.width)))
+    await asyncio.sleep(0.8)
+    assert not list(later.iterdir())
+
+
+async def test_cancelled_while_it_waits_a_chunk_never_runs(executor: Executor, tmp_path: Path) -> None:
+    busy = [asyncio.ensure_future(executor.run([nap(0.5)])) for _ in range(executor.width)]
+    await asyncio.sleep(0.1)
+    waiting = asyncio.ensure_future(executor.run(folders(tmp_path, 3)))
+    await asyncio.sleep(0.1)
+    waiting.cancel()
+    await asyncio.gather(*busy)
+    await asyncio.gather(*(executor.run([nap(0.0)]) for _ in range(2 * executor.width)))
+    assert waiting.cancelled()
+    assert not list(tmp_path.iterdir())
+
+
+async def test_single_call_does_not_wait_for_a_chunk(executor: Executor) -> None:
+    chunks = [asyncio.ensure_future(executor.run([nap(0.05)] * 40)) for _ in range(executor.width)]
+    await asyncio.sleep(0.2)
+    assert await executor.submit(operator.add, 2, 3) == 5
+    assert await executor.probe(5.0)
+    assert not any(chunk.done() for chunk in chunks)
+    for chunk in chunks:
+        chunk.cancel()
+    await asyncio.wait(chunks)
+
+
+async def test_what_is_underway_at_the_stop_finishes_and_nothing_begins_after(executor: Executor) -> None:
+    assert await executor.probe(5.0)
+    chunk = asyncio.ensure_future(executor.run([nap(0.05), (operator.add, (1, 2))]))
+    await asyncio.sleep(0.05)
+    await executor.stop(10.0)
+    assert [outcome.value for outcome in await chunk] == [None, 3]
+    with pytest.raises(PoolUnavailableError):
+        await executor.run([nap(0.0)])
+    with pytest.raises(PoolUnavailableError):
+        await executor.submit(os.getpid)
+    assert not await executor.probe(0.5)
+    assert executor.trouble
+
+
+async def test_what_outlasts_the_grace_time_is_given_up(executor: Executor) -> None:
+    chunks = [asyncio.ensure_future(executor.run([nap(1.0)] * 60)) for _ in range(executor.width + 1)]
+    await asyncio.sleep(0.2)
+    began = time.monotonic()
+    await executor.stop(1.5)
+    assert time.monotonic() - began < 5.0
+    for chunk in chunks:
+        with pytest.raises(PoolUnavailableError):
+            await chunk
+
+
+async def test_it_tells_how_wide_it_is_and_which_processes_it_has(executor: Executor, kind: str) -> None:
+    assert executor.width == (1 if kind == "in-process" else 2)
+    assert executor.worker_pids
+    assert executor.restarts == 0
+    if sys.platform == "linux":
+        assert all(Path(f"/proc/{pid}").exists() for pid in executor.worker_pids)
