@@ -10,8 +10,8 @@ COMPILE := $(BIN)/uv pip compile --universal --python-version 3.11 --fork-strate
 WARM_UP = echo "compiling the solver unless that was done, up to a minute ..." && $(BIN)/python -c "import solver; solver.warm_up()"
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo serve test test-all check audit sbom format openapi docs bench accuracy stress reproduce validate \
-	figures screenshots lock clean
+.PHONY: help setup demo serve test test-all check audit sbom format openapi docs bench accuracy stress cluster reproduce \
+	validate figures screenshots lock clean
 
 help: ## list what can be made
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-11s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -80,6 +80,9 @@ accuracy: setup ## compare 200 random critical angles with converged ones, some 
 
 stress: setup ## load and faults against real servers, ten minutes; ARGS="--quick" or ARGS="--full"
 	$(BIN)/python -m benchmarks.stress $(ARGS)
+
+cluster: setup ## measure chunks on a Dask cluster beside the pool, some minutes; ARGS="--cases 2000"
+	$(BIN)/python -m benchmarks.cluster $(ARGS)
 
 reproduce: setup ## compute the paper anew, into build/reproduce
 	@$(BIN)/ricochet reproduce $(ARGS)

@@ -159,9 +159,8 @@ class Cluster:
         """Note how many chunks this worker takes at a time."""
         if threads:
             self.threads[address] = threads
-        else:
-            if self.threads.pop(address, 0) and not self.threads:
-                self.lost = time.monotonic()
+        elif self.threads.pop(address, 0) and not self.threads:
+            self.lost = time.monotonic()
         changed, self.changed = self.changed, asyncio.Event()
         changed.set()
 

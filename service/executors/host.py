@@ -22,6 +22,8 @@ from solver import ENGINE_VERSION
 
 PACKAGES = ("ricochet", "llvmlite", "numba", "numpy", "scipy")
 """What decides the last bit of a result, or how it is pickled."""
+MAIN_MODULES = ("distributed.cli.dask_worker",)
+"""Of this process: that takes a second, and is done once for all workers of the pool."""
 STOP_SECONDS = 1.0
 
 
@@ -59,7 +61,7 @@ class Host(WorkerPlugin):
         """Bring the pool up."""
         # The nanny makes its worker a daemon, which may have no children lest they outlive it; these end with it.
         multiprocessing.current_process().daemon = False
-        self._pool = PoolExecutor(workers=worker.state.nthreads, task_seconds=self._task_seconds)
+        self._pool = PoolExecutor(workers=worker.state.nthreads, task_seconds=self._task_seconds, preload=MAIN_MODULES)
         await self._pool.start()
 
     async def teardown(self, worker: Worker) -> None:
@@ -97,7 +99,7 @@ async def introduce(task_seconds: float, expected: Mapping[str, str], dask_worke
 
 
 async def run_chunk(
-    key: str, task_seconds: float, expected: Mapping[str, str], messages: list[bytes]
+    key: str, task_seconds: float, expected: Mapping[str, str], messages: Sequence[bytes]
 ) -> list[Finished]:
     """Run a chunk on the worker that this is called on.
 

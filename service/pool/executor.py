@@ -40,14 +40,16 @@ class PoolExecutor:
         Number of processes.
     task_seconds
         Wall time one call may take; its worker is killed then, as nothing else interrupts compiled code.
+    preload
+        Modules that the main module of this process needs: each worker imports it anew.
     """
 
     trouble = "no worker answered in time"
     """Why a probe fails."""
 
-    def __init__(self, *, workers: int, task_seconds: float) -> None:
+    def __init__(self, *, workers: int, task_seconds: float, preload: Sequence[str] = ()) -> None:
         context = multiprocessing.get_context("forkserver")
-        context.set_forkserver_preload(["service.pool.preload", "service.pool.worker"])
+        context.set_forkserver_preload(["service.pool.preload", "service.pool.worker", *preload])
         self._jobs = Backlog()
         self._numbers = itertools.count()
         self._unfinished: set[Future[Any]] = set()

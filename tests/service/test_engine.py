@@ -13,8 +13,8 @@ import pytest
 
 from service.admission import QueriesWaitingError
 from service.engine import AbandonedError, Engine, Operation, Wanted
-from service.keys import result_key
 from service.executors.face import Executor
+from service.keys import result_key
 from service.pool.executor import PoolExecutor
 from service.pool.lane import WorkerCrashedError
 from service.results.cache import NOT_CACHED, ResultCache

@@ -1,0 +1,183 @@
+"""Chunks on a Dask cluster of real processes over TCP, beside the pool: `make cluster`.
+
+Writes cluster.json and cluster.md. All processes share the cores of this machine, so what is measured of the solver is
+the machine's, and what is measured with calls that do nothing, or sleep, is the cluster's.
+"""
+
+import argparse
+import asyncio
+import json
+import operator
+import pickle
+import statistics
+import sys
+import tempfile
+import time
+from collections.abc import AsyncIterator, Sequence
+from contextlib import asynccontextmanager
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from benchmarks.machine import machine, versions
+from benchmarks.random_cases import one_by_one, study_cases
+from benchmarks.tables import table
+from service.executors.dask import DaskExecutor
+from service.executors.face import Executor
+from service.pool.executor import PoolExecutor
+from service.pool.worker import Call, Finished, run_cra
+from tests.service.dask_cluster import dask_cluster
+
+HERE = Path(__file__).parent
+SEED = 3
+CHUNK = 25
+"""Cases of a study in a chunk: a quarter of a second."""
+NOTHING: Call = (operator.add, (1, 2))
+NAP_SECONDS = 0.05
+NAPS_IN_CHUNK = 5
+IN_FLIGHT = 2
+"""Chunks for each worker."""
+
+
+async def run_all(executor: Executor, chunks: Sequence[Sequence[Call]]) -> tuple[list[Finished], float]:
+    """What became of all calls, in order, and the seconds it took, with a few chunks in flight as in the service."""
+    places = asyncio.Semaphore(executor.width * IN_FLIGHT)
+
+    async def one(chunk: Sequence[Call]) -> list[Finished]:
+        async with places:
+            return await executor.run(chunk)
+
+    began = time.perf_counter()
+    finished = await asyncio.gather(*map(one, chunks))
+    return [outcome for chunk in finished for outcome in chunk], time.perf_counter() - began
+
+
+@asynccontextmanager
+async def pool_of(workers: int) -> AsyncIterator[Executor]:
+    """A pool."""
+    pool = PoolExecutor(workers=workers, task_seconds=60.0)
+    await pool.start()
+    yield pool
+    await pool.stop(2.0)
+
+
+@asynccontextmanager
+async def cluster_of(workers: int) -> AsyncIterator[Executor]:
+    """A cluster whose workers are all there."""
+    with tempfile.TemporaryDirectory() as folder, dask_cluster(Path(folder), workers) as cluster:
+        executor = DaskExecutor(address=cluster.address, workers=1, task_seconds=60.0)
+        await executor.start()
+        while executor.cluster.width < workers:  # noqa: ASYNC110 (other processes set no event)
+            await asyncio.sleep(0.1)
+        yield executor
+        await executor.stop(2.0)
+
+
+def in_chunks(calls: Sequence[Call], size: int) -> list[Sequence[Call]]:
+    return [calls[i : i + size] for i in range(0, len(calls), size)]
+
+
+def tell(what: str) -> None:
+    print(f"cluster: {what}", file=sys.stderr, flush=True)
+
+
+async def no_ops(executor: Executor, size: int, chunks: int, repetitions: int) -> dict[str, float]:
+    """Cost of a call that does nothing, in chunks of one size."""
+    walls, cpus = [], []
+    for _ in range(repetitions):
+        cpu = time.process_time()
+        _, wall = await run_all(executor, [[NOTHING] * size] * chunks)
+        walls.append(wall)
+        cpus.append(time.process_time() - cpu)
+    count = size * chunks
+    return {
+        "calls_in_chunk": size,
+        "wall_ms_per_call": statistics.median(walls) / count * 1e3,
+        "service_cpu_ms_per_call": statistics.median(cpus) / count * 1e3,
+        "chunks_per_second": chunks / statistics.median(walls),
+    }
+
+
+async def measure(cases: int, naps: int, repetitions: int) -> dict[str, Any]:
+    calls: list[Call] = [(run_cra, (dict(case), None)) for case in one_by_one(study_cases(cases, SEED))]
+    found: dict[str, Any] = {"study": {"cases": cases}, "no_ops": {}, "naps": {"cases": naps}}
+    answers, nap = {}, [(time.sleep, (NAP_SECONDS,))] * naps
+    for name, start in (("pool", pool_of), ("dask", cluster_of)):
+        async with start(2) as executor:
+            tell(f"{name}: calls that do nothing")
+            await run_all(executor, [[NOTHING]] * 20)
+            sizes = ((1, 400), (10, 200), (100, 100))
+            found["no_ops"][name] = [await no_ops(executor, size, chunks, repetitions) for size, chunks in sizes]
+            tell(f"{name}: {cases} cases of a study")
+            finished, wall = await run_all(executor, in_chunks(calls, CHUNK))
+            answers[name] = [pickle.dumps(outcome.value) for outcome in finished]
+            failures = sum(outcome.error is not None for outcome in finished)
+            found["study"][name] = {"wall_s": wall, "failures": failures}
+    pairs = zip(answers["pool"], answers["dask"], strict=True)
+    found["study"]["equal"] = sum(one == other for one, other in pairs)
+    for workers in (1, 4):
+        async with cluster_of(workers) as executor:
+            tell(f"{naps} cases of {NAP_SECONDS:g} s on {workers} workers")
+            walls = [
+                (await run_all(executor, in_chunks(nap, NAPS_IN_CHUNK)))[1] for _ in range(max(1, repetitions // 2))
+            ]
+            found["naps"][str(workers)] = statistics.median(walls)
+    found["naps"]["ratio"] = found["naps"]["1"] / found["naps"]["4"]
+    return found
+
+
+def as_markdown(results: dict[str, Any]) -> str:
+    about, study, naps = results["machine"], results["study"], results["naps"]
+    shared = " under load of other programs," if about["load_average_before"] > about["cores"] / 2 else ""
+    lines = [
+        "# Chunks on a Dask cluster\n",
+        f"{about['processor']}, {about['cores']} cores, {about['memory_gb']} GB; {about['os']}.",
+        ", ".join(f"{name} {number}" for name, number in results["versions"].items()) + ".",
+        f"Measured on {results['measured']} by `make cluster`,{shared} load average {about['load_average_before']} before.",
+        "Scheduler, workers and client on the same cores, over TCP on the loopback interface.\n",
+        "| what | required | measured |",
+        "| --- | --- | --- |",
+        f"| {study['cases']:,} critical angles of a study, 2 workers, against a pool of 2 | the same to the last bit |"
+        f" {study['equal']:,} the same, {study['dask']['failures']} failed; {study['dask']['wall_s']:.1f} s, pool "
+        f"{study['pool']['wall_s']:.1f} s |",
+        f"| a call that does nothing, in chunks of {results['no_ops']['dask'][-1]['calls_in_chunk']} | less than 1 ms |"
+        f" {results['no_ops']['dask'][-1]['wall_ms_per_call']:.3f} ms |",
+        f"| {naps['cases']} cases of {NAP_SECONDS * 1e3:g} ms asleep, in chunks of {NAPS_IN_CHUNK}: four workers against"
+        f" one | at least 3.8 times | {naps['ratio']:.2f} times ({naps['1']:.2f} s, {naps['4']:.2f} s) |",
+        "",
+        "Calls that do nothing, two workers; medians:\n",
+    ]
+    head = ["", "calls in a chunk", "wall time a call", "CPU time a call of the service", "chunks a second"]
+    rows = [
+        [
+            name,
+            str(row["calls_in_chunk"]),
+            f"{row['wall_ms_per_call']:.3f} ms",
+            f"{row['service_cpu_ms_per_call']:.3f} ms",
+            f"{row['chunks_per_second']:.0f}",
+        ]
+        for name, measured in results["no_ops"].items()
+        for row in measured
+    ]
+    return "\n".join(lines) + "\n" + table(head, rows)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--cases", type=int, default=20_000, help="critical angles compared with the pool's")
+    parser.add_argument("--naps", type=int, default=400, help="cases of 50 ms asleep")
+    parser.add_argument("--repetitions", type=int, default=5)
+    asked = parser.parse_args()
+    results = {
+        "measured": datetime.now(UTC).isoformat(timespec="seconds"),
+        "machine": machine(),
+        "versions": versions() | {"distributed": version("distributed")},
+    } | asyncio.run(measure(asked.cases, asked.naps, asked.repetitions))
+    (HERE / "cluster.json").write_text(json.dumps(results, indent=2) + "\n")
+    (HERE / "cluster.md").write_text(as_markdown(results))
+    print(as_markdown(results))
+
+
+if __name__ == "__main__":
+    main()
