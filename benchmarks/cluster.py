@@ -128,39 +128,55 @@ async def measure(cases: int, naps: int, repetitions: int) -> dict[str, Any]:
 
 
 def as_markdown(results: dict[str, Any]) -> str:
-    about, study, naps = results["machine"], results["study"], results["naps"]
-    shared = " under load of other programs," if about["load_average_before"] > about["cores"] / 2 else ""
+    """The whole page."""
+    about = results["machine"]
     lines = [
         "# Chunks on a Dask cluster\n",
         f"{about['processor']}, {about['cores']} cores, {about['memory_gb']} GB; {about['os']}.",
         ", ".join(f"{name} {number}" for name, number in results["versions"].items()) + ".",
-        f"Measured on {results['measured']} by `make cluster`,{shared} load average {about['load_average_before']} before.",
+        f"Measured on {results['measured']} by `make cluster`; load average before: {about['load_average_before']}.",
         "Scheduler, workers and client on the same cores, over TCP on the loopback interface.\n",
-        "| what | required | measured |",
-        "| --- | --- | --- |",
-        f"| {study['cases']:,} critical angles of a study, 2 workers, against a pool of 2 | the same to the last bit |"
-        f" {study['equal']:,} the same, {study['dask']['failures']} failed; {study['dask']['wall_s']:.1f} s, pool "
-        f"{study['pool']['wall_s']:.1f} s |",
-        f"| a call that does nothing, in chunks of {results['no_ops']['dask'][-1]['calls_in_chunk']} | less than 1 ms |"
-        f" {results['no_ops']['dask'][-1]['wall_ms_per_call']:.3f} ms |",
-        f"| {naps['cases']} cases of {NAP_SECONDS * 1e3:g} ms asleep, in chunks of {NAPS_IN_CHUNK}: four workers against"
-        f" one | at least 3.8 times | {naps['ratio']:.2f} times ({naps['1']:.2f} s, {naps['4']:.2f} s) |",
-        "",
+        table(["what", "required", "measured"], requirements(results)),
         "Calls that do nothing, two workers; medians:\n",
+        table(
+            ["", "calls in a chunk", "wall time a call", "CPU time a call of the service", "chunks a second"],
+            [no_ops_row(name, row) for name, rows in results["no_ops"].items() for row in rows],
+        ),
     ]
-    head = ["", "calls in a chunk", "wall time a call", "CPU time a call of the service", "chunks a second"]
-    rows = [
+    return "\n".join(lines)
+
+
+def requirements(results: dict[str, Any]) -> list[list[str]]:
+    """What is required, and what was measured."""
+    study, naps, calls = results["study"], results["naps"], results["no_ops"]["dask"][-1]
+    times = f"{study['dask']['wall_s']:.1f} s, pool {study['pool']['wall_s']:.1f} s"
+    return [
         [
-            name,
-            str(row["calls_in_chunk"]),
-            f"{row['wall_ms_per_call']:.3f} ms",
-            f"{row['service_cpu_ms_per_call']:.3f} ms",
-            f"{row['chunks_per_second']:.0f}",
-        ]
-        for name, measured in results["no_ops"].items()
-        for row in measured
+            f"{study['cases']:,} critical angles of a study on two workers, against a pool of two",
+            "the same to the last bit",
+            f"{study['equal']:,} the same, {study['dask']['failures']} failed; {times}",
+        ],
+        [
+            f"a call that does nothing, in chunks of {calls['calls_in_chunk']}",
+            "less than 1 ms",
+            f"{calls['wall_ms_per_call']:.3f} ms",
+        ],
+        [
+            f"{naps['cases']} cases of {NAP_SECONDS * 1e3:g} ms asleep: four workers against one",
+            "at least 3.8 times",
+            f"{naps['ratio']:.2f} times ({naps['1']:.2f} s, {naps['4']:.2f} s)",
+        ],
     ]
-    return "\n".join(lines) + "\n" + table(head, rows)
+
+
+def no_ops_row(name: str, row: dict[str, float]) -> list[str]:
+    return [
+        name,
+        str(row["calls_in_chunk"]),
+        f"{row['wall_ms_per_call']:.3f} ms",
+        f"{row['service_cpu_ms_per_call']:.3f} ms",
+        f"{row['chunks_per_second']:.0f}",
+    ]
 
 
 def main() -> None:
