@@ -1,15 +1,18 @@
 # The service and nothing else: no tests, no developers' tools, no compiler.
 #   docker build --tag ricochet .
+#   docker build --build-arg REQUIREMENTS=cluster --tag ricochet:cluster .    # with Dask, see compose.yaml
 #   docker run --init --publish 127.0.0.1:8000:8000 --volume ricochet:/data ricochet
 
 FROM python:3.13-slim AS build
 
 ENV PIP_NO_CACHE_DIR=1 PIP_DISABLE_PIP_VERSION_CHECK=1 PIP_ROOT_USER_ACTION=ignore
+ARG REQUIREMENTS=run
 WORKDIR /src
 RUN python -m venv /opt/ricochet
-COPY requirements/build.txt requirements/run.txt requirements/
+COPY requirements/build.txt requirements/run.txt requirements/cluster.txt requirements/
 RUN python -m pip install --require-hashes --only-binary :all: --requirement requirements/build.txt \
-    && /opt/ricochet/bin/python -m pip install --require-hashes --only-binary :all: --requirement requirements/run.txt
+    && /opt/ricochet/bin/python -m pip install --require-hashes --only-binary :all: \
+        --requirement "requirements/${REQUIREMENTS:-run}.txt"
 COPY pyproject.toml README.md LICENSE ./
 COPY service/ service/
 COPY solver/ solver/

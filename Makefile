@@ -99,6 +99,7 @@ screenshots: setup ## take pictures of the page in Chromium, into build/screensh
 lock: setup ## pin the newest version of every package; the other locks follow the one of the developers
 	$(COMPILE) --upgrade pyproject.toml --group dev --all-extras -o $(DEV)
 	$(COMPILE) --no-annotate -c $(DEV) pyproject.toml -o requirements/run.txt
+	$(COMPILE) --no-annotate -c $(DEV) --extra dask pyproject.toml -o requirements/cluster.txt
 	$(COMPILE) --no-annotate -c $(DEV) --group build -o requirements/build.txt
 
 clean: ## remove .venv and every cache

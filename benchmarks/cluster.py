@@ -28,11 +28,13 @@ from service.executors.face import Executor
 from service.pool.executor import PoolExecutor
 from service.pool.worker import Call, Finished, run_cra
 from tests.service.dask_cluster import dask_cluster
+from tests.service.squares import accepted, cases, ended, running
 
 HERE = Path(__file__).parent
 SEED = 3
 CHUNK = 25
 """Cases of a study in a chunk: a quarter of a second."""
+JOB_CASES = 5_000
 NOTHING: Call = (operator.add, (1, 2))
 NAP_SECONDS = 0.05
 NAPS_IN_CHUNK = 5
@@ -99,9 +101,24 @@ async def no_ops(executor: Executor, size: int, chunks: int, repetitions: int) -
     }
 
 
-async def measure(cases: int, naps: int, repetitions: int) -> dict[str, Any]:
-    calls: list[Call] = [(run_cra, (dict(case), None)) for case in one_by_one(study_cases(cases, SEED))]
-    found: dict[str, Any] = {"study": {"cases": cases}, "no_ops": {}, "naps": {"cases": naps}}
+async def job(executor: Executor, count: int) -> dict[str, float]:
+    """Cost to the service of a case of a job that takes no time to compute: everything else."""
+    with tempfile.TemporaryDirectory() as folder:
+        async with running(Path(folder), executor, max_queued_cases=count) as runner:
+            cpu, wall = time.process_time(), time.perf_counter()
+            state = await ended(runner, await accepted(runner, cases(range(count))))
+            cpu, wall = time.process_time() - cpu, time.perf_counter() - wall
+    return {
+        "cases": count,
+        "failed": state.failed,
+        "wall_ms_per_case": wall / count * 1e3,
+        "service_cpu_ms_per_case": cpu / count * 1e3,
+    }
+
+
+async def measure(count: int, naps: int, repetitions: int) -> dict[str, Any]:
+    calls: list[Call] = [(run_cra, (dict(case), None)) for case in one_by_one(study_cases(count, SEED))]
+    found: dict[str, Any] = {"study": {"cases": count}, "no_ops": {}, "jobs": {}, "naps": {"cases": naps}}
     answers, nap = {}, [(time.sleep, (NAP_SECONDS,))] * naps
     for name, start in (("pool", pool_of), ("dask", cluster_of)):
         async with start(2) as executor:
@@ -109,7 +126,9 @@ async def measure(cases: int, naps: int, repetitions: int) -> dict[str, Any]:
             await run_all(executor, [[NOTHING]] * 20)
             sizes = ((1, 400), (10, 200), (100, 100))
             found["no_ops"][name] = [await no_ops(executor, size, chunks, repetitions) for size, chunks in sizes]
-            tell(f"{name}: {cases} cases of a study")
+            tell(f"{name}: a job of {JOB_CASES} cases")
+            found["jobs"][name] = await job(executor, JOB_CASES)
+            tell(f"{name}: {count} cases of a study")
             finished, wall = await run_all(executor, in_chunks(calls, CHUNK))
             answers[name] = [pickle.dumps(outcome.value) for outcome in finished]
             failures = sum(outcome.error is not None for outcome in finished)
@@ -141,6 +160,19 @@ def as_markdown(results: dict[str, Any]) -> str:
         table(
             ["", "calls in a chunk", "wall time a call", "CPU time a call of the service", "chunks a second"],
             [no_ops_row(name, row) for name, rows in results["no_ops"].items() for row in rows],
+        ),
+        "Jobs of cases that take no time: reading, keeping and marking are all there is:\n",
+        table(
+            ["", "cases", "wall time a case", "CPU time a case of the service"],
+            [
+                [
+                    name,
+                    f"{row['cases']:,}",
+                    f"{row['wall_ms_per_case']:.3f} ms",
+                    f"{row['service_cpu_ms_per_case']:.3f} ms",
+                ]
+                for name, row in results["jobs"].items()
+            ],
         ),
     ]
     return "\n".join(lines)
