@@ -83,8 +83,8 @@ async def workers_of(executor: DaskExecutor) -> dict[str, int]:
 
 async def grandparents(executor: DaskExecutor, count: int) -> set[int]:
     """The workers of Dask, or this process, that chunks run below: parents of the fork servers."""
-    code = "int(open(f'/proc/{os.getppid()}/stat').read().rpartition(')')[2].split()[1])"
-    call: Call = (eval, (f"__import__('time').sleep(0.1) or {code}", {"os": os}))
+    code = "__import__('time').sleep(0.1) or int(open('/proc/%d/stat' % __import__('os').getppid()).read().split()[3])"
+    call: Call = (eval, (code,))
     finished = await asyncio.gather(*(executor.run([call]) for _ in range(count)))
     return {outcome.value for (outcome,) in finished}
 
