@@ -23,6 +23,8 @@ from service.pool.worker import Call, Finished, answer, packed, unpacked
 
 ATTEMPTS = 5
 """A chunk that was lost so many times is left to the pool."""
+PAUSE_SECONDS = 0.1
+"""Before a chunk that was lost is given out again; twice as long each time."""
 PATIENCE_SECONDS = 5.0
 """For which chunks wait for a cluster that has been lost, rather than fill the pool: most restarts take less."""
 CANCEL_SECONDS = 1.0
@@ -112,7 +114,7 @@ class DaskExecutor:
     async def probe(self, seconds: float) -> bool:
         """Tell whether a worker of the pool answers within this time, and the cluster."""
         pool, cluster = await asyncio.gather(self._pool.probe(seconds), self.cluster.answers(seconds))
-        self.trouble = self._pool.trouble if not pool else f"cluster unreachable: no worker through {self._address}"
+        self.trouble = "cluster unreachable: no worker of it can be used" if pool else self._pool.trouble
         return pool and cluster
 
     async def stop(self, grace: float) -> None:
@@ -129,10 +131,6 @@ class DaskExecutor:
         await self.cluster.stop()
         await ending
 
-    @property
-    def _address(self) -> str:
-        return self.cluster.address
-
     async def _see_through(self, calls: Sequence[Call]) -> list[Finished]:
         messages = await asyncio.to_thread(all_packed, calls)
         return await asyncio.to_thread(all_opened, await self._replies(messages))
@@ -144,13 +142,14 @@ class DaskExecutor:
                 break
             try:
                 return await self._attempt(messages)
-            except KilledWorker as error:
+            except KilledWorker:
                 if len(messages) == 1:
-                    return [Finished(None, WorkerCrashedError(f"the task ended the workers it was on: {error}"), 0.0)]
+                    return [Finished(None, WorkerCrashedError("the task ended every worker it was given to"), 0.0)]
                 half = len(messages) // 2
                 return [*await self._replies(messages[:half]), *await self._replies(messages[half:])]
             except LostError as error:
                 log.debug("chunk of %d calls was lost %d times: %s", len(messages), attempt + 1, error)
+                await asyncio.sleep(PAUSE_SECONDS * 2**attempt)
         return await self._pool.run([(answer, (message,)) for message in messages])
 
     async def _cluster_there(self) -> bool:
