@@ -114,6 +114,11 @@ class Engine:
         """Chunks that can run at the same time, now."""
         return self._executor.width
 
+    @property
+    def places(self) -> int:
+        """Chunks that should be begun at the same time, now: some wait, so that no worker does."""
+        return self._executor.width + self._executor.spare
+
     async def answer(self, operation: str, request: Request, named: Named | None = None) -> Answered:
         """Record of the request, and whether it was there already.
 

@@ -37,8 +37,6 @@ __all__ = [
     "StorageError",
 ]
 
-SPARE_CHUNKS = 1
-"""In the pool beside one a worker, so that none waits for the next."""
 CHUNKS_KEPT = 2
 """Beside those in the pool, being made or kept: this bounds the memory they take."""
 SWEEP_SECONDS = 3600.0
@@ -72,8 +70,8 @@ class Runner:
         self._engine = engine
         self._most_queued = max_queued_cases
         self._rate = Rate()
-        slots = Slots(lambda: engine.width + SPARE_CHUNKS)
-        room = Slots(lambda: engine.width + SPARE_CHUNKS + CHUNKS_KEPT)
+        slots = Slots(lambda: engine.places)
+        room = Slots(lambda: engine.places + CHUNKS_KEPT)
         self._dispatcher = Dispatcher(engine, jobs, slots, room, self._rate)
         self._small = SmallWork(engine, slots, self._rate)
         self._reader = Reader(engine, jobs, self._small)

@@ -80,6 +80,11 @@ class DaskExecutor:
         """Chunks that can run at the same time: on the cluster or, while there is none, here."""
         return self.cluster.width or self._pool.width
 
+    @property
+    def spare(self) -> int:
+        """One for each worker: the next is there when it has finished, rather than on its way through the scheduler."""
+        return self.cluster.width or self._pool.spare
+
     async def start(self) -> None:
         """Bring the pool up, and those workers of the cluster that are there; without any it starts all the same."""
         await self._pool.start()

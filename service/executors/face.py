@@ -29,6 +29,10 @@ class Executor(Protocol):
         """Chunks that can run at the same time, now; it may change as workers come and go."""
 
     @property
+    def spare(self) -> int:
+        """Chunks beyond these that should wait with it, so that no worker has to wait for its next one."""
+
+    @property
     def trouble(self) -> str:
         """Why the last probe failed."""
 

@@ -31,6 +31,7 @@ class InProcessExecutor:
     worker_pids: list[int]
     restarts = 0
     width = 1
+    spare = 1
     trouble = "no worker answered in time"
 
     def __init__(self, *, task_seconds: float) -> None:

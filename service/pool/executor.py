@@ -44,6 +44,8 @@ class PoolExecutor:
         Modules that the main module of this process needs: each worker imports it anew.
     """
 
+    spare = 1
+    """Chunks beyond one a worker that should wait here: the lanes share them, so that one is enough."""
     trouble = "no worker answered in time"
     """Why a probe fails."""
 
