@@ -44,13 +44,14 @@ test-all: setup ## run the tests that take minutes as well
 	@$(WARM_UP)
 	@$(BIN)/pytest -n 2 --dist loadfile -m "slow or not slow" $(ARGS)
 
-check: setup ## lint, format, types, floors, committed contract and tables, known vulnerabilities
+check: setup ## lint, format, types, floors, committed contract and tables, Dockerfile, known vulnerabilities
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	$(BIN)/ricochet openapi --check
 	$(BIN)/python docs/tables.py --check
+	$(BIN)/hadolint Dockerfile
 	$(BIN)/python requirements/audit.py
 
 audit: setup ## look for known vulnerabilities in what the service runs on
