@@ -80,7 +80,7 @@ class Container:
 
     def take(self, step: Step, others: Mapping[str, "Container"]) -> None:
         """Do what a step says; those that only say how the image is to be run change nothing."""
-        if step.instruction == "ENV":
+        if step.instruction in {"ARG", "ENV"}:
             known = self.environment
             self.environment = known | {
                 name: value.replace("$PATH", known["PATH"]) for name, value in step.assignments().items()

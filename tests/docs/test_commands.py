@@ -24,6 +24,9 @@ NOT_RUN = {
     "make test": "what CI runs itself, and this is part of it",
     "make setup": "done by all others",
     "make check": "what CI runs itself",
+    "pip install ": "what setup does from the lock",
+    "dask ": "tests/service/dask_cluster.py starts the same",
+    "RICOCHET_EXECUTOR=dask ": "likewise",
     "docker ": "needs an engine; tests/container runs the steps",
 }
 """Beginnings of commands that stand in a block which is not run, with the reason."""
