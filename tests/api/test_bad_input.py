@@ -165,7 +165,7 @@ def test_content_type_is_read_as_the_standard_says(client: httpx.Client) -> None
     assert client.post("/cra", content=PAPER_TEXT, headers=headers).status_code == 200
 
 
-@pytest.mark.parametrize("path", ["/", "/nothing", "/cra/", "/trajectory/1", "/results", "/results/", "/docs/assets/x"])
+@pytest.mark.parametrize("path", ["/nothing", "/cra/", "/trajectory/1", "/results", "/results/", "/docs/assets/x"])
 def test_unknown_path_is_not_found(client: httpx.Client, path: str) -> None:
     problem_of(client.get(path), 404)
 
