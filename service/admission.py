@@ -3,6 +3,10 @@
 import math
 import time
 from collections import deque
+from typing import Any
+
+from service.schemas.requests import Case
+from solver import ParameterError
 
 MEMORY_SECONDS = 30.0
 """How far back a rate looks: a few chunks of slow work, not the hour before."""
@@ -28,6 +32,57 @@ class QueueFullError(Exception):
 
 class QueriesWaitingError(QueueFullError):
     """More single queries would wait than may."""
+
+
+class OwnerQueriesError(QueueFullError):
+    """More single queries of one owner would wait or run than may."""
+
+
+class QuotaError(Exception):
+    """A key asks for more cases than it may.
+
+    Parameters
+    ----------
+    most
+        Within an hour.
+    count
+        That are asked for.
+    retry_after
+        When the key may ask for so many again, or, if it never may, when nothing is counted any more. [s]
+    """
+
+    def __init__(self, most: int, count: int, retry_after: int) -> None:
+        more = "" if count <= most else "; ask for fewer at a time"
+        super().__init__(f"{count:,} cases are more than this key may ask for now: it has {most:,} an hour{more}")
+        self.retry_after = retry_after
+
+
+class OwnerStreamsError(Exception):
+    """An owner has as many event streams open as one may."""
+
+    retry_after = 30
+    """Until one of them is likely to have ended. [s]"""
+
+
+class StreamsFullError(OwnerStreamsError):
+    """As many event streams are open as may be."""
+
+
+def check_work(case: Any, most: float) -> None:
+    """Refuse a case whose runs could take far longer than any is given.
+
+    Raises
+    ------
+    ParameterError
+        If panels times steps are more than this.
+    """
+    work = case.panel_steps() if isinstance(case, Case) else 0.0
+    if work > most:
+        raise ParameterError(
+            "numerics.panels",
+            f"times the termination time over `time_step_s` must be at most {most:g}, got {work:g}: take fewer panels, "
+            "longer steps or an earlier end",
+        )
 
 
 class Rate:

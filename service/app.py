@@ -1,6 +1,7 @@
 """The application: settings in, routes, handlers and what lives as long as it runs out."""
 
 import asyncio
+import logging
 import shutil
 from collections.abc import AsyncIterator
 from contextlib import AsyncExitStack, asynccontextmanager
@@ -9,9 +10,16 @@ from typing import Any
 from anyio import CapacityLimiter
 from fastapi import FastAPI
 from pydantic.json_schema import models_json_schema
+from starlette.middleware.cors import CORSMiddleware
 from starlette.types import ASGIApp
 
 from service import telemetry
+from service.access.audit import AuditLog
+from service.access.gate import Gate
+from service.access.keyring import KeyRing
+from service.access.places import Queries, Streams
+from service.access.rules import scope_for
+from service.access.usage import Usages
 from service.batches.runner import Runner
 from service.engine import Engine
 from service.executors.choice import executor_for
@@ -20,6 +28,7 @@ from service.logs import RequestLog
 from service.problems import MEDIA_TYPE, install_problem_handlers
 from service.results.cache import ResultCache
 from service.routes import batch, calibration, cra, docs, health, jobs, metrics, page, results, sweep, trajectory
+from service.routes.contract import problems
 from service.routes.download import FOLDER as DOWNLOADS
 from service.routes.hot import HotAnswers, HotPath
 from service.schemas import (
@@ -57,8 +66,22 @@ BODIES = (
     ObliquityCalibrationRequest,
 )
 """Models of the bodies that routes read piece by piece, which FastAPI does not get to see."""
+KEY = {
+    "type": "http",
+    "scheme": "bearer",
+    "description": "A key of `ricochet keys add`, where the service asks for one. Reading takes the scope `read`, all "
+    "else `run`; with `admin`, the jobs of all owners are there.",
+}
+CORS: dict[str, Any] = {
+    "allow_methods": ["GET", "POST", "DELETE"],
+    "allow_headers": ["Authorization", "Content-Type", "Idempotency-Key", "If-None-Match", "Last-Event-ID", "Prefer"],
+    "expose_headers": ["Cache-Status", "Content-Location", "ETag", "Location", "Preference-Applied", "Retry-After"],
+}
+"""What pages of the origins that are allowed may send and see."""
 READING_THREADS = 1
 """They validate cases: more would only take the interpreter lock from the event loop more often."""
+
+log = logging.getLogger(__name__)
 
 
 class Application(FastAPI):
@@ -69,8 +92,10 @@ class Application(FastAPI):
         if self.openapi_schema is None:
             contract = super().openapi()
             declare_bodies(contract["components"]["schemas"])
-            for path in contract["paths"].values():
-                for operation in path.values():
+            contract["components"]["securitySchemes"] = {"key": KEY}
+            for path, operations in contract["paths"].items():
+                for method, operation in operations.items():
+                    declare_access(method, path, operation)
                     declare_problems(operation["responses"])
                     declare_events(operation["responses"])
         return super().openapi()
@@ -78,9 +103,13 @@ class Application(FastAPI):
     def build_middleware_stack(self) -> ASGIApp:
         """Return what answers requests. Outside all that FastAPI does, so that what it answers to a failure is seen."""
         counts: metrics.Metrics = self.state.metrics
+        settings: Settings = self.state.settings
         hot = HotPath(super().build_middleware_stack(), lambda: getattr(self.state, "hot", None), counts.count_hit)
         answering = hot if self.state.traces is None else telemetry.LinkedTrace(hot)
-        return RequestLog(answering, counts.observe, self.state.settings.log_level)
+        gate: ASGIApp = Gate(answering, settings, self.state.keys, self.state.usages, self.state.audit)
+        if settings.cors_origins:
+            gate = CORSMiddleware(gate, settings.cors_origins, **CORS)
+        return RequestLog(gate, counts.observe, settings.log_level)
 
 
 def declare_bodies(schemas: dict[str, Any]) -> None:
@@ -90,6 +119,19 @@ def declare_bodies(schemas: dict[str, Any]) -> None:
     )
     for name, schema in found["$defs"].items():
         schemas.setdefault(name, schema)
+
+
+def declare_access(method: str, path: str, operation: dict[str, Any]) -> None:
+    """Tell whether an operation may take a key, and how it is refused for want of one."""
+    if scope_for(method.upper(), path) is None:
+        return
+    operation["security"] = [{}, {"key": []}]
+    refused = problems(400, 401, 403, *([408] if "requestBody" in operation else []))
+    for status, response in refused.items():
+        told = {name: value for name, value in response.items() if name != "model"}
+        content = {"application/json": {"schema": {"$ref": "#/components/schemas/Problem"}}}
+        operation["responses"].setdefault(str(status), {**told, "content": content})
+    operation["responses"] = dict(sorted(operation["responses"].items()))
 
 
 def declare_events(responses: dict[str, Any]) -> None:
@@ -132,6 +174,11 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     )
     app.state.settings, app.state.traces = settings, traces
     app.state.metrics = metrics.Metrics()
+    app.state.keys = KeyRing(settings.data_dir, log.error)
+    app.state.usages = Usages(settings.data_dir)
+    app.state.audit = AuditLog(settings.audit_log)
+    app.state.streams = Streams(settings.max_streams, settings.max_owner_streams)
+    app.state.queries = Queries(settings.max_owner_queries)
     install_problem_handlers(app)
     for resource in RESOURCES:
         app.include_router(resource.router)
@@ -149,6 +196,9 @@ async def lifespan(app: FastAPI) -> AsyncIterator[None]:
     state.stopping = asyncio.Event()
     state.reading = CapacityLimiter(READING_THREADS)
     async with AsyncExitStack() as stack:
+        state.audit.open()
+        stack.callback(state.audit.close)
+        await stack.enter_async_context(state.usages.kept())
         if state.traces is not None:
             stack.push_async_callback(telemetry.finish, state.traces, TRACES_SECONDS)
         state.cache = stack.enter_context(

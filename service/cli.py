@@ -30,6 +30,7 @@ COMMANDS = (
     Command("sweep", "one case over ranges of up to four of its numbers", "sweep"),
     Command("jobs", "the jobs of a service", "jobs"),
     Command("serve", "run the service, as the RICOCHET_... variables say", "serve"),
+    Command("keys", "say who may ask the service, and for how much", "keys"),
     Command("cache", "look after the results of the data folder", "cache"),
     Command("calibrate", "fit strength factors to tests or finite element histories", "calibrate"),
     Command("reproduce", "compute the paper anew, beside its own numbers", "reports"),

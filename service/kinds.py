@@ -9,7 +9,14 @@ from dataclasses import dataclass
 from http import HTTPStatus
 from typing import Any
 
-from service.admission import QueriesWaitingError, QueueFullError
+from service.admission import (
+    OwnerQueriesError,
+    OwnerStreamsError,
+    QueriesWaitingError,
+    QueueFullError,
+    QuotaError,
+    StreamsFullError,
+)
 from service.jobs.store import IdempotencyBusyError, IdempotencyConflictError, StorageError
 from service.pool.lane import PoolUnavailableError, TaskTimeoutError, WorkerCrashedError
 from service.schemas.pointers import pointer_of_parameter
@@ -48,6 +55,10 @@ KINDS: Mapping[type[Exception], Kind] = {
     PoolUnavailableError: Kind(HTTPStatus.SERVICE_UNAVAILABLE, "unavailable", "No worker process can take the query"),
     QueriesWaitingError: Kind(HTTPStatus.SERVICE_UNAVAILABLE, "busy", "Too many queries are waiting"),
     QueueFullError: Kind(HTTPStatus.TOO_MANY_REQUESTS, "queue-full", "Too many cases are waiting"),
+    OwnerQueriesError: Kind(HTTPStatus.TOO_MANY_REQUESTS, "owner-busy", "Too many queries of this owner are waiting"),
+    QuotaError: Kind(HTTPStatus.TOO_MANY_REQUESTS, "quota", "The key has asked for too many cases"),
+    OwnerStreamsError: Kind(HTTPStatus.TOO_MANY_REQUESTS, "owner-streams", "Too many event streams of this owner"),
+    StreamsFullError: Kind(HTTPStatus.SERVICE_UNAVAILABLE, "streams-full", "Too many event streams are open"),
     IdempotencyConflictError: Kind(
         HTTPStatus.UNPROCESSABLE_ENTITY, "idempotency-conflict", "The idempotency key belongs to another request"
     ),

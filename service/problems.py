@@ -81,7 +81,7 @@ def allowed_methods(request: Request) -> list[str]:
     found = {
         method.upper()
         for path, operations in contract.openapi()["paths"].items()
-        if compile_path(path)[0].match(request.url.path)
+        if compile_path(path)[0].match(request.scope["path"])
         for method in operations
     }
     return sorted(found) or ["GET"]
@@ -113,7 +113,7 @@ def problem(
     retry_after: int = RETRY_SECONDS,
 ) -> Response:
     """Return the answer to a request that has none."""
-    told = {**content(kind, detail, errors), "instance": request.url.path}
+    told = {**content(kind, detail, errors), "instance": request.scope["path"]}
     response = Response(orjson.dumps(told), kind.status, headers=headers, media_type=MEDIA_TYPE)
     if kind.status in PASSING:
         response.headers["Retry-After"] = str(retry_after)

@@ -3,10 +3,21 @@
 import os
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal, Self, TypeAlias
 
-from pydantic import Field, model_validator
-from pydantic_settings import BaseSettings, SettingsConfigDict
+from pydantic import BeforeValidator, Field, model_validator
+from pydantic_settings import NoDecode, SettingsConfigDict
+
+from service.limits import Limits
+
+LOOPBACK = frozenset({"127.0.0.1", "::1", "localhost"})
+"""Addresses that only this machine reaches."""
+Names: TypeAlias = Annotated[
+    tuple[str, ...],
+    NoDecode,
+    BeforeValidator(lambda told: [name.strip() for name in told.split(",")] if isinstance(told, str) else told),
+]
+"""Told with commas between them."""
 
 
 def available_cores() -> int:
@@ -16,7 +27,7 @@ def available_cores() -> int:
     return os.cpu_count() or 1
 
 
-class Settings(BaseSettings):
+class Settings(Limits):
     """What can be set. `RICOCHET_PORT=9000` sets `port`."""
 
     model_config = SettingsConfigDict(env_prefix="RICOCHET_", frozen=True)
@@ -24,6 +35,41 @@ class Settings(BaseSettings):
     host: Annotated[str, Field(description="Address to listen on; this machine only unless said otherwise.")] = (
         "127.0.0.1"
     )
+    access: Annotated[
+        Literal["auto", "keys", "open"],
+        Field(
+            description="Who may ask: `keys` only those with a key, `open` everybody who reaches the service, `auto` "
+            "those with a key as soon as there is one, and otherwise everybody on this machine."
+        ),
+    ] = "auto"
+    allowed_hosts: Annotated[
+        Names,
+        Field(
+            description="Names in the `Host` header that are answered, with commas between them; any if none is set, "
+            "but on the loopback interface of an open service only those of this machine: a page elsewhere could "
+            "otherwise have its own name point here."
+        ),
+    ] = ()
+    cors_origins: Annotated[
+        Names,
+        Field(
+            description="Origins whose pages may ask from a browser, such as `https://a.example`, with commas between "
+            "them; none but the service's own if none is set."
+        ),
+    ] = ()
+    metrics_open: Annotated[
+        bool, Field(description="Whether `/metrics` is told without a key: it holds counts, no case.")
+    ] = False
+    audit_log: Annotated[
+        Path | None,
+        Field(
+            description="File of the audit log; standard error if none is set. Opened anew once it has been moved away."
+        ),
+    ] = None
+    tls_certificate: Annotated[
+        Path | None, Field(description="Certificate (PEM, with its chain) to serve HTTPS with; takes a `tls_key`.")
+    ] = None
+    tls_key: Annotated[Path | None, Field(description="Private key of the certificate (PEM).")] = None
     port: Annotated[int, Field(ge=0, le=65535, description="Port to listen on; 0 takes a free one.")] = 8000
     data_dir: Annotated[Path, Field(description="Folder of results and jobs; made if it is not there.")] = Path("data")
     workers: Annotated[
@@ -140,6 +186,18 @@ class Settings(BaseSettings):
             "10 s after which container managers kill.",
         ),
     ] = 8
+
+    @property
+    def on_loopback(self) -> bool:
+        """Whether only this machine reaches the service."""
+        return self.host in LOOPBACK
+
+    @model_validator(mode="after")
+    def check_tls(self) -> Self:
+        """See that both files of TLS are named, or none."""
+        if (self.tls_certificate is None) != (self.tls_key is None):
+            raise ValueError("tls_certificate and tls_key go together: set both or none")
+        return self
 
     @model_validator(mode="after")
     def _dask_is_there(self) -> Self:

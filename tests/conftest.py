@@ -2,6 +2,7 @@
 
 import os
 import socket
+import ssl
 import subprocess
 import sys
 import time
@@ -30,12 +31,12 @@ def free_port() -> int:
     return port
 
 
-def wait_until_ready(service: "Service") -> None:
+def wait_until_ready(service: "Service", verify: ssl.SSLContext | bool) -> None:
     deadline = time.monotonic() + START_LIMIT_S
     while time.monotonic() < deadline:
         assert service.process.poll() is None, f"the service ended by itself with {service.process.returncode}"
         try:
-            if httpx.get(f"{service.url}/readyz", trust_env=False).is_success:
+            if httpx.get(f"{service.url}/readyz", trust_env=False, verify=verify).is_success:
                 return
         except httpx.TransportError:
             pass  # not listening yet
@@ -52,8 +53,9 @@ class Service:
 
 
 @contextmanager
-def running_service(folder: Path, **settings: str) -> Iterator[Service]:
-    """A service with an empty data folder, which must end well and log no failure."""
+def running_service(folder: Path, verify: ssl.SSLContext | bool = True, **settings: str) -> Iterator[Service]:
+    """A service with an empty data folder, which must end well and log no failure; over TLS if what is to be trusted
+    is given."""
     port = free_port()
     names = {"host": "127.0.0.1", "port": str(port), "data_dir": str(folder / "data"), "workers": "2"}
     names |= {"log_level": "warning"} | settings
@@ -63,9 +65,9 @@ def running_service(folder: Path, **settings: str) -> Iterator[Service]:
         (folder / "log").open("wb") as log,
         subprocess.Popen(command, cwd=ROOT, env=environment, stdout=log, stderr=subprocess.STDOUT) as process,
     ):
-        service = Service(f"http://127.0.0.1:{port}", process)
+        service = Service(f"{'http' if verify is True else 'https'}://127.0.0.1:{port}", process)
         try:
-            wait_until_ready(service)
+            wait_until_ready(service, verify)
             yield service
         finally:
             process.terminate()

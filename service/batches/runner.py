@@ -179,13 +179,13 @@ class Runner:
         finally:
             self._accepting.discard(token)
 
-    async def job(self, name: str, owner: str = OWNER) -> JobState | None:
-        """Job with this id, if the owner has one."""
+    async def job(self, name: str, owner: str | None = OWNER) -> JobState | None:
+        """Job with this id, if the owner has one; None stands for any owner."""
         state = await self._state(name)
-        return state if state is not None and state.owner == owner else None
+        return state if state is not None and owner in {None, state.owner} else None
 
-    async def jobs(self, owner: str = OWNER) -> list[JobState]:
-        """Jobs of the owner, newest first."""
+    async def jobs(self, owner: str | None = OWNER) -> list[JobState]:
+        """Jobs of the owner, newest first; None stands for all owners."""
         stored = await self._thread(self._jobs.jobs, owner)
         return [self._present(state.id) or state for state in reversed(stored)]
 
@@ -200,7 +200,7 @@ class Runner:
         async for results in self._reader.read(lambda: self._state(name), start, limit):
             yield results
 
-    async def cancel(self, name: str, owner: str = OWNER) -> JobState | None:
+    async def cancel(self, name: str, owner: str | None = OWNER) -> JobState | None:
         """End the job as it is, if it has not ended; return it."""
         state = await self.job(name, owner)
         active = self._dispatcher.active.get(name)
@@ -208,7 +208,7 @@ class Runner:
             return state
         return await self._dispatcher.end(active, "dismissed")
 
-    async def delete(self, name: str, owner: str = OWNER) -> bool:
+    async def delete(self, name: str, owner: str | None = OWNER) -> bool:
         """Cancel the job and remove it; return whether there was one."""
         state = await self.cancel(name, owner)
         if state is None:

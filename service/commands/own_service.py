@@ -47,7 +47,7 @@ def own_service(data_dir: Path | None) -> Iterator[Client]:
     before = signal.signal(signal.SIGTERM, lambda *_: sys.exit(TERMINATED))  # leaves by way of what is below
     with tempfile.TemporaryDirectory(prefix="ricochet-") as folder:
         address = f"{folder}/socket"
-        settings = read_settings(data_dir=data_dir or Path(folder) / "data", log_level="error")
+        settings = read_settings(data_dir=data_dir or Path(folder) / "data", log_level="error", access="open")
         server = PrivateServer(settings, address)
         thread = threading.Thread(target=server.live, name="ricochet-service")
         thread.start()

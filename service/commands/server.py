@@ -1,5 +1,6 @@
 """The server: uvicorn, which tells the application when it is about to stop."""
 
+import asyncio
 import gc
 import socket
 from typing import Any
@@ -7,8 +8,12 @@ from typing import Any
 import uvicorn
 from fastapi import FastAPI
 
+from service.access.connection import Connection
 from service.app import STOP_SECONDS
 from service.settings import Settings
+
+TICKS = 10
+"""Of the server, in a second."""
 
 
 class Server(uvicorn.Server):
@@ -29,8 +34,13 @@ class Server(uvicorn.Server):
                 app,
                 host=settings.host,
                 port=settings.port,
+                http=Connection,
+                ws="none",
                 log_config=None,
                 access_log=False,
+                server_header=False,
+                ssl_certfile=settings.tls_certificate,
+                ssl_keyfile=settings.tls_key,
                 timeout_graceful_shutdown=settings.grace_seconds - STOP_SECONDS,
                 **options,
             )
@@ -41,6 +51,15 @@ class Server(uvicorn.Server):
         await super().startup(sockets)
         gc.collect()
         gc.freeze()
+
+    async def on_tick(self, counter: int) -> bool:
+        """Look once a second at connections whose clients are slow; return whether to stop."""
+        if counter % TICKS == 0:
+            now = asyncio.get_running_loop().time()
+            for connection in list(self.server_state.connections):
+                if isinstance(connection, Connection):
+                    connection.look(now)
+        return await super().on_tick(counter)
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
         """Answer what there is, and stop."""

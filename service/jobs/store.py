@@ -142,8 +142,10 @@ class JobStore:
         found = self._jobs("id = ? AND status != 'accepting'", name)
         return found[0] if found else None
 
-    def jobs(self, owner: str) -> list[JobState]:
-        """Jobs of this owner, in order of arrival."""
+    def jobs(self, owner: str | None) -> list[JobState]:
+        """Jobs of this owner, of all if it is None, in order of arrival."""
+        if owner is None:
+            return self._jobs("status != 'accepting'")
         return self._jobs("owner = ? AND status != 'accepting'", owner)
 
     def unfinished(self) -> list[JobState]:

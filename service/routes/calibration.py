@@ -33,6 +33,9 @@ MOST_FIELDS = 20
 """Of an object of these requests, which have half as many: what is wrong with each of a million would take a second
 to tell."""
 
+COUNTS = 20
+"""Cases that a fit counts as: it takes as long."""
+
 router = APIRouter(tags=["calibration"])
 
 OPERATIONS = {
@@ -99,7 +102,7 @@ async def answer_long(request: Request, operation: str, model: type[BaseModel], 
     state = request.app.state
     body = b"".join([chunk async for chunk in stream_up_to(request, state.settings.max_batch_bytes)])
     asked = await run_sync(read_asked, body, operation, model, limiter=state.reading)
-    return await computed(request, operation, asked.case, engine, asked.named)
+    return await computed(request, operation, asked.case, engine, asked.named, counts=COUNTS)
 
 
 @dataclass(frozen=True, slots=True)

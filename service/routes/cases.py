@@ -15,12 +15,14 @@ from fastapi import HTTPException, Request
 from pydantic import MISSING, BaseModel, ValidationError
 from pydantic_core import to_json
 
+from service.admission import check_work
 from service.jobs.slices import Case
 from service.kinds import errors_of as errors_of_case
 from service.problems import MOST_ERRORS, InvalidBodyError, errors_told
 from service.routes.body import JSON, JSONL, parse_json, require_type, stream_up_to
 from service.schemas.batches import MOST_LINES, Cases
 from service.schemas.sweeps import AxisError, Grid, Outline
+from service.settings import Settings
 from solver import ParameterError
 
 LINES = 200
@@ -52,17 +54,17 @@ async def read_batch(request: Request, model: type[BaseModel]) -> Incoming:
         If it is none.
     """
     media_type = require_type(request, JSON, JSONL)
-    digest = hashlib.sha256(f"{request.url.path} {media_type}\n".encode())
+    digest = hashlib.sha256(f"{request.scope['path']} {media_type}\n".encode())
     settings, threads = request.app.state.settings, request.app.state.reading
     if media_type == JSONL:
         lines = split_lines(stream_up_to(request, settings.max_jsonl_bytes), settings.max_body_bytes, digest)
-        return Incoming(read_lines(lines, model, settings.max_body_bytes, threads), digest)
+        return Incoming(read_lines(lines, model, settings, threads), digest)
     body = await read_whole(request, digest)
     found = await run_sync(unwrap, body, Cases, limiter=threads)
     cases: list[Case] = []
     for first in range(0, len(found.cases), LINES):
         part = found.cases[first : first + LINES]
-        cases += await run_sync(check_cases, part, model, first, settings.max_body_bytes, limiter=threads)
+        cases += await run_sync(check_cases, part, model, first, settings, limiter=threads)
     return Incoming(sliced(cases), digest)
 
 
@@ -75,10 +77,11 @@ async def read_sweep(request: Request, model: type[BaseModel]) -> Incoming:
         If it is none.
     """
     media_type = require_type(request, JSON)
-    digest = hashlib.sha256(f"{request.url.path} {media_type}\n".encode())
+    digest = hashlib.sha256(f"{request.scope['path']} {media_type}\n".encode())
     body = await read_whole(request, digest)
-    grid = await run_sync(lay_grid, body, model, request.app.state.settings.max_body_bytes)
-    return Incoming(read_points(grid, model, request.app.state.reading), digest)
+    settings = request.app.state.settings
+    grid = await run_sync(lay_grid, body, model, settings.max_body_bytes)
+    return Incoming(read_points(grid, model, settings, request.app.state.reading), digest)
 
 
 async def read_whole(request: Request, digest: "hashlib._Hash") -> bytes:
@@ -109,21 +112,21 @@ def few_fields(content: Any) -> Any:
     return content
 
 
-def check_cases(found: Sequence[Any], model: type[BaseModel], first: int, most_bytes: int) -> list[Case]:
+def check_cases(found: Sequence[Any], model: type[BaseModel], first: int, limits: Settings) -> list[Case]:
     """Validate a part of a JSON batch, also whether the values of each case go together."""
     cases, errors = list[Case](), list[dict[str, str]]()
     for index, content in enumerate(found, first):
         place = f"/cases/{index}"
         try:
-            if len(to_json(content)) > most_bytes:
-                errors.append({"pointer": place, "detail": f"a case may be {most_bytes} bytes long at most"})
+            if len(to_json(content)) > limits.max_body_bytes:
+                errors.append({"pointer": place, "detail": f"a case may be {limits.max_body_bytes} bytes long at most"})
                 continue
-            cases.append(case := to_case(content, model))
+            cases.append(case := to_case(content, model, limits))
             case.request.arguments()  # type: ignore[attr-defined] # every request of the contract has it
         except ValidationError as error:
             errors += errors_told(error.errors(), place)
         except ParameterError as error:
-            errors += [{**each, "pointer": place + each["pointer"]} for each in errors_of_case(error)]
+            errors += behind(place, error)
         if len(errors) > MOST_ERRORS:
             break
     if errors:
@@ -131,9 +134,10 @@ def check_cases(found: Sequence[Any], model: type[BaseModel], first: int, most_b
     return cases
 
 
-def to_case(content: Any, model: type[BaseModel]) -> Case:
+def to_case(content: Any, model: type[BaseModel], limits: Settings) -> Case:
     """Validate one case."""
     request: Any = model.model_validate(content)
+    check_work(request, limits.max_panel_steps)
     custom_id = getattr(request, "custom_id", MISSING)
     return Case(request, None if custom_id is MISSING else custom_id)
 
@@ -158,7 +162,7 @@ async def split_lines(
 
 
 async def read_lines(
-    parts: AsyncIterator[list[bytes]], model: type[BaseModel], most_bytes: int, threads: CapacityLimiter
+    parts: AsyncIterator[list[bytes]], model: type[BaseModel], limits: Settings, threads: CapacityLimiter
 ) -> AsyncIterator[list[Case]]:
     """Yield the cases of a JSONL body."""
     count = 0
@@ -166,30 +170,38 @@ async def read_lines(
         if count + len(lines) > MOST_LINES:
             raise InvalidBodyError([{"pointer": "", "detail": f"may have {MOST_LINES:,} lines at most"}])
         if lines:
-            yield await run_sync(check_lines, lines, model, count, most_bytes, limiter=threads)
+            yield await run_sync(check_lines, lines, model, count, limits, limiter=threads)
         count += len(lines)
     if not count:
         raise InvalidBodyError([{"pointer": "", "detail": "has no line"}])
 
 
-def check_lines(lines: Sequence[bytes], model: type[BaseModel], first: int, most_bytes: int) -> list[Case]:
+def check_lines(lines: Sequence[bytes], model: type[BaseModel], first: int, limits: Settings) -> list[Case]:
     """Validate some lines; the first that is wrong ends it."""
-    return [check_line(line, model, index, most_bytes) for index, line in enumerate(lines, first)]
+    return [check_line(line, model, index, limits) for index, line in enumerate(lines, first)]
 
 
-def check_line(line: bytes, model: type[BaseModel], index: int, most_bytes: int) -> Case:
+def check_line(line: bytes, model: type[BaseModel], index: int, limits: Settings) -> Case:
     """Validate one line."""
     pointer, place = f"/{index}", f"line {index + 1}"
-    if len(line) > most_bytes:
-        raise InvalidBodyError([{"pointer": pointer, "detail": f"may be {most_bytes} bytes long at most"}], place)
+    if len(line) > limits.max_body_bytes:
+        detail = f"may be {limits.max_body_bytes} bytes long at most"
+        raise InvalidBodyError([{"pointer": pointer, "detail": detail}], place)
     if not line.strip():
         raise InvalidBodyError([{"pointer": pointer, "detail": "is empty"}], place)
     try:
-        return to_case(parse_json(line), model)
+        return to_case(parse_json(line), model, limits)
     except HTTPException as error:
         raise InvalidBodyError([{"pointer": pointer, "detail": error.detail}], place) from error
     except ValidationError as error:
         raise InvalidBodyError(errors_told(error.errors(), pointer), place) from error
+    except ParameterError as error:
+        raise InvalidBodyError(behind(pointer, error), place) from error
+
+
+def behind(pointer: str, error: ParameterError) -> list[dict[str, str]]:
+    """Return what is wrong with a case, told of the one at this pointer."""
+    return [{**each, "pointer": pointer + each["pointer"]} for each in errors_of_case(error)]
 
 
 def lay_grid(body: bytes, model: type[BaseModel], most_bytes: int) -> Grid:
@@ -209,23 +221,28 @@ def lay_grid(body: bytes, model: type[BaseModel], most_bytes: int) -> Grid:
         raise InvalidBodyError([{"pointer": error.pointer, "detail": error.detail}]) from error
 
 
-async def read_points(grid: Grid, model: type[BaseModel], threads: CapacityLimiter) -> AsyncIterator[list[Case]]:
+async def read_points(
+    grid: Grid, model: type[BaseModel], limits: Settings, threads: CapacityLimiter
+) -> AsyncIterator[list[Case]]:
     """Yield the cases of a sweep."""
     points = enumerate(grid.points())
-    while cases := await run_sync(check_points, grid, model, points, limiter=threads):
+    while cases := await run_sync(check_points, grid, model, points, limits, limiter=threads):
         yield cases
 
 
-def check_points(grid: Grid, model: type[BaseModel], points: Iterator[tuple[int, tuple[float, ...]]]) -> list[Case]:
+def check_points(
+    grid: Grid, model: type[BaseModel], points: Iterator[tuple[int, tuple[float, ...]]], limits: Settings
+) -> list[Case]:
     """Validate the next points; the first that is wrong ends it."""
-    return [check_point(grid, model, number, point) for number, point in itertools.islice(points, LINES)]
+    return [check_point(grid, model, number, point, limits) for number, point in itertools.islice(points, LINES)]
 
 
-def check_point(grid: Grid, model: type[BaseModel], number: int, point: tuple[float, ...]) -> Case:
+def check_point(grid: Grid, model: type[BaseModel], number: int, point: tuple[float, ...], limits: Settings) -> Case:
     """Validate one point."""
     try:
-        return to_case(grid.request(point), model)
-    except ValidationError as error:
+        return to_case(grid.request(point), model, limits)
+    except (ValidationError, ParameterError) as error:
+        found = errors_of_case(error) if isinstance(error, ParameterError) else errors_told(error.errors())
         place = "at " + ", ".join(f"{field} = {value:g}" for field, value in zip(grid.fields, point, strict=True))
-        told = [{**each, "pointer": grid.pointer(number, each["pointer"])} for each in errors_told(error.errors())]
+        told = [{**each, "pointer": grid.pointer(number, each["pointer"])} for each in found]
         raise InvalidBodyError(told, place) from error

@@ -1,11 +1,14 @@
 """What the operations of the contract have in common: the engine they ask, the problems they may answer."""
 
 import time
+from contextlib import nullcontext
 from typing import Annotated, Any, TypeAlias
 
 from fastapi import Depends, Request, Response
 from pydantic import BaseModel
 
+from service.access.visit import visit_in
+from service.admission import check_work
 from service.engine import Engine, Named
 from service.kinds import kind_of
 from service.logs import BEGUN
@@ -51,7 +54,13 @@ PROBLEMS: Responses = {
     413: {"description": "The body is too long."},
     415: {"description": "The body is of another media type."},
     422: {"description": "A field is wrong, or the case cannot be computed."},
-    429: {"description": "Too many cases wait.", "headers": RETRY_AFTER},
+    401: {
+        "description": "A key is needed, or this one is not, or no longer, good.",
+        "headers": {"WWW-Authenticate": {"description": "`Bearer`.", "schema": {"type": "string"}, "required": True}},
+    },
+    403: {"description": "The key is not good for this, or the page of another site asks."},
+    408: {"description": "The body comes too slowly."},
+    429: {"description": "Too many cases wait, or were asked for with this key.", "headers": RETRY_AFTER},
     500: {"description": "The service failed."},
     503: {"description": "The service is not ready, or has no worker for the query.", "headers": RETRY_AFTER},
     507: {"description": "Nothing can be stored now."},
@@ -65,7 +74,7 @@ def problems(*statuses: int) -> Responses:
 
 COMPUTED: Responses = {
     200: {"description": "The answer.", "headers": CACHE_STATUS, "links": RESULT_LINK},
-    **problems(400, 413, 415, 422, 500, 503),
+    **problems(400, 413, 415, 422, 429, 500, 503),
 }
 
 
@@ -128,12 +137,17 @@ async def engine_of(request: Request) -> Engine:
 AskedEngine = Annotated[Engine, Depends(engine_of)]
 
 
-async def computed(request: Request, operation: str, case: Any, engine: Engine, named: Named | None = None) -> Response:
-    """Reply with the result of a single query, which may have been named already."""
+async def computed(
+    request: Request, operation: str, case: Any, engine: Engine, named: Named | None = None, *, counts: int = 1
+) -> Response:
+    """Reply with the result of a single query, which may have been named already, and counts as so many cases."""
     validated = time.perf_counter()
-    app, begun = request.app.state, request.scope[BEGUN]
+    app, begun, visit = request.app.state, request.scope[BEGUN], visit_in(request.scope)
+    check_work(case, app.settings.max_panel_steps)
+    visit.take(counts)
     try:
-        record, status = await engine.answer(operation, case, named)
+        with app.queries.held(visit.caller.owner) if visit.caller.key else nullcontext():
+            record, status = await engine.answer(operation, case, named)
     except Exception as error:
         app.metrics.count_problem(operation, {"type": kind_of(error).uri})
         raise

@@ -12,6 +12,7 @@ from anyio import CancelScope
 from fastapi import Depends, Header, HTTPException, Request, Response
 from fastapi.responses import StreamingResponse
 
+from service.access.visit import visit_in
 from service.batches.runner import Runner
 from service.batches.small import CaseResult
 from service.jobs.slices import Case
@@ -81,21 +82,25 @@ class Delivery:
             raise HTTPException(HTTPStatus.NOT_ACCEPTABLE, f"results are given as {' or '.join(FORMS)}")
         self.form = form
         self.operation = operation
-        self.path = request.url.path
+        self.path: str = request.scope["path"]
         self.preference = preference
         self._token = idempotency_key
         self._runner: Runner = request.app.state.runner
         self._settings: Settings = request.app.state.settings
         self._stopping: asyncio.Event = request.app.state.stopping
         self._metrics: Metrics = request.app.state.metrics
+        self._visit = visit_in(request.scope)
 
     async def answer(self, incoming: Incoming) -> Response:
-        """Return the results, or the job that will have them."""
-        small, rest = await take(incoming.slices, self._settings.small_cases)
-        if rest is None and not self.preference.respond_async:
-            return await self._answer_now(small)
-        idempotency = Idempotency(self._token, incoming.digest) if self._token else None
-        state, _ = await self._runner.accept(self.operation, chain(small, rest), idempotency=idempotency)
+        """Return the results, or the job that will have them. What is refused does not count against the key."""
+        try:
+            small, rest = await take(self._charged(incoming.slices), self._settings.small_cases)
+            if rest is None and not self.preference.respond_async:
+                return await self._answer_now(small)
+            state = await self._accept(chain(small, rest), incoming)
+        except BaseException:
+            self._visit.give_back()
+            raise
         waited = None if self.preference.wait is None else min(self.preference.wait, self._settings.most_wait_seconds)
         if waited:
             state = await self._wait(state, waited)
@@ -104,6 +109,20 @@ class Delivery:
             return self._answer_all(state, headers)
         headers |= {"Location": f"/jobs/{state.id}"} | retry_after(state, self._runner)
         return job_response(state, HTTPStatus.ACCEPTED, headers)
+
+    async def _accept(self, cases: AsyncIterator[list[Case]], incoming: Incoming) -> JobState:
+        idempotency = Idempotency(self._token, incoming.digest) if self._token else None
+        owner = self._visit.caller.owner
+        state, new = await self._runner.accept(self.operation, cases, owner=owner, idempotency=idempotency)
+        self._visit.job = state.id
+        if not new:  # it counted when it was accepted
+            self._visit.give_back()
+        return state
+
+    async def _charged(self, slices: AsyncIterator[list[Case]]) -> AsyncIterator[list[Case]]:
+        async for cases in slices:
+            self._visit.take(len(cases))
+            yield cases
 
     async def _answer_now(self, cases: Sequence[Case]) -> Response:
         results = self._counted(self._runner.run_now(self.operation, cases))

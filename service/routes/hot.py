@@ -6,6 +6,8 @@ from time import perf_counter
 
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from service.access.visit import VISIT, Visit
+from service.admission import QuotaError
 from service.engine import Engine
 from service.logs import BEGUN
 from service.results.record import Record
@@ -84,7 +86,7 @@ class HotPath:
         first = await receive()
         if first["type"] == "http.request" and not first.get("more_body"):
             asked = (scope["path"], first["body"])
-            if record := hot.recall(asked):
+            if (record := hot.recall(asked)) and counted(scope[VISIT]):
                 self._count(record)
                 await answer(scope, record, send)
                 return
@@ -110,6 +112,15 @@ def may_be_known(scope: Scope) -> bool:
         elif name in {b"content-encoding", b"transfer-encoding"}:
             return False
     return json and 0 < length <= LONGEST
+
+
+def counted(visit: Visit) -> bool:
+    """Count the case of a request; tell whether the key may ask for it. If not, the route says so."""
+    try:
+        visit.take(1)
+    except QuotaError:
+        return False
+    return True
 
 
 async def answer(scope: Scope, record: Record, send: Send) -> None:

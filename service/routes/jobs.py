@@ -12,6 +12,9 @@ from fastapi import APIRouter, Depends, Header, HTTPException, Path, Query, Requ
 from fastapi.responses import StreamingResponse
 from fastapi.sse import EventSourceResponse, ServerSentEvent
 
+from service.access.keyring import KeyRing
+from service.access.places import stream_of
+from service.access.visit import AskedVisit
 from service.batches.runner import Runner
 from service.batches.small import CaseResult
 from service.jobs.store import JobState
@@ -43,9 +46,9 @@ AskedRunner = Annotated[Runner, Depends(runner_of)]
 JobId = Annotated[str, Path(description="Of the job.", max_length=200)]
 
 
-async def job_of(job_id: JobId, runner: AskedRunner) -> JobState:
-    """Return the job that is asked for."""
-    return known(await runner.job(job_id))
+async def job_of(job_id: JobId, runner: AskedRunner, visit: AskedVisit) -> JobState:
+    """Return the job that is asked for; that of another owner is not there."""
+    return known(await runner.job(job_id, visit.caller.sees))
 
 
 def known(state: JobState | None) -> JobState:
@@ -81,7 +84,7 @@ RESULTS: Responses = {
 }
 EVENTS: Responses = {
     200: {"description": "A `Job` whenever it changes, as the data of server-sent events; the last is its end."},
-    **problems(404, 422, 500, 507),
+    **problems(404, 422, 429, 500, 503, 507),
 }
 LastEventId = Annotated[
     str,
@@ -91,10 +94,12 @@ LastEventId = Annotated[
 
 @router.get("/jobs", response_model=Jobs, response_description="The jobs.", responses=problems(422, 500, 507))
 async def list_jobs(
-    runner: AskedRunner, limit: Annotated[int, Query(ge=1, le=MOST_ROWS, description="Jobs to give.")] = 100
+    runner: AskedRunner,
+    visit: AskedVisit,
+    limit: Annotated[int, Query(ge=1, le=MOST_ROWS, description="Jobs to give.")] = 100,
 ) -> Response:
-    """List the jobs, the newest first."""
-    states = await runner.jobs()
+    """List the jobs of the owner, the newest first; with the scope `admin`, those of all."""
+    states = await runner.jobs(visit.caller.sees)
     content = orjson.dumps({"jobs": [to_job(state) for state in states[:limit]]}, option=orjson.OPT_UTC_Z)
     return Response(content, media_type=JSON)
 
@@ -192,13 +197,25 @@ def read_cursor(cursor: str) -> int:
     return int(text)
 
 
-@router.get("/jobs/{job_id}/events", response_class=EventSourceResponse, responses=EVENTS)  # noqa: FAST003
+@router.get(
+    "/jobs/{job_id}/events",  # noqa: FAST003
+    response_class=EventSourceResponse,
+    responses=EVENTS,
+    dependencies=[Depends(stream_of)],
+)
 async def follow_job(
-    request: Request, job: AskedJob, runner: AskedRunner, last_event_id: LastEventId = ""
+    request: Request,
+    job: AskedJob,
+    runner: AskedRunner,
+    visit: AskedVisit,
+    last_event_id: LastEventId = "",
 ) -> AsyncIterator[ServerSentEvent]:
     """Tell of a job whenever it changes, until it has ended. A job that has ended is told of once."""
+    keys: KeyRing = request.app.state.keys
     async with aclosing(until(request.app.state.stopping, runner.changes(job.id))) as changes:
         async for state in changes:
+            if visit.caller.key and not keys.holds(visit.caller.key):
+                return  # revoked meanwhile
             if state.final or str(state.revision) != last_event_id:
                 yield ServerSentEvent(raw_data=job_json(state).decode(), id=str(state.revision))
 
@@ -209,9 +226,11 @@ async def follow_job(
     response_description="The job.",
     responses=problems(404, 422, 500, 507),
 )
-async def cancel_job(job_id: JobId, runner: AskedRunner) -> Response:
+async def cancel_job(job_id: JobId, runner: AskedRunner, visit: AskedVisit) -> Response:
     """End a job; what is ready of its results stays until it expires. A job that has ended stays as it is."""
-    return job_response(known(await runner.cancel(job_id)))
+    state = known(await runner.cancel(job_id, visit.caller.sees))
+    visit.job = state.id
+    return job_response(state)
 
 
 @router.delete(
@@ -220,7 +239,8 @@ async def cancel_job(job_id: JobId, runner: AskedRunner) -> Response:
     response_description="The job is gone.",
     responses=problems(404, 422, 500, 507),
 )
-async def delete_job(job_id: JobId, runner: AskedRunner) -> None:
+async def delete_job(job_id: JobId, runner: AskedRunner, visit: AskedVisit) -> None:
     """Cancel a job and forget it; its results stay, by their keys, as long as there is room."""
-    if not await runner.delete(job_id):
+    if not await runner.delete(job_id, visit.caller.sees):
         known(None)
+    visit.job = job_id

@@ -156,5 +156,5 @@ def outcome_of(answer: Mapping[str, Any]) -> str:
 async def metrics(request: Request) -> Response:
     """Tell what the service has done and how it is, in the text format of Prometheus."""
     state = request.app.state
-    state.metrics.look_up(state.runner, state.executor, state.cache, await state.runner.jobs())
+    state.metrics.look_up(state.runner, state.executor, state.cache, await state.runner.jobs(None))
     return Response(generate_latest(state.metrics.registry), media_type=CONTENT_TYPE_LATEST)

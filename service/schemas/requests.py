@@ -64,6 +64,23 @@ class Case(Part):
             "numerics": self.numerics.to_solver(),
         }
 
+    def resolved(self) -> Self:
+        """Return the same with what was left open filled in."""
+        raise NotImplementedError
+
+    @property
+    def by_panels(self) -> bool:
+        """Whether it is computed by the paper's elements and fixed step."""
+        return self.numerics.method is Method.PANELS
+
+    def panel_steps(self) -> float:
+        """Return panels times time steps of one run at most, 0 if it has none. [1]"""
+        if not self.by_panels:
+            return 0.0
+        numerics = self.resolved().numerics
+        end = numerics.termination_time_s
+        return 0.0 if end is MISSING else numerics.panels * end / numerics.time_step_s
+
     def sample_interval(self, output: TrajectoryOutput | CriticalAngleOutput) -> float | None:
         """Return the interval of the history, None if there is to be none."""
         if not output.history:
@@ -122,6 +139,11 @@ class CriticalAngleRequest(Case):
     impact: Strike
     search: Annotated[Search, Field(default_factory=Search)]
     output: Annotated[CriticalAngleOutput, Field(default_factory=CriticalAngleOutput)]
+
+    @property
+    def by_panels(self) -> bool:
+        """Whether it is computed by the paper's elements and fixed step."""
+        return super().by_panels or (self.numerics.method is MISSING and self.search.by_paper)
 
     def resolved(self) -> Self:
         """Return the same with what was left open filled in."""

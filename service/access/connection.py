@@ -1,0 +1,155 @@
+"""A connection, as the server has it, with limits on what a client holds by being slow.
+
+The server's own protocol has none: a head may grow without end, or never; an answer may never be read. The server looks
+at every connection once a second, which costs a request nothing.
+"""
+
+import asyncio
+from http import HTTPStatus
+from typing import Any
+
+import orjson
+from uvicorn._types import ASGI3Application
+from uvicorn.config import Config
+from uvicorn.protocols.http.httptools_impl import STATUS_LINE, HttpToolsProtocol, RequestResponseCycle
+from uvicorn.server import ServerState
+
+from service.access.arrival import CYCLE
+from service.access.headers import secured
+from service.kinds import Kind, content
+from service.limits import Limits
+
+
+class HeadTooLongError(Exception):
+    """The head of a request is longer than it may be."""
+
+
+class Connection(HttpToolsProtocol):
+    """The server's protocol, with limits; the application it serves has them in its settings."""
+
+    def __init__(
+        self,
+        config: Config,
+        server_state: ServerState,
+        app_state: dict[str, Any],
+        _loop: asyncio.AbstractEventLoop | None = None,
+    ) -> None:
+        super().__init__(config, server_state, app_state, _loop)
+        self._limits: Limits = config.app.state.settings  # type: ignore[union-attr] # it is the FastAPI application
+        self._waiting: float | None = None
+        """Since when a head is waited for."""
+        self._in_head = False
+        self._head_bytes = 0
+        """Of the head, without the piece that is being read."""
+        self._piece_bytes = 0
+        self._unread: tuple[float, int] | None = None
+        """Since when the client has been looked at as it reads, and what it had not read then."""
+        self._refusal = HTTPStatus.BAD_REQUEST
+        self._answered: RequestResponseCycle | None = None
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        """Begin."""
+        super().connection_made(transport)
+        self._waiting = self.loop.time()
+        if len(self.connections) > self._limits.max_connections:
+            self._refusal = HTTPStatus.SERVICE_UNAVAILABLE
+            self.send_400_response("too many connections are open")
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """End the request that is being answered, which with several in a row is not the one the server knows of."""
+        self.pipeline.clear()
+        if self._answered is not None:
+            self._answered.disconnected = True
+            self._answered.message_event.set()
+        super().connection_lost(exc)
+
+    def data_received(self, data: bytes) -> None:
+        """Take what has arrived."""
+        if self.transport.is_closing():
+            return
+        self._piece_bytes = len(data)
+        super().data_received(data)
+        if self._in_head:
+            self._head_bytes += len(data)
+            if self._head_bytes > self._limits.max_head_bytes and not self.transport.is_closing():
+                self._refusal = HTTPStatus.REQUEST_HEADER_FIELDS_TOO_LARGE
+                self.send_400_response("")
+
+    def on_message_begin(self) -> None:
+        """Begin a request."""
+        super().on_message_begin()
+        self._in_head, self._head_bytes = True, 0
+
+    def on_headers_complete(self) -> None:
+        """Begin to answer."""
+        limits = self._limits
+        if len(self.headers) > limits.max_head_fields or (
+            self._head_bytes + self._piece_bytes > limits.max_head_bytes and self._length() > limits.max_head_bytes
+        ):
+            self._refusal = HTTPStatus.REQUEST_HEADER_FIELDS_TOO_LARGE
+            raise HeadTooLongError  # the parser gives up, and the server refuses
+        self._waiting, self._in_head = None, False
+        super().on_headers_complete()
+
+    def _start_asgi_task(self, cycle: RequestResponseCycle, app: ASGI3Application) -> None:
+        self._answered = cycle
+        cycle.scope[CYCLE] = cycle  # type: ignore[literal-required] # its keys are those of the server
+        super()._start_asgi_task(cycle, app)
+
+    def on_response_complete(self) -> None:
+        """Wait for the next request."""
+        if not self.pipeline:
+            self._waiting = self.loop.time()
+        super().on_response_complete()
+
+    def resume_writing(self) -> None:
+        """Go on sending: the client has read."""
+        self._unread = None
+        super().resume_writing()
+
+    def send_400_response(self, msg: str) -> None:
+        """Refuse what is no request as every other is refused: with a problem."""
+        status, limits = self._refusal, self._limits
+        detail = {
+            HTTPStatus.REQUEST_HEADER_FIELDS_TOO_LARGE: "the head of a request may have "
+            f"{limits.max_head_fields} fields and {limits.max_head_bytes:,} bytes",
+            HTTPStatus.REQUEST_TIMEOUT: "the head of the request comes too slowly",
+        }.get(status, msg)
+        body = orjson.dumps({**content(Kind(status, "", status.phrase), detail, []), "instance": ""})
+        headers = [
+            (b"content-type", b"application/problem+json"),
+            (b"content-length", b"%d" % len(body)),
+            (b"connection", b"close"),
+        ]
+        if status is HTTPStatus.SERVICE_UNAVAILABLE:
+            headers.append((b"retry-after", b"5"))
+        head = [b"%b: %b\r\n" % pair for pair in secured(headers, tls=self.config.is_ssl)]
+        self.transport.write(b"".join([STATUS_LINE[status], *head, b"\r\n", body]))
+        self.transport.close()
+
+    def look(self, now: float) -> None:
+        """End the connection if its client is too slow."""
+        closing = self.transport.is_closing()
+        if self._waiting is not None and not closing and now - self._waiting > self._limits.head_seconds:
+            if self._in_head:
+                self._refusal = HTTPStatus.REQUEST_TIMEOUT
+                self.send_400_response("")
+            else:
+                self.transport.close()
+        elif closing or self.flow.write_paused:
+            self._look_at_reader(now)
+
+    def _look_at_reader(self, now: float) -> None:
+        left = self.transport.get_write_buffer_size()
+        if self._unread is None:
+            self._unread = now, left
+            return
+        since, before = self._unread
+        if now - since < self._limits.send_seconds:
+            return
+        if before - left < (now - since) * self._limits.slowest_bytes_per_second:
+            self.transport.abort()
+        self._unread = now, left
+
+    def _length(self) -> int:
+        return len(self.url) + sum(len(name) + len(value) + 4 for name, value in self.headers)

@@ -1,0 +1,415 @@
+"""Who may ask: keys, scopes, owners, limits, and what the audit log tells."""
+
+import json
+import stat
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, nullcontext
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+
+from service import cli
+from service.access.key import Key, make_key
+from service.access.keyring import LOOK_SECONDS, KeyRing, KeysUnreadableError, add_key, read_keys, revoke_key
+from service.access.rules import scope_for
+from service.access.usage import STEP, WINDOW, Usage, Usages
+from service.admission import QuotaError
+from service.commands.serve import NoKeysError, require_access
+from service.schemas.examples import PAPER
+from service.settings import Settings
+
+from .many import ASYNC, LINES, ROUGH, finished, lines, searches, slow_strikes
+from .owners import Guarded, guarded_service, holder, key_in
+from .refused import problem_of
+
+START_SECONDS = 60.0
+
+
+@pytest.fixture(scope="module")
+def guarded(
+    service_on: Callable[..., AbstractContextManager[Any]], tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[Guarded]:
+    folder = tmp_path_factory.mktemp("guarded")
+    first = key_in(folder / "data", "first")
+    settings = {"audit_log": str(folder / "audit.log"), "max_owner_streams": "3", "max_streams": "4"}
+    with service_on(folder, **settings) as service, guarded_service(service.url, folder / "data") as asked:
+        yield asked
+    assert first not in (folder / "log").read_text() + (folder / "audit.log").read_text()
+
+
+def job_of(client: httpx.Client, count: int = 3, **headers: str) -> dict[str, Any]:
+    answer = client.post("/cra/batch", content=lines(searches(count)), headers=LINES | ASYNC | headers)
+    assert answer.status_code == 202, answer.text
+    job: dict[str, Any] = answer.json()
+    return job
+
+
+def test_key_opens_what_nobody_else_may_see(guarded: Guarded) -> None:
+    with holder(guarded.url) as nobody:
+        for path in ("/jobs", "/results/" + "0" * 64, "/metrics", "/nothing"):
+            found = nobody.get(path)
+            problem_of(found, 401)
+            assert found.headers["WWW-Authenticate"].startswith("Bearer")
+        problem_of(nobody.post("/cra", json=PAPER), 401)
+        for path in ("/livez", "/readyz", "/version", "/docs", "/openapi.json"):
+            assert nobody.get(path).status_code == 200, path
+    assert guarded.anna.post("/cra", json=PAPER).status_code == 200
+    assert guarded.anna.get("/metrics").status_code == 200
+
+
+def test_query_that_is_known_takes_a_key_too(guarded: Guarded) -> None:
+    body = {"content": json.dumps(PAPER), "headers": {"Content-Type": "application/json"}}
+    assert [guarded.anna.post("/cra", **body).status_code for _ in range(3)] == [200] * 3  # type: ignore[arg-type]
+    with holder(guarded.url) as nobody:
+        problem_of(nobody.post("/cra", **body), 401)  # type: ignore[arg-type]
+
+
+def test_job_of_another_owner_is_not_there(guarded: Guarded) -> None:
+    job = job_of(guarded.anna)
+    path = job["links"]["self"]
+    for asked in ("", "/results", "/events"):
+        told = guarded.bert.get(path + asked)
+        assert problem_of(told, 404).detail == problem_of(guarded.bert.get(f"/jobs/nothing{asked}"), 404).detail
+    problem_of(guarded.bert.post(f"{path}/cancel"), 404)
+    problem_of(guarded.bert.delete(path), 404)
+    assert job["id"] not in {each["id"] for each in guarded.bert.get("/jobs").json()["jobs"]}
+    assert job["id"] in {each["id"] for each in guarded.anna.get("/jobs").json()["jobs"]}
+    assert finished(guarded.anna, job)["status"] == "successful"
+    assert guarded.anna.get(path + "/results").status_code == 200
+
+
+def test_admin_sees_and_ends_the_jobs_of_all(guarded: Guarded) -> None:
+    jobs = [job_of(guarded.anna), job_of(guarded.bert)]
+    seen = {job["id"] for job in guarded.chief.get("/jobs").json()["jobs"]}
+    assert {job["id"] for job in jobs} <= seen
+    for job in jobs:
+        assert guarded.chief.get(job["links"]["self"]).status_code == 200
+        assert guarded.chief.delete(job["links"]["self"]).status_code == 204
+    problem_of(guarded.anna.get(jobs[0]["links"]["self"]), 404)
+
+
+def test_keys_of_one_owner_share_the_jobs(guarded: Guarded) -> None:
+    job = job_of(guarded.anna)
+    with guarded.with_key("anna", "read") as other:
+        assert other.get(job["links"]["self"]).status_code == 200
+
+
+def test_idempotency_key_is_the_owners(guarded: Guarded) -> None:
+    body, headers = lines(searches(2)), LINES | ASYNC | {"Idempotency-Key": "the same"}
+    first, again, others = (
+        client.post("/cra/batch", content=body, headers=headers).json()["id"]
+        for client in (guarded.anna, guarded.anna, guarded.bert)
+    )
+    assert first == again != others
+
+
+def test_scope_bounds_what_a_key_is_good_for(guarded: Guarded) -> None:
+    with guarded.with_key("reader", "read") as reader, guarded.with_key("runner", "run") as runner:
+        assert reader.get("/jobs").status_code == 200
+        assert "`run`" in problem_of(reader.post("/cra", json=PAPER), 403).detail
+        answer = runner.post("/cra", json=PAPER)
+        assert answer.status_code == 200
+        assert "`read`" in problem_of(runner.get("/results/" + answer.json()["key"]), 403).detail
+        assert reader.get("/results/" + answer.json()["key"]).status_code == 200
+
+
+def test_revoked_key_is_good_for_nothing_at_once(guarded: Guarded) -> None:
+    with guarded.with_key("dora") as dora:
+        assert dora.get("/jobs").status_code == 200
+        (mine,) = [key for key in read_keys(guarded.folder).values() if key.owner == "dora"]
+        job = job_of(dora, 1)
+        revoke_key(guarded.folder, mine.id)
+        time.sleep(2 * LOOK_SECONDS)
+        problem_of(dora.get("/jobs"), 401)
+        problem_of(dora.get(job["links"]["self"]), 401)
+
+
+def test_event_stream_ends_when_its_key_is_revoked(guarded: Guarded) -> None:
+    with guarded.with_key("emil") as emil:
+        (mine,) = [key for key in read_keys(guarded.folder).values() if key.owner == "emil"]
+        body = lines(slow_strikes(200))
+        job = emil.post("/trajectory/batch", content=body, headers=LINES | ASYNC).json()
+        with emil.stream("GET", job["links"]["events"]) as stream:
+            told = stream.iter_lines()
+            assert next(told)
+            revoke_key(guarded.folder, mine.id)
+            for _ in told:
+                pass  # ends, though the job has not
+        assert guarded.chief.get(job["links"]["self"]).json()["status"] == "running"
+        guarded.chief.delete(job["links"]["self"])
+
+
+def test_expired_key_is_good_for_nothing(guarded: Guarded) -> None:
+    with guarded.with_key("fred", days=1e-5) as fred:  # some 0.9 s
+        time.sleep(1.0)
+        problem_of(fred.get("/jobs"), 401)
+
+
+def test_cases_of_a_key_are_limited(guarded: Guarded) -> None:
+    with guarded.with_key("gina", cases_per_hour=10) as gina:
+        assert gina.post("/cra/batch", json={"cases": searches(6)}).status_code == 200
+        answer = gina.post("/cra/batch", json={"cases": searches(5)})
+        assert problem_of(answer, 429).type == "urn:ricochet:problem:quota"
+        assert WINDOW - STEP <= int(answer.headers["Retry-After"]) <= WINDOW + STEP
+        problem_of(gina.post("/cra/batch", content=lines(searches(5)), headers=LINES | ASYNC), 429)
+        known = {"content": json.dumps(PAPER | {"search": ROUGH}), "headers": {"Content-Type": "application/json"}}
+        statuses = [gina.post("/cra", **known).status_code for _ in range(6)]  # type: ignore[arg-type]
+        assert statuses == [200] * 4 + [429] * 2  # what was refused has not counted, what was known has
+        assert gina.get("/jobs").json() == {"jobs": []}
+        assert guarded.anna.post("/cra", json=PAPER).status_code == 200
+
+
+def test_request_sent_again_counts_once(guarded: Guarded) -> None:
+    with guarded.with_key("hans", cases_per_hour=8) as hans:
+        body, headers = lines(searches(4)), LINES | ASYNC | {"Idempotency-Key": "once"}
+        assert [hans.post("/cra/batch", content=body, headers=headers).status_code for _ in range(2)] == [202] * 2
+        assert hans.post("/cra/batch", json={"cases": searches(4)}).status_code == 200
+        problem_of(hans.post("/cra", json=PAPER), 429)
+
+
+def test_audit_log_tells_who_had_what_done(guarded: Guarded) -> None:
+    log = guarded.folder.parent / "audit.log"
+    job = job_of(guarded.anna, 4, **{"X-Request-ID": "audited-job"})
+    guarded.bert.post(f"{job['links']['self']}/cancel", headers={"X-Request-ID": "audited-cancel"})
+    with holder(guarded.url) as nobody:
+        nobody.post("/cra", json=PAPER, headers={"X-Request-ID": "audited-nobody"})
+    found = {line["request_id"]: line for line in map(json.loads, log.read_text().splitlines())}
+    made = found["audited-job"]
+    (key,) = [key for key in read_keys(guarded.folder).values() if key.owner == "anna" and "run" in key.scopes]
+    assert made | {"timestamp": ...} == {
+        "event": "audit",
+        "timestamp": ...,
+        "request_id": "audited-job",
+        "owner": "anna",
+        "key": key.id,
+        "client": "127.0.0.1",
+        "method": "POST",
+        "operation": "/cra/batch",
+        "cases": 4,
+        "job": job["id"],
+        "status": 202,
+    }
+    assert (found["audited-cancel"]["owner"], found["audited-cancel"]["status"]) == ("bert", 404)
+    assert "owner" not in found["audited-nobody"]
+    assert found["audited-nobody"]["status"] == 401
+    assert stat.S_IMODE(log.stat().st_mode) == 0o600
+
+
+def test_audit_log_goes_on_in_a_new_file_once_it_is_moved_away(guarded: Guarded) -> None:
+    log = guarded.folder.parent / "audit.log"
+    moved = log.with_suffix(".old")
+    guarded.anna.post("/cra", json=PAPER)
+    log.rename(moved)
+    guarded.anna.post("/cra", json=PAPER, headers={"X-Request-ID": "after-the-move"})
+    assert "after-the-move" in log.read_text()
+    assert "after-the-move" not in moved.read_text()
+    log.write_text(moved.read_text() + log.read_text())
+
+
+def test_event_streams_of_an_owner_are_limited(guarded: Guarded) -> None:
+    body = lines(slow_strikes(100))
+    job = guarded.anna.post("/trajectory/batch", content=body, headers=LINES | ASYNC).json()
+    path, open_ones = job["links"]["events"], list[httpx.Response]()
+    try:
+        for _ in range(3):
+            stream = guarded.anna.send(guarded.anna.build_request("GET", path), stream=True)
+            assert stream.status_code == 200
+            open_ones.append(stream)
+        over = guarded.anna.get(path)
+        assert problem_of(over, 429).type == "urn:ricochet:problem:owner-streams"
+        assert int(over.headers["Retry-After"]) > 0
+        open_ones.append(stream := guarded.chief.send(guarded.chief.build_request("GET", path), stream=True))
+        assert stream.status_code == 200
+        assert problem_of(guarded.chief.get(path), 503).type == "urn:ricochet:problem:streams-full"
+    finally:
+        for stream in open_ones:
+            stream.close()
+    deadline = time.monotonic() + START_SECONDS
+    while not opens(guarded.anna, path):  # the server learns of it as it writes
+        assert time.monotonic() < deadline
+        time.sleep(0.1)
+    guarded.anna.delete(job["links"]["self"])
+
+
+def opens(client: httpx.Client, path: str) -> bool:
+    """Whether there is room for another stream."""
+    with client.stream("GET", path) as stream:
+        return stream.status_code == 200
+
+
+@pytest.mark.parametrize(
+    ("method", "path", "scope"),
+    [
+        ("GET", "/livez", None),
+        ("GET", "/docs/assets/swagger-ui.css", None),
+        ("GET", "/page/main.js", None),
+        ("GET", "/metrics", "read"),
+        ("GET", "/page", "read"),
+        ("GET", "/livez/", "read"),
+        ("GET", "//livez", "read"),
+        ("GET", "/jobs", "read"),
+        ("POST", "/cra", "run"),
+        ("DELETE", "/jobs/1", "run"),
+        ("PURGE", "/anything", "run"),
+    ],
+)
+def test_what_is_not_open_takes_a_key(method: str, path: str, scope: str | None) -> None:
+    assert scope_for(method, path) == scope
+
+
+def test_without_a_key_it_starts_for_this_machine_alone(tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "service.cli", "serve"],
+        env={"RICOCHET_HOST": "0.0.0.0", "RICOCHET_PORT": "0", "RICOCHET_DATA_DIR": str(tmp_path)},  # noqa: S104
+        cwd=Path(cli.__file__).parents[1],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=START_SECONDS,
+    )
+    assert done.returncode == 3
+    assert "ricochet keys add" in done.stderr
+    assert "RICOCHET_ACCESS=open" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("host", "access", "key", "starts"),
+    [
+        ("127.0.0.1", "auto", False, True),
+        ("::1", "auto", False, True),
+        ("127.0.0.1", "keys", False, False),
+        ("0.0.0.0", "auto", False, False),  # noqa: S104
+        ("::", "auto", False, False),
+        ("example.org", "auto", False, False),
+        ("0.0.0.0", "auto", True, True),  # noqa: S104
+        ("0.0.0.0", "open", False, True),  # noqa: S104
+        ("127.0.0.1", "keys", True, True),
+    ],
+)
+def test_start_takes_a_key_unless_it_is_told_otherwise(
+    tmp_path: Path, host: str, access: Any, key: bool, starts: bool
+) -> None:
+    if key:
+        key_in(tmp_path, "anna")
+    with nullcontext() if starts else pytest.raises(NoKeysError):
+        require_access(Settings(host=host, access=access, data_dir=tmp_path), KeyRing(tmp_path, print))
+
+
+def test_revoking_the_last_key_does_not_open_the_service(tmp_path: Path) -> None:
+    key, _ = make_key("anna", frozenset({"read"}))
+    add_key(tmp_path, key)
+    revoke_key(tmp_path, key.id)
+    assert KeyRing(tmp_path, print).needed
+    assert not KeyRing(tmp_path, print).usable
+
+
+def test_keys_that_are_damaged_let_nobody_in(tmp_path: Path) -> None:
+    key, token = make_key("anna", frozenset({"read"}))
+    add_key(tmp_path, key)
+    told: list[str] = []
+    ring = KeyRing(tmp_path, told.append)
+    assert ring.find(token) == key
+    (tmp_path / "keys.json").write_text("{")
+    time.sleep(2 * LOOK_SECONDS)
+    assert ring.find(token) is None
+    assert ring.needed
+    assert "damaged" in told[0]
+    with pytest.raises(KeysUnreadableError):
+        KeyRing(tmp_path, told.append)
+    (tmp_path / "keys.json").unlink()
+    time.sleep(2 * LOOK_SECONDS)
+    ring.look()
+    assert ring.needed
+
+
+def ricochet_keys(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
+    """What the command prints."""
+    assert cli.main(["keys", *arguments]) == 0
+    return capsys.readouterr().out.strip()
+
+
+def test_token_is_shown_once_and_kept_as_a_hash(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("RICOCHET_DATA_DIR", str(tmp_path))
+    token = ricochet_keys(capsys, "add", "--owner", "anna", "--scope", "read", "--cases-per-hour", "1000")
+    assert len(token) > 50
+    for file in tmp_path.iterdir():
+        assert token[-20:] not in file.read_text()
+        assert stat.S_IMODE(file.stat().st_mode) == 0o600
+    assert KeyRing(tmp_path, print).find(token) is not None
+    listed = ricochet_keys(capsys, "list")
+    assert "anna  read  1,000 cases an hour" in listed
+    assert token[-20:] not in listed
+    ricochet_keys(capsys, "revoke", listed.split()[0])
+    assert "revoked" in ricochet_keys(capsys, "list")
+    assert KeyRing(tmp_path, print).find(token) is None
+    assert cli.main(["keys", "revoke", "nothing"]) == 1
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        [],
+        ["--owner", ""],
+        ["--owner", "a\nb"],
+        ["--owner", "a", "--scope", "all"],
+        ["--owner", "a", "--cases-per-hour", "0"],
+        ["--owner", "a", "--expires", "-1"],
+        ["--owner", "a", "--expires", "nan"],
+    ],
+)
+def test_wrong_key_is_not_made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: list[str]) -> None:
+    monkeypatch.setenv("RICOCHET_DATA_DIR", str(tmp_path))
+    with pytest.raises(SystemExit) as refused:
+        cli.main(["keys", "add", *arguments])
+    assert refused.value.code == 2
+    assert not read_keys(tmp_path)
+
+
+def test_two_tokens_differ_and_open_only_their_own_key() -> None:
+    made: list[tuple[Key, str]] = [make_key("anna", frozenset({"read"})) for _ in range(100)]
+    assert len({token for _, token in made}) == len({key.digest for key, _ in made}) == 100
+    (key, token), (other, others) = made[:2]
+    assert key.fits(token)
+    assert not key.fits(others)
+    assert not other.fits(token)
+    assert not key.fits(token[:-1])
+    assert not key.fits(token + "x")
+
+
+def test_window_frees_what_was_asked_for_an_hour_ago(monkeypatch: pytest.MonkeyPatch) -> None:
+    now = 1_000_000.0
+    monkeypatch.setattr(time, "time", lambda: now)
+    usage = Usage(10)
+    usage.take(6)
+    now += 1800.0
+    usage.take(4)
+    with pytest.raises(QuotaError) as refused:
+        usage.take(1)
+    assert 0 < refused.value.retry_after <= WINDOW - 1800 + STEP
+    now += refused.value.retry_after
+    usage.take(6)
+    with pytest.raises(QuotaError):
+        usage.take(1)
+
+
+def test_more_than_the_limit_is_never_allowed_and_says_so() -> None:
+    with pytest.raises(QuotaError, match="fewer at a time"):
+        Usage(10).take(11)
+
+
+@pytest.mark.anyio
+async def test_counts_outlive_a_restart(tmp_path: Path) -> None:
+    before = Usages(tmp_path)
+    before.of("5f0c21d9", 10).take(7)
+    await before.keep()
+    after = Usages(tmp_path).of("5f0c21d9", 10)
+    after.take(3)
+    with pytest.raises(QuotaError):
+        after.take(1)

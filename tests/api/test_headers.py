@@ -1,0 +1,166 @@
+"""What every answer tells browsers, and what browsers are refused."""
+
+import shutil
+import ssl
+import subprocess
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+
+from service.access.headers import POLICY, secured
+from service.schemas.examples import PAPER
+from service.settings import Settings
+
+from .refused import problem_of
+
+ALWAYS = {
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Resource-Policy": "same-origin",
+}
+HERE, ELSEWHERE = "https://desk.example", "https://evil.example"
+
+
+@pytest.fixture(scope="module")
+def named_url(
+    service_on: Callable[..., AbstractContextManager[Any]], tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[str]:
+    """A service with a name, whose answers the pages of one other origin may read."""
+    settings = {"allowed_hosts": "ricochet.example, 127.0.0.1", "cors_origins": HERE}
+    with service_on(tmp_path_factory.mktemp("named"), **settings) as service:
+        yield service.url
+
+
+@pytest.fixture
+def named(named_url: str) -> Iterator[httpx.Client]:
+    with httpx.Client(base_url=named_url, timeout=60.0, trust_env=False) as client:
+        yield client
+
+
+@pytest.mark.parametrize("path", ["/livez", "/version", "/nothing", "/docs", "/openapi.json", "/jobs", "/metrics"])
+def test_every_answer_has_them(client: httpx.Client, path: str) -> None:
+    headers = client.get(path).headers
+    assert {name: headers[name] for name in ALWAYS} == ALWAYS
+    assert "default-src" in headers["Content-Security-Policy"]
+    assert "Strict-Transport-Security" not in headers
+    assert "Server" not in headers
+
+
+def test_computed_answers_have_them_whether_known_or_not(client: httpx.Client) -> None:
+    for _ in range(3):
+        headers = client.post("/cra", json=PAPER).headers
+        assert {name: headers[name] for name in ALWAYS} == ALWAYS
+        assert headers["Cache-Control"] == "no-store"
+
+
+def test_result_may_be_kept_and_asked_for_again(client: httpx.Client) -> None:
+    key = client.post("/cra", json=PAPER).json()["key"]
+    first = client.get(f"/results/{key}")
+    assert first.headers["Cache-Control"] == "private, no-cache"
+    again = client.get(f"/results/{key}", headers={"If-None-Match": first.headers["ETag"]})
+    assert again.status_code == 304
+
+
+def test_header_that_a_route_has_set_stays() -> None:
+    own = [(b"content-security-policy", b"default-src 'self'"), (b"cache-control", b"max-age=60")]
+    found = dict(secured(own, tls=False))
+    assert [found[name] for name, _ in own] == [value for _, value in own]
+    assert len(secured(own, tls=False)) == len(found)
+    assert dict(secured([], tls=False))[b"content-security-policy"] == POLICY
+
+
+def test_documentation_keeps_its_own_policy(client: httpx.Client) -> None:
+    assert "'self'" in client.get("/docs").headers["Content-Security-Policy"]
+
+
+@pytest.mark.parametrize(
+    "host", ["evil.example", "localhost.evil.example", "127.0.0.1.evil.example:80", "", "[::1", "a/b"]
+)
+def test_other_name_on_the_loopback_interface_is_refused(client: httpx.Client, host: str) -> None:
+    """As a page does whose own name was made to point here once it was loaded."""
+    problem_of(client.get("/jobs", headers={"Host": host}), 421)
+    problem_of(client.post("/cra", json=PAPER, headers={"Host": host}), 421)
+    assert client.get("/livez", headers={"Host": host}).status_code == 200
+
+
+@pytest.mark.parametrize("host", ["localhost", "LOCALHOST:8000", "127.0.0.1", "127.0.0.1:1", "[::1]", "[::1]:8000"])
+def test_own_name_on_the_loopback_interface_is_answered(client: httpx.Client, host: str) -> None:
+    assert client.get("/jobs", headers={"Host": host}).status_code == 200
+
+
+def test_names_that_are_set_are_the_only_ones(named: httpx.Client) -> None:
+    assert named.get("/jobs", headers={"Host": "ricochet.example"}).status_code == 200
+    problem_of(named.get("/jobs", headers={"Host": "localhost"}), 421)
+
+
+@pytest.mark.parametrize(
+    "headers",
+    [
+        {"Sec-Fetch-Site": "cross-site"},
+        {"Sec-Fetch-Site": "same-site", "Origin": "http://localhost:3000"},
+        {"Origin": ELSEWHERE},
+        {"Origin": "null"},
+        {"Origin": "http://localhost:1"},
+    ],
+)
+def test_page_of_another_site_changes_nothing(client: httpx.Client, headers: dict[str, str]) -> None:
+    problem_of(client.post("/cra", json=PAPER, headers=headers), 403)
+    problem_of(client.delete("/jobs/1", headers=headers), 403)
+    assert client.get("/jobs", headers=headers).status_code == 200  # which that page cannot read
+
+
+def test_page_of_the_service_itself_may_ask(client: httpx.Client) -> None:
+    origin = str(client.base_url).rstrip("/")
+    for headers in (
+        {"Sec-Fetch-Site": "same-origin", "Origin": origin},
+        {"Origin": origin},
+        {"Sec-Fetch-Site": "none"},
+    ):
+        assert client.post("/cra", json=PAPER, headers=headers).status_code == 200
+
+
+def test_no_other_origin_may_read_unless_it_is_set(client: httpx.Client, named: httpx.Client) -> None:
+    asks = {"Origin": HERE, "Access-Control-Request-Method": "POST", "Access-Control-Request-Headers": "authorization"}
+    told = client.options("/cra", headers=asks)
+    assert told.status_code >= 400
+    assert "Access-Control-Allow-Origin" not in told.headers
+    assert "Access-Control-Allow-Origin" not in client.get("/version", headers={"Origin": HERE}).headers
+    told = named.options("/cra", headers=asks)
+    assert (told.status_code, told.headers["Access-Control-Allow-Origin"]) == (200, HERE)
+    assert "Access-Control-Allow-Origin" not in named.options("/cra", headers=asks | {"Origin": ELSEWHERE}).headers
+    sent = named.post("/cra", json=PAPER, headers={"Origin": HERE, "Sec-Fetch-Site": "cross-site"})
+    assert (sent.status_code, sent.headers["Access-Control-Allow-Origin"]) == (200, HERE)
+    problem_of(named.post("/cra", json=PAPER, headers={"Origin": ELSEWHERE, "Sec-Fetch-Site": "cross-site"}), 403)
+
+
+@pytest.mark.skipif(shutil.which("openssl") is None, reason="openssl makes the certificate")
+def test_service_speaks_tls_with_the_certificate_it_is_given(
+    tmp_path: Path, service_on: Callable[..., AbstractContextManager[Any]]
+) -> None:
+    certificate, key = tmp_path / "certificate.pem", tmp_path / "key.pem"
+    command = ["openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "1", "-subj", "/CN=localhost"]
+    command += ["-addext", "subjectAltName=IP:127.0.0.1", "-keyout", str(key), "-out", str(certificate)]
+    subprocess.run(command, check=True, capture_output=True)
+    trusted = ssl.create_default_context(cafile=str(certificate))
+    settings = {"tls_certificate": str(certificate), "tls_key": str(key)}
+    with service_on(tmp_path, verify=trusted, **settings) as service:
+        told = httpx.get(f"{service.url}/livez", verify=trusted, trust_env=False)
+        assert told.headers["Strict-Transport-Security"] == "max-age=31536000"
+        with pytest.raises(httpx.ConnectError):
+            httpx.get(f"{service.url}/livez", trust_env=False)
+        with pytest.raises(httpx.TransportError):
+            httpx.get(service.url.replace("https", "http") + "/livez", trust_env=False)
+
+
+def test_half_of_tls_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="tls_key"):
+        Settings(tls_certificate=tmp_path / "certificate.pem")
+
+
+def test_names_are_told_with_commas_between_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("RICOCHET_ALLOWED_HOSTS", "a.example, b.example")
+    assert Settings().allowed_hosts == ("a.example", "b.example")
