@@ -22,6 +22,7 @@ from typing import Any
 
 from benchmarks.machine import machine, versions
 from benchmarks.stress import load
+from benchmarks.stress.attacks import measure_attacks
 from benchmarks.stress.faults import measure_faults
 from benchmarks.stress.hostile import measure_hostile
 from benchmarks.stress.lines import Line
@@ -30,7 +31,7 @@ from solver import warm_up
 
 HERE = Path(__file__).parents[1]
 PACKAGES = ("fastapi", "uvicorn", "uvloop", "pydantic", "orjson", "h5py")
-PARTS = ("load", "hostile", "faults")
+PARTS = ("load", "hostile", "attacks", "faults")
 BODIES, FEW_BODIES = 10_000, 500
 FAULT_SECONDS, FEW_FAULT_SECONDS = 180.0, 30.0
 """For as many rounds of faults as fit."""
@@ -44,6 +45,8 @@ def measure(parts: list[str], *, quick: bool, full: bool) -> list[Line]:
         lines += load.measure_load(load.QUICK if quick else load.FULL if full else load.USUAL)
     if "hostile" in parts:
         lines += measure_hostile(FEW_BODIES if quick else BODIES)
+    if "attacks" in parts:
+        lines += measure_attacks(quick=quick)
     if "faults" in parts:
         lines += measure_faults(full=full, seconds=FEW_FAULT_SECONDS if quick else FAULT_SECONDS)
     return sorted(lines, key=lambda line: line.number)

@@ -1,0 +1,191 @@
+"""The attack list: none gets in, none brings the service down, and others hardly notice.
+
+How much others notice is measured without other work on the machine by `python -m benchmarks.stress --only attacks`;
+here the bounds are such that a busy machine keeps them.
+"""
+
+import gzip
+import json
+import time
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager
+from typing import Any
+
+import httpx
+import pytest
+
+from benchmarks.stress.attacks import ATTACKS, Attack, Target, measure
+from service.access.key import make_key
+from service.access.keyring import LOOK_SECONDS
+from service.schemas.examples import PAPER
+
+from .many import ASYNC, LINES, lines, searches
+from .owners import Guarded, bearer, guarded_service, holder, key_in
+from .refused import TEXT, problem_of
+
+BODY = json.dumps(PAPER).encode()
+MOST_TIMES, MOST_MORE_S = 5.0, 2.0
+"""Of the time others wait; generous, as the tests share their cores."""
+
+
+@pytest.fixture(scope="module")
+def guarded(
+    service_on: Callable[..., AbstractContextManager[Any]], tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[Guarded]:
+    folder = tmp_path_factory.mktemp("attacked")
+    with (
+        service_on(folder, head_seconds="3", body_seconds="3") as service,
+        guarded_service(service.url, folder / "data") as asked,
+    ):
+        yield asked
+    log = (folder / "log").read_text()
+    assert "ricochet_" not in log.replace("ricochet_build", "")  # no key, not even a wrong one
+
+
+def stranger() -> str:
+    """A token as a key of another service has it."""
+    return make_key("mallory", frozenset({"admin"}))[1]
+
+
+@pytest.mark.parametrize(
+    "authorization",
+    [
+        b"",
+        b"Bearer",
+        b"Bearer null",
+        b"Bearer ricochet_",
+        b"Bearer ricochet_00000000_" + b"a" * 43,
+        b"Bearer " + b"x" * 8000,
+        b"Bearer \xff\xfe",
+        b"Basic YWRtaW46YWRtaW4=",
+        b"Token admin",
+        b"bearer:admin",
+    ],
+)
+@pytest.mark.parametrize(("method", "path"), [("GET", "/jobs"), ("POST", "/cra"), ("GET", "/metrics")])
+def test_no_key_opens_nothing(guarded: Guarded, method: str, path: str, authorization: bytes) -> None:
+    with holder(guarded.url) as nobody:
+        headers = [(b"Content-Type", b"application/json")] + [(b"Authorization", authorization)] * bool(authorization)
+        told = nobody.request(method, path, content=BODY if method == "POST" else None, headers=headers)
+        problem_of(told, 401)
+
+
+def test_wrong_keys_open_nothing_and_are_told_alike(guarded: Guarded) -> None:
+    right = guarded.anna.headers["Authorization"].removeprefix("Bearer ")
+    revoked = key_in(guarded.folder, "gone", days=1e-9)
+    other_case = right[:-1] + ("A" if right[-1] != "A" else "B")
+    details = set()
+    with holder(guarded.url) as nobody:
+        for token in (stranger(), other_case, right[:-1], right + "A", right.upper(), revoked):
+            details.add(problem_of(nobody.get("/jobs", headers=bearer(token)), 401).detail)
+    assert len(details) == 1
+
+
+def test_two_keys_in_one_request_are_refused(guarded: Guarded) -> None:
+    right = guarded.anna.headers["Authorization"]
+    with holder(guarded.url) as nobody:
+        problem_of(nobody.get("/jobs", headers=[("Authorization", right), ("Authorization", "Bearer x")]), 400)
+
+
+@pytest.mark.parametrize("name", ["key", "token", "api_key", "access_token", "Authorization", "other"])
+def test_key_in_the_address_is_refused_even_if_it_is_right(guarded: Guarded, name: str) -> None:
+    token = guarded.anna.headers["Authorization"].removeprefix("Bearer ")
+    with holder(guarded.url) as nobody:
+        for told in (nobody.get("/jobs", params={name: token}), guarded.anna.get("/jobs", params={name: token})):
+            assert "revoke" in problem_of(told, 400).detail
+            assert token not in told.text
+        assert nobody.get(f"/jobs/{token}").status_code == 400
+
+
+PATHS = [
+    "/livez/../jobs",
+    "/docs/assets/../../jobs",
+    "/docs/assets/..%2f..%2fjobs",
+    "/page/../jobs",
+    "/page/%2e%2e/jobs",
+    "/page/..%2Fjobs",
+    "/page/..%5cjobs",
+    "//jobs",
+    "/./jobs",
+    "/jobs/",
+    "/jobs%00",
+    "/jobs;/livez",
+    "/livez;/../jobs",
+    "/livez%2f..%2fjobs",
+    "/JOBS",
+    "/%6aobs",
+    "/%2e/jobs",
+    "/docs/assets/..%2f..%2f..%2f..%2f..%2f..%2fetc%2fpasswd",
+    "/docs/assets/%2fetc%2fpasswd",
+    "http://localhost/jobs",
+    "http://evil.example/livez/../jobs",
+]
+
+
+@pytest.mark.parametrize("path", PATHS)
+def test_path_trick_gets_past_nothing(guarded: Guarded, path: str) -> None:
+    """Sent as it is: clients would tidy it up."""
+    job = guarded.anna.post("/cra/batch", content=lines(searches(1)), headers=LINES | ASYNC).json()
+    status, content = Target.of(guarded.url).ask(b"GET " + path.encode() + b" HTTP/1.1")
+    assert status in {400, 401, 404, 405}, content
+    assert job["id"].encode() not in content
+    assert b"root:" not in content
+
+
+@pytest.mark.parametrize("line", [b"GET /jobs HTTP/9.9", b"GET jobs HTTP/1.1", b"GET /jobs", b"\x16\x03\x01\x02\x00"])
+def test_what_is_no_request_is_refused(guarded: Guarded, line: bytes) -> None:
+    status, _ = Target.of(guarded.url).ask(line)
+    assert status in {0, 400, 401}
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        b"X-HTTP-Method-Override: GET",
+        b"X-Original-URL: /livez",
+        b"X-Rewrite-URL: /livez",
+        b"X-Forwarded-For: 127.0.0.1",
+        b"X-Forwarded-Prefix: /docs/assets",
+        b"Host: 127.0.0.1",
+    ],
+)
+def test_header_that_other_servers_trust_opens_nothing(guarded: Guarded, header: bytes) -> None:
+    status, _ = Target.of(guarded.url).ask(b"GET /jobs HTTP/1.1", header)
+    assert status in {400, 401}
+
+
+@pytest.mark.parametrize("media_type", ["text/plain", "application/x-www-form-urlencoded", "multipart/form-data", ""])
+def test_form_of_another_site_changes_nothing(guarded: Guarded, media_type: str) -> None:
+    """A browser sends these without asking first."""
+    problem_of(guarded.anna.post("/cra", content=BODY, headers={"Content-Type": media_type}), 415)
+    problem_of(guarded.anna.post("/cra/batch", content=BODY, headers={"Content-Type": media_type}), 415)
+    problem_of(guarded.anna.post("/cra", content=BODY, headers=TEXT | {"Sec-Fetch-Site": "cross-site"}), 403)
+
+
+@pytest.mark.parametrize("coding", ["gzip", "deflate", "br", "zstd", "gzip, gzip", "identity, gzip"])
+def test_compressed_body_is_not_unpacked(guarded: Guarded, coding: str) -> None:
+    bomb = gzip.compress(b" " * 50_000_000)
+    for path in ("/cra", "/cra/batch", "/calibration/depth"):
+        told = guarded.anna.post(path, content=bomb, headers=TEXT | {"Content-Encoding": coding})
+        problem_of(told, 415)
+
+
+@pytest.mark.parametrize("attack", ATTACKS, ids=lambda attack: attack.name)
+def test_others_hardly_notice(guarded: Guarded, attack: Attack) -> None:
+    token = guarded.anna.headers["Authorization"].removeprefix("Bearer ")
+    mallory = key_in(guarded.folder, "mallory")
+    time.sleep(2 * LOOK_SECONDS)
+    target = Target.of(guarded.url)
+    measured = measure(target, attack, token, mallory, rounds=1, seconds=0.5)
+    assert measured.during <= max(MOST_TIMES * measured.before, measured.before + MOST_MORE_S), measured
+    assert measured.requests > 0
+    assert not measured.let_in, measured
+    assert guarded.anna.get("/readyz").status_code == 200
+
+
+def test_after_all_of_it_the_answers_are_right(guarded: Guarded) -> None:
+    time.sleep(0.5)
+    assert guarded.anna.post("/cra", json=PAPER).json()["critical_angle_deg"] == pytest.approx(48.57, abs=0.05)
+    assert guarded.chief.get("/jobs").status_code == 200
+    with httpx.Client(base_url=guarded.url, trust_env=False) as nobody:
+        problem_of(nobody.get("/jobs"), 401)
