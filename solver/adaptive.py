@@ -63,15 +63,15 @@ def integrate_adaptive(
             linearise(state, model, work, linear)
             evaluations += DIFFERENCES
             fresh = True
-        error, will_be_loaded = attempt_step(state, step, model, work, linear, scale)
-        error /= accuracy.relative_tolerance
+        error = attempt_step(state, step, model, work, linear, scale) / accuracy.relative_tolerance
         evaluations += EVALUATIONS
         if not error <= 1.0:
             step *= max(0.2, 0.9 * error**-0.25) if math.isfinite(error) else 0.2
             if step < SMALLEST_STEP * body.tip / impact:
                 return Run(End.NOT_FINITE, time, state, deepest, count, evaluations, 0.0)
             continue
-        was_loaded, loaded = loaded, will_be_loaded
+        was_loaded, loaded = loaded, accelerate(work.trial, model, work.scratch, work.end)
+        evaluations += 1
         row = steps[count if steps.shape[0] > 1 else 0]
         store_step(row, time, step, state, work)
         count += 1

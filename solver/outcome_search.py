@@ -281,9 +281,10 @@ def _settle(
     trials, found, begun = room.trials, np.full(len(levels), np.nan), count
     for k in range(first, len(levels)):
         if k == LAST:
-            slow = trials[right, ANGLE] < SLOW_EXIT and model.panels.area.size == 0
-            doubtful = slow or abs(found[k - 1] - found[k - 2]) > max(DOUBT, levels[k].tolerance)
-            if not doubtful or not _is_finer(levels[LAST], levels[ASKED]):
+            if model.panels.area.size > 0 or not _is_finer(levels[LAST], levels[ASKED]):
+                break
+            apart = abs(found[ASKED] - found[MIDDLE])  # not a number where nothing but the scan came before
+            if trials[right, ANGLE] >= SLOW_EXIT and apart <= max(DOUBT, levels[LAST].tolerance):
                 break
             trials[begun:count, FINE] = 0.0  # these only showed where to look
         begun = count

@@ -49,7 +49,7 @@ MIDDLE = Level(
 """Right to a few hundredths of a degree, at half of the cost, and likewise."""
 STRIDE = 0.85
 """First stride as finely as asked for, over the tolerance: if the level before was right, two trials confirm it."""
-LAST_TOLERANCE, LAST_STATIONS, LAST_POINTS = 3e-5, 24, 6
+LAST_TOLERANCE, LAST_STATIONS, LAST_POINTS = 1e-5, 24, 6
 """Relative tolerance and Gauss-Legendre points of the last level, unless finer ones are asked for."""
 
 
