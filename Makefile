@@ -10,7 +10,7 @@ COMPILE := $(BIN)/uv pip compile --universal --python-version 3.11 --fork-strate
 WARM_UP = echo "compiling the solver unless that was done, up to a minute ..." && $(BIN)/python -c "import solver; solver.warm_up()"
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo serve test test-all check audit sbom format openapi docs bench accuracy stress cluster reproduce \
+.PHONY: help setup demo serve test test-all check audit sbom format openapi docs bench accuracy stress cluster slider reproduce \
 	validate figures screenshots lock clean
 
 help: ## list what can be made
@@ -84,6 +84,9 @@ stress: setup ## load and faults against real servers, ten minutes; ARGS="--quic
 
 cluster: setup ## measure chunks on a Dask cluster beside the pool, some minutes; ARGS="--cases 2000"
 	$(BIN)/python -m benchmarks.cluster $(ARGS)
+
+slider: setup ## measure a step of a slider in the page, in Chromium
+	$(BIN)/python -m benchmarks.page
 
 reproduce: setup ## compute the paper anew, into build/reproduce
 	@$(BIN)/ricochet reproduce $(ARGS)
