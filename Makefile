@@ -36,13 +36,13 @@ demo: setup ## ask a fresh service for the paper's critical ricochet angle
 serve: setup ## run the service; RICOCHET_HOST, RICOCHET_PORT, RICOCHET_DATA_DIR, RICOCHET_WORKERS
 	@$(BIN)/ricochet serve
 
-test: setup ## run the tests, two files at a time; ARGS="..." goes to pytest
+test: setup ## run the tests, four files at a time: they wait more than they compute; ARGS="..." goes to pytest
 	@$(WARM_UP)
-	@$(BIN)/pytest -n 2 --dist loadfile $(ARGS)
+	@$(BIN)/pytest -n 4 --dist loadfile $(ARGS)
 
 test-all: setup ## run the tests that take minutes as well
 	@$(WARM_UP)
-	@$(BIN)/pytest -n 2 --dist loadfile -m "slow or not slow" $(ARGS)
+	@$(BIN)/pytest -n 4 --dist loadfile -m "slow or not slow" $(ARGS)
 
 check: setup ## lint, format, types, floors, committed contract and tables, Dockerfile, known vulnerabilities
 	$(BIN)/ruff check
