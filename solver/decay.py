@@ -6,6 +6,7 @@ smooth that polynomials of a low degree follow both of its parts, P / P(endless)
 """
 
 import math
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -49,6 +50,7 @@ class Decay(NamedTuple):
     """Beyond the corner."""
 
 
+@lru_cache  # the cases of a study share few targets
 def build_decay(model: FreeSurface, target: Target) -> Decay:
     """Polynomials of a decay model."""
     nothing = np.zeros(DEGREE + 1)

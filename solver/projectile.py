@@ -7,6 +7,7 @@ angle between the axis and the tangent, so the outward normal is (sin α towards
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import ClassVar, Protocol, TypeAlias
 
 import numpy as np
@@ -342,6 +343,7 @@ def solid_properties(projectile: Projectile) -> SolidProperties:
     return SolidProperties(area, volume, centroid, second / volume - centroid**2)
 
 
+@lru_cache  # the cases of a study share few projectiles
 def mass_properties(projectile: Projectile) -> MassProperties:
     """Mass properties in use: those given, the homogeneous solid's for the rest.
 

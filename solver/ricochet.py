@@ -195,8 +195,9 @@ def _scan(search: Search) -> FloatArray:
     """Angles at which a search by outcome looks first."""
     lower, upper = search.bounds
     count = math.ceil((upper - lower) / search.scan_interval * (1.0 - 1e-12)) + 1
-    between = np.linspace(math.degrees(lower), math.degrees(upper), max(count, 2))[1:-1]  # round numbers to read
-    return np.array([lower, *np.radians(between), upper])
+    begin, width = math.degrees(lower), math.degrees(upper - lower) / max(count - 1, 1)
+    between = (math.radians(round(begin + i * width, 9)) for i in range(1, count - 1))  # round numbers to read
+    return np.array([lower, *between, upper])
 
 
 def _search_outcome(shot: Shot, impact: Impact, search: Search) -> tuple[Change, tuple[Trial, ...]]:
@@ -246,7 +247,9 @@ def _last(asked: Level, numerics: ResolvedNumerics) -> Level:
 def _check_strength(shot: Shot, angles: FloatArray) -> None:
     """Refuse a model of the strength factor that is not above zero at each of these angles."""
     coefficients = shot.resistance.strength_factor.polynomial(shot.target)
-    values = np.polynomial.polynomial.polyval(np.abs(np.degrees(angles)), coefficients)
+    degrees, values = np.abs(np.degrees(angles)), np.zeros(angles.size)
+    for coefficient in reversed(coefficients):
+        values = values * degrees + coefficient
     for angle in angles[~(values > 0.0)]:
         strength_factor(resistance=shot.resistance, oblique_angle=float(angle), target=shot.target)
 

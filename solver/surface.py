@@ -1,6 +1,7 @@
 """The surface of a projectile as the compiled code reads it: outline pieces, and the paper's panels."""
 
 import math
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -56,6 +57,7 @@ class Panels(NamedTuple):
 NO_PANELS = Panels(*(np.empty(0) for _ in Panels._fields))
 
 
+@lru_cache  # likewise, see `mass_properties`
 def build_body(projectile: Projectile, properties: MassProperties) -> Body:
     """Outline and mass properties of `projectile` for the compiled code."""
     center = properties.center_of_gravity
