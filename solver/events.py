@@ -18,6 +18,8 @@ still inside: at 3 % of its speed, what the model leaves out (friction, rubble) 
 
 HALVINGS = 24
 """Of a step, to find the instant of an event: to 1e-7 of the step."""
+RELEASE_HALVINGS = 12
+"""Likewise for a release, where each takes an evaluation: next to nothing presses there any more."""
 
 
 class End(IntEnum):
@@ -97,7 +99,7 @@ def _rest_fraction(step: FloatArray, body: Body, threshold: float, state: FloatA
 def _release_fraction(step: FloatArray, model: Model, work: Work, state: FloatArray) -> float:
     """Fraction of the step at which the last element is unloaded."""
     low, high = 0.0, 1.0
-    for _ in range(HALVINGS):
+    for _ in range(RELEASE_HALVINGS):
         middle = 0.5 * (low + high)
         interpolate(step, middle, state)
         if accelerate(state, model, work.scratch, work.stage):

@@ -7,9 +7,10 @@ import math
 
 from solver.arrays import FloatArray
 from solver.compilation import lean
-from solver.polynomials import sine
+from solver.polynomials import arc_cosine, sine
 from solver.surface import ARC
 
+HALF_TURN = math.pi / 2.0
 MAX_CUTS = 8
 """Ends of the stretches of one outline piece: two ends and at most six crossings."""
 
@@ -35,13 +36,13 @@ def _cut_arc(cuts: FloatArray, piece: FloatArray, motion: Motion) -> int:
     """Angles α at which the face or the separation line crosses the top or bottom of a circular piece."""
     depth, c, s, forward, sideways, spin = motion
     axial, radius, size, upper = piece[1], piece[2], piece[3], piece[5]
-    angle = math.atan2(s, c)
+    angle = arc_cosine(c)
     cuts[0] = piece[4]
     count = 1
     for side in (-1.0, 1.0):
         height = (side * radius * s - depth - axial * c) / size
         if abs(height) < 1.0:
-            root = math.asin(height)
+            root = HALF_TURN - arc_cosine(height)
             for crossing in (side * angle + root, side * angle + math.pi - root):
                 count = _insert(cuts, count, crossing if crossing <= math.pi else crossing - 2.0 * math.pi, upper)
         separation = math.atan(-side * (sideways + spin * axial) / (forward - side * spin * radius))
