@@ -12,7 +12,9 @@ from service.results.hdf5 import read_keys
 SEGMENTS = Path("results", "segments")
 INDEX = Path("results", "index.sqlite")
 JOBS = Path("jobs.sqlite")
-USUAL = {"lock"} | {f"{path}{end}" for path in (INDEX, JOBS) for end in ("", "-wal", "-shm")}
+USUAL = {"lock", "keys.json", "keys.lock", "usage.json"} | {
+    f"{path}{end}" for path in (INDEX, JOBS) for end in ("", "-wal", "-shm")
+}
 
 
 @dataclass(frozen=True, slots=True)

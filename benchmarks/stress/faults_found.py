@@ -4,6 +4,7 @@ import time
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from typing import Any
 
 from benchmarks.stress.lines import Line
 
@@ -32,12 +33,14 @@ class Found:
         """Note a figure of this round."""
         self.seen.setdefault(name, []).append(value)
 
-    def line(self, number: int, what: str, required: str, measured: str = "") -> Line:
-        """What is told of all rounds."""
+    def line(
+        self, number: int, what: str, required: str, measured: str = "", more: dict[str, Any] | None = None
+    ) -> Line:
+        """What is told of all rounds, with more figures if there are any."""
         kinds = ", ".join(f"{count} {kind}" for kind, count in self.kinds.items())
         told = f"{self.rounds} rounds: {kinds}" + (f"; {measured}" if measured else "")
         told += f"; {len(self.faults)} faults: {self.faults[0]}" if self.faults else "; no fault"
-        details = {"rounds": dict(self.kinds), "seen": self.seen, "faults": self.faults[:MOST_TOLD]}
+        details = {"rounds": dict(self.kinds), "seen": self.seen, "faults": self.faults[:MOST_TOLD]} | (more or {})
         return Line(
             number=number,
             what=what,
