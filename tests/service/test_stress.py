@@ -2,6 +2,7 @@
 
 import json
 import math
+from collections.abc import Callable
 from itertools import islice, product
 from pathlib import Path
 
@@ -14,10 +15,13 @@ from benchmarks.stress.lines import Line
 from benchmarks.stress.mutations import ROUTES, mutants
 from benchmarks.stress.report import as_json, as_table, write_part
 from benchmarks.stress.soak import Sizes, measure_soak
+from benchmarks.stress.soak_answers import Answers, is_right
 from benchmarks.stress.soak_footprint import Footprint
 from benchmarks.stress.soak_lines import as_lines
-from benchmarks.stress.soak_work import Mix, asked, invalid_bodies
+from benchmarks.stress.soak_work import Mix, Work, asked, invalid_bodies
 from service.schemas.batches import CriticalAngleCase
+from service.schemas.quantities import degrees
+from solver import critical_angle
 
 CONTRACT = Path(__file__).parents[2] / "openapi" / "openapi.json"
 COUNT = 20
@@ -97,8 +101,47 @@ def test_jobs_of_the_soak_ask_for_what_their_names_say() -> None:
     assert all(asked(name)["target"] == laid["base"]["target"] for name in sweep.names)
 
 
+def test_soak_notices_an_answer_that_the_solver_does_not_give() -> None:
+    angle = critical_angle(**to_arguments(asked("search 1"))).angle
+    assert angle is not None
+    assert is_right("search 1", json.dumps({"critical_angle_deg": degrees(angle)}).encode())
+    assert not is_right("search 1", json.dumps({"critical_angle_deg": degrees(angle) + 1e-9}).encode())
+
+
 def test_invalid_bodies_differ() -> None:
     assert len(set(islice(invalid_bodies(seed=1), 50))) > 40
+
+
+def results_of(work: Work) -> list[bytes]:
+    """Results as the service sends them, each with an answer of its own."""
+    return [
+        json.dumps({"index": index, "custom_id": work.custom_id(index)}, separators=(",", ":")).encode()[:-1]
+        + b',"result":{"key":"%b"}}' % name.encode()
+        for index, name in enumerate(work.names)
+    ]
+
+
+@pytest.mark.parametrize(
+    ("change", "noticed"),
+    [
+        (lambda lines: lines, False),
+        (lambda lines: lines[:3] + lines[4:], True),
+        (lambda lines: [*lines[:3], lines[2], *lines[3:]], True),
+        (lambda lines: [lines[1], lines[0], *lines[2:]], True),
+        (lambda lines: [*lines[:-1], lines[-1].replace(b"search", b"other")], True),
+        (lambda lines: [*lines[:-1], lines[-1].replace(b'"result"', b'"problem"')], True),
+    ],
+    ids=["as they are", "one lost", "one twice", "out of order", "another answer", "no result"],
+)
+def test_soak_notices_results_that_are_lost_doubled_or_wrong(
+    change: Callable[[list[bytes]], list[bytes]], noticed: bool
+) -> None:
+    found, work = Found(), Mix(10).batch()
+    answers = Answers(found)
+    assert answers.hold_results(work, results_of(work)) == 10
+    assert not found.faults
+    answers.hold_results(work, change(results_of(work)))
+    assert bool(found.faults) == noticed
 
 
 @pytest.mark.parametrize(
@@ -131,10 +174,10 @@ def test_memory_and_open_files_are_held_to_those_after_the_warm_up(
 
 @pytest.mark.skipif(not Path("/proc/self/smaps_rollup").exists(), reason="looks at processes in /proc")
 def test_mixed_load_is_answered_once_and_right() -> None:
-    results, *_ = measure_soak(Sizes(rough=0, calm=1, cases=60, hurts=0, idle=0.0, sample=10))
+    results, *_ = measure_soak(Sizes(rough=0, calm=2, cases=30, hurts=0, idle=0.0, sample=10))
     assert not results.details["faults"]
     assert results.held
     asked = results.details["asked"]
-    assert asked["cases of jobs"] == asked["results read at the end"] == 4 * 60
+    assert asked["cases of jobs"] == asked["results read at the end"] == 2 * 4 * 30
     kinds = ("single queries", "downloads of jobs", "invalid bodies", "jobs cancelled", "jobs read by cursor")
     assert all(asked[kind] for kind in kinds)
