@@ -8,6 +8,9 @@ from typing import Literal
 
 from benchmarks.stress.faults_victim import Victim
 
+OWN = ("Pss_Anon:", "Pss_Shmem:", "SwapPss:")
+"""Of the kernel's figures. Mapped files are left out: how much of a library counts depends on who else uses it."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Footprint:
@@ -18,7 +21,7 @@ class Footprint:
     round
         After which it was looked at.
     server_bytes, all_bytes
-        Memory of the server, and of it with its workers; what processes share counts once (PSS). [bytes]
+        Memory of the server, and of it with its workers. [bytes]
     server_handles, all_handles
         Open files, likewise.
     processes
@@ -36,7 +39,7 @@ class Footprint:
 def footprint(victim: Victim, number: int) -> Footprint:
     """Look at all processes of a service."""
     processes = victim.processes()
-    memory = {process: _proportional_bytes(process) for process in processes}
+    memory = {process: _own_bytes(process) for process in processes}
     handles = {process: _handles(process) for process in processes}
     return Footprint(
         round=number,
@@ -54,11 +57,11 @@ def largest_change(prints: Sequence[Footprint], name: Literal["server_bytes", "a
     return max((abs(each - first) / first for each in later), default=0.0)
 
 
-def _proportional_bytes(process: int) -> int:
+def _own_bytes(process: int) -> int:
+    """Memory but for mapped files; pages that forked processes share are divided among them."""
     with suppress(OSError):  # it has ended
-        for line in Path(f"/proc/{process}/smaps_rollup").read_text().splitlines():
-            if line.startswith("Pss:"):
-                return 1024 * int(line.split()[1])
+        lines = Path(f"/proc/{process}/smaps_rollup").read_text().splitlines()
+        return sum(1024 * int(line.split()[1]) for line in lines if line.startswith(OWN))
     return 0
 
 

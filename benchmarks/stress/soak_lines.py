@@ -41,7 +41,7 @@ def _memory(told: str, warm: Sequence[Footprint]) -> Line:
     measured += f"with workers {_megabytes(warm[0].all_bytes, warm[-1].all_bytes)}, farthest {together:.1%}"
     return Line(
         number=NUMBER,
-        what=f"memory over {told}",
+        what=f"memory, without mapped files, over {told}",
         required=f"never more than {GROWTH:.0%} away from it",
         measured=measured,
         held=max(server, together) <= GROWTH,
