@@ -219,9 +219,11 @@ class Engine:
                 outcomes.append(end.error or self._record(name, case, end.value))
             except Exception as error:  # noqa: BLE001 (of this case alone)
                 outcomes.append(error)
-        records = [outcome for outcome in outcomes if isinstance(outcome, Record)]
-        stored = iter(self.cache.put_many(records) if records else [])
-        return [next(stored) if isinstance(outcome, Record) else outcome for outcome in outcomes]
+        records = {outcome.key: outcome for outcome in outcomes if isinstance(outcome, Record)}
+        known = self.cache.known(list(records))  # another may have kept some since they were looked up
+        missing = [record for key, record in records.items() if key not in known]
+        records |= {record.key: record for record in self.cache.put_many(missing)}
+        return [records[outcome.key] if isinstance(outcome, Record) else outcome for outcome in outcomes]
 
     def _record(self, name: str, case: Wanted, result: object) -> Record:
         answer, history = self.operations[name].answer(case.request, result)

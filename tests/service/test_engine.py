@@ -11,6 +11,7 @@ from typing import Any, NoReturn
 import numpy as np
 import pytest
 
+from benchmarks.stress.faults_folder import keys_of, segments
 from service.admission import QueriesWaitingError
 from service.engine import AbandonedError, Engine, Operation, Wanted
 from service.executors.face import Executor
@@ -200,3 +201,18 @@ async def test_event_loop_stays_free_while_histories_are_made_and_kept(engine: E
         return longest
 
     assert min([await longest_wait(first) for first in (0, 100, 200)]) < 0.1
+
+
+async def test_result_that_another_kept_after_the_look_up_is_not_kept_twice(engine: Engine, tmp_path: Path) -> None:
+    wanted = [
+        Wanted(
+            result_key("trajectory", asked.canonical()), asked.canonical(), asked, OPERATIONS["trajectory"].call(asked)
+        )
+        for asked in (Question(tmp_path, number) for number in range(3))
+    ]
+    await engine.begin("trajectory", wanted[:2], lambda: None).kept
+    late = engine.begin("trajectory", wanted[1:], lambda: None)
+    await late.kept
+    answers = {key: future.result()[0].answer["number"] for key, future in late.own.items()}
+    assert answers == {case.key: number for number, case in enumerate(wanted) if number}
+    assert keys_of(segments(tmp_path / "data")) == {case.key: 1 for case in wanted}
