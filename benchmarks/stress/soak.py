@@ -18,7 +18,6 @@ from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from benchmarks.stress.faults_crashes import ORPHAN_SECONDS
 from benchmarks.stress.faults_folder import faults_of
 from benchmarks.stress.faults_found import Found
 from benchmarks.stress.faults_losses import lose_index
@@ -44,9 +43,11 @@ from service.access.keyring import add_key
 OWNERS = ("anna", "boris")
 MEMORY_CACHE_BYTES = 4 * 1024 * 1024
 """Full before the memory is looked at: some hundred histories."""
+GONE_SECONDS = 10.0
+"""For workers to follow their server: they give way to all else on a machine that is busy."""
 MOST_JOBS = 1_000
 """That the service lists."""
-Hurt = Callable[[Victim, random.Random], None]
+Hurt = Callable[[Victim, random.Random, Found], None]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -122,7 +123,7 @@ def play_rough(victim: Victim, scene: Scene, mix: Mix, sizes: Sizes) -> None:
         typical = time.monotonic() - begin
         tell(scene, f"rough round {number + 1}, {typical:.1f} s")
     if sizes.rough:
-        stop_server(victim, dice)
+        stop_server(victim, dice, scene.found)
 
 
 def play_calm(victim: Victim, scene: Scene, mix: Mix, sizes: Sizes) -> list[Footprint]:
@@ -195,44 +196,42 @@ def hurt(victim: Victim, kind: str, dice: random.Random, found: Found) -> None:
     """Do this to the service, and see it come back."""
     found.kinds[kind] += 1
     begin = time.monotonic()
-    HURTS[kind](victim, dice)
+    HURTS[kind](victim, dice, found)
     found.note("back_s", time.monotonic() - begin)
 
 
-def kill_worker(victim: Victim, dice: random.Random) -> None:
+def kill_worker(victim: Victim, dice: random.Random, _: Found) -> None:
     """Kill a worker."""
     if workers := victim.workers():
         with suppress(ProcessLookupError):
             os.kill(dice.choice(workers), signal.SIGKILL)
 
 
-def kill_server(victim: Victim, _: random.Random) -> None:
+def kill_server(victim: Victim, _: random.Random, found: Found) -> None:
     """Kill the server and start it again."""
     victim.kill()
-    leave_no_worker(victim)
+    leave_no_worker(victim, found)
     victim.start()
 
 
-def stop_server(victim: Victim, _: random.Random) -> None:
+def stop_server(victim: Victim, _: random.Random, found: Found) -> None:
     """Stop the server as an operator does, and start it again."""
-    if status := victim.stop():
-        raise RuntimeError(f"the server ended with {status}")
-    leave_no_worker(victim)
+    found.claim(victim.stop() == 0, "the server did not end well")
+    leave_no_worker(victim, found)
     victim.start()
 
 
-def lose_the_index(victim: Victim, dice: random.Random) -> None:
+def lose_the_index(victim: Victim, dice: random.Random, found: Found) -> None:
     """Kill the server, lose the index of results, and start it again."""
     victim.kill()
-    leave_no_worker(victim)
+    leave_no_worker(victim, found)
     lose_index(victim.data, dice)
     victim.start()
 
 
-def leave_no_worker(victim: Victim) -> None:
+def leave_no_worker(victim: Victim, found: Found) -> None:
     """See that the workers have gone with their server."""
-    if victim.orphans(ORPHAN_SECONDS):
-        raise RuntimeError("a worker outlived its server")
+    found.claim(not victim.orphans(GONE_SECONDS), "a process outlived the service")
 
 
 HURTS: dict[str, Hurt] = {
@@ -259,7 +258,7 @@ def see_the_end(victim: Victim, scene: Scene, sample: int) -> int:
     found.claim(not UNDERWAY & set(told.values()), "a job is still running")
     found.claim(victim.computed() == computed, f"{victim.computed() - computed} results were lost, and computed again")
     found.claim(victim.stop() == 0, "the server did not end well")
-    found.claim(not victim.orphans(ORPHAN_SECONDS), "a process outlived the service")
+    leave_no_worker(victim, found)
     found.faults += faults_of(victim.data)
     for name, answer in chosen.items():
         found.claim(is_right(name, answer), f"{name} is answered otherwise by the solver")
