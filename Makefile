@@ -10,7 +10,7 @@ COMPILE := $(BIN)/uv pip compile --universal --python-version 3.11 --fork-strate
 WARM_UP = echo "compiling the solver unless that was done, up to a minute ..." && $(BIN)/python -c "import solver; solver.warm_up()"
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo serve test test-all check audit sbom format openapi docs bench accuracy stress cluster slider reproduce \
+.PHONY: help setup demo serve test test-system test-all check audit sbom format openapi docs bench accuracy stress cluster slider reproduce \
 	validate figures screenshots lock clean
 
 help: ## list what can be made
@@ -36,13 +36,17 @@ demo: setup ## ask a fresh service for the paper's critical ricochet angle
 serve: setup ## run the service; RICOCHET_HOST, RICOCHET_PORT, RICOCHET_DATA_DIR, RICOCHET_WORKERS
 	@$(BIN)/ricochet serve
 
-test: setup ## run the tests, four files at a time: they wait more than they compute; ARGS="..." goes to pytest
+test: setup ## run the tests, two files at a time; ARGS="..." goes to pytest
 	@$(WARM_UP)
-	@$(BIN)/pytest -n 4 --dist loadfile $(ARGS)
+	@$(BIN)/pytest -n 2 --dist loadfile $(ARGS)
+
+test-system: setup ## run those that drive a browser or a cluster, kill what runs, or run the documentation
+	@$(WARM_UP)
+	@$(BIN)/pytest -n 2 --dist loadfile -m system $(ARGS)
 
 test-all: setup ## run the tests that take minutes as well
 	@$(WARM_UP)
-	@$(BIN)/pytest -n 4 --dist loadfile -m "slow or not slow" $(ARGS)
+	@$(BIN)/pytest -n 2 --dist loadfile -m "slow or not slow" $(ARGS)
 
 check: setup ## lint, format, types, floors, committed contract and tables, Dockerfile, known vulnerabilities
 	$(BIN)/ruff check

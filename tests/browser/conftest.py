@@ -1,6 +1,7 @@
 """A real browser, the distribution's Chromium, in front of the service that the tests share."""
 
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Literal
 
 import pytest
@@ -8,9 +9,16 @@ from playwright.sync_api import Browser, ConsoleMessage, Page, expect
 
 from .chromium import NAMES, executable, running_chromium
 
+HERE = Path(__file__).parent
 WAIT_MS = 20_000
 """For what a test expects to see; a loaded machine takes its time."""
 NewPage = Callable[..., Page]
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    for item in items:
+        if item.path.parent == HERE:
+            item.add_marker(pytest.mark.system)
 
 
 @pytest.fixture(scope="module")

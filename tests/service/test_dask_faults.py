@@ -26,7 +26,7 @@ from service.settings import Settings
 from tests.service.dask_cluster import DaskCluster, dask_cluster
 from tests.service.squares import accepted, all_results, cases, ended, running, squares, until_done
 
-pytestmark = [pytest.mark.anyio, pytest.mark.timeout(240)]
+pytestmark = [pytest.mark.system, pytest.mark.anyio, pytest.mark.timeout(240)]
 
 WAIT_SECONDS = 120.0
 KILL_WORKER: Call = (

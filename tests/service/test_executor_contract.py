@@ -27,6 +27,7 @@ from solver.cases import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY
 from tests.service.dask_cluster import DaskCluster, dask_cluster
 
 pytestmark = [pytest.mark.anyio, pytest.mark.timeout(120)]
+DASK = pytest.param("dask", marks=pytest.mark.system)
 
 USUAL_SECONDS = 60.0
 WAIT_SECONDS = 60.0
@@ -34,7 +35,7 @@ DEADLY: Call = (signal.raise_signal, (signal.SIGKILL,))
 ENDLESS: Call = (pow, (7, 10**8))
 
 Make: TypeAlias = Callable[..., Awaitable[Executor]]
-with_processes = pytest.mark.parametrize("kind", ["pool", "dask"], indirect=True)
+with_processes = pytest.mark.parametrize("kind", ["pool", DASK], indirect=True)
 """A thread cannot do without the process it is in."""
 
 
@@ -44,7 +45,7 @@ def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[DaskCluster]:
         yield running
 
 
-@pytest.fixture(params=["in-process", "pool", "dask"])
+@pytest.fixture(params=["in-process", "pool", DASK])
 def kind(request: pytest.FixtureRequest) -> str:
     name: str = request.param
     return name

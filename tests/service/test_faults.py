@@ -20,6 +20,7 @@ from service.jobs.job import JobState
 from service.pool.executor import PoolExecutor
 from tests.service.squares import accepted, all_results, cases, ended, running, squares, until_done
 
+pytestmark = pytest.mark.system
 needs_proc = pytest.mark.skipif(not Path("/proc/self/environ").exists(), reason="finds processes in /proc")
 LONG = pytest.param(50, marks=[pytest.mark.slow, pytest.mark.timeout(1200)])
 Hurt = Callable[[Path, int, float], Found]
