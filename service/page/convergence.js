@@ -8,8 +8,13 @@ import { degreesShown, digits, outcomeShown } from "./words.js";
 export const METHODS = { outcome: "Change of outcome", bisection: "Bisection (paper)", secant: "Secant (paper)" };
 
 const NARROW = 640; // px
-const POSITIONS = { column: "final_position_m", factor: 1e3, title: "Final depth of the nose tip [mm]" };
-const ANGLES = { column: "oblique_angle_deg", factor: 1, title: "Oblique angle [°]" };
+const POSITIONS = {
+  column: "final_position_m",
+  factor: 1e3,
+  title: "Final depth of the nose tip [mm]",
+  short: "Tip depth [mm]", // where there is no room
+};
+const ANGLES = { column: "oblique_angle_deg", factor: 1, title: "Oblique angle [°]", short: "Angle [°]" };
 
 /** Draw the angles tried, a panel for each search that was answered. */
 export function drawAngles(root, answers) {
@@ -79,7 +84,7 @@ function trace(method, { iterations }, { column, factor }, panel) {
   };
 }
 
-function layoutOf(answers, methods, { title, column }, isNarrow) {
+function layoutOf(answers, methods, { title, short, column }, isNarrow) {
   const layout = { showlegend: false, annotations: [], shapes: [], dragmode: false };
   methods.forEach((method, panel) => {
     const [across, down] = isNarrow ? [0, panel] : [panel, 0];
@@ -89,14 +94,14 @@ function layoutOf(answers, methods, { title, column }, isNarrow) {
     layout[axis("xaxis", panel)] = {
       domain: x,
       anchor: axis("y", panel),
-      title: { text: "Trial" },
+      title: { text: down === rows - 1 ? "Trial" : "" },
       zeroline: false,
       tickformat: "d",
     };
     layout[axis("yaxis", panel)] = {
       domain: y,
       anchor: axis("x", panel),
-      title: { text: panel === 0 || isNarrow ? title : "" },
+      title: { text: isNarrow ? short : panel === 0 ? title : "" },
       ...(column === POSITIONS.column ? { autorange: "reversed" } : { zeroline: false }),
     };
     layout.annotations.push(heading(METHODS[method], x[0], y[1]));
