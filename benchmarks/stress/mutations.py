@@ -157,7 +157,7 @@ def _change(chance: random.Random, owner: Any, name: Any) -> None:
     ways: list[Callable[[], Any]] = [
         lambda: owner.pop(name),
         lambda: owner.__setitem__(name, chance.choice(NUMBERS)),
-        lambda: owner.__setitem__(name, chance.choice(OTHERS)),
+        lambda: owner.__setitem__(name, copy.deepcopy(chance.choice(OTHERS))),
         lambda: owner.__setitem__(name, MARK),
         lambda: owner.__setitem__(name, [value]),
         lambda: owner.__setitem__(name, {"value": value}),
