@@ -156,6 +156,7 @@ def test_jobs_are_looked_after(served: Path, client: httpx.Client, capsys: pytes
 def interrupted(folder: Path) -> Iterator[Any]:
     """Run the command in a process group of its own, and press Ctrl-C once it has printed so much."""
     started: list[subprocess.Popen[str]] = []
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # what runs in the background may ignore it
 
     def interrupt(*arguments: str, **settings: str) -> tuple[int, str, str]:
         with (folder / "err").open("w") as err, (folder / "out").open("w") as out:
@@ -179,6 +180,7 @@ def interrupted(folder: Path) -> Iterator[Any]:
         return status, (folder / "out").read_text(), (folder / "err").read_text()
 
     yield interrupt
+    signal.signal(signal.SIGINT, before)
     for process in started:
         process.kill()
         process.wait()
