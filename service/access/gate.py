@@ -77,9 +77,7 @@ class Gate:
             found = read_headers(scope)
             visit.caller = self._let_in(scope, found, keys_asked)
             cycle = scope.pop(CYCLE, None)
-            if (
-                cycle is None or cycle.more_body
-            ):  # waiting with a limit is dear, and mostly there is nothing to wait for
+            if cycle is None or cycle.more_body:  # else there is nothing to wait for, and a limit is dear
                 receive = Arrival(receive, self._settings.body_seconds, self._settings.slowest_bytes_per_second)
             await self._app(scope, receive, send_secured)
         except HTTPException as refused:

@@ -1,5 +1,6 @@
 """The requests: one trajectory, one critical angle."""
 
+from abc import abstractmethod
 from typing import Annotated, Any, Self
 
 from pydantic import MISSING, Field
@@ -64,9 +65,9 @@ class Case(Part):
             "numerics": self.numerics.to_solver(),
         }
 
+    @abstractmethod
     def resolved(self) -> Self:
         """Return the same with what was left open filled in."""
-        raise NotImplementedError
 
     @property
     def by_panels(self) -> bool:

@@ -11,7 +11,7 @@ import pytest
 @pytest.mark.timeout(180)
 @pytest.mark.parametrize(
     ("paths", "count", "seconds"),
-    [("--exclude-path-regex", 17, 20), ("--include-path-regex", 3, 10)],
+    [("--exclude-path-regex", 17, 35), ("--include-path-regex", 3, 20)],
     ids=["others", "calibrations"],
 )
 def test_service_keeps_its_contract_whatever_it_is_asked(

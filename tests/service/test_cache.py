@@ -424,7 +424,7 @@ def test_twenty_thousand_cases_are_looked_up_at_once_without_holding_up_others(t
     with cache_in(tmp_path) as cache:
         runs = [timed_beside_others(cache, keys) for _ in range(3)]
     assert min(seconds for seconds, _ in runs) < 0.5
-    assert min(pause for _, pause in runs) < 0.05  # [s]; a thread has turns of 5 ms, longer on a busy machine
+    assert min(pause for _, pause in runs) < 0.015  # [s]; a thread's turn lasts 5 ms by itself
 
 
 def timed_beside_others(cache: ResultCache, keys: list[str]) -> tuple[float, float]:

@@ -214,16 +214,6 @@ async def test_calls_of_a_chunk_come_back_in_order_each_with_its_own_outcome(poo
     assert await pool.run([]) == []
 
 
-async def test_call_or_error_that_cannot_be_pickled_spoils_no_other(pool: PoolExecutor) -> None:
-    odd: Call = (eval, ("(_ for _ in ()).throw(type('Odd', (Exception,), {})())",))
-    one_way: Call = (exec, ("import json; json.loads('{')\n",))
-    calls: list[Call] = [(len, (threading.Lock(),)), odd, (lambda: 1, ()), one_way, (operator.add, (1, 2))]
-    finished = await pool.run(calls)
-    assert all(isinstance(outcome.error, Exception) for outcome in finished[:4])
-    assert "pickle" in str(finished[0].error)
-    assert finished[4].value == 3
-
-
 async def test_chunk_of_nothing_costs_the_server_little(pool: PoolExecutor) -> None:
     """The best of three: other programs on the machine disturb the caches."""
 
