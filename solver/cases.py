@@ -3,7 +3,8 @@
 import math
 
 from solver.impact import Impact
-from solver.projectile import Ogive, Projectile
+from solver.nose import Ogive
+from solver.projectile import Projectile
 from solver.target import Target
 
 PAPER_PROJECTILE = Projectile(nose=Ogive(caliber_radius_head=3.0), diameter=0.08, length=0.53, mass=13.0)

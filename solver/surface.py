@@ -8,7 +8,8 @@ import numpy as np
 
 from solver.arrays import FloatArray
 from solver.compilation import compiled
-from solver.projectile import Line, MassProperties, OutlinePiece, Projectile
+from solver.nose import Line, OutlinePiece
+from solver.projectile import MassProperties, Projectile
 from solver.validation import require
 
 LINE, ARC = 0.0, 1.0

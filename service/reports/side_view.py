@@ -10,7 +10,8 @@ from matplotlib.axes import Axes
 from service.reports import style
 from solver import mass_properties
 from solver.arrays import FloatArray
-from solver.projectile import Line, Projectile
+from solver.nose import Line
+from solver.projectile import Projectile
 
 TIP_PATH = "#c8102e"
 
