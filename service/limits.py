@@ -9,6 +9,15 @@ from pydantic_settings import BaseSettings
 class Limits(BaseSettings):
     """Bounds on what one client can hold or ask for."""
 
+    max_body_depth: Annotated[
+        int,
+        Field(
+            ge=10,
+            le=190,
+            description="Objects and lists in one another that a body may have: the deepest request has 7. The parser "
+            "itself goes no deeper than some 200.",
+        ),
+    ] = 20
     max_panel_steps: Annotated[
         float,
         Field(

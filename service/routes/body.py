@@ -37,9 +37,9 @@ class JsonRequest(Request):
         Raises
         ------
         HTTPException
-            400 if it cannot be parsed.
+            400 if it cannot be parsed, or is nested too deep.
         """
-        return parse_json(await self.body())
+        return parse_json(await self.body(), self.app.state.settings.max_body_depth)
 
 
 class JsonRoute(APIRoute):
@@ -57,18 +57,32 @@ class JsonRoute(APIRoute):
         return handle_json
 
 
-def parse_json(text: bytes) -> Any:
+def parse_json(text: bytes, most_deep: int) -> Any:
     """Return what a text says.
 
     Raises
     ------
     HTTPException
-        400 if it is no JSON.
+        400 if it is no JSON, or has more objects and lists in one another than `most_deep`.
     """
     try:
-        return from_json(text)
+        content = from_json(text)
     except ValueError as error:
         raise HTTPException(HTTPStatus.BAD_REQUEST, f"not JSON: {error}") from error
+    if text.count(b"{") + text.count(b"[") > most_deep and is_deeper(content, most_deep):
+        raise HTTPException(HTTPStatus.BAD_REQUEST, f"the body may be nested {most_deep} deep at most")
+    return content
+
+
+def is_deeper(content: Any, depth: int) -> bool:
+    """Tell whether objects and lists are in one another by more than this depth."""
+    level = [content]
+    for _ in range(depth + 1):
+        level = [each for each in level if isinstance(each, dict | list)]
+        if not level:
+            return False
+        level = [inner for each in level for inner in (each.values() if isinstance(each, dict) else each)]
+    return True
 
 
 async def stream_up_to(request: Request, limit: int) -> AsyncIterator[bytes]:

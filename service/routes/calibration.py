@@ -101,7 +101,7 @@ async def answer_long(request: Request, operation: str, model: type[BaseModel], 
     require_type(request, JSON)
     state = request.app.state
     body = b"".join([chunk async for chunk in stream_up_to(request, state.settings.max_batch_bytes)])
-    asked = await run_sync(read_asked, body, operation, model, limiter=state.reading)
+    asked = await run_sync(read_asked, body, operation, model, state.settings.max_body_depth, limiter=state.reading)
     return await computed(request, operation, asked.case, engine, asked.named, counts=COUNTS)
 
 
@@ -113,7 +113,7 @@ class Asked:
     named: Named
 
 
-def read_asked(body: bytes, operation: str, model: type[BaseModel]) -> Asked:
+def read_asked(body: bytes, operation: str, model: type[BaseModel], most_deep: int) -> Asked:
     """Validate a body.
 
     Raises
@@ -121,7 +121,7 @@ def read_asked(body: bytes, operation: str, model: type[BaseModel]) -> Asked:
     HTTPException, InvalidBodyError
         If it is no request.
     """
-    content = parse_json(body)
+    content = parse_json(body, most_deep)
     refuse_crowds(content)
     try:
         case: Any = model.model_validate(content)

@@ -60,7 +60,7 @@ async def read_batch(request: Request, model: type[BaseModel]) -> Incoming:
         lines = split_lines(stream_up_to(request, settings.max_jsonl_bytes), settings.max_body_bytes, digest)
         return Incoming(read_lines(lines, model, settings, threads), digest)
     body = await read_whole(request, digest)
-    found = await run_sync(unwrap, body, Cases, limiter=threads)
+    found = await run_sync(unwrap, body, Cases, settings.max_body_depth, limiter=threads)
     cases: list[Case] = []
     for first in range(0, len(found.cases), LINES):
         part = found.cases[first : first + LINES]
@@ -80,7 +80,7 @@ async def read_sweep(request: Request, model: type[BaseModel]) -> Incoming:
     digest = hashlib.sha256(f"{request.scope['path']} {media_type}\n".encode())
     body = await read_whole(request, digest)
     settings = request.app.state.settings
-    grid = await run_sync(lay_grid, body, model, settings.max_body_bytes)
+    grid = await run_sync(lay_grid, body, model, settings)
     return Incoming(read_points(grid, model, settings, request.app.state.reading), digest)
 
 
@@ -97,10 +97,10 @@ async def sliced(cases: Sequence[Case]) -> AsyncIterator[list[Case]]:
         yield list(cases[first : first + LINES])
 
 
-def unwrap(body: bytes, model: type[Cases]) -> Cases:
+def unwrap(body: bytes, model: type[Cases], most_deep: int) -> Cases:
     """Return a batch, its cases not yet looked at."""
     try:
-        return model.model_validate(few_fields(parse_json(body)))
+        return model.model_validate(few_fields(parse_json(body, most_deep)))
     except ValidationError as error:
         raise InvalidBodyError(errors_told(error.errors())) from error
 
@@ -190,7 +190,7 @@ def check_line(line: bytes, model: type[BaseModel], index: int, limits: Settings
     if not line.strip():
         raise InvalidBodyError([{"pointer": pointer, "detail": "is empty"}], place)
     try:
-        return to_case(parse_json(line), model, limits)
+        return to_case(parse_json(line, limits.max_body_depth), model, limits)
     except HTTPException as error:
         raise InvalidBodyError([{"pointer": pointer, "detail": error.detail}], place) from error
     except ValidationError as error:
@@ -204,14 +204,15 @@ def behind(pointer: str, error: ParameterError) -> list[dict[str, str]]:
     return [{**each, "pointer": pointer + each["pointer"]} for each in errors_of_case(error)]
 
 
-def lay_grid(body: bytes, model: type[BaseModel], most_bytes: int) -> Grid:
+def lay_grid(body: bytes, model: type[BaseModel], limits: Settings) -> Grid:
     """Return the grid of a sweep."""
     try:
-        outline = Outline.model_validate(few_fields(parse_json(body)))
+        outline = Outline.model_validate(few_fields(parse_json(body, limits.max_body_depth)))
     except ValidationError as error:
         raise InvalidBodyError(errors_told(error.errors())) from error
-    if len(to_json(outline.base)) > most_bytes:
-        raise InvalidBodyError([{"pointer": "/base", "detail": f"may be {most_bytes} bytes long at most"}])
+    if len(to_json(outline.base)) > limits.max_body_bytes:
+        detail = f"may be {limits.max_body_bytes} bytes long at most"
+        raise InvalidBodyError([{"pointer": "/base", "detail": detail}])
     try:
         model.model_validate(outline.base)
         return Grid(model, outline)

@@ -18,7 +18,7 @@ from service.schemas.examples import PAPER, PAPER_AT_45
 from .many import ASYNC, LINES, ROUGH, lines, slow_strikes, strikes
 from .refused import TEXT, problem_of
 
-BODY_BYTES, HEAD_BYTES, HEAD_FIELDS = 4096, 4096, 40
+BODY_BYTES, BODY_DEPTH, HEAD_BYTES, HEAD_FIELDS = 4096, 12, 4096, 40
 HEAD_SECONDS, BODY_SECONDS, SEND_SECONDS = 2.0, 2.0, 2.0
 CONNECTIONS, QUEUED, PANEL_STEPS = 20, 300, 1e8
 PATIENCE_S = 30.0
@@ -31,6 +31,7 @@ def tight_url(
 ) -> Iterator[str]:
     settings = {
         "max_body_bytes": BODY_BYTES,
+        "max_body_depth": BODY_DEPTH,
         "max_batch_bytes": 2 * BODY_BYTES,
         "max_jsonl_bytes": 200 * BODY_BYTES,
         "max_head_bytes": HEAD_BYTES,
@@ -95,12 +96,35 @@ def test_line_may_be_as_long_as_a_body(tight: httpx.Client) -> None:
     assert "/0" in problem_of(tight.post("/cra/batch", content=long, headers=LINES), 422).errors[0].pointer
 
 
-def test_body_may_be_nested_as_deep_as_the_parser_goes(tight: httpx.Client) -> None:
+@pytest.mark.parametrize(("opening", "closing"), [(b'{"a":', b"}"), (b"[", b"]")])
+@pytest.mark.parametrize("path", ["/cra", "/cra/batch", "/cra/sweep", "/calibration/depth"])
+def test_body_may_be_nested_as_deep_as_the_limit(
+    tight: httpx.Client, path: str, opening: bytes, closing: bytes
+) -> None:
     def nested(depth: int) -> bytes:
-        return b'{"a":' * depth + b"1" + b"}" * depth
+        return b'{"a":' + opening * (depth - 1) + b"1" + closing * (depth - 1) + b"}"
 
-    problem_of(tight.post("/cra", content=nested(190), headers=TEXT), 422)  # read, and no request
-    assert "recursion" in problem_of(tight.post("/cra", content=nested(210), headers=TEXT), 400).detail
+    problem_of(tight.post(path, content=nested(BODY_DEPTH), headers=TEXT), 422)  # read, and no request
+    found = problem_of(tight.post(path, content=nested(BODY_DEPTH + 1), headers=TEXT), 400)
+    assert f"{BODY_DEPTH} deep" in found.detail
+    problem_of(tight.post(path, content=nested(500), headers=TEXT), 400)  # where the parser itself gives up
+
+
+def test_line_may_be_nested_as_deep_as_the_limit(tight: httpx.Client) -> None:
+    def nested(depth: int) -> bytes:
+        return b"[" * depth + b"]" * depth
+
+    read = problem_of(tight.post("/cra/batch", content=nested(BODY_DEPTH), headers=LINES), 422)
+    refused = problem_of(tight.post("/cra/batch", content=nested(BODY_DEPTH + 1), headers=LINES), 422)
+    assert "deep" not in read.errors[0].detail
+    assert f"{BODY_DEPTH} deep" in refused.errors[0].detail
+
+
+def test_brackets_beside_one_another_are_not_nesting(tight: httpx.Client) -> None:
+    cases = {"cases": [{**PAPER, "search": ROUGH}] * (2 * BODY_DEPTH // 10)}
+    text = json.dumps(cases).encode()
+    assert text.count(b"{") > BODY_DEPTH
+    assert tight.post("/cra/batch", content=text, headers=TEXT).status_code == 200
 
 
 def test_batch_may_have_as_many_cases_as_the_limit(client: httpx.Client) -> None:
