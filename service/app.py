@@ -209,7 +209,7 @@ async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         await state.executor.start()
         stack.push_async_callback(state.executor.stop, POOL_SECONDS)
         state.engine = Engine(state.cache, state.executor, operations, most_waiting=settings.max_waiting_queries)
-        state.hot = HotAnswers(state.engine)
+        state.hot = HotAnswers(state.engine, memory_bytes=settings.memory_cache_bytes)
         stored = metrics.CountedJobs(settings.data_dir, counts, job_days=settings.job_days)
         state.runner = Runner(state.engine, stored, max_queued_cases=settings.max_queued_cases)
         await state.runner.start()

@@ -15,8 +15,8 @@ from service.results.record import Record
 PATHS = frozenset({"/cra", "/trajectory"})
 LONGEST = 8 * 1024
 """Of a body that is remembered; few are longer. [bytes]"""
-MEMORY = 16 * 1024 * 1024
-"""For bodies: some 20,000 of the usual. [bytes]"""
+SHARE = 1 / 8
+"""Of the memory for results, which bodies may take beside it: some 20,000 of the usual if nothing else is set."""
 OVERHEAD = 300
 """Memory of an entry beside its body, about. [bytes]"""
 BODY = "ricochet.body"
@@ -32,10 +32,13 @@ class HotAnswers:
     ----------
     engine
         Its cache has the results.
+    memory_bytes
+        Memory for results.
     """
 
-    def __init__(self, engine: Engine) -> None:
+    def __init__(self, engine: Engine, *, memory_bytes: int) -> None:
         self._cache = engine.cache
+        self._limit = SHARE * memory_bytes
         self._keys: OrderedDict[Known, str] = OrderedDict()
         self._nbytes = 0
 
@@ -54,7 +57,7 @@ class HotAnswers:
             return
         self._keys[asked] = key
         self._nbytes += len(asked[1]) + OVERHEAD
-        while self._nbytes > MEMORY:
+        while self._nbytes > self._limit:
             (_, body), _ = self._keys.popitem(last=False)
             self._nbytes -= len(body) + OVERHEAD
 

@@ -13,7 +13,7 @@ from fastapi import FastAPI
 from starlette.types import ASGIApp, Message, Scope
 
 from service.app import create_app
-from service.routes import hot
+from service.routes.hot import HotAnswers
 from service.schemas.examples import PAPER, PAPER_AT_45
 from service.settings import Settings
 
@@ -97,12 +97,12 @@ async def test_body_in_parts_is_put_together(app: FastAPI) -> None:
     assert await call(app, "/cra", body, JSON) == whole
 
 
-async def test_memory_for_bodies_is_bounded(app: FastAPI, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(hot, "MEMORY", 5_000)
+async def test_memory_for_bodies_is_bounded(app: FastAPI) -> None:
+    answers = app.state.hot = HotAnswers(app.state.engine, memory_bytes=40_000)
     for case in searches(20):
         assert (await call(app, "/cra", orjson.dumps(case), JSON))[0] == 200
-    assert 1 < len(app.state.hot._keys) < 10
-    assert app.state.hot._nbytes <= 5_000
+    assert 1 < len(answers._keys) < 10
+    assert answers._nbytes <= 5_000
 
 
 async def test_known_body_costs_no_more_than_twice_an_empty_route(app: FastAPI) -> None:
