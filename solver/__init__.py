@@ -6,20 +6,10 @@ from solver.errors import IntegrationError, ParameterError, RicochetError, StepL
 from solver.free_surface import ElasticPlastic, MohrCoulomb, NoFreeSurface, decay_factor
 from solver.impact import Impact
 from solver.many import critical_angle_many, simulate_many
+from solver.nose import Conical, Flat, Ogive, Profile, Spherical
 from solver.numerics import Numerics
 from solver.penetration import closed_form_depth
-from solver.projectile import (
-    Conical,
-    Flat,
-    MassProperties,
-    Ogive,
-    Profile,
-    Projectile,
-    SolidProperties,
-    Spherical,
-    mass_properties,
-    solid_properties,
-)
+from solver.projectile import MassProperties, Projectile, SolidProperties, mass_properties, solid_properties
 from solver.resistance import (
     ConstantStrengthFactor,
     ObliquityPolynomial,
@@ -34,7 +24,7 @@ from solver.target import Target, concrete_youngs_modulus
 from solver.trajectory import Motion, Trajectory, simulate
 from solver.warm_up import warm_up
 
-ENGINE_VERSION = "3"
+ENGINE_VERSION = "4"
 """Raised whenever results change: results kept under another version are not used."""
 
 __all__ = [

@@ -18,9 +18,6 @@ from solver.surface import Body, Panels, deepest_offset
 
 RAMP_FRACTION = 1e-4
 """Ramp velocity of the static stress over the impact velocity."""
-CORNERED_RAMP = 1e-4
-"""Relative tolerance above which the ramp may have its corner at rest: steps as wide do not see it, and take the
-smooth ramp, which has no stiffness at rest, for freedom to move."""
 NEGLIGIBLE_LOAD = 1e-6
 """Load below which nothing counts as loaded, over the static stress on the square of the distance to the tip: the ramp
 lets a contact that ends die away instead of stopping at an instant."""

@@ -26,7 +26,7 @@ ANGLE, POSITION, END, MARGIN, FINE = range(5)
 projectile was turned away (above zero) or not, and whether the trial was as fine as asked for. [rad, m, 1, 1, 1]"""
 MOST_TRIALS = 2000
 """After which nothing is narrowed any further. The table has room for what a scan and its changes may add to them."""
-DOUBT = math.radians(0.02)
+DOUBT = math.radians(0.015)
 """Distance of the places that two levels find for a change above which a finer one decides. [rad]"""
 SLOW_EXIT = math.radians(40.0)
 """Oblique angle below which it always does: who leaves there leaves slowly, and two levels may err alike. [rad]"""

@@ -13,7 +13,7 @@ from solver.errors import RicochetError
 from solver.events import LODGED_ENERGY
 from solver.impact import Impact
 from solver.loads import build_quadrature
-from solver.motion import CORNERED_RAMP, RAMP_FRACTION
+from solver.motion import RAMP_FRACTION
 from solver.numerics import SEARCH_STATIONS, SEARCH_TOLERANCE, TERMINATION_TIME, Numerics, ResolvedNumerics
 from solver.outcome_search import ANGLE, END, FINE, POSITION, Level, Strike, search_outcome
 from solver.paper_search import search_bisection, search_secant
@@ -38,7 +38,7 @@ ROUGH = Level(
 """Where a search first looks: right to a few tenths of a degree, at a third of the cost. What is so slow that it would
 count as lodged is taken for embedded at once."""
 MIDDLE = Level(
-    quadrature=build_quadrature(stations=5, points=3),
+    quadrature=build_quadrature(stations=6, points=3),
     accuracy=Accuracy(relative_tolerance=1e-3, largest_step=LARGEST_STEP, rest_energy=LODGED_ENERGY),
     ramp_fraction=3e-4,
     smooth_ramp=False,
@@ -217,7 +217,7 @@ def _search_outcome(shot: Shot, impact: Impact, search: Search) -> tuple[Change,
         quadrature=shot.model.quadrature,
         accuracy=Accuracy(numerics.relative_tolerance, LARGEST_STEP),
         ramp_fraction=RAMP_FRACTION,
-        smooth_ramp=shot.smooth_ramp,
+        smooth_ramp=True,
         stride=STRIDE * search.tolerance,
         tolerance=search.tolerance,
         fine=True,
@@ -240,7 +240,6 @@ def _last(asked: Level, numerics: ResolvedNumerics) -> Level:
             stations=max(numerics.stations, LAST_STATIONS), points=max(numerics.points, LAST_POINTS)
         ),
         accuracy=Accuracy(tolerance, LARGEST_STEP),
-        smooth_ramp=tolerance <= CORNERED_RAMP,
     )
 
 

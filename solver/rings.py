@@ -60,6 +60,8 @@ class Law(NamedTuple):
     that switch infinitely often. Below this velocity they go to zero smoothly instead, which lets the shank creep at a
     fraction of it."""
     smooth_ramp: bool
+    """Whether the ramp begins without a corner. Rough steps do not see one, and take a smooth ramp, which has no
+    stiffness at rest, for freedom to move."""
     decay: Decay
 
 

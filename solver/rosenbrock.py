@@ -63,27 +63,44 @@ def make_linearisation() -> Linearisation:
 
 @lean
 def linearise(state: FloatArray, model: Model, work: Work, linear: Linearisation) -> None:
-    """Difference quotients of the accelerations, each away from zero. Nothing depends on the lateral position."""
+    """Difference quotients of the accelerations, each away from zero. Nothing depends on the lateral position.
+
+    Velocities are varied along the axis and across it: a shank that sits in its hole is free in one direction and held
+    in the other, with a corner between the sides, and a mixture of the two would blur that by what it is held with.
+    """
     length, point = model.body.tip, work.point
     for n in range(6):
         point[n] = state[n]
-    for n in range(6):
-        if n == 1:
-            continue
-        increment = math.copysign(VELOCITY_DIFFERENCE * model.law.ramp_velocity if n > 2 else DIFFERENCE, state[n])
-        if n == 0:
-            increment *= length
-        elif n == 5:
-            increment /= length
+    for n in (0, 2):
+        unit = length if n == 0 else 1.0
+        increment = math.copysign(DIFFERENCE * unit, state[n])
         point[n] = state[n] + increment
-        accelerate(point, model, work.scratch, work.stage)
-        for i in range(3):
-            slope = (work.stage[i] - work.start[i]) / increment
-            if n < 3:
-                linear.stiffness[i, n] = slope
-            else:
-                linear.damping[i, n - 3] = slope
+        _differ(point, increment, model, work, linear.stiffness[:, n])
         point[n] = state[n]
+    small = VELOCITY_DIFFERENCE * model.law.ramp_velocity
+    increment = math.copysign(small / length, state[5])
+    point[5] = state[5] + increment
+    _differ(point, increment, model, work, linear.damping[:, 2])
+    point[5] = state[5]
+    c, s, damping = math.cos(state[2]), math.sin(state[2]), linear.damping
+    forward, sideways = c * state[3] + s * state[4], c * state[4] - s * state[3]
+    increment = math.copysign(small, forward)
+    point[3], point[4] = state[3] + increment * c, state[4] + increment * s
+    _differ(point, increment, model, work, damping[:, 0])
+    increment = math.copysign(small, sideways)
+    point[3], point[4] = state[3] - increment * s, state[4] + increment * c
+    _differ(point, increment, model, work, damping[:, 1])
+    for i in range(3):
+        along, across = damping[i, 0], damping[i, 1]
+        damping[i, 0], damping[i, 1] = c * along - s * across, s * along + c * across
+
+
+@lean
+def _differ(point: FloatArray, increment: float, model: Model, work: Work, column: FloatArray) -> None:
+    """Fill a column with the slopes of the accelerations from ``work.start`` to a point this far away."""
+    accelerate(point, model, work.scratch, work.stage)
+    for i in range(3):
+        column[i] = (work.stage[i] - work.start[i]) / increment
 
 
 @lean

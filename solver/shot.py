@@ -13,7 +13,7 @@ from solver.events import End, Run
 from solver.fixed_step import integrate_fixed
 from solver.impact import Impact
 from solver.loads import build_law, build_quadrature
-from solver.motion import CORNERED_RAMP, RAMP_FRACTION, STEP_WIDTH, Model, make_work, sample, start_state
+from solver.motion import RAMP_FRACTION, STEP_WIDTH, Model, make_work, sample, start_state
 from solver.numerics import ResolvedNumerics
 from solver.projectile import Projectile, mass_properties
 from solver.resistance import Resistance, strength_factor
@@ -42,18 +42,12 @@ class Shot:
     numerics: ResolvedNumerics
     model: Model
 
-    @property
-    def smooth_ramp(self) -> bool:
-        """Whether the steps are so fine that the ramp of the static stress must have no corner."""
-        return self.numerics.relative_tolerance <= CORNERED_RAMP
-
     def law_at(self, impact: Impact) -> Law:
         """Resistance with the strength factor of this strike."""
         factor = strength_factor(resistance=self.resistance, oblique_angle=impact.oblique_angle, target=self.target)
         return self.model.law._replace(
             static_stress=factor * self.target.compressive_strength,
             ramp_velocity=RAMP_FRACTION * impact.velocity,
-            smooth_ramp=self.smooth_ramp,
         )
 
 
