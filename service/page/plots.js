@@ -116,7 +116,14 @@ async function saveSvg(root) {
 
 function themed(layout) {
   const edge = colour("edge");
-  const lines = { gridcolor: colour("grid"), zerolinecolor: edge, linecolor: edge, automargin: true };
+  const lines = {
+    gridcolor: colour("grid"),
+    zerolinecolor: edge,
+    linecolor: edge,
+    automargin: true,
+    tickangle: 0,
+    ticklabeloverflow: "allow", // each label that might be hidden is measured, a millisecond or more
+  };
   const made = {
     margin: { l: 8, r: 8, t: 8, b: 8 },
     paper_bgcolor: "transparent",
