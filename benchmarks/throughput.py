@@ -36,7 +36,9 @@ class Sizes:
     """Strikes that every size goes through at least."""
     repetitions: int
     longest: float
-    """A repetition that would take longer is left out, one that takes a fifth of it is not repeated. [s]"""
+    """A repetition that would take longer is left out, one that takes a twentieth of it is not repeated. [s]"""
+    most_for_processes: int
+    """Strikes; more are answered by threads alone."""
 
 
 @dataclass(slots=True)
@@ -84,6 +86,8 @@ def measure_throughput(sizes: Sizes) -> list[dict[str, Any]]:
 def _measure_size(count: int, sizes: Sizes, ways: list[Way]) -> list[dict[str, Any]]:
     total = max(count, sizes.mix)
     batches = list(in_batches(random_cases(total, SEED), count))
+    if count > sizes.most_for_processes:
+        ways = [way for way in ways if way.kind == "threads"]
     able = [way for way in ways if way.expected * total <= sizes.longest]
     for way in ways:
         way.timings = []
@@ -95,7 +99,7 @@ def _measure_size(count: int, sizes: Sizes, ways: list[Way]) -> list[dict[str, A
         for way in able[first:] + able[:first]:
             way.repeat(batches)
             way.expected = way.timings[-1].wall
-        if any(way.expected * total > sizes.longest / 5.0 for way in able):
+        if any(way.expected * total > sizes.longest / 20.0 for way in able):
             break
     single = {way.kind: way for way in able if way.workers == 1}
     return [_row(count, way, single.get(way.kind)) for way in able]
