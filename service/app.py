@@ -13,7 +13,7 @@ from pydantic.json_schema import models_json_schema
 from starlette.middleware.cors import CORSMiddleware
 from starlette.types import ASGIApp
 
-from service import telemetry
+from service import heap, telemetry
 from service.access.audit import AuditLog
 from service.access.gate import Gate
 from service.access.keyring import KeyRing
@@ -199,6 +199,7 @@ async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         state.audit.open()
         stack.callback(state.audit.close)
         await stack.enter_async_context(state.usages.kept())
+        await stack.enter_async_context(heap.kept_small())
         if state.traces is not None:
             stack.push_async_callback(telemetry.finish, state.traces, TRACES_SECONDS)
         state.cache = stack.enter_context(
