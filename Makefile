@@ -42,7 +42,7 @@ test: setup ## run the tests, two files at a time; ARGS="..." goes to pytest
 
 test-system: setup ## run those that drive a browser or a cluster, kill what runs, or run the documentation
 	@$(WARM_UP)
-	@$(BIN)/pytest -n 2 --dist loadfile -m system $(ARGS)
+	@$(BIN)/pytest -n 2 --dist loadfile -m "system and not slow" $(ARGS)
 
 test-all: setup ## run the tests that take minutes as well
 	@$(WARM_UP)

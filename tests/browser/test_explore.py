@@ -21,7 +21,8 @@ NOSE_FIELDS = {
     "profile": "Points x, r",
     "flat": None,
 }
-PAPER_ANGLE_DEG, TOLERANCE_DEG = 48.57, 0.02
+PAPER_ANGLE_DEG, TOLERANCE_DEG = 48.57, 0.02 + 0.005
+"""The page shows hundredths."""
 
 
 def open_explore(page: Page, query: str = "") -> None:
