@@ -322,12 +322,14 @@ def search_outcome(angles: FloatArray, strike: Strike, model: Model, levels: Lev
     trials, brackets = room.trials, np.zeros((angles.size, 2), np.int64)
     count = changes = earlier = 0
     panels = model.panels.area.size > 0  # as many at every level
-    for scan in range(2):  # without a change, or if one is missing, the scan is repeated as finely as asked
-        first = ASKED if panels or scan == 1 else ROUGH
+    fallback, first = ASKED, ASKED if panels else ROUGH
+    for scan in range(2):  # without a change, or if one is missing, the scan is repeated, more finely
         numbers, count = _scan(angles, strike, model, levels[first], room, count)
         for i in range(numbers.size - 1):
             if _turned_away(trials[numbers[i]]) == _turned_away(trials[numbers[i + 1]]):
                 continue
+            if _is_finer(levels[LAST], levels[ASKED]):
+                fallback = LAST  # for changes that come and go
             left, right, count = _settle(numbers[i], numbers[i + 1], first, strike, model, levels, room, count)
             if _failed(trials[count - 1]):
                 break
@@ -339,5 +341,5 @@ def search_outcome(angles: FloatArray, strike: Strike, model: Model, levels: Lev
         lowest, highest = trials[numbers[0]], trials[numbers[numbers.size - 1]]
         if panels or scan == 1 or (changes > 0 and _lead(lowest, highest, trials, brackets[:changes])):
             break
-        earlier, changes = changes, 0
+        earlier, changes, first = changes, 0, fallback
     return Found(trials[:count], brackets[: changes if changes > 0 else earlier])
