@@ -18,9 +18,9 @@ STATE = {
     "depth_velocity_m_s": 0.7625,
     "lateral_velocity_m_s": 2.254,
     "angular_velocity_rad_s": 0.3579,
-    "depth_force_n": -363500.0,
-    "lateral_force_n": -1083000.0,
-    "moment_n_m": -2379.0,
+    "depth_force_n": -365200.0,
+    "lateral_force_n": -1082000.0,
+    "moment_n_m": -2616.0,
     "kinetic_energy_j": 36.82,
 }
 WARNING = {
