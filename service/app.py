@@ -195,6 +195,7 @@ async def lifespan(app: FastAPI) -> AsyncIterator[None]:
     operations = {name: counts.counting(name, operation) for name, operation in OPERATIONS.items()}
     state.stopping = asyncio.Event()
     state.reading = CapacityLimiter(READING_THREADS)
+    state.turn = asyncio.Lock()
     async with AsyncExitStack() as stack:
         state.audit.open()
         stack.callback(state.audit.close)

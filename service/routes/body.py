@@ -1,5 +1,6 @@
 """How a body is read: what is too long, of another type or no JSON is refused before anything looks at it."""
 
+import asyncio
 from collections.abc import AsyncIterator, Callable, Coroutine
 from http import HTTPStatus
 from typing import Any
@@ -39,7 +40,10 @@ class JsonRequest(Request):
         HTTPException
             400 if it cannot be parsed, or is nested too deep.
         """
-        return parse_json(await self.body(), self.app.state.settings.max_body_depth)
+        body = await self.body()
+        async with self.app.state.turn:
+            await asyncio.sleep(0)  # one each time around the event loop: a crowd at once would hold it up
+        return parse_json(body, self.app.state.settings.max_body_depth)
 
 
 class JsonRoute(APIRoute):
