@@ -4,7 +4,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack
-from itertools import islice, repeat
+from itertools import repeat
 from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
@@ -20,10 +20,9 @@ from solver.search import CriticalAngle, Search
 from solver.target import Target
 from solver.trajectory import Trajectory, simulate
 
-MOST_AT_ONCE = 16
-"""Strikes that a thread takes at a time; fewer if there are few, so that every thread gets several shares."""
-AHEAD = 4
-"""Shares for each thread that may wait to be fetched."""
+AHEAD = 64
+"""Strikes for each thread that may be begun before the oldest is fetched: some take thirty times as long as most, and
+nobody should wait behind them."""
 
 Value = TypeVar("Value")
 Answer = TypeVar("Answer")
@@ -120,14 +119,11 @@ class Cases:
     def __init__(self, **columns: Any) -> None:
         many = {name: column for name, column in columns.items() if isinstance(column, Sequence | np.ndarray)}
         first = next(iter(many), None)
-        self.length = 1 if first is None else len(many[first])
+        length = 1 if first is None else len(many[first])
         for name, column in many.items():
-            if len(column) != self.length:
-                raise ParameterError(name, f"must be one or as many as {first}, {self.length}, got {len(column)}")
-        self.columns = {name: many.get(name, repeat(column, self.length)) for name, column in columns.items()}
-
-    def __len__(self) -> int:
-        return self.length
+            if len(column) != length:
+                raise ParameterError(name, f"must be one or as many as {first}, {length}, got {len(column)}")
+        self.columns = {name: many.get(name, repeat(column, length)) for name, column in columns.items()}
 
     def __iter__(self) -> Iterator[dict[str, Any]]:
         for values in zip(*self.columns.values(), strict=True):
@@ -139,7 +135,7 @@ def _plain(value: Any) -> Any:
 
 
 def _run(function: Callable[[dict[str, Any]], Answer], cases: Cases, threads: int) -> Iterator[Answer | RicochetError]:
-    """Answers in order; on threads, a few chunks ahead of whoever fetches them."""
+    """Answers in order; on threads, some ahead of whoever fetches them."""
 
     def answer(case: dict[str, Any]) -> Answer | RicochetError:
         try:
@@ -150,14 +146,12 @@ def _run(function: Callable[[dict[str, Any]], Answer], cases: Cases, threads: in
     if threads == 1:
         yield from map(answer, cases)
         return
-    share = max(1, min(MOST_AT_ONCE, len(cases) // (AHEAD * threads)))
-    waiting: deque[Future[list[Answer | RicochetError]]] = deque()
-    remaining = iter(cases)
+    waiting: deque[Future[Answer | RicochetError]] = deque()
     with ThreadPoolExecutor(threads) as pool, ExitStack() as on_leaving:
         on_leaving.callback(lambda: [future.cancel() for future in waiting])
-        while chunk := list(islice(remaining, share)):
-            waiting.append(pool.submit(lambda part: [answer(case) for case in part], chunk))
+        for case in cases:
+            waiting.append(pool.submit(answer, case))
             if len(waiting) > AHEAD * threads:
-                yield from waiting.popleft().result()
+                yield waiting.popleft().result()
         while waiting:
-            yield from waiting.popleft().result()
+            yield waiting.popleft().result()
