@@ -6,6 +6,8 @@ PYTHON ?= $(shell for p in python3 python3.14 python3.13 python3.12 python3.11; 
 	"$$p" -c 'import sys; sys.exit(not (3, 11) <= sys.version_info < (3, 15))' 2>/dev/null && { echo "$$p"; break; }; done)
 COMPILE := $(BIN)/uv pip compile --universal --python-version 3.11 --fork-strategy fewest --generate-hashes \
 	--custom-compile-command "make lock" --quiet
+# In the order of the files: the default begins with those of many tests, and ends with one that takes a minute.
+PYTEST := $(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder
 # Else all that the tests start would compile it at the same time.
 WARM_UP = echo "compiling the solver unless that was done, up to a minute ..." && $(BIN)/python -c "import solver; solver.warm_up()"
 
@@ -38,15 +40,15 @@ serve: setup ## run the service; RICOCHET_HOST, RICOCHET_PORT, RICOCHET_DATA_DIR
 
 test: setup ## run the tests, two files at a time; ARGS="..." goes to pytest
 	@$(WARM_UP)
-	@$(BIN)/pytest -n 2 --dist loadfile $(ARGS)
+	@$(PYTEST) $(ARGS)
 
 test-system: setup ## run those that drive a browser or a cluster, kill what runs, or run the documentation
 	@$(WARM_UP)
-	@$(BIN)/pytest -n 2 --dist loadfile -m "system and not slow" $(ARGS)
+	@$(PYTEST) -m "system and not slow" $(ARGS)
 
 test-all: setup ## run the tests that take minutes as well
 	@$(WARM_UP)
-	@$(BIN)/pytest -n 2 --dist loadfile -m "slow or not slow" $(ARGS)
+	@$(PYTEST) -m "slow or not slow" $(ARGS)
 
 check: setup ## lint, format, types, floors, committed contract and tables, Dockerfile, known vulnerabilities
 	$(BIN)/ruff check
