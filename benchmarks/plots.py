@@ -83,7 +83,8 @@ def draw_work_precision(axes: Axes, results: dict[str, Any]) -> None:
 def draw_throughput(axes: Axes, results: dict[str, Any]) -> None:
     """Cases per second against the number of cases, with the extremes of the repetitions."""
     for (kind, workers), (label, color, marker, line) in WAYS.items():
-        rows = [row for row in results["throughput"] if (row["kind"], row["workers"]) == (kind, workers)]
+        found = results["throughput"] + results.get("long_batches", [])
+        rows = [row for row in found if (row["kind"], row["workers"]) == (kind, workers)]
         if not rows:
             continue
         speeds = [row["cases_per_second"] for row in rows]

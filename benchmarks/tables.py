@@ -8,23 +8,37 @@ KINDS = {"threads": ("thread", "threads"), "processes": ("process", "processes")
 
 def as_markdown(results: dict[str, Any]) -> str:
     """The whole page."""
-    machine, versions = results["machine"], results["versions"]
     parts = [
         "# Measured\n",
-        f"{machine['processor']}, {machine['cores']} cores, {machine['memory_gb']} GB; {machine['os']}.",
-        ", ".join(f"{name} {number}" for name, number in versions.items()) + ".",
+        *_circumstances(results["parts"]),
         "Medians, in brackets the lowest and highest of the repetitions. Ratios are to the NumPy script in the same",
         "repetition. CPU time is that of the process that does the work, with all its threads. By `make bench`.\n",
         "## Critical angle of the paper's strike\n",
         _angles(results),
         "## One trajectory, 45°, until the projectile stops\n",
         _trajectories(results),
+        "## Two workers over one\n",
+        _scaling(results["scaling"]),
         "## Many random strikes\n",
         _throughput(results),
         "## A fresh process\n",
         _startup(results["startup"]),
     ]
     return "\n".join(parts)
+
+
+def _circumstances(parts: dict[str, Any]) -> list[str]:
+    """On what the parts were measured, and when; those of one day on one machine in one paragraph."""
+    told: dict[tuple[str, ...], list[str]] = {}
+    for name, part in parts.items():
+        machine = part["machine"]
+        lines = (
+            f"{machine['processor']}, {machine['cores']} cores, {machine['memory_gb']} GB; {machine['os']}.",
+            ", ".join(f"{library} {number}" for library, number in part["versions"].items()) + ".",
+            part["measured_at"][:10],
+        )
+        told.setdefault(lines, []).append(name.replace("_", " "))
+    return [f"{lines[0]}\n{lines[1]}\n{lines[2]}: {', '.join(names)}.\n" for lines, names in told.items()]
 
 
 def table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
@@ -106,9 +120,23 @@ def _throughput(results: dict[str, Any]) -> str:
             number_text(row["times_one_worker"]) if "times_one_worker" in row else "",
             str(row["failures"]),
         ]
-        for row in results["throughput"]
+        for row in results["throughput"] + results.get("long_batches", [])
     ]
     return table(head, rows)
+
+
+def _scaling(found: dict[str, Any]) -> str:
+    strikes = f"{found['strikes']} random strikes"
+    works = {
+        "threads": f"{strikes}, threads",
+        "processes": f"{strikes}, processes that share nothing",
+        "registers": "a loop in registers, threads",
+    }
+    rows = [
+        [label, *(number_text(found[work][column]) for column in ("times_one", "cpu_ratio", "busy"))]
+        for work, label in works.items()
+    ]
+    return table(["", "wall time of one over that of two", "CPU time of two over that of one", "cores busy"], rows)
 
 
 def _startup(found: dict[str, Any]) -> str:
