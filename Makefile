@@ -42,7 +42,7 @@ test: setup ## run the tests, two files at a time; ARGS="..." goes to pytest
 	@$(WARM_UP)
 	@$(PYTEST) $(ARGS)
 
-test-system: setup ## run those that drive a browser or a cluster, kill what runs, or run the documentation
+test-system: setup ## run those that drive a browser or a cluster, kill what runs, fuzz the contract, or run the documentation
 	@$(WARM_UP)
 	@$(PYTEST) -m "system and not slow" $(ARGS)
 

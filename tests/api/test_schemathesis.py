@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 
+@pytest.mark.system
 @pytest.mark.timeout(180)
 @pytest.mark.parametrize(
     ("paths", "count", "seconds"),
