@@ -7,6 +7,7 @@ h5py, which takes a third of the time; texts are of fixed length, since a single
 """
 
 import itertools
+import threading
 import zlib
 from collections.abc import Sequence
 from functools import lru_cache
@@ -17,6 +18,9 @@ from h5py import h5a, h5d, h5f, h5p, h5s, h5t
 
 from service.results.tables import Column, Table
 
+HDF5 = threading.RLock()
+"""Held by whoever has a file open. h5py has a lock of its own, but its users have seen it fail where several threads
+read at once (h5py issue 2920), and the memory of this process was once found damaged."""
 LEVEL = 3
 """Of the compression: the next ones take twice the time for a tenth less."""
 

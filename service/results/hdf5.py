@@ -22,7 +22,7 @@ import h5py
 import numpy as np
 import orjson
 
-from service.results.chunks import Stream, memory_file, read_single, write_attribute
+from service.results.chunks import HDF5, Stream, memory_file, read_single, write_attribute
 from service.results.record import Record
 from service.results.tables import (
     CASE,
@@ -84,7 +84,7 @@ class Case(Protocol):
 
 def to_hdf5(*records: Record) -> bytes:
     """Content of a file of these results; the same results give the same bytes."""
-    with memory_file() as file:
+    with HDF5, memory_file() as file:
         contents = Contents(file, records[0].operation, chunk_bytes=None)
         contents.write(records, [summarize(record) for record in records])
         contents.finish()
@@ -110,8 +110,9 @@ class BatchFile:
 
     def __init__(self, path: Path, operation: str) -> None:
         self._path = path
-        self._file = h5py.File(path, "w", libver=("v110", "v110"), userblock_size=BLOCK)
-        self._contents = Contents(self._file, operation, chunk_bytes=CHUNK_BYTES, more=NUMBERING)
+        with HDF5:
+            self._file = h5py.File(path, "w", libver=("v110", "v110"), userblock_size=BLOCK)
+            self._contents = Contents(self._file, operation, chunk_bytes=CHUNK_BYTES, more=NUMBERING)
 
     def __enter__(self) -> "BatchFile":
         return self
@@ -119,15 +120,16 @@ class BatchFile:
     def __exit__(self, kind: object, *_: object) -> None:
         if kind is None:
             self.finish()
-        with suppress(OSError):  # what could not be written is told already
+        with HDF5, suppress(OSError):  # what could not be written is told already
             self._file.close()
 
     def finish(self) -> None:
         """Write what is left and the hash of it all, for which the whole file is read."""
-        if not self._file:
-            return
-        self._contents.finish()
-        self._file.close()
+        with HDF5:
+            if not self._file:
+                return
+            self._contents.finish()
+            self._file.close()
         with self._path.open("r+b") as file:
             file.seek(BLOCK)
             digest = hashlib.file_digest(file, "sha256")
@@ -141,7 +143,8 @@ class BatchFile:
             summary = summarize(case.record) if case.record else {}
             problem = case.problem.get("type") if case.problem else None
             summaries.append(summary | {"index": case.number, "custom_id": case.custom_id, "problem": problem})
-        self._contents.write([case.record for case in cases], summaries, [case.problem for case in cases])
+        with HDF5:
+            self._contents.write([case.record for case in cases], summaries, [case.problem for case in cases])
 
 
 class Contents:
@@ -262,7 +265,7 @@ def read_records(data: bytes, rows: Iterable[int] | None = None) -> list[Record]
 def _opened(data: bytes) -> Iterator[h5py.File]:
     check(data)
     try:
-        with memory_file(data[BLOCK:]) as file:
+        with HDF5, memory_file(data[BLOCK:]) as file:
             yield file
     except (LookupError, OSError, TypeError, ValueError, zlib.error) as error:  # sealed, but not by this service
         raise DamagedFileError(str(error)) from error
