@@ -19,8 +19,8 @@ from h5py import h5a, h5d, h5f, h5p, h5s, h5t
 from service.results.tables import Column, Table
 
 HDF5 = threading.RLock()
-"""Held by whoever has a file open. h5py has a lock of its own, but its users have seen it fail where several threads
-read at once (h5py issue 2920), and the memory of this process was once found damaged."""
+"""Held by whoever has a file open: the HDF5 library is not made for threads. h5py has a lock of its own, which should
+do; but a server once ended with its memory damaged, for a cause that was not found, and this one costs little."""
 LEVEL = 3
 """Of the compression: the next ones take twice the time for a tenth less."""
 
