@@ -6,8 +6,8 @@ from playwright.sync_api import Error, Page
 
 def test_errors_of_a_page_are_noticed(page: Page, faults: list[str]) -> None:
     page.goto("/docs")
-    page.evaluate("() => { console.error('spilt'); setTimeout(() => { throw new Error('dropped') }) }")
-    page.wait_for_timeout(100)
+    with page.expect_event("pageerror"):
+        page.evaluate("() => { console.error('spilt'); setTimeout(() => { throw new Error('dropped') }) }")
     assert [fault.split(" (")[0] for fault in faults] == ["console error: spilt", "page error: dropped"]
     faults.clear()
 
