@@ -22,7 +22,7 @@ NEGLIGIBLE_LOAD = 1e-6
 """Load below which nothing counts as loaded, over the static stress on the square of the distance to the tip: the ramp
 lets a contact that ends die away instead of stopping at an instant."""
 STEP_WIDTH = 26
-MOST_STAGES = 7
+MOST_STAGES = 5
 
 
 class Model(NamedTuple):

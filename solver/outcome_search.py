@@ -26,10 +26,16 @@ ANGLE, POSITION, END, MARGIN, FINE = range(5)
 projectile was turned away (above zero) or not, and whether the trial was as fine as asked for. [rad, m, 1, 1, 1]"""
 MOST_TRIALS = 2000
 """After which nothing is narrowed any further. The table has room for what a scan and its changes may add to them."""
+STRIDE, KEEP_OFF = 0.85, 0.45
+"""Over the tolerance: the first stride, so that two trials confirm what a level before has found; and how far a trial
+keeps off the ends of a bracket, so that it can be the last."""
 DOUBT = math.radians(0.015)
 """Distance of the places that two levels find for a change above which a finer one decides. [rad]"""
-SLOW_EXIT = math.radians(40.0)
-"""Oblique angle below which it always does: who leaves there leaves slowly, and two levels may err alike. [rad]"""
+STEEP = 4.0
+"""Growth of the margin with the angle below which it always does: small errors of a motion then move the change far,
+and two levels may err alike. [1/rad]"""
+CLOSE = math.radians(0.3)
+"""Distance from a change within which trials tell too little of that growth, if its bracket is not wider. [rad]"""
 ROUGH, MIDDLE, ASKED, LAST = range(4)
 """Levels, by how finely they compute; what was asked for is the third."""
 CLEAR = 0.15
@@ -147,11 +153,26 @@ def _turned_away(trial: FloatArray) -> bool:
     return bool(trial[END] == EXIT)
 
 
+@lean
+def _growth(left: int, right: int, trials: FloatArray) -> float:
+    """How fast the margin grows from a change to the nearest trial, not too close, that was turned away; 0 without."""
+    side = 1.0 if _turned_away(trials[right]) else -1.0
+    change, nearest, growth = 0.5 * (trials[left, ANGLE] + trials[right, ANGLE]), math.inf, 0.0
+    close = max(CLOSE, trials[right, ANGLE] - trials[left, ANGLE])
+    for k in range(trials.shape[0]):
+        distance = side * (trials[k, ANGLE] - change)
+        if close < distance < nearest and _turned_away(trials[k]):
+            nearest, growth = distance, trials[k, MARGIN] / distance
+    return growth
+
+
 @compiled
 def _bracket(
     left: int, right: int, strike: Strike, model: Model, level: Level, room: Room, count: int
 ) -> tuple[int, int, int]:
     """Find the change again, from where a rougher level has found it, in growing strides.
+
+    The first one leads beyond where the margin, if it grows as before, says that the change is.
 
     Returns
     -------
@@ -161,8 +182,12 @@ def _bracket(
     trials, rising = room.trials, _turned_away(room.trials[right])
     lowest, highest = trials[:count, ANGLE].min(), trials[:count, ANGLE].max()
     angle, stride = 0.5 * (trials[left, ANGLE] + trials[right, ANGLE]), level.stride
+    growth = _growth(left, right, trials[:count])
     new, count = count, _try(angle, strike, model, level, room, count)
     beyond = _turned_away(trials[new]) == rising
+    if _turned_away(trials[new]) and growth > 0.0:
+        beyond_it = trials[new, MARGIN] / growth + KEEP_OFF * level.tolerance
+        stride = max(STRIDE * level.tolerance, min(beyond_it, 4.0 * stride))
     while count < MOST_TRIALS and lowest < angle < highest and not _failed(trials[new]):
         angle = max(angle - stride, lowest) if beyond else min(angle + stride, highest)
         last, new, count = new, count, _try(angle, strike, model, level, room, count)
@@ -180,9 +205,8 @@ def _narrow(
 
     Notes
     -----
-    Regula falsi on the margin. The margin of an end that stays is halved (the Illinois rule), each trial keeps half of
-    the tolerance off the ends, so that it can be the last, and after three trials that together did not halve the
-    bracket the next one does.
+    Regula falsi on the margin. The margin of an end that stays is halved (the Illinois rule), each trial keeps off the
+    ends, and after three trials that together did not halve the bracket the next one does.
     """
     trials, rising, tolerance = room.trials, _turned_away(room.trials[right]), level.tolerance
     margin_left, margin_right = trials[left, MARGIN], trials[right, MARGIN]
@@ -198,7 +222,7 @@ def _narrow(
             angle, goal = 0.5 * (a + b), math.inf
         else:
             patience -= 1
-            keep_off = min(0.45 * tolerance, 0.25 * width)
+            keep_off = min(KEEP_OFF * tolerance, 0.25 * width)
             angle = (a * margin_right - b * margin_left) / (margin_right - margin_left)
             angle = min(max(angle, a + keep_off), b - keep_off)
         new, count = count, _try(angle, strike, model, level, room, count)
@@ -284,7 +308,7 @@ def _settle(
             if model.panels.area.size > 0 or not _is_finer(levels[LAST], levels[ASKED]):
                 break
             apart = abs(found[ASKED] - found[MIDDLE])  # not a number where nothing but the scan came before
-            if trials[right, ANGLE] >= SLOW_EXIT and apart <= max(DOUBT, levels[LAST].tolerance):
+            if _growth(left, right, trials[:count]) >= STEEP and apart <= max(DOUBT, levels[LAST].tolerance):
                 break
             trials[begun:count, FINE] = 0.0  # these only showed where to look
         begun = count

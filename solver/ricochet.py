@@ -15,7 +15,7 @@ from solver.impact import Impact
 from solver.loads import build_quadrature
 from solver.motion import RAMP_FRACTION
 from solver.numerics import SEARCH_STATIONS, SEARCH_TOLERANCE, TERMINATION_TIME, Numerics, ResolvedNumerics
-from solver.outcome_search import ANGLE, END, FINE, POSITION, Level, Strike, search_outcome
+from solver.outcome_search import ANGLE, END, FINE, POSITION, STRIDE, Level, Strike, search_outcome
 from solver.paper_search import search_bisection, search_secant
 from solver.projectile import Projectile
 from solver.resistance import ObliquityPolynomial, Resistance, strength_factor
@@ -28,15 +28,15 @@ PAPER_TERMINATION_TIME = 5e-3
 """When the paper reads the final position. [s]"""
 ROUGH = Level(
     quadrature=build_quadrature(stations=3, points=2),
-    accuracy=Accuracy(relative_tolerance=5e-3, largest_step=0.5, rest_energy=LODGED_ENERGY),
+    accuracy=Accuracy(relative_tolerance=1e-2, largest_step=0.5, rest_energy=LODGED_ENERGY),
     ramp_fraction=5e-3,
     smooth_ramp=False,
     stride=0.0,
     tolerance=math.radians(0.1),
     fine=False,
 )
-"""Where a search first looks: right to a few tenths of a degree, at a third of the cost. What is so slow that it would
-count as lodged is taken for embedded at once."""
+"""Where a search first looks: right to a few tenths of a degree, at a quarter of the cost. What is so slow that it
+would count as lodged is taken for embedded at once."""
 MIDDLE = Level(
     quadrature=build_quadrature(stations=6, points=3),
     accuracy=Accuracy(relative_tolerance=1e-3, largest_step=LARGEST_STEP, rest_energy=LODGED_ENERGY),
@@ -47,8 +47,6 @@ MIDDLE = Level(
     fine=False,
 )
 """Right to a few hundredths of a degree, at half of the cost, and likewise."""
-STRIDE = 0.85
-"""First stride as finely as asked for, over the tolerance: if the level before was right, two trials confirm it."""
 LAST_TOLERANCE, LAST_STATIONS, LAST_POINTS = 1e-5, 24, 6
 """Relative tolerance and Gauss-Legendre points of the last level, unless finer ones are asked for."""
 

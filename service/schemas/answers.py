@@ -17,10 +17,10 @@ STATE = {
     "axis_angle_deg": 70.36,
     "depth_velocity_m_s": 0.7625,
     "lateral_velocity_m_s": 2.254,
-    "angular_velocity_rad_s": 0.3579,
-    "depth_force_n": -365200.0,
+    "angular_velocity_rad_s": 0.3584,
+    "depth_force_n": -367000.0,
     "lateral_force_n": -1082000.0,
-    "moment_n_m": -2616.0,
+    "moment_n_m": -2915.0,
     "kinetic_energy_j": 36.82,
 }
 WARNING = {
@@ -38,7 +38,7 @@ FOUND = {
     "warnings": [WARNING],
 }
 NONE_FOUND = {"status": "no_ricochet", "iterations": [TRIAL], "other_crossings_deg": [], "warnings": [WARNING]}
-VERSIONED = {"key": "0" * 64, "engine_version": "4"}
+VERSIONED = {"key": "0" * 64, "engine_version": "5"}
 
 Key = Annotated[
     str,
