@@ -23,7 +23,7 @@ from benchmarks.converged import paper_critical_angle
 from benchmarks.machine import machine, versions
 from benchmarks.random_cases import Case, one_by_one, random_cases
 from solver import CriticalAngle, Numerics, RicochetError, Search, critical_angle, warm_up
-from solver.ricochet import LAST_TOLERANCE
+from solver.outcome_levels import LAST_TOLERANCE
 
 RESULTS = Path(__file__).with_name("accuracy.json")
 TOLERATED_DEG = 0.02

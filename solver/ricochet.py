@@ -6,16 +6,14 @@ from dataclasses import replace
 import numpy as np
 
 from solver import advice
-from solver.adaptive import LARGEST_STEP, Accuracy
 from solver.advice import ModelWarning
 from solver.arrays import FloatArray
 from solver.errors import RicochetError
-from solver.events import LODGED_ENERGY
 from solver.impact import Impact
-from solver.loads import build_quadrature
-from solver.motion import RAMP_FRACTION
-from solver.numerics import SEARCH_STATIONS, SEARCH_TOLERANCE, TERMINATION_TIME, Numerics, ResolvedNumerics
-from solver.outcome_search import ANGLE, END, FINE, POSITION, STRIDE, Level, Strike, search_outcome
+from solver.numerics import SEARCH_STATIONS, SEARCH_TOLERANCE, TERMINATION_TIME, Numerics
+from solver.outcome_levels import search_levels
+from solver.outcome_search import search_outcome
+from solver.outcome_trials import ANGLE, END, FINE, POSITION, Strike
 from solver.paper_search import search_bisection, search_secant
 from solver.projectile import Projectile
 from solver.resistance import ObliquityPolynomial, Resistance, strength_factor
@@ -26,29 +24,6 @@ from solver.validation import require_positive
 
 PAPER_TERMINATION_TIME = 5e-3
 """When the paper reads the final position. [s]"""
-ROUGH = Level(
-    quadrature=build_quadrature(stations=3, points=2),
-    accuracy=Accuracy(relative_tolerance=1e-2, largest_step=0.5, rest_energy=LODGED_ENERGY),
-    ramp_fraction=5e-3,
-    smooth_ramp=False,
-    stride=0.0,
-    tolerance=math.radians(0.1),
-    fine=False,
-)
-"""Where a search first looks: right to a few tenths of a degree, at a quarter of the cost. What is so slow that it
-would count as lodged is taken for embedded at once."""
-MIDDLE = Level(
-    quadrature=build_quadrature(stations=6, points=3),
-    accuracy=Accuracy(relative_tolerance=1e-3, largest_step=LARGEST_STEP, rest_energy=LODGED_ENERGY),
-    ramp_fraction=3e-4,
-    smooth_ramp=False,
-    stride=math.radians(0.1),
-    tolerance=math.radians(0.04),
-    fine=False,
-)
-"""Right to a few hundredths of a degree, at half of the cost, and likewise."""
-LAST_TOLERANCE, LAST_STATIONS, LAST_POINTS = 1e-5, 24, 6
-"""Relative tolerance and Gauss-Legendre points of the last level, unless finer ones are asked for."""
 
 
 def critical_angle(
@@ -211,16 +186,8 @@ def _search_outcome(shot: Shot, impact: Impact, search: Search) -> tuple[Change,
         end_time=numerics.termination_time,
         time_step=numerics.time_step,
     )
-    asked = Level(
-        quadrature=shot.model.quadrature,
-        accuracy=Accuracy(numerics.relative_tolerance, LARGEST_STEP),
-        ramp_fraction=RAMP_FRACTION,
-        smooth_ramp=True,
-        stride=STRIDE * search.tolerance,
-        tolerance=search.tolerance,
-        fine=True,
-    )
-    found = search_outcome(angles, strike, shot.model, (ROUGH, MIDDLE, asked, _last(asked, numerics)))
+    levels = search_levels(quadrature=shot.model.quadrature, numerics=numerics, tolerance=search.tolerance)
+    found = search_outcome(angles, strike, shot.model, levels)
     check_end(int(found.trials[-1, END]), numerics.termination_time)
     trials = tuple(
         Trial(float(row[ANGLE]), float(row[POSITION]), outcome_of(int(row[END])), bool(row[FINE]))
@@ -228,17 +195,6 @@ def _search_outcome(shot: Shot, impact: Impact, search: Search) -> tuple[Change,
     )
     _check_strength(shot, found.trials[:, ANGLE])
     return _first_onset([(trials[left], trials[right]) for left, right in found.brackets], trials), trials
-
-
-def _last(asked: Level, numerics: ResolvedNumerics) -> Level:
-    """The level for a change that the others do not place alike."""
-    tolerance = min(numerics.relative_tolerance, LAST_TOLERANCE)
-    return asked._replace(
-        quadrature=build_quadrature(
-            stations=max(numerics.stations, LAST_STATIONS), points=max(numerics.points, LAST_POINTS)
-        ),
-        accuracy=Accuracy(tolerance, LARGEST_STEP),
-    )
 
 
 def _check_strength(shot: Shot, angles: FloatArray) -> None:
