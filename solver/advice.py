@@ -116,6 +116,16 @@ def undecided(*, termination_time: float) -> ModelWarning:
     )
 
 
+def decided_by_time(*, termination_time: float) -> ModelWarning:
+    """Warning of an angle, or another change of outcome, that such a run is next to."""
+    return ModelWarning(
+        "undecided",
+        "next to a change of outcome, a trial was still loaded or moving in at the termination time, "
+        f"{termination_time:g} s: that change tells what leaves by then, moves with that time, and is less certain "
+        "than its bracket is wide",
+    )
+
+
 def shallow(*, depth: float, diameter: float) -> tuple[ModelWarning, ...]:
     """Warning of a body that came to rest within the front crater."""
     if depth >= CRATER_CALIBERS * diameter:

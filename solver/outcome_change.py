@@ -13,8 +13,8 @@ import numpy.typing as npt
 from solver.arrays import FloatArray
 from solver.compilation import compiled, lean
 from solver.motion import Model
-from solver.outcome_levels import ASKED, LAST, MIDDLE, STRIDE, Level, Levels, is_finer
-from solver.outcome_trials import ANGLE, FINE, MARGIN, Room, Strike, attempt, failed, turned_away
+from solver.outcome_levels import ASKED, LAST, MIDDLE, ROUGH, STRIDE, Level, Levels, is_finer
+from solver.outcome_trials import ANGLE, FINE, MARGIN, Room, Strike, attempt, failed, turned_away, undecided
 
 MOST_TRIALS = 2000
 """After which nothing is narrowed any further."""
@@ -22,9 +22,9 @@ KEEP_OFF = 0.45
 """How far a trial keeps off the ends of a bracket, over the tolerance, so that it can be the last."""
 DOUBT = math.radians(0.015)
 """Distance of the places that two levels find for a change above which a finer one decides. [rad]"""
-STEEP = 4.0
+STEEP, FAR = 4.0, math.radians(0.2)
 """Growth of the margin with the angle below which it always does: small errors of a motion then move the change far,
-and two levels may err alike. [1/rad]"""
+and two levels may err alike. Where the rough level was this far off, twice that growth. [1/rad, rad]"""
 CLOSE = math.radians(0.3)
 """Distance from a change within which trials tell too little of that growth, if its bracket is not wider. [rad]"""
 
@@ -115,15 +115,18 @@ def settle(
 ) -> tuple[int, int, int]:
     """Narrow a change that the first of these levels has found, level by level; return as above.
 
-    The last level is for a change that the two before do not place alike, or may have placed alike but wrong.
+    The last level is for a change that the two before do not place alike, or may have placed alike but wrong; and for
+    one between a trial that leaves by the termination time and one that does not, as no margin tells how clearly.
     """
     trials, found, begun = room.trials, np.full(len(levels), np.nan), count
     for k in range(first, len(levels)):
         if k == LAST:
             if model.panels.area.size > 0 or not is_finer(levels[LAST], levels[ASKED]):
                 break
-            apart = abs(found[ASKED] - found[MIDDLE])  # not a number where nothing but the scan came before
-            if _growth(left, right, trials[:count]) >= STEEP and apart <= max(DOUBT, levels[LAST].tolerance):
+            agree = abs(found[ASKED] - found[MIDDLE]) <= max(DOUBT, levels[LAST].tolerance)  # false if one has none
+            steep = 2.0 * STEEP if abs(found[MIDDLE] - found[ROUGH]) > FAR else STEEP
+            clear = not undecided(trials[left]) and not undecided(trials[right])
+            if agree and clear and _growth(left, right, trials[:count]) >= steep:
                 break
             trials[begun:count, FINE] = 0.0  # these only showed where to look
         begun = count

@@ -18,7 +18,7 @@ from solver.rosenbrock import Linearisation, make_linearisation
 ANGLE, POSITION, END, MARGIN, FINE = range(5)
 """Columns of the table of trials: oblique angle, final depth of the nose tip, a value of `End`, how clearly the
 projectile was turned away (above zero) or not, and whether the trial was as fine as asked for. [rad, m, 1, 1, 1]"""
-EXIT, STEP_LIMIT, NOT_FINITE = End.EXIT.value, End.STEP_LIMIT.value, End.NOT_FINITE.value
+TIME, EXIT, STEP_LIMIT, NOT_FINITE = End.TIME.value, End.EXIT.value, End.STEP_LIMIT.value, End.NOT_FINITE.value
 
 
 class Strike(NamedTuple):
@@ -102,6 +102,12 @@ def attempt(oblique_angle: float, strike: Strike, model: Model, level: Level, ro
 def failed(trial: FloatArray) -> bool:
     """Whether a trial could not be integrated."""
     return bool(trial[END] == STEP_LIMIT or trial[END] == NOT_FINITE)
+
+
+@lean
+def undecided(trial: FloatArray) -> bool:
+    """Whether a trial was still going on at the termination time."""
+    return bool(trial[END] == TIME)
 
 
 @lean

@@ -247,8 +247,10 @@ def _warnings(
     warnings += advice.strength_fit_warning(resistance=shot.resistance, oblique_angle=reach)
     if change.starts_turned_away:
         warnings.append(advice.RICOCHET_AT_LOWER_BOUND)
+    end_time = shot.numerics.termination_time
     if any(trial.outcome is Outcome.IN_MOTION for trial in change.deciding or trials):
-        warnings.append(advice.undecided(termination_time=shot.numerics.termination_time))
+        by_time = change.deciding and not by_paper
+        warnings.append((advice.decided_by_time if by_time else advice.undecided)(termination_time=end_time))
     for trial in change.deciding:
         if trial.oblique_angle == change.angle and not by_paper:  # whose positions are not those of the release
             warnings += advice.slow_exit(release_depth=trial.final_position, diameter=shot.projectile.diameter)
