@@ -13,7 +13,7 @@ import numpy.typing as npt
 from solver.arrays import FloatArray
 from solver.compilation import compiled, lean
 from solver.motion import Model
-from solver.outcome_levels import ASKED, LAST, MIDDLE, ROUGH, STRIDE, Level, Levels, is_finer
+from solver.outcome_levels import ASKED, LAST, MIDDLE, ROUGH, STRIDE, TIMED, Level, Levels, is_finer
 from solver.outcome_trials import ANGLE, FINE, MARGIN, Room, Strike, attempt, failed, turned_away, undecided
 
 MOST_TRIALS = 2000
@@ -22,9 +22,11 @@ KEEP_OFF = 0.45
 """How far a trial keeps off the ends of a bracket, over the tolerance, so that it can be the last."""
 DOUBT = math.radians(0.015)
 """Distance of the places that two levels find for a change above which a finer one decides. [rad]"""
-STEEP, FAR = 4.0, math.radians(0.2)
+STEEP, STEEP_IF_FAR = 3.0, 8.0
 """Growth of the margin with the angle below which it always does: small errors of a motion then move the change far,
-and two levels may err alike. Where the rough level was this far off, twice that growth. [1/rad, rad]"""
+and two levels may err alike. The second is for a change that the rough level had placed far off. [1/rad]"""
+FAR = math.radians(0.2)
+"""That far. [rad]"""
 CLOSE = math.radians(0.3)
 """Distance from a change within which trials tell too little of that growth, if its bracket is not wider. [rad]"""
 
@@ -115,19 +117,22 @@ def settle(
 ) -> tuple[int, int, int]:
     """Narrow a change that the first of these levels has found, level by level; return as above.
 
-    The last level is for a change that the two before do not place alike, or may have placed alike but wrong; and for
-    one between a trial that leaves by the termination time and one that does not, as no margin tells how clearly.
+    The last level is for a change that the two before do not place alike, or may have placed alike but wrong. It and a
+    finer one are for a change beside a trial that did not leave by the termination time: no margin tells how clearly.
     """
     trials, found, begun = room.trials, np.full(len(levels), np.nan), count
     for k in range(first, len(levels)):
+        timed = undecided(trials[left]) or undecided(trials[right])
+        if k == TIMED and not (timed and is_finer(levels[TIMED], levels[LAST])):
+            break
         if k == LAST:
             if model.panels.area.size > 0 or not is_finer(levels[LAST], levels[ASKED]):
                 break
             agree = abs(found[ASKED] - found[MIDDLE]) <= max(DOUBT, levels[LAST].tolerance)  # false if one has none
-            steep = 2.0 * STEEP if abs(found[MIDDLE] - found[ROUGH]) > FAR else STEEP
-            clear = not undecided(trials[left]) and not undecided(trials[right])
-            if agree and clear and _growth(left, right, trials[:count]) >= steep:
+            steep = STEEP_IF_FAR if abs(found[MIDDLE] - found[ROUGH]) > FAR else STEEP
+            if agree and not timed and _growth(left, right, trials[:count]) >= steep:
                 break
+        if k >= LAST:
             trials[begun:count, FINE] = 0.0  # these only showed where to look
         begun = count
         if k > first:

@@ -10,12 +10,14 @@ from solver.loads import Quadrature, build_quadrature
 from solver.motion import RAMP_FRACTION
 from solver.numerics import ResolvedNumerics
 
-ROUGH, MIDDLE, ASKED, LAST = range(4)
-"""What was asked for is the third; the last is for a change that the two before it do not place alike."""
+ROUGH, MIDDLE, ASKED, LAST, TIMED = range(5)
+"""What was asked for is the third; the next is the last, but for a change that the termination time decides."""
 STRIDE = 0.85
 """First stride of a level over its tolerance, so that two trials confirm what a level before has found."""
 LAST_TOLERANCE, LAST_STATIONS, LAST_POINTS = 1e-5, 24, 6
 """Relative tolerance and Gauss-Legendre points of the last level, unless finer ones are asked for."""
+TIMED_TOLERANCE = 1e-6
+"""Likewise where the termination time decides: a body that creeps out until then gathers the errors of its steps."""
 
 
 class Level(NamedTuple):
@@ -33,7 +35,7 @@ class Level(NamedTuple):
     """As asked for, or finer."""
 
 
-Levels = tuple[Level, Level, Level, Level]
+Levels = tuple[Level, Level, Level, Level, Level]
 ROUGH_LEVEL = Level(
     quadrature=build_quadrature(stations=3, points=2),
     accuracy=Accuracy(relative_tolerance=1e-2, largest_step=0.5, rest_energy=LODGED_ENERGY),
@@ -58,7 +60,7 @@ MIDDLE_LEVEL = Level(
 
 
 def search_levels(*, quadrature: Quadrature, numerics: ResolvedNumerics, tolerance: float) -> Levels:
-    """All four, for what was asked for: its quadrature, its steps, and the width of its bracket. [rad]"""
+    """All of them, for what was asked for: its quadrature, its steps, and the width of its bracket. [rad]"""
     asked = Level(
         quadrature=quadrature,
         accuracy=Accuracy(numerics.relative_tolerance, LARGEST_STEP),
@@ -74,7 +76,8 @@ def search_levels(*, quadrature: Quadrature, numerics: ResolvedNumerics, toleran
         ),
         accuracy=Accuracy(min(numerics.relative_tolerance, LAST_TOLERANCE), LARGEST_STEP),
     )
-    return ROUGH_LEVEL, MIDDLE_LEVEL, asked, last
+    timed = last._replace(accuracy=Accuracy(min(numerics.relative_tolerance, TIMED_TOLERANCE), LARGEST_STEP))
+    return ROUGH_LEVEL, MIDDLE_LEVEL, asked, last, timed
 
 
 @lean

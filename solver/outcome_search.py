@@ -78,12 +78,13 @@ def _scan(
 @lean
 def _lead(lowest: FloatArray, highest: FloatArray, trials: FloatArray, brackets: npt.NDArray[np.int64]) -> bool:
     """Whether these changes lead from one end of the range to the other, so that none is missing between them."""
-    away = turned_away(lowest)
+    last = lowest
     for i in range(brackets.shape[0]):
-        if turned_away(trials[brackets[i, 0]]) != away:
+        left, right = trials[brackets[i, 0]], trials[brackets[i, 1]]
+        if turned_away(left) != turned_away(last) or left[ANGLE] < last[ANGLE]:
             return False
-        away = turned_away(trials[brackets[i, 1]])
-    return bool(away == turned_away(highest))
+        last = right
+    return turned_away(last) == turned_away(highest)
 
 
 @compiled
