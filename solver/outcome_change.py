@@ -20,6 +20,8 @@ MOST_TRIALS = 2000
 """After which nothing is narrowed any further."""
 KEEP_OFF = 0.45
 """How far a trial keeps off the ends of a bracket, over the tolerance, so that it can be the last."""
+PATIENCE = 3
+"""After so many trials that together did not halve a bracket the next one does."""
 DOUBT = math.radians(0.015)
 """Distance of the places that two levels find for a change above which a finer one decides. [rad]"""
 STEEP, STEEP_IF_FAR = 3.0, 8.0
@@ -77,29 +79,31 @@ def _bracket(
 
 @compiled
 def _narrow(
-    left: int, right: int, strike: Strike, model: Model, level: Level, room: Room, count: int
+    left: int, right: int, strike: Strike, model: Model, level: Level, room: Room, count: int, patience: int
 ) -> tuple[int, int, int]:
     """Narrow the change between two trials to the tolerance of the level; return as above.
+
+    A `patience` of 0 halves the bracket every time.
 
     Notes
     -----
     Regula falsi on the margin. The margin of an end that stays is halved (the Illinois rule), each trial keeps off the
-    ends, and after three trials that together did not halve the bracket the next one does.
+    ends, and after as many trials as there is patience for, which together did not halve the bracket, the next does.
     """
     trials, rising, tolerance = room.trials, turned_away(room.trials[right]), level.tolerance
     margin_left, margin_right = trials[left, MARGIN], trials[right, MARGIN]
-    goal, patience = math.inf, 3
+    goal, more = math.inf, patience
     while count < MOST_TRIALS and not failed(trials[count - 1]):
         a, b = trials[left, ANGLE], trials[right, ANGLE]
         width = b - a
         if width <= tolerance:
             break
         if width <= goal:
-            goal, patience = 0.5 * width, 3
-        if patience == 0:
+            goal, more = 0.5 * width, patience
+        if more == 0:
             angle, goal = 0.5 * (a + b), math.inf
         else:
-            patience -= 1
+            more -= 1
             keep_off = min(KEEP_OFF * tolerance, 0.25 * width)
             angle = (a * margin_right - b * margin_left) / (margin_right - margin_left)
             angle = min(max(angle, a + keep_off), b - keep_off)
@@ -139,7 +143,8 @@ def settle(
             left, right, count = _bracket(left, right, strike, model, levels[k], room, count)
         if left == right:
             break
-        left, right, count = _narrow(left, right, strike, model, levels[k], room, count)
+        patience = PATIENCE if k < LAST else 0  # where the last levels are needed, margins tell little
+        left, right, count = _narrow(left, right, strike, model, levels[k], room, count, patience)
         if failed(trials[count - 1]):
             break
         found[k] = 0.5 * (trials[left, ANGLE] + trials[right, ANGLE])
