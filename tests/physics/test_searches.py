@@ -13,6 +13,7 @@ from solver import (
     CriticalAngle,
     ElasticPlastic,
     Impact,
+    NoFreeSurface,
     Numerics,
     ObliquityPolynomial,
     Ogive,
@@ -256,6 +257,61 @@ def test_changes_of_outcome_lead_from_one_end_of_the_range_to_the_other() -> Non
     first, last = (min(found.iterations, key=key) for key in (_angle, lambda trial: -_angle(trial)))
     assert (first.outcome is not last.outcome) == (len(changes) % 2 == 1)
     assert len(changes) == 3
+
+
+def test_changes_of_outcome_come_in_order() -> None:
+    """The change that a rough scan sees first here is not there for finer trials, which run on to the last one."""
+    found = critical_angle(  # turned away from 18.0° to 25.3°, and again from 47.5° on
+        projectile=Projectile(nose=Ogive(caliber_radius_head=4.908), diameter=0.1337, length=0.9932, mass=98.41),
+        target=Target(compressive_strength=87.76e6, density=2364.0),
+        velocity=159.2,
+        angle_of_attack=math.radians(0.7535),
+        resistance=Resistance(free_surface=ElasticPlastic(inertia=True)),
+    )
+    assert found.angle is not None
+    changes = [math.degrees(angle) for angle in (found.angle, *found.other_crossings)]
+    assert changes == sorted(changes)
+    assert changes == pytest.approx([18.0, 25.3, 47.5], abs=0.2)
+
+
+@pytest.mark.parametrize(
+    ("nose", "diameter", "length", "mass", "strength", "density", "velocity", "attack", "resistance"),
+    [
+        (4.36, 0.137, 0.797, 67.9, 32.2e6, 2270.0, 109.0, 0.633, Resistance(strength_factor=StrengthPowerLaw())),
+        (3.85, 0.135, 0.760, 52.1, 56.3e6, 2420.0, 111.0, 0.325, Resistance(free_surface=NoFreeSurface())),
+        (4.31, 0.137, 1.15, 88.8, 37.5e6, 2450.0, 104.0, 1.93, Resistance()),
+    ],
+)
+def test_change_that_the_termination_time_decides_is_converged_and_told(
+    nose: float,
+    diameter: float,
+    length: float,
+    mass: float,
+    strength: float,
+    density: float,
+    velocity: float,
+    attack: float,
+    resistance: Resistance,
+) -> None:
+    """Large and slow: below the angle they are still creeping out after 50 ms."""
+    strike: dict[str, Any] = {
+        "projectile": Projectile(nose=Ogive(caliber_radius_head=nose), diameter=diameter, length=length, mass=mass),
+        "target": Target(compressive_strength=strength, density=density),
+        "velocity": velocity,
+        "angle_of_attack": math.radians(attack),
+        "resistance": resistance,
+    }
+    found = critical_angle(**strike)
+    fine = critical_angle(
+        **strike,
+        numerics=Numerics(relative_tolerance=1e-7, stations=48, points=8),
+        search=Search(tolerance=math.radians(0.001)),
+    )
+    assert found.angle is not None
+    assert fine.angle is not None
+    assert math.degrees(found.angle) == pytest.approx(math.degrees(fine.angle), abs=0.02)
+    (warning,) = (warning for warning in found.warnings if warning.code == "undecided")
+    assert "leaves by then" in warning.detail
 
 
 def _angle(trial: Trial) -> float:
