@@ -11,6 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
+from llvmlite.binding import get_host_cpu_name
 from numba import config, njit
 
 PACKAGE = Path(__file__).parent
@@ -35,6 +36,9 @@ def cache_folder() -> Path:
         base = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "ricochet"
     return base / f"compiled-{_source_digest()}"
 
+
+VECTOR_WIDTH = 8 if (config.CPU_NAME or get_host_cpu_name()).startswith(("znver4", "znver5")) else 4  # type: ignore[attr-defined]
+"""Numbers that loops take at a time. LLVM uses registers of 512 bits on AMD's processors, half of that on Intel's."""
 
 config.CACHE_DIR = str(cache_folder())  # type: ignore[attr-defined] # set from the environment
 

@@ -16,14 +16,14 @@ from typing import NamedTuple
 import numpy as np
 
 from solver.arrays import FloatArray
-from solver.compilation import exact, lean, vectorised
+from solver.compilation import VECTOR_WIDTH, exact, lean, vectorised
 from solver.decay import TINY, Decay, Side, polynomial, side_variable, with_inertia
 from solver.meridian import Motion
 from solver.polynomials import arc_cosine, sine
 
 CAPACITY = 520
 """Rings in a batch: two stretches with the most stations there may be, and what fills it up."""
-VECTOR = np.uint64(4)
+VECTOR = np.uint64(VECTOR_WIDTH)
 """Batches are filled up to a multiple of this with rings of no weight, so that no loop has a remainder."""
 (
     ALPHA, AXIAL, RADIUS, SIZE, WEIGHT,
