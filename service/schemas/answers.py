@@ -20,7 +20,7 @@ STATE = {
     "angular_velocity_rad_s": 0.3584,
     "depth_force_n": -367000.0,
     "lateral_force_n": -1082000.0,
-    "moment_n_m": -2915.0,
+    "moment_n_m": -2619.0,
     "kinetic_energy_j": 36.82,
 }
 WARNING = {

@@ -101,7 +101,12 @@ def test_example_of_a_trajectory_is_that_of_the_paper(client: httpx.Client) -> N
     example = SCHEMAS["TrajectoryAnswer"]["examples"][0]
     assert example["outcome"] == answer["outcome"]
     assert example["maximum_depth_m"] == pytest.approx(answer["maximum_depth_m"], rel=0.01)
-    assert example["final"] == pytest.approx(answer["final"], rel=0.05)
+    final, expected = dict(example["final"]), dict(answer["final"])
+    moment = final.pop("moment_n_m") - expected.pop("moment_n_m")
+    assert final == pytest.approx(expected, rel=0.05)
+    assert abs(moment) < 0.005 * max(
+        map(abs, answer["history"]["moment_n_m"])
+    )  # at rest what is left of it is rounding
     assert answers.WARNING["code"] in {warning["code"] for warning in answer["warnings"]}
 
 
