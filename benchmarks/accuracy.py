@@ -19,16 +19,13 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.batches import answer_or_error
-from benchmarks.converged import paper_critical_angle
+from benchmarks.converged import CONVERGED, CONVERGED_SEARCH, paper_critical_angle
 from benchmarks.machine import machine, versions
 from benchmarks.random_cases import Case, one_by_one, random_cases
-from solver import CriticalAngle, Numerics, RicochetError, Search, critical_angle, warm_up
-from solver.outcome_levels import LAST_TOLERANCE
+from solver import CriticalAngle, RicochetError, critical_angle, warm_up
 
 RESULTS = Path(__file__).with_name("accuracy.json")
 TOLERATED_DEG = 0.02
-CONVERGED = Numerics(method="adaptive", relative_tolerance=LAST_TOLERANCE / 10.0, stations=24, points=8)
-CONVERGED_SEARCH = Search(tolerance=math.radians(0.001))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

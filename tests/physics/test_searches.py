@@ -275,32 +275,33 @@ def test_changes_of_outcome_come_in_order() -> None:
 
 
 @pytest.mark.parametrize(
-    ("nose", "diameter", "length", "mass", "strength", "density", "velocity", "attack", "resistance"),
+    "strike",
     [
-        (4.36, 0.137, 0.797, 67.9, 32.2e6, 2270.0, 109.0, 0.633, Resistance(strength_factor=StrengthPowerLaw())),
-        (3.85, 0.135, 0.760, 52.1, 56.3e6, 2420.0, 111.0, 0.325, Resistance(free_surface=NoFreeSurface())),
-        (4.31, 0.137, 1.15, 88.8, 37.5e6, 2450.0, 104.0, 1.93, Resistance()),
+        {
+            "projectile": Projectile(nose=Ogive(caliber_radius_head=4.36), diameter=0.137, length=0.797, mass=67.9),
+            "target": Target(compressive_strength=32.2e6, density=2270.0),
+            "velocity": 109.0,
+            "angle_of_attack": math.radians(0.633),
+            "resistance": Resistance(strength_factor=StrengthPowerLaw()),
+        },
+        {
+            "projectile": Projectile(nose=Ogive(caliber_radius_head=3.85), diameter=0.135, length=0.760, mass=52.1),
+            "target": Target(compressive_strength=56.3e6, density=2420.0),
+            "velocity": 111.0,
+            "angle_of_attack": math.radians(0.325),
+            "resistance": Resistance(free_surface=NoFreeSurface()),
+        },
+        {
+            "projectile": Projectile(nose=Ogive(caliber_radius_head=4.31), diameter=0.137, length=1.15, mass=88.8),
+            "target": Target(compressive_strength=37.5e6, density=2450.0),
+            "velocity": 104.0,
+            "angle_of_attack": math.radians(1.93),
+        },
     ],
+    ids=["power law", "endless target", "long"],
 )
-def test_change_that_the_termination_time_decides_is_converged_and_told(
-    nose: float,
-    diameter: float,
-    length: float,
-    mass: float,
-    strength: float,
-    density: float,
-    velocity: float,
-    attack: float,
-    resistance: Resistance,
-) -> None:
+def test_change_that_the_termination_time_decides_is_converged_and_told(strike: dict[str, Any]) -> None:
     """Large and slow: below the angle they are still creeping out after 50 ms."""
-    strike: dict[str, Any] = {
-        "projectile": Projectile(nose=Ogive(caliber_radius_head=nose), diameter=diameter, length=length, mass=mass),
-        "target": Target(compressive_strength=strength, density=density),
-        "velocity": velocity,
-        "angle_of_attack": math.radians(attack),
-        "resistance": resistance,
-    }
     found = critical_angle(**strike)
     fine = critical_angle(
         **strike,
