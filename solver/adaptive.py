@@ -71,7 +71,7 @@ def integrate_adaptive(
             evaluations += 1
             error = max(error, end_error(state, step, work, linear, scale) / accuracy.relative_tolerance)
         if not error <= 1.0:
-            step *= max(0.2, 0.9 * error**-0.25) if math.isfinite(error) else 0.2
+            step *= max(0.2, 0.9 / math.sqrt(math.sqrt(error))) if math.isfinite(error) else 0.2
             if step < SMALLEST_STEP * body.tip / impact:
                 return Run(End.NOT_FINITE, time, state, deepest, count, evaluations, 0.0)
             continue
@@ -89,5 +89,5 @@ def integrate_adaptive(
         time += step
         state[:], work.start[:] = work.trial, work.end
         fresh = False
-        step *= min(5.0, 0.9 * max(error, 1e-10) ** -0.25)
+        step *= min(5.0, 0.9 / math.sqrt(math.sqrt(max(error, 1e-10))))
     return Run(End.STEP_LIMIT, time, state, deepest, count, evaluations, 0.0)

@@ -53,6 +53,8 @@ compiled = _decorator()
 """Decorator of compiled functions that Python calls or that allocate; they release the interpreter lock."""
 lean = _decorator(_nrt=False)
 """Of the inner functions, which allocate nothing: without it every array they are handed is counted in and out."""
+inlined = _decorator(_nrt=False, forceinline=True)
+"""Of an inner function whose many arguments, flattened, would cost as much to hand over as a tenth of its work."""
 exact = _decorator(_nrt=False, fastmath={"contract", "nsz"})
 """Of polynomials and quotients inside loops over vectors. Reassociation must not reach them: the compiler would spread
 the division over every term."""

@@ -1,8 +1,8 @@
-"""Free-surface decay for the compiled code: one polynomial on either side of its corner.
+"""Free-surface decay for the compiled code: polynomials on either side of its corner, for P / P(endless) and for Q.
 
-A decay function has one corner, at the ratio k at which the plastic zone first reaches the face, and is smooth on
-either side of it. In the variable ``x = (k - a) / (k + a)``, with a the square root of k at the corner, it is so
-smooth that polynomials of a low degree follow both of its parts, P / P(endless) and Q, to 1e-7.
+A decay function has one corner, at the ratio k at which the plastic zone first reaches the face. Beyond it a shell of
+the solid stays elastic, and both parts are polynomials of degree four in 1/k. Nearer to the face they are so smooth in
+the variable ``x = (k - a) / (k + a)``, with a the square root of k at the corner, that others follow them to 1e-7.
 """
 
 import math
@@ -18,19 +18,29 @@ from solver.polynomials import fit
 from solver.target import Target
 
 DEGREE = 12
-"""A multiple of four: terms are summed in groups of four, which takes a third of the time of one after the other."""
+"""Near the face. A multiple of four: terms are summed in groups of four, a third of the time of one after another."""
+SHELL_DEGREE = 4
 TINY = 1e-300
 
 
-class Side(NamedTuple):
-    """Decay on one side of the corner: polynomials in ``scale x + shift``, coefficients constant first."""
+class Near(NamedTuple):
+    """Decay between the face and the corner: polynomials in ``scale x``, coefficients constant first."""
 
     scale: float
-    shift: float
+    """One over the largest x there is between them."""
     static: FloatArray
     """(DEGREE + 1,) P / P(endless)."""
     inertia: FloatArray
     """(DEGREE + 1,) Q."""
+
+
+class Deep(NamedTuple):
+    """Decay beyond the corner: polynomials in k of the corner over k, coefficients constant first."""
+
+    static: FloatArray
+    """(SHELL_DEGREE + 1,) P / P(endless)."""
+    inertia: FloatArray
+    """(SHELL_DEGREE + 1,) Q."""
 
 
 class Decay(NamedTuple):
@@ -44,19 +54,16 @@ class Decay(NamedTuple):
     """ρ / P(endless), zero for a decay without inertia. [s²/m²]"""
     inertia_endless: float
     """Q of an endless target. [1]"""
-    near: Side
-    """Between the face and the corner."""
-    deep: Side
-    """Beyond the corner."""
+    near: Near
+    deep: Deep
 
 
 @lru_cache  # the cases of a study share few targets
 def build_decay(model: FreeSurface, target: Target) -> Decay:
     """Polynomials of a decay model."""
-    nothing = np.zeros(DEGREE + 1)
     if isinstance(model, NoFreeSurface):
-        side = Side(0.0, 0.0, nothing, nothing)
-        return Decay(0.0, 1.0, 0.0, 0.0, side, side)
+        none, nothing = np.zeros(DEGREE + 1), np.zeros(SHELL_DEGREE + 1)
+        return Decay(0.0, 1.0, 0.0, 0.0, Near(0.0, none, none), Deep(nothing, nothing))
     endless = np.zeros(1)
     static = float(model.static_pressure(endless, target)[0])
     inertia = float(model.inertia_coefficient(endless, target)[0])
@@ -64,33 +71,40 @@ def build_decay(model: FreeSurface, target: Target) -> Decay:
     pivot = math.sqrt(corner)
     edge = (pivot - 1.0) / (pivot + 1.0)
 
-    def fit_side(lowest: float, highest: float) -> Side:
-        def inverse_ratio(t: FloatArray) -> FloatArray:
-            x = lowest + (highest - lowest) * (t + 1.0) / 2.0
-            return (1.0 - x) / (1.0 + x) / pivot
+    def static_near(t: FloatArray) -> FloatArray:
+        return model.static_pressure((1.0 - edge * t) / (1.0 + edge * t) / pivot, target) / static
 
-        width = highest - lowest
-        return Side(
-            scale=2.0 / width,
-            shift=-(lowest + highest) / width,
-            static=fit(lambda t: model.static_pressure(inverse_ratio(t), target) / static, DEGREE),
-            inertia=fit(lambda t: model.inertia_coefficient(inverse_ratio(t), target), DEGREE) if inertia else nothing,
-        )
+    def inertia_near(t: FloatArray) -> FloatArray:
+        return model.inertia_coefficient((1.0 - edge * t) / (1.0 + edge * t) / pivot, target)
 
-    scale = target.density / static if inertia > 0.0 else 0.0
-    return Decay(corner, pivot, scale, inertia, near=fit_side(-edge, edge), deep=fit_side(edge, 1.0))
+    share = np.arange(SHELL_DEGREE + 1) / SHELL_DEGREE
+    powers = np.linalg.inv(np.vander(share, increasing=True))
+    return Decay(
+        corner=corner,
+        pivot=pivot,
+        inertia_scale=target.density / static if inertia > 0.0 else 0.0,
+        inertia_endless=inertia,
+        near=Near(1.0 / edge, fit(static_near, DEGREE), fit(inertia_near, DEGREE)),
+        deep=Deep(
+            powers @ model.static_pressure(share / corner, target) / static,
+            powers @ model.inertia_coefficient(share / corner, target),
+        ),
+    )
 
 
 @exact
-def side_variable(inward: float, outward: float, pivot: float, scale: float, shift: float) -> float:
-    """Argument of the polynomials of one side, from the distance to the face and that to the axis, which make up k."""
+def _near_variable(inward: float, outward: float, decay: Decay) -> float:
     whole = inward + outward + TINY
-    return (whole - pivot * outward) / (whole + pivot * outward) * scale + shift
+    return (whole - decay.pivot * outward) / (whole + decay.pivot * outward) * decay.near.scale
 
 
 @exact
-def polynomial(coefficients: FloatArray, t: float) -> float:
-    """Value at `t`."""
+def _deep_variable(inward: float, outward: float, decay: Decay) -> float:
+    return decay.corner * outward / (inward + outward + TINY)
+
+
+@exact
+def _near_value(coefficients: FloatArray, t: float) -> float:
     square = t * t
     fourth = square * square
     value = float(coefficients[DEGREE])
@@ -101,9 +115,31 @@ def polynomial(coefficients: FloatArray, t: float) -> float:
 
 
 @exact
-def with_inertia(static: float, inertia: float, pressure: float, endless: float) -> float:
-    """f from its two parts, for a dynamic pressure ρ v² over P(endless)."""
-    return (static + pressure * inertia) / (1.0 + pressure * endless)
+def _deep_value(coefficients: FloatArray, t: float) -> float:
+    square = t * t
+    low, high = coefficients[0] + coefficients[1] * t, coefficients[2] + coefficients[3] * t
+    return float(low + square * (high + coefficients[4] * square))
+
+
+@exact
+def static_factor(inward: float, outward: float, decay: Decay, deep: bool) -> float:
+    """f of a decay without inertia, from the distance to the face and that to the axis, which make up k."""
+    if deep:
+        return _deep_value(decay.deep.static, _deep_variable(inward, outward, decay))
+    return _near_value(decay.near.static, _near_variable(inward, outward, decay))
+
+
+@exact
+def inertial_factor(inward: float, outward: float, speed: float, decay: Decay, deep: bool) -> float:
+    """f of a decay with inertia."""
+    if deep:
+        t = _deep_variable(inward, outward, decay)
+        static, inertia = _deep_value(decay.deep.static, t), _deep_value(decay.deep.inertia, t)
+    else:
+        t = _near_variable(inward, outward, decay)
+        static, inertia = _near_value(decay.near.static, t), _near_value(decay.near.inertia, t)
+    pressure = decay.inertia_scale * speed * speed
+    return (static + pressure * inertia) / (1.0 + pressure * decay.inertia_endless)
 
 
 @lean
@@ -111,10 +147,7 @@ def decay_at(inward: float, outward: float, speed: float, decay: Decay) -> float
     """f of eq. 2 for one element: its distance to the face along its normal, that to the axis, its normal velocity."""
     if decay.corner == 0.0 or outward <= 0.0:
         return 1.0
-    side = decay.deep if inward + outward >= decay.corner * outward else decay.near
-    t = side_variable(inward, outward, decay.pivot, side.scale, side.shift)
-    factor = polynomial(side.static, t)
+    deep = inward + outward >= decay.corner * outward
     if decay.inertia_scale > 0.0:
-        pressure = decay.inertia_scale * speed * speed
-        factor = with_inertia(factor, polynomial(side.inertia, t), pressure, decay.inertia_endless)
-    return factor
+        return inertial_factor(inward, outward, speed, decay, deep)
+    return static_factor(inward, outward, decay, deep)

@@ -10,12 +10,12 @@ from typing import NamedTuple
 import numpy as np
 
 from solver.arrays import FloatArray
-from solver.compilation import compiled, lean
+from solver.compilation import compiled, inlined, lean
 from solver.decay import build_decay, decay_at
-from solver.meridian import MAX_CUTS, cut, ring_at
+from solver.meridian import MAX_CUTS, cut, is_full, is_loaded, ring_at
 from solver.quadrature import gauss_rule
 from solver.resistance import Resistance
-from solver.rings import CAPACITY, ROW_COUNT, Law, Load, add_ring, sum_rings
+from solver.rings import CAPACITY, FULL, ROOM, ROW_COUNT, Law, Load, add_ring, sum_rings
 from solver.surface import ARC, Body, Panels
 from solver.target import Target
 
@@ -60,10 +60,10 @@ def build_quadrature(*, stations: int, points: int) -> Quadrature:
 @compiled
 def make_scratch() -> Scratch:
     """Empty room."""
-    return Scratch(np.empty(MAX_CUTS), np.empty(ROW_COUNT * CAPACITY))
+    return Scratch(np.empty(MAX_CUTS), np.zeros(ROW_COUNT * CAPACITY))
 
 
-@lean
+@inlined
 def loads(state: FloatArray, body: Body, law: Law, quadrature: Quadrature, scratch: Scratch) -> Load:
     """Force into depth, force along the face, and moment about the centre of gravity.
 
@@ -84,33 +84,44 @@ def loads(state: FloatArray, body: Body, law: Law, quadrature: Quadrature, scrat
     motion = (depth, c, s, forward, sideways, spin)
     outline, cuts, rows = body.outline, scratch.cuts, scratch.rows
     along = across = moment = 0.0
-    rings = 0
+    rings = fulls = 0
     for index in range(outline.shape[0]):
         piece = outline[index]
         count = cut(cuts, piece, motion)
         for stretch in range(count):
-            begin, span = cuts[stretch], cuts[stretch + 1] - cuts[stretch]
-            sine, cosine, axial, radius = ring_at(piece, begin + 0.5 * span)  # tells whether the stretch is loaded
-            turning = (sideways + spin * axial) * cosine - spin * radius * sine
-            if depth + axial * c + radius * s <= 0.0 or forward * sine + abs(turning) <= 0.0:
+            begin, end = cuts[stretch], cuts[stretch + 1]
+            middle = ring_at(piece, 0.5 * (begin + end))  # tells whether the stretch is loaded
+            if not is_loaded(middle, motion):
                 continue
-            short = span < SHORT * (cuts[count] - cuts[0])
+            short = end - begin < SHORT * (cuts[count] - cuts[0])
             stations = quadrature.few_stations if short else quadrature.stations
-            if rings + stations.shape[0] + 8 > CAPACITY:
-                f, g, h = sum_rings(rows, rings, quadrature.points, law, motion)
-                along, across, moment, rings = along + f, across + g, moment + h, 0
-            for i in range(stations.shape[0]):
-                place, weight = begin + span * stations[i, 0], span * stations[i, 1]
-                if piece[0] == ARC:
-                    add_ring(rows, rings, place, piece[1], piece[2], piece[3], piece[3] * weight)
-                else:
-                    axial, radius = piece[1] - place * cosine, piece[2] + place * sine
-                    add_ring(rows, rings, piece[6], axial, radius, 0.0, weight)
-                rings += 1
-    if rings > 0:
-        f, g, h = sum_rings(rows, rings, quadrature.points, law, motion)
+            if max(rings, fulls) + stations.shape[0] + 8 > ROOM:
+                f, g, h = sum_rings(rows, rings, fulls, quadrature.points, law, motion)
+                along, across, moment, rings, fulls = along + f, across + g, moment + h, 0, 0
+            if law.decay.corner == 0.0 or is_full(piece, begin, end, middle, motion):
+                _add_rings(rows, FULL + fulls, piece, begin, end, stations)
+                fulls += stations.shape[0]
+            else:
+                _add_rings(rows, rings, piece, begin, end, stations)
+                rings += stations.shape[0]
+    if rings + fulls > 0:
+        f, g, h = sum_rings(rows, rings, fulls, quadrature.points, law, motion)
         along, across, moment = along + f, across + g, moment + h
     return along * c - across * s, mirror * (along * s + across * c), mirror * moment
+
+
+@lean
+def _add_rings(rows: FloatArray, place: int, piece: FloatArray, begin: float, end: float, stations: FloatArray) -> None:
+    """Lay out the rings at the stations of a stretch."""
+    span, sine, cosine = end - begin, piece[4], piece[5]
+    if piece[0] == ARC:
+        for i in range(stations.shape[0]):
+            alpha, weight = begin + span * stations[i, 0], span * stations[i, 1]
+            add_ring(rows, place + i, alpha, piece[1], piece[2], piece[3], piece[3] * weight)
+    else:
+        for i in range(stations.shape[0]):
+            way, weight = begin + span * stations[i, 0], span * stations[i, 1]
+            add_ring(rows, place + i, piece[6], piece[1] - way * cosine, piece[2] + way * sine, 0.0, weight)
 
 
 @lean

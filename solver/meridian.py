@@ -1,4 +1,4 @@
-"""Where a piece of outline is cut into stretches on which the loaded arcs change smoothly, compiled.
+"""Where a piece of outline is cut into stretches on which the loaded arcs change smoothly, and how they are loaded.
 
 Cuts are where the face, or the line on which elements start to separate, crosses the top or the bottom of a ring.
 """
@@ -16,6 +16,8 @@ MAX_CUTS = 8
 
 Motion = tuple[float, float, float, float, float, float]
 """Depth of the centre of gravity, cosine and sine of the axis angle; velocities along and across the axis, and spin."""
+Ring = tuple[float, float, float, float]
+"""Sine and cosine of α, axial position and radius."""
 
 
 @lean
@@ -70,8 +72,8 @@ def _cut_line(cuts: FloatArray, piece: FloatArray, motion: Motion) -> int:
 
 
 @lean
-def ring_at(piece: FloatArray, place: float) -> tuple[float, float, float, float]:
-    """Sine and cosine of α, axial position and radius of the ring at a place on a piece."""
+def ring_at(piece: FloatArray, place: float) -> Ring:
+    """The ring at a place on a piece."""
     if piece[0] == ARC:
         sine_, half = sine(place), sine(0.5 * place)
         cosine = 1.0 - 2.0 * half * half
@@ -83,3 +85,48 @@ def ring_at(piece: FloatArray, place: float) -> tuple[float, float, float, float
 def cut(cuts: FloatArray, piece: FloatArray, motion: Motion) -> int:
     """Write the sorted ends of the stretches of a piece; return how many stretches there are."""
     return _cut_arc(cuts, piece, motion) if piece[0] == ARC else _cut_line(cuts, piece, motion)
+
+
+@lean
+def is_loaded(ring: Ring, motion: Motion) -> bool:
+    """Whether any of a ring is below the face, and any of it moves into the target."""
+    sine, _, axial, radius = ring
+    depth, c, s, forward, _, _ = motion
+    return depth + axial * c + radius * s > 0.0 and forward * sine + abs(_turning(ring, motion)) > 0.0
+
+
+@lean
+def _turning(ring: Ring, motion: Motion) -> float:
+    """How the normal velocity grows with cos β."""
+    sine, cosine, axial, radius = ring
+    _, _, _, _, sideways, spin = motion
+    return (sideways + spin * axial) * cosine - spin * radius * sine
+
+
+@lean
+def _faces_in(ring: Ring, motion: Motion) -> bool:
+    """Whether all of its normals point into the target."""
+    return ring[0] * motion[1] >= ring[1] * motion[2]
+
+
+@lean
+def _dips_in(ring: Ring, motion: Motion) -> bool:
+    """Whether those below the face do, as its own meets the axis above the face."""
+    sine, cosine, axial, radius = ring
+    depth, c, _, _, _, _ = motion
+    return radius * sine * c >= (depth + axial * c) * cosine
+
+
+@lean
+def is_full(piece: FloatArray, begin: float, end: float, middle: Ring, motion: Motion) -> bool:
+    """Whether a stretch, of which the ring in its middle is known, is resisted in full wherever it is loaded.
+
+    The shank is where it moves sideways into the target. Elsewhere what holds at both ends of a stretch holds within:
+    α and where the normals meet the axis change in one direction only.
+    """
+    if middle[0] == 0.0 and _turning(middle, motion) < 0.0:
+        return True
+    if not (_faces_in(middle, motion) or _dips_in(middle, motion)):
+        return False
+    first = ring_at(piece, begin)
+    return _faces_in(first, motion) or (_dips_in(first, motion) and _dips_in(ring_at(piece, end), motion))

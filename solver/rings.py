@@ -7,7 +7,8 @@ plastic zone does not reach the face; and one near the face. On the last two the
 Gauss-Legendre points in β do. (That order holds for an axis angle of 0 to 180°; others are mirrored before.)
 
 Rings lie side by side in rows of one flat array, so that loops over them fill vector registers. No loop has a branch:
-an arc that is not there has no width.
+an arc that is not there has no width. Rings known to have the first arc only lie apart from the others, and cost a
+fraction of them.
 """
 
 import math
@@ -15,14 +16,18 @@ from typing import NamedTuple
 
 import numpy as np
 
+from solver.arcs import clamp, integrate_full, loaded_range, ramped
 from solver.arrays import FloatArray
 from solver.compilation import VECTOR_WIDTH, exact, lean, vectorised
-from solver.decay import TINY, Decay, Side, polynomial, side_variable, with_inertia
+from solver.decay import TINY, Decay, inertial_factor, static_factor
 from solver.meridian import Motion
 from solver.polynomials import arc_cosine, sine
 
-CAPACITY = 520
-"""Rings in a batch: two stretches with the most stations there may be, and what fills it up."""
+ROOM = 520
+"""Rings of either kind in a batch: two stretches with the most stations there may be, and what fills it up."""
+FULL = ROOM
+"""Place of the first ring that is resisted in full; the others begin at 0."""
+CAPACITY = 2 * ROOM
 VECTOR = np.uint64(VECTOR_WIDTH)
 """Batches are filled up to a multiple of this with rings of no weight, so that no loop has a remainder."""
 (
@@ -34,7 +39,7 @@ VECTOR = np.uint64(VECTOR_WIDTH)
 
 What `add_ring` writes: α; axial position and radius of the centre of curvature; radius of curvature; the ring's share
 of the outline. On a straight piece the second and third are those of the ring itself, the radius of curvature is zero.
-What `load_rings` adds, as values and slopes in c: depth times cos α and outward tilt of the normal times the radius,
+What `_load_rings` adds, as values and slopes in c: depth times cos α and outward tilt of the normal times the radius,
 which make up k; normal velocity. Then S f'c, ramped; what the integral of the stress adds to the force along the axis,
 and that of the stress times c to the force across and the moment; where the two arcs with a decay begin, as β - π/2,
 and how far they reach."""
@@ -76,74 +81,58 @@ def add_ring(
 
 
 @exact
-def _clamp(value: float, low: float, high: float) -> float:
-    bounded = max(low, value)
-    return min(high, bounded)
+def _place_ring(rows: FloatArray, i: int) -> tuple[float, float, float, float]:
+    """Sine and cosine of α, axial position and radius of a ring."""
+    sine_, half = sine(rows[ALPHA + i]), sine(0.5 * rows[ALPHA + i])
+    cosine = 1.0 - 2.0 * half * half
+    return sine_, cosine, rows[AXIAL + i] + rows[SIZE + i] * sine_, rows[RADIUS + i] + rows[SIZE + i] * cosine
 
 
 @vectorised
-def load_rings(
-    rows: FloatArray,
-    rings: np.uint64,
-    depth: float,
-    c: float,
-    s: float,
-    forward: float,
-    sideways: float,
-    spin: float,
-    static_stress: float,
-    density: float,
-    ramp_velocity: float,
-    smooth: bool,
-    corner: float,
-) -> Load:
-    """Find the arcs of every ring; return the load of those that are resisted in full.
-
-    Parameters
-    ----------
-    depth, c, s
-        Of the centre of gravity; cosine and sine, at least 0, of the axis angle.
-    forward, sideways, spin
-        Velocities of the body along and across its axis, and of rotation.
-    """
+def _sum_full_rings(rows: FloatArray, end: np.uint64, law: Law, motion: Motion) -> Load:
+    """Load of rings that are resisted in full wherever they are loaded, up to a place."""
+    depth, c, s, forward, sideways, spin = motion
     along = across = moment = 0.0
-    for i in range(rings):
-        sine_, half = sine(rows[ALPHA + i]), sine(0.5 * rows[ALPHA + i])
-        cosine = 1.0 - 2.0 * half * half
-        axial, radius = rows[AXIAL + i] + rows[SIZE + i] * sine_, rows[RADIUS + i] + rows[SIZE + i] * cosine
+    for i in range(np.uint64(FULL), end):
+        sine_, cosine, axial, radius = _place_ring(rows, i)
+        speed = forward * sine_
+        speed_slope = (sideways + spin * axial) * cosine - spin * radius * sine_
+        low, high = loaded_range(depth + axial * c, -radius * s, speed, speed_slope)
+        static = ramped(speed + abs(speed_slope), law.static_stress, law.ramp_velocity, law.smooth_ramp)
+        turn = arc_cosine(low) - arc_cosine(high)
+        even, odd = integrate_full(low, high, turn, static, law.dynamic_density, speed, speed_slope)
+        weight = 2.0 * rows[WEIGHT + i] * radius
+        along -= weight * sine_ * even
+        across -= weight * cosine * odd
+        moment += weight * (radius * sine_ - axial * cosine) * odd
+    return along, across, moment
+
+
+@vectorised
+def _load_rings(rows: FloatArray, end: np.uint64, law: Law, motion: Motion) -> Load:
+    """Find the arcs of every ring up to a place; return the load of those that are resisted in full."""
+    depth, c, s, forward, sideways, spin = motion
+    beyond = law.decay.corner - 1.0
+    along = across = moment = 0.0
+    for i in range(end):
+        sine_, cosine, axial, radius = _place_ring(rows, i)
         inside, inside_slope = depth + axial * c, -radius * s
         speed = forward * sine_
         speed_slope = (sideways + spin * axial) * cosine - spin * radius * sine_
         inward, inward_slope = cosine * inside, cosine * inside_slope
         outward, outward_slope = -radius * sine_ * c, radius * cosine * s
 
-        face = inside / (radius * s + TINY)
-        separation = -speed / speed_slope
-        high = min(1.0, face)
-        high = separation if speed_slope < 0.0 and separation < high else high
-        low = separation if speed_slope > 0.0 and separation > -1.0 else -1.0
-        low = min(1.0, low)
-        fastest = speed + abs(speed_slope)
-        high = high if fastest > 0.0 and high > low else low
+        low, high = loaded_range(inside, inside_slope, speed, speed_slope)
         tilted = -outward / (outward_slope + TINY)
-        plastic = (inward - (corner - 1.0) * outward) / ((corner - 1.0) * outward_slope - inward_slope + TINY)
-        start = _clamp(tilted, low, high) if corner > 0.0 else high
-        middle = _clamp(plastic, start, high)
+        plastic = (inward - beyond * outward) / (beyond * outward_slope - inward_slope + TINY)
+        start = clamp(tilted, low, high)
+        middle = clamp(plastic, start, high)
 
-        ramp = fastest / ramp_velocity
-        ramp *= ramp if smooth else 1.0
-        static = static_stress * ramp / math.sqrt(1.0 + ramp * ramp)
+        static = ramped(speed + abs(speed_slope), law.static_stress, law.ramp_velocity, law.smooth_ramp)
         angle_low, angle_start = arc_cosine(low), arc_cosine(start)
         angle_middle, angle_high = arc_cosine(middle), arc_cosine(high)
-        sine_low, sine_start = math.sqrt(1.0 - low * low), math.sqrt(1.0 - start * start)
-        c0 = angle_low - angle_start
-        c1 = sine_low - sine_start
-        c2 = 0.5 * (c0 + sine_low * low - sine_start * start)
-        c3 = c1 - (sine_low * sine_low * sine_low - sine_start * sine_start * sine_start) / 3.0
-        constant = static + density * speed * speed
-        linear, square = 2.0 * density * speed * speed_slope, density * speed_slope * speed_slope
-        even = constant * c0 + linear * c1 + square * c2
-        odd = constant * c1 + linear * c2 + square * c3
+        turn = angle_low - angle_start
+        even, odd = integrate_full(low, start, turn, static, law.dynamic_density, speed, speed_slope)
 
         weight = 2.0 * rows[WEIGHT + i] * radius
         to_along, to_across = -weight * sine_, -weight * cosine
@@ -171,24 +160,17 @@ def _point(rows: FloatArray, ring: int, begin: np.uint64, node: float) -> tuple[
 
 
 @vectorised
-def _sum_arcs(
-    rows: FloatArray,
-    rings: np.uint64,
-    begin: np.uint64,
-    points: FloatArray,
-    density: float,
-    side: Side,
-    pivot: float,
-) -> Load:
-    """Load of the arcs on one side of the corner, which begin in row `begin`, of a decay without inertia."""
+def _sum_arcs(rows: FloatArray, end: np.uint64, deep: bool, points: FloatArray, law: Law) -> Load:
+    """Load of the arcs on one side of the corner, of rings up to a place and a decay without inertia."""
+    begin = DEEP_BEGIN if deep else NEAR_BEGIN
     along = across = moment = 0.0
     for j in range(points.shape[0]):
         node, weight = points[j, 0], points[j, 1]
-        for i in range(rings):
+        for i in range(end):
             c, inward, outward, speed = _point(rows, i, begin, node)
-            t = side_variable(inward, outward, pivot, side.scale, side.shift)
-            factor = polynomial(side.static, t)
-            stress = rows[begin + SPAN + i] * weight * factor * (rows[STATIC + i] + density * speed * speed)
+            factor = static_factor(inward, outward, law.decay, deep)
+            stress = factor * (rows[STATIC + i] + law.dynamic_density * speed * speed)
+            stress *= rows[begin + SPAN + i] * weight
             along += rows[ALONG + i] * stress
             across += rows[ACROSS + i] * stress * c
             moment += rows[TURN + i] * stress * c
@@ -196,27 +178,17 @@ def _sum_arcs(
 
 
 @vectorised
-def _sum_inertial_arcs(
-    rows: FloatArray,
-    rings: np.uint64,
-    begin: np.uint64,
-    points: FloatArray,
-    density: float,
-    side: Side,
-    pivot: float,
-    inertia_scale: float,
-    inertia_endless: float,
-) -> Load:
+def _sum_inertial_arcs(rows: FloatArray, end: np.uint64, deep: bool, points: FloatArray, law: Law) -> Load:
     """The same for a decay with inertia: a loop of its own, since the other takes half its time without."""
+    begin = DEEP_BEGIN if deep else NEAR_BEGIN
     along = across = moment = 0.0
     for j in range(points.shape[0]):
         node, weight = points[j, 0], points[j, 1]
-        for i in range(rings):
+        for i in range(end):
             c, inward, outward, speed = _point(rows, i, begin, node)
-            t = side_variable(inward, outward, pivot, side.scale, side.shift)
-            pressure = inertia_scale * speed * speed
-            factor = with_inertia(polynomial(side.static, t), polynomial(side.inertia, t), pressure, inertia_endless)
-            stress = rows[begin + SPAN + i] * weight * factor * (rows[STATIC + i] + density * speed * speed)
+            factor = inertial_factor(inward, outward, speed, law.decay, deep)
+            stress = factor * (rows[STATIC + i] + law.dynamic_density * speed * speed)
+            stress *= rows[begin + SPAN + i] * weight
             along += rows[ALONG + i] * stress
             across += rows[ACROSS + i] * stress * c
             moment += rows[TURN + i] * stress * c
@@ -224,33 +196,36 @@ def _sum_inertial_arcs(
 
 
 @lean
-def _sum_side(
-    rows: FloatArray, rings: np.uint64, begin: np.uint64, points: FloatArray, density: float, side: Side, decay: Decay
-) -> Load:
-    if decay.inertia_scale > 0.0:
-        return _sum_inertial_arcs(
-            rows, rings, begin, points, density, side, decay.pivot, decay.inertia_scale, decay.inertia_endless
-        )
-    return _sum_arcs(rows, rings, begin, points, density, side, decay.pivot)
+def _fill_up(rows: FloatArray, end: int) -> np.uint64:
+    """Add rings of no weight up to a multiple of the vector width; what else they hold is of some ring before."""
+    place = np.uint64(end)
+    while place % VECTOR:
+        rows[WEIGHT + place] = 0.0
+        place += np.uint64(1)
+    return place
 
 
 @lean
-def sum_rings(rows: FloatArray, count: int, points: FloatArray, law: Law, motion: Motion) -> Load:
-    """Force along and across the axis, and moment, of the first `count` rings."""
-    rings, decay, density = np.uint64(count), law.decay, law.dynamic_density
-    while rings % VECTOR:
-        for row in (ALPHA, AXIAL, RADIUS, SIZE):
-            rows[row + rings] = rows[row + rings - np.uint64(1)]
-        rows[WEIGHT + rings] = 0.0
-        rings += np.uint64(1)
-    depth, c, s, forward, sideways, spin = motion
-    along, across, moment = load_rings(
-        rows, rings, depth, c, s, forward, sideways, spin,
-        law.static_stress, density, law.ramp_velocity, law.smooth_ramp, decay.corner,
-    )  # fmt: skip
-    if decay.corner > 0.0:
-        f, g, h = _sum_side(rows, rings, DEEP_BEGIN, points, density, decay.deep, decay)
-        along, across, moment = along + f, across + g, moment + h
-        f, g, h = _sum_side(rows, rings, NEAR_BEGIN, points, density, decay.near, decay)
-        along, across, moment = along + f, across + g, moment + h
-    return along, across, moment
+def _add(load: Load, other: Load) -> Load:
+    return load[0] + other[0], load[1] + other[1], load[2] + other[2]
+
+
+@lean
+def sum_rings(rows: FloatArray, count: int, full: int, points: FloatArray, law: Law, motion: Motion) -> Load:
+    """Force along and across the axis, and moment, of the first `count` rings and of so many resisted in full.
+
+    The motion has an axis angle whose sine is at least 0.
+    """
+    load = 0.0, 0.0, 0.0
+    if count > 0:
+        end = _fill_up(rows, count)
+        load = _load_rings(rows, end, law, motion)
+        if law.decay.inertia_scale > 0.0:
+            load = _add(load, _sum_inertial_arcs(rows, end, True, points, law))
+            load = _add(load, _sum_inertial_arcs(rows, end, False, points, law))
+        else:
+            load = _add(load, _sum_arcs(rows, end, True, points, law))
+            load = _add(load, _sum_arcs(rows, end, False, points, law))
+    if full > 0:
+        load = _add(load, _sum_full_rings(rows, _fill_up(rows, FULL + full), law, motion))
+    return load

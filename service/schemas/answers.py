@@ -38,7 +38,7 @@ FOUND = {
     "warnings": [WARNING],
 }
 NONE_FOUND = {"status": "no_ricochet", "iterations": [TRIAL], "other_crossings_deg": [], "warnings": [WARNING]}
-VERSIONED = {"key": "0" * 64, "engine_version": "5"}
+VERSIONED = {"key": "0" * 64, "engine_version": "6"}
 
 Key = Annotated[
     str,
