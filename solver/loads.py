@@ -1,7 +1,8 @@
-"""Force and moment on the projectile at one instant (eqs. 1-5), compiled.
+"""Force and moment on the projectile at an instant (eqs. 1-5), and what they do to its motion (eq. 6), compiled.
 
 The route of the paper sums over panels. Ours integrates: the outline is cut into stretches on which the loaded arc
-changes smoothly, each loaded stretch gets Gauss-Legendre stations, and the rings at the stations are summed together.
+changes smoothly, each loaded stretch gets Gauss-Legendre stations, and the rings at the stations are summed together,
+those of several states at a time.
 """
 
 import math
@@ -9,27 +10,38 @@ from typing import NamedTuple
 
 import numpy as np
 
-from solver.arrays import FloatArray
-from solver.compilation import compiled, inlined, lean
+from solver.arrays import FloatArray, IntArray
+from solver.compilation import VECTOR_WIDTH, compiled, inlined, lean
 from solver.decay import build_decay, decay_at
 from solver.meridian import MAX_CUTS, cut, is_full, is_loaded, ring_at
 from solver.quadrature import gauss_rule
 from solver.resistance import Resistance
-from solver.rings import CAPACITY, FULL, ROOM, ROW_COUNT, Law, Load, add_ring, sum_rings
-from solver.surface import ARC, Body, Panels
+from solver.rings import CAPACITY, FULL, ROOM, ROW_COUNT, Law, Load, add_rings, integrate_rings, sum_rings
+from solver.surface import Body, Panels
 from solver.target import Target
 
+MOST_STATES = 5
+"""That are evaluated together: their rings fill the same vectors, and none waits for another."""
 SHORT = 0.1
 """Part of an outline piece below which a stretch gets half of the stations."""
+
+
+class Rule(NamedTuple):
+    """A Gauss-Legendre rule on [0, 1] for loops over vectors."""
+
+    size: int
+    """Stations."""
+    table: FloatArray
+    """(2, n) nodes and weights, filled up with zeros to whole vectors."""
 
 
 class Quadrature(NamedTuple):
     """Gauss-Legendre nodes and weights on [0, 1]."""
 
-    stations: FloatArray
-    """(n, 2) along a stretch of the outline,"""
-    few_stations: FloatArray
-    """((n+1)/2, 2) along a short one."""
+    stations: Rule
+    """Along a stretch of the outline,"""
+    few_stations: Rule
+    """along a short one, half as many."""
     points: FloatArray
     """(m, 2) around an arc."""
 
@@ -39,6 +51,10 @@ class Scratch(NamedTuple):
 
     cuts: FloatArray
     rows: FloatArray
+    attitudes: FloatArray
+    """(`MOST_STATES`, 3) cosine of the axis angle, its sine without sign, and the sign."""
+    ends: IntArray
+    """(`MOST_STATES`, 2) places in the rows where the rings of a state end, and those resisted in full."""
 
 
 def build_law(*, resistance: Resistance, target: Target, strength_factor: float, ramp_velocity: float) -> Law:
@@ -54,74 +70,89 @@ def build_law(*, resistance: Resistance, target: Target, strength_factor: float,
 
 def build_quadrature(*, stations: int, points: int) -> Quadrature:
     """Rules with so many stations a stretch and points an arc."""
-    return Quadrature(gauss_rule(stations), gauss_rule((stations + 1) // 2), gauss_rule(points))
+    return Quadrature(_rule(stations), _rule((stations + 1) // 2), gauss_rule(points))
+
+
+def _rule(count: int) -> Rule:
+    table = np.zeros((2, math.ceil(count / VECTOR_WIDTH) * VECTOR_WIDTH))
+    table[:, :count] = gauss_rule(count).T
+    return Rule(count, table)
 
 
 @compiled
 def make_scratch() -> Scratch:
     """Empty room."""
-    return Scratch(np.empty(MAX_CUTS), np.zeros(ROW_COUNT * CAPACITY))
+    rows = np.zeros(ROW_COUNT * CAPACITY)
+    return Scratch(np.empty(MAX_CUTS), rows, np.zeros((MOST_STATES, 3)), np.zeros((MOST_STATES, 2), np.int64))
 
 
 @inlined
-def loads(state: FloatArray, body: Body, law: Law, quadrature: Quadrature, scratch: Scratch) -> Load:
-    """Force into depth, force along the face, and moment about the centre of gravity.
+def accelerate_by_gauss(
+    states: FloatArray, body: Body, law: Law, quadrature: Quadrature, scratch: Scratch, out: FloatArray
+) -> None:
+    """Write the accelerations of depth, lateral position and axis angle, of up to `MOST_STATES` states.
 
     Parameters
     ----------
-    state
-        (6,) depth and lateral position of the centre of gravity, axis angle, and their rates. [m, rad, s]
-
-    Returns
-    -------
-    tuple of three floats
-        All zero only when nothing is loaded. [N, N, N m]
+    states
+        (6 n,) one after the other: depth and lateral position of the centre of gravity, axis angle, and their rates.
+        [m, rad, s]
+    out
+        (3 n,) All zero only where nothing is loaded. [m/s², rad/s²]
     """
-    c, s = math.cos(state[2]), math.sin(state[2])
-    mirror = 1.0 if s >= 0.0 else -1.0
-    depth, s, lateral_speed, spin = state[0], mirror * s, mirror * state[4], mirror * state[5]
-    forward, sideways = state[3] * c + lateral_speed * s, lateral_speed * c - state[3] * s
-    motion = (depth, c, s, forward, sideways, spin)
     outline, cuts, rows = body.outline, scratch.cuts, scratch.rows
-    along = across = moment = 0.0
-    rings = fulls = 0
-    for index in range(outline.shape[0]):
-        piece = outline[index]
-        count = cut(cuts, piece, motion)
-        for stretch in range(count):
-            begin, end = cuts[stretch], cuts[stretch + 1]
-            middle = ring_at(piece, 0.5 * (begin + end))  # tells whether the stretch is loaded
-            if not is_loaded(middle, motion):
-                continue
-            short = end - begin < SHORT * (cuts[count] - cuts[0])
-            stations = quadrature.few_stations if short else quadrature.stations
-            if max(rings, fulls) + stations.shape[0] + 8 > ROOM:
-                f, g, h = sum_rings(rows, rings, fulls, quadrature.points, law, motion)
-                along, across, moment, rings, fulls = along + f, across + g, moment + h, 0, 0
-            if law.decay.corner == 0.0 or is_full(piece, begin, end, middle, motion):
-                _add_rings(rows, FULL + fulls, piece, begin, end, stations)
-                fulls += stations.shape[0]
-            else:
-                _add_rings(rows, rings, piece, begin, end, stations)
-                rings += stations.shape[0]
-    if rings + fulls > 0:
-        f, g, h = sum_rings(rows, rings, fulls, quadrature.points, law, motion)
-        along, across, moment = along + f, across + g, moment + h
-    return along * c - across * s, mirror * (along * s + across * c), mirror * moment
+    rings = fulls = first = 0
+    c = s = 0.0
+    for k in range(out.size // 3):
+        at = 6 * k
+        if k == 0 or states[at + 2] != states[at - 4]:
+            c, s = math.cos(states[at + 2]), math.sin(states[at + 2])
+        mirror = math.copysign(1.0, s)
+        depth, lateral_speed, spin = states[at], mirror * states[at + 4], mirror * states[at + 5]
+        forward, sideways = states[at + 3] * c + lateral_speed * abs(s), lateral_speed * c - states[at + 3] * abs(s)
+        motion = (depth, c, abs(s), forward, sideways, spin)
+        scratch.attitudes[k, 0], scratch.attitudes[k, 1], scratch.attitudes[k, 2] = c, abs(s), mirror
+        out[3 * k], out[3 * k + 1], out[3 * k + 2] = 0.0, 0.0, 0.0
+        for index in range(outline.shape[0]):
+            piece = outline[index]
+            count = cut(cuts, piece, motion)
+            for stretch in range(count):
+                begin, end = cuts[stretch], cuts[stretch + 1]
+                middle = ring_at(piece, 0.5 * (begin + end))  # tells whether the stretch is loaded
+                if not is_loaded(middle, motion):
+                    continue
+                short = end - begin < SHORT * (cuts[count] - cuts[0])
+                rule = quadrature.few_stations if short else quadrature.stations
+                if max(rings, fulls) + rule.table.shape[1] > ROOM:
+                    scratch.ends[k, 0], scratch.ends[k, 1] = rings, FULL + fulls
+                    integrate_rings(rows, rings, fulls, quadrature.points, law)
+                    _add_up(first, k, body, scratch, out)
+                    first, rings, fulls = k, 0, 0
+                if law.decay.corner == 0.0 or is_full(piece, begin, end, middle, motion):
+                    add_rings(rows, FULL + fulls, piece, begin, end, rule.table, motion)
+                    fulls += rule.size
+                else:
+                    add_rings(rows, rings, piece, begin, end, rule.table, motion)
+                    rings += rule.size
+        scratch.ends[k, 0], scratch.ends[k, 1] = rings, FULL + fulls
+    integrate_rings(rows, rings, fulls, quadrature.points, law)
+    _add_up(first, out.size // 3 - 1, body, scratch, out)
 
 
 @lean
-def _add_rings(rows: FloatArray, place: int, piece: FloatArray, begin: float, end: float, stations: FloatArray) -> None:
-    """Lay out the rings at the stations of a stretch."""
-    span, sine, cosine = end - begin, piece[4], piece[5]
-    if piece[0] == ARC:
-        for i in range(stations.shape[0]):
-            alpha, weight = begin + span * stations[i, 0], span * stations[i, 1]
-            add_ring(rows, place + i, alpha, piece[1], piece[2], piece[3], piece[3] * weight)
-    else:
-        for i in range(stations.shape[0]):
-            way, weight = begin + span * stations[i, 0], span * stations[i, 1]
-            add_ring(rows, place + i, piece[6], piece[1] - way * cosine, piece[2] + way * sine, 0.0, weight)
+def _add_up(first: int, last: int, body: Body, scratch: Scratch, out: FloatArray) -> None:
+    """Add what the rings laid out do to the accelerations of the states from `first` to `last`."""
+    begin, begin_full, mobility, agility = 0, FULL, 1.0 / body.mass, 1.0 / body.moment_of_inertia
+    for k in range(first, last + 1):
+        end, end_full = scratch.ends[k, 0], scratch.ends[k, 1]
+        f, g, h = sum_rings(scratch.rows, begin, end)
+        along, across, moment = sum_rings(scratch.rows, begin_full, end_full)
+        along, across, moment = along + f, across + g, moment + h
+        c, s, mirror = scratch.attitudes[k, 0], scratch.attitudes[k, 1], scratch.attitudes[k, 2]
+        out[3 * k] += (along * c - across * s) * mobility
+        out[3 * k + 1] += mirror * (along * s + across * c) * mobility
+        out[3 * k + 2] += mirror * moment * agility
+        begin, begin_full = end, end_full
 
 
 @lean

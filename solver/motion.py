@@ -12,8 +12,8 @@ import numpy as np
 
 from solver.arrays import FloatArray
 from solver.compilation import compiled, lean
-from solver.loads import Quadrature, Scratch, loads, make_scratch, panel_loads
-from solver.rings import Law, Load
+from solver.loads import MOST_STATES, Quadrature, Scratch, accelerate_by_gauss, make_scratch, panel_loads
+from solver.rings import Law
 from solver.surface import Body, Panels, deepest_offset
 
 RAMP_FRACTION = 1e-4
@@ -47,6 +47,10 @@ class Work(NamedTuple):
     """(6,) the state it leads to,"""
     point: FloatArray
     """and one in between."""
+    points: FloatArray
+    """(6 `MOST_STATES`,) states near its start, one after the other,"""
+    slopes: FloatArray
+    """(3 `MOST_STATES`,) and the accelerations there."""
     stages: FloatArray
     """(`MOST_STAGES`, 6) increments or rates of the stages."""
     scratch: Scratch
@@ -65,28 +69,34 @@ def start_state(
 @compiled
 def make_work() -> Work:
     """Empty room."""
-    return Work(
-        np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(6), np.zeros(6), np.zeros((MOST_STAGES, 6)), make_scratch()
-    )
+    start, end, stage = np.zeros(3), np.zeros(3), np.zeros(3)
+    points, slopes = np.zeros(6 * MOST_STATES), np.zeros(3 * MOST_STATES)
+    return Work(start, end, stage, np.zeros(6), np.zeros(6), points, slopes, np.zeros((MOST_STAGES, 6)), make_scratch())
 
 
 @lean
-def load(state: FloatArray, model: Model, scratch: Scratch) -> Load:
-    """Force and moment by the route of the model."""
+def accelerate(states: FloatArray, model: Model, scratch: Scratch, out: FloatArray) -> bool:
+    """Write the three accelerations of eq. 6 for each of the states; tell whether anything is loaded in the last.
+
+    Both are flat, one state after the other. With panels there is only one.
+    """
+    body, last = model.body, out.size - 3
     if model.panels.area.size > 0:
-        return panel_loads(state, model.panels, model.law)
-    return loads(state, model.body, model.law, model.quadrature, scratch)
+        f, g, h = panel_loads(states, model.panels, model.law)
+        out[0], out[1], out[2] = f / body.mass, g / body.mass, h / body.moment_of_inertia
+    else:
+        accelerate_by_gauss(states, body, model.law, model.quadrature, scratch, out)
+    size = body.mass * (abs(out[last]) + abs(out[last + 1])) + body.moment_of_inertia * abs(out[last + 2]) / body.tip
+    return bool(size > NEGLIGIBLE_LOAD * model.law.static_stress * body.tip**2)
 
 
 @lean
-def accelerate(state: FloatArray, model: Model, scratch: Scratch, out: FloatArray) -> bool:
-    """Write the three accelerations of eq. 6; tell whether anything is loaded."""
-    depth_force, lateral_force, moment = load(state, model, scratch)
-    out[0] = depth_force / model.body.mass
-    out[1] = lateral_force / model.body.mass
-    out[2] = moment / model.body.moment_of_inertia
-    size = abs(depth_force) + abs(lateral_force) + abs(moment) / model.body.tip
-    return size > NEGLIGIBLE_LOAD * model.law.static_stress * model.body.tip**2
+def load(state: FloatArray, model: Model, scratch: Scratch, out: FloatArray) -> None:
+    """Write force and moment in one state."""
+    accelerate(state, model, scratch, out)
+    out[0] *= model.body.mass
+    out[1] *= model.body.mass
+    out[2] *= model.body.moment_of_inertia
 
 
 @lean
@@ -136,5 +146,5 @@ def sample_loads(states: FloatArray, model: Model) -> FloatArray:
     """(n, 3) forces and moments at the given states."""
     values, scratch = np.empty((states.shape[0], 3)), make_scratch()
     for i in range(states.shape[0]):
-        values[i, 0], values[i, 1], values[i, 2] = load(states[i], model, scratch)
+        load(states[i], model, scratch, values[i])
     return values

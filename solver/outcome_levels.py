@@ -86,6 +86,6 @@ def is_finer(level: Level, other: Level) -> bool:
     tolerance, stations, points = level.accuracy.relative_tolerance, level.quadrature.stations, level.quadrature.points
     return bool(
         tolerance < other.accuracy.relative_tolerance
-        or stations.shape[0] > other.quadrature.stations.shape[0]
+        or stations.size > other.quadrature.stations.size
         or points.shape[0] > other.quadrature.points.shape[0]
     )

@@ -22,28 +22,29 @@ from solver.compilation import VECTOR_WIDTH, exact, lean, vectorised
 from solver.decay import TINY, Decay, inertial_factor, static_factor
 from solver.meridian import Motion
 from solver.polynomials import arc_cosine, sine
+from solver.surface import ARC
 
 ROOM = 520
-"""Rings of either kind in a batch: two stretches with the most stations there may be, and what fills it up."""
+"""Rings of either kind in a batch: two stretches with the most stations there may be, and more."""
 FULL = ROOM
 """Place of the first ring that is resisted in full; the others begin at 0."""
 CAPACITY = 2 * ROOM
 VECTOR = np.uint64(VECTOR_WIDTH)
-"""Batches are filled up to a multiple of this with rings of no weight, so that no loop has a remainder."""
+"""Loops go on to a multiple of this, so that none has a remainder, over rings of before that no sum takes in."""
 (
-    ALPHA, AXIAL, RADIUS, SIZE, WEIGHT,
+    ALPHA, AXIAL, RADIUS, SIZE, WEIGHT, DEPTH, COSINE, SINE, FORWARD, SIDEWAYS, SPIN,
     INWARD, INWARD_SLOPE, OUTWARD, OUTWARD_SLOPE, SPEED, SPEED_SLOPE, STATIC, ALONG, ACROSS, TURN,
-    DEEP_BEGIN, DEEP_SPAN, NEAR_BEGIN, NEAR_SPAN,
-) = (np.uint64(row * CAPACITY) for row in range(19))  # fmt: skip
+    DEEP_BEGIN, DEEP_SPAN, NEAR_BEGIN, NEAR_SPAN, EVEN, ODD,
+) = (np.uint64(row * CAPACITY) for row in range(27))  # fmt: skip
 """Where the rows begin. Unsigned, since an index that might be negative costs a test each time.
 
-What `add_ring` writes: α; axial position and radius of the centre of curvature; radius of curvature; the ring's share
-of the outline. On a straight piece the second and third are those of the ring itself, the radius of curvature is zero.
-What `_load_rings` adds, as values and slopes in c: depth times cos α and outward tilt of the normal times the radius,
-which make up k; normal velocity. Then S f'c, ramped; what the integral of the stress adds to the force along the axis,
-and that of the stress times c to the force across and the moment; where the two arcs with a decay begin, as β - π/2,
-and how far they reach."""
-ROW_COUNT = 19
+What `add_rings` writes: α; axial position and radius of the centre of curvature; radius of curvature; the ring's share
+of the outline; the motion of its body. On a straight piece the second and third are those of the ring itself, and the
+radius of curvature is zero. What `_load_rings` adds, as values and slopes in c: depth times cos α and outward tilt of
+the normal times the radius, which make up k; normal velocity. Then S f'c, ramped; what the integral of the stress adds
+to the force along the axis, and that of the stress times c to the force across and the moment; where the two arcs with
+a decay begin, as β - π/2, and how far they reach; and the two integrals, to which the sums over the arcs add."""
+ROW_COUNT = 27
 SPAN = np.uint64(CAPACITY)
 """From the row where arcs begin to the one that tells how far they reach."""
 HALF_TURN = math.pi / 2.0
@@ -70,14 +71,25 @@ class Law(NamedTuple):
     decay: Decay
 
 
-@lean
-def add_ring(
-    rows: FloatArray, place: int, alpha: float, axial: float, radius: float, size: float, weight: float
+@vectorised
+def add_rings(
+    rows: FloatArray, place: int, piece: FloatArray, begin: float, end: float, stations: FloatArray, motion: Motion
 ) -> None:
-    """Write what makes up a ring."""
-    i = np.uint64(place)
-    rows[ALPHA + i], rows[AXIAL + i], rows[RADIUS + i] = alpha, axial, radius
-    rows[SIZE + i], rows[WEIGHT + i] = size, weight
+    """Write what makes up the rings at the stations of a stretch. What fills the last vector has no weight."""
+    span, first = end - begin, np.uint64(place)
+    depth, c, s, forward, sideways, spin = motion
+    axial, radius = piece[1], piece[2]
+    if piece[0] == ARC:
+        alpha, turn, size, share, sine_, cosine = 0.0, 1.0, piece[3], piece[3] * span, 0.0, 0.0
+    else:
+        alpha, turn, size, share, sine_, cosine = piece[6], 0.0, 0.0, span, piece[4], piece[5]
+    for n in range(np.uint64(stations.shape[1])):
+        i, way = first + n, begin + span * stations[0, n]
+        rows[ALPHA + i] = alpha + turn * way
+        rows[AXIAL + i], rows[RADIUS + i] = axial - way * cosine, radius + way * sine_
+        rows[SIZE + i], rows[WEIGHT + i] = size, share * stations[1, n]
+        rows[DEPTH + i], rows[COSINE + i], rows[SINE + i] = depth, c, s
+        rows[FORWARD + i], rows[SIDEWAYS + i], rows[SPIN + i] = forward, sideways, spin
 
 
 @exact
@@ -88,12 +100,19 @@ def _place_ring(rows: FloatArray, i: int) -> tuple[float, float, float, float]:
     return sine_, cosine, rows[AXIAL + i] + rows[SIZE + i] * sine_, rows[RADIUS + i] + rows[SIZE + i] * cosine
 
 
+@exact
+def _motion(rows: FloatArray, i: int) -> Motion:
+    """Of the body that a ring is of."""
+    return (
+        rows[DEPTH + i], rows[COSINE + i], rows[SINE + i], rows[FORWARD + i], rows[SIDEWAYS + i], rows[SPIN + i],
+    )  # fmt: skip
+
+
 @vectorised
-def _sum_full_rings(rows: FloatArray, end: np.uint64, law: Law, motion: Motion) -> Load:
-    """Load of rings that are resisted in full wherever they are loaded, up to a place."""
-    depth, c, s, forward, sideways, spin = motion
-    along = across = moment = 0.0
+def _load_full_rings(rows: FloatArray, end: np.uint64, law: Law) -> None:
+    """Integrate around rings that are resisted in full wherever they are loaded, up to a place."""
     for i in range(np.uint64(FULL), end):
+        depth, c, s, forward, sideways, spin = _motion(rows, i)
         sine_, cosine, axial, radius = _place_ring(rows, i)
         speed = forward * sine_
         speed_slope = (sideways + spin * axial) * cosine - spin * radius * sine_
@@ -102,19 +121,17 @@ def _sum_full_rings(rows: FloatArray, end: np.uint64, law: Law, motion: Motion) 
         turn = arc_cosine(low) - arc_cosine(high)
         even, odd = integrate_full(low, high, turn, static, law.dynamic_density, speed, speed_slope)
         weight = 2.0 * rows[WEIGHT + i] * radius
-        along -= weight * sine_ * even
-        across -= weight * cosine * odd
-        moment += weight * (radius * sine_ - axial * cosine) * odd
-    return along, across, moment
+        rows[EVEN + i], rows[ODD + i] = even, odd
+        rows[ALONG + i], rows[ACROSS + i] = -weight * sine_, -weight * cosine
+        rows[TURN + i] = weight * (radius * sine_ - axial * cosine)
 
 
 @vectorised
-def _load_rings(rows: FloatArray, end: np.uint64, law: Law, motion: Motion) -> Load:
-    """Find the arcs of every ring up to a place; return the load of those that are resisted in full."""
-    depth, c, s, forward, sideways, spin = motion
+def _load_rings(rows: FloatArray, end: np.uint64, law: Law) -> None:
+    """Find the arcs of every ring up to a place, and integrate around those that are resisted in full."""
     beyond = law.decay.corner - 1.0
-    along = across = moment = 0.0
     for i in range(end):
+        depth, c, s, forward, sideways, spin = _motion(rows, i)
         sine_, cosine, axial, radius = _place_ring(rows, i)
         inside, inside_slope = depth + axial * c, -radius * s
         speed = forward * sine_
@@ -135,18 +152,14 @@ def _load_rings(rows: FloatArray, end: np.uint64, law: Law, motion: Motion) -> L
         even, odd = integrate_full(low, start, turn, static, law.dynamic_density, speed, speed_slope)
 
         weight = 2.0 * rows[WEIGHT + i] * radius
-        to_along, to_across = -weight * sine_, -weight * cosine
-        to_moment = weight * (radius * sine_ - axial * cosine)
-        along += to_along * even
-        across += to_across * odd
-        moment += to_moment * odd
+        rows[EVEN + i], rows[ODD + i] = even, odd
+        rows[ALONG + i], rows[ACROSS + i] = -weight * sine_, -weight * cosine
+        rows[TURN + i] = weight * (radius * sine_ - axial * cosine)
         rows[INWARD + i], rows[INWARD_SLOPE + i] = inward, inward_slope
         rows[OUTWARD + i], rows[OUTWARD_SLOPE + i] = outward, outward_slope
         rows[SPEED + i], rows[SPEED_SLOPE + i], rows[STATIC + i] = speed, speed_slope, static
-        rows[ALONG + i], rows[ACROSS + i], rows[TURN + i] = to_along, to_across, to_moment
         rows[DEEP_BEGIN + i], rows[DEEP_SPAN + i] = angle_middle - HALF_TURN, angle_start - angle_middle
         rows[NEAR_BEGIN + i], rows[NEAR_SPAN + i] = angle_high - HALF_TURN, angle_middle - angle_high
-    return along, across, moment
 
 
 @exact
@@ -160,10 +173,9 @@ def _point(rows: FloatArray, ring: int, begin: np.uint64, node: float) -> tuple[
 
 
 @vectorised
-def _sum_arcs(rows: FloatArray, end: np.uint64, deep: bool, points: FloatArray, law: Law) -> Load:
+def _sum_arcs(rows: FloatArray, end: np.uint64, deep: bool, points: FloatArray, law: Law) -> None:
     """Load of the arcs on one side of the corner, of rings up to a place and a decay without inertia."""
     begin = DEEP_BEGIN if deep else NEAR_BEGIN
-    along = across = moment = 0.0
     for j in range(points.shape[0]):
         node, weight = points[j, 0], points[j, 1]
         for i in range(end):
@@ -171,17 +183,14 @@ def _sum_arcs(rows: FloatArray, end: np.uint64, deep: bool, points: FloatArray, 
             factor = static_factor(inward, outward, law.decay, deep)
             stress = factor * (rows[STATIC + i] + law.dynamic_density * speed * speed)
             stress *= rows[begin + SPAN + i] * weight
-            along += rows[ALONG + i] * stress
-            across += rows[ACROSS + i] * stress * c
-            moment += rows[TURN + i] * stress * c
-    return along, across, moment
+            rows[EVEN + i] += stress
+            rows[ODD + i] += stress * c
 
 
 @vectorised
-def _sum_inertial_arcs(rows: FloatArray, end: np.uint64, deep: bool, points: FloatArray, law: Law) -> Load:
+def _sum_inertial_arcs(rows: FloatArray, end: np.uint64, deep: bool, points: FloatArray, law: Law) -> None:
     """The same for a decay with inertia: a loop of its own, since the other takes half its time without."""
     begin = DEEP_BEGIN if deep else NEAR_BEGIN
-    along = across = moment = 0.0
     for j in range(points.shape[0]):
         node, weight = points[j, 0], points[j, 1]
         for i in range(end):
@@ -189,43 +198,38 @@ def _sum_inertial_arcs(rows: FloatArray, end: np.uint64, deep: bool, points: Flo
             factor = inertial_factor(inward, outward, speed, law.decay, deep)
             stress = factor * (rows[STATIC + i] + law.dynamic_density * speed * speed)
             stress *= rows[begin + SPAN + i] * weight
-            along += rows[ALONG + i] * stress
-            across += rows[ACROSS + i] * stress * c
-            moment += rows[TURN + i] * stress * c
-    return along, across, moment
+            rows[EVEN + i] += stress
+            rows[ODD + i] += stress * c
 
 
 @lean
-def _fill_up(rows: FloatArray, end: int) -> np.uint64:
-    """Add rings of no weight up to a multiple of the vector width; what else they hold is of some ring before."""
-    place = np.uint64(end)
-    while place % VECTOR:
-        rows[WEIGHT + place] = 0.0
-        place += np.uint64(1)
-    return place
+def _whole(count: int) -> np.uint64:
+    """So many rings and what it takes to fill vectors."""
+    return (np.uint64(count) + VECTOR - np.uint64(1)) // VECTOR * VECTOR
 
 
 @lean
-def _add(load: Load, other: Load) -> Load:
-    return load[0] + other[0], load[1] + other[1], load[2] + other[2]
-
-
-@lean
-def sum_rings(rows: FloatArray, count: int, full: int, points: FloatArray, law: Law, motion: Motion) -> Load:
-    """Force along and across the axis, and moment, of the first `count` rings and of so many resisted in full.
-
-    The motion has an axis angle whose sine is at least 0.
-    """
-    load = 0.0, 0.0, 0.0
+def integrate_rings(rows: FloatArray, count: int, full: int, points: FloatArray, law: Law) -> None:
+    """Integrate around the first `count` rings, and around so many that are resisted in full."""
     if count > 0:
-        end = _fill_up(rows, count)
-        load = _load_rings(rows, end, law, motion)
+        end = _whole(count)
+        _load_rings(rows, end, law)
         if law.decay.inertia_scale > 0.0:
-            load = _add(load, _sum_inertial_arcs(rows, end, True, points, law))
-            load = _add(load, _sum_inertial_arcs(rows, end, False, points, law))
+            _sum_inertial_arcs(rows, end, True, points, law)
+            _sum_inertial_arcs(rows, end, False, points, law)
         else:
-            load = _add(load, _sum_arcs(rows, end, True, points, law))
-            load = _add(load, _sum_arcs(rows, end, False, points, law))
+            _sum_arcs(rows, end, True, points, law)
+            _sum_arcs(rows, end, False, points, law)
     if full > 0:
-        load = _add(load, _sum_full_rings(rows, _fill_up(rows, FULL + full), law, motion))
-    return load
+        _load_full_rings(rows, np.uint64(FULL) + _whole(full), law)
+
+
+@lean
+def sum_rings(rows: FloatArray, begin: int, end: int) -> Load:
+    """Force along and across the axis, and moment, of the rings between two places."""
+    along = across = moment = 0.0
+    for i in range(np.uint64(begin), np.uint64(end)):
+        along += rows[ALONG + i] * rows[EVEN + i]
+        across += rows[ACROSS + i] * rows[ODD + i]
+        moment += rows[TURN + i] * rows[ODD + i]
+    return along, across, moment

@@ -47,7 +47,7 @@ DIFFERENCE = 1e-7
 VELOCITY_DIFFERENCE = 1e-3
 """That in velocity, over the ramp velocity: below it the static stress is smooth."""
 DIFFERENCES = 5
-"""Evaluations for one linearisation."""
+"""Evaluations for one linearisation, all at once."""
 
 
 class Linearisation(NamedTuple):
@@ -71,39 +71,30 @@ def linearise(state: FloatArray, model: Model, work: Work, linear: Linearisation
     Velocities are varied along the axis and across it: a shank that sits in its hole is free in one direction and held
     in the other, with a corner between the sides, and a mixture of the two would blur that by what it is held with.
     """
-    length, point = model.body.tip, work.point
-    for n in range(6):
-        point[n] = state[n]
-    for n in (0, 2):
-        unit = length if n == 0 else 1.0
-        increment = math.copysign(DIFFERENCE * unit, state[n])
-        point[n] = state[n] + increment
-        _differ(point, increment, model, work, linear.stiffness[:, n])
-        point[n] = state[n]
-    small = VELOCITY_DIFFERENCE * model.law.ramp_velocity
-    increment = math.copysign(small / length, state[5])
-    point[5] = state[5] + increment
-    _differ(point, increment, model, work, linear.damping[:, 2])
-    point[5] = state[5]
-    c, s, damping = math.cos(state[2]), math.sin(state[2]), linear.damping
-    forward, sideways = c * state[3] + s * state[4], c * state[4] - s * state[3]
-    increment = math.copysign(small, forward)
-    point[3], point[4] = state[3] + increment * c, state[4] + increment * s
-    _differ(point, increment, model, work, damping[:, 0])
-    increment = math.copysign(small, sideways)
-    point[3], point[4] = state[3] - increment * s, state[4] + increment * c
-    _differ(point, increment, model, work, damping[:, 1])
+    points, slopes, length = work.points, work.slopes, model.body.tip
+    for k in range(DIFFERENCES):
+        for n in range(6):
+            points[6 * k + n] = state[n]
+    small, c, s = VELOCITY_DIFFERENCE * model.law.ramp_velocity, math.cos(state[2]), math.sin(state[2])
+    deeper, turned = math.copysign(DIFFERENCE * length, state[0]), math.copysign(DIFFERENCE, state[2])
+    along = math.copysign(small, c * state[3] + s * state[4])
+    across = math.copysign(small, c * state[4] - s * state[3])
+    spun = math.copysign(small / length, state[5])
+    points[0] += deeper
+    points[6 + 3] += along * c
+    points[6 + 4] += along * s
+    points[12 + 3] -= across * s
+    points[12 + 4] += across * c
+    points[18 + 5] += spun
+    points[24 + 2] += turned
+    accelerate(points, model, work.scratch, slopes)
+    damping, stiffness = linear.damping, linear.stiffness
     for i in range(3):
-        along, across = damping[i, 0], damping[i, 1]
-        damping[i, 0], damping[i, 1] = c * along - s * across, s * along + c * across
-
-
-@lean
-def _differ(point: FloatArray, increment: float, model: Model, work: Work, column: FloatArray) -> None:
-    """Fill a column with the slopes of the accelerations from ``work.start`` to a point this far away."""
-    accelerate(point, model, work.scratch, work.stage)
-    for i in range(3):
-        column[i] = (work.stage[i] - work.start[i]) / increment
+        start = work.start[i]
+        stiffness[i, 0], stiffness[i, 2] = (slopes[i] - start) / deeper, (slopes[12 + i] - start) / turned
+        by_along, by_across = (slopes[3 + i] - start) / along, (slopes[6 + i] - start) / across
+        damping[i, 0], damping[i, 1] = c * by_along - s * by_across, s * by_along + c * by_across
+        damping[i, 2] = (slopes[9 + i] - start) / spun
 
 
 @lean

@@ -23,8 +23,8 @@ from solver.adaptive import LARGEST_STEP, Accuracy, integrate_adaptive
 from solver.arrays import FloatArray
 from solver.cases import PAPER_TARGET
 from solver.fixed_step import integrate_fixed
-from solver.loads import make_scratch
-from solver.motion import STEP_WIDTH, Model, load, make_work
+from solver.loads import MOST_STATES, make_scratch
+from solver.motion import STEP_WIDTH, Model, accelerate, make_work, sample_loads
 from solver.rosenbrock import make_linearisation
 from solver.shot import initial_state, prepare
 from solver.surface import build_panels
@@ -141,12 +141,12 @@ def test_panels_converge_with_the_square_of_their_size_to_the_gauss_points() -> 
     """Where the surface is loaded throughout; where the face cuts panels, order one and a scatter remain."""
     start, gauss = deep_inside(Numerics(stations=32, points=32))
     gauss = gauss._replace(law=gauss.law._replace(ramp_velocity=1e-9))  # panels know no ramp
-    expected = np.array(load(start, gauss, make_scratch()))
+    expected = sample_loads(start[None], gauss)[0]
     counts = np.array([500, 2_000, 8_000, 32_000])
     errors = []
     for count in counts:
         panels = build_panels(SHORT_CONE, mass_properties(SHORT_CONE), int(count))
-        errors.append(np.abs(np.array(load(start, gauss._replace(panels=panels), make_scratch())) / expected - 1.0))
+        errors.append(np.abs(sample_loads(start[None], gauss._replace(panels=panels))[0] / expected - 1.0))
     moment = np.array(errors)[:, 2]
     assert slope(1.0 / np.sqrt(counts), moment) == pytest.approx(2.0, abs=0.3)
     assert np.all(np.array(errors)[-1] < 1e-4)
@@ -165,18 +165,33 @@ def test_load_is_that_on_panels_however_a_projectile_lies_and_moves(nose: str, d
     gauss = prepare(projectile=projectile, target=PAPER_TARGET, resistance=resistance, numerics=numerics).model
     gauss = gauss._replace(law=gauss.law._replace(static_stress=3e8, ramp_velocity=1e-9))
     panels = gauss._replace(panels=build_panels(projectile, mass_properties(projectile), 200_000))
-    random, length, scratch = np.random.default_rng(7), gauss.body.tip, make_scratch()
-    by_gauss, by_panels = [], []
-    for _ in range(60):
-        depth, axis_angle = random.uniform(-1.0, 1.5) * length, random.uniform(-0.3, 2.8)
-        along, across, spin = random.normal(0.0, 200.0, 3)
-        state = np.array([depth, 0.0, axis_angle, along, across, spin / length])
-        by_gauss.append(load(state, gauss, scratch))
-        by_panels.append(load(state, panels, scratch))
-    expected = np.array(by_panels)
-    np.testing.assert_allclose(
-        np.array(by_gauss) / abs(expected).max(axis=0), expected / abs(expected).max(axis=0), atol=3e-3
-    )
+    states = tumbling(60, gauss)
+    expected = sample_loads(states, panels)
+    largest = abs(expected).max(axis=0)
+    np.testing.assert_allclose(sample_loads(states, gauss) / largest, expected / largest, atol=3e-3)
+
+
+@pytest.mark.parametrize("stations", [3, 12, 256])
+def test_states_evaluated_together_are_as_each_alone(stations: int) -> None:
+    """Also with so many stations that not all rings find room at a time."""
+    numerics, resistance = Numerics(stations=stations).resolved(), Resistance()
+    shot = prepare(projectile=steel(NOSES["ogive"]), target=PAPER_TARGET, resistance=resistance, numerics=numerics)
+    model = shot.model._replace(law=shot.model.law._replace(static_stress=3e8))
+    states, scratch = tumbling(40 * MOST_STATES, shot.model), make_scratch()
+    together, alone = np.empty(3 * MOST_STATES), np.empty(3)
+    for batch in states.reshape(-1, 6 * MOST_STATES):
+        accelerate(batch, model, scratch, together)
+        for k in range(MOST_STATES):
+            accelerate(batch[6 * k : 6 * k + 6], model, scratch, alone)
+            np.testing.assert_allclose(together[3 * k : 3 * k + 3], alone, rtol=1e-12, atol=1e-9)
+
+
+def tumbling(count: int, model: Model) -> FloatArray:
+    """(count, 6) states of a projectile that lies and moves in any way, near the face."""
+    random, length = np.random.default_rng(7), model.body.tip
+    depths, angles = random.uniform(-1.0, 1.5, count) * length, random.uniform(-0.3, 2.8, count)
+    velocities = random.normal(0.0, 200.0, (3, count))
+    return np.column_stack((depths, np.zeros(count), angles, velocities[0], velocities[1], velocities[2] / length))
 
 
 def test_profile_of_cones_approaches_the_ogive_it_is_inscribed_in() -> None:
