@@ -6,6 +6,7 @@ those of several states at a time.
 """
 
 import math
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -73,6 +74,7 @@ def build_quadrature(*, stations: int, points: int) -> Quadrature:
     return Quadrature(_rule(stations), _rule((stations + 1) // 2), gauss_rule(points))
 
 
+@cache
 def _rule(count: int) -> Rule:
     table = np.zeros((2, math.ceil(count / VECTOR_WIDTH) * VECTOR_WIDTH))
     table[:, :count] = gauss_rule(count).T
@@ -82,8 +84,8 @@ def _rule(count: int) -> Rule:
 @compiled
 def make_scratch() -> Scratch:
     """Empty room."""
-    rows = np.zeros(ROW_COUNT * CAPACITY)
-    return Scratch(np.empty(MAX_CUTS), rows, np.zeros((MOST_STATES, 3)), np.zeros((MOST_STATES, 2), np.int64))
+    attitudes, ends = np.zeros((MOST_STATES, 3)), np.zeros((MOST_STATES, 2), np.int64)
+    return Scratch(np.empty(MAX_CUTS), np.empty(ROW_COUNT * CAPACITY), attitudes, ends)
 
 
 @inlined

@@ -190,8 +190,7 @@ def _search_outcome(shot: Shot, impact: Impact, search: Search) -> tuple[Change,
     found = search_outcome(angles, strike, shot.model, levels)
     check_end(int(found.trials[-1, END]), numerics.termination_time)
     trials = tuple(
-        Trial(float(row[ANGLE]), float(row[POSITION]), outcome_of(int(row[END])), bool(row[FINE]))
-        for row in found.trials
+        Trial(row[ANGLE], row[POSITION], outcome_of(row[END]), bool(row[FINE])) for row in found.trials.tolist()
     )
     _check_strength(shot, found.trials[:, ANGLE])
     return _first_onset([(trials[left], trials[right]) for left, right in found.brackets], trials), trials
