@@ -71,11 +71,8 @@ def build_decay(model: FreeSurface, target: Target) -> Decay:
     pivot = math.sqrt(corner)
     edge = (pivot - 1.0) / (pivot + 1.0)
 
-    def static_near(t: FloatArray) -> FloatArray:
-        return model.static_pressure((1.0 - edge * t) / (1.0 + edge * t) / pivot, target) / static
-
-    def inertia_near(t: FloatArray) -> FloatArray:
-        return model.inertia_coefficient((1.0 - edge * t) / (1.0 + edge * t) / pivot, target)
+    def inverse_ratio(t: FloatArray) -> FloatArray:
+        return (1.0 - edge * t) / (1.0 + edge * t) / pivot
 
     share = np.arange(SHELL_DEGREE + 1) / SHELL_DEGREE
     powers = np.linalg.inv(np.vander(share, increasing=True))
@@ -84,7 +81,11 @@ def build_decay(model: FreeSurface, target: Target) -> Decay:
         pivot=pivot,
         inertia_scale=target.density / static if inertia > 0.0 else 0.0,
         inertia_endless=inertia,
-        near=Near(1.0 / edge, fit(static_near, DEGREE), fit(inertia_near, DEGREE)),
+        near=Near(
+            1.0 / edge,
+            fit(lambda t: model.static_pressure(inverse_ratio(t), target) / static, DEGREE),
+            fit(lambda t: model.inertia_coefficient(inverse_ratio(t), target), DEGREE),
+        ),
         deep=Deep(
             powers @ model.static_pressure(share / corner, target) / static,
             powers @ model.inertia_coefficient(share / corner, target),
