@@ -14,12 +14,16 @@ import numpy as np
 from solver.arrays import FloatArray
 from solver.compilation import exact, lean
 from solver.free_surface import FreeSurface, NoFreeSurface
-from solver.polynomials import fit
+from solver.polynomials import interpolation
 from solver.target import Target
 
 DEGREE = 12
 """Near the face. A multiple of four: terms are summed in groups of four, a third of the time of one after another."""
 SHELL_DEGREE = 4
+NODES, FROM_NODES = interpolation(DEGREE)
+SHARES = np.arange(SHELL_DEGREE + 1) / SHELL_DEGREE
+FROM_SHARES = np.linalg.inv(np.vander(SHARES, increasing=True))
+"""From values at `SHARES` of the corner's 1/k to coefficients."""
 TINY = 1e-300
 
 
@@ -64,32 +68,21 @@ def build_decay(model: FreeSurface, target: Target) -> Decay:
     if isinstance(model, NoFreeSurface):
         none, nothing = np.zeros(DEGREE + 1), np.zeros(SHELL_DEGREE + 1)
         return Decay(0.0, 1.0, 0.0, 0.0, Near(0.0, none, none), Deep(nothing, nothing))
-    endless = np.zeros(1)
-    static = float(model.static_pressure(endless, target)[0])
-    inertia = float(model.inertia_coefficient(endless, target)[0])
     corner = model.plastic_ratio(target)
     pivot = math.sqrt(corner)
     edge = (pivot - 1.0) / (pivot + 1.0)
-
-    def inverse_ratio(t: FloatArray) -> FloatArray:
-        return (1.0 - edge * t) / (1.0 + edge * t) / pivot
-
-    share = np.arange(SHELL_DEGREE + 1) / SHELL_DEGREE
-    powers = np.linalg.inv(np.vander(share, increasing=True))
+    near = (1.0 - edge * NODES) / (1.0 + edge * NODES) / pivot
+    inverse_ratios = np.concatenate((SHARES / corner, near))  # the first is that of an endless target
+    static = model.static_pressure(inverse_ratios, target)
+    inertia = model.inertia_coefficient(inverse_ratios, target)
+    endless, inertia_endless = float(static[0]), float(inertia[0])
     return Decay(
         corner=corner,
         pivot=pivot,
-        inertia_scale=target.density / static if inertia > 0.0 else 0.0,
-        inertia_endless=inertia,
-        near=Near(
-            1.0 / edge,
-            fit(lambda t: model.static_pressure(inverse_ratio(t), target) / static, DEGREE),
-            fit(lambda t: model.inertia_coefficient(inverse_ratio(t), target), DEGREE),
-        ),
-        deep=Deep(
-            powers @ model.static_pressure(share / corner, target) / static,
-            powers @ model.inertia_coefficient(share / corner, target),
-        ),
+        inertia_scale=target.density / endless if inertia_endless > 0.0 else 0.0,
+        inertia_endless=inertia_endless,
+        near=Near(1.0 / edge, FROM_NODES @ (static[SHARES.size :] / endless), FROM_NODES @ inertia[SHARES.size :]),
+        deep=Deep(FROM_SHARES @ static[: SHARES.size] / endless, FROM_SHARES @ inertia[: SHARES.size]),
     )
 
 

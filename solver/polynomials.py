@@ -5,7 +5,6 @@ All are interpolated at Chebyshev nodes when the package is imported; the errors
 
 import math
 from collections.abc import Callable
-from functools import lru_cache
 
 import numpy as np
 
@@ -13,8 +12,7 @@ from solver.arrays import FloatArray
 from solver.compilation import exact
 
 
-@lru_cache
-def _interpolation(degree: int) -> tuple[FloatArray, FloatArray]:
+def interpolation(degree: int) -> tuple[FloatArray, FloatArray]:
     """Chebyshev nodes on [-1, 1], and the matrix from values there to coefficients, constant first."""
     nodes = np.cos((np.arange(degree + 1) + 0.5) * np.pi / (degree + 1))
     series = np.linalg.inv(np.polynomial.chebyshev.chebvander(nodes, degree))
@@ -26,7 +24,7 @@ def _interpolation(degree: int) -> tuple[FloatArray, FloatArray]:
 
 def fit(function: Callable[[FloatArray], FloatArray], degree: int) -> FloatArray:
     """(degree + 1,) coefficients, constant first, of a polynomial close to `function` on [-1, 1]."""
-    nodes, matrix = _interpolation(degree)
+    nodes, matrix = interpolation(degree)
     return np.asarray(matrix @ function(nodes))
 
 
