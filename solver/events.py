@@ -31,7 +31,9 @@ class End(IntEnum):
     EXIT = 3
     STEP_LIMIT = 4
     NOT_FINITE = 5
-    NONE = 6
+    NO_STRENGTH = 6
+    """Never begun: the strength factor is not above zero."""
+    NONE = 7
 
 
 class Run(NamedTuple):

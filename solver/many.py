@@ -14,7 +14,7 @@ from solver.errors import ParameterError, RicochetError
 from solver.impact import Impact
 from solver.numerics import Numerics
 from solver.projectile import Projectile
-from solver.resistance import Resistance
+from solver.resistance import EQUATION_9, Resistance
 from solver.ricochet import critical_angle
 from solver.search import CriticalAngle, Search
 from solver.target import Target
@@ -68,7 +68,7 @@ def critical_angle_many(
         velocity=velocity,
         angle_of_attack=angle_of_attack,
         angular_velocity=angular_velocity,
-        resistance=Resistance() if resistance is None else resistance,
+        resistance=EQUATION_9 if resistance is None else resistance,
     )
     return _run(lambda case: critical_angle(**case, numerics=numerics, search=search), cases, threads)
 
@@ -108,7 +108,7 @@ def simulate_many(
         projectile=projectile,
         target=target,
         impact=impact,
-        resistance=Resistance() if resistance is None else resistance,
+        resistance=EQUATION_9 if resistance is None else resistance,
     )
     return _run(lambda strike: simulate(**strike, numerics=numerics, sample_interval=sample_interval), strikes, threads)
 

@@ -75,6 +75,10 @@ class Numerics:
         )
 
 
+USUAL = Numerics()
+"""With everything left open."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ResolvedNumerics:
     """Numerical settings with nothing left open; fields as in `Numerics`."""

@@ -1,6 +1,7 @@
 """How finely the trials of a search by outcome are computed, level by level."""
 
 import math
+from functools import lru_cache
 from typing import NamedTuple
 
 from solver.adaptive import LARGEST_STEP, Accuracy
@@ -59,10 +60,11 @@ MIDDLE_LEVEL = Level(
 """Right to a few hundredths of a degree, at half of the cost, and likewise."""
 
 
-def search_levels(*, quadrature: Quadrature, numerics: ResolvedNumerics, tolerance: float) -> Levels:
-    """All of them, for what was asked for: its quadrature, its steps, and the width of its bracket. [rad]"""
+@lru_cache  # the cases of a study share one
+def search_levels(*, numerics: ResolvedNumerics, tolerance: float) -> Levels:
+    """All of them, for what was asked for: its settings, and the width of its bracket. [rad]"""
     asked = Level(
-        quadrature=quadrature,
+        quadrature=build_quadrature(stations=numerics.stations, points=numerics.points),
         accuracy=Accuracy(numerics.relative_tolerance, LARGEST_STEP),
         ramp_fraction=RAMP_FRACTION,
         smooth_ramp=True,

@@ -14,7 +14,18 @@ from solver.compilation import compiled, lean
 from solver.motion import Model
 from solver.outcome_change import MOST_TRIALS, is_same_change, settle
 from solver.outcome_levels import ASKED, LAST, ROUGH, Level, Levels, is_finer
-from solver.outcome_trials import ANGLE, MARGIN, Room, Strike, attempt, failed, make_room, strength_at, turned_away
+from solver.outcome_trials import (
+    ANGLE,
+    MARGIN,
+    Room,
+    Strike,
+    attempt,
+    failed,
+    has_strength,
+    make_room,
+    strength_at,
+    turned_away,
+)
 
 CLEAR = 0.15
 """Margin above which, on both sides, a scan does not look in between."""
@@ -91,11 +102,16 @@ def _lead(lowest: FloatArray, highest: FloatArray, trials: FloatArray, brackets:
 def search_outcome(angles: FloatArray, strike: Strike, model: Model, levels: Levels) -> Found:
     """Scan `angles`, which rise, then narrow every change of outcome level by level.
 
-    If a trial could not be integrated, it is the last of the table, and there are no brackets.
+    If a trial could not be integrated, or the strength factor is not above zero at one of the angles, that trial is the
+    last of the table, and there are no brackets.
     """
     room = make_room(MOST_TRIALS + 8 * angles.size)  # with what a scan and its changes may add
     trials, brackets = room.trials, np.zeros((angles.size, 2), np.int64)
     count = changes = earlier = 0
+    for angle in angles:
+        if not has_strength(angle, strike.strength):
+            count = attempt(angle, strike, model, levels[ROUGH], room, count)
+            return Found(trials[:count], brackets[:0])
     panels = model.panels.area.size > 0  # as many at every level
     fallback, first = ASKED, ASKED if panels else ROUGH
     for scan in range(2):  # without a change, or if one is missing, the scan is repeated, more finely

@@ -18,7 +18,9 @@ from solver.rosenbrock import Linearisation, make_linearisation
 ANGLE, POSITION, END, MARGIN, FINE = range(5)
 """Columns of the table of trials: oblique angle, final depth of the nose tip, a value of `End`, how clearly the
 projectile was turned away (above zero) or not, and whether the trial was as fine as asked for. [rad, m, 1, 1, 1]"""
-TIME, EXIT, STEP_LIMIT, NOT_FINITE = End.TIME.value, End.EXIT.value, End.STEP_LIMIT.value, End.NOT_FINITE.value
+TIME, EXIT, STEP_LIMIT, NOT_FINITE, NO_STRENGTH = (
+    end.value for end in (End.TIME, End.EXIT, End.STEP_LIMIT, End.NOT_FINITE, End.NO_STRENGTH)
+)
 
 
 class Strike(NamedTuple):
@@ -60,6 +62,12 @@ def strength_at(oblique_angle: float, strength: FloatArray) -> float:
 
 
 @lean
+def has_strength(oblique_angle: float, strength: FloatArray) -> bool:
+    """Whether S at an oblique angle is above zero."""
+    return 0.0 < strength_at(oblique_angle, strength) < math.inf
+
+
+@lean
 def _margin(run: Run, model: Model, initial_energy: float) -> float:
     """How clearly a projectile was turned away, above zero, or not; near zero at the critical angle.
 
@@ -76,6 +84,11 @@ def _margin(run: Run, model: Model, initial_energy: float) -> float:
 @compiled
 def attempt(oblique_angle: float, strike: Strike, model: Model, level: Level, room: Room, count: int) -> int:
     """Run one trial and write it into the table, as number `count`; return the number of the next."""
+    row = room.trials[count]
+    row[ANGLE], row[FINE] = oblique_angle, 1.0 if level.fine else 0.0
+    if not has_strength(oblique_angle, strike.strength):
+        row[END] = NO_STRENGTH
+        return count + 1
     law = Law(
         strength_at(oblique_angle, strike.strength) * strike.compressive_strength,
         model.law.dynamic_density,
@@ -89,19 +102,17 @@ def attempt(oblique_angle: float, strike: Strike, model: Model, level: Level, ro
         run = integrate_fixed(start, present, strike.end_time, strike.time_step, room.steps)
     else:
         run = integrate_adaptive(start, present, strike.end_time, level.accuracy, room.steps, room.work, room.linear)
-    row = room.trials[count]
-    row[ANGLE], row[POSITION], row[END] = oblique_angle, tip_depth(run.state, model.body), run.end.value
+    row[POSITION], row[END] = tip_depth(run.state, model.body), run.end.value
     if not np.isfinite(run.state).all():
         row[END] = NOT_FINITE
-    row[FINE] = 1.0 if level.fine else 0.0
     row[MARGIN] = _margin(run, model, kinetic_energy(start, model.body))
     return count + 1
 
 
 @lean
 def failed(trial: FloatArray) -> bool:
-    """Whether a trial could not be integrated."""
-    return bool(trial[END] == STEP_LIMIT or trial[END] == NOT_FINITE)
+    """Whether a trial could not be integrated, or begun."""
+    return bool(trial[END] == STEP_LIMIT or trial[END] == NOT_FINITE or trial[END] == NO_STRENGTH)
 
 
 @lean

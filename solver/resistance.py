@@ -162,6 +162,10 @@ class Resistance:
         )
 
 
+EQUATION_9 = Resistance()
+"""The resistance of the source paper, used unless another is given."""
+
+
 def strength_factor(*, resistance: Resistance, oblique_angle: float, target: Target) -> float:
     """Strength factor S of one strike.
 

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -9,16 +10,17 @@ from solver import advice
 from solver.advice import ModelWarning
 from solver.arrays import FloatArray
 from solver.errors import RicochetError
+from solver.events import End
 from solver.impact import Impact
-from solver.numerics import SEARCH_STATIONS, SEARCH_TOLERANCE, TERMINATION_TIME, Numerics
+from solver.numerics import SEARCH_STATIONS, SEARCH_TOLERANCE, TERMINATION_TIME, USUAL, Numerics
 from solver.outcome_levels import search_levels
 from solver.outcome_search import search_outcome
-from solver.outcome_trials import ANGLE, END, FINE, POSITION, Strike
+from solver.outcome_trials import ANGLE, END, Strike
 from solver.paper_search import search_bisection, search_secant
 from solver.projectile import Projectile
-from solver.resistance import ObliquityPolynomial, Resistance, strength_factor
-from solver.search import Change, CriticalAngle, Search, SearchStatus, Trial
-from solver.shot import Outcome, Shot, check_end, final_tip_depth, integrate, outcome_of, prepare
+from solver.resistance import EQUATION_9, ObliquityPolynomial, Resistance, strength_factor
+from solver.search import USUAL_SEARCH, Change, CriticalAngle, Search, SearchStatus, Trial
+from solver.shot import OUTCOMES, Outcome, Shot, check_end, final_tip_depth, integrate, prepare
 from solver.target import Target
 from solver.validation import require_positive
 
@@ -73,15 +75,15 @@ def critical_angle(
     Section 2.3 and eqs. 7-8. As printed, eq. 7 averages the last two angles whatever their outcome; here the bracket
     with the change of sign is kept.
     """
-    search = search or Search()
-    resistance = resistance or Resistance()
+    search = search or USUAL_SEARCH
+    resistance = resistance or EQUATION_9
     require_positive("impact.velocity", velocity)
     paper = search.method != "outcome"
     shot = prepare(
         projectile=projectile,
         target=target,
         resistance=resistance,
-        numerics=(numerics or Numerics()).resolved(
+        numerics=(numerics or USUAL).resolved(
             method="panels" if paper else "adaptive",
             termination_time=PAPER_TERMINATION_TIME if paper else TERMINATION_TIME,
             relative_tolerance=SEARCH_TOLERANCE,
@@ -157,13 +159,14 @@ def _search_paper(shot: Shot, impact: Impact, search: Search) -> tuple[Change, t
         model = shot.model._replace(law=shot.law_at(strike))
         run, _ = integrate(shot, model, strike, keep_steps=False)
         position = final_tip_depth(run, model.body, shot.numerics.termination_time)
-        trials.append(Trial(oblique_angle, position, outcome_of(run.end)))
+        trials.append(Trial(oblique_angle, position, OUTCOMES[run.end]))
         return trials[-1]
 
     change = (search_bisection if search.method == "bisection" else search_secant)(attempt, search)
     return change, tuple(trials)
 
 
+@lru_cache  # the cases of a study share one search
 def _scan(search: Search) -> FloatArray:
     """Angles at which a search by outcome looks first."""
     lower, upper = search.bounds
@@ -175,8 +178,7 @@ def _scan(search: Search) -> FloatArray:
 
 def _search_outcome(shot: Shot, impact: Impact, search: Search) -> tuple[Change, tuple[Trial, ...]]:
     """Scan the range, then narrow every change of outcome."""
-    numerics, target, angles = shot.numerics, shot.target, _scan(search)
-    _check_strength(shot, angles)
+    numerics, target = shot.numerics, shot.target
     strike = Strike(
         velocity=impact.velocity,
         angle_of_attack=impact.angle_of_attack,
@@ -186,24 +188,14 @@ def _search_outcome(shot: Shot, impact: Impact, search: Search) -> tuple[Change,
         end_time=numerics.termination_time,
         time_step=numerics.time_step,
     )
-    levels = search_levels(quadrature=shot.model.quadrature, numerics=numerics, tolerance=search.tolerance)
-    found = search_outcome(angles, strike, shot.model, levels)
-    check_end(int(found.trials[-1, END]), numerics.termination_time)
-    trials = tuple(
-        Trial(row[ANGLE], row[POSITION], outcome_of(row[END]), bool(row[FINE])) for row in found.trials.tolist()
-    )
-    _check_strength(shot, found.trials[:, ANGLE])
+    levels = search_levels(numerics=numerics, tolerance=search.tolerance)
+    found = search_outcome(_scan(search), strike, shot.model, levels)
+    rows = found.trials.tolist()
+    if rows[-1][END] == End.NO_STRENGTH:  # raises, and tells what the model gives
+        strength_factor(resistance=shot.resistance, oblique_angle=rows[-1][ANGLE], target=target)
+    check_end(rows[-1][END], numerics.termination_time)
+    trials = tuple(Trial(angle, position, OUTCOMES[end], fine > 0.0) for angle, position, end, _, fine in rows)
     return _first_onset([(trials[left], trials[right]) for left, right in found.brackets], trials), trials
-
-
-def _check_strength(shot: Shot, angles: FloatArray) -> None:
-    """Refuse a model of the strength factor that is not above zero at each of these angles."""
-    coefficients = shot.resistance.strength_factor.polynomial(shot.target)
-    degrees, values = np.abs(np.degrees(angles)), np.zeros(angles.size)
-    for coefficient in reversed(coefficients):
-        values = values * degrees + coefficient
-    for angle in angles[~(values > 0.0)]:
-        strength_factor(resistance=shot.resistance, oblique_angle=float(angle), target=shot.target)
 
 
 def _turned_away(trial: Trial) -> bool:

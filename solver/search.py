@@ -76,6 +76,10 @@ class Search:
         )
 
 
+USUAL_SEARCH = Search()
+"""For the change of outcome, from 5° to 85°."""
+
+
 @dataclass(frozen=True, slots=True)
 class Trial:
     """One angle tried."""

@@ -94,19 +94,22 @@ def initial_state(impact: Impact, body: Body) -> FloatArray:
     return start_state(body, impact.velocity, impact.oblique_angle, impact.angle_of_attack, impact.angular_velocity)
 
 
-def outcome_of(end: int) -> Outcome:
-    """What the end of a run, a value of `End`, comes to."""
-    if end == End.EXIT:
-        return Outcome.RICOCHET
-    return Outcome.EMBEDDED if end in (End.REST, End.LODGED) else Outcome.IN_MOTION
+OUTCOMES: dict[float, Outcome] = {
+    End.EXIT: Outcome.RICOCHET,
+    End.REST: Outcome.EMBEDDED,
+    End.LODGED: Outcome.EMBEDDED,
+    End.TIME: Outcome.IN_MOTION,
+}
+"""What the end of a run comes to."""
 
 
-def check_end(end: int, time: float) -> None:
+def check_end(end: float, time: float) -> None:
     """Raise an error if a run ended because it could not be integrated."""
+    if end in OUTCOMES:
+        return
     if end == End.STEP_LIMIT:
         raise StepLimitError(f"more than {STEP_LIMIT} steps, stopped at {time:g} s")
-    if end == End.NOT_FINITE:
-        raise IntegrationError(f"the motion is no longer finite at {time:g} s")
+    raise IntegrationError(f"the motion is no longer finite at {time:g} s")
 
 
 def final_tip_depth(run: Run, body: Body, time: float) -> float:

@@ -14,10 +14,10 @@ from solver.events import End, Run, tip_depth
 from solver.frame import Columns, dataframe
 from solver.impact import Impact
 from solver.motion import Model, sample, sample_loads
-from solver.numerics import Numerics
+from solver.numerics import USUAL, Numerics
 from solver.projectile import Projectile
-from solver.resistance import Resistance
-from solver.shot import Outcome, Shot, integrate, outcome_of, prepare
+from solver.resistance import EQUATION_9, Resistance
+from solver.shot import OUTCOMES, Outcome, Shot, integrate, prepare
 from solver.target import Target
 from solver.validation import require_positive
 
@@ -147,8 +147,8 @@ def simulate(
     shot = prepare(
         projectile=projectile,
         target=target,
-        resistance=resistance or Resistance(),
-        numerics=(numerics or Numerics()).resolved(),
+        resistance=resistance or EQUATION_9,
+        numerics=(numerics or USUAL).resolved(),
     )
     return run_shot(shot, impact, sample_interval)
 
@@ -157,7 +157,7 @@ def run_shot(shot: Shot, impact: Impact, sample_interval: float | None) -> Traje
     """One strike of a prepared shot."""
     model = shot.model._replace(law=shot.law_at(impact))
     run, steps = integrate(shot, model, impact, keep_steps=sample_interval is not None)
-    outcome = outcome_of(run.end)
+    outcome = OUTCOMES[run.end]
     return Trajectory(
         outcome=outcome,
         final=_motion_at(run, model),

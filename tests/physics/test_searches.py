@@ -197,6 +197,14 @@ def test_strength_factor_that_vanishes_within_the_range_is_named(method: str) ->
     assert caught.value.field == "resistance.strength_factor"
 
 
+def test_strength_factor_that_vanishes_between_the_angles_of_the_scan_is_named() -> None:
+    """It is 6.2 at both ends, where the scan looks, and below zero from 45.2° to 49.8°, where the change is sought."""
+    dips = ObliquityPolynomial(coefficients=(14631.24, -617.5, 6.5))
+    with pytest.raises(ParameterError, match=r"greater than 0 at the initial oblique angle of 4[5-9]") as caught:
+        find(lower=45.0, upper=50.0, strength_factor=dips)
+    assert caught.value.field == "resistance.strength_factor"
+
+
 @pytest.mark.parametrize(
     ("bounds", "field"),
     [
