@@ -27,9 +27,9 @@ A *spread* is ``{"median", "lowest", "highest", "count"}`` over repetitions. Tim
     ``numpy_script``, ``panels``, ``adaptive``, ``adaptive_history``: the same times and ratios; ``times_s``,
     ``tip_depth_m``, ``error_m`` (lists, one entry a time), ``greatest_error_m``.
 ``scaling``
-    ``strikes``; for ``threads``, ``processes`` and ``registers``, a loop that shares nothing, spreads ``times_one``
-    (wall time of one worker over that of two), ``cpu_ratio`` (CPU time of two over that of one) and ``busy`` (CPU time
-    of two over their wall time).
+    ``strikes``; for ``threads``, ``processes`` and two loops that share nothing, ``multiply_adds`` and ``registers``,
+    spreads ``times_one`` (wall time of one worker over that of two), ``cpu_ratio`` (CPU time of two over that of one)
+    and ``busy`` (CPU time of two over their wall time).
 ``throughput``, ``long_batches``
     Lists, the second of 10,000 and 100,000 strikes, with ``--full``; each has ``cases``, ``kind`` (``threads`` or
     ``processes``), ``workers``; spreads ``wall_s_per_case``, ``cpu_s_per_case``, ``cases_per_second``,
@@ -88,7 +88,7 @@ def work_precision(options: argparse.Namespace) -> dict[str, Any]:
 
 def scaling(options: argparse.Namespace) -> dict[str, Any]:
     """Two threads over one."""
-    return {"scaling": measure_scaling(strikes=10 if options.quick else 200, turns=1 if options.quick else 9)}
+    return {"scaling": measure_scaling(strikes=10 if options.quick else 1_000, turns=1 if options.quick else 9)}
 
 
 def throughput(options: argparse.Namespace) -> dict[str, Any]:

@@ -1,9 +1,13 @@
 """What a second core gives: two workers over one.
 
 One, two and one worker go through the same strikes in turn, soon enough after one another that the machine's pace is
-much the same. What is lost has two causes, and two controls tell them apart. Workers may wait: fewer than two cores
-were busy then. Or the same work takes more CPU time on two cores than on one: threads of one process could be in each
-other's way, processes that share nothing could not, and a loop in a few registers needs nothing but its core.
+much the same. What is lost has two causes, and controls tell them apart.
+
+- Workers may wait: fewer than two cores were busy then. At the end of a batch one may be at a hard strike of a fifth of
+  a second, and the other has no more: there are so many strikes that this counts for little.
+- The same work may take more CPU time on two cores than on one. Threads of one process could be in each other's way;
+  processes that share nothing could not. Multiply-adds in the first-level cache share neither memory nor interpreter,
+  but need all of their core; a short loop in registers needs hardly any of it.
 """
 
 import sys
@@ -12,6 +16,7 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, wait
 from typing import Any
 
+import numpy as np
 from numba import njit
 
 from benchmarks.random_cases import random_cases
@@ -20,23 +25,23 @@ from benchmarks.timing import Timing, spread
 
 SEED = 21
 PIECES = 100
-"""Of the work in registers, handed out singly."""
+"""Of the work in loops, handed out singly."""
 PIECE_SECONDS = 0.02
 
 
 def measure_scaling(*, strikes: int, turns: int) -> dict[str, Any]:
-    """For threads, processes and the loop in registers, spreads over the turns.
+    """For threads, processes and the two loops, spreads over the turns.
 
     ``times_one``: wall time of one worker over that of two; ``cpu_ratio``: CPU time of two over that of one;
     ``busy``: CPU time of two over their wall time, the cores that were kept busy.
     """
     cases = random_cases(strikes, SEED)
-    spin = _registers()
     with process_pool(1) as one, process_pool(2) as two:
         ways: dict[str, Callable[[int], float]] = {
             "threads": lambda workers: by_threads(cases, threads=workers)[1],
             "processes": lambda workers: by_processes(cases, pool=one if workers == 1 else two, workers=workers)[1],
-            "registers": spin,
+            "multiply_adds": _pieces(_multiply_adds),
+            "registers": _pieces(_in_registers),
         }
         seen: dict[str, list[tuple[Timing, Timing, Timing]]] = {name: [] for name in ways}
         for turn in range(turns):
@@ -61,23 +66,33 @@ def _time(work: Callable[[int], float], workers: int) -> Timing:
     return Timing(time.process_time() - cpu + elsewhere, time.perf_counter() - wall)
 
 
-def _registers() -> Callable[[int], float]:
-    _spin(1)
+def _pieces(loop: Callable[[int], float]) -> Callable[[int], float]:
+    """Work in pieces of the same length, of a compiled loop with so many rounds."""
+    loop(1)
     begin = time.perf_counter()
-    _spin(10_000_000)
-    count = round(10_000_000 * PIECE_SECONDS / (time.perf_counter() - begin))
+    loop(1_000_000)
+    rounds = round(1_000_000 * PIECE_SECONDS / (time.perf_counter() - begin))
 
     def work(threads: int) -> float:
         with ThreadPoolExecutor(threads) as pool:
-            wait([pool.submit(_spin, count) for _ in range(PIECES)])
+            wait([pool.submit(loop, rounds) for _ in range(PIECES)])
         return 0.0
 
     return work
 
 
 @njit(nogil=True)
-def _spin(count: int) -> float:
+def _in_registers(rounds: int) -> float:
     a, b, c, d = 1.0, 1.1, 1.2, 1.3
-    for _ in range(count):
+    for _ in range(rounds):
         a, b, c, d = 0.9 * a + 0.1, 0.8 * b + 0.2, 0.7 * c + 0.3, 0.6 * d + 0.4
     return float(a + b + c + d)
+
+
+@njit(nogil=True, fastmath=True)
+def _multiply_adds(rounds: int) -> float:
+    numbers = np.ones(512)
+    for _ in range(rounds):
+        for i in range(numbers.size):
+            numbers[i] = 0.999 * numbers[i] + 0.001
+    return float(numbers[0])

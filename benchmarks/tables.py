@@ -130,7 +130,8 @@ def _scaling(found: dict[str, Any]) -> str:
     works = {
         "threads": f"{strikes}, threads",
         "processes": f"{strikes}, processes that share nothing",
-        "registers": "a loop in registers, threads",
+        "multiply_adds": "multiply-adds in the first-level cache, threads",
+        "registers": "a short loop in registers, threads",
     }
     rows = [
         [label, *(number_text(found[work][column]) for column in ("times_one", "cpu_ratio", "busy"))]

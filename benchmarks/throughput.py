@@ -137,7 +137,7 @@ def by_threads(cases: Cases, *, threads: int) -> Answered:
 def by_processes(cases: Cases, *, pool: ProcessPoolExecutor, workers: int) -> Answered:
     """Through a pool of processes, in pieces that keep each busy and are few."""
     rows = list(one_by_one(cases))
-    piece = max(1, min(64, len(rows) // (4 * workers)))
+    piece = max(1, min(16, len(rows) // (4 * workers)))
     answers = list(pool.map(solve_one, rows, chunksize=piece))
     failures = sum(isinstance(answer, RicochetError) for answer, _ in answers)
     return failures, sum(seconds for _, seconds in answers)
