@@ -9,14 +9,14 @@ from service.settings import Settings
 
 
 def main() -> None:
-    app = FastAPI(openapi_url=None)
-    app.state.stopping = asyncio.Event()
+    app, settings = FastAPI(openapi_url=None), Settings()
+    app.state.stopping, app.state.settings = asyncio.Event(), settings  # what connections look at
 
     @app.get("/empty")
     async def empty() -> None:
         return None
 
-    Server(app, Settings()).run()
+    Server(app, settings).run()
 
 
 if __name__ == "__main__":

@@ -8,7 +8,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
 from http.client import HTTPConnection
 from pathlib import Path
@@ -87,8 +87,7 @@ def _wait_until_ready(process: "subprocess.Popen[bytes]", port: int, path: str, 
     while time.monotonic() < deadline:
         if process.poll() is not None:
             raise RuntimeError(f"the server has ended: {log.read_text(errors='replace')}")
-        with suppress(OSError):
-            connection = HTTPConnection("127.0.0.1", port, timeout=START_SECONDS)
+        with suppress(OSError), closing(HTTPConnection("127.0.0.1", port, timeout=START_SECONDS)) as connection:
             connection.request("GET", path)
             if connection.getresponse().status == 200:
                 return

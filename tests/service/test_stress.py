@@ -3,6 +3,7 @@
 import json
 import math
 from collections.abc import Callable
+from contextlib import closing
 from itertools import islice, product
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from benchmarks.stress.faults_found import Found
 from benchmarks.stress.lines import Line
 from benchmarks.stress.mutations import ROUTES, mutants
 from benchmarks.stress.report import as_json, as_table, write_part
+from benchmarks.stress.servers import empty_service
 from benchmarks.stress.soak import Sizes, measure_soak
 from benchmarks.stress.soak_answers import Answers, is_right
 from benchmarks.stress.soak_footprint import Footprint
@@ -170,6 +172,14 @@ def test_memory_and_open_files_are_held_to_those_after_the_warm_up(
     details = {"asked": asked, "calm_cases": 1, "different_cases": 1, "computed_anew": 1, "seconds": 1.0}
     _, memory, files = as_lines(Found(), details, calm[1:])
     assert (memory.held, files.held) == held
+
+
+def test_the_route_that_does_nothing_is_served_with_the_options_of_the_service() -> None:
+    """What a hot answer is measured against; it needs whatever the service's connections need."""
+    with empty_service() as server, closing(server.connect()) as connection:
+        connection.request("GET", "/empty")
+        response = connection.getresponse()
+        assert (response.status, response.read()) == (200, b"null")
 
 
 @pytest.mark.skipif(not Path("/proc/self/smaps_rollup").exists(), reason="looks at processes in /proc")
