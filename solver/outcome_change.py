@@ -8,9 +8,8 @@ only sign of the error there is.
 import math
 
 import numpy as np
-import numpy.typing as npt
 
-from solver.arrays import FloatArray
+from solver.arrays import FloatArray, IntArray
 from solver.compilation import compiled, lean
 from solver.motion import Model
 from solver.outcome_levels import ASKED, LAST, MIDDLE, ROUGH, STRIDE, TIMED, Level, Levels, is_finer
@@ -152,7 +151,7 @@ def settle(
 
 
 @lean
-def is_same_change(bracket: npt.NDArray[np.int64], right: int, trials: FloatArray, level: Level) -> bool:
+def is_same_change(bracket: IntArray, right: int, trials: FloatArray, level: Level) -> bool:
     """Whether a change is the one found before: rough trials may waver about it, and so lead there twice."""
     shift = trials[right, ANGLE] - trials[bracket[1], ANGLE]
     return bool(abs(shift) <= 2.0 * level.tolerance and turned_away(trials[right]) == turned_away(trials[bracket[1]]))

@@ -7,9 +7,8 @@ then narrowed by itself, and together they must lead from one end of the range t
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
-from solver.arrays import FloatArray
+from solver.arrays import FloatArray, IntArray
 from solver.compilation import compiled, lean
 from solver.motion import Model
 from solver.outcome_change import MOST_TRIALS, is_same_change, settle
@@ -38,7 +37,7 @@ class Found(NamedTuple):
 
     trials: FloatArray
     """(n, 5) in order, columns as in `outcome_trials`."""
-    brackets: npt.NDArray[np.int64]
+    brackets: IntArray
     """(m, 2) for each change of outcome, in order: the numbers of the trials on its two sides."""
 
 
@@ -58,7 +57,7 @@ def _is_tame(left: FloatArray, right: FloatArray, strength: FloatArray) -> bool:
 @compiled
 def _scan(
     angles: FloatArray, strike: Strike, model: Model, level: Level, room: Room, count: int
-) -> tuple[npt.NDArray[np.int64], int]:
+) -> tuple[IntArray, int]:
     """Try every fourth angle, then every second and every one, but not where there is no need to look.
 
     Returns
@@ -87,7 +86,7 @@ def _scan(
 
 
 @lean
-def _lead(lowest: FloatArray, highest: FloatArray, trials: FloatArray, brackets: npt.NDArray[np.int64]) -> bool:
+def _lead(lowest: FloatArray, highest: FloatArray, trials: FloatArray, brackets: IntArray) -> bool:
     """Whether these changes lead from one end of the range to the other, so that none is missing between them."""
     last = lowest
     for i in range(brackets.shape[0]):

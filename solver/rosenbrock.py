@@ -13,6 +13,7 @@ import numpy as np
 
 from solver.arrays import FloatArray
 from solver.compilation import compiled, lean
+from solver.loads import MOST_STATES
 from solver.motion import Model, Work, accelerate
 
 STAGES = 4
@@ -46,7 +47,7 @@ DIFFERENCE = 1e-7
 """Step of the difference quotients in position, over the distance from centre of gravity to tip."""
 VELOCITY_DIFFERENCE = 1e-3
 """That in velocity, over the ramp velocity: below it the static stress is smooth."""
-DIFFERENCES = 5
+DIFFERENCES = MOST_STATES
 """Evaluations for one linearisation, all at once."""
 
 
