@@ -11,7 +11,7 @@ from solver import CriticalAngle, Motion, Numerics, Search, critical_angle, simu
 from solver.arrays import FloatArray
 from solver.cases import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY, paper_impact
 from solver.numerics import TRAJECTORY_TOLERANCE
-from solver.outcome_levels import LAST_TOLERANCE
+from solver.search.levels import LAST_TOLERANCE
 
 OBLIQUE_ANGLE_DEG = 45.0
 """Of the one trajectory that is measured."""

@@ -24,7 +24,7 @@ from benchmarks.numpy_script import STEP as SCRIPT_STEP
 from benchmarks.startup import run_alone
 from benchmarks.timing import Timing, spread, summary, time_call
 from solver import CriticalAngle, Numerics, Search
-from solver.ricochet import PAPER_TERMINATION_TIME
+from solver.search.critical_angle import PAPER_TERMINATION_TIME
 
 PAPER_PANELS = Numerics(method="panels", termination_time=PAPER_TERMINATION_TIME)
 """12,000 panels and steps of 0.01 ms, as the script has."""

@@ -1,6 +1,5 @@
 """Oblique impact of rigid projectiles on concrete: motion and critical ricochet angle. SI units and radians."""
 
-from solver.advice import ModelWarning
 from solver.columns import columns, to_dataframe
 from solver.errors import IntegrationError, ParameterError, RicochetError, StepLimitError
 from solver.free_surface import ElasticPlastic, MohrCoulomb, NoFreeSurface, decay_factor
@@ -9,6 +8,7 @@ from solver.many import critical_angle_many, simulate_many
 from solver.nose import Conical, Flat, Ogive, Profile, Spherical
 from solver.numerics import Numerics
 from solver.penetration import closed_form_depth
+from solver.prepared import Outcome
 from solver.projectile import MassProperties, Projectile, SolidProperties, mass_properties, solid_properties
 from solver.resistance import (
     ConstantStrengthFactor,
@@ -17,12 +17,12 @@ from solver.resistance import (
     StrengthPowerLaw,
     strength_factor,
 )
-from solver.ricochet import critical_angle
-from solver.search import CriticalAngle, Search, SearchStatus, Trial
-from solver.shot import Outcome
+from solver.search.critical_angle import critical_angle
+from solver.search.types import CriticalAngle, Search, SearchStatus, Trial
 from solver.target import Target, concrete_youngs_modulus
 from solver.trajectory import Motion, Trajectory, simulate
 from solver.warm_up import warm_up
+from solver.warnings import ModelWarning
 
 ENGINE_VERSION = "6"
 """Raised whenever results change: results kept under another version are not used."""

@@ -7,8 +7,8 @@ import numpy as np
 
 from solver.arrays import FloatArray
 from solver.compilation import compiled
-from solver.events import REST_ENERGY, End, Run, deepest_tip, end_of_step, tip_depth
-from solver.motion import Model, Work, accelerate, kinetic_energy, store_step
+from solver.events import REST_ENERGY, Run, Termination, deepest_tip, end_of_step, tip_depth
+from solver.motion import Model, Workspace, accelerate, kinetic_energy, store_step
 from solver.rosenbrock import DIFFERENCES, EVALUATIONS, Linearisation, attempt_step, end_error, linearise
 
 STEP_LIMIT = 100_000
@@ -35,7 +35,7 @@ def integrate_adaptive(
     end_time: float,
     accuracy: Accuracy,
     steps: FloatArray,
-    work: Work,
+    work: Workspace,
     linear: Linearisation,
 ) -> Run:
     """Integrate with error control until an event or `end_time`.
@@ -47,7 +47,7 @@ def integrate_adaptive(
     steps
         (n, `STEP_WIDTH`) table to fill: `STEP_LIMIT` rows to keep every step, one row to keep none.
     work, linear
-        Room to work in.
+        TrialWorkspace to work in.
     """
     body, initial_energy = model.body, kinetic_energy(start, model.body)
     impact = math.hypot(start[3], start[4])
@@ -73,7 +73,7 @@ def integrate_adaptive(
         if not error <= 1.0:
             step *= max(0.2, 0.9 / math.sqrt(math.sqrt(error))) if math.isfinite(error) else 0.2
             if step < SMALLEST_STEP * body.tip / impact:
-                return Run(End.NOT_FINITE, time, state, deepest, count, evaluations, 0.0)
+                return Run(Termination.NOT_FINITE, time, state, deepest, count, evaluations, 0.0)
             continue
         was_loaded, loaded = loaded, end_loaded
         row = steps[count if steps.shape[0] > 1 else 0]
@@ -81,13 +81,13 @@ def integrate_adaptive(
         count += 1
         last = time + step >= end_time * (1.0 - 1e-12)
         end = end_of_step(row, model, work, was_loaded, loaded, initial_energy, accuracy.rest_energy, last, event)
-        until = time + step if end == End.NONE else event[0]
+        until = time + step if end == Termination.NONE else event[0]
         if until > time:
             deepest = max(deepest, deepest_tip(row, until, body, work.point))
-        if end != End.NONE:
+        if end != Termination.NONE:
             return Run(end, event[0], event[1:], deepest, count, evaluations, 0.0)
         time += step
         state[:], work.start[:] = work.trial, work.end
         fresh = False
         step *= min(5.0, 0.9 / math.sqrt(math.sqrt(max(error, 1e-10))))
-    return Run(End.STEP_LIMIT, time, state, deepest, count, evaluations, 0.0)
+    return Run(Termination.STEP_LIMIT, time, state, deepest, count, evaluations, 0.0)

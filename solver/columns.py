@@ -10,7 +10,7 @@ import numpy as np
 
 from solver.errors import ParameterError, RicochetError
 from solver.frame import Columns, dataframe
-from solver.search import CriticalAngle
+from solver.search.types import CriticalAngle
 from solver.trajectory import Motion, Trajectory
 
 FINAL = tuple(field.name for field in fields(Motion))

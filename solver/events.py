@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from solver.arrays import FloatArray
 from solver.compilation import lean
-from solver.motion import Model, Work, accelerate, interpolate, kinetic_energy
+from solver.motion import Model, Workspace, accelerate, interpolate, kinetic_energy
 from solver.surface import Body, deepest_offset
 
 REST_ENERGY = 1e-4
@@ -22,7 +22,7 @@ RELEASE_HALVINGS = 12
 """Likewise for a release, where each takes an evaluation: next to nothing presses there any more."""
 
 
-class End(IntEnum):
+class Termination(IntEnum):
     """Why an integration stopped."""
 
     TIME = 0
@@ -39,7 +39,7 @@ class End(IntEnum):
 class Run(NamedTuple):
     """Result of an integration."""
 
-    end: End
+    end: Termination
     time: float
     """Of the event that ended the run. [s]"""
     state: FloatArray
@@ -98,7 +98,7 @@ def _rest_fraction(step: FloatArray, body: Body, threshold: float, state: FloatA
 
 
 @lean
-def _release_fraction(step: FloatArray, model: Model, work: Work, state: FloatArray) -> float:
+def _release_fraction(step: FloatArray, model: Model, work: Workspace, state: FloatArray) -> float:
     """Fraction of the step at which the last element is unloaded."""
     low, high = 0.0, 1.0
     for _ in range(RELEASE_HALVINGS):
@@ -131,14 +131,14 @@ def _is_clear(state: FloatArray, body: Body) -> bool:
 def end_of_step(
     step: FloatArray,
     model: Model,
-    work: Work,
+    work: Workspace,
     was_loaded: bool,
     loaded: bool,
     initial_energy: float,
     rest_energy: float,
     last: bool,
     event: FloatArray,
-) -> End:
+) -> Termination:
     """Whether the run ends with this step, and how.
 
     Parameters
@@ -156,15 +156,15 @@ def end_of_step(
 
     Returns
     -------
-    End
-        `End.NONE` to go on.
+    Termination
+        `Termination.NONE` to go on.
     """
     body, time, state = model.body, step[0], event[1:]
     if kinetic_energy(step[8:14], body) <= rest_energy * initial_energy:
         fraction = _rest_fraction(step, body, rest_energy * initial_energy, state)
         event[0] = time + fraction * step[1]
         interpolate(step, fraction, state)
-        return End.REST
+        return Termination.REST
     if loaded:
         event[0] = -1.0
     elif was_loaded:
@@ -173,11 +173,11 @@ def end_of_step(
         interpolate(step, fraction, state)
         slow = kinetic_energy(state, body) < LODGED_ENERGY * initial_energy
         if slow and state[3] < 0.0 and tip_depth(state, body) > 0.0:
-            return End.LODGED
+            return Termination.LODGED
     if event[0] >= 0.0 and (_is_clear(step[8:14], body) or (last and step[11] < 0.0)):
-        return End.EXIT
+        return Termination.EXIT
     if last:
         event[0] = time + step[1]
         interpolate(step, 1.0, state)
-        return End.TIME
-    return End.NONE
+        return Termination.TIME
+    return Termination.NONE

@@ -6,8 +6,8 @@ import numpy as np
 
 from solver.arrays import FloatArray
 from solver.compilation import compiled, lean
-from solver.events import REST_ENERGY, End, Run, deepest_tip, end_of_step, tip_depth
-from solver.motion import Model, Work, accelerate, kinetic_energy, make_work, store_step
+from solver.events import REST_ENERGY, Run, Termination, deepest_tip, end_of_step, tip_depth
+from solver.motion import Model, Workspace, accelerate, kinetic_energy, make_workspace, store_step
 from solver.surface import Body
 
 UNRESOLVED_ENERGY = 1e-2
@@ -15,7 +15,7 @@ UNRESOLVED_ENERGY = 1e-2
 
 
 @lean
-def _attempt_step(state: FloatArray, step: float, model: Model, work: Work) -> None:
+def _attempt_step(state: FloatArray, step: float, model: Model, work: Workspace) -> None:
     """One step; the new state is in ``work.trial``."""
     rate, point = work.stages, work.point
     for n in range(6):
@@ -56,7 +56,7 @@ def integrate_fixed(start: FloatArray, model: Model, end_time: float, time_step:
         (n, `STEP_WIDTH`) table to fill: a row for each step, or one row to keep none.
     """
     body, initial_energy = model.body, kinetic_energy(start, model.body)
-    work, event, state = make_work(), np.full(7, -1.0), start.copy()
+    work, event, state = make_workspace(), np.full(7, -1.0), start.copy()
     deepest, gain, energy = tip_depth(state, body), 0.0, initial_energy
     loaded = accelerate(state, model, work.scratch, work.start)
     count = math.ceil(end_time / time_step * (1.0 - 1e-12))
@@ -68,15 +68,15 @@ def integrate_fixed(start: FloatArray, model: Model, end_time: float, time_step:
         before, energy = energy, kinetic_energy(work.trial, body)
         enough = min(_impulse_energy(work.end, step, body), UNRESOLVED_ENERGY * initial_energy)
         if before < energy < enough:
-            return Run(End.REST, time, state, deepest, index, 4 * index, gain)
+            return Run(Termination.REST, time, state, deepest, index, 4 * index, gain)
         gain = max(gain, (energy - before) / initial_energy)
         row = steps[index if steps.shape[0] > 1 else 0]
         store_step(row, time, step, state, work)
         end = end_of_step(row, model, work, was_loaded, loaded, initial_energy, REST_ENERGY, index == count - 1, event)
-        until = time + step if end == End.NONE else event[0]
+        until = time + step if end == Termination.NONE else event[0]
         if until > time:
             deepest = max(deepest, deepest_tip(row, until, body, work.point))
-        if end != End.NONE:
+        if end != Termination.NONE:
             return Run(end, event[0], event[1:], deepest, index + 1, 4 * index + 4, gain)
         state[:], work.start[:] = work.trial, work.end
-    return Run(End.TIME, end_time, state, deepest, count, 4 * count, gain)
+    return Run(Termination.TIME, end_time, state, deepest, count, 4 * count, gain)

@@ -14,11 +14,11 @@ import numpy as np
 from solver.arrays import FloatArray, IntArray
 from solver.compilation import VECTOR_WIDTH, compiled, inlined, lean
 from solver.decay import build_decay, decay_at
-from solver.meridian import MAX_CUTS, cut, is_full, is_loaded, ring_at
+from solver.outline_intervals import MAX_CUTS, cut, is_full, is_loaded, ring_at
 from solver.quadrature import gauss_rule
 from solver.resistance import Resistance
-from solver.rings import CAPACITY, FULL, ROOM, ROW_COUNT, Law, Load, add_rings, integrate_rings, sum_rings
 from solver.surface import Body, Panels
+from solver.surface_integration import CAPACITY, FULL, ROOM, ROW_COUNT, Law, Load, add_rings, integrate_rings, sum_rings
 from solver.target import Target
 
 MOST_STATES = 5
@@ -48,7 +48,7 @@ class Quadrature(NamedTuple):
 
 
 class Scratch(NamedTuple):
-    """Room for one evaluation."""
+    """TrialWorkspace for one evaluation."""
 
     cuts: FloatArray
     rows: FloatArray

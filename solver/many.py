@@ -15,8 +15,8 @@ from solver.impact import Impact
 from solver.numerics import Numerics
 from solver.projectile import Projectile
 from solver.resistance import EQUATION_9, Resistance
-from solver.ricochet import critical_angle
-from solver.search import CriticalAngle, Search
+from solver.search.critical_angle import critical_angle
+from solver.search.types import CriticalAngle, Search
 from solver.target import Target
 from solver.trajectory import Trajectory, simulate
 

@@ -13,8 +13,8 @@ import numpy as np
 from solver.arrays import FloatArray
 from solver.compilation import compiled, lean
 from solver.loads import MOST_STATES, Quadrature, Scratch, accelerate_by_gauss, make_scratch, panel_loads
-from solver.rings import Law
 from solver.surface import Body, Panels, deepest_offset
+from solver.surface_integration import Law
 
 RAMP_FRACTION = 1e-4
 """Ramp velocity of the static stress over the impact velocity."""
@@ -34,8 +34,8 @@ class Model(NamedTuple):
     panels: Panels
 
 
-class Work(NamedTuple):
-    """Room to try a step."""
+class Workspace(NamedTuple):
+    """TrialWorkspace to try a step."""
 
     start: FloatArray
     """(3,) accelerations at its start,"""
@@ -67,11 +67,13 @@ def start_state(
 
 
 @compiled
-def make_work() -> Work:
+def make_workspace() -> Workspace:
     """Empty room."""
     start, end, stage = np.zeros(3), np.zeros(3), np.zeros(3)
     points, slopes = np.zeros(6 * MOST_STATES), np.zeros(3 * MOST_STATES)
-    return Work(start, end, stage, np.zeros(6), np.zeros(6), points, slopes, np.zeros((MOST_STAGES, 6)), make_scratch())
+    return Workspace(
+        start, end, stage, np.zeros(6), np.zeros(6), points, slopes, np.zeros((MOST_STAGES, 6)), make_scratch()
+    )
 
 
 @lean
@@ -107,7 +109,7 @@ def kinetic_energy(state: FloatArray, body: Body) -> float:
 
 
 @lean
-def store_step(row: FloatArray, time: float, step: float, state: FloatArray, work: Work) -> None:
+def store_step(row: FloatArray, time: float, step: float, state: FloatArray, work: Workspace) -> None:
     """Cubic Hermite interpolation through the rates at both ends of a step."""
     row[0], row[1] = time, step
     for n in range(6):

@@ -14,7 +14,7 @@ import numpy as np
 from solver.arrays import FloatArray
 from solver.compilation import compiled, lean
 from solver.loads import MOST_STATES
-from solver.motion import Model, Work, accelerate
+from solver.motion import Model, Workspace, accelerate
 
 STAGES = 4
 GAMMA = 0.231
@@ -66,7 +66,7 @@ def make_linearisation() -> Linearisation:
 
 
 @lean
-def linearise(state: FloatArray, model: Model, work: Work, linear: Linearisation) -> None:
+def linearise(state: FloatArray, model: Model, work: Workspace, linear: Linearisation) -> None:
     """Difference quotients of the accelerations, each away from zero. Nothing depends on the lateral position.
 
     Velocities are varied along the axis and across it: a shank that sits in its hole is free in one direction and held
@@ -144,7 +144,7 @@ def _solve_stage(
 
 @lean
 def attempt_step(
-    state: FloatArray, step: float, model: Model, work: Work, linear: Linearisation, scale: FloatArray
+    state: FloatArray, step: float, model: Model, work: Workspace, linear: Linearisation, scale: FloatArray
 ) -> float:
     """Try a step from the accelerations in ``work.start`` to the state in ``work.trial``; return its error."""
     stages, trial = work.stages, work.trial
@@ -168,7 +168,7 @@ def attempt_step(
 
 
 @lean
-def end_error(state: FloatArray, step: float, work: Work, linear: Linearisation, scale: FloatArray) -> float:
+def end_error(state: FloatArray, step: float, work: Workspace, linear: Linearisation, scale: FloatArray) -> float:
     """Error of the step just tried as seen from its end, where the accelerations are in ``work.end``."""
     for n in range(3):
         work.point[n + 3] = work.trial[n + 3] - state[n + 3]

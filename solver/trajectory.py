@@ -6,20 +6,20 @@ from typing import Any, Generic, TypeVar
 
 import numpy as np
 
-from solver import advice
-from solver.advice import ModelWarning
+from solver import warnings as model_warnings
 from solver.arrays import FloatArray
 from solver.errors import ParameterError
-from solver.events import End, Run, tip_depth
+from solver.events import Run, Termination, tip_depth
 from solver.frame import Columns, dataframe
 from solver.impact import Impact
 from solver.motion import Model, sample, sample_loads
 from solver.numerics import USUAL, Numerics
+from solver.prepared import OUTCOMES, Outcome, PreparedCase, integrate, prepare
 from solver.projectile import Projectile
 from solver.resistance import EQUATION_9, Resistance
-from solver.shot import OUTCOMES, Outcome, Shot, integrate, prepare
 from solver.target import Target
 from solver.validation import require_positive
+from solver.warnings import ModelWarning
 
 SAMPLE_INTERVAL = 1e-5
 """Of a history unless said otherwise. [s]"""
@@ -144,27 +144,27 @@ def simulate(
     """
     if sample_interval is not None:
         require_positive("sample_interval", sample_interval)
-    shot = prepare(
+    prepared = prepare(
         projectile=projectile,
         target=target,
         resistance=resistance or EQUATION_9,
         numerics=(numerics or USUAL).resolved(),
     )
-    return run_shot(shot, impact, sample_interval)
+    return run_prepared(prepared, impact, sample_interval)
 
 
-def run_shot(shot: Shot, impact: Impact, sample_interval: float | None) -> Trajectory:
-    """One strike of a prepared shot."""
-    model = shot.model._replace(law=shot.law_at(impact))
-    run, steps = integrate(shot, model, impact, keep_steps=sample_interval is not None)
+def run_prepared(prepared: PreparedCase, impact: Impact, sample_interval: float | None) -> Trajectory:
+    """One strike of a prepared case."""
+    model = prepared.model._replace(law=prepared.law_at(impact))
+    run, steps = integrate(prepared, model, impact, keep_steps=sample_interval is not None)
     outcome = OUTCOMES[run.end]
     return Trajectory(
         outcome=outcome,
         final=_motion_at(run, model),
         history=None if sample_interval is None else _history(run, steps, model, sample_interval),
         maximum_depth=run.maximum_tip_depth,
-        strength_factor=model.law.static_stress / shot.target.compressive_strength,
-        warnings=_warnings(shot, impact, run, outcome),
+        strength_factor=model.law.static_stress / prepared.target.compressive_strength,
+        warnings=_warnings(prepared, impact, run, outcome),
         steps=run.steps,
         evaluations=run.evaluations,
     )
@@ -206,36 +206,36 @@ def _columns(times: FloatArray, states: FloatArray, model: Model) -> Motion[Floa
     )
 
 
-def _base_faces_target(shot: Shot, run: Run) -> bool:
+def _base_faces_target(prepared: PreparedCase, run: Run) -> bool:
     """Whether the centre of the base is inside, with its outward normal into the target."""
-    behind = shot.projectile.length - shot.model.body.tip
+    behind = prepared.projectile.length - prepared.model.body.tip
     tilt = math.cos(run.state[2])
     return bool(tilt < 0.0 and run.state[0] - behind * tilt > 0.0)
 
 
-def _warnings(shot: Shot, impact: Impact, run: Run, outcome: Outcome) -> tuple[ModelWarning, ...]:
+def _warnings(prepared: PreparedCase, impact: Impact, run: Run, outcome: Outcome) -> tuple[ModelWarning, ...]:
     found = list(
-        advice.input_warnings(
-            projectile=shot.projectile,
-            target=shot.target,
+        model_warnings.input_warnings(
+            projectile=prepared.projectile,
+            target=prepared.target,
             velocity=impact.velocity,
             angle_of_attack=impact.angle_of_attack,
         )
     )
-    found += advice.strength_fit_warning(resistance=shot.resistance, oblique_angle=impact.oblique_angle)
+    found += model_warnings.strength_fit_warning(resistance=prepared.resistance, oblique_angle=impact.oblique_angle)
     if abs(impact.axis_angle) > math.pi / 2.0:
-        found.append(advice.BASE_FIRST)
-    if _base_faces_target(shot, run):
-        found.append(advice.BASE_INSIDE)
+        found.append(model_warnings.BASE_FIRST)
+    if _base_faces_target(prepared, run):
+        found.append(model_warnings.BASE_INSIDE)
     if run.energy_gain > ENERGY_GAIN_TOLERATED:
-        found.append(advice.ENERGY_GAIN)
+        found.append(model_warnings.ENERGY_GAIN)
     if outcome is Outcome.IN_MOTION:
-        found.append(advice.undecided(termination_time=run.time))
-    if run.end == End.LODGED:
-        found.append(advice.LODGED)
+        found.append(model_warnings.undecided(termination_time=run.time))
+    if run.end == Termination.LODGED:
+        found.append(model_warnings.LODGED)
     if outcome is Outcome.EMBEDDED:
-        found += advice.shallow(depth=run.maximum_tip_depth, diameter=shot.projectile.diameter)
+        found += model_warnings.shallow(depth=run.maximum_tip_depth, diameter=prepared.projectile.diameter)
     if outcome is Outcome.RICOCHET:
-        release = tip_depth(run.state, shot.model.body)
-        found += advice.slow_exit(release_depth=release, diameter=shot.projectile.diameter)
+        release = tip_depth(run.state, prepared.model.body)
+        found += model_warnings.slow_exit(release_depth=release, diameter=prepared.projectile.diameter)
     return tuple(found)

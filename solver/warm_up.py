@@ -2,7 +2,7 @@
 
 from solver.cases import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY, paper_impact
 from solver.numerics import Numerics
-from solver.ricochet import critical_angle
+from solver.search.critical_angle import critical_angle
 from solver.trajectory import simulate
 
 

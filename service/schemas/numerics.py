@@ -10,7 +10,7 @@ from pydantic import MISSING, Field
 import solver
 from service.schemas.quantities import WHOLE, Count, Num, Part, degrees, with_examples
 from solver.numerics import SEARCH_TOLERANCE, TERMINATION_TIME, TRAJECTORY_TOLERANCE
-from solver.ricochet import PAPER_TERMINATION_TIME
+from solver.search.critical_angle import PAPER_TERMINATION_TIME
 
 NUMERICS = solver.Numerics()
 SEARCH = solver.Search()

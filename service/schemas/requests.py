@@ -14,7 +14,7 @@ from service.schemas.resistance import Resistance
 from service.schemas.strike import Impact, Strike, Target
 from solver.errors import ParameterError
 from solver.numerics import SEARCH_TOLERANCE, TERMINATION_TIME, TRAJECTORY_TOLERANCE
-from solver.ricochet import PAPER_TERMINATION_TIME
+from solver.search.critical_angle import PAPER_TERMINATION_TIME
 from solver.trajectory import SAMPLE_INTERVAL
 
 MOST_ROWS = 20_000

@@ -6,8 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from solver import advice
-from solver.advice import ModelWarning
+from solver import warnings as model_warnings
 from solver.arrays import FloatArray
 from solver.calibration.estimate import (
     Estimate,
@@ -19,14 +18,15 @@ from solver.calibration.estimate import (
     require_confidence_level,
     valleys,
 )
-from solver.events import End, Run
+from solver.events import Run, Termination
 from solver.impact import Impact
 from solver.numerics import Numerics
+from solver.prepared import PreparedCase, integrate, prepare
 from solver.projectile import Projectile
 from solver.resistance import ConstantStrengthFactor, Resistance
-from solver.shot import Shot, integrate, prepare
 from solver.target import Target
 from solver.validation import require, require_positive
+from solver.warnings import ModelWarning
 
 FIRST_LOOK = 9
 """Strength factors tried before the fit: depth falls with S, so there is one minimum, or nearly."""
@@ -84,7 +84,7 @@ class _Shots:
         self.projectile, self.target = projectile, target
         self.resistance = resistance or Resistance()
         self.numerics = (numerics or Numerics()).resolved()
-        self.shots: dict[float, Shot] = {}
+        self.shots: dict[float, PreparedCase] = {}
 
     def run(self, velocity: float, mass: float | None, strength_factor: float) -> Run:
         """Normal impact of one of them."""
@@ -97,8 +97,8 @@ class _Shots:
                 numerics=self.numerics,
             )
         law = replace(self.resistance, strength_factor=ConstantStrengthFactor(value=strength_factor))
-        shot, impact = replace(self.shots[key], resistance=law), Impact(velocity=velocity, oblique_angle=0.0)
-        run, _ = integrate(shot, shot.model._replace(law=shot.law_at(impact)), impact, keep_steps=False)
+        prepared, impact = replace(self.shots[key], resistance=law), Impact(velocity=velocity, oblique_angle=0.0)
+        run, _ = integrate(prepared, prepared.model._replace(law=prepared.law_at(impact)), impact, keep_steps=False)
         return run
 
     def runs(self, tests: Sequence[DepthTest], strength_factor: float) -> list[Run]:
@@ -213,7 +213,7 @@ def fit_depth(
         if test.group is not None:
             members.setdefault(test.group, []).append(test)
     groups = {name: _fit(group, shots, confidence_level) for name, group in members.items() if len(group) > 1}
-    alone = tuple(advice.group_of_one(name) for name, group in members.items() if len(group) == 1)
+    alone = tuple(model_warnings.group_of_one(name) for name, group in members.items() if len(group) == 1)
     return replace(common, groups=groups, warnings=common.warnings + alone)
 
 
@@ -272,8 +272,8 @@ def _first_look(residuals: Residuals) -> float:
 
 
 def _warnings(tests: Sequence[DepthTest], runs: Sequence[Run], shots: _Shots) -> tuple[ModelWarning, ...]:
-    found = list(advice.range_warnings(target=shots.target, velocity=max(test.velocity for test in tests)))
-    found += advice.shallow_tests(depths=[test.depth for test in tests], diameter=shots.projectile.diameter)
-    if any(run.end == End.TIME for run in runs):
-        found.append(advice.undecided(termination_time=shots.numerics.termination_time))
+    found = list(model_warnings.range_warnings(target=shots.target, velocity=max(test.velocity for test in tests)))
+    found += model_warnings.shallow_tests(depths=[test.depth for test in tests], diameter=shots.projectile.diameter)
+    if any(run.end == Termination.TIME for run in runs):
+        found.append(model_warnings.undecided(termination_time=shots.numerics.termination_time))
     return tuple(found)

@@ -6,8 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from solver import advice
-from solver.advice import ModelWarning
+from solver import warnings as model_warnings
 from solver.arrays import FloatArray
 from solver.calibration.estimate import (
     Estimate,
@@ -23,11 +22,12 @@ from solver.calibration.history import QUANTITIES, MotionHistory, Weights, check
 from solver.calibration.strike import Strike
 from solver.impact import Impact
 from solver.numerics import Numerics
+from solver.prepared import PreparedCase
 from solver.projectile import Projectile
 from solver.resistance import Resistance
-from solver.shot import Shot
 from solver.target import Target
 from solver.validation import require
+from solver.warnings import ModelWarning
 
 FIT_TOLERANCE = 1e-6
 """Relative tolerance of the runs of a fit, unless said otherwise: right to micrometres and thousandths of a degree."""
@@ -142,14 +142,14 @@ def fit_motion(
         residuals=MotionHistory(time=history.time, **residuals),
         root_mean_square={q: _root_mean_square(values) for q, values in residuals.items()},
         r_squared=explained,
-        warnings=_warnings(strike.shot, impact, explained, rivals),
+        warnings=_warnings(strike.prepared, impact, explained, rivals),
     )
 
 
 def _problem(strike: Strike, history: MotionHistory, weights: Weights) -> _Problem:
     given = {q: values for q, values in history.columns.items() if weights.of(q) > 0.0}
     require(bool(given), "weights", "must be greater than 0 for a quantity of the history")
-    length = strike.shot.projectile.length
+    length = strike.prepared.projectile.length
     units = {"depth_displacement": length, "lateral_displacement": length, "rotation": 1.0}
     spans = {q: max(float(np.ptp(values)), SMALLEST_SPAN * units[q]) for q, values in given.items()}
     return _Problem(strike, given, {q: weights.of(q) for q in given}, spans)
@@ -218,12 +218,12 @@ def _explained(history: MotionHistory, residuals: dict[str, FloatArray]) -> dict
 
 
 def _warnings(
-    shot: Shot, impact: Impact, explained: Mapping[str, float], rivals: Sequence[float]
+    prepared: PreparedCase, impact: Impact, explained: Mapping[str, float], rivals: Sequence[float]
 ) -> tuple[ModelWarning, ...]:
     found = list(
-        advice.input_warnings(
-            projectile=shot.projectile,
-            target=shot.target,
+        model_warnings.input_warnings(
+            projectile=prepared.projectile,
+            target=prepared.target,
             velocity=impact.velocity,
             angle_of_attack=impact.angle_of_attack,
         )

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import chdtrc
 
-from solver.advice import ModelWarning
 from solver.arrays import FloatArray
 from solver.resistance import ObliquityPolynomial
 from solver.validation import require, require_between, require_positive
+from solver.warnings import ModelWarning
 
 HIGHEST_ORDER = 9
 RIGHT_ANGLE = 90.0  # [°]

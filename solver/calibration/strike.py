@@ -8,9 +8,9 @@ from solver.arrays import FloatArray
 from solver.calibration.history import QUANTITIES, MotionHistory
 from solver.impact import Impact
 from solver.numerics import Numerics, ResolvedNumerics
+from solver.prepared import initial_state, integrate, positions_at, prepare
 from solver.projectile import Projectile
 from solver.resistance import ConstantStrengthFactor, Resistance
-from solver.shot import initial_state, integrate, positions_at, prepare
 from solver.target import Target
 from solver.validation import require_positive
 
@@ -28,7 +28,7 @@ class Strike:
         times: FloatArray,
     ) -> None:
         self.impact, self.times = impact, times
-        self.shot = prepare(
+        self.prepared = prepare(
             projectile=projectile,
             target=target,
             resistance=resistance or Resistance(),
@@ -37,10 +37,12 @@ class Strike:
 
     def columns(self, strength_factor: float) -> dict[str, FloatArray]:
         """The three quantities at the times asked for."""
-        law = replace(self.shot.resistance, strength_factor=ConstantStrengthFactor(value=strength_factor))
-        shot = replace(self.shot, resistance=law)
-        run, steps = integrate(shot, shot.model._replace(law=shot.law_at(self.impact)), self.impact, keep_steps=True)
-        moved = positions_at(run, steps, self.times) - initial_state(self.impact, shot.model.body)[:3]
+        law = replace(self.prepared.resistance, strength_factor=ConstantStrengthFactor(value=strength_factor))
+        prepared = replace(self.prepared, resistance=law)
+        run, steps = integrate(
+            prepared, prepared.model._replace(law=prepared.law_at(self.impact)), self.impact, keep_steps=True
+        )
+        moved = positions_at(run, steps, self.times) - initial_state(self.impact, prepared.model.body)[:3]
         return dict(zip(QUANTITIES, moved.T, strict=True))
 
 

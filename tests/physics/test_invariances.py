@@ -22,8 +22,8 @@ from solver import (
 from solver.arrays import FloatArray
 from solver.events import LODGED_ENERGY
 from solver.motion import sample, sample_loads
+from solver.prepared import integrate, prepare
 from solver.quadrature import gauss_rule
-from solver.shot import integrate, prepare
 
 from .strikes import strikes
 
@@ -134,14 +134,14 @@ def test_kinetic_energy_never_increases(strike: dict[str, Any]) -> None:
 @given(strikes())
 def test_work_of_the_resistance_equals_the_energy_lost(strike: dict[str, Any]) -> None:
     """To 10⁻⁶ of the initial energy; the power is integrated by Gauss points within every step, as it jumps between."""
-    shot = prepare(
+    prepared = prepare(
         projectile=strike["projectile"],
         target=strike["target"],
         resistance=strike["resistance"],
         numerics=Numerics(termination_time=20.0 * transit(strike), relative_tolerance=1e-7).resolved(),
     )
-    model = shot.model._replace(law=shot.law_at(strike["impact"]))
-    run, steps = integrate(shot, model, strike["impact"], keep_steps=True)
+    model = prepared.model._replace(law=prepared.law_at(strike["impact"]))
+    run, steps = integrate(prepared, model, strike["impact"], keep_steps=True)
     begin = steps[:, 0]
     span = np.clip(run.time - begin, 0.0, steps[:, 1])
     rule = gauss_rule(12)

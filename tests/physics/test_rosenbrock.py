@@ -8,8 +8,8 @@ import pytest
 from solver import Flat, Impact, NoFreeSurface, Numerics, Projectile, Resistance
 from solver.arrays import FloatArray
 from solver.cases import PAPER_TARGET
+from solver.prepared import integrate, prepare
 from solver.rosenbrock import COUPLINGS, ERROR_WEIGHTS, GAMMA, STAGE_WEIGHTS, STAGES, WEIGHTS
-from solver.shot import integrate, prepare
 
 
 def sums(weights: FloatArray) -> list[float]:
@@ -57,12 +57,12 @@ def test_what_is_seen_from_the_end_of_a_step_is_of_order_3() -> None:
 @pytest.mark.parametrize("tolerance", [1e-5, 1e-6, 1e-7])
 def test_no_step_leads_past_a_halt(velocity: float, tolerance: float) -> None:
     """A flat nose in an endless target stops at once from full resistance, and nothing pushes it back."""
-    shot = prepare(
+    prepared = prepare(
         projectile=Projectile(nose=Flat(), diameter=0.05, length=0.3, mass=3.0),
         target=PAPER_TARGET,
         resistance=Resistance(free_surface=NoFreeSurface()),
         numerics=Numerics(relative_tolerance=tolerance).resolved(),
     )
     strike = Impact(velocity=velocity, oblique_angle=0.0)
-    _, steps = integrate(shot, shot.model._replace(law=shot.law_at(strike)), strike, keep_steps=True)
+    _, steps = integrate(prepared, prepared.model._replace(law=prepared.law_at(strike)), strike, keep_steps=True)
     assert steps[:, 11].min() > -math.sqrt(tolerance) * velocity

@@ -24,9 +24,9 @@ from solver.arrays import FloatArray
 from solver.cases import PAPER_TARGET
 from solver.fixed_step import integrate_fixed
 from solver.loads import MOST_STATES, make_scratch
-from solver.motion import STEP_WIDTH, Model, accelerate, make_work, sample_loads
+from solver.motion import STEP_WIDTH, Model, accelerate, make_workspace, sample_loads
+from solver.prepared import initial_state, prepare
 from solver.rosenbrock import make_linearisation
-from solver.shot import initial_state, prepare
 from solver.surface import build_panels
 
 from .strikes import DECAYS, NOSES, steel
@@ -90,13 +90,13 @@ TURNING = Impact(velocity=238.0, oblique_angle=0.5, angle_of_attack=0.1, angular
 
 def deep_inside(numerics: Numerics) -> tuple[FloatArray, Model]:
     """The short cone 0.3 m in, and its model: a smooth motion."""
-    shot = prepare(
+    prepared = prepare(
         projectile=SHORT_CONE,
         target=PAPER_TARGET,
         resistance=Resistance(free_surface=ElasticPlastic()),
         numerics=numerics.resolved(),
     )
-    model = shot.model._replace(law=shot.law_at(TURNING))
+    model = prepared.model._replace(law=prepared.law_at(TURNING))
     state = initial_state(TURNING, model.body)
     state[0] += 0.3
     return state, model
@@ -126,7 +126,7 @@ def test_adaptive_step_error_falls_with_its_tolerance() -> None:
     start, model = deep_inside(Numerics(stations=16, points=8))
 
     def final(tolerance: float) -> FloatArray:
-        room = make_work(), make_linearisation()
+        room = make_workspace(), make_linearisation()
         accuracy = Accuracy(tolerance, LARGEST_STEP)
         return integrate_adaptive(start.copy(), model, 1e-4, accuracy, no_table(), *room).state
 
@@ -175,9 +175,9 @@ def test_load_is_that_on_panels_however_a_projectile_lies_and_moves(nose: str, d
 def test_states_evaluated_together_are_as_each_alone(stations: int) -> None:
     """Also with so many stations that not all rings find room at a time."""
     numerics, resistance = Numerics(stations=stations).resolved(), Resistance()
-    shot = prepare(projectile=steel(NOSES["ogive"]), target=PAPER_TARGET, resistance=resistance, numerics=numerics)
-    model = shot.model._replace(law=shot.model.law._replace(static_stress=3e8))
-    states, scratch = tumbling(40 * MOST_STATES, shot.model), make_scratch()
+    prepared = prepare(projectile=steel(NOSES["ogive"]), target=PAPER_TARGET, resistance=resistance, numerics=numerics)
+    model = prepared.model._replace(law=prepared.model.law._replace(static_stress=3e8))
+    states, scratch = tumbling(40 * MOST_STATES, prepared.model), make_scratch()
     together, alone = np.empty(3 * MOST_STATES), np.empty(3)
     for batch in states.reshape(-1, 6 * MOST_STATES):
         accelerate(batch, model, scratch, together)

@@ -8,7 +8,7 @@ from service.reports import style
 from service.reports.contents import Figure, Section, Table, Tell, paragraphs
 from service.reports.paper.searches import search
 from service.reports.reference import finite_element_runs, paper_value
-from solver.search import SearchMethod
+from solver.search.types import SearchMethod
 
 REPEATS: dict[SearchMethod, int] = {"bisection": 2, "secant": 2, "outcome": 15}
 PAPER_RUNS, PAPER_CORES = 5, 4

@@ -14,7 +14,7 @@ from service.reports.reference import paper_value
 from solver import CriticalAngle, Numerics, Resistance, Search, critical_angle, strength_factor
 from solver.calibration import predict_motion
 from solver.cases import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY
-from solver.search import SearchMethod
+from solver.search.types import SearchMethod
 
 PLOTTED_SEARCHES: tuple[SearchMethod, ...] = ("bisection", "secant")
 

@@ -15,7 +15,7 @@ from service.reports.validation.predictions import (
     TRAJECTORY,
     model_factors,
 )
-from solver.advice import NO_MEASURED_ANGLE
+from solver.warnings import NO_MEASURED_ANGLE
 
 LARGE_DIAMETER = 0.0762
 """Of the largest projectiles. [m]"""

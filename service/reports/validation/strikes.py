@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 from service.reports.reference import PenetrationTest
 from solver import ModelWarning, Ogive, Projectile, Target, solid_properties
-from solver.advice import input_warnings
+from solver.warnings import input_warnings
 
 OUTLIER_ROW = 55
 LIKELY_VELOCITY = 690.0

@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable
 from typing import TypeAlias
 
-from solver.search import Change, Search, SearchStatus, Trial
+from solver.search.types import Change, Search, SearchStatus, Trial
 
 MOST_TRIALS = 100
 

@@ -8,18 +8,25 @@ import numpy as np
 from solver.adaptive import integrate_adaptive
 from solver.arrays import FloatArray
 from solver.compilation import compiled, lean
-from solver.events import LODGED_ENERGY, End, Run, tip_depth
+from solver.events import LODGED_ENERGY, Run, Termination, tip_depth
 from solver.fixed_step import integrate_fixed
-from solver.motion import STEP_WIDTH, Model, Work, kinetic_energy, make_work, start_state
-from solver.outcome_levels import Level
-from solver.rings import Law
+from solver.motion import STEP_WIDTH, Model, Workspace, kinetic_energy, make_workspace, start_state
 from solver.rosenbrock import Linearisation, make_linearisation
+from solver.search.levels import Level
+from solver.surface_integration import Law
 
 ANGLE, POSITION, END, MARGIN, FINE = range(5)
-"""Columns of the table of trials: oblique angle, final depth of the nose tip, a value of `End`, how clearly the
+"""Columns of the table of trials: oblique angle, final depth of the nose tip, a value of `Termination`, how clearly the
 projectile was turned away (above zero) or not, and whether the trial was as fine as asked for. [rad, m, 1, 1, 1]"""
 TIME, EXIT, STEP_LIMIT, NOT_FINITE, NO_STRENGTH = (
-    end.value for end in (End.TIME, End.EXIT, End.STEP_LIMIT, End.NOT_FINITE, End.NO_STRENGTH)
+    end.value
+    for end in (
+        Termination.TIME,
+        Termination.EXIT,
+        Termination.STEP_LIMIT,
+        Termination.NOT_FINITE,
+        Termination.NO_STRENGTH,
+    )
 )
 
 
@@ -37,19 +44,19 @@ class Strike(NamedTuple):
     """Of the route of panels."""
 
 
-class Room(NamedTuple):
-    """Room for one trial, and the table of trials."""
+class TrialWorkspace(NamedTuple):
+    """TrialWorkspace for one trial, and the table of trials."""
 
-    work: Work
+    work: Workspace
     linear: Linearisation
     steps: FloatArray
     trials: FloatArray
 
 
 @compiled
-def make_room(trials: int) -> Room:
+def make_trial_workspace(trials: int) -> TrialWorkspace:
     """Empty room for so many."""
-    return Room(make_work(), make_linearisation(), np.empty((1, STEP_WIDTH)), np.zeros((trials, 5)))
+    return TrialWorkspace(make_workspace(), make_linearisation(), np.empty((1, STEP_WIDTH)), np.zeros((trials, 5)))
 
 
 @lean
@@ -75,14 +82,14 @@ def _margin(run: Run, model: Model, initial_energy: float) -> float:
     """
     least = 1e-9
     energy = kinetic_energy(run.state, model.body) / initial_energy - LODGED_ENERGY
-    if run.end == End.EXIT:
+    if run.end == Termination.EXIT:
         return max(energy, least)
     depth = max(tip_depth(run.state, model.body), 0.0) / model.body.tip
     return min(energy, 0.0) - max(depth * depth, least)
 
 
 @compiled
-def attempt(oblique_angle: float, strike: Strike, model: Model, level: Level, room: Room, count: int) -> int:
+def attempt(oblique_angle: float, strike: Strike, model: Model, level: Level, room: TrialWorkspace, count: int) -> int:
     """Run one trial and write it into the table, as number `count`; return the number of the next."""
     row = room.trials[count]
     row[ANGLE], row[FINE] = oblique_angle, 1.0 if level.fine else 0.0

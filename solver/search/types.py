@@ -7,10 +7,10 @@ from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
-from solver.advice import ModelWarning
 from solver.frame import Columns, dataframe
-from solver.shot import Outcome
+from solver.prepared import Outcome
 from solver.validation import require, require_between
+from solver.warnings import ModelWarning
 
 SearchMethod: TypeAlias = Literal["outcome", "bisection", "secant"]
 

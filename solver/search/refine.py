@@ -12,8 +12,8 @@ import numpy as np
 from solver.arrays import FloatArray, IntArray
 from solver.compilation import compiled, lean
 from solver.motion import Model
-from solver.outcome_levels import ASKED, LAST, MIDDLE, ROUGH, STRIDE, TIMED, Level, Levels, is_finer
-from solver.outcome_trials import ANGLE, FINE, MARGIN, Room, Strike, attempt, failed, turned_away, undecided
+from solver.search.levels import ASKED, LAST, MIDDLE, ROUGH, STRIDE, TIMED, Level, Levels, is_finer
+from solver.search.trials import ANGLE, FINE, MARGIN, Strike, TrialWorkspace, attempt, failed, turned_away, undecided
 
 MOST_TRIALS = 2000
 """After which nothing is narrowed any further."""
@@ -47,7 +47,7 @@ def _growth(left: int, right: int, trials: FloatArray) -> float:
 
 @compiled
 def _bracket(
-    left: int, right: int, strike: Strike, model: Model, level: Level, room: Room, count: int
+    left: int, right: int, strike: Strike, model: Model, level: Level, room: TrialWorkspace, count: int
 ) -> tuple[int, int, int]:
     """Find the change again, from where a rougher level has found it, in growing strides.
 
@@ -78,7 +78,7 @@ def _bracket(
 
 @compiled
 def _narrow(
-    left: int, right: int, strike: Strike, model: Model, level: Level, room: Room, count: int, patience: int
+    left: int, right: int, strike: Strike, model: Model, level: Level, room: TrialWorkspace, count: int, patience: int
 ) -> tuple[int, int, int]:
     """Narrow the change between two trials to the tolerance of the level; return as above.
 
@@ -115,8 +115,8 @@ def _narrow(
 
 
 @compiled
-def settle(
-    left: int, right: int, first: int, strike: Strike, model: Model, levels: Levels, room: Room, count: int
+def refine(
+    left: int, right: int, first: int, strike: Strike, model: Model, levels: Levels, room: TrialWorkspace, count: int
 ) -> tuple[int, int, int]:
     """Narrow a change that the first of these levels has found, level by level; return as above.
 

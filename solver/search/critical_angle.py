@@ -6,23 +6,23 @@ from functools import lru_cache
 
 import numpy as np
 
-from solver import advice
-from solver.advice import ModelWarning
+from solver import warnings as model_warnings
 from solver.arrays import FloatArray
 from solver.errors import RicochetError
-from solver.events import End
+from solver.events import Termination
 from solver.impact import Impact
 from solver.numerics import SEARCH_STATIONS, SEARCH_TOLERANCE, TERMINATION_TIME, USUAL, Numerics
-from solver.outcome_levels import search_levels
-from solver.outcome_search import search_outcome
-from solver.outcome_trials import ANGLE, END, Strike
-from solver.paper_search import search_bisection, search_secant
+from solver.prepared import OUTCOMES, Outcome, PreparedCase, check_end, final_tip_depth, integrate, prepare
 from solver.projectile import Projectile
 from solver.resistance import EQUATION_9, ObliquityPolynomial, Resistance, strength_factor
-from solver.search import USUAL_SEARCH, Change, CriticalAngle, Search, SearchStatus, Trial
-from solver.shot import OUTCOMES, Outcome, Shot, check_end, final_tip_depth, integrate, prepare
+from solver.search.levels import search_levels
+from solver.search.outcome import search_outcome
+from solver.search.paper import search_bisection, search_secant
+from solver.search.trials import ANGLE, END, Strike
+from solver.search.types import USUAL_SEARCH, Change, CriticalAngle, Search, SearchStatus, Trial
 from solver.target import Target
 from solver.validation import require_positive
+from solver.warnings import ModelWarning
 
 PAPER_TERMINATION_TIME = 5e-3
 """When the paper reads the final position. [s]"""
@@ -79,7 +79,7 @@ def critical_angle(
     resistance = resistance or EQUATION_9
     require_positive("impact.velocity", velocity)
     paper = search.method != "outcome"
-    shot = prepare(
+    prepared = prepare(
         projectile=projectile,
         target=target,
         resistance=resistance,
@@ -96,33 +96,33 @@ def critical_angle(
         angle_of_attack=angle_of_attack,
         angular_velocity=angular_velocity,
     )
-    change, trials = _seek(shot, impact, search)
-    standard_error, doubts = _standard_error(shot, impact, search, change)
+    change, trials = _seek(prepared, impact, search)
+    standard_error, doubts = _standard_error(prepared, impact, search, change)
     return CriticalAngle(
         status=change.status,
         angle=change.angle,
         bracket=change.bracket,
         iterations=trials,
         other_crossings=change.other_crossings,
-        warnings=_warnings(shot, impact, change, trials, by_paper=paper) + doubts,
+        warnings=_warnings(prepared, impact, change, trials, by_paper=paper) + doubts,
         standard_error=standard_error,
     )
 
 
-def _seek(shot: Shot, impact: Impact, search: Search) -> tuple[Change, tuple[Trial, ...]]:
+def _seek(prepared: PreparedCase, impact: Impact, search: Search) -> tuple[Change, tuple[Trial, ...]]:
     """The search by its method."""
-    return (_search_outcome if search.method == "outcome" else _search_paper)(shot, impact, search)
+    return (_search_outcome if search.method == "outcome" else _search_paper)(prepared, impact, search)
 
 
 def _standard_error(
-    shot: Shot, impact: Impact, search: Search, change: Change
+    prepared: PreparedCase, impact: Impact, search: Search, change: Change
 ) -> tuple[float | None, tuple[ModelWarning, ...]]:
     """Standard error of the critical angle from the covariance of the strength factor, if it has one. [rad]
 
     Two more searches, with the strength factor one of its standard errors at the critical angle lower and higher. The
     whole polynomial is shifted: near the angle that is what counts.
     """
-    model = shot.resistance.strength_factor
+    model = prepared.resistance.strength_factor
     if not isinstance(model, ObliquityPolynomial) or model.covariance is None:
         return None, ()
     if change.status is not SearchStatus.CONVERGED or change.angle is None:
@@ -130,19 +130,19 @@ def _standard_error(
     shift = model.standard_error(change.angle)
     if shift == 0.0:
         return 0.0, ()
-    lower, upper = (_shifted_angle(shot, impact, search, by) for by in (-shift, shift))
+    lower, upper = (_shifted_angle(prepared, impact, search, by) for by in (-shift, shift))
     if lower is None or upper is None:
-        return None, (advice.STANDARD_ERROR_UNKNOWN,)
+        return None, (model_warnings.STANDARD_ERROR_UNKNOWN,)
     return 0.5 * abs(upper - lower), ()
 
 
-def _shifted_angle(shot: Shot, impact: Impact, search: Search, shift: float) -> float | None:
+def _shifted_angle(prepared: PreparedCase, impact: Impact, search: Search, shift: float) -> float | None:
     """Critical angle with the strength factor shifted, within what it leaves of the range; None if there is none."""
-    model = shot.resistance.strength_factor
-    constant, *rest = model.polynomial(shot.target)
+    model = prepared.resistance.strength_factor
+    constant, *rest = model.polynomial(prepared.target)
     shifted = ObliquityPolynomial(coefficients=(constant + shift, *rest))
     upper = shifted.positive_up_to(*search.bounds)
-    present = replace(shot, resistance=replace(shot.resistance, strength_factor=shifted))
+    present = replace(prepared, resistance=replace(prepared.resistance, strength_factor=shifted))
     try:
         change, _ = _seek(present, impact, replace(search, upper=upper))
     except RicochetError:  # must not cost the angle itself
@@ -150,15 +150,15 @@ def _shifted_angle(shot: Shot, impact: Impact, search: Search, shift: float) -> 
     return change.angle if change.status is SearchStatus.CONVERGED else None
 
 
-def _search_paper(shot: Shot, impact: Impact, search: Search) -> tuple[Change, tuple[Trial, ...]]:
+def _search_paper(prepared: PreparedCase, impact: Impact, search: Search) -> tuple[Change, tuple[Trial, ...]]:
     """Bisection or secant on the position at the termination time."""
     trials: list[Trial] = []
 
     def attempt(oblique_angle: float) -> Trial:
         strike = replace(impact, oblique_angle=oblique_angle)
-        model = shot.model._replace(law=shot.law_at(strike))
-        run, _ = integrate(shot, model, strike, keep_steps=False)
-        position = final_tip_depth(run, model.body, shot.numerics.termination_time)
+        model = prepared.model._replace(law=prepared.law_at(strike))
+        run, _ = integrate(prepared, model, strike, keep_steps=False)
+        position = final_tip_depth(run, model.body, prepared.numerics.termination_time)
         trials.append(Trial(oblique_angle, position, OUTCOMES[run.end]))
         return trials[-1]
 
@@ -176,23 +176,23 @@ def _scan(search: Search) -> FloatArray:
     return np.array([lower, *between, upper])
 
 
-def _search_outcome(shot: Shot, impact: Impact, search: Search) -> tuple[Change, tuple[Trial, ...]]:
+def _search_outcome(prepared: PreparedCase, impact: Impact, search: Search) -> tuple[Change, tuple[Trial, ...]]:
     """Scan the range, then narrow every change of outcome."""
-    numerics, target = shot.numerics, shot.target
+    numerics, target = prepared.numerics, prepared.target
     strike = Strike(
         velocity=impact.velocity,
         angle_of_attack=impact.angle_of_attack,
         angular_velocity=impact.angular_velocity,
-        strength=np.array(shot.resistance.strength_factor.polynomial(target)),
+        strength=np.array(prepared.resistance.strength_factor.polynomial(target)),
         compressive_strength=target.compressive_strength,
         end_time=numerics.termination_time,
         time_step=numerics.time_step,
     )
     levels = search_levels(numerics=numerics, tolerance=search.tolerance)
-    found = search_outcome(_scan(search), strike, shot.model, levels)
+    found = search_outcome(_scan(search), strike, prepared.model, levels)
     rows = found.trials.tolist()
-    if rows[-1][END] == End.NO_STRENGTH:  # raises, and tells what the model gives
-        strength_factor(resistance=shot.resistance, oblique_angle=rows[-1][ANGLE], target=target)
+    if rows[-1][END] == Termination.NO_STRENGTH:  # raises, and tells what the model gives
+        strength_factor(resistance=prepared.resistance, oblique_angle=rows[-1][ANGLE], target=target)
     check_end(rows[-1][END], numerics.termination_time)
     trials = tuple(Trial(angle, position, OUTCOMES[end], fine > 0.0) for angle, position, end, _, fine in rows)
     return _first_onset([(trials[left], trials[right]) for left, right in found.brackets], trials), trials
@@ -224,26 +224,30 @@ def _first_onset(brackets: list[tuple[Trial, Trial]], trials: tuple[Trial, ...])
 
 
 def _warnings(
-    shot: Shot, impact: Impact, change: Change, trials: tuple[Trial, ...], *, by_paper: bool
+    prepared: PreparedCase, impact: Impact, change: Change, trials: tuple[Trial, ...], *, by_paper: bool
 ) -> tuple[ModelWarning, ...]:
     warnings = list(
-        advice.input_warnings(
-            projectile=shot.projectile,
-            target=shot.target,
+        model_warnings.input_warnings(
+            projectile=prepared.projectile,
+            target=prepared.target,
             velocity=impact.velocity,
             angle_of_attack=impact.angle_of_attack,
         )
     )
     reach = change.angle if change.angle is not None else max(trial.oblique_angle for trial in trials)
-    warnings += advice.strength_fit_warning(resistance=shot.resistance, oblique_angle=reach)
+    warnings += model_warnings.strength_fit_warning(resistance=prepared.resistance, oblique_angle=reach)
     if change.starts_turned_away:
-        warnings.append(advice.RICOCHET_AT_LOWER_BOUND)
-    end_time = shot.numerics.termination_time
+        warnings.append(model_warnings.RICOCHET_AT_LOWER_BOUND)
+    end_time = prepared.numerics.termination_time
     if any(trial.outcome is Outcome.IN_MOTION for trial in change.deciding or trials):
         by_time = change.deciding and not by_paper
-        warnings.append((advice.decided_by_time if by_time else advice.undecided)(termination_time=end_time))
+        warnings.append(
+            (model_warnings.decided_by_time if by_time else model_warnings.undecided)(termination_time=end_time)
+        )
     for trial in change.deciding:
         if trial.oblique_angle == change.angle and not by_paper:  # whose positions are not those of the release
-            warnings += advice.slow_exit(release_depth=trial.final_position, diameter=shot.projectile.diameter)
-    warnings.append(advice.NO_MEASURED_ANGLE)
+            warnings += model_warnings.slow_exit(
+                release_depth=trial.final_position, diameter=prepared.projectile.diameter
+            )
+    warnings.append(model_warnings.NO_MEASURED_ANGLE)
     return tuple(warnings)

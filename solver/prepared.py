@@ -9,17 +9,17 @@ import numpy as np
 from solver.adaptive import LARGEST_STEP, STEP_LIMIT, Accuracy, integrate_adaptive
 from solver.arrays import FloatArray
 from solver.errors import IntegrationError, StepLimitError
-from solver.events import End, Run
+from solver.events import Run, Termination
 from solver.fixed_step import integrate_fixed
 from solver.impact import Impact
 from solver.loads import build_law, build_quadrature
-from solver.motion import RAMP_FRACTION, STEP_WIDTH, Model, make_work, sample, start_state
+from solver.motion import RAMP_FRACTION, STEP_WIDTH, Model, make_workspace, sample, start_state
 from solver.numerics import ResolvedNumerics
 from solver.projectile import Projectile, mass_properties
 from solver.resistance import Resistance, strength_factor
-from solver.rings import Law
 from solver.rosenbrock import make_linearisation
 from solver.surface import NO_PANELS, Body, build_body, build_panels
+from solver.surface_integration import Law
 from solver.target import Target
 from solver.validation import require
 
@@ -33,7 +33,7 @@ class Outcome(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Shot:
+class PreparedCase:
     """All of a strike but its angle, ready for the compiled code."""
 
     projectile: Projectile
@@ -51,7 +51,9 @@ class Shot:
         )
 
 
-def prepare(*, projectile: Projectile, target: Target, resistance: Resistance, numerics: ResolvedNumerics) -> Shot:
+def prepare(
+    *, projectile: Projectile, target: Target, resistance: Resistance, numerics: ResolvedNumerics
+) -> PreparedCase:
     """Build what every strike of these has in common."""
     properties = mass_properties(projectile)
     if numerics.method == "panels":
@@ -69,23 +71,23 @@ def prepare(*, projectile: Projectile, target: Target, resistance: Resistance, n
         quadrature=build_quadrature(stations=numerics.stations, points=numerics.points),
         panels=panels,
     )
-    return Shot(projectile, target, resistance, numerics, model)
+    return PreparedCase(projectile, target, resistance, numerics, model)
 
 
-def integrate(shot: Shot, model: Model, impact: Impact, *, keep_steps: bool) -> tuple[Run, FloatArray]:
+def integrate(prepared: PreparedCase, model: Model, impact: Impact, *, keep_steps: bool) -> tuple[Run, FloatArray]:
     """Run the compiled integrator of the chosen route; return the run and its table of steps."""
-    numerics, start = shot.numerics, initial_state(impact, model.body)
+    numerics, start = prepared.numerics, initial_state(impact, model.body)
     end_time = numerics.termination_time
     if numerics.method == "panels":
         steps = np.empty((numerics.fixed_steps + 1 if keep_steps else 1, STEP_WIDTH))
         run = integrate_fixed(start, model, end_time, numerics.time_step, steps)
     else:
         steps = np.empty((STEP_LIMIT if keep_steps else 1, STEP_WIDTH))
-        work, linear = make_work(), make_linearisation()
+        work, linear = make_workspace(), make_linearisation()
         run = integrate_adaptive(
             start, model, end_time, Accuracy(numerics.relative_tolerance, LARGEST_STEP), steps, work, linear
         )
-    check_end(run.end if np.isfinite(run.state).all() else End.NOT_FINITE, run.time)
+    check_end(run.end if np.isfinite(run.state).all() else Termination.NOT_FINITE, run.time)
     return run, steps[: run.steps]
 
 
@@ -95,10 +97,10 @@ def initial_state(impact: Impact, body: Body) -> FloatArray:
 
 
 OUTCOMES: dict[float, Outcome] = {
-    End.EXIT: Outcome.RICOCHET,
-    End.REST: Outcome.EMBEDDED,
-    End.LODGED: Outcome.EMBEDDED,
-    End.TIME: Outcome.IN_MOTION,
+    Termination.EXIT: Outcome.RICOCHET,
+    Termination.REST: Outcome.EMBEDDED,
+    Termination.LODGED: Outcome.EMBEDDED,
+    Termination.TIME: Outcome.IN_MOTION,
 }
 """What the end of a run comes to."""
 
@@ -107,14 +109,14 @@ def check_end(end: float, time: float) -> None:
     """Raise an error if a run ended because it could not be integrated."""
     if end in OUTCOMES:
         return
-    if end == End.STEP_LIMIT:
+    if end == Termination.STEP_LIMIT:
         raise StepLimitError(f"more than {STEP_LIMIT} steps, stopped at {time:g} s")
     raise IntegrationError(f"the motion is no longer finite at {time:g} s")
 
 
 def final_tip_depth(run: Run, body: Body, time: float) -> float:
     """Depth of the nose tip at `time`, after free flight if the projectile was turned away before. [m]"""
-    flight = max(0.0, time - run.time) if run.end in (End.EXIT, End.LODGED) else 0.0
+    flight = max(0.0, time - run.time) if run.end in (Termination.EXIT, Termination.LODGED) else 0.0
     angle = run.state[2] + run.state[5] * flight
     return float(run.state[0] + run.state[3] * flight + body.tip * math.cos(angle))
 
@@ -125,6 +127,6 @@ def positions_at(run: Run, steps: FloatArray, times: FloatArray) -> FloatArray:
     After the end of the run the projectile stays where it came to rest, or flies freely once it was released.
     """
     inside = int(np.searchsorted(times, run.time, side="right")) if len(steps) else 0
-    flight = times[inside:, None] - run.time if run.end in (End.EXIT, End.LODGED) else 0.0
+    flight = times[inside:, None] - run.time if run.end in (Termination.EXIT, Termination.LODGED) else 0.0
     after = run.state[:3] + flight * np.repeat(run.state[None, 3:], times.size - inside, axis=0)
     return np.concatenate((sample(steps, times[:inside])[:, :3], after))

@@ -11,24 +11,24 @@ import numpy as np
 from solver.arrays import FloatArray, IntArray
 from solver.compilation import compiled, lean
 from solver.motion import Model
-from solver.outcome_change import MOST_TRIALS, is_same_change, settle
-from solver.outcome_levels import ASKED, LAST, ROUGH, Level, Levels, is_finer
-from solver.outcome_trials import (
+from solver.search.levels import ASKED, LAST, ROUGH, Level, Levels, is_finer
+from solver.search.refine import MOST_TRIALS, is_same_change, refine
+from solver.search.trials import (
     ANGLE,
     MARGIN,
-    Room,
     Strike,
+    TrialWorkspace,
     attempt,
     failed,
     has_strength,
-    make_room,
+    make_trial_workspace,
     strength_at,
     turned_away,
 )
 
 CLEAR = 0.15
 """Margin above which, on both sides, a scan does not look in between."""
-TAME = 0.1
+SMOOTH = 0.1
 """Bend of the strength factor between two trials, over its mean, up to which likewise."""
 
 
@@ -42,7 +42,7 @@ class Found(NamedTuple):
 
 
 @lean
-def _is_tame(left: FloatArray, right: FloatArray, strength: FloatArray) -> bool:
+def _is_smooth(left: FloatArray, right: FloatArray, strength: FloatArray) -> bool:
     """Whether there is no need to look between two trials.
 
     Both are clear and end alike, and nothing that depends on the angle beside its sine and cosine varies much: the
@@ -51,12 +51,12 @@ def _is_tame(left: FloatArray, right: FloatArray, strength: FloatArray) -> bool:
     if turned_away(left) != turned_away(right) or min(abs(left[MARGIN]), abs(right[MARGIN])) <= CLEAR:
         return False
     mean = 0.5 * (strength_at(left[ANGLE], strength) + strength_at(right[ANGLE], strength))
-    return abs(strength_at(0.5 * (left[ANGLE] + right[ANGLE]), strength) - mean) <= TAME * mean
+    return abs(strength_at(0.5 * (left[ANGLE] + right[ANGLE]), strength) - mean) <= SMOOTH * mean
 
 
 @compiled
 def _scan(
-    angles: FloatArray, strike: Strike, model: Model, level: Level, room: Room, count: int
+    angles: FloatArray, strike: Strike, model: Model, level: Level, room: TrialWorkspace, count: int
 ) -> tuple[IntArray, int]:
     """Try every fourth angle, then every second and every one, but not where there is no need to look.
 
@@ -76,7 +76,7 @@ def _scan(
                 after = min(i + stride, last)
                 if numbers[before] < 0 or numbers[after] < 0:
                     continue
-                if _is_tame(trials[numbers[before]], trials[numbers[after]], strike.strength):
+                if _is_smooth(trials[numbers[before]], trials[numbers[after]], strike.strength):
                     continue
             numbers[i] = count
             count = attempt(angles[i], strike, model, level, room, count)
@@ -104,7 +104,7 @@ def search_outcome(angles: FloatArray, strike: Strike, model: Model, levels: Lev
     If a trial could not be integrated, or the strength factor is not above zero at one of the angles, that trial is the
     last of the table, and there are no brackets.
     """
-    room = make_room(MOST_TRIALS + 8 * angles.size)  # with what a scan and its changes may add
+    room = make_trial_workspace(MOST_TRIALS + 8 * angles.size)  # with what a scan and its changes may add
     trials, brackets = room.trials, np.zeros((angles.size, 2), np.int64)
     count = changes = earlier = 0
     for angle in angles:
@@ -120,7 +120,7 @@ def search_outcome(angles: FloatArray, strike: Strike, model: Model, levels: Lev
                 continue
             if is_finer(levels[LAST], levels[ASKED]):
                 fallback = LAST  # for changes that come and go
-            left, right, count = settle(numbers[i], numbers[i + 1], first, strike, model, levels, room, count)
+            left, right, count = refine(numbers[i], numbers[i + 1], first, strike, model, levels, room, count)
             if failed(trials[count - 1]):
                 break
             known = changes > 0 and is_same_change(brackets[changes - 1], right, trials, levels[ASKED])
