@@ -13,6 +13,7 @@ from solver.projectile import MassProperties, Projectile, SolidProperties, mass_
 from solver.resistance import (
     ConstantStrengthFactor,
     ObliquityPolynomial,
+    PublishedTests,
     Resistance,
     StrengthPowerLaw,
     strength_factor,
@@ -48,6 +49,7 @@ __all__ = [
     "ParameterError",
     "Profile",
     "Projectile",
+    "PublishedTests",
     "Resistance",
     "RicochetError",
     "Search",

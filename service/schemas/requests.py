@@ -127,7 +127,10 @@ class TrajectoryRequest(Case):
         arguments = case.shared_arguments()
         impact = case.impact.to_solver()
         solver.strength_factor(
-            resistance=arguments["resistance"], oblique_angle=impact.oblique_angle, target=arguments["target"]
+            resistance=arguments["resistance"],
+            oblique_angle=impact.oblique_angle,
+            target=arguments["target"],
+            projectile=arguments["projectile"],
         )
         return arguments | {"impact": impact, "sample_interval": case.sample_interval(case.output)}
 
