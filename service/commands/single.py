@@ -55,7 +55,8 @@ def print_csv(columns: Mapping[str, Sequence[Any]]) -> None:
 def print_motion(answer: Mapping[str, Any]) -> None:
     """Print how a strike ended."""
     final = {heading(name): value for name, value in answer["final"].items()}
-    values = {"outcome": answer["outcome"], heading("maximum_depth_m"): answer["maximum_depth_m"]}
+    values = {"outcome": answer["outcome"]}
+    values |= {heading(name): answer[name] for name in ("maximum_depth_m", "strength_factor")}
     print_values(values | {f"final {name}": value for name, value in final.items()})
     print_warnings(answer["warnings"])
 
@@ -86,6 +87,8 @@ def print_search(answer: Mapping[str, Any]) -> None:
             found[heading(name)] = answer[name]
     if "bracket_deg" in answer:
         found[heading("bracket_deg")] = " to ".join(f"{angle:.5g}" for angle in answer["bracket_deg"])
+    if "strength_factor" in answer:
+        found[heading("strength_factor")] = answer["strength_factor"]
     if answer["other_crossings_deg"]:
         found[heading("other_crossings_deg")] = ", ".join(f"{angle:.5g}" for angle in answer["other_crossings_deg"])
     print()

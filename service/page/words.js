@@ -43,7 +43,8 @@ export function tellRun(run) {
       "p",
       {},
       `After ${digits(final.time_s * 1e3)} ms, with its nose tip ${place(final.nose_tip_depth_m)} and its axis at ` +
-        `${digits(final.axis_angle_deg)}° from the normal.${rest} The nose tip went ${digits(depth * 1e3)} mm deep.`,
+        `${digits(final.axis_angle_deg)}° from the normal.${rest} The nose tip went ${digits(depth * 1e3)} mm deep. ` +
+        `Strength factor ${digits(run.strength_factor)}.`,
     ),
   ];
 }
@@ -60,6 +61,7 @@ export function tellAngle(found) {
     "Critical angle ",
     element("strong.angle", {}, degreesShown(found.critical_angle_deg)),
     `${spread} from the normal: the smallest that is turned away.`,
+    ` Strength factor there ${digits(found.strength_factor)}.`,
     others ? ` The outcome changes again at ${others}.` : "",
     found.status === "not_converged" ? ` ${STATUSES.not_converged}` : "",
   );

@@ -28,11 +28,18 @@ WARNING = {
     "detail": "moment of inertia not given: that of a homogeneous solid of the outer shape is used",
 }
 TRIAL = {"oblique_angle_deg": 45.0, "final_position_m": 0.120327, "outcome": "embedded", "fine": False}
-RUN = {"outcome": "embedded", "final": STATE, "maximum_depth_m": 0.121271, "warnings": [WARNING]}
+RUN = {
+    "outcome": "embedded",
+    "final": STATE,
+    "maximum_depth_m": 0.121271,
+    "strength_factor": 6.507,
+    "warnings": [WARNING],
+}
 FOUND = {
     "status": "converged",
     "critical_angle_deg": 48.56,
     "bracket_deg": [48.55, 48.56],
+    "strength_factor": 6.127,
     "iterations": [TRIAL],
     "other_crossings_deg": [],
     "warnings": [WARNING],
@@ -105,6 +112,7 @@ class Trajectory(Part):
     outcome: Outcome
     final: Annotated[MotionState, Field(description="At the event that ended the run.")]
     maximum_depth_m: Annotated[Num, Field(description="Greatest depth of the nose tip. [m]")]
+    strength_factor: Annotated[Num, Field(description="In use, at this oblique angle. [1]")]
     history: Annotated[MotionHistory, Field(description="If asked for.")] | MISSING = MISSING
     warnings: list[ModelWarning]
 
@@ -156,6 +164,9 @@ class CriticalAngleAnswer(Part):
         | MISSING
     ) = MISSING
     bracket_deg: Bracket | MISSING = MISSING
+    strength_factor: (
+        Annotated[Num, Field(description="In use at the critical angle, if there is one. [1]")] | MISSING
+    ) = MISSING
     iterations: Annotated[list[Trial], Field(description="Every angle tried, in order.")]
     other_crossings_deg: Annotated[
         list[Num], Field(description="Other angles of the range at which the outcome changes, either way. [°]")
