@@ -1,5 +1,6 @@
 """Oblique impact of rigid projectiles on concrete: motion and critical ricochet angle. SI units and radians."""
 
+from solver.alternatives import Alternative, alternative_resistances, alternatives
 from solver.columns import columns, to_dataframe
 from solver.errors import IntegrationError, ParameterError, RicochetError, StepLimitError
 from solver.free_surface import ElasticPlastic, MohrCoulomb, NoFreeSurface, decay_factor
@@ -30,6 +31,7 @@ ENGINE_VERSION = "6"
 
 __all__ = [
     "ENGINE_VERSION",
+    "Alternative",
     "Conical",
     "ConstantStrengthFactor",
     "CriticalAngle",
@@ -61,6 +63,8 @@ __all__ = [
     "Target",
     "Trajectory",
     "Trial",
+    "alternative_resistances",
+    "alternatives",
     "closed_form_depth",
     "columns",
     "concrete_youngs_modulus",

@@ -139,6 +139,14 @@ class PublishedTests(Part):
         return solver.PublishedTests(obliquity_shape=self.obliquity_shape.value)
 
 
+class StrengthLaw(StrEnum):
+    """Models of the strength factor with their default constants."""
+
+    OBLIQUITY_POLYNOMIAL = "obliquity_polynomial"
+    PUBLISHED_TESTS = "published_tests"
+    STRENGTH_POWER_LAW = "strength_power_law"
+
+
 StrengthFactor = TypeAliasType(
     "StrengthFactor",
     Annotated[

@@ -177,6 +177,22 @@ def test_every_strength_law_has_its_fields_and_its_factor(page: Page) -> None:
     expect(outcome).to_contain_text("Strength factor 10.7.")
 
 
+def test_other_laws_tell_of_this_strike_and_of_its_angle(page: Page) -> None:
+    open_explore(page)
+    table = page.get_by_role("table", name="Under other laws")
+    rows = table.locator("tbody tr")
+    expect(rows).to_have_count(9)
+    expect(page.get_by_role("region", name="Outcome")).to_contain_text("under other laws)")
+    for degrees in ("45", "55"):
+        page.get_by_label("Oblique angle", exact=True).fill(degrees)
+        expect(table).to_be_hidden()  # until it is of this strike
+        expect(table).to_be_visible()
+        for row in rows.all():
+            _, _, angle, outcome, fitted_to = row.locator("td").all_inner_texts()
+            assert outcome == ("turned away" if float(angle.rstrip("°")) < float(degrees) else "embedded")
+            assert fitted_to
+
+
 def test_shared_address_reopens_the_same_view(page: Page, new_page: Any) -> None:
     open_explore(page)
     page.get_by_label("Nose").select_option("conical")
