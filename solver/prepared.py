@@ -42,9 +42,21 @@ class PreparedCase:
     numerics: ResolvedNumerics
     model: Model
 
+    def strength_factor_at(self, oblique_angle: float) -> float:
+        """Strength factor of a strike at this angle. [1]
+
+        Raises
+        ------
+        ParameterError
+            If the model gives a value that is not above zero.
+        """
+        return strength_factor(
+            resistance=self.resistance, oblique_angle=oblique_angle, target=self.target, projectile=self.projectile
+        )
+
     def law_at(self, impact: Impact) -> Law:
         """Resistance with the strength factor of this strike."""
-        factor = strength_factor(resistance=self.resistance, oblique_angle=impact.oblique_angle, target=self.target)
+        factor = self.strength_factor_at(impact.oblique_angle)
         return self.model.law._replace(
             static_stress=factor * self.target.compressive_strength,
             ramp_velocity=RAMP_FRACTION * impact.velocity,

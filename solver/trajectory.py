@@ -221,7 +221,13 @@ def _warnings(prepared: PreparedCase, impact: Impact, run: Run, outcome: Outcome
             angle_of_attack=impact.angle_of_attack,
         )
     )
-    found += model_warnings.strength_fit_warning(resistance=prepared.resistance, oblique_angle=impact.oblique_angle)
+    found += model_warnings.strength_factor_warnings(
+        projectile=prepared.projectile,
+        target=prepared.target,
+        resistance=prepared.resistance,
+        velocity=impact.velocity,
+        oblique_angle=impact.oblique_angle,
+    )
     if abs(impact.axis_angle) > math.pi / 2.0:
         found.append(model_warnings.BASE_FIRST)
     if run.energy_gain > ENERGY_GAIN_TOLERATED:

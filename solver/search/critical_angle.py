@@ -21,7 +21,7 @@ from solver.numerics import (
 )
 from solver.prepared import OUTCOMES, Outcome, PreparedCase, check_end, final_tip_depth, integrate, prepare
 from solver.projectile import Projectile
-from solver.resistance import EQUATION_9, ObliquityPolynomial, Resistance, strength_factor
+from solver.resistance import EQUATION_9, ObliquityPolynomial, Resistance
 from solver.search.levels import search_levels
 from solver.search.outcome import search_outcome
 from solver.search.paper import search_bisection, search_secant
@@ -117,6 +117,7 @@ def critical_angle(
         other_crossings=change.other_crossings,
         warnings=_warnings(prepared, impact, change, trials, by_paper=paper) + doubts,
         standard_error=standard_error,
+        strength_factor=None if change.angle is None else prepared.strength_factor_at(change.angle),
     )
 
 
@@ -150,7 +151,7 @@ def _standard_error(
 def _shifted_angle(prepared: PreparedCase, impact: Impact, search: Search, shift: float) -> float | None:
     """Critical angle with the strength factor shifted, within what it leaves of the range; None if there is none."""
     model = prepared.resistance.strength_factor
-    constant, *rest = model.polynomial(prepared.target)
+    constant, *rest = model.polynomial(target=prepared.target, projectile=prepared.projectile)
     shifted = ObliquityPolynomial(coefficients=(constant + shift, *rest))
     upper = shifted.positive_up_to(*search.bounds)
     present = replace(prepared, resistance=replace(prepared.resistance, strength_factor=shifted))
@@ -194,7 +195,9 @@ def _search_outcome(prepared: PreparedCase, impact: Impact, search: Search) -> t
         velocity=impact.velocity,
         angle_of_attack=impact.angle_of_attack,
         angular_velocity=impact.angular_velocity,
-        strength=np.array(prepared.resistance.strength_factor.polynomial(target)),
+        strength=np.array(
+            prepared.resistance.strength_factor.polynomial(target=target, projectile=prepared.projectile)
+        ),
         compressive_strength=target.compressive_strength,
         end_time=numerics.termination_time,
         time_step=numerics.time_step,
@@ -209,7 +212,7 @@ def _search_outcome(prepared: PreparedCase, impact: Impact, search: Search) -> t
     found = search_outcome(_scan(search), inputs, prepared.model, levels)
     rows = found.trials.tolist()
     if rows[-1][END] == Termination.NO_STRENGTH:  # raises, and tells what the model gives
-        strength_factor(resistance=prepared.resistance, oblique_angle=rows[-1][ANGLE], target=target)
+        prepared.strength_factor_at(rows[-1][ANGLE])
     check_end(rows[-1][END], numerics.termination_time)
     trials = tuple(Trial(angle, position, OUTCOMES[end], fine > 0.0) for angle, position, end, _, fine in rows)
     return _first_onset([(trials[left], trials[right]) for left, right in found.brackets], trials), trials
@@ -252,7 +255,13 @@ def _warnings(
         )
     )
     reach = change.angle if change.angle is not None else max(trial.oblique_angle for trial in trials)
-    warnings += model_warnings.strength_fit_warning(resistance=prepared.resistance, oblique_angle=reach)
+    warnings += model_warnings.strength_factor_warnings(
+        projectile=prepared.projectile,
+        target=prepared.target,
+        resistance=prepared.resistance,
+        velocity=impact.velocity,
+        oblique_angle=reach,
+    )
     if change.starts_turned_away:
         warnings.append(model_warnings.RICOCHET_AT_LOWER_BOUND)
     end_time = prepared.numerics.termination_time

@@ -110,6 +110,8 @@ class CriticalAngle:
     warnings: tuple[ModelWarning, ...]
     standard_error: float | None = None
     """Of the angle, from the covariance of the strength factor; None without one. [rad]"""
+    strength_factor: float | None = None
+    """S at the critical angle; None without one. [1]"""
 
     def columns(self) -> Columns:
         """Return the trials as arrays by name, in order: angles in radians, positions in metres."""
