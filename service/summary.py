@@ -26,6 +26,8 @@ SCALARS: Mapping[str, tuple[str, ...]] = {
         "bracket_high_deg",
         "critical_angle_standard_error_deg",
         "strength_factor",
+        "energy_fraction_below",
+        "energy_fraction_above",
     ),
 }
 """Columns of the table of an operation, between what names the case and what is to be said of it."""
