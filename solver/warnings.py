@@ -23,7 +23,6 @@ EQUATION_9_STRENGTH, EQUATION_9_DIAMETER = 39e6, 0.08
 SAME_STRENGTH, SAME_DIAMETER = 0.1, 0.25
 """Relative difference from them up to which eq. 9 is used without a warning. [1]"""
 SMALL_ATTACK = math.radians(5.0)
-RELEASE_CALIBERS = 0.1
 CRATER_CALIBERS = 2.0
 """Depth of the front crater over the diameter, for which the theory of deep cavities was not made."""
 
@@ -202,13 +201,7 @@ def shallow(*, depth: float, diameter: float) -> tuple[ModelWarning, ...]:
 
 BASE_FIRST = ModelWarning(
     "base_strikes_first",
-    "the rear edge touches first, and the flat base, which the model does not load, faces the target",
-)
-
-BASE_INSIDE = ModelWarning(
-    "base_faces_target",
-    "at the end the flat base is inside and faces the target, which the model does not let resist it: a body that has "
-    "turned that far sinks in tail first without hindrance",
+    "the rear edge touches first: the projectile strikes with its tail ahead",
 )
 
 ENERGY_GAIN = ModelWarning(
@@ -216,27 +209,6 @@ ENERGY_GAIN = ModelWarning(
     "the fixed time step is too long for parts of this motion: kinetic energy rose within a step; compare with the "
     "adaptive method or a shorter step",
 )
-
-LODGED = ModelWarning(
-    "lodged",
-    "the load ends with the nose still inside and less than 0.1 % of the energy left, drifting out: counted as "
-    "embedded, since friction and rubble, which the model leaves out, decide there",
-)
-
-
-def slow_exit(*, release_depth: float, diameter: float) -> tuple[ModelWarning, ...]:
-    """Warning of a ricochet that was released with its nose tip this deep inside."""
-    if release_depth <= RELEASE_CALIBERS * diameter:
-        return ()
-    return (
-        ModelWarning(
-            "slow_exit",
-            f"it counts as turned away, but its load ends with the nose tip still {release_depth / diameter:.2g} "
-            "diameters deep: friction and rubble, which the model leaves out, may hold it as it drifts out; below "
-            "0.1 % of its energy it would count as lodged",
-        ),
-    )
-
 
 NO_MEASURED_ANGLE = ModelWarning(
     "no_measured_angle",

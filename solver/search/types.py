@@ -50,7 +50,7 @@ class Search:
     upper: float | None = None
     tolerance: float = math.radians(0.01)
     relative_tolerance: float = 0.01
-    scan_interval: float = math.radians(5.0)
+    scan_interval: float = math.radians(1.25)
 
     def __post_init__(self) -> None:
         known = self.method in ("outcome", "bisection", "secant")
