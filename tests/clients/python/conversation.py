@@ -27,8 +27,8 @@ from ricochet_client.api.trajectory import compute_trajectories, compute_traject
 from ricochet_client.models import (
     Axis,
     CriticalAngleAnswer,
-    CriticalAngleBatch,
     CriticalAngleBase,
+    CriticalAngleBatch,
     CriticalAngleCase,
     CriticalAngleRequest,
     CriticalAngleResults,
