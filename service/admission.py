@@ -16,58 +16,6 @@ LONGEST_WAIT_SECONDS = 3600
 """Nobody plans further ahead than the rate is worth."""
 
 
-class QueueFullError(Exception):
-    """More cases would wait than may.
-
-    Parameters
-    ----------
-    retry_after
-        When there is likely to be room. [s]
-    """
-
-    def __init__(self, retry_after: int) -> None:
-        super().__init__(f"too much work is waiting; there is likely to be room in {retry_after} s")
-        self.retry_after = retry_after
-
-
-class QueriesWaitingError(QueueFullError):
-    """More single queries would wait than may."""
-
-
-class OwnerQueriesError(QueueFullError):
-    """More single queries of one owner would wait or run than may."""
-
-
-class QuotaError(Exception):
-    """A key asks for more cases than it may.
-
-    Parameters
-    ----------
-    most
-        Within an hour.
-    count
-        That are asked for.
-    retry_after
-        When the key may ask for so many again, or, if it never may, when nothing is counted any more. [s]
-    """
-
-    def __init__(self, most: int, count: int, retry_after: int) -> None:
-        more = "" if count <= most else "; ask for fewer at a time"
-        super().__init__(f"{count:,} cases are more than this key may ask for now: it has {most:,} an hour{more}")
-        self.retry_after = retry_after
-
-
-class OwnerStreamsError(Exception):
-    """An owner has as many event streams open as one may."""
-
-    retry_after = 30
-    """Until one of them is likely to have ended. [s]"""
-
-
-class StreamsFullError(OwnerStreamsError):
-    """As many event streams are open as may be."""
-
-
 def check_work(case: Any, most: float) -> None:
     """Refuse a case whose runs could take far longer than any is given.
 

@@ -9,7 +9,8 @@ from typing import Any, Literal, TypeAlias
 from anyio import CapacityLimiter
 from anyio.to_thread import run_sync
 
-from service.admission import QueriesWaitingError, Rate
+from service.admission import Rate
+from service.errors import ComputationCancelled, QueriesWaitingError
 from service.executors.face import Executor
 from service.jobs.slices import Request
 from service.keys import SCHEMA_VERSION, result_key
@@ -19,9 +20,9 @@ from service.results.record import FloatColumns, Record
 from solver import ENGINE_VERSION
 
 __all__ = [
-    "AbandonedError",
     "CacheStatus",
     "Chunk",
+    "ComputationCancelled",
     "Engine",
     "Named",
     "Operation",
@@ -42,10 +43,6 @@ CHUNK_THREADS = 1
 """Likewise; of their own, so that single queries need not wait for the records of a chunk."""
 MOST_WAITING = 1000
 """Single queries that may wait for a worker: at 10 ms each, a few seconds of work."""
-
-
-class AbandonedError(Exception):
-    """The work was given up by those it was done for; whoever shared it has to do it again."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,7 +137,7 @@ class Engine:
                 found = asyncio.create_task(self._find(key, operation, request, canonical))
                 self._underway[key] = found
                 found.add_done_callback(lambda done: self._forget(key, done))
-            with suppress(AbandonedError):
+            with suppress(ComputationCancelled):
                 return await asyncio.shield(found)
 
     async def result(self, key: str) -> Record | None:
@@ -191,7 +188,7 @@ class Engine:
         pool: "asyncio.Future[list[Finished]]",
     ) -> None:
         """See a chunk to its end: its results are kept before anyone hears of them."""
-        outcomes: Sequence[Record | Exception] = [AbandonedError()] * len(own)
+        outcomes: Sequence[Record | Exception] = [ComputationCancelled()] * len(own)
         try:
             await asyncio.wait([pool])
             if not pool.cancelled():
@@ -249,7 +246,7 @@ class Chunk:
     ----------
     own, shared
         Answers by key: those this chunk computes, and those of others it waits for. One that is given up raises
-        `AbandonedError`. To be waited for, never to be cancelled.
+        `ComputationCancelled`. To be waited for, never to be cancelled.
     pool
         What the pool makes of the own ones.
     kept

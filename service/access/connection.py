@@ -16,7 +16,7 @@ from uvicorn.server import ServerState
 
 from service.access.arrival import CYCLE
 from service.access.headers import secured
-from service.kinds import Kind, content
+from service.errors import ProblemType
 from service.limits import Limits
 
 
@@ -115,7 +115,7 @@ class Connection(HttpToolsProtocol):
             f"{limits.max_head_fields} fields and {limits.max_head_bytes:,} bytes",
             HTTPStatus.REQUEST_TIMEOUT: "the head of the request comes too slowly",
         }.get(status, msg)
-        body = orjson.dumps({**content(Kind(status, "", status.phrase), detail, []), "instance": ""})
+        body = orjson.dumps({**ProblemType.of_status(status).content(detail), "instance": ""})
         headers = [
             (b"content-type", b"application/problem+json"),
             (b"content-length", b"%d" % len(body)),

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from fastapi import Request
 
 from service.access.visit import AskedVisit
-from service.admission import OwnerQueriesError, OwnerStreamsError, StreamsFullError
+from service.errors import OwnerQueriesError, OwnerStreamsError, StreamsFullError
 
 QUERY_SECONDS = 1
 """Until one of a hundred queries has been answered. [s]"""

@@ -21,9 +21,9 @@ from service.batches.active import ActiveJob, Waiting
 from service.batches.marks import Marks
 from service.batches.turns import Place, Slots, Turns
 from service.engine import Engine, Wanted
+from service.errors import JobGoneError, StorageError, case_problem
 from service.jobs.slices import CaseState
-from service.jobs.store import VERSIONS, JobGoneError, JobState, JobStore, Status, StorageError
-from service.kinds import problem_of
+from service.jobs.store import VERSIONS, JobState, JobStore, Status
 
 AHEAD = 10
 """Slices looked up in the cache at once: what is there is marked without a chunk being made of it."""
@@ -265,4 +265,4 @@ class Dispatcher:
         """End a job that cannot go on."""
         if not job.ending:
             log.error("job %s failed", job.state.id, exc_info=error)
-            await self.end(job, "failed", problem_of(error))
+            await self.end(job, "failed", case_problem(error))

@@ -9,21 +9,15 @@ from typing import Any, TypeVar
 from anyio import CancelScope, CapacityLimiter
 from anyio.to_thread import run_sync
 
-from service.admission import QueueFullError, Rate
+from service.admission import Rate
 from service.batches.dispatch import Dispatcher
 from service.batches.reading import Reader
 from service.batches.small import CaseResult, SmallWork
 from service.batches.turns import Slots
 from service.engine import Engine
+from service.errors import IdempotencyBusyError, IdempotencyConflictError, QueueFullError, StorageError
 from service.jobs.slices import SLICE, Case, pack
-from service.jobs.store import (
-    Idempotency,
-    IdempotencyBusyError,
-    IdempotencyConflictError,
-    JobState,
-    JobStore,
-    StorageError,
-)
+from service.jobs.store import Idempotency, JobState, JobStore
 
 __all__ = [
     "Case",

@@ -10,14 +10,13 @@ from typing import Any
 from anyio import CapacityLimiter
 from anyio.to_thread import run_sync
 
-from service.admission import QueueFullError, Rate
+from service.admission import Rate
 from service.batches.pace import Pace
 from service.batches.turns import Slots
-from service.engine import AbandonedError, Engine, Wanted
+from service.engine import Engine, Wanted
+from service.errors import ComputationCancelled, PoolUnavailableError, QueueFullError, case_problem
 from service.jobs.slices import Case
 from service.keys import result_key
-from service.kinds import problem_of
-from service.pool.lane import PoolUnavailableError
 from service.results.record import Record
 
 CHUNK_SECONDS = 0.1
@@ -128,7 +127,7 @@ class SmallWork:
                 try:
                     wanted.append(Wanted(key, canonical[first], request, operation.call(request)))
                 except Exception as error:  # noqa: BLE001 (of this case alone)
-                    wanted.append(Outcome(key, None, problem_of(error), own=True))
+                    wanted.append(Outcome(key, None, case_problem(error), own=True))
         return numbers, wanted, known
 
     def _begin(self, operation: str, wanted: Sequence[Wanted | Outcome]) -> set["asyncio.Task[list[Outcome]]"]:
@@ -166,12 +165,12 @@ class SmallWork:
         outcomes, nbytes = [], 0
         for key, future in answers.items():
             error = None if future.cancelled() else future.exception()
-            if future.cancelled() or isinstance(error, AbandonedError | QueueFullError):
+            if future.cancelled() or isinstance(error, ComputationCancelled | QueueFullError):
                 continue
             if isinstance(error, PoolUnavailableError) or not isinstance(error, Exception | None):
                 raise error
             record = None if error else future.result()[0]
             nbytes += len(record.json) if record else 0
-            outcomes.append(Outcome(key, record, problem_of(error) if error else None, own=key in chunk.own))
+            outcomes.append(Outcome(key, record, case_problem(error) if error else None, own=key in chunk.own))
         self._paces[operation].note([finished.seconds for finished in chunk.pool.result()], nbytes)
         return outcomes

@@ -8,10 +8,9 @@ from pydantic import ValidationError
 
 from service.commands.errors import RefusedError
 from service.engine import Operation, name_request
+from service.errors import InvalidBodyError, problem_of, validation_errors
 from service.keys import SCHEMA_VERSION
-from service.kinds import INVALID, content, problem_of
 from service.results.record import Record
-from service.schemas.pointers import pointer_of_location
 from solver import ENGINE_VERSION, RicochetError
 
 OPERATIONS = {"trajectory": "TRAJECTORY", "cra": "CRITICAL_ANGLE"}
@@ -33,8 +32,7 @@ def compute(name: str, body: dict[str, Any]) -> bytes:
         function, arguments = operation.call(request)
         answer, history = operation.answer(request, function(*arguments))
     except ValidationError as error:
-        errors = [{"pointer": pointer_of_location(each["loc"]), "detail": each["msg"]} for each in error.errors()]
-        raise RefusedError(content(INVALID, "", errors)) from None
+        raise RefusedError(problem_of(InvalidBodyError(validation_errors(error.errors())))) from None
     except RicochetError as error:
         raise RefusedError(problem_of(error)) from None
     return Record(key, name, canonical, answer, history, ENGINE_VERSION, SCHEMA_VERSION).json

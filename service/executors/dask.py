@@ -15,10 +15,10 @@ from typing import Any, TypeVar, TypeVarTuple
 
 from distributed import Future, KilledWorker
 
+from service.errors import PoolUnavailableError, WorkerCrashedError
 from service.executors.cluster import Cluster, in_time
 from service.executors.host import run_chunk, versions
 from service.pool.executor import PoolExecutor
-from service.pool.lane import PoolUnavailableError, WorkerCrashedError
 from service.pool.worker import Call, Finished, answer, packed, unpacked
 
 ATTEMPTS = 5

@@ -7,7 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from typing import TypeVar, TypeVarTuple
 
-from service.pool.lane import ExecutorError, PoolUnavailableError, TaskTimeoutError
+from service.errors import ExecutorError, PoolUnavailableError, TaskTimeoutError
 from service.pool.worker import Call, Finished, answer, packed, unpacked
 from solver import warm_up
 

@@ -11,6 +11,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from service.errors import StorageError
+
 LAYOUT = 1
 """Raised when the tables change."""
 BUSY_SECONDS = 10.0
@@ -69,14 +71,6 @@ CREATE INDEX idempotency_by_job ON idempotency (job);
 """
 
 log = logging.getLogger(__name__)
-
-
-class StorageError(Exception):
-    """Jobs cannot be stored or read: the disk is full, read-only or gone."""
-
-
-class JobGoneError(StorageError):
-    """The job has been deleted meanwhile."""
 
 
 class Database:

@@ -11,14 +11,6 @@ Status: TypeAlias = Literal["accepted", "running", "successful", "failed", "dism
 FINAL = frozenset({"successful", "failed", "dismissed"})
 
 
-class IdempotencyConflictError(Exception):
-    """The key belongs to another request."""
-
-
-class IdempotencyBusyError(Exception):
-    """The request with this key is still being accepted."""
-
-
 @dataclass(frozen=True, slots=True)
 class Idempotency:
     """What makes a request that is sent again the same.

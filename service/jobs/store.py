@@ -16,8 +16,9 @@ from typing import Any
 
 import orjson
 
-from service.jobs.database import Database, JobGoneError, StorageError
-from service.jobs.job import CaseRow, Idempotency, IdempotencyBusyError, IdempotencyConflictError, JobState, Status
+from service.errors import IdempotencyBusyError, IdempotencyConflictError, JobGoneError, StorageError
+from service.jobs.database import Database
+from service.jobs.job import CaseRow, Idempotency, JobState, Status
 from service.jobs.slices import SLICE, CaseState, Slice, join_keys, split_custom_ids, split_keys, split_requests
 from service.keys import SCHEMA_VERSION, result_key
 from solver import ENGINE_VERSION

@@ -20,8 +20,9 @@ from concurrent.futures import Future, wait
 from contextlib import suppress
 from typing import Any, TypeVar, TypeVarTuple
 
+from service.errors import ExecutorError, PoolUnavailableError
 from service.pool.backlog import CHUNK, END, PROBE, SINGLE, Backlog, Job
-from service.pool.lane import ExecutorError, Lane, PoolUnavailableError
+from service.pool.lane import Lane
 from service.pool.worker import Call, Finished
 
 Arguments = TypeVarTuple("Arguments")

@@ -9,6 +9,7 @@ from concurrent.futures import Future
 from contextlib import suppress
 from multiprocessing.context import ForkServerContext
 
+from service.errors import ExecutorError, PoolUnavailableError, TaskTimeoutError, WorkerCrashedError
 from service.pool.backlog import CHUNK, END, Backlog, Job
 from service.pool.worker import STOP, Channel, Finished, serve, unpacked
 
@@ -24,22 +25,6 @@ BUSY_CHECK_SECONDS = 0.02
 """How often the lane of a busy worker looks for what it should stop for, replies or not; a look costs 10 µs."""
 CANCEL_SECONDS = 0.3
 """For the call a cancelled chunk is on to end by itself; then its worker is ended, the only way to stop it."""
-
-
-class ExecutorError(Exception):
-    """Root of what goes wrong in the pool rather than in the call."""
-
-
-class WorkerCrashedError(ExecutorError):
-    """The call ended every worker process it was given to."""
-
-
-class TaskTimeoutError(ExecutorError):
-    """The call took longer than a call may."""
-
-
-class PoolUnavailableError(ExecutorError):
-    """No worker process could be started, or the pool is stopping."""
 
 
 class _WorkerDiedError(Exception):

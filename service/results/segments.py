@@ -17,6 +17,7 @@ from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
 
+from service.errors import FolderInUseError
 from service.results.hdf5 import check
 
 FILE = re.compile(r"[0-9a-f]{32}\.h5")
@@ -24,10 +25,6 @@ MOST_REMEMBERED = 100_000
 """Segments that are remembered to be whole, some 20 MB."""
 
 log = logging.getLogger(__name__)
-
-
-class FolderInUseError(Exception):
-    """The data folder belongs to another running service."""
 
 
 class FolderLock:

@@ -7,9 +7,9 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+from service.errors import FolderInUseError
 from service.results.cache import ResultCache
 from service.results.index import Statistics, read_statistics
-from service.results.segments import FolderInUseError
 
 
 class UnusableFolderError(Exception):

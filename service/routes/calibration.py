@@ -12,8 +12,8 @@ from fastapi import APIRouter, Request, Response
 from pydantic import BaseModel, ValidationError
 
 from service.engine import Engine, Named, Operation, name_request
+from service.errors import InvalidBodyError, validation_errors
 from service.pool.worker import run_depth_calibration, run_motion_calibration, run_obliquity_calibration
-from service.problems import InvalidBodyError, errors_told
 from service.routes.body import JSON, parse_json, require_type, stream_up_to
 from service.routes.contract import COMPUTED, AskedEngine, computed, one_body
 from service.schemas import (
@@ -126,7 +126,7 @@ def read_asked(body: bytes, operation: str, model: type[BaseModel], most_deep: i
     try:
         case: Any = model.model_validate(content)
     except ValidationError as error:
-        raise InvalidBodyError(errors_told(error.errors())) from error
+        raise InvalidBodyError(validation_errors(error.errors())) from error
     return Asked(case, name_request(operation, case))
 
 

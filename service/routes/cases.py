@@ -16,9 +16,8 @@ from pydantic import MISSING, BaseModel, ValidationError
 from pydantic_core import to_json
 
 from service.admission import check_work
+from service.errors import MAX_ERRORS, InvalidBodyError, field_errors, validation_errors
 from service.jobs.slices import Case
-from service.kinds import errors_of as errors_of_case
-from service.problems import MOST_ERRORS, InvalidBodyError, errors_told
 from service.routes.body import JSON, JSONL, parse_json, require_type, stream_up_to
 from service.schemas.batches import MOST_LINES, Cases
 from service.schemas.sweeps import AxisError, Grid, Outline
@@ -102,7 +101,7 @@ def unwrap(body: bytes, model: type[Cases], most_deep: int) -> Cases:
     try:
         return model.model_validate(few_fields(parse_json(body, most_deep)))
     except ValidationError as error:
-        raise InvalidBodyError(errors_told(error.errors())) from error
+        raise InvalidBodyError(validation_errors(error.errors())) from error
 
 
 def few_fields(content: Any) -> Any:
@@ -124,10 +123,10 @@ def check_cases(found: Sequence[Any], model: type[BaseModel], first: int, limits
             cases.append(case := to_case(content, model, limits))
             case.request.arguments()  # type: ignore[attr-defined] # every request of the contract has it
         except ValidationError as error:
-            errors += errors_told(error.errors(), place)
+            errors += validation_errors(error.errors(), place)
         except ParameterError as error:
             errors += behind(place, error)
-        if len(errors) > MOST_ERRORS:
+        if len(errors) > MAX_ERRORS:
             break
     if errors:
         raise InvalidBodyError(errors)
@@ -194,14 +193,14 @@ def check_line(line: bytes, model: type[BaseModel], index: int, limits: Settings
     except HTTPException as error:
         raise InvalidBodyError([{"pointer": pointer, "detail": error.detail}], place) from error
     except ValidationError as error:
-        raise InvalidBodyError(errors_told(error.errors(), pointer), place) from error
+        raise InvalidBodyError(validation_errors(error.errors(), pointer), place) from error
     except ParameterError as error:
         raise InvalidBodyError(behind(pointer, error), place) from error
 
 
 def behind(pointer: str, error: ParameterError) -> list[dict[str, str]]:
     """Return what is wrong with a case, told of the one at this pointer."""
-    return [{**each, "pointer": pointer + each["pointer"]} for each in errors_of_case(error)]
+    return [{**each, "pointer": pointer + each["pointer"]} for each in field_errors(error)]
 
 
 def lay_grid(body: bytes, model: type[BaseModel], limits: Settings) -> Grid:
@@ -209,7 +208,7 @@ def lay_grid(body: bytes, model: type[BaseModel], limits: Settings) -> Grid:
     try:
         outline = Outline.model_validate(few_fields(parse_json(body, limits.max_body_depth)))
     except ValidationError as error:
-        raise InvalidBodyError(errors_told(error.errors())) from error
+        raise InvalidBodyError(validation_errors(error.errors())) from error
     if len(to_json(outline.base)) > limits.max_body_bytes:
         detail = f"may be {limits.max_body_bytes} bytes long at most"
         raise InvalidBodyError([{"pointer": "/base", "detail": detail}])
@@ -217,7 +216,7 @@ def lay_grid(body: bytes, model: type[BaseModel], limits: Settings) -> Grid:
         model.model_validate(outline.base)
         return Grid(model, outline)
     except ValidationError as error:
-        raise InvalidBodyError(errors_told(error.errors(), "/base")) from error
+        raise InvalidBodyError(validation_errors(error.errors(), "/base")) from error
     except AxisError as error:
         raise InvalidBodyError([{"pointer": error.pointer, "detail": error.detail}]) from error
 
@@ -243,7 +242,7 @@ def check_point(grid: Grid, model: type[BaseModel], number: int, point: tuple[fl
     try:
         return to_case(grid.request(point), model, limits)
     except (ValidationError, ParameterError) as error:
-        found = errors_of_case(error) if isinstance(error, ParameterError) else errors_told(error.errors())
+        found = field_errors(error) if isinstance(error, ParameterError) else validation_errors(error.errors())
         place = "at " + ", ".join(f"{field} = {value:g}" for field, value in zip(grid.fields, point, strict=True))
         told = [{**each, "pointer": grid.pointer(number, each["pointer"])} for each in found]
         raise InvalidBodyError(told, place) from error

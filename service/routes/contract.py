@@ -10,10 +10,10 @@ from pydantic import BaseModel
 from service.access.visit import visit_in
 from service.admission import check_work
 from service.engine import Engine, Named
-from service.kinds import kind_of
+from service.errors import problem_of
 from service.logs import BEGUN
-from service.problems import Problem
 from service.schemas import Job
+from service.schemas.problems import Problem
 
 Responses: TypeAlias = dict[int | str, dict[str, Any]]
 
@@ -149,7 +149,7 @@ async def computed(
         with app.queries.held(visit.caller.owner) if visit.caller.key else nullcontext():
             record, status = await engine.answer(operation, case, named)
     except Exception as error:
-        app.metrics.count_problem(operation, {"type": kind_of(error).uri})
+        app.metrics.count_problem(operation, problem_of(error))
         raise
     if status == "hit":
         app.metrics.count_hit(record)

@@ -11,7 +11,8 @@ from anyio.to_thread import run_sync
 from fastapi.responses import StreamingResponse
 
 from service.batches.small import CaseResult
-from service.jobs.store import JobState, StorageError
+from service.errors import StorageError
+from service.jobs.store import JobState
 from service.results.hdf5 import BatchFile
 from service.routes.items import header, to_rows
 

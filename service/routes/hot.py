@@ -7,8 +7,8 @@ from time import perf_counter
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from service.access.visit import VISIT, Visit
-from service.admission import QuotaError
 from service.engine import Engine
+from service.errors import QuotaError
 from service.logs import BEGUN
 from service.results.record import Record
 

@@ -6,9 +6,9 @@ from typing import Any
 import httpx
 import pytest
 
-from service.problems import Problem
 from service.schemas import CriticalAngleResults, Job, TrajectoryResults
 from service.schemas.examples import PAPER, PAPER_AT_45
+from service.schemas.problems import Problem
 
 from .many import ASYNC, JSONL, LINES, finished, items_of, lines, searches, strikes
 

@@ -8,9 +8,9 @@ import pytest
 from fastapi import FastAPI
 
 from service.app import create_app
-from service.problems import Problem
 from service.schemas import CriticalAngleAnswer
 from service.schemas.examples import PAPER
+from service.schemas.problems import Problem
 from service.settings import Settings
 
 pytestmark = pytest.mark.anyio

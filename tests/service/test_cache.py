@@ -18,10 +18,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from service.errors import FolderInUseError
 from service.results.cache import NOT_CACHED, ResultCache
 from service.results.hdf5 import BLOCK, read_keys
 from service.results.record import Record
-from service.results.segments import FolderInUseError, name_of
+from service.results.segments import name_of
 from tests.service.records import critical_angle, critical_angle_with_motion, key_of, same, trajectory
 
 pytestmark = pytest.mark.timeout(60)

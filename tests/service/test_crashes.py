@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from service.batches.runner import StorageError
+from service.errors import StorageError
 from service.jobs.slices import Case
 from service.jobs.store import JobStore
 from service.pool.executor import PoolExecutor

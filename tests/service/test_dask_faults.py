@@ -17,9 +17,9 @@ import pytest
 from distributed import Client
 from pydantic import ValidationError
 
+from service.errors import WorkerCrashedError
 from service.executors.dask import DaskExecutor
 from service.executors.host import UnfitWorkerError, differences, run_chunk, versions
-from service.pool.lane import WorkerCrashedError
 from service.pool.worker import Call
 from service.schemas.examples import PAPER
 from service.settings import Settings

@@ -12,12 +12,11 @@ import numpy as np
 import pytest
 
 from benchmarks.stress.faults_folder import keys_of, segments
-from service.admission import QueriesWaitingError
-from service.engine import AbandonedError, Engine, Operation, Wanted
+from service.engine import Engine, Operation, Wanted
+from service.errors import ComputationCancelled, QueriesWaitingError, WorkerCrashedError
 from service.executors.face import Executor
 from service.keys import result_key
 from service.pool.executor import PoolExecutor
-from service.pool.lane import WorkerCrashedError
 from service.results.cache import NOT_CACHED, ResultCache
 from service.results.record import FloatColumns
 from solver.arrays import FloatArray
@@ -169,7 +168,7 @@ async def test_single_query_outlives_the_chunk_it_waited_for(engine: Engine, tmp
     record, status = await single
     assert (record.answer["number"], status) == (7, "miss")
     await chunk.kept
-    with pytest.raises(AbandonedError):
+    with pytest.raises(ComputationCancelled):
         await chunk.own[record.key]
 
 

@@ -19,8 +19,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from service.errors import PoolUnavailableError, TaskTimeoutError, WorkerCrashedError
 from service.pool.executor import PoolExecutor
-from service.pool.lane import PoolUnavailableError, TaskTimeoutError, WorkerCrashedError
 from service.pool.worker import Call
 
 pytestmark = [pytest.mark.anyio, pytest.mark.timeout(60)]

@@ -16,11 +16,11 @@ from typing import TypeAlias
 import numpy as np
 import pytest
 
+from service.errors import PoolUnavailableError, TaskTimeoutError, WorkerCrashedError
 from service.executors.dask import DaskExecutor
 from service.executors.face import Executor
 from service.executors.in_process import InProcessExecutor
 from service.pool.executor import PoolExecutor
-from service.pool.lane import PoolUnavailableError, TaskTimeoutError, WorkerCrashedError
 from service.pool.worker import Call, answer, packed, run_cra, run_trajectory, unpacked
 from solver import Impact
 from solver.cases import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY

@@ -15,7 +15,7 @@ from benchmarks.stress.faults_crashes import kill_servers, kill_workers
 from benchmarks.stress.faults_disk import fill_disks
 from benchmarks.stress.faults_found import Found
 from benchmarks.stress.faults_losses import lose_files
-from service.batches.runner import StorageError
+from service.errors import StorageError
 from service.jobs.job import JobState
 from service.pool.executor import PoolExecutor
 from tests.service.squares import accepted, all_results, cases, ended, running, squares, until_done

@@ -12,8 +12,8 @@ from pathlib import Path
 import orjson
 import pytest
 
+from service.errors import StorageError
 from service.jobs import store as module
-from service.jobs.database import StorageError
 from service.jobs.slices import SLICE, Case, CaseState, pack, split_custom_ids, split_keys, split_requests
 from service.jobs.store import Idempotency, JobState, JobStore
 from service.keys import result_key

@@ -12,9 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from service.admission import QueueFullError
-from service.batches.runner import Case, CaseResult, Idempotency, Runner, StorageError
-from service.jobs.store import IdempotencyBusyError, IdempotencyConflictError
+from service.batches.runner import Case, CaseResult, Idempotency, Runner
+from service.errors import IdempotencyBusyError, IdempotencyConflictError, QueueFullError, StorageError
 from service.pool.executor import PoolExecutor
 from tests.service.questions import Question, runs
 from tests.service.squares import (
