@@ -69,7 +69,7 @@ def allowed_methods(request: Request) -> list[str]:
         if compile_path(path)[0].match(request.scope["path"])
         for method in operations
     }
-    return sorted(found) or ["GET"]
+    return sorted(found | {"HEAD"} if "GET" in found else found) or ["GET", "HEAD"]
 
 
 def problem_response(

@@ -35,7 +35,7 @@ class Connection(HttpToolsProtocol):
         _loop: asyncio.AbstractEventLoop | None = None,
     ) -> None:
         super().__init__(config, server_state, app_state, _loop)
-        self._limits: Limits = config.app.state.settings  # type: ignore[union-attr] # it is the FastAPI application
+        self._limits: Limits = config.app.state.services.settings  # type: ignore[union-attr] # it is the FastAPI application
         self._waiting: float | None = None
         """Since when a head is waited for."""
         self._in_head = False

@@ -16,7 +16,7 @@ from pathlib import Path
 
 from httpx import HTTPTransport
 
-from service.app import create_app, lifespan
+from service.api.app import create_app, lifespan
 from service.commands.client import Client, connect
 from service.commands.environment import read_settings
 from service.commands.errors import FAILED, CommandError

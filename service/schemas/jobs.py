@@ -1,15 +1,17 @@
 """Jobs as the contract has them."""
 
 from enum import StrEnum
-from typing import Annotated
+from typing import Annotated, Any
 
 from pydantic import MISSING, AwareDatetime, Field
 
 from service.schemas.answers import FOUND, VERSIONED
 from service.schemas.batches import Item
+from service.schemas.examples import PAPER
 from service.schemas.problems import Problem
 from service.schemas.quantities import Count, Part, with_examples
 from service.schemas.results import Result
+from service.schemas.sweeps import EVEN, LISTED, Axis
 
 ID = "0123456789abcdef0123456789abcdef"
 COUNTS = {"total": 200, "done": 120, "cached": 20, "failed": 1}
@@ -72,6 +74,15 @@ class JobLinks(Part):
     cancel: Path
 
 
+class SweepRequest(Part):
+    """A sweep as it was sent."""
+
+    model_config = with_examples({"base": PAPER, "axes": [EVEN, LISTED]})
+
+    base: Annotated[dict[str, Any], Field(description="A request, in which the axes set their fields anew.")]
+    axes: list[Axis]
+
+
 class Job(Part):
     """Work that goes on after its request has been answered."""
 
@@ -89,6 +100,11 @@ class Job(Part):
         | MISSING
     ) = MISSING
     problem: Annotated[Problem, Field(description="Why it failed.")] | MISSING = MISSING
+    axes: Annotated[list[str], Field(description="Fields that vary, if it is a sweep.")] | MISSING = MISSING
+    request: (
+        Annotated[SweepRequest, Field(description="The sweep that it computes, as it was sent; not in lists of jobs.")]
+        | MISSING
+    ) = MISSING
     links: JobLinks
 
 

@@ -168,7 +168,7 @@ def test_lines_may_end_as_files_do(client: httpx.Client, end: bytes) -> None:
     [
         ({"Content-Type": "text/plain"}, 415),
         ({"Content-Type": "application/jsonl", "Content-Encoding": "gzip"}, 415),
-        (LINES | {"Accept": "text/csv"}, 406),
+        (LINES | {"Accept": "image/png"}, 406),
         (LINES | {"Idempotency-Key": "x" * 256}, 422),
     ],
 )

@@ -6,7 +6,7 @@ from starlette.requests import Request
 from starlette.responses import Response
 
 from service import errors
-from service.app import create_app
+from service.api.app import create_app
 from service.errors import (
     IdempotencyBusyError,
     IdempotencyConflictError,
@@ -99,6 +99,7 @@ async def test_parameter_is_told_by_its_name_in_the_request(field: str, pointer:
 
 
 def test_wrong_method_is_told_all_that_the_path_allows(client: httpx.Client) -> None:
-    for path, allowed in (("/jobs/1", "DELETE, GET"), ("/cra", "POST"), ("/jobs/1/cancel", "POST"), ("/livez", "GET")):
+    paths = {"/jobs/1": "DELETE, GET, HEAD", "/cra": "POST", "/jobs/1/cancel": "POST", "/livez": "GET, HEAD"}
+    for path, allowed in paths.items():
         answer = client.request("PATCH", path)
         assert (answer.status_code, answer.headers["Allow"]) == (405, allowed)
