@@ -1,7 +1,8 @@
-"""Key of a result: a hash of everything it depends on."""
+"""Key of a result: a hash of everything it depends on; canonical requests with their keys."""
 
 import hashlib
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, Protocol
 
 import orjson
 
@@ -11,13 +12,35 @@ SCHEMA_VERSION = "1"
 """Raised whenever the meaning of a request or an answer changes: results kept under another version are not used."""
 
 
+class Request(Protocol):
+    """A validated request."""
+
+    def canonical(self) -> dict[str, Any]:
+        """Return every field as JSON data, defaults filled in."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class KeyedRequest:
+    """A canonical request as JSON, and the key of its result."""
+
+    key: str
+    json: bytes
+
+    @classmethod
+    def of(cls, operation: str, request: Request) -> "KeyedRequest":
+        """Return the canonical form of a validated request with its key."""
+        canonical = request.canonical()
+        return cls(result_key(operation, canonical), orjson.dumps(canonical))
+
+
 def result_key(operation: str, request: dict[str, Any]) -> str:
     """Key of the result of a request.
 
     Parameters
     ----------
     operation
-        What is asked for, such as ``"cra"``.
+        Name of the operation, such as ``"cra"``.
     request
         Canonical request: validated, every default filled in.
 

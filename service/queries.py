@@ -5,16 +5,15 @@ import secrets
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any, Literal, Protocol, TypeAlias
+from typing import Literal, TypeAlias
 
-import orjson
 from anyio.to_thread import run_sync
 
 from service.backpressure import Rate
 from service.cache.cache import ResultCache
 from service.cache.hdf5 import Segment
 from service.cache.record import Record
-from service.cache_key import result_key
+from service.cache_key import KeyedRequest
 from service.errors import ComputationCancelled, QueriesWaitingError
 from service.operations import Operation
 from service.workers.base import Call, CallResult, Executor
@@ -25,28 +24,6 @@ Answered: TypeAlias = tuple[Record, CacheStatus]
 
 MAX_WAITING = 1000
 """Single queries that may wait for a worker: at 10 ms each, a few seconds of work."""
-
-
-class Request(Protocol):
-    """A validated request."""
-
-    def canonical(self) -> dict[str, Any]:
-        """Return every field as JSON data, defaults filled in."""
-        ...
-
-
-@dataclass(frozen=True, slots=True)
-class KeyedRequest:
-    """A canonical request as JSON, and the key of its result."""
-
-    key: str
-    json: bytes
-
-    @classmethod
-    def of(cls, operation: str, request: Request) -> "KeyedRequest":
-        """Return the canonical form of a validated request with its key."""
-        canonical = request.canonical()
-        return cls(result_key(operation, canonical), orjson.dumps(canonical))
 
 
 class QueryService:

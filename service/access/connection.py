@@ -17,7 +17,7 @@ from uvicorn.server import ServerState
 from service.access.arrival import CYCLE
 from service.access.headers import secured
 from service.errors import ProblemType
-from service.limits import Limits
+from service.settings import Limits
 
 
 class HeadTooLongError(Exception):

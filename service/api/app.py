@@ -53,11 +53,11 @@ Angles are in degrees from the inward normal of the face: 0° is normal impact. 
 Fields are named with their units and never null: what is not given is absent.
 """
 POOL_SECONDS = 1
-"""For the workers to end once nothing is asked of them any more."""
+"""For the workers to end after the last request."""
 TRACES_SECONDS = 0.5
 """For the last traces to be sent, when all else has ended."""
 STOP_SECONDS = POOL_SECONDS + 1
-"""Of the grace time, for jobs and workers to end after the last request has been answered or given up."""
+"""Part of the grace time for jobs and workers to end after the last request has been answered or given up."""
 RESOURCES = (queries, batches, results, jobs, health, metrics, page)
 """Routers in the order in which they are searched."""
 BODIES = (
@@ -155,15 +155,15 @@ def declare_bodies(schemas: dict[str, Any]) -> None:
 
 
 def declare_access(method: str, path: str, operation: dict[str, Any]) -> None:
-    """Tell whether an operation may take a key, and how it is refused for want of one."""
+    """Declare that an operation may take a key, and how it is refused without one."""
     if scope_for(method.upper(), path) is None:
         return
     operation["security"] = [{}, {"key": []}]
     refused = problems(400, 401, 403, *([408] if "requestBody" in operation else []))
     for status, response in refused.items():
-        told = {name: value for name, value in response.items() if name != "model"}
+        declared = {name: value for name, value in response.items() if name != "model"}
         content = {"application/json": {"schema": {"$ref": "#/components/schemas/Problem"}}}
-        operation["responses"].setdefault(str(status), {**told, "content": content})
+        operation["responses"].setdefault(str(status), {**declared, "content": content})
     operation["responses"] = dict(sorted(operation["responses"].items()))
 
 
@@ -188,7 +188,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     Raises
     ------
     MissingExtraError
-        If traces are asked for, and what sends them is not installed.
+        If traces are enabled, and what sends them is not installed.
     """
     settings = settings or Settings()
     traces = telemetry.tracer_provider() if settings.telemetry else None

@@ -17,9 +17,9 @@ from pydantic_core import to_json
 from service.api.body import JSON, JSONL, parse_json, read_body, require_type, stream_up_to
 from service.api.services import Services, services_of
 from service.backpressure import check_work
+from service.cache_key import KeyedRequest
 from service.errors import MAX_ERRORS, InvalidBodyError, field_errors, validation_errors
 from service.jobs.models import Case, Sweep
-from service.queries import KeyedRequest
 from service.schemas.batches import MOST_LINES, Cases
 from service.schemas.requests import CriticalAngleRequest, TrajectoryRequest
 from service.schemas.sweeps import AxisError, Grid, Outline
@@ -31,7 +31,7 @@ CASES_AT_ONCE = 200
 BYTES_AT_ONCE = 256 * 1024
 """Lines validated in one go: few long ones take as much time as many short ones."""
 MAX_FIELDS = 20
-"""Of a batch or a sweep, which has two at most: what is wrong with each of a million would take a second to list."""
+"""Fields of a batch or a sweep, which has two at most: listing what is wrong with a million would take a second."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -187,7 +187,7 @@ async def begin(results: AsyncGenerator[CaseResult, None]) -> AsyncIterator[Case
 
 
 async def until(stopping: asyncio.Event, changes: AsyncGenerator[JobState, None]) -> AsyncGenerator[JobState, None]:
-    """Yield changes until the service is stopping, which no change may tell of."""
+    """Yield changes until the service is stopping, which no change reports."""
     stopped = asyncio.ensure_future(stopping.wait())
     async with aclosing(changes):
         try:

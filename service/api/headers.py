@@ -63,10 +63,10 @@ class Preference:
 
     def applied(self, waited: float | None) -> dict[str, str]:
         """Return the header that says which preferences were obeyed in making a job, if any was."""
-        told = ["respond-async"] * self.respond_async
+        applied = ["respond-async"] * self.respond_async
         if self.wait is not None and waited is not None:
-            told.append(f"wait={min(self.wait, int(waited))}")
-        return {"Preference-Applied": ", ".join(told)} if told else {}
+            applied.append(f"wait={min(self.wait, int(waited))}")
+        return {"Preference-Applied": ", ".join(applied)} if applied else {}
 
 
 def read_preference(headers: Iterable[str]) -> Preference:

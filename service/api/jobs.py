@@ -28,9 +28,9 @@ router = APIRouter(tags=["jobs"])
 FORMS = (JSON, JSONL, CSV, HDF5)
 PAGE = 200
 MOST_ROWS = 1_000
-"""Of a page."""
+"""Largest page."""
 MOST_DIGITS = 9
-"""Of the number of a case."""
+"""Digits of the number of a case."""
 
 
 async def manager_of(request: Request) -> JobManager:
@@ -49,7 +49,7 @@ JobId = Annotated[str, Path(description="Of the job.", max_length=200)]
 
 
 async def job_of(job_id: JobId, jobs: CurrentManager, visit: AskedVisit) -> JobState:
-    """Return the job that is asked for; that of another owner is not there."""
+    """Return the requested job; that of another owner is not there."""
     return known(await jobs.job(job_id, visit.caller.sees))
 
 
@@ -90,7 +90,7 @@ EVENTS: Responses = {
 }
 LastEventId = Annotated[
     str,
-    Header(alias="Last-Event-ID", description="Of the event seen last: the state it told of is not told again."),
+    Header(alias="Last-Event-ID", description="Of the event seen last: its state is not sent again."),
 ]
 
 
@@ -113,7 +113,7 @@ async def list_jobs(
     responses={200: RETRY_LATER, **problems(404, 422, 500, 507)},
 )
 async def get_job(job: RequestedJob, jobs: CurrentManager) -> Response:
-    """Tell how far a job is."""
+    """Return a job: how far it is and, if it is a sweep, its request."""
     return job_response(job, headers={} if job.final else retry_after(job, jobs), sweep=await jobs.sweep(job))
 
 
@@ -212,7 +212,7 @@ async def follow_job(
     visit: AskedVisit,
     last_event_id: LastEventId = "",
 ) -> AsyncIterator[ServerSentEvent]:
-    """Tell of a job whenever it changes, until it has ended. A job that has ended is told of once."""
+    """Send a job whenever it changes, until it has ended. A job that has ended is sent once."""
     keys = services_of(request).keys
     async with aclosing(until(services_of(request).stopping, jobs.changes(job.id))) as changes:
         async for state in changes:

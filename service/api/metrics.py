@@ -31,7 +31,7 @@ SECONDS = (0.0005, 0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0,
 
 
 class Metrics:
-    """Counts what is done; the rest is looked up when it is asked for."""
+    """Counts what is done; the rest is looked up for each answer."""
 
     def __init__(self) -> None:
         disable_created_metrics()  # type: ignore[no-untyped-call] # they would be a series more for each of the others

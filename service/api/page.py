@@ -14,16 +14,16 @@ router = APIRouter(include_in_schema=False)
 
 FOLDER = Path(__file__).parents[1] / "page"
 NO_STYLE = "'sha256-47DEQpj8HBSa+/TImW+5JCeuQeRkm5NMpJWZG3hSuFU='"
-"""Of nothing: Plotly adds an empty style sheet, and rules to it as the policy lets a script do."""
+"""Hash of the empty style sheet: Plotly adds one, and rules to it as the policy lets a script do."""
 MAP_STYLE = "'sha256-ji27qzEtxXZW+7dun6UwjHXJ18e6WAin1VvNtkzIE/o='"
-"""Of the sheet for geographic maps that Plotly's bundle adds as it is loaded."""
+"""Hash of the sheet for geographic maps that Plotly's bundle adds as it is loaded."""
 POLICY = (
     f"default-src 'none'; script-src 'self'; style-src 'self' {NO_STYLE} {MAP_STYLE}; img-src 'self' data: blob:; "
     "connect-src 'self'; font-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 )
-"""A browser runs and asks nothing from elsewhere, whatever the page holds."""
+"""A browser runs and loads nothing from elsewhere, whatever the page holds."""
 HEADERS = {
-    "Cache-Control": "no-cache",  # kept, but asked about each time: a new version shows at once
+    "Cache-Control": "no-cache",  # kept, but checked each time: a new version shows at once
     "Content-Security-Policy": POLICY,
     "Cross-Origin-Opener-Policy": "same-origin",
     "Referrer-Policy": "no-referrer",
@@ -55,7 +55,7 @@ DOCS_ASSETS = StaticFiles(directory=Path(fastapi_offline.__file__).parent / "sta
 DOCS_POLICY = (
     "default-src 'self'; script-src 'self' 'unsafe-inline'; style-src 'self' 'unsafe-inline'; img-src 'self' data:"
 )
-"""A browser asks no address outside the service, whatever the page holds."""
+"""A browser reaches no address outside the service, whatever the page holds."""
 ASSETS = Assets(directory=FOLDER)
 PLOTLY = Assets(directory=plotly_folder())
 

@@ -14,11 +14,11 @@ from service.api.contract import COMPUTED, one_body
 from service.api.services import Services, services_of
 from service.backpressure import check_work
 from service.cache.record import Record
+from service.cache_key import KeyedRequest
 from service.errors import InvalidBodyError, problem_of, validation_errors
 from service.jobs.scheduler import problem_name
 from service.logs import BEGUN
 from service.operations import OPERATIONS
-from service.queries import KeyedRequest
 from service.schemas import (
     CriticalAngleAnswer,
     CriticalAngleRequest,
@@ -34,8 +34,7 @@ from service.schemas import (
 from service.schemas.pointers import json_pointer
 
 MAX_FIELDS = 20
-"""Of an object of a calibration, which has half as many: what is wrong with each of a million would take a second to
-list."""
+"""Fields of an object of a calibration, which has half as many: listing a million errors would take a second."""
 
 router = APIRouter()
 
@@ -168,7 +167,7 @@ def validated(content: Any, operation: str, services: Services) -> KeyedRequest:
     Raises
     ------
     InvalidBodyError, ParameterError
-        If it is none, or asks for more than one run may take.
+        If it is none, or takes more work than one run may.
     """
     model: Any = OPERATIONS[operation].request
     try:

@@ -1,4 +1,4 @@
-"""Traces of requests for OpenTelemetry, through FastAPI's own hook; only if they are asked for.
+"""Traces of requests for OpenTelemetry, through FastAPI's own hook; only if they are enabled.
 
 Where they go, and how many of them, say the variables of OpenTelemetry itself (`OTEL_EXPORTER_OTLP_ENDPOINT`,
 `OTEL_TRACES_SAMPLER` and so on).
@@ -14,13 +14,13 @@ from opentelemetry import trace
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 UNTRACED = frozenset({"/livez", "/readyz", "/metrics"})
-"""Asked every few seconds by whoever watches; nobody wants to read about it."""
+"""Polled every few seconds by monitors; not worth a trace."""
 REQUEST_ID = "ricochet.request_id"
 """Attribute of a span: the id of its request in the log and in the answer."""
 
 
 class MissingExtraError(Exception):
-    """Traces are asked for, and what sends them is not installed; the text says how to mend it."""
+    """Traces are enabled, and what sends them is not installed; the text says how to mend it."""
 
 
 def tracer_provider() -> trace.TracerProvider:

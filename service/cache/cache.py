@@ -26,9 +26,9 @@ KEY = re.compile(r"[0-9a-f]{64}")
 PROBE = bytes(65_536)
 """Enough for a full disk to refuse it."""
 EVICTED_SHARE = 0.1
-"""Of the limit, made free at once, so that not every new result has to."""
+"""Share of the limit made free at once, so that not every new result has to."""
 EVICTED_AT_ONCE = 64
-"""Segments; whoever stores results waits for it."""
+"""Segments; storing results waits for it."""
 
 log = logging.getLogger(__name__)
 

@@ -1,9 +1,10 @@
 """Datasets of an HDF5 file, written and read chunk by chunk.
 
-Chunks are compressed here, by the filters HDF5 knows (shuffle and deflate): the HDF5 library would hold the interpreter
-lock meanwhile, and keep the event loop from its turn. Datasets and attributes are made with the lower interface of
-h5py, which takes a third of the time; texts are of fixed length, since a single one of variable length makes the file
-4 kB larger.
+Chunks are compressed here, by the filters HDF5 knows (shuffle and deflate), and datasets are made with the lower
+interface of h5py. Measured against `create_dataset` with the same filters: the file of one result takes 1.1 ms instead
+of 1.5 ms, and 8 MiB of histories hold up other threads for 8 ms at most instead of 35 ms, since the HDF5 library keeps
+the interpreter lock while it compresses. Texts are of fixed length: a single one of variable length makes the file 4 kB
+larger.
 """
 
 import itertools
@@ -20,10 +21,10 @@ from service.cache.tables import Table
 from service.columns import Column
 
 HDF5 = threading.RLock()
-"""Held by whoever has a file open: the HDF5 library is not made for threads. h5py has a lock of its own, which should
+"""Held while a file is open: the HDF5 library is not made for threads. h5py has a lock itself, which should
 do; but a server once ended with its memory damaged, for a cause that was not found, and this one costs little."""
 LEVEL = 3
-"""Of the compression: the next ones take twice the time for a tenth less."""
+"""Compression level: the next ones take twice the time for a tenth less."""
 
 MEMORY_STEP = 64 * 1024
 """By which a file in memory grows. [bytes]"""

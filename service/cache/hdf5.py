@@ -35,7 +35,7 @@ LAYOUT = "1"
 SEGMENT_BYTES = 16 * 1024 * 1024
 """Largest size of the histories of one segment: what is read and decompressed for a single result of it."""
 CHUNK_BYTES = 1024 * 1024
-"""Of a file written slice by slice: little enough to wait in memory, and enough to be compressed well."""
+"""Chunk of a file written block by block: little enough to wait in memory, and enough to be compressed well."""
 
 DESCRIPTIONS = {
     "summary": "the answers in short, a row each",
@@ -140,7 +140,7 @@ class BatchFile:
     def __exit__(self, kind: object, *_: object) -> None:
         if kind is None:
             self.finish()
-        with HDF5, suppress(OSError):  # what could not be written is told already
+        with HDF5, suppress(OSError):  # reported already
             self._file.close()
 
     def finish(self) -> None:
@@ -208,7 +208,7 @@ class Contents:
         summaries: Sequence[Mapping[str, Any]],
         problems: Sequence[dict[str, Any] | None] = (),
     ) -> None:
-        """Add these results and what the summary tells of them; where there is no result, the problem."""
+        """Add these results and their summaries; where there is no result, the problem."""
         answers = [record.answer_json if record else b"" for record in records]
         for row, problem in enumerate(problems):
             answers[row] = answers[row] or orjson.dumps({"problem": problem})

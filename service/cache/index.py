@@ -1,4 +1,4 @@
-"""Which result is in which segment, in SQLite. Nothing is here that the segments do not tell: it can be made anew."""
+"""Which result is in which segment, in SQLite. The segments hold all of it: it can be made anew."""
 
 import sqlite3
 import threading
@@ -14,7 +14,7 @@ import orjson
 LAYOUT = 1
 """Raised when the tables change: an index of another layout is made anew."""
 KEYS_AT_ONCE = 1000
-"""Looked up in a few milliseconds, during which whoever stores results waits."""
+"""Looked up in a few milliseconds, during which storing waits."""
 FLUSH_SECONDS = 60.0
 """How late the time of last use may be written; what a crash loses of it hardly matters."""
 
@@ -35,12 +35,12 @@ CREATE TABLE results (
 CREATE INDEX results_by_segment ON results (segment);
 """
 
-# The driver gives the interpreter lock up and asks for it again at every row it reads or writes, and has to wait each
+# The driver gives the interpreter lock up and takes it again at every row it reads or writes, and has to wait each
 # time while others are busy. So keys go in as one blob, and what is found comes back as one JSON text.
 FIND = """
-WITH RECURSIVE asked (number) AS (SELECT 0 UNION ALL SELECT number + 1 FROM asked WHERE number + 1 < ?2)
-SELECT json_group_array(json_array(asked.number, segments.name, results.row)) FROM asked
-CROSS JOIN results ON results.key = substr(?1, 32 * asked.number + 1, 32)
+WITH RECURSIVE wanted (number) AS (SELECT 0 UNION ALL SELECT number + 1 FROM wanted WHERE number + 1 < ?2)
+SELECT json_group_array(json_array(wanted.number, segments.name, results.row)) FROM wanted
+CROSS JOIN results ON results.key = substr(?1, 32 * wanted.number + 1, 32)
 CROSS JOIN segments ON segments.id = results.segment
 """
 ADD_SEGMENT = """

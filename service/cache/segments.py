@@ -178,7 +178,7 @@ class Segments:
 
     def _remember(self, name: str, signature: tuple[int, int]) -> None:
         if len(self._whole) >= MOST_REMEMBERED:
-            self._whole.clear()  # they are seen again when they are asked for
+            self._whole.clear()  # they are checked again when they are used
         self._whole[name] = signature
 
 
@@ -189,6 +189,6 @@ def discard(path: Path) -> None:
 
 
 def _signature(path: Path) -> tuple[int, int]:
-    """Size and time of last change, which tell whether a file is still the one that was seen."""
+    """Size and time of last change, which identify the file that was checked."""
     status = path.stat()
     return status.st_size, status.st_mtime_ns

@@ -19,9 +19,9 @@ CONNECT_SECONDS = 5.0
 INTRODUCTION_SECONDS = 180.0
 """For a worker to say its versions and bring its pool up; the first ever on a machine compiles the solver."""
 RETRY_SECONDS = 30.0
-"""Before a worker that could not say its versions, or bring its pool up, is asked again."""
+"""Before a worker that could not say its versions, or bring its pool up, is tried again."""
 LIBRARIES = ("distributed", "tornado", "bokeh")
-"""Whose loggers Dask gives handlers of their own when it is imported."""
+"""Libraries whose loggers get handlers when Dask is imported."""
 
 Value = TypeVar("Value")
 log = logging.getLogger(__name__)
@@ -31,7 +31,7 @@ class Cluster:
     """Keeps up a connection to the scheduler, and an eye on the workers.
 
     A worker takes no chunk before it has said its versions: those of other versions are left out, with a line in the
-    log, and a worker that joins later is asked likewise.
+    log, and a worker that joins later is checked likewise.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ class Cluster:
         self.client: Client | None = None
         """None while there is no connection."""
         self.threads: dict[str, int] = {}
-        """Of the workers that are fit, by address."""
+        """Threads of the workers that can be used, by address."""
         self.changed = asyncio.Event()
         """Set when workers have come or gone, and another one put in its place."""
         self.lost = time.monotonic()
@@ -144,11 +144,11 @@ class Cluster:
         if client is None:
             return
 
-        async def ask() -> dict[str, Any]:
-            told = client.run(introduce, self._task_seconds, versions(), workers=[address], on_error="return")
-            return dict(await told)
+        async def introduced() -> dict[str, Any]:
+            answer = client.run(introduce, self._task_seconds, versions(), workers=[address], on_error="return")
+            return dict(await answer)
 
-        theirs = (await in_time(ask, INTRODUCTION_SECONDS) or {}).get(address)
+        theirs = (await in_time(introduced, INTRODUCTION_SECONDS) or {}).get(address)
         if theirs == versions():
             log.info("worker %s takes chunks, %d at a time", address, threads)
             self._note(address, threads)
@@ -168,11 +168,11 @@ class Cluster:
         changed.set()
 
 
-async def in_time(ask: Callable[[], Awaitable[Value]], seconds: float) -> Value | None:
+async def in_time(call: Callable[[], Awaitable[Value]], seconds: float) -> Value | None:
     """Return what the cluster says to this; None if it cannot be reached, or not in time."""
     try:
         async with asyncio.timeout(seconds):
-            return await ask()
+            return await call()
     except (OSError, TimeoutError, AttributeError):  # the client has no scheduler any more once it is closed
         return None
 
@@ -183,5 +183,5 @@ def use_our_log() -> None:
         if name.startswith(LIBRARIES) and isinstance(logger, logging.Logger):
             logger.handlers.clear()
             logger.propagate = True
-    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # of what is lost we tell ourselves
+    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # losses are logged here
     dask.config.set({"distributed.admin.large-graph-warning-threshold": "1GB"})

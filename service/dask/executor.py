@@ -2,7 +2,7 @@
 
 A client waits for a single call: the pool answers in a millisecond and does not care how the cluster is. Chunks are
 what there are many of. Each is one task of Dask, and comes back whole or is given out again: when its worker or the
-scheduler has died, to whoever is there then, and while there is nobody, to the pool. So a job always goes on.
+scheduler has died, to the workers that are left and, while there are none, to the pool. So a job always goes on.
 """
 
 import asyncio
@@ -212,7 +212,7 @@ def outcome_of(result: "asyncio.Future[list[CallResult]]") -> list[CallResult]:
 
 async def give_up(task: "Future[Any]") -> None:
     """Tell the scheduler that nobody wants this any more."""
-    with suppress(Exception):  # there may be no scheduler to tell
+    with suppress(Exception):  # there may be no scheduler
         await in_time(task.cancel, CANCEL_SECONDS)
 
 
@@ -222,5 +222,5 @@ def all_dumped(calls: Sequence[Call]) -> list[bytes]:
 
 
 def all_loaded(replies: Sequence[CallResult]) -> list[CallResult]:
-    """Return what became of calls, each as the process it ran in told it, or the pool of the worker."""
+    """Return what became of calls, each as reported by its process, or by the pool of the worker."""
     return [reply if reply.error is not None else loads(reply.value) for reply in replies]

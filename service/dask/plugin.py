@@ -1,4 +1,4 @@
-"""What runs on the workers of a Dask cluster: each keeps a pool of its own, the very one the service has.
+"""What runs on the workers of a Dask cluster: each has the same process pool as the service.
 
 So a call that hangs or kills its process is dealt with where it happens and as everywhere else, and the worker, whose
 interpreter no compiled code holds up, always hears of its scheduler. It passes messages on without looking inside.
@@ -26,12 +26,12 @@ from solver import ENGINE_VERSION
 PACKAGES = ("ricochet", "h5py", "llvmlite", "numba", "numpy", "orjson", "pydantic", "scipy")
 """What decides the last bit of a result, or how it is encoded."""
 MAIN_MODULES = ("distributed.cli.dask_worker",)
-"""Of this process: that takes a second, and is done once for all workers of the pool."""
+"""Main module of a Dask worker: its import takes a second, and is done once for the pool."""
 STOP_SECONDS = 1.0
 
 
 class UnfitWorkerError(Exception):
-    """The worker runs other versions than the service, or has not been asked which."""
+    """The worker runs other versions than the service, or they are not known yet."""
 
 
 @cache

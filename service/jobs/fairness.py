@@ -11,7 +11,7 @@ FIRST_CASES = 4
 """Before anything is known of the cases: the slowest take a minute each."""
 MOST_CASES = 256
 MOST_BYTES = 16 * 1024 * 1024
-"""Of answers in one chunk: those with long histories take 4 MB each."""
+"""Answers in one chunk: those with long histories take 4 MB each."""
 SHRUNK = 8
 """A job whose cases differ that much goes on with chunks of an eighth."""
 NEWEST = 0.3
@@ -59,7 +59,7 @@ class Permit:
         self._semaphore: PrioritySemaphore | None = semaphore
 
     def release(self) -> None:
-        """Leave the permit to whoever waits."""
+        """Give the permit back."""
         semaphore, self._semaphore = self._semaphore, None
         if semaphore is not None:
             semaphore.release()
@@ -96,7 +96,7 @@ class PrioritySemaphore:
         return Permit(self)
 
     def release(self) -> None:
-        """Leave a permit to whoever waits; if there are more permits than before, to several."""
+        """Pass a permit on; if there are more permits than before, several."""
         self._taken -= 1
         for waiting in (self._waiting[True], self._waiting[False]):
             while waiting and self._taken < self._count():

@@ -11,10 +11,11 @@ from anyio.to_thread import run_sync
 
 from service.backpressure import Rate
 from service.cache.record import Record
+from service.cache_key import KeyedRequest
 from service.errors import ComputationCancelled, PoolUnavailableError, QueueFullError, case_problem
 from service.jobs.fairness import ChunkSizer, PrioritySemaphore
 from service.jobs.models import Case, CaseResult
-from service.queries import KeyedRequest, QueryService
+from service.queries import QueryService
 
 CHUNK_SECONDS = 0.1
 """Work in a chunk: the client sees the first results soon."""

@@ -10,17 +10,17 @@ from typing import Any, TypeVar
 import orjson
 from anyio.to_thread import run_sync
 
-from service.cache_key import result_key
+from service.cache_key import KeyedRequest, result_key
 from service.jobs.inline import InlineBatch
 from service.jobs.models import Case, CaseResult, CaseRow, CaseState, JobState
 from service.jobs.store import VERSIONS, JobStore
-from service.queries import KeyedRequest, QueryService
+from service.queries import QueryService
 
 MOST_CASES = 200
 FIRST_CASES = 16
 """Before it is known how large the results of a job are."""
 READ_BYTES = 8 * 1024 * 1024
-"""Of answers read at once, about: those with long histories take 4 MB each."""
+"""Answers read at once, about: those with long histories take 4 MB each."""
 
 Value = TypeVar("Value")
 

@@ -16,6 +16,7 @@ from typing import Any, NamedTuple, TypeAlias, TypeVar
 from anyio.to_thread import run_sync
 
 from service.backpressure import Rate
+from service.cache_key import KeyedRequest
 from service.errors import (
     ComputationCancelled,
     JobGoneError,
@@ -27,7 +28,7 @@ from service.errors import (
 from service.jobs.fairness import ChunkSizer, FairQueue, Permit, PrioritySemaphore
 from service.jobs.models import BLOCK_SIZE, CaseState, JobState, Status
 from service.jobs.store import VERSIONS, JobStore
-from service.queries import Answered, KeyedRequest, QueryService
+from service.queries import Answered, QueryService
 
 AHEAD = 10
 """Blocks of cases looked up in the cache at once: what is there is marked without a chunk being made of it."""
@@ -111,7 +112,7 @@ class CaseUpdates:
     def take(
         self, numbers: Mapping[str, Sequence[int]], answers: Mapping[str, "asyncio.Future[Answered]"], state: CaseState
     ) -> None:
-        """Note these answers: the first case of each key is in this state, its twins need no work of their own."""
+        """Note these answers: the first case of each key is in this state, its twins need no work."""
         for key, future in answers.items():
             error = future.exception() if future.done() and not future.cancelled() else ComputationCancelled()
             if error is None:
@@ -334,7 +335,7 @@ class Scheduler:
         stop: Callable[[], object],
         seconds: float | None = None,
     ) -> bool:
-        """Wait for something that the end of the job puts an end to; tell whether it came in time."""
+        """Wait for something that ends with the job; return whether it came in time."""
         job.stops.add(stop)
         done, _ = await asyncio.wait([waiting], timeout=seconds)
         job.stops.discard(stop)

@@ -1,16 +1,17 @@
-"""Jobs as the contract has them."""
+"""Jobs and results of any operation, as the contract has them."""
 
 from enum import StrEnum
 from typing import Annotated, Any
 
 from pydantic import MISSING, AwareDatetime, Field
+from typing_extensions import TypeAliasType
 
-from service.schemas.answers import FOUND, VERSIONED
+from service.schemas.answers import FOUND, VERSIONED, CriticalAngleAnswer, TrajectoryAnswer
 from service.schemas.batches import Item
+from service.schemas.calibration import DepthCalibrationAnswer, MotionCalibrationAnswer, ObliquityCalibrationAnswer
 from service.schemas.examples import PAPER
 from service.schemas.problems import Problem
 from service.schemas.quantities import Count, Part, with_examples
-from service.schemas.results import Result
 from service.schemas.sweeps import EVEN, LISTED, Axis
 
 ID = "0123456789abcdef0123456789abcdef"
@@ -31,6 +32,18 @@ RUNNING = {
     "links": LINKS,
 }
 
+Result = TypeAliasType(
+    "Result",
+    Annotated[
+        TrajectoryAnswer
+        | CriticalAngleAnswer
+        | DepthCalibrationAnswer
+        | MotionCalibrationAnswer
+        | ObliquityCalibrationAnswer,
+        Field(description="Any answer."),
+    ],
+)
+"""What a key may stand for."""
 Number = Annotated[Count, Field(ge=0)]
 Path = Annotated[str, Field(description="Path at this service.")]
 

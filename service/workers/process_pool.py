@@ -1,6 +1,6 @@
 """The process pool: one worker process to a core, one call at a time in each.
 
-Each worker has a thread and a socket of its own, and they share nothing: no queue, no lock. So a worker may be killed
+Each worker has its own thread and socket, and they share nothing: no queue, no lock. So a worker may be killed
 at any instant, also halfway through sending a result, and the only call it can take with it is the one it was on.
 The libraries looked at share a pipe among the workers: there one SIGKILL fails every task in flight
 (``concurrent.futures``, loky) or stops the pool for good (pebble).

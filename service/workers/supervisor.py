@@ -130,7 +130,7 @@ class WorkerSupervisor:
     def _run(self) -> None:
         try:
             self._live_worker()
-        except Exception as error:  # noqa: BLE001 (whoever starts the pool raises it)
+        except Exception as error:  # noqa: BLE001 (raised where the pool is started)
             self.started.set_exception(error)
             return
         self.started.set_result(None)
@@ -160,7 +160,7 @@ class WorkerSupervisor:
                 if task.left and task.priority == CHUNK and self._tasks.urgent:
                     self._tasks.put(task)
                     return
-        except Exception as error:  # noqa: BLE001 (whoever waits for the task raises it)
+        except Exception as error:  # noqa: BLE001 (raised where the task is awaited)
             if self.worker is not None:  # nobody knows what it would say next
                 self._discard(self.worker)
             task.future.set_exception(error)
@@ -209,7 +209,7 @@ class WorkerSupervisor:
                 raise TaskTimeoutError(f"not finished after {self._task_seconds:g} s")
 
     def _look_after_worker(self) -> None:
-        with suppress(ExecutorError):  # whoever needs one next tries again
+        with suppress(ExecutorError):  # the next task tries again
             self._live_worker()
 
     def _live_worker(self) -> WorkerProcess:
@@ -228,7 +228,7 @@ class WorkerSupervisor:
         if self._closed.is_set():
             raise PoolUnavailableError("the service is stopping")
         self.worker = worker = WorkerProcess(self._context)
-        if self._closed.is_set():  # whoever closed the pool since has not seen this worker
+        if self._closed.is_set():  # closed since, without seeing this worker
             worker.kill()
         try:
             ready = worker.receive(START_SECONDS)

@@ -174,8 +174,8 @@ def answer(call: bytes) -> bytes:
         try:
             return pickle.dumps((None, error, seconds), pickle.HIGHEST_PROTOCOL)
         except Exception:  # noqa: BLE001 (an exception may hold anything)
-            told = RuntimeError("\n".join(error.__notes__))
-            return pickle.dumps((None, told, seconds), pickle.HIGHEST_PROTOCOL)
+            described = RuntimeError("\n".join(error.__notes__))
+            return pickle.dumps((None, described, seconds), pickle.HIGHEST_PROTOCOL)
 
 
 def dumps(call: Call) -> bytes:
@@ -211,5 +211,5 @@ def end_with_parent() -> None:
     signal.signal(signal.SIGIO, signal.SIG_DFL)
     fcntl.fcntl(parent.sentinel, fcntl.F_SETOWN, os.getpid())
     fcntl.fcntl(parent.sentinel, fcntl.F_SETFL, fcntl.fcntl(parent.sentinel, fcntl.F_GETFL) | os.O_ASYNC)
-    if not parent.is_alive():  # it went before the kernel was asked
+    if not parent.is_alive():  # it ended before the kernel was set up
         sys.exit()

@@ -7,10 +7,10 @@ import sys
 import time
 from pathlib import Path
 
-from service.jobs.models import BLOCK_SIZE, CaseBlock, CaseState
+from service.cache_key import KeyedRequest
+from service.jobs.models import BLOCK_SIZE, Case, CaseBlock, CaseState
 from service.jobs.store import JobStore
 from tests.service.questions import PROBLEM, Question
-from tests.service.squares import case
 
 CASES = 450
 KILLS = 12
@@ -21,7 +21,7 @@ def write_for_ever(folder: Path) -> None:
     while True:
         job = store.create("square", "local")
         for number, first in enumerate(range(0, CASES, BLOCK_SIZE)):
-            cases = [case(Question(i)) for i in range(first, min(CASES, first + BLOCK_SIZE))]
+            cases = [Case(KeyedRequest.of("square", Question(i))) for i in range(first, min(CASES, first + BLOCK_SIZE))]
             store.append(job, number, CaseBlock.of(cases))
         store.accept(job, CASES, None)
         for first in range(0, CASES, 50):

@@ -22,6 +22,7 @@ from service.jobs.models import (
     CaseState,
     Idempotency,
     JobState,
+    Sweep,
     split_custom_ids,
     split_keys,
     split_requests,
@@ -70,6 +71,29 @@ def test_job_is_seen_by_nobody_until_it_is_accepted(tmp_path: Path) -> None:
     assert store.job(state.id) == store.jobs("local")[0] == store.unfinished()[0] == state
     assert store.jobs("someone else") == []
     assert len(state.id) == 32
+
+
+def test_sweep_is_kept_with_its_job_and_goes_with_it(tmp_path: Path) -> None:
+    store = store_in(tmp_path)
+    sweep = Sweep({"base": {"x": 1.0}, "axes": []}, ("a.b", "c"), ([1.0, 2.0], [5.0, 6.0, 7.0]))
+    number = store.create("square", "local", sweep)
+    state = store.accept(number, 0, None)
+    assert state.axes == store.jobs("local")[0].axes == ("a.b", "c")
+    assert store.sweep(number) == sweep
+    assert [sweep.point(case) for case in (0, 2, 3, 5)] == [(1.0, 5.0), (1.0, 7.0), (2.0, 5.0), (2.0, 7.0)]
+    store.discard(number)
+    assert store.sweep(number) is None
+
+
+def test_file_of_a_version_without_sweeps_is_opened(tmp_path: Path) -> None:
+    before = stored_job(store_in(tmp_path))
+    with sqlite3.connect(tmp_path / "jobs.sqlite") as database:
+        database.execute("DROP TABLE sweeps")
+    database.close()
+    store = store_in(tmp_path)
+    assert store.job(before.id) == before
+    assert store.sweep(before.number) is None
+    assert len(store.rows(before.number, 0, 450)) == 450
 
 
 def test_cases_come_back_in_order_from_any_place(tmp_path: Path) -> None:

@@ -13,9 +13,10 @@ import pytest
 
 from benchmarks.stress.faults_folder import keys_of, segments
 from service.cache.cache import NOT_CACHED, ResultCache
+from service.cache_key import KeyedRequest
 from service.errors import ComputationCancelled, QueriesWaitingError, WorkerCrashedError
 from service.operations import Answer, Operation
-from service.queries import KeyedRequest, QueryService
+from service.queries import QueryService
 from service.schemas.quantities import Part
 from service.workers.base import Executor
 from service.workers.process_pool import ProcessPool
