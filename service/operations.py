@@ -28,9 +28,6 @@ from solver.calibration import fit_depth, fit_motion, fit_obliquity, penetration
 Answer: TypeAlias = tuple[dict[str, Any], dict[str, FloatArray] | None]
 """The JSON answer without its key, its version and the columns of its history; and those columns."""
 
-CASES_OF_A_FIT = 20
-"""What a calibration counts as against a quota: it takes as long as so many cases."""
-
 
 @dataclass(frozen=True, slots=True)
 class Operation:
@@ -46,13 +43,13 @@ class Operation:
     columns
         The answer in one row.
     cases
-        What a request counts as against a quota.
+        Returns what a request counts as against a quota.
     """
 
     compute: Callable[[bytes], Answer]
     request: type[Part]
     columns: tuple[Column, ...] = ()
-    cases: int = 1
+    cases: Callable[[Any], int] = lambda _: 1
 
 
 def compute_trajectory(request: bytes) -> Answer:
@@ -96,6 +93,11 @@ def compute_obliquity_calibration(request: bytes) -> Answer:
     return obliquity_answer(fit_obliquity(**ObliquityCalibrationRequest.model_validate_json(request).arguments())), None
 
 
+def cases_of_a_fit(_: Part) -> int:
+    """Return what a calibration counts as: it takes as long as so many cases."""
+    return 20
+
+
 OPERATIONS: Mapping[str, Operation] = {
     "trajectory": Operation(compute_trajectory, TrajectoryRequest, SUMMARY["trajectory"]),
     "cra": Operation(compute_critical_angle, CriticalAngleRequest, SUMMARY["cra"]),
@@ -103,16 +105,16 @@ OPERATIONS: Mapping[str, Operation] = {
         compute_depth_calibration,
         DepthCalibrationRequest,
         SUMMARY["calibration_depth"],
-        CASES_OF_A_FIT,
+        cases_of_a_fit,
     ),
     "calibration_motion": Operation(
         compute_motion_calibration,
         MotionCalibrationRequest,
         SUMMARY["calibration_motion"],
-        CASES_OF_A_FIT,
+        cases_of_a_fit,
     ),
     "calibration_obliquity": Operation(
-        compute_obliquity_calibration, ObliquityCalibrationRequest, cases=CASES_OF_A_FIT
+        compute_obliquity_calibration, ObliquityCalibrationRequest, cases=cases_of_a_fit
     ),
 }
 

@@ -101,7 +101,7 @@ async def test_memory_for_bodies_is_bounded(app: FastAPI) -> None:
     bodies = app.state.services.bodies = KnownBodies(40_000)
     for case in searches(20):
         assert (await call(app, "/cra", orjson.dumps(case), JSON))[0] == 200
-    assert 1 < len(bodies._keys) < 10
+    assert 1 < len(bodies._known) < 10
     assert bodies._nbytes <= 5_000
 
 
