@@ -21,6 +21,7 @@ from service.schemas import (
     obliquity_answer,
     trajectory_answer,
 )
+from service.schemas.alternatives import alternative_requests
 from service.schemas.quantities import Part
 from solver.arrays import FloatArray
 from solver.calibration import fit_depth, fit_motion, fit_obliquity, penetration_depths, predict_motion
@@ -98,9 +99,14 @@ def cases_of_a_fit(_: Part) -> int:
     return 20
 
 
+def cases_of_a_query(request: Any) -> int:
+    """Return what a query counts as: with alternatives, each of them is a case too."""
+    return 1 + len(alternative_requests(request)) if request.alternatives else 1
+
+
 OPERATIONS: Mapping[str, Operation] = {
-    "trajectory": Operation(compute_trajectory, TrajectoryRequest, SUMMARY["trajectory"]),
-    "cra": Operation(compute_critical_angle, CriticalAngleRequest, SUMMARY["cra"]),
+    "trajectory": Operation(compute_trajectory, TrajectoryRequest, SUMMARY["trajectory"], cases_of_a_query),
+    "cra": Operation(compute_critical_angle, CriticalAngleRequest, SUMMARY["cra"], cases_of_a_query),
     "calibration_depth": Operation(
         compute_depth_calibration,
         DepthCalibrationRequest,

@@ -21,7 +21,7 @@ from service.cache_key import KeyedRequest
 from service.errors import MAX_ERRORS, InvalidBodyError, field_errors, validation_errors
 from service.jobs.models import Case, Sweep
 from service.schemas.batches import MOST_LINES, Cases
-from service.schemas.requests import CriticalAngleRequest, TrajectoryRequest
+from service.schemas.requests import CriticalAngleBase, TrajectoryFields
 from service.schemas.sweeps import AxisError, Grid, Outline
 from service.workers.compute import check_requests
 from solver import ParameterError
@@ -71,7 +71,7 @@ class BatchReader:
     """
 
     def __init__(
-        self, request: Request, operation: str, model: type[CriticalAngleRequest] | type[TrajectoryRequest]
+        self, request: Request, operation: str, model: type[CriticalAngleBase] | type[TrajectoryFields]
     ) -> None:
         self._request = request
         self._operation = operation

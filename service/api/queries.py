@@ -1,7 +1,9 @@
 """Single queries: one trajectory, one critical angle, one calibration."""
 
+import asyncio
 import time
 from contextlib import nullcontext
+from http import HTTPStatus
 from typing import Any
 
 from anyio.to_thread import run_sync
@@ -14,7 +16,7 @@ from service.api.contract import COMPUTED, one_body
 from service.api.services import Services, services_of
 from service.backpressure import check_work
 from service.cache_key import KeyedRequest
-from service.errors import InvalidBodyError, problem_of, validation_errors
+from service.errors import InvalidBodyError, ProblemType, problem_of, validation_errors
 from service.jobs.scheduler import problem_name
 from service.logs import BEGUN
 from service.operations import OPERATIONS
@@ -31,6 +33,7 @@ from service.schemas import (
     TrajectoryAnswer,
     TrajectoryRequest,
 )
+from service.schemas.alternatives import alternative_requests, answered_alternative, with_alternatives
 from service.schemas.pointers import json_pointer
 
 MAX_FIELDS = 20
@@ -136,11 +139,38 @@ async def answer(request: Request, operation: str, *, long: bool = False) -> Res
     read, cases = time.perf_counter(), OPERATIONS[operation].cases(case)
     context.take(cases)
     query = await run_sync(KeyedRequest.of, operation, case) if long else KeyedRequest.of(operation, case)
-    record, status = await computed(services, context, operation, query)
-    services.bodies.remember(path, body, KnownBody(query.key, cases))
+    if getattr(case, "alternatives", False):
+        content, status = await computed_with_alternatives(request, operation, case, query)
+    else:
+        record, status = await computed(services, context, operation, query)
+        content = record.json
+        services.bodies.remember(path, body, KnownBody(query.key, cases))
     now = time.perf_counter()
     timing = f"validate;dur={1e3 * (read - begun):.2f}, compute;dur={1e3 * (now - read):.2f}"
-    return reply(record.json, status, f"{timing}, total;dur={1e3 * (now - begun):.2f}")
+    return reply(content, status, f"{timing}, total;dur={1e3 * (now - begun):.2f}")
+
+
+async def computed_with_alternatives(
+    request: Request, operation: str, case: Any, query: KeyedRequest
+) -> tuple[bytes, CacheStatus]:
+    """Return the answer with those under other laws, each a case of cache and executor like any other."""
+    services, context = services_of(request), visit_in(request.scope)
+
+    async def attempt(laws: dict[str, Any], other: Any) -> tuple[dict[str, Any], CacheStatus]:
+        try:
+            found, known = await computed(services, context, operation, KeyedRequest.of(operation, other))
+        except Exception as error:
+            if ProblemType.of(error).status != HTTPStatus.UNPROCESSABLE_ENTITY:
+                raise
+            return {**laws, "problem": {**problem_of(error), "instance": request.scope["path"]}}, "miss"
+        return answered_alternative(laws, found.answer), known
+
+    others = alternative_requests(case)
+    (record, status), *found = await asyncio.gather(
+        computed(services, context, operation, query), *(attempt(laws, other) for laws, other in others)
+    )
+    content = with_alternatives(record.json, [alternative for alternative, _ in found])
+    return content, "hit" if all(each == "hit" for each in (status, *(each for _, each in found))) else "miss"
 
 
 async def computed(services: Services, context: Visit, operation: str, query: KeyedRequest) -> Answered:

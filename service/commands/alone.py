@@ -3,14 +3,14 @@
 import json
 from typing import Any
 
-import orjson
 from pydantic import ValidationError
 
 from service.cache.record import Record
-from service.cache_key import result_key
+from service.cache_key import KeyedRequest
 from service.commands.errors import RefusedError
 from service.errors import InvalidBodyError, problem_of, validation_errors
 from service.operations import OPERATIONS
+from service.schemas.alternatives import alternative_requests, answered_alternative, with_alternatives
 from solver import RicochetError
 
 
@@ -22,13 +22,28 @@ def compute(name: str, body: dict[str, Any]) -> bytes:
     RefusedError
         If there is none.
     """
-    operation = OPERATIONS[name]
     try:
-        request: Any = operation.request.model_validate_json(json.dumps(body))
-        canonical = request.canonical()
-        content = orjson.dumps(canonical)
-        return Record(result_key(name, canonical), name, content, *operation.compute(content)).json
+        request: Any = OPERATIONS[name].request.model_validate_json(json.dumps(body))
+        record = computed(name, request)
     except ValidationError as error:
         raise RefusedError(problem_of(InvalidBodyError(validation_errors(error.errors())))) from None
     except RicochetError as error:
         raise RefusedError(problem_of(error)) from None
+    if not request.alternatives:
+        return record.json
+    others = alternative_requests(request)
+    return with_alternatives(record.json, [attempt(name, laws, other) for laws, other in others])
+
+
+def computed(name: str, request: Any) -> Record:
+    """Return the record of a request."""
+    query = KeyedRequest.of(name, request)
+    return Record(query.key, name, query.json, *OPERATIONS[name].compute(query.json))
+
+
+def attempt(name: str, laws: dict[str, Any], request: Any) -> dict[str, Any]:
+    """Return an alternative with its answer, or with the problem in its place."""
+    try:
+        return answered_alternative(laws, computed(name, request).answer)
+    except RicochetError as error:
+        return {**laws, "problem": {**problem_of(error), "instance": f"/{name}"}}
