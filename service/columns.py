@@ -91,6 +91,8 @@ SUMMARY: Mapping[str, tuple[Column, ...]] = {
         Column("bracket_high_deg", "upper of these"),
         Column("critical_angle_standard_error_deg", "of the angle, from the covariance of the strength factor"),
         Column("strength_factor", "in use at the critical angle"),
+        Column("energy_fraction_below", "share of the kinetic energy left half a degree below the critical angle"),
+        Column("energy_fraction_above", "half a degree above it"),
     ),
     "calibration_depth": ESTIMATE,
     "calibration_motion": ESTIMATE,
