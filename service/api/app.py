@@ -247,7 +247,11 @@ async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         await services.executor.start()
         stack.push_async_callback(services.executor.stop, POOL_SECONDS)
         services.queries = QueryService(
-            services.cache, services.executor, OPERATIONS, max_waiting=settings.max_waiting_queries
+            services.cache,
+            services.executor,
+            OPERATIONS,
+            max_waiting=settings.max_waiting_queries,
+            count=services.metrics.count,
         )
         services.jobs = JobManager(
             services.queries,
