@@ -174,7 +174,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     )
     app.state.settings, app.state.traces = settings, traces
     app.state.metrics = metrics.Metrics()
-    app.state.keys = KeyRing(settings.data_dir, log.error)
+    app.state.keys = KeyRing(settings.data_dir, log.error, settings.audit_log)
     app.state.usages = Usages(settings.data_dir)
     app.state.audit = AuditLog(settings.audit_log)
     app.state.streams = Streams(settings.max_streams, settings.max_owner_streams)
