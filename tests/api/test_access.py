@@ -176,7 +176,7 @@ def test_request_sent_again_counts_once(guarded: Guarded) -> None:
 def audited(log: Path, request_id: str) -> str:
     """The log once it tells of a request: its line is written when the answer has gone out."""
     deadline = time.monotonic() + 10.0
-    while request_id not in log.read_text() and time.monotonic() < deadline:
+    while not (log.exists() and request_id in log.read_text()) and time.monotonic() < deadline:
         time.sleep(0.01)
     return log.read_text()
 
