@@ -11,7 +11,6 @@ from typing import Any, NoReturn
 import numpy as np
 import pytest
 
-from benchmarks.stress.faults_folder import keys_of, segments
 from service.admission import QueriesWaitingError
 from service.engine import AbandonedError, Engine, Operation, Wanted
 from service.executors.face import Executor
@@ -21,6 +20,7 @@ from service.pool.lane import WorkerCrashedError
 from service.results.cache import NOT_CACHED, ResultCache
 from service.results.record import FloatColumns
 from solver.arrays import FloatArray
+from tests.faults.data_folder import keys_of, segments
 
 pytestmark = [pytest.mark.anyio, pytest.mark.timeout(60)]
 
