@@ -31,7 +31,7 @@ CASES = 5_000
 """Of the job whose events an attacker follows."""
 REFUSED = frozenset({0, 400, 401, 403, 404, 405, 408, 413, 415, 421, 429, 431, 503})
 """Statuses of requests that did not get in; 0 if the connection was closed."""
-UNKNOWN_TOKEN = "ricochet_00000000_" + "a" * 43  # noqa: S105 (a key of no service)
+UNKNOWN_TOKEN = "ricochet_00000000_" + "a" * 43
 JSON = b"Content-Type: application/json"
 
 fresh = count(1)
