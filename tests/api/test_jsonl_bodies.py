@@ -1,4 +1,4 @@
-"""JSON lines that are right, nearly right or no JSON; the contract calls them bytes, so Schemathesis sends few of them."""
+"""JSON lines that are right, nearly right or no JSON. The contract calls them bytes: Schemathesis sends few of them."""
 
 import json
 
