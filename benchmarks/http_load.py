@@ -44,7 +44,7 @@ CHUNK = 25
 """Cases handed to a process of the bare pool at once."""
 CACHED_RUNS = 3
 POLL_SECONDS = 0.02
-RATE_SECONDS, RATE_ROUNDS = 2.0, 3
+RATE_SECONDS, QUICK_RATE_SECONDS, RATE_ROUNDS = 2.0, 0.3, 3
 
 
 def empty_app() -> FastAPI:
@@ -103,7 +103,7 @@ def measure_batch(server: Server, pool: ProcessPoolExecutor, count: int, seed: i
     return row, different
 
 
-def measure_rates(server: Server) -> list[list[str]]:
+def measure_rates(server: Server, seconds: float) -> list[list[str]]:
     """Rates of a known `/cra` and of an empty route, in turn; medians."""
     [paper] = [to_request(case) for case in one_by_one(study_cases(1, 0))]
     known = raw_request("POST", "/cra", json.dumps(paper).encode())
@@ -113,7 +113,7 @@ def measure_rates(server: Server) -> list[list[str]]:
             rates: dict[int, list[float]] = {server.port: [], empty.port: []}
             for _ in range(RATE_ROUNDS + 1):  # the first is not counted
                 for port, request in ((server.port, known), (empty.port, raw_request("GET", "/empty"))):
-                    rate = requests_per_second(port, request, connections=connections, seconds=RATE_SECONDS)
+                    rate = requests_per_second(port, request, connections=connections, seconds=seconds)
                     rates[port].append(rate)
             hot, bare = median(rates[server.port][1:]), median(rates[empty.port][1:])
             rows.append([str(connections), f"{hot:,.0f}/s", f"{bare:,.0f}/s", f"{hot / bare:.0%}"])
@@ -167,7 +167,7 @@ def main() -> int:
                 times = poller.recv()
                 rows.append([*row, f"{1e3 * max(times):.0f} ms of {len(times):,}"])
                 total += different
-        rates = measure_rates(server)
+        rates = measure_rates(server, QUICK_RATE_SECONDS if options.quick else RATE_SECONDS)
     head = ["cases", "bare pool", "over HTTP", "share", "cached, a case", "failed", "different", "slowest /livez"]
     print_table(head, rows)
     print_table(["connections", "known /cra", "empty route", "share"], rates)

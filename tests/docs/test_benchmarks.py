@@ -20,6 +20,7 @@ QUICK = {
     "work_precision": ["--quick"],
 }
 """Arguments with which a script takes seconds."""
+LONGEST = {"cluster", "scaling", "slider"}
 
 
 def imported_by(path: Path) -> set[str]:
@@ -38,7 +39,9 @@ def test_tests_and_benchmarks_do_not_import_each_other(folder: str, other: str) 
 
 
 @pytest.mark.system
-@pytest.mark.parametrize("name", QUICK)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.slow) if name in LONGEST else name for name in QUICK]
+)
 def test_script_prints_a_table(name: str) -> None:
     command = [sys.executable, str(ROOT / "benchmarks" / f"{name}.py"), *QUICK[name]]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
