@@ -65,12 +65,18 @@ def require_access(settings: "Settings", keys: "KeyRing") -> None:
     Raises
     ------
     NoKeysError
-        If keys are asked for and there is none that is good.
+        If keys are needed and there is none that is good, or all have been lost.
     """
     if settings.access == "open":
         if not settings.on_loopback:
             log.warning("whoever reaches %s may ask: RICOCHET_ACCESS is open", settings.host)
         return
+    if keys.lost:
+        raise NoKeysError(
+            f"keys.json is missing from {settings.data_dir}, where {keys.lost} shows that there were keys: restore it "
+            "from a backup, make new keys with `ricochet keys add --owner NAME`, or let everybody in with "
+            "RICOCHET_ACCESS=open"
+        )
     if (settings.access == "keys" or not settings.on_loopback) and not keys.usable:
         raise NoKeysError(
             f"there is no key, and {settings.host} asks for one: make it with `ricochet keys add --owner NAME`, or let "

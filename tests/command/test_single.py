@@ -39,7 +39,7 @@ def test_a_pipe_gets_aligned_text_and_a_terminal_a_table(folder: Path, live_url:
     assert (piped.status, shown.status) == (0, 0)
     assert "\x1b" not in piped.out + piped.err
     assert "│" not in piped.out
-    assert "critical angle °  48.5" in piped.out
+    assert "critical angle °  48.6" in piped.out
     assert "warning: " in piped.err
     assert "warning: " not in piped.out
     assert "│" in shown.out
