@@ -82,7 +82,7 @@ docs: setup ## write the tables of docs/operating.md that the code says
 bench: setup ## measure the solver: routes, start, accuracy against time, two cores; ARGS="--quick"
 	@for script in routes startup work_precision scaling; do $(BIN)/python benchmarks/$$script.py $(ARGS) || exit; done
 
-accuracy: setup ## compare 200 random critical angles with converged ones, some minutes
+accuracy: setup ## compare random critical angles with converged ones, and with scans, some minutes
 	$(BIN)/python benchmarks/accuracy.py $(ARGS)
 
 load: setup ## measure what HTTP costs beside the bare solver, ten minutes; ARGS="--quick"
