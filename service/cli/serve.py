@@ -56,14 +56,17 @@ def run_serve(_: argparse.Namespace) -> int:
     configure(settings.log_level)
     try:
         app = create_app(settings)
-        check_access(settings, app.state.keys)
-        signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))  # uvicorn raises it again after its shutdown
-        server = Server(app, settings, lambda port: print_address(settings, port))
-        with suppress(KeyboardInterrupt):
-            server.run()
     except MissingExtraError as error:
         raise CommandError(str(error), FAILED) from None
-    except (KeysUnreadableError, FolderInUseError, ExecutorError, OSError) as error:
+    except KeysUnreadableError as error:
+        raise CommandError(str(error), NOT_STARTED) from None
+    check_access(settings, app.state.keys)
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))  # uvicorn raises it again after its shutdown
+    server = Server(app, settings, lambda port: print_address(settings, port))
+    try:
+        with suppress(KeyboardInterrupt):
+            server.run()
+    except (FolderInUseError, ExecutorError, OSError) as error:
         raise CommandError(str(error), NOT_STARTED) from None
     except Exception:
         log.exception("the service failed")
