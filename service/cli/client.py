@@ -91,7 +91,7 @@ class Client:
         return parse(self._send("GET", f"{path_of(job_id)}/results?limit={PAGE_SIZE}&cursor={cursor}"))
 
     def table(self, job_id: str, cursor: str, limit: int) -> str:
-        """Return the summaries of at most `limit` results of a job, as CSV with line feeds alone, as in other pipes."""
+        """Return the summaries of at most `limit` results of a job, as CSV with line feeds at the ends of lines."""
         path = f"{path_of(job_id)}/results?limit={limit}&cursor={cursor}"
         return self._send("GET", path, headers={"Accept": CSV}).text.replace("\r\n", "\n")
 

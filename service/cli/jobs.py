@@ -119,7 +119,7 @@ class BatchRequest:
     content, media_type
         The body.
     axes
-        Of a sweep.
+        Axes of a sweep.
     writers
         Further writers of the results, such as a plot.
     """

@@ -64,7 +64,7 @@ def run(folder: Path, *arguments: str, stdin: str | None = None, **settings: str
 
 
 def run_on_terminal(folder: Path, *arguments: str, **settings: str) -> Ended:
-    """Run it on a terminal of its own; all it shows is in `out`, as the terminal gets it."""
+    """Run it on a new terminal; all it shows is in `out`."""
     ours, theirs = pty.openpty()
     settings = {"TERM": "xterm-256color", "COLUMNS": "160"} | settings
     with subprocess.Popen(
@@ -76,7 +76,7 @@ def run_on_terminal(folder: Path, *arguments: str, **settings: str) -> Ended:
             while piece := os.read(ours, 65536):
                 shown += piece
         except OSError:
-            pass  # how Linux tells that nobody has the terminal open any more
+            pass  # how Linux reports that no process has the terminal open
         finally:
             os.close(ours)
         status = process.wait(LIMIT_S)

@@ -39,15 +39,15 @@ def test_batch_in_the_own_pool_is_that_of_a_service(folder: Path, live_url: str,
     short = {**case_at(238.0)["projectile"], "length_m": 0.05}
     cases = [*searches(5), case_at(238.0, projectile=short, custom_id="short"), *searches(5)]
     write_cases(folder / "cases.jsonl", *cases)
-    alone = run(folder, "batch", "cases.jsonl")
-    asked = run(folder, "batch", "-", "--url", live_url, stdin=(folder / "cases.jsonl").read_text())
-    assert (alone.status, asked.status) == (3, 3), alone.err + asked.err
-    assert "11 cases, 1 of them with a problem" in alone.err
-    items = items_of(alone.out)
+    local = run(folder, "batch", "cases.jsonl")
+    remote = run(folder, "batch", "-", "--url", live_url, stdin=(folder / "cases.jsonl").read_text())
+    assert (local.status, remote.status) == (3, 3), local.err + remote.err
+    assert "11 cases, 1 of them with a problem" in local.err
+    items = items_of(local.out)
     assert [item["index"] for item in items] == list(range(11))
     assert items[5]["custom_id"] == "short"
     assert items[5]["problem"]["errors"][0]["pointer"] == "/projectile/length_m"
-    others = items_of(asked.out)
+    others = items_of(remote.out)
     assert items[:5] + items[6:] == others[:5] + others[6:]
     assert items[0]["result"] == client.post("/cra", json=cases[0]).json()
 
@@ -97,16 +97,16 @@ def test_table_of_a_job_is_that_of_the_service(
 
 
 def test_terminal_gets_the_head_of_a_table_and_no_lines_of_json(folder: Path, live_url: str) -> None:
-    asked = ["sweep", "strike.toml", "--axis", "impact.velocity_m_s=200:300:26", "--url", live_url]
-    asked += ["--set", "search.tolerance_deg=1"]
-    shown = run_on_terminal(folder, *asked)
+    args = ["sweep", "strike.toml", "--axis", "impact.velocity_m_s=200:300:26", "--url", live_url]
+    args += ["--set", "search.tolerance_deg=1"]
+    shown = run_on_terminal(folder, *args)
     assert shown.status == 0, shown.out
     assert "│" in shown.out
     assert "velocity m/s" in shown.out
     assert "and 6 more; --csv or --json prints all" in shown.out
     assert "computing" in shown.out  # the bar
     assert '"index"' not in shown.out
-    piped = run(folder, *asked)
+    piped = run(folder, *args)
     assert len(items_of(piped.out)) == 26
     assert (piped.status, piped.err) == (0, "")
 
@@ -152,7 +152,9 @@ def test_axis_that_is_none_is_wrong_usage(served: Path, capsys: pytest.CaptureFi
     assert "FIELD=START:STOP:COUNT" in capsys.readouterr().err
 
 
-def test_jobs_are_looked_after(served: Path, client: httpx.Client, capsys: pytest.CaptureFixture[str]) -> None:
+def test_jobs_are_listed_shown_cancelled_and_deleted(
+    served: Path, client: httpx.Client, capsys: pytest.CaptureFixture[str]
+) -> None:
     body = {"cases": slow_strikes(300)}
     name = client.post("/trajectory/batch", json=body, headers={"Prefer": "respond-async"}).json()["id"]
     assert cli.main(["jobs", "list"]) == 0
@@ -170,7 +172,7 @@ def test_jobs_are_looked_after(served: Path, client: httpx.Client, capsys: pytes
 
 @pytest.fixture
 def interrupted(folder: Path) -> Iterator[Any]:
-    """Run the command in a process group of its own, and press Ctrl-C once it has printed so much."""
+    """Run the command in a new process group, and press Ctrl-C once it has printed something."""
     started: list[subprocess.Popen[str]] = []
     before = signal.signal(signal.SIGINT, signal.default_int_handler)  # what runs in the background may ignore it
 
@@ -211,10 +213,10 @@ def test_interrupted_batch_goes_on_at_the_service(
     assert "Traceback" not in err
     begun = items_of(out)
     assert 0 < len(begun) < 30
-    [told, last] = err.splitlines()
+    [hint, last] = err.splitlines()
     assert last == "interrupted"
-    _, _, way_on = told.partition("for its results: ricochet ")
-    done = run(folder, *way_on.split())
+    _, _, words = hint.partition("for its results: ricochet ")
+    done = run(folder, *words.split())
     assert done.status == 0, done.err
     items = items_of(done.out)
     assert items[: len(begun)] == begun
@@ -224,8 +226,8 @@ def test_interrupted_batch_goes_on_at_the_service(
 def test_interrupted_batch_of_the_own_pool_leaves_nothing_running(folder: Path, interrupted: Any) -> None:
     """What was finished is in the folder, which is free again: the same command takes it from there."""
     write_cases(folder / "cases.jsonl", *slow_strikes(24))
-    asked = ("batch", "cases.jsonl", "--operation", "trajectory", "--data-dir", "kept")
-    status, out, err = interrupted(*asked)
+    args = ("batch", "cases.jsonl", "--operation", "trajectory", "--data-dir", "kept")
+    status, out, err = interrupted(*args)
     assert status == 130
     assert err.splitlines()[-1] == "interrupted"
     assert "the same command continues from there" in err
@@ -242,7 +244,7 @@ def test_folder_of_a_running_service_is_refused(folder: Path, own_service: Any, 
     assert "Traceback" not in done.err
 
 
-def test_whoever_reads_no_further_ends_the_command_quietly(folder: Path, live_url: str) -> None:
+def test_closed_pipe_ends_the_command_quietly(folder: Path, live_url: str) -> None:
     write_cases(folder / "cases.jsonl", *searches(40))
     command = [*COMMAND, "batch", "cases.jsonl", "--url", live_url]
     with subprocess.Popen(
@@ -256,11 +258,11 @@ def test_whoever_reads_no_further_ends_the_command_quietly(folder: Path, live_ur
     assert err == ""
 
 
-def test_service_that_is_not_there_is_told(folder: Path) -> None:
+def test_missing_service_is_an_error(folder: Path) -> None:
     write_cases(folder / "cases.jsonl", case_at(238.0))
     address = f"http://127.0.0.1:{free_port()}"
-    for asked in (["batch", "cases.jsonl"], ["jobs", "list"]):
-        done = run(folder, *asked, "--url", address)
+    for args in (["batch", "cases.jsonl"], ["jobs", "list"]):
+        done = run(folder, *args, "--url", address)
         assert (done.status, done.out) == (1, "")
         assert f"no service answers at {address}" in done.err
     assert run(folder, "batch", "nothing.jsonl").status == 2

@@ -95,8 +95,8 @@ def test_table_1_gives_the_published_order_of_strength(run: Run, tests_file: Pat
 
 def test_groups_and_curves_come_on_demand(run: Run, tests_file: Path, tmp_path: Path) -> None:
     curves = tmp_path / "curves.csv"
-    asked = ["depth", tests_file, *CASE, "--group", "--strength-factors", "7", "9", "--curves", curves]
-    answer = answer_of(run(*asked, "--json"))
+    args = ["depth", tests_file, *CASE, "--group", "--strength-factors", "7", "9", "--curves", curves]
+    answer = answer_of(run(*args, "--json"))
     assert [group["group"] for group in answer["groups"]] == ["slow", "fast"]
     assert [curve["strength_factor"] for curve in answer["curves"]] == [7.0, answer["strength_factor"], 9.0]
     rows = list(csv.DictReader(curves.read_text().splitlines()))
@@ -127,8 +127,8 @@ def test_strength_factor_of_a_history_is_found_again(run: Run, motion: MotionHis
     units = ["displacement=mm", "rotation=deg"]
     flags = [part for column in columns for part in ("--column", column)]
     flags += [part for unit in units for part in ("--unit", unit)]
-    asked = ["motion", history, *STRIKE, *flags, "--until", "2.5e-3", "--json", "--histories", written]
-    answer = answer_of(run(*asked, "--strength-factors", "6"))
+    args = ["motion", history, *STRIKE, *flags, "--until", "2.5e-3", "--json", "--histories", written]
+    answer = answer_of(run(*args, "--strength-factors", "6"))
     assert answer["strength_factor"] == pytest.approx(STRENGTH_FACTOR, rel=1e-3)
     assert answer["oblique_angle_deg"] == 30.0
     assert answer["predicted"]["time_s"][-1] == pytest.approx(2.5e-3)
@@ -230,7 +230,7 @@ def test_tests_that_nothing_fits_end_with_status_1(run: Run, tests_file: Path) -
     assert "must tell the strength factor" in err
 
 
-def test_points_too_few_are_told_with_their_file(run: Run, tmp_path: Path) -> None:
+def test_too_few_points_are_an_error_that_names_the_file(run: Run, tmp_path: Path) -> None:
     (tmp_path / "points.csv").write_text(TABLE_2)
     status, _, err = run("obliquity", tmp_path / "points.csv", "--order", "4")
     assert status == 2

@@ -50,9 +50,9 @@ ACTIONS = {
 ALL = [(command.name,) for command in cli.COMMANDS] + [
     (name, action) for name, actions in ACTIONS.items() for action in actions
 ]
-ALONE = [words for words in ALL if words[0] in {"trajectory", "cra", "calibrate", "cache", "openapi", "version"}]
+LOCAL = [words for words in ALL if words[0] in {"trajectory", "cra", "calibrate", "cache", "openapi", "version"}]
 SERVED = [words for words in ALL if words[0] in {"batch", "sweep", "jobs"}]
-"""`serve` is what the others are asked of; `reproduce` and `validate` have tests of their own, and take a minute."""
+"""`serve` is started by a fixture; `reproduce` and `validate` take a minute and are tested in tests/reports."""
 TESTS_CSV = "velocity_m_s,depth_m\n238.1,0.30\n275.7,0.38\n314.0,0.45\n369.5,0.53\n"
 POINTS_CSV = "oblique_angle_deg,strength_factor\n0,8.52\n15,8.25\n30,7.91\n45,6.48\n"
 
@@ -86,7 +86,7 @@ def test_help_ends_with_an_example_of_the_command(words: tuple[str, ...], capsys
     assert f"ricochet {' '.join(words)}" in text[text.rindex("example") :]
 
 
-@pytest.mark.parametrize("words", ALONE, ids=" ".join)
+@pytest.mark.parametrize("words", LOCAL, ids=" ".join)
 def test_examples_of_the_help_work(
     words: tuple[str, ...], folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -96,7 +96,7 @@ def test_examples_of_the_help_work(
     (folder / "tests.csv").write_text(TESTS_CSV)
     (folder / "points.csv").write_text(POINTS_CSV)
     with ResultCache(folder / "data", memory_bytes=0, disk_bytes=10**9):
-        pass  # the folder of a service that has not been asked anything
+        pass  # the folder of a service before its first request
     if words == ("calibrate", "motion"):
         assert cli.main(["trajectory", "strike.toml", "--angle", "30", "--csv"]) == 0
         (folder / "history.csv").write_text(motion_since_contact(capsys.readouterr().out))
@@ -138,7 +138,7 @@ def motion_since_contact(table: str) -> str:
     return "time_s,depth_displacement_m,lateral_displacement_m\n" + "".join(lines)
 
 
-def test_exit_statuses_are_told(capsys: pytest.CaptureFixture[str]) -> None:
+def test_exit_statuses_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
     text = help_of(capsys=capsys)
     assert re.findall(r"^  (\d+)  ", text, re.MULTILINE) == ["0", "1", "2", "3", "130"]
 

@@ -71,7 +71,7 @@ def test_running_query_is_answered_before_the_service_ends(own_service: Service,
     assert answers[0].status_code == 200
 
 
-def test_results_are_looked_after(
+def test_results_are_counted_verified_rebuilt_and_evicted(
     own_service: Service, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The folder of the service is that of the fixture."""

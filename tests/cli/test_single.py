@@ -1,4 +1,4 @@
-"""`ricochet trajectory` and `ricochet cra` as processes: in a pipe, on a terminal, alone and against a service."""
+"""`ricochet trajectory` and `ricochet cra` as processes: in a pipe, on a terminal, local and against a service."""
 
 import csv
 import json
@@ -34,8 +34,8 @@ def test_answer_of_a_service_is_printed_as_it_comes(folder: Path, client: httpx.
 
 
 def test_a_pipe_gets_aligned_text_and_a_terminal_a_table(folder: Path, live_url: str) -> None:
-    asked = ["cra", "strike.toml", "--url", live_url]
-    piped, shown = run(folder, *asked), run_on_terminal(folder, *asked)
+    args = ["cra", "strike.toml", "--url", live_url]
+    piped, shown = run(folder, *args), run_on_terminal(folder, *args)
     assert (piped.status, shown.status) == (0, 0)
     assert "\x1b" not in piped.out + piped.err
     assert "│" not in piped.out
@@ -103,8 +103,8 @@ def test_trials_are_a_table(here: Path, capsys: pytest.CaptureFixture[str]) -> N
 
 @pytest.mark.parametrize(("name", "begin"), [("a.svg", b"<?xml"), ("a.png", b"\x89PNG"), ("a.pdf", b"%PDF")])
 def test_pictures_are_drawn(here: Path, capsys: pytest.CaptureFixture[str], name: str, begin: bytes) -> None:
-    for asked in (["cra", "strike.toml"], ["trajectory", "strike.toml", "--angle", "50"]):
-        assert cli.main([*asked, "--plot", name]) == 0
+    for args in (["cra", "strike.toml"], ["trajectory", "strike.toml", "--angle", "50"]):
+        assert cli.main([*args, "--plot", name]) == 0
         assert (here / name).read_bytes().startswith(begin)
         (here / name).unlink()
 
@@ -150,11 +150,11 @@ def test_a_service_names_what_is_wrong_likewise(
     here: Path, live_url: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("NO_PROXY", "*")
-    for asked in (["--velocity", "nan"], ["--length", "0.05"], ["--set", "impact.speed=3"]):
-        assert cli.main(["cra", "strike.toml", *asked]) == 2
-        alone = capsys.readouterr().err
-        assert cli.main(["cra", "strike.toml", *asked, "--url", live_url]) == 2
-        assert capsys.readouterr().err == alone
+    for args in (["--velocity", "nan"], ["--length", "0.05"], ["--set", "impact.speed=3"]):
+        assert cli.main(["cra", "strike.toml", *args]) == 2
+        local = capsys.readouterr().err
+        assert cli.main(["cra", "strike.toml", *args, "--url", live_url]) == 2
+        assert capsys.readouterr().err == local
 
 
 @pytest.mark.parametrize(
@@ -199,11 +199,11 @@ def moody_url() -> Iterator[str]:
 
 def test_busy_service_is_asked_again_and_gets_the_key(folder: Path, moody_url: str) -> None:
     Moody.moods = ["busy", "gone", "busy", "good"]
-    asked = ["cra", "strike.toml", "--json", "--url", moody_url]
-    done = run(folder, *asked, RICOCHET_API_KEY="secret")
+    args = ["cra", "strike.toml", "--json", "--url", moody_url]
+    done = run(folder, *args, RICOCHET_API_KEY="secret")
     assert (done.status, done.out, done.err) == (0, '{"mood": "good"}\n', "")
     Moody.moods = ["good"]
-    refused = run(folder, *asked, RICOCHET_API_KEY="other")
+    refused = run(folder, *args, RICOCHET_API_KEY="other")
     assert (refused.status, refused.out) == (1, "")
     assert "401" in refused.err
 
@@ -216,7 +216,7 @@ def test_no_service_ends_with_status_1(folder: Path) -> None:
     assert run(folder, "cra", "strike.toml", "--url", "nowhere").status == 2
 
 
-def test_missing_matplotlib_is_told_before_anything_is_computed(folder: Path) -> None:
+def test_missing_matplotlib_is_found_before_the_computation(folder: Path) -> None:
     (folder / "matplotlib.py").write_text("raise ModuleNotFoundError(name='matplotlib')")
     done = run(folder, "cra", "strike.toml", "--plot", "a.svg")
     assert (done.status, done.out) == (1, "")
