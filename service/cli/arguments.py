@@ -3,9 +3,8 @@
 import argparse
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from service.cli.errors import UsageError
 
@@ -16,8 +15,7 @@ URL, DATA_DIR = "RICOCHET_URL", "RICOCHET_DATA_DIR"
 """Variables that replace flags."""
 
 
-@dataclass(frozen=True, slots=True)
-class Flag:
+class Flag(NamedTuple):
     """A flag for one number of a case.
 
     Parameters
