@@ -92,11 +92,11 @@ def run_file(args: argparse.Namespace) -> int:
     path = f"/{args.operation}/batch"
     if args.file == STDIN:
         text = sys.stdin.buffer.read()
-        request = BatchRequest(args.operation, path, lambda: text, JSONL)
+        request = BatchRequest(path, lambda: text, JSONL)
     else:
         file = Path(args.file)
         _check_readable(file)
-        request = BatchRequest(args.operation, path, lambda: _read_pieces(file), JSONL)
+        request = BatchRequest(path, lambda: _read_pieces(file), JSONL)
     try:
         return run_batch(args, request)
     except RefusedError as error:
@@ -135,7 +135,6 @@ def run_sweep(args: argparse.Namespace) -> int:
     axes: list[Axis] = args.axis
     body = read_body(args.case, args, SWEEP_FLAGS)
     content = dumps({"base": _fill(body.content, axes), "axes": [axis.content for axis in axes]})
-    values = {axis.field: axis.values for axis in axes}
     writers: list[Writer] = []
     if args.plot:
         from service.cli.plots import SweepPlot, check_plot
@@ -143,10 +142,10 @@ def run_sweep(args: argparse.Namespace) -> int:
         if len(axes) > MAX_PLOT_AXES:
             raise UsageError(f"--plot needs one axis or two, not {len(axes)}")
         check_plot(args.plot)
-        writers = [SweepPlot(args.plot, args.operation, values)]
+        writers = [SweepPlot(args.plot, args.operation, [axis.field for axis in axes])]
     path = f"/{args.operation}/sweep"
     try:
-        return run_batch(args, BatchRequest(args.operation, path, lambda: content, JSON, axes=values, writers=writers))
+        return run_batch(args, BatchRequest(path, lambda: content, JSON, writers))
     except RefusedError as error:
         raise _explain_axes(error, body, axes) from None
 

@@ -132,21 +132,21 @@ def add_cache(parser: argparse.ArgumentParser) -> None:
 
 def run_cache(args: argparse.Namespace) -> int:
     """Run an action on the results; return 1 if it is not possible or files are damaged."""
-    from service.results import storage
+    from service.cache import maintenance
 
     settings = read_settings()
     folder, damaged = settings.data_dir, list[str]()
     try:
         if args.action == "stat":
-            found = storage.stat(folder)
+            found = maintenance.stat(folder)
         elif args.action == "verify":
-            verified = storage.verify(folder)
+            verified = maintenance.verify(folder)
             found, damaged = verified.statistics, verified.damaged
         elif args.action == "rebuild":
-            found = storage.rebuild(folder)
+            found = maintenance.rebuild(folder)
         else:
-            found = storage.evict(folder, settings.cache_bytes if args.bytes is None else max(0, args.bytes))
-    except storage.UnusableFolderError as error:
+            found = maintenance.evict(folder, settings.cache_bytes if args.bytes is None else max(0, args.bytes))
+    except maintenance.UnusableFolderError as error:
         raise CommandError(str(error), FAILED) from None
     print(f"{found.cases} results, {found.segments} files, {found.bytes} bytes")
     for name in damaged:

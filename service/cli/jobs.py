@@ -7,14 +7,13 @@ import sys
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple, TextIO
 from uuid import uuid4
 
 from service.cli.arguments import URL, add_actions, add_formats, add_output, add_url, examples
 from service.cli.errors import FAILED, CommandError, problem_text
 from service.cli.writers import (
-    Axes,
     Counts,
     Item,
     Report,
@@ -100,12 +99,10 @@ def _summary(job: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def print_results(client: "Client", args: argparse.Namespace) -> int:
-    """Write the results of a job; CSV is the table of the service."""
+    """Write the results of a job."""
     job = client.job(args.id)
     with open_output(args) as stream:
-        if is_table(args):
-            return follow(client, job, [], args, table=stream)
-        return follow(client, job, [writer_for(args, stream, job["operation"], {})], args)
+        return follow(client, job, args, stream)
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,17 +115,13 @@ class BatchRequest:
         Route of the service.
     content, media_type
         The body.
-    axes
-        Axes of a sweep.
     writers
         Further writers of the results, such as a plot.
     """
 
-    operation: str
     path: str
     content: "Content"
     media_type: str
-    axes: Axes = field(default_factory=dict)
     writers: Sequence[Writer] = ()
 
 
@@ -136,11 +129,10 @@ def run_batch(args: argparse.Namespace, request: BatchRequest) -> int:
     """Compute the cases and write their results; return the exit status."""
     with service_for(args) as client, open_output(args) as stream:
         job = client.submit(request.path, request.content, request.media_type, uuid4().hex)
-        writers = [writer_for(args, stream, request.operation, request.axes), *request.writers]
         if args.url:
-            return follow(client, job, writers, args)
+            return follow(client, job, args, stream, request.writers)
         try:
-            return follow(client, job, writers, args)
+            return follow(client, job, args, stream, request.writers)
         finally:
             with suppress(CommandError):
                 client.delete(job["id"])
@@ -168,16 +160,18 @@ class Page(NamedTuple):
 def follow(
     client: "Client",
     job: dict[str, Any],
-    writers: Sequence[Writer],
     args: argparse.Namespace,
-    table: TextIO | None = None,
+    stream: TextIO,
+    further: Sequence[Writer] = (),
 ) -> int:
     """Write the results of a job until it ends; return the exit status.
 
     Parameters
     ----------
-    table
-        Receives the results as CSV, as the service sends it.
+    stream
+        Receives the results, in the format of the flags. CSV is the table of the service.
+    further
+        Further writers of the results.
 
     Raises
     ------
@@ -185,14 +179,15 @@ def follow(
         If the job fails or is cancelled.
     """
     counts = Counts()
-    writers = [*writers, counts]
+    as_table = is_table(args)
+    writers = [*further, counts] if as_table else [writer_for(args, stream, job["operation"]), *further, counts]
     try:
         with progress("computing") as report:
             for page in pages(client, job["id"], report):
-                if table is not None:
-                    rows = client.table(job["id"], page.cursor, len(page.items))
-                    table.write(rows if counts.total == 0 else without_header(rows))
-                    table.flush()
+                if as_table:
+                    table = client.table(job["id"], page.cursor, len(page.items))
+                    stream.write(table if counts.total == 0 else without_header(table))
+                    stream.flush()
                 for writer in writers:
                     writer.write(page.items)
     except KeyboardInterrupt:

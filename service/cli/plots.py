@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from service.cli.errors import FAILED, CommandError
-from service.cli.writers import Axes, Grid, Item, heading
+from service.cli.writers import Item, heading
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes as Panel
@@ -97,24 +97,28 @@ class SweepPlot:
     ----------
     path
         File of the plot.
+    fields
+        Fields of the axes.
     """
 
-    def __init__(self, path: Path, operation: str, axes: Axes) -> None:
+    def __init__(self, path: Path, operation: str, fields: Sequence[str]) -> None:
         self._path = path
         self._name = PLOTTED[operation]
-        self._axes = axes
-        self._grid = Grid(axes)
-        self._found: dict[int, Mapping[str, Any]] = {}
+        self._fields = fields
+        self._values: dict[tuple[float, ...], Mapping[str, float]] = {}
 
     def write(self, items: Sequence[Item]) -> None:
         """Keep the plotted values."""
         for item in items:
             answer = item.get("result", {})
-            self._found[item["index"]] = {name: answer[name] for name in (self._name, ERROR) if name in answer}
+            point = tuple(item["point"][field] for field in self._fields)
+            self._values[point] = {name: answer[name] for name in (self._name, ERROR) if name in answer}
 
     def close(self) -> None:
         """Write the plot; cases without a value are left out."""
-        labels = [labelled(name) for name in self._axes]
+        if not self._values:
+            return
+        labels = [labelled(field) for field in self._fields]
         with figure_file(self._path, SQUARE) as (figure, panel):
             if len(labels) == 1:
                 self._draw_line(panel)
@@ -124,20 +128,18 @@ class SweepPlot:
                 panel.set(xlabel=labels[0], ylabel=labels[1])
 
     def _draw_line(self, panel: "Panel") -> None:
-        points = sorted((self._grid.point(i)[0], found) for i, found in self._found.items() if self._name in found)
-        values = [found[self._name] for _, found in points]
-        errors = [found.get(ERROR, 0.0) for _, found in points]
-        bars = errors if any(errors) else None
-        panel.errorbar([x for x, _ in points], values, bars, fmt="o-", capsize=3.0)
+        points = sorted(point for point, values in self._values.items() if self._name in values)
+        heights = [self._values[point][self._name] for point in points]
+        errors = [self._values[point].get(ERROR, 0.0) for point in points]
+        panel.errorbar([x for (x,) in points], heights, errors if any(errors) else None, fmt="o-", capsize=3.0)
 
     def _draw_map(self, figure: "Figure", panel: "Panel") -> None:
         import numpy as np
 
-        first, second = (sorted(set(values)) for values in self._axes.values())
+        first, second = (sorted(set(values)) for values in zip(*self._values, strict=True))
         shown = np.full((len(second), len(first)), np.nan)
-        for index, found in self._found.items():
-            x, y = self._grid.point(index)
-            shown[second.index(y), first.index(x)] = found.get(self._name, np.nan)
+        for (x, y), values in self._values.items():
+            shown[second.index(y), first.index(x)] = values.get(self._name, np.nan)
         mesh = panel.pcolormesh(first, second, np.ma.masked_invalid(shown), shading="nearest", cmap="viridis")
         panel.grid(visible=False)
         figure.colorbar(mesh, ax=panel, label=labelled(self._name))

@@ -46,12 +46,11 @@ def run_serve(_: argparse.Namespace) -> int:
     asyncio.run(check_address(settings.host, settings.port))
 
     from service.access.keyring import KeysUnreadableError
-    from service.app import create_app
+    from service.api.app import create_app
+    from service.api.telemetry import MissingExtraError
     from service.cli.server import Server
+    from service.errors import ExecutorError, FolderInUseError
     from service.logs import configure
-    from service.pool.lane import ExecutorError
-    from service.results.segments import FolderInUseError
-    from service.telemetry import MissingExtraError
 
     configure(settings.log_level)
     try:
@@ -60,7 +59,7 @@ def run_serve(_: argparse.Namespace) -> int:
         raise CommandError(str(error), FAILED) from None
     except KeysUnreadableError as error:
         raise CommandError(str(error), NOT_STARTED) from None
-    check_access(settings, app.state.keys)
+    check_access(settings, app.state.services.keys)
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))  # uvicorn raises it again after its shutdown
     server = Server(app, settings, lambda port: print_address(settings, port))
     try:
@@ -149,7 +148,7 @@ def run_openapi(args: argparse.Namespace) -> int:
 
 def contract() -> str:
     """Return the contract as text."""
-    from service.app import create_app
+    from service.api.app import create_app
     from service.settings import Settings
 
     return json.dumps(create_app(Settings()).openapi(), indent=2, ensure_ascii=False) + "\n"

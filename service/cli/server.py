@@ -18,13 +18,12 @@ from fastapi import FastAPI
 from httpx import HTTPTransport
 
 from service.access.connection import Connection
-from service.app import STOP_SECONDS, create_app
+from service.api.app import STOP_SECONDS, create_app
 from service.cli.arguments import read_settings
 from service.cli.client import Client, connect
 from service.cli.errors import FAILED, CommandError
 from service.cli.writers import progress
-from service.pool.lane import ExecutorError
-from service.results.segments import FolderInUseError
+from service.errors import ExecutorError, FolderInUseError
 from service.settings import Settings
 
 TICKS_PER_SECOND = 10
@@ -95,7 +94,7 @@ class Server(uvicorn.Server):
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
         """Announce the end to the application, whose event streams would not end by themselves, and stop."""
-        self._app.state.stopping.set()
+        self._app.state.services.stopping.set()
         await super().shutdown(sockets)
         if not self.force_exit:
             await self._lifespan.aclose()

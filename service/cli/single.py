@@ -25,8 +25,6 @@ from service.cli.writers import heading, print_table, print_values, print_warnin
 
 TRAJECTORY_FLAGS = (*IMPACT, *BODY)
 CRA_FLAGS = (VELOCITY, *ATTACK, *BODY)
-OPERATIONS = {"trajectory": "TRAJECTORY", "cra": "CRITICAL_ANGLE"}
-"""Name of each operation in its module of `service.routes`."""
 
 
 def add_trajectory(parser: argparse.ArgumentParser) -> None:
@@ -130,29 +128,25 @@ def compute_locally(name: str, body: dict[str, Any]) -> bytes:
     RefusedError
         If the request is invalid, or the computation fails.
     """
-    from importlib import import_module
-
+    import orjson
     from pydantic import ValidationError
 
-    from service.engine import Operation, name_request
-    from service.keys import SCHEMA_VERSION
-    from service.kinds import INVALID, content, problem_of
-    from service.results.record import Record
-    from service.schemas.pointers import pointer_of_location
-    from solver import ENGINE_VERSION, RicochetError
+    from service.cache.record import Record
+    from service.cache_key import result_key
+    from service.errors import InvalidBodyError, problem_of, validation_errors
+    from service.operations import OPERATIONS
+    from solver import RicochetError
 
-    operation: Operation = getattr(import_module(f"service.routes.{name}"), OPERATIONS[name])
+    operation = OPERATIONS[name]
     try:
-        request = operation.parse(json.dumps(body).encode())
-        key, canonical = name_request(name, request)
-        function, arguments = operation.call(request)
-        answer, history = operation.answer(request, function(*arguments))
+        request: Any = operation.request.model_validate_json(json.dumps(body))
+        canonical = request.canonical()
+        content = orjson.dumps(canonical)
+        return Record(result_key(name, canonical), name, content, *operation.compute(content)).json
     except ValidationError as error:
-        errors = [{"pointer": pointer_of_location(each["loc"]), "detail": each["msg"]} for each in error.errors()]
-        raise RefusedError(content(INVALID, "", errors)) from None
+        raise RefusedError(problem_of(InvalidBodyError(validation_errors(error.errors())))) from None
     except RicochetError as error:
         raise RefusedError(problem_of(error)) from None
-    return Record(key, name, canonical, answer, history, ENGINE_VERSION, SCHEMA_VERSION).json
 
 
 def history_of(answer: Mapping[str, Any]) -> Mapping[str, Sequence[float]]:

@@ -1,7 +1,6 @@
-"""Output: JSON lines and CSV for programs; tables, warnings and progress bars for people."""
+"""Output: JSON lines for programs; tables, warnings and progress bars for people."""
 
 import argparse
-import csv
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -10,12 +9,10 @@ from typing import Any, Protocol, TextIO, TypeAlias
 import orjson
 
 from service.cli.errors import FAILED, SOME_FAILED, CommandError, problem_text
-from service.summary import SCALARS, codes_of, scalars_of
+from service.columns import summarize
 
 Item: TypeAlias = Mapping[str, Any]
 """Result or problem of one case of a job."""
-Axes: TypeAlias = Mapping[str, Sequence[float]]
-"""Fields of a sweep and their values; empty for a batch."""
 Report: TypeAlias = Callable[[int, int], None]
 """Called with the number of finished cases and the total."""
 
@@ -69,40 +66,12 @@ class JsonLines:
         """Do nothing."""
 
 
-class CsvRows:
-    """Summaries as CSV, a row for each result."""
-
-    def __init__(self, stream: TextIO, operation: str, axes: Axes) -> None:
-        self._stream = stream
-        self._operation = operation
-        self._grid = Grid(axes)
-        self._writer = csv.writer(stream, lineterminator="\n")
-        self._writer.writerow(["index", *axes, "custom_id", "key", *SCALARS[operation], "warnings", "problem"])
-
-    def write(self, items: Sequence[Item]) -> None:
-        """Write a row for each result and flush."""
-        self._writer.writerows(self._row(item) for item in items)
-        self._stream.flush()
-
-    def close(self) -> None:
-        """Do nothing."""
-
-    def _row(self, item: Item) -> list[Any]:
-        case = [item["index"], *self._grid.point(item["index"]), item.get("custom_id", "")]
-        if "result" not in item:
-            return [*case, "", *[""] * len(SCALARS[self._operation]), "", item["problem"]["type"]]
-        answer = item["result"]
-        return [*case, answer["key"], *scalars_of(self._operation, answer), codes_of(answer), ""]
-
-
 class Head:
     """A table of the first results."""
 
-    def __init__(self, operation: str, axes: Axes) -> None:
-        self._operation = operation
-        self._axes = list(axes)
-        self._grid = Grid(axes)
-        self._rows: list[list[Any]] = []
+    def __init__(self, operation: str) -> None:
+        self._columns = SHOWN[operation]
+        self._rows: list[dict[str, Any]] = []
         self._count = 0
 
     def write(self, items: Sequence[Item]) -> None:
@@ -112,20 +81,16 @@ class Head:
 
     def close(self) -> None:
         """Print the table without its empty columns."""
-        names = ["index", *self._axes, "custom_id", *SHOWN[self._operation], "warnings", "problem"]
-        used = [i for i in range(len(names)) if any(row[i] != "" for row in self._rows)]
-        print_table([heading(names[i]) for i in used], [[row[i] for i in used] for row in self._rows])
+        names = [name for name in self._rows[0] if any(row[name] != "" for row in self._rows)] if self._rows else []
+        print_table([heading(name) for name in names], [[row[name] for name in names] for row in self._rows])
         if self._count > len(self._rows):
             print(f"and {self._count - len(self._rows)} more; --csv or --json prints all")
 
-    def _row(self, item: Item) -> list[Any]:
-        case = [item["index"], *self._grid.point(item["index"]), item.get("custom_id", "")]
-        shown = SHOWN[self._operation]
-        if "result" not in item:
-            return [*case, *[""] * len(shown), "", problem_text(item["problem"])]
-        answer = item["result"]
-        values = dict(zip(SCALARS[self._operation], scalars_of(self._operation, answer), strict=True))
-        return [*case, *(values[name] for name in shown), codes_of(answer), ""]
+    def _row(self, item: Item) -> dict[str, Any]:
+        row = {"index": item["index"], **item.get("point", {}), "custom_id": item.get("custom_id", "")}
+        summary = summarize(item["result"]) if "result" in item else {}
+        row |= {name: summary.get(name, "") for name in (*self._columns, "warnings")}
+        return row | {"problem": problem_text(item["problem"]) if "problem" in item else ""}
 
 
 class Counts:
@@ -150,21 +115,6 @@ class Counts:
 
     def __str__(self) -> str:
         return f"{self.total} cases, {self.failed} of them with a problem"
-
-
-class Grid:
-    """Values of the axes of a sweep by the index of a case; the last axis varies fastest."""
-
-    def __init__(self, axes: Axes) -> None:
-        self._axes = list(axes.values())
-
-    def point(self, index: int) -> list[float]:
-        """Return the values of one case."""
-        point = []
-        for values in reversed(self._axes):
-            index, position = divmod(index, len(values))
-            point.append(values[position])
-        return point[::-1]
 
 
 def is_table(args: argparse.Namespace) -> bool:
@@ -192,11 +142,9 @@ def open_output(args: argparse.Namespace) -> Iterator[TextIO]:
         yield file
 
 
-def writer_for(args: argparse.Namespace, stream: TextIO, operation: str, axes: Axes) -> Writer:
-    """Return the writer for the flags; without any, JSON lines in a file or a pipe and a table on a terminal."""
-    if is_table(args):
-        return CsvRows(stream, operation, axes)
-    return JsonLines(stream) if args.json or args.output or not stream.isatty() else Head(operation, axes)
+def writer_for(args: argparse.Namespace, stream: TextIO, operation: str) -> Writer:
+    """Return a writer of JSON lines, or of a table if the stream is a terminal and the flags do not exclude it."""
+    return JsonLines(stream) if args.json or not stream.isatty() else Head(operation)
 
 
 def heading(name: str) -> str:

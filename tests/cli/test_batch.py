@@ -14,6 +14,7 @@ import httpx
 import pytest
 
 from service import cli
+from service.schemas.examples import PAPER
 from tests.api.many import searches, slow_strikes
 from tests.cli.commands import COMMAND, LIMIT_S, case_at, environment, run, run_on_terminal, write_cases
 from tests.conftest import free_port
@@ -57,7 +58,9 @@ def test_sweep_fills_a_table_and_draws_it(folder: Path) -> None:
     done = run(folder, "sweep", "strike.toml", *axes, "--data-dir", "kept", "-o", "angles.csv", "--plot", "map.svg")
     assert (done.status, done.out) == (0, ""), done.err
     assert "6 cases, 0 of them with a problem" in done.err
-    rows = list(csv.DictReader((folder / "angles.csv").read_text().splitlines()))
+    comment, *table = (folder / "angles.csv").read_text().splitlines()
+    assert json.loads(comment.removeprefix("# base: "))["projectile"] == PAPER["projectile"]
+    rows = list(csv.DictReader(table))
     points = [(float(row["impact.velocity_m_s"]), float(row["target.compressive_strength_pa"])) for row in rows]
     assert points == [(v, s) for v in (200.0, 250.0, 300.0) for s in (30e6, 50e6)]
     for weak, strong in zip(rows[::2], rows[1::2], strict=True):
@@ -91,6 +94,7 @@ def test_table_of_a_job_is_that_of_the_service(
     assert cli.main(["jobs", "results", name, "--csv"]) == 0
     table = client.get(f"/jobs/{name}/results", headers={"Accept": "text/csv"}).text
     expected = table.replace("\r\n", "\n")
+    assert expected.splitlines()[1].startswith("index,impact.velocity_m_s,custom_id,")
     assert capsys.readouterr().out == expected
     assert cli.main(["jobs", "results", name, "-o", "results.csv"]) == 0
     assert (served / "results.csv").read_text() == expected

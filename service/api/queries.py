@@ -1,0 +1,192 @@
+"""Single queries: one trajectory, one critical angle, one calibration."""
+
+import time
+from contextlib import nullcontext
+from typing import Any
+
+from anyio.to_thread import run_sync
+from fastapi import APIRouter, Request, Response
+from pydantic import ValidationError
+
+from service.access.visit import visit_in
+from service.api.body import JSON, next_turn, parse_json, read_body, require_type
+from service.api.contract import COMPUTED, one_body
+from service.api.services import Services, services_of
+from service.backpressure import check_work
+from service.cache.record import Record
+from service.cache_key import KeyedRequest
+from service.errors import InvalidBodyError, problem_of, validation_errors
+from service.jobs.scheduler import problem_name
+from service.logs import BEGUN
+from service.operations import OPERATIONS
+from service.schemas import (
+    CriticalAngleAnswer,
+    CriticalAngleRequest,
+    DepthCalibrationAnswer,
+    DepthCalibrationRequest,
+    MotionCalibrationAnswer,
+    MotionCalibrationRequest,
+    ObliquityCalibrationAnswer,
+    ObliquityCalibrationRequest,
+    TrajectoryAnswer,
+    TrajectoryRequest,
+)
+from service.schemas.pointers import json_pointer
+
+MAX_FIELDS = 20
+"""Fields of an object of a calibration, which has half as many: listing a million errors would take a second."""
+
+router = APIRouter()
+
+
+@router.post(
+    "/cra",
+    response_model=CriticalAngleAnswer,
+    responses=COMPUTED,
+    openapi_extra=one_body(CriticalAngleRequest),
+    tags=["critical ricochet angle"],
+)
+async def find_critical_angle(request: Request) -> Response:
+    """Find the smallest oblique angle, from the normal, at which a projectile is turned away.
+
+    That there is none in the range is an answer too, and told by its `status`.
+    """
+    return await answer(request, "cra")
+
+
+@router.post(
+    "/trajectory",
+    response_model=TrajectoryAnswer,
+    responses=COMPUTED,
+    openapi_extra=one_body(TrajectoryRequest),
+    tags=["trajectory"],
+)
+async def compute_trajectory(request: Request) -> Response:
+    """Compute the motion of a projectile from first contact until it is turned away, at rest, or out of time."""
+    return await answer(request, "trajectory")
+
+
+@router.post(
+    "/calibration/depth",
+    response_model=DepthCalibrationAnswer,
+    responses=COMPUTED,
+    openapi_extra=one_body(DepthCalibrationRequest),
+    tags=["calibration"],
+)
+async def calibrate_by_depth(request: Request) -> Response:
+    """Find the strength factor that fits depths of penetration best, by weighted least squares.
+
+    The shots are along the normal, of one projectile into one target.
+    """
+    return await answer(request, "calibration_depth", long=True)
+
+
+@router.post(
+    "/calibration/motion",
+    response_model=MotionCalibrationAnswer,
+    responses=COMPUTED,
+    openapi_extra=one_body(MotionCalibrationRequest),
+    tags=["calibration"],
+)
+async def calibrate_by_motion(request: Request) -> Response:
+    """Find the strength factor that fits the motion in one oblique strike best, measured or by finite elements."""
+    return await answer(request, "calibration_motion", long=True)
+
+
+@router.post(
+    "/calibration/obliquity",
+    response_model=ObliquityCalibrationAnswer,
+    responses=COMPUTED,
+    openapi_extra=one_body(ObliquityCalibrationRequest),
+    tags=["calibration"],
+)
+async def calibrate_over_obliquity(request: Request) -> Response:
+    """Fit a polynomial in the oblique angle to strength factors.
+
+    The answer holds it in the form in which a `resistance` takes it, so that `/cra` gives its angle a standard error.
+    """
+    return await answer(request, "calibration_obliquity", long=True)
+
+
+async def answer(request: Request, operation: str, *, long: bool = False) -> Response:
+    """Answer one request: from memory if its very bytes were answered before, else by its validated content.
+
+    Parameters
+    ----------
+    long
+        Whether the body may be as long as that of many cases. It is then validated in a thread.
+    """
+    services, path, begun = services_of(request), request.scope["path"], request.scope[BEGUN]
+    require_type(request, JSON)
+    body = await read_body(request, services.settings.max_batch_bytes if long else services.settings.max_body_bytes)
+    context, cases = visit_in(request.scope), OPERATIONS[operation].cases
+    key = services.bodies.key(path, body)
+    record = None if key is None else services.cache.recall(key)
+    if record is not None:
+        context.take(cases)
+        services.metrics.count(operation, record.outcome, "hit", 1)
+        return reply(record, "ricochet; hit", f"total;dur={1e3 * (time.perf_counter() - begun):.2f}")
+    if long:
+        query = await run_sync(validated_long, body, operation, services, limiter=services.reading)
+    else:
+        if not body:
+            raise InvalidBodyError([{"pointer": "", "detail": "Field required"}])
+        await next_turn(services.parsing)
+        query = validated(parse_json(body, services.settings.max_body_depth), operation, services)
+    read = time.perf_counter()
+    context.take(cases)
+    try:
+        with services.owner_queries.held(context.caller.owner) if context.caller.key else nullcontext():
+            record, status = await services.queries.answer(operation, query)
+    except Exception as error:
+        services.metrics.count(operation, problem_name(problem_of(error)), "miss", 1)
+        raise
+    services.metrics.count(operation, record.outcome, status, 1)
+    services.bodies.remember(path, body, query.key)
+    now = time.perf_counter()
+    timing = f"validate;dur={1e3 * (read - begun):.2f}, compute;dur={1e3 * (now - read):.2f}"
+    cache_status = "ricochet; hit" if status == "hit" else "ricochet; fwd=miss"
+    return reply(record, cache_status, f"{timing}, total;dur={1e3 * (now - begun):.2f}")
+
+
+def reply(record: Record, cache_status: str, timing: str) -> Response:
+    """Return a result as the answer."""
+    return Response(record.json, headers={"Cache-Status": cache_status, "Server-Timing": timing}, media_type=JSON)
+
+
+def validated_long(body: bytes, operation: str, services: Services) -> KeyedRequest:
+    """Validate a body that may be long."""
+    content = parse_json(body, services.settings.max_body_depth)
+    refuse_crowds(content)
+    return validated(content, operation, services)
+
+
+def validated(content: Any, operation: str, services: Services) -> KeyedRequest:
+    """Return the canonical form of a request.
+
+    Raises
+    ------
+    InvalidBodyError, ParameterError
+        If it is none, or takes more work than one run may.
+    """
+    model: Any = OPERATIONS[operation].request
+    try:
+        request = model.model_validate(content)
+    except ValidationError as error:
+        raise InvalidBodyError(validation_errors(error.errors())) from error
+    check_work(request, services.settings.max_panel_steps)
+    return KeyedRequest.of(operation, request)
+
+
+def refuse_crowds(content: Any, steps: tuple[str | int, ...] = ()) -> None:
+    """Refuse objects with too many fields, at any depth."""
+    if isinstance(content, dict):
+        if len(content) > MAX_FIELDS:
+            detail = f"has {len(content)} fields, most of them unknown"
+            raise InvalidBodyError([{"pointer": json_pointer(steps), "detail": detail}])
+        for name, item in content.items():
+            refuse_crowds(item, (*steps, name))
+    elif isinstance(content, list):
+        for index, item in enumerate(content):
+            if isinstance(item, dict | list):
+                refuse_crowds(item, (*steps, index))
