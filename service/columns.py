@@ -78,6 +78,7 @@ SUMMARY: Mapping[str, tuple[Column, ...]] = {
     "trajectory": (
         Column("outcome", "how the run ended", "S32"),
         Column("maximum_depth_m", "greatest depth of the nose tip"),
+        Column("strength_factor", "in use, at this oblique angle"),
         *(
             Column(f"final_{column.name}", f"{column.description}; at the event that ended the run")
             for column in MOTION
@@ -89,6 +90,9 @@ SUMMARY: Mapping[str, tuple[Column, ...]] = {
         Column("bracket_low_deg", "lower of the angles between which the change was last pinned down"),
         Column("bracket_high_deg", "upper of these"),
         Column("critical_angle_standard_error_deg", "of the angle, from the covariance of the strength factor"),
+        Column("strength_factor", "in use at the critical angle"),
+        Column("energy_fraction_below", "share of the kinetic energy left half a degree below the critical angle"),
+        Column("energy_fraction_above", "half a degree above it"),
     ),
     "calibration_depth": ESTIMATE,
     "calibration_motion": ESTIMATE,

@@ -21,15 +21,13 @@ from service.schemas import (
     obliquity_answer,
     trajectory_answer,
 )
+from service.schemas.alternatives import alternative_requests
 from service.schemas.quantities import Part
 from solver.arrays import FloatArray
 from solver.calibration import fit_depth, fit_motion, fit_obliquity, penetration_depths, predict_motion
 
 Answer: TypeAlias = tuple[dict[str, Any], dict[str, FloatArray] | None]
 """The JSON answer without its key, its version and the columns of its history; and those columns."""
-
-CASES_OF_A_FIT = 20
-"""What a calibration counts as against a quota: it takes as long as so many cases."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,13 +44,13 @@ class Operation:
     columns
         The answer in one row.
     cases
-        What a request counts as against a quota.
+        Returns what a request counts as against a quota.
     """
 
     compute: Callable[[bytes], Answer]
     request: type[Part]
     columns: tuple[Column, ...] = ()
-    cases: int = 1
+    cases: Callable[[Any], int] = lambda _: 1
 
 
 def compute_trajectory(request: bytes) -> Answer:
@@ -96,23 +94,33 @@ def compute_obliquity_calibration(request: bytes) -> Answer:
     return obliquity_answer(fit_obliquity(**ObliquityCalibrationRequest.model_validate_json(request).arguments())), None
 
 
+def cases_of_a_fit(_: Part) -> int:
+    """Return what a calibration counts as: it takes as long as so many cases."""
+    return 20
+
+
+def cases_of_a_query(request: Any) -> int:
+    """Return what a query counts as: with alternatives, each of them is a case too."""
+    return 1 + len(alternative_requests(request)) if request.alternatives else 1
+
+
 OPERATIONS: Mapping[str, Operation] = {
-    "trajectory": Operation(compute_trajectory, TrajectoryRequest, SUMMARY["trajectory"]),
-    "cra": Operation(compute_critical_angle, CriticalAngleRequest, SUMMARY["cra"]),
+    "trajectory": Operation(compute_trajectory, TrajectoryRequest, SUMMARY["trajectory"], cases_of_a_query),
+    "cra": Operation(compute_critical_angle, CriticalAngleRequest, SUMMARY["cra"], cases_of_a_query),
     "calibration_depth": Operation(
         compute_depth_calibration,
         DepthCalibrationRequest,
         SUMMARY["calibration_depth"],
-        CASES_OF_A_FIT,
+        cases_of_a_fit,
     ),
     "calibration_motion": Operation(
         compute_motion_calibration,
         MotionCalibrationRequest,
         SUMMARY["calibration_motion"],
-        CASES_OF_A_FIT,
+        cases_of_a_fit,
     ),
     "calibration_obliquity": Operation(
-        compute_obliquity_calibration, ObliquityCalibrationRequest, cases=CASES_OF_A_FIT
+        compute_obliquity_calibration, ObliquityCalibrationRequest, cases=cases_of_a_fit
     ),
 }
 

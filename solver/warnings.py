@@ -5,15 +5,24 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from solver.projectile import Projectile
-from solver.resistance import ObliquityPolynomial, Resistance
+from solver.resistance import (
+    EQUATION_9_COEFFICIENTS,
+    ObliquityPolynomial,
+    PublishedTests,
+    Resistance,
+    StrengthPowerLaw,
+)
 from solver.target import Target
 
 RIGID_VELOCITY = 800.0
 """Steel noses were seen to erode above about this speed (Forrestal et al. 1996). [m/s]"""
 TESTED_STRENGTH = (13e6, 97e6)
 """Compressive strengths of the penetration tests behind eq. 1 (Forrestal et al. 1994, Frew et al. 1998). [Pa]"""
+EQUATION_9_STRENGTH, EQUATION_9_DIAMETER = 39e6, 0.08
+"""Concrete and projectile that eq. 9 was fitted to. [Pa, m]"""
+SAME_STRENGTH, SAME_DIAMETER = 0.1, 0.25
+"""Relative difference from them up to which eq. 9 is used without a warning. [1]"""
 SMALL_ATTACK = math.radians(5.0)
-RELEASE_CALIBERS = 0.1
 CRATER_CALIBERS = 2.0
 """Depth of the front crater over the diameter, for which the theory of deep cavities was not made."""
 
@@ -63,8 +72,12 @@ def input_warnings(
     target: Target,
     velocity: float,
     angle_of_attack: float,
+    angle_shift: float | None = None,
 ) -> tuple[ModelWarning, ...]:
-    """Warnings about the inputs alone, whatever the oblique angle."""
+    """Warnings about the inputs alone, whatever the oblique angle.
+
+    With an `angle_shift`, the change of the critical angle for a moment of inertia 10 % larger, they state it. [rad]
+    """
     found = list(range_warnings(target=target, velocity=velocity))
     if abs(angle_of_attack) > SMALL_ATTACK:
         found.append(
@@ -74,11 +87,11 @@ def input_warnings(
                 "the body is taken as rigid",
             )
         )
-    found += _mass_properties_assumed(projectile)
+    found += _mass_properties_assumed(projectile, angle_shift)
     return tuple(found)
 
 
-def _mass_properties_assumed(projectile: Projectile) -> tuple[ModelWarning, ...]:
+def _mass_properties_assumed(projectile: Projectile, angle_shift: float | None) -> tuple[ModelWarning, ...]:
     given = {
         "centre of gravity": projectile.center_of_gravity,
         "moment of inertia": projectile.moment_of_inertia,
@@ -86,26 +99,75 @@ def _mass_properties_assumed(projectile: Projectile) -> tuple[ModelWarning, ...]
     missing = [name for name, value in given.items() if value is None]
     if not missing:
         return ()
+    detail = f"{' and '.join(missing)} not given: those of a homogeneous solid of the outer shape are used"
+    if angle_shift is not None:
+        detail += f"; a moment of inertia 10 % larger moves the angle by about {math.degrees(angle_shift):+.1g}°"
+    return (ModelWarning("mass_properties_assumed", detail),)
+
+
+def strength_factor_warnings(
+    *, projectile: Projectile, target: Target, resistance: Resistance, velocity: float, oblique_angle: float
+) -> tuple[ModelWarning, ...]:
+    """Warnings about a strength factor that was fitted to other angles, another concrete or other strikes."""
+    model = resistance.strength_factor
+    found = []
+    by_angle = isinstance(model, ObliquityPolynomial) or (
+        isinstance(model, StrengthPowerLaw | PublishedTests) and model.obliquity_shape == "equation_9"
+    )
+    fitted_to = ObliquityPolynomial.fitted_to
+    if by_angle and abs(oblique_angle) > fitted_to * (1.0 + 1e-12):
+        found.append(
+            ModelWarning(
+                "strength_fit_extrapolated",
+                f"the strength factor was fitted to finite element runs from 0° to {math.degrees(fitted_to):g}° "
+                f"from the normal; {math.degrees(abs(oblique_angle)):.4g}° is beyond",
+            )
+        )
+    if isinstance(model, ObliquityPolynomial) and model.coefficients == EQUATION_9_COEFFICIENTS:
+        found += _other_concrete(projectile, target)
+    if isinstance(model, PublishedTests):
+        found += _beyond_published_tests(projectile, target, velocity)
+    return tuple(found)
+
+
+def _other_concrete(projectile: Projectile, target: Target) -> tuple[ModelWarning, ...]:
+    """Warning about eq. 9 in another concrete, or with a projectile of another size, than it was fitted to."""
+    strength, diameter = target.compressive_strength, projectile.diameter
+    strength_differs = abs(strength / EQUATION_9_STRENGTH - 1.0) > SAME_STRENGTH * (1.0 + 1e-12)
+    if not strength_differs and abs(diameter / EQUATION_9_DIAMETER - 1.0) <= SAME_DIAMETER * (1.0 + 1e-12):
+        return ()
+    other = PublishedTests().polynomial(target=target, projectile=projectile)[0]
     return (
         ModelWarning(
-            "mass_properties_assumed",
-            f"{' and '.join(missing)} not given: those of a homogeneous solid of the outer shape are used",
+            "strength_factor_of_other_concrete",
+            f"the strength factor of eq. 9 was fitted to concrete of {EQUATION_9_STRENGTH / 1e6:g} MPa and a "
+            f"projectile of {EQUATION_9_DIAMETER * 1e3:g} mm; here are {strength / 1e6:.4g} MPa and "
+            f"{diameter * 1e3:.4g} mm. In normal impact eq. 9 gives {EQUATION_9_COEFFICIENTS[0]:.3g}, the law "
+            f"{PublishedTests.name} {other:.3g}",
         ),
     )
 
 
-def strength_fit_warning(*, resistance: Resistance, oblique_angle: float) -> tuple[ModelWarning, ...]:
-    """Warning about a strength factor fitted to other angles than this one."""
-    model = resistance.strength_factor
-    if isinstance(model, ObliquityPolynomial) and abs(oblique_angle) > model.fitted_to * (1.0 + 1e-12):
-        return (
-            ModelWarning(
-                "strength_fit_extrapolated",
-                f"the strength factor was fitted to finite element runs from 0° to {math.degrees(model.fitted_to):g}° "
-                f"from the normal; {math.degrees(abs(oblique_angle)):.4g}° is beyond",
-            ),
-        )
-    return ()
+def _beyond_published_tests(projectile: Projectile, target: Target, velocity: float) -> tuple[ModelWarning, ...]:
+    """Warning about a strike outside the range of the tests that the law was fitted to."""
+    limits = (
+        ("compressive strength", target.compressive_strength, PublishedTests.compressive_strengths, 1e-6, "MPa"),
+        ("diameter", projectile.diameter, PublishedTests.diameters, 1e3, "mm"),
+        ("speed", velocity, PublishedTests.velocities, 1.0, "m/s"),
+    )
+    outside = [
+        f"{name} {value * factor:.4g} {unit} outside {lowest * factor:.4g} to {highest * factor:.4g} {unit}"
+        for name, value, (lowest, highest), factor, unit in limits
+        if not lowest * (1.0 - 1e-12) <= value <= highest * (1.0 + 1e-12)
+    ]
+    if not outside:
+        return ()
+    return (
+        ModelWarning(
+            "published_tests_extrapolated",
+            f"the strength factor is extrapolated from published tests: {', '.join(outside)}",
+        ),
+    )
 
 
 def undecided(*, termination_time: float) -> ModelWarning:
@@ -126,6 +188,31 @@ def decided_by_time(*, termination_time: float) -> ModelWarning:
     )
 
 
+RETENTION_RANGE = (0.1, 10.0)
+"""Retention energies, over the one in use, between which an angle should hardly move."""
+
+
+def retention_decides(*, retention: float, below: float, above: float) -> ModelWarning:
+    """Warning of an angle that depends on the retention energy, with the energy left half a degree below and above."""
+    low, high = (factor * retention for factor in RETENTION_RANGE)
+    left = f"{100.0 * below:.2g} %" if below > 0.0 else f"less than {100.0 * low:g} %"
+    return ModelWarning(
+        "retention_decides",
+        f"{left} of the energy is left half a degree below the angle, {100.0 * above:.2g} % half a degree above it: "
+        f"between thresholds of {100.0 * low:g} % and {100.0 * high:g} % the angle moves by more than 0.5°; friction "
+        "and rubble, which the model leaves out, decide what becomes of so slow a body",
+    )
+
+
+def range_clipped(*, upper: float, given: float) -> ModelWarning:
+    """Warning of a search that ends below the end of its range, where the strength factor falls to zero."""
+    return ModelWarning(
+        "range_clipped",
+        f"the strength factor is above 0 up to {math.degrees(upper):.4g}° only: the search ends there, not at "
+        f"{math.degrees(given):.4g}°",
+    )
+
+
 def shallow(*, depth: float, diameter: float) -> tuple[ModelWarning, ...]:
     """Warning of a body that came to rest within the front crater."""
     if depth >= CRATER_CALIBERS * diameter:
@@ -141,13 +228,7 @@ def shallow(*, depth: float, diameter: float) -> tuple[ModelWarning, ...]:
 
 BASE_FIRST = ModelWarning(
     "base_strikes_first",
-    "the rear edge touches first, and the flat base, which the model does not load, faces the target",
-)
-
-BASE_INSIDE = ModelWarning(
-    "base_faces_target",
-    "at the end the flat base is inside and faces the target, which the model does not let resist it: a body that has "
-    "turned that far sinks in tail first without hindrance",
+    "the rear edge touches first: the projectile strikes with its tail ahead",
 )
 
 ENERGY_GAIN = ModelWarning(
@@ -155,27 +236,6 @@ ENERGY_GAIN = ModelWarning(
     "the fixed time step is too long for parts of this motion: kinetic energy rose within a step; compare with the "
     "adaptive method or a shorter step",
 )
-
-LODGED = ModelWarning(
-    "lodged",
-    "the load ends with the nose still inside and less than 0.1 % of the energy left, drifting out: counted as "
-    "embedded, since friction and rubble, which the model leaves out, decide there",
-)
-
-
-def slow_exit(*, release_depth: float, diameter: float) -> tuple[ModelWarning, ...]:
-    """Warning of a ricochet that was released with its nose tip this deep inside."""
-    if release_depth <= RELEASE_CALIBERS * diameter:
-        return ()
-    return (
-        ModelWarning(
-            "slow_exit",
-            f"it counts as turned away, but its load ends with the nose tip still {release_depth / diameter:.2g} "
-            "diameters deep: friction and rubble, which the model leaves out, may hold it as it drifts out; below "
-            "0.1 % of its energy it would count as lodged",
-        ),
-    )
-
 
 NO_MEASURED_ANGLE = ModelWarning(
     "no_measured_angle",

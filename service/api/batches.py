@@ -6,9 +6,9 @@ from service.api.batch_body import BatchReader
 from service.api.batch_response import BatchResponse, IdempotencyKey, WantedPreference
 from service.api.contract import MANY, many_bodies, one_body
 from service.schemas import (
+    CriticalAngleBase,
     CriticalAngleBatch,
     CriticalAngleCase,
-    CriticalAngleRequest,
     CriticalAngleResults,
     CriticalAngleSweep,
     TrajectoryBase,
@@ -96,4 +96,4 @@ async def sweep_critical_angles(
     values of its axes. What only the solver can tell of a point is the problem of that point alone.
     """
     response = BatchResponse(request, "cra", preference, idempotency_key)
-    return await response.to(await BatchReader(request, "cra", CriticalAngleRequest).read_sweep())
+    return await response.to(await BatchReader(request, "cra", CriticalAngleBase).read_sweep())

@@ -4,7 +4,7 @@ import asyncio
 from collections import OrderedDict
 from collections.abc import AsyncIterator
 from http import HTTPStatus
-from typing import Any
+from typing import Any, NamedTuple
 
 from fastapi import HTTPException, Request
 from pydantic_core import from_json
@@ -20,6 +20,13 @@ OVERHEAD = 300
 """Memory of an entry beside its body, about. [bytes]"""
 
 
+class KnownBody(NamedTuple):
+    """The result of a body, and the cases it counts as."""
+
+    key: str
+    cases: int
+
+
 class KnownBodies:
     """Which bodies have which results: the same bytes to the same path mean the same key.
 
@@ -31,24 +38,24 @@ class KnownBodies:
 
     def __init__(self, memory_bytes: int) -> None:
         self._limit = REMEMBERED_SHARE * memory_bytes
-        self._keys: OrderedDict[tuple[str, bytes], str] = OrderedDict()
+        self._known: OrderedDict[tuple[str, bytes], KnownBody] = OrderedDict()
         self._nbytes = 0
 
-    def key(self, path: str, body: bytes) -> str | None:
-        """Return the key of the result of this body, if it is known."""
-        key = self._keys.get((path, body))
-        if key is not None:
-            self._keys.move_to_end((path, body))
-        return key
+    def find(self, path: str, body: bytes) -> KnownBody | None:
+        """Return what is known of this body."""
+        known = self._known.get((path, body))
+        if known is not None:
+            self._known.move_to_end((path, body))
+        return known
 
-    def remember(self, path: str, body: bytes, key: str) -> None:
-        """Note the key of the result of this body."""
-        if len(body) > REMEMBERED_BYTES or (path, body) in self._keys:
+    def remember(self, path: str, body: bytes, known: KnownBody) -> None:
+        """Note the result of this body."""
+        if len(body) > REMEMBERED_BYTES or (path, body) in self._known:
             return
-        self._keys[path, body] = key
+        self._known[path, body] = known
         self._nbytes += len(body) + OVERHEAD
         while self._nbytes > self._limit:
-            (_, dropped), _ = self._keys.popitem(last=False)
+            (_, dropped), _ = self._known.popitem(last=False)
             self._nbytes -= len(dropped) + OVERHEAD
 
 

@@ -1,24 +1,26 @@
 """Single queries: one trajectory, one critical angle, one calibration."""
 
+import asyncio
 import time
 from contextlib import nullcontext
+from http import HTTPStatus
 from typing import Any
 
 from anyio.to_thread import run_sync
 from fastapi import APIRouter, Request, Response
 from pydantic import ValidationError
 
-from service.access.visit import visit_in
-from service.api.body import JSON, next_turn, parse_json, read_body, require_type
+from service.access.visit import Visit, visit_in
+from service.api.body import JSON, KnownBody, next_turn, parse_json, read_body, require_type
 from service.api.contract import COMPUTED, one_body
 from service.api.services import Services, services_of
 from service.backpressure import check_work
-from service.cache.record import Record
 from service.cache_key import KeyedRequest
-from service.errors import InvalidBodyError, problem_of, validation_errors
+from service.errors import InvalidBodyError, ProblemType, problem_of, validation_errors
 from service.jobs.scheduler import problem_name
 from service.logs import BEGUN
 from service.operations import OPERATIONS
+from service.queries import Answered, CacheStatus
 from service.schemas import (
     CriticalAngleAnswer,
     CriticalAngleRequest,
@@ -31,6 +33,7 @@ from service.schemas import (
     TrajectoryAnswer,
     TrajectoryRequest,
 )
+from service.schemas.alternatives import alternative_requests, answered_alternative, with_alternatives
 from service.schemas.pointers import json_pointer
 
 MAX_FIELDS = 20
@@ -119,22 +122,59 @@ async def answer(request: Request, operation: str, *, long: bool = False) -> Res
     services, path, begun = services_of(request), request.scope["path"], request.scope[BEGUN]
     require_type(request, JSON)
     body = await read_body(request, services.settings.max_batch_bytes if long else services.settings.max_body_bytes)
-    context, cases = visit_in(request.scope), OPERATIONS[operation].cases
-    key = services.bodies.key(path, body)
-    record = None if key is None else services.cache.recall(key)
-    if record is not None:
-        context.take(cases)
+    context = visit_in(request.scope)
+    known = services.bodies.find(path, body)
+    record = None if known is None else services.cache.recall(known.key)
+    if known is not None and record is not None:
+        context.take(known.cases)
         services.metrics.count(operation, record.outcome, "hit", 1)
-        return reply(record, "ricochet; hit", f"total;dur={1e3 * (time.perf_counter() - begun):.2f}")
+        return reply(record.json, "hit", f"total;dur={1e3 * (time.perf_counter() - begun):.2f}")
     if long:
-        query = await run_sync(validated_long, body, operation, services, limiter=services.reading)
-    else:
-        if not body:
-            raise InvalidBodyError([{"pointer": "", "detail": "Field required"}])
+        case = await run_sync(validated_long, body, operation, services, limiter=services.reading)
+    elif body:
         await next_turn(services.parsing)
-        query = validated(parse_json(body, services.settings.max_body_depth), operation, services)
-    read = time.perf_counter()
+        case = validated(parse_json(body, services.settings.max_body_depth), operation, services)
+    else:
+        raise InvalidBodyError([{"pointer": "", "detail": "Field required"}])
+    read, cases = time.perf_counter(), OPERATIONS[operation].cases(case)
     context.take(cases)
+    query = await run_sync(KeyedRequest.of, operation, case) if long else KeyedRequest.of(operation, case)
+    if getattr(case, "alternatives", False):
+        content, status = await computed_with_alternatives(request, operation, case, query)
+    else:
+        record, status = await computed(services, context, operation, query)
+        content = record.json
+        services.bodies.remember(path, body, KnownBody(query.key, cases))
+    now = time.perf_counter()
+    timing = f"validate;dur={1e3 * (read - begun):.2f}, compute;dur={1e3 * (now - read):.2f}"
+    return reply(content, status, f"{timing}, total;dur={1e3 * (now - begun):.2f}")
+
+
+async def computed_with_alternatives(
+    request: Request, operation: str, case: Any, query: KeyedRequest
+) -> tuple[bytes, CacheStatus]:
+    """Return the answer with those under other laws, each a case of cache and executor like any other."""
+    services, context = services_of(request), visit_in(request.scope)
+
+    async def attempt(laws: dict[str, Any], other: Any) -> tuple[dict[str, Any], CacheStatus]:
+        try:
+            found, known = await computed(services, context, operation, KeyedRequest.of(operation, other))
+        except Exception as error:
+            if ProblemType.of(error).status != HTTPStatus.UNPROCESSABLE_ENTITY:
+                raise
+            return {**laws, "problem": {**problem_of(error), "instance": request.scope["path"]}}, "miss"
+        return answered_alternative(laws, found.answer), known
+
+    others = alternative_requests(case)
+    (record, status), *found = await asyncio.gather(
+        computed(services, context, operation, query), *(attempt(laws, other) for laws, other in others)
+    )
+    content = with_alternatives(record.json, [alternative for alternative, _ in found])
+    return content, "hit" if all(each == "hit" for each in (status, *(each for _, each in found))) else "miss"
+
+
+async def computed(services: Services, context: Visit, operation: str, query: KeyedRequest) -> Answered:
+    """Return the record of a request, and whether it was there; count how it ended."""
     try:
         with services.owner_queries.held(context.caller.owner) if context.caller.key else nullcontext():
             record, status = await services.queries.answer(operation, query)
@@ -142,40 +182,36 @@ async def answer(request: Request, operation: str, *, long: bool = False) -> Res
         services.metrics.count(operation, problem_name(problem_of(error)), "miss", 1)
         raise
     services.metrics.count(operation, record.outcome, status, 1)
-    services.bodies.remember(path, body, query.key)
-    now = time.perf_counter()
-    timing = f"validate;dur={1e3 * (read - begun):.2f}, compute;dur={1e3 * (now - read):.2f}"
-    cache_status = "ricochet; hit" if status == "hit" else "ricochet; fwd=miss"
-    return reply(record, cache_status, f"{timing}, total;dur={1e3 * (now - begun):.2f}")
+    return record, status
 
 
-def reply(record: Record, cache_status: str, timing: str) -> Response:
-    """Return a result as the answer."""
-    return Response(record.json, headers={"Cache-Status": cache_status, "Server-Timing": timing}, media_type=JSON)
+def reply(content: bytes, status: CacheStatus, timing: str) -> Response:
+    """Return a result as the answer, with how it came about."""
+    headers = {"Cache-Status": "ricochet; hit" if status == "hit" else "ricochet; fwd=miss", "Server-Timing": timing}
+    return Response(content, headers=headers, media_type=JSON)
 
 
-def validated_long(body: bytes, operation: str, services: Services) -> KeyedRequest:
+def validated_long(body: bytes, operation: str, services: Services) -> Any:
     """Validate a body that may be long."""
     content = parse_json(body, services.settings.max_body_depth)
     refuse_crowds(content)
     return validated(content, operation, services)
 
 
-def validated(content: Any, operation: str, services: Services) -> KeyedRequest:
-    """Return the canonical form of a request.
+def validated(content: Any, operation: str, services: Services) -> Any:
+    """Return the content of a body as a request.
 
     Raises
     ------
     InvalidBodyError, ParameterError
         If it is none, or takes more work than one run may.
     """
-    model: Any = OPERATIONS[operation].request
     try:
-        request = model.model_validate(content)
+        case = OPERATIONS[operation].request.model_validate(content)
     except ValidationError as error:
         raise InvalidBodyError(validation_errors(error.errors())) from error
-    check_work(request, services.settings.max_panel_steps)
-    return KeyedRequest.of(operation, request)
+    check_work(case, services.settings.max_panel_steps)
+    return case
 
 
 def refuse_crowds(content: Any, steps: tuple[str | int, ...] = ()) -> None:

@@ -17,7 +17,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from service.cache.hdf5 import DamagedFileError, Segment, encode_segments, read_keys, read_records
-from service.cache.index import Index, Place, Statistics, discard_index
+from service.cache.index import Index, Location, Statistics, discard_index
 from service.cache.record import RecentRecords, Record
 from service.cache.segments import FolderLock, Segments, discard, name_of
 
@@ -125,7 +125,8 @@ class ResultCache:
             Files of some of these records, if they have been made already.
         """
         stored = {key for keys, _ in segments for key in keys}
-        more = encode_segments([record for record in records if record.key not in stored])
+        rest = [record for record in records if record.key not in stored]
+        more = encode_segments(rest) if rest else []
         lost: set[str] = set()
         for keys, content in (*segments, *more):
             if not self._store(keys, content):
@@ -225,7 +226,7 @@ class ResultCache:
             finally:
                 self._evicting.release()
 
-    def _find(self, keys: Sequence[str]) -> dict[str, Place]:
+    def _find(self, keys: Sequence[str]) -> dict[str, Location]:
         with self._noting():
             return self._index.find([key for key in keys if KEY.fullmatch(key)])  # one may come from an address
         return {}

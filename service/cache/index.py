@@ -59,7 +59,7 @@ AMOUNT_OF = AMOUNT + " WHERE name IN (SELECT value FROM json_each(?))"  # noqa: 
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class Location:
     """Where a result is."""
 
     segment: str
@@ -110,14 +110,14 @@ class Index:
         """What all segments amount to."""
         return self._statistics
 
-    def find(self, keys: Sequence[str]) -> dict[str, Place]:
+    def find(self, keys: Sequence[str]) -> dict[str, Location]:
         """Where results are; those that are nowhere are left out."""
         found = {}
         for start in range(0, len(keys), KEYS_AT_ONCE):
             some = keys[start : start + KEYS_AT_ONCE]
             with self._lock:
                 text = self._connection.execute(FIND, (bytes.fromhex("".join(some)), len(some))).fetchone()[0]
-            found.update({some[number]: Place(name, row) for number, name, row in orjson.loads(text)})
+            found.update({some[number]: Location(name, row) for number, name, row in orjson.loads(text)})
         return found
 
     def add(self, segment: str, keys: Sequence[str], size: int, used: float) -> None:

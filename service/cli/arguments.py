@@ -114,6 +114,15 @@ def add_plot(parser: argparse.ArgumentParser, what: str) -> None:
     parser.add_argument("--plot", type=Path, metavar="FILE", help=f"plot {what}, as .svg, .png or .pdf")
 
 
+def add_alternatives(parser: argparse.ArgumentParser) -> None:
+    """Add `--alternatives`."""
+    parser.add_argument(
+        "--alternatives",
+        action="store_true",
+        help="also compute the case with each decay law and strength law; with --csv print these alone",
+    )
+
+
 def add_url(parser: argparse.ArgumentParser, default: str = "compute locally") -> None:
     """Add `--url`."""
     parser.add_argument(

@@ -13,6 +13,7 @@ from service.cli.arguments import (
     IMPACT,
     VELOCITY,
     Flag,
+    add_alternatives,
     add_case,
     add_formats,
     add_plot,
@@ -40,6 +41,7 @@ def add_trajectory(parser: argparse.ArgumentParser) -> None:
     add_case(parser, TRAJECTORY_FLAGS)
     add_formats(parser, json="print the answer as the service sends it", csv="print the time history")
     add_plot(parser, "the projectile from the side at several instants")
+    add_alternatives(parser)
     add_url(parser)
     parser.set_defaults(run=run_trajectory)
 
@@ -57,6 +59,7 @@ def add_cra(parser: argparse.ArgumentParser) -> None:
     add_case(parser, CRA_FLAGS)
     add_formats(parser, json="print the answer as the service sends it", csv="print the trial angles")
     add_plot(parser, "the trial angles and the critical angle")
+    add_alternatives(parser)
     add_url(parser)
     parser.set_defaults(run=run_cra)
 
@@ -72,7 +75,7 @@ def run_trajectory(args: argparse.Namespace) -> int:
     if args.json:
         print_json(text)
     elif args.csv:
-        print_csv(history_of(answer))
+        print_csv(alternatives_of(answer) if args.alternatives else history_of(answer))
     else:
         print_motion(answer)
     return 0
@@ -90,7 +93,8 @@ def run_cra(args: argparse.Namespace) -> int:
         print_json(text)
     elif args.csv:
         trials = answer["iterations"]
-        print_csv({name: [trial[name] for trial in trials] for name in trials[0]})
+        columns = {name: [trial[name] for trial in trials] for name in trials[0]}
+        print_csv(alternatives_of(answer) if args.alternatives else columns)
     else:
         print_search(answer)
     return 0
@@ -105,6 +109,8 @@ def answer_one(operation: str, args: argparse.Namespace, flags: Sequence[Flag]) 
         If there is no answer; it names the flag or the field of the file that is invalid.
     """
     body = read_body(args.case, args, flags)
+    if args.alternatives:
+        body.content["alternatives"] = True
     if args.plot:
         from service.cli.plots import check_plot
 
@@ -128,25 +134,35 @@ def compute_locally(name: str, body: dict[str, Any]) -> bytes:
     RefusedError
         If the request is invalid, or the computation fails.
     """
-    import orjson
     from pydantic import ValidationError
 
     from service.cache.record import Record
-    from service.cache_key import result_key
+    from service.cache_key import KeyedRequest
     from service.errors import InvalidBodyError, problem_of, validation_errors
     from service.operations import OPERATIONS
+    from service.schemas.alternatives import alternative_requests, answered_alternative, with_alternatives
     from solver import RicochetError
 
-    operation = OPERATIONS[name]
+    def solve(request: Any) -> Record:
+        query = KeyedRequest.of(name, request)
+        return Record(query.key, name, query.json, *OPERATIONS[name].compute(query.json))
+
+    def solve_alternative(laws: dict[str, Any], request: Any) -> dict[str, Any]:
+        try:
+            return answered_alternative(laws, solve(request).answer)
+        except RicochetError as error:
+            return {**laws, "problem": {**problem_of(error), "instance": f"/{name}"}}
+
     try:
-        request: Any = operation.request.model_validate_json(json.dumps(body))
-        canonical = request.canonical()
-        content = orjson.dumps(canonical)
-        return Record(result_key(name, canonical), name, content, *operation.compute(content)).json
+        request: Any = OPERATIONS[name].request.model_validate_json(json.dumps(body))
+        answer = solve(request).json
     except ValidationError as error:
         raise RefusedError(problem_of(InvalidBodyError(validation_errors(error.errors())))) from None
     except RicochetError as error:
         raise RefusedError(problem_of(error)) from None
+    if not request.alternatives:
+        return answer
+    return with_alternatives(answer, [solve_alternative(*each) for each in alternative_requests(request)])
 
 
 def history_of(answer: Mapping[str, Any]) -> Mapping[str, Sequence[float]]:
@@ -179,8 +195,10 @@ def print_csv(columns: Mapping[str, Sequence[Any]]) -> None:
 def print_motion(answer: Mapping[str, Any]) -> None:
     """Print the end of a motion."""
     final = {heading(name): value for name, value in answer["final"].items()}
-    values = {"outcome": answer["outcome"], heading("maximum_depth_m"): answer["maximum_depth_m"]}
+    values = {"outcome": answer["outcome"]}
+    values |= {heading(name): answer[name] for name in ("maximum_depth_m", "strength_factor")}
     print_values(values | {f"final {name}": value for name, value in final.items()})
+    print_alternatives(answer)
     print_warnings(answer["warnings"])
 
 
@@ -195,8 +213,33 @@ def print_search(answer: Mapping[str, Any]) -> None:
             found[heading(name)] = answer[name]
     if "bracket_deg" in answer:
         found[heading("bracket_deg")] = " to ".join(f"{angle:.5g}" for angle in answer["bracket_deg"])
+    if "strength_factor" in answer:
+        found[heading("strength_factor")] = answer["strength_factor"]
+    alternatives = answer.get("alternatives", ())
+    if angles := [each["critical_angle_deg"] for each in alternatives if "critical_angle_deg" in each]:
+        found["under other laws °"] = f"{min(angles):.5g} to {max(angles):.5g}"
     if answer["other_crossings_deg"]:
         found[heading("other_crossings_deg")] = ", ".join(f"{angle:.5g}" for angle in answer["other_crossings_deg"])
     print()
     print_values(found)
+    print_alternatives(answer)
     print_warnings(answer["warnings"])
+
+
+def print_alternatives(answer: Mapping[str, Any]) -> None:
+    """Print the answers with other laws, if there are any."""
+    if "alternatives" in answer:
+        columns = alternatives_of(answer)
+        print()
+        print_table([heading(name) for name in columns], list(zip(*columns.values(), strict=True)))
+
+
+def alternatives_of(answer: Mapping[str, Any]) -> Mapping[str, Sequence[Any]]:
+    """Return the answers with other laws as columns, with empty cells for missing values."""
+    alternatives = answer["alternatives"]
+    found = ("status", "critical_angle_deg") if "status" in answer else ("outcome",)
+    names = ("free_surface", "strength_factor", *found)
+    columns = {name: [each.get(name, "") for each in alternatives] for name in names}
+    if any("problem" in each for each in alternatives):
+        columns["problem"] = [each.get("problem", {}).get("detail", "") for each in alternatives]
+    return columns | {"fitted_to": [each["fitted_to"] for each in alternatives]}

@@ -58,7 +58,7 @@ class DaskExecutor:
         self.cluster = Cluster(address, task_seconds)
         self._pool = ProcessPool(workers=workers, task_seconds=task_seconds)
         self._task_seconds = task_seconds
-        self._underway: set[asyncio.Task[list[CallResult]]] = set()
+        self._in_flight: set[asyncio.Task[list[CallResult]]] = set()
         self._stopping = False
 
     @property
@@ -106,8 +106,8 @@ class DaskExecutor:
         if not calls:
             return []
         work = asyncio.create_task(self._see_through(calls))
-        self._underway.add(work)
-        work.add_done_callback(self._underway.discard)
+        self._in_flight.add(work)
+        work.add_done_callback(self._in_flight.discard)
         try:
             await asyncio.wait([work])
         except asyncio.CancelledError:
@@ -127,9 +127,9 @@ class DaskExecutor:
         """Take no more work, let what there is finish, and have ended all within the grace time. [s]"""
         self._stopping = True
         ending = asyncio.create_task(self._pool.stop(grace))
-        if self._underway:
-            await asyncio.wait(self._underway, timeout=max(0.0, grace - CANCEL_SECONDS))
-        left = list(self._underway)
+        if self._in_flight:
+            await asyncio.wait(self._in_flight, timeout=max(0.0, grace - CANCEL_SECONDS))
+        left = list(self._in_flight)
         for work in left:
             work.cancel()
         if left:

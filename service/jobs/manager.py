@@ -124,7 +124,7 @@ class JobManager:
     async def accept(
         self,
         operation: str,
-        slices: AsyncIterator[Sequence[Case]],
+        blocks: AsyncIterator[Sequence[Case]],
         *,
         owner: str = OWNER,
         idempotency: Idempotency | None = None,
@@ -134,7 +134,7 @@ class JobManager:
 
         Parameters
         ----------
-        slices
+        blocks
             Its cases.
         sweep
             The request, if it is a sweep.
@@ -155,20 +155,20 @@ class JobManager:
         StorageError
             If the job cannot be stored.
         Exception
-            Out of `slices`. Nothing is left of the job then.
+            Out of `blocks`. Nothing is left of the job then.
         """
         token = (owner, idempotency.token) if idempotency is not None else None
         if token is None or idempotency is None:
-            return await self._receive(operation, slices, owner, None, sweep), True
+            return await self._receive(operation, blocks, owner, None, sweep), True
         if token in self._accepting:
             raise IdempotencyBusyError("the request with this idempotency key is still being accepted; try again")
         self._accepting.add(token)
         try:
             found = await self._thread(self._jobs.token, *token)
             if found is None:
-                return await self._receive(operation, slices, owner, idempotency, sweep), True
+                return await self._receive(operation, blocks, owner, idempotency, sweep), True
             if not isinstance(idempotency.digest, str):
-                async for _ in slices:  # the digest is known when the body has been read
+                async for _ in blocks:  # the digest is known when the body has been read
                     pass
             if found[0] != idempotency.whole_digest:
                 raise IdempotencyConflictError("this idempotency key was sent with another request before")
@@ -193,7 +193,7 @@ class JobManager:
     async def results(
         self, name: str, *, start: int = 0, limit: int | None = None
     ) -> AsyncGenerator[list[CaseResult], None]:
-        """Yield what is ready of a job, in order, in slices of up to 200, from case `start` on.
+        """Yield what is ready of a job, in order, in blocks of up to 200, from case `start` on.
 
         Ends at the first case that is not ready yet; if the job has ended, such cases are left out. What the cache has
         lost is computed again.
@@ -243,7 +243,7 @@ class JobManager:
     async def _receive(
         self,
         operation: str,
-        slices: AsyncIterator[Sequence[Case]],
+        blocks: AsyncIterator[Sequence[Case]],
         owner: str,
         idempotency: Idempotency | None,
         sweep: Sweep | None,
@@ -255,7 +255,7 @@ class JobManager:
         try:
             waiting: list[Case] = []
             number = 0
-            async for cases in slices:
+            async for cases in blocks:
                 self._admit(len(cases))
                 received += len(cases)
                 self._received += len(cases)

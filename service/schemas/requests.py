@@ -13,7 +13,7 @@ from service.schemas.quantities import Flag, Num, Part, with_examples
 from service.schemas.resistance import Resistance
 from service.schemas.strike import Impact, Strike, Target
 from solver.errors import ParameterError
-from solver.numerics import SEARCH_TOLERANCE, TERMINATION_TIME, TRAJECTORY_TOLERANCE
+from solver.numerics import SEARCH_TOLERANCE, TRAJECTORY_TOLERANCE, usual_termination_time
 from solver.search.critical_angle import PAPER_TERMINATION_TIME
 from solver.trajectory import SAMPLE_INTERVAL
 
@@ -25,9 +25,20 @@ SampleInterval = Annotated[
     Field(
         ge=1e-8,
         le=1.0,
-        description=f"Of the history; at least the termination time over {MOST_ROWS:,}. [s]",
+        description=f"Of the history; at least the termination time over {MOST_ROWS:,}, which is its value when not "
+        f"given and longer than {SAMPLE_INTERVAL:g}. [s]",
     ),
 ]
+
+
+Alternatives = Annotated[
+    Flag,
+    Field(
+        description="Whether to add the answers under other laws: each decay near the face with each strength factor. "
+        "Each is a case like any other, and is kept under a key of its own."
+    ),
+]
+WITH_ALTERNATIVES = {"alternatives": True}
 
 
 class TrajectoryOutput(Part):
@@ -36,7 +47,7 @@ class TrajectoryOutput(Part):
     model_config = with_examples({"history": False}, {"sample_interval_s": 1e-4})
 
     history: Annotated[Flag, Field(description="Whether to give the motion over time.")] = True
-    sample_interval_s: SampleInterval = SAMPLE_INTERVAL
+    sample_interval_s: SampleInterval | MISSING = MISSING
 
 
 class CriticalAngleOutput(Part):
@@ -45,7 +56,7 @@ class CriticalAngleOutput(Part):
     model_config = with_examples({"history": True, "sample_interval_s": 1e-4})
 
     history: Annotated[Flag, Field(description="Whether to give the trajectory at the critical angle.")] = False
-    sample_interval_s: SampleInterval = SAMPLE_INTERVAL
+    sample_interval_s: SampleInterval | MISSING = MISSING
 
 
 class Case(Part):
@@ -74,6 +85,12 @@ class Case(Part):
         """Whether it is computed by the paper's elements and fixed step."""
         return self.numerics.method is Method.PANELS
 
+    def usual_termination_time(self, velocity_m_s: float) -> float:
+        """Return the termination time of a run that is given none. [s]"""
+        return usual_termination_time(
+            length=self.projectile.length_m, velocity=velocity_m_s, method="panels" if self.by_panels else "adaptive"
+        )
+
     def panel_steps(self) -> float:
         """Return panels times time steps of one run at most, 0 if it has none. [1]"""
         if not self.by_panels:
@@ -86,20 +103,19 @@ class Case(Part):
         """Return the interval of the history, None if there is to be none."""
         if not output.history:
             return None
-        end = self.numerics.termination_time_s
-        if end is not MISSING and end > MOST_ROWS * output.sample_interval_s:
+        end, interval = self.numerics.termination_time_s, output.sample_interval_s
+        if interval is MISSING:
+            return SAMPLE_INTERVAL if end is MISSING else max(SAMPLE_INTERVAL, end / MOST_ROWS)
+        if end is not MISSING and end > MOST_ROWS * interval:
             raise ParameterError(
                 "output.sample_interval",
-                f"must be at least the termination time over {MOST_ROWS}, {end / MOST_ROWS:g} s, "
-                f"got {output.sample_interval_s:g} s",
+                f"must be at least the termination time over {MOST_ROWS}, {end / MOST_ROWS:g} s, got {interval:g} s",
             )
-        return output.sample_interval_s
+        return interval
 
 
-class TrajectoryRequest(Case):
-    """One strike."""
-
-    model_config = with_examples(PAPER_AT_45, TRUNCATED_CONE)
+class TrajectoryFields(Case):
+    """One strike, alone or among many."""
 
     impact: Impact
     output: Annotated[TrajectoryOutput, Field(default_factory=TrajectoryOutput)]
@@ -107,7 +123,9 @@ class TrajectoryRequest(Case):
     def resolved(self) -> Self:
         """Return the same with what was left open filled in."""
         numerics = self.numerics.resolved(
-            method=Method.ADAPTIVE, termination_time_s=TERMINATION_TIME, relative_tolerance=TRAJECTORY_TOLERANCE
+            method=Method.ADAPTIVE,
+            termination_time_s=self.usual_termination_time(self.impact.velocity_m_s),
+            relative_tolerance=TRAJECTORY_TOLERANCE,
         )
         return self.model_copy(update={"numerics": numerics})
 
@@ -127,13 +145,28 @@ class TrajectoryRequest(Case):
         arguments = case.shared_arguments()
         impact = case.impact.to_solver()
         solver.strength_factor(
-            resistance=arguments["resistance"], oblique_angle=impact.oblique_angle, target=arguments["target"]
+            resistance=arguments["resistance"],
+            oblique_angle=impact.oblique_angle,
+            target=arguments["target"],
+            projectile=arguments["projectile"],
         )
         return arguments | {"impact": impact, "sample_interval": case.sample_interval(case.output)}
 
 
-class CriticalAngleRequest(Case):
-    """Strikes that differ in their oblique angle alone."""
+class TrajectoryRequest(TrajectoryFields):
+    """One strike."""
+
+    model_config = with_examples(PAPER_AT_45, TRUNCATED_CONE, PAPER_AT_45 | WITH_ALTERNATIVES)
+
+    alternatives: Alternatives = False
+
+    def canonical(self) -> dict[str, Any]:
+        """Return the resolved request as JSON data, the same with alternatives as without."""
+        return self.resolved().model_dump(mode="json", exclude={"alternatives"})
+
+
+class CriticalAngleBase(Case):
+    """Strikes that differ in their oblique angle alone, among many such requests."""
 
     model_config = with_examples(PAPER, PAPER_BY_SECANT, HEMISPHERE)
 
@@ -150,7 +183,11 @@ class CriticalAngleRequest(Case):
         """Return the same with what was left open filled in."""
         numerics = self.numerics.resolved(
             method=Method.PANELS if self.search.by_paper else Method.ADAPTIVE,
-            termination_time_s=PAPER_TERMINATION_TIME if self.search.by_paper else TERMINATION_TIME,
+            termination_time_s=(
+                PAPER_TERMINATION_TIME
+                if self.search.by_paper
+                else self.usual_termination_time(self.impact.velocity_m_s)
+            ),
             relative_tolerance=SEARCH_TOLERANCE,
         )
         return self.model_copy(update={"numerics": numerics, "search": self.search.resolved()})
@@ -170,3 +207,15 @@ class CriticalAngleRequest(Case):
         case = self.resolved()
         arguments = case.shared_arguments() | case.impact.arguments() | {"search": case.search.to_solver()}
         return arguments, case.sample_interval(case.output)
+
+
+class CriticalAngleRequest(CriticalAngleBase):
+    """Strikes that differ in their oblique angle alone."""
+
+    model_config = with_examples(PAPER, PAPER_BY_SECANT, HEMISPHERE, PAPER | WITH_ALTERNATIVES)
+
+    alternatives: Alternatives = False
+
+    def canonical(self) -> dict[str, Any]:
+        """Return the resolved request as JSON data, the same with alternatives as without."""
+        return self.resolved().model_dump(mode="json", exclude={"alternatives"})

@@ -40,7 +40,7 @@ class InThreadExecutor:
         self._task_seconds = task_seconds
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="ricochet-calls")
         self._singles = 0
-        self._underway: set[asyncio.Task[list[CallResult]]] = set()
+        self._in_flight: set[asyncio.Task[list[CallResult]]] = set()
         self._stopping = False
 
     @property
@@ -78,9 +78,9 @@ class InThreadExecutor:
     async def stop(self, grace: float) -> None:
         """Take no more work, and give up what has not finished at the end of the grace time. [s]"""
         self._stopping = True
-        if self._underway:
-            await asyncio.wait(self._underway, timeout=grace)
-        for work in list(self._underway):
+        if self._in_flight:
+            await asyncio.wait(self._in_flight, timeout=grace)
+        for work in list(self._in_flight):
             work.cancel()
         self._thread.shutdown(wait=False, cancel_futures=True)
 
@@ -88,8 +88,8 @@ class InThreadExecutor:
         if self._stopping:
             raise PoolUnavailableError("the service is stopping")
         work = asyncio.create_task(self._work_off(calls))
-        self._underway.add(work)
-        work.add_done_callback(self._underway.discard)
+        self._in_flight.add(work)
+        work.add_done_callback(self._in_flight.discard)
         try:
             return await work
         except asyncio.CancelledError:
