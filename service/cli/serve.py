@@ -98,12 +98,19 @@ def check_access(settings: "Settings", keys: "KeyRing") -> None:
     Raises
     ------
     CommandError
-        If keys are required and there is no valid one.
+        If keys are required and there is no valid one, or the file of keys has been lost.
     """
     if settings.access == "open":
         if not settings.on_loopback:
             log.warning("the service on %s is open to everyone: RICOCHET_ACCESS is open", settings.host)
         return
+    if keys.lost:
+        raise CommandError(
+            f"keys.json is missing from {settings.data_dir}, but {keys.lost} shows that there were keys: restore it "
+            "from a backup, add new keys with `ricochet keys add --owner NAME`, or set RICOCHET_ACCESS=open to admit "
+            "everyone",
+            NOT_STARTED,
+        )
     if (settings.access == "keys" or not settings.on_loopback) and not keys.usable:
         raise CommandError(
             f"{settings.host} requires an API key and there is none: add one with `ricochet keys add --owner NAME`, or "

@@ -38,7 +38,6 @@ Alternatives = Annotated[
         "Each is a case like any other, and is kept under a key of its own."
     ),
 ]
-WITH_ALTERNATIVES = {"alternatives": True}
 
 
 class TrajectoryOutput(Part):
@@ -156,7 +155,7 @@ class TrajectoryFields(Case):
 class TrajectoryRequest(TrajectoryFields):
     """One strike."""
 
-    model_config = with_examples(PAPER_AT_45, TRUNCATED_CONE, PAPER_AT_45 | WITH_ALTERNATIVES)
+    model_config = with_examples(PAPER_AT_45, TRUNCATED_CONE)
 
     alternatives: Alternatives = False
 
@@ -212,7 +211,7 @@ class CriticalAngleBase(Case):
 class CriticalAngleRequest(CriticalAngleBase):
     """Strikes that differ in their oblique angle alone."""
 
-    model_config = with_examples(PAPER, PAPER_BY_SECANT, HEMISPHERE, PAPER | WITH_ALTERNATIVES)
+    model_config = with_examples(PAPER, PAPER_BY_SECANT, HEMISPHERE)
 
     alternatives: Alternatives = False
 
