@@ -15,7 +15,7 @@ import pytest
 import yaml
 
 from service.access.keyring import KeyRing
-from service.commands.serve import NoKeysError, require_access
+from service.cli.serve import NoKeysError, require_access
 from service.schemas.examples import PAPER
 from service.settings import Settings
 from tests.conftest import START_LIMIT_S, free_port
