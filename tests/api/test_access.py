@@ -18,11 +18,13 @@ from service.access.key import Key, make_key
 from service.access.keyring import LOOK_SECONDS, KeyRing, KeysUnreadableError, add_key, read_keys, revoke_key
 from service.access.rules import scope_for
 from service.access.usage import STEP, WINDOW, Usage, Usages
-from service.commands.serve import NoKeysError, require_access
+from service.cli.errors import CommandError
+from service.cli.serve import check_access
 from service.errors import QuotaError
 from service.jobs.store import JobStore
 from service.schemas.examples import PAPER
 from service.settings import Settings
+from tests.conftest import ROOT
 
 from .many import ASYNC, LINES, ROUGH, finished, lines, searches, slow_strikes
 from .owners import Guarded, guarded_service, holder, key_in
@@ -297,8 +299,8 @@ def test_start_takes_a_key_unless_it_is_told_otherwise(
 ) -> None:
     if key:
         key_in(tmp_path, "anna")
-    with nullcontext() if starts else pytest.raises(NoKeysError):
-        require_access(Settings(host=host, access=access, data_dir=tmp_path), KeyRing(tmp_path, print))
+    with nullcontext() if starts else pytest.raises(CommandError, match="requires an API key"):
+        check_access(Settings(host=host, access=access, data_dir=tmp_path), KeyRing(tmp_path, print))
 
 
 def test_revoking_the_last_key_does_not_open_the_service(tmp_path: Path) -> None:
@@ -334,7 +336,7 @@ def start_again(folder: Path, **settings: str) -> subprocess.CompletedProcess[st
     return subprocess.run(
         [sys.executable, "-m", "service.cli", "serve"],
         env={f"RICOCHET_{name.upper()}": value for name, value in names.items()},
-        cwd=Path(cli.__file__).parents[1],
+        cwd=ROOT,
         capture_output=True,
         text=True,
         check=False,
@@ -353,10 +355,10 @@ def test_start_after_the_keys_are_lost_is_refused_with_what_to_do(
     (folder / "keys.json").unlink()
     done = start_again(folder)
     assert done.returncode == 3
-    (line,) = [json.loads(line) for line in done.stderr.splitlines() if "not started" in line]
-    assert "keys.json is missing" in line["event"]
-    assert "restore it from a backup" in line["event"]
-    assert "ricochet keys add" in line["event"]
+    (line,) = [line for line in done.stderr.splitlines() if line.startswith("ricochet serve: ")]
+    assert "keys.json is missing" in line
+    assert "restore it from a backup" in line
+    assert "ricochet keys add" in line
 
 
 def jobs_of(owner: str) -> Callable[[Path], None]:
@@ -399,16 +401,16 @@ def test_any_trace_of_keys_means_that_keys_are_needed(
     leave(tmp_path)
     ring = KeyRing(tmp_path, print, tmp_path / "audit.log")
     assert ring.needed is not starts
-    with nullcontext() if starts else pytest.raises(NoKeysError, match=r"keys\.json is missing"):
-        require_access(Settings(data_dir=tmp_path), ring)
-    require_access(Settings(data_dir=tmp_path, access="open"), ring)
+    with nullcontext() if starts else pytest.raises(CommandError, match=r"keys\.json is missing"):
+        check_access(Settings(data_dir=tmp_path), ring)
+    check_access(Settings(data_dir=tmp_path, access="open"), ring)
 
 
 def test_new_keys_open_a_folder_that_has_lost_its_own(tmp_path: Path) -> None:
     (tmp_path / "keys.lock").touch()
     token = key_in(tmp_path, "anna")
     ring = KeyRing(tmp_path, print)
-    require_access(Settings(data_dir=tmp_path), ring)
+    check_access(Settings(data_dir=tmp_path), ring)
     assert ring.needed
     assert ring.find(token) is not None
 
