@@ -38,9 +38,10 @@ from service.schemas.quantities import degrees
 from solver import ENGINE_VERSION, ParameterError, RicochetError
 from solver.calibration import (
     MotionHistory,
+    MotionRun,
     Weights,
+    fit_decay_laws,
     fit_depth,
-    fit_motion,
     fit_obliquity,
     penetration_depths,
     predict_motion,
@@ -111,20 +112,22 @@ def _motion(asked: argparse.Namespace) -> None:
     case = case_arguments(asked, MotionCase, (*STRIKE, *BODY))
     weights = _weights(asked.weight)
     history = _read_motion(asked, Expected(impact=case["impact"], projectile=case["projectile"]))
-    fit = fit_motion(history=history, weights=weights, confidence_level=asked.confidence, **case)
+    run = MotionRun(impact=case.pop("impact"), history=history, weights=weights)
+    fits = fit_decay_laws(runs=[run], confidence_level=asked.confidence, **case)
+    fit = fits.requested.runs[0]
     compared = []
     if asked.histories or asked.strength_factors:
         for factor in _compared(asked.strength_factors, fit.estimate.strength_factor):
-            motion = predict_motion(strength_factor=factor, times=history.time, **case)
+            motion = predict_motion(strength_factor=factor, times=history.time, impact=run.impact, **case)
             compared.append((factor, motion))
-    answer = motion_answer(fit, compared)
+    answer = motion_answer(fits, [compared], several=False)
     if asked.histories:
         tables = [{"strength_factor": each["strength_factor"], **each["history"]} for each in answer["compared"]]
         _write(asked.histories, tables)
     if asked.json:  # with the oblique angle, which a fit over it needs
-        _print_json({"oblique_angle_deg": degrees(case["impact"].oblique_angle)} | answer)
+        _print_json({"oblique_angle_deg": degrees(run.impact.oblique_angle)} | answer)
     else:
-        print_motion(case["impact"], fit)
+        print_motion(run.impact, fit)
 
 
 def _obliquity(asked: argparse.Namespace) -> None:

@@ -16,15 +16,15 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
-from solver import CriticalAngle, Impact, Trajectory, critical_angle, simulate, warm_up
+from solver import CriticalAngle, Impact, ParameterError, Trajectory, critical_angle, simulate, warm_up
 from solver.arrays import FloatArray
 from solver.calibration import (
+    DecayLawFits,
     DepthFit,
-    MotionFit,
     MotionHistory,
     ObliquityFit,
+    fit_decay_laws,
     fit_depth,
-    fit_motion,
     fit_obliquity,
     penetration_depths,
     predict_motion,
@@ -65,10 +65,14 @@ class DepthCalibration:
 
 @dataclass(frozen=True, slots=True)
 class MotionCalibration:
-    """A fit to a motion, and predictions beside it: the strength factor of each, and the motion."""
+    """Fits to motions, and predictions beside them: for each run the strength factors and the motions.
 
-    fit: MotionFit
-    compared: Sequence[tuple[float, MotionHistory]]
+    `several` says whether the request has runs.
+    """
+
+    fits: DecayLawFits
+    compared: Sequence[Sequence[tuple[float, MotionHistory]]]
+    several: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,13 +125,31 @@ def run_depth_calibration(
 
 
 def run_motion_calibration(
-    arguments: Mapping[str, Any], strength_factors: Sequence[float], times: FloatArray
+    arguments: Mapping[str, Any], strength_factors: Sequence[float], times: Sequence[FloatArray], several: bool
 ) -> MotionCalibration:
-    """Run :func:`solver.calibration.fit_motion` with these keyword arguments, and a motion for each strength factor."""
-    model = {name: arguments[name] for name in (*MODEL, "impact")}
-    fit = fit_motion(**arguments)
-    compared = [(factor, predict_motion(**model, times=times, strength_factor=factor)) for factor in strength_factors]
-    return MotionCalibration(fit, compared)
+    """Run :func:`solver.calibration.fit_decay_laws` with these keyword arguments, and motions for strength factors.
+
+    Raises
+    ------
+    ParameterError
+        With the fields of the request: those of a single strike are not in `runs`.
+    """
+    try:
+        fits = fit_decay_laws(**arguments)
+    except ParameterError as error:
+        if several:
+            raise
+        field = "history" if error.field == "runs" else error.field.removeprefix("runs.0.")
+        raise ParameterError(field, error.requirement) from None
+    model = {name: arguments[name] for name in MODEL}
+    compared = [
+        [
+            (factor, predict_motion(**model, impact=run.impact, times=rows, strength_factor=factor))
+            for factor in strength_factors
+        ]
+        for run, rows in zip(arguments["runs"], times, strict=True)
+    ]
+    return MotionCalibration(fits, compared, several)
 
 
 def run_obliquity_calibration(arguments: Mapping[str, Any]) -> ObliquityFit:

@@ -1,5 +1,6 @@
 """The tables of the files that hold results: their columns, with units and descriptions."""
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -107,7 +108,11 @@ SCALARS = {
         Column("critical_angle_standard_error_deg", "of the angle, from the covariance of the strength factor"),
     ),
     "calibration_depth": ESTIMATE,
-    "calibration_motion": ESTIMATE,
+    "calibration_motion": (
+        *ESTIMATE,
+        Column("normalized_root_mean_square", "of the residuals, each quantity over its span"),
+        Column("best_decay_law", "that fits best", "S32"),
+    ),
 }
 """What a summary tells of an answer, by operation."""
 WARNINGS = Column("warnings", "codes of the warnings, with spaces between", "S512")
@@ -130,7 +135,9 @@ QUANTITIES = {
     "lateral_displacement_m": "displacement of the centre of gravity along the face",
     "rotation_deg": "change of the axis angle",
 }
+RUN = Column("run", "place of the run in the request, from 0", "<i8")
 RESIDUALS = (
+    RUN,
     Column("oblique_angle_deg", "from the inward normal of the face to the velocity"),
     Column("strength_factor", "as given"),
     Column("residual", "given minus fitted strength factor"),
@@ -195,11 +202,34 @@ def residuals_of(record: Record) -> dict[str, list[Any]]:
         points = record.request["points"]
         given = {name: [point[name] for point in points] for name in ("oblique_angle_deg", "strength_factor")}
         return given | {"residual": answer["residuals"]}
-    columns = dict(answer["residuals"])
+    if "runs" in answer:
+        return _stacked(
+            [_motion(run["history"], fit) for run, fit in zip(record.request["runs"], answer["runs"], strict=True)]
+        )
+    return _motion(record.request["history"], answer)
+
+
+def _motion(history: Mapping[str, Any], fit: Mapping[str, Any]) -> dict[str, list[Any]]:
+    """Return the rows of a motion that were fitted, by column."""
+    columns = dict(fit["residuals"])
     time = columns.pop("time_s")
-    used = {name: record.request["history"][name][: len(time)] for name in columns}
-    predicted = {f"predicted_{name}": answer["predicted"][name] for name in columns}
+    used = {name: history[name][: len(time)] for name in columns}
+    predicted = {f"predicted_{name}": fit["predicted"][name] for name in columns}
     return {"time_s": time} | used | predicted | {f"residual_{name}": column for name, column in columns.items()}
+
+
+def _stacked(motions: Sequence[Mapping[str, list[Any]]]) -> dict[str, list[Any]]:
+    """Return the rows of several runs one below the other; what a run was not given is not a number there."""
+    names = [column.name for column in RESIDUALS if any(column.name in motion for motion in motions)]
+    lengths = [len(motion["time_s"]) for motion in motions]
+    stacked: dict[str, list[Any]] = {RUN.name: [run for run, length in enumerate(lengths) for _ in range(length)]}
+    for name in names:
+        stacked[name] = [
+            value
+            for motion, length in zip(motions, lengths, strict=True)
+            for value in motion.get(name, [math.nan] * length)
+        ]
+    return stacked
 
 
 def residual_table(records: Sequence[Record | None], first: int) -> Table:

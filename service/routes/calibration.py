@@ -9,7 +9,7 @@ from typing import Any
 
 from anyio.to_thread import run_sync
 from fastapi import APIRouter, Request, Response
-from pydantic import BaseModel, ValidationError
+from pydantic import MISSING, BaseModel, ValidationError
 
 from service.engine import Engine, Named, Operation, name_request
 from service.pool.worker import run_depth_calibration, run_motion_calibration, run_obliquity_calibration
@@ -35,6 +35,8 @@ to tell."""
 
 COUNTS = 20
 """Cases that a fit counts as: it takes as long."""
+MOTION_FITS = 3
+"""Fits of each motion: one with every decay law."""
 
 router = APIRouter(tags=["calibration"])
 
@@ -46,7 +48,7 @@ OPERATIONS = {
     ),
     "calibration_motion": Operation(
         call=lambda case: (run_motion_calibration, case.arguments()),
-        answer=lambda _, found: (motion_answer(found.fit, found.compared), None),
+        answer=lambda _, found: (motion_answer(found.fits, found.compared, several=found.several), None),
         parse=MotionCalibrationRequest.model_validate_json,
     ),
     "calibration_obliquity": Operation(
@@ -78,7 +80,10 @@ async def calibrate_by_depth(request: Request, engine: AskedEngine) -> Response:
     openapi_extra=one_body(MotionCalibrationRequest),
 )
 async def calibrate_by_motion(request: Request, engine: AskedEngine) -> Response:
-    """Find the strength factor that fits the motion in one oblique strike best, measured or by finite elements."""
+    """Find the strength factor that fits the motion in oblique strikes best, measured or by finite elements.
+
+    Of one strike, or of several `runs` at any angles and speeds with one strength factor; with every decay law.
+    """
     return await answer_long(request, "calibration_motion", MotionCalibrationRequest, engine)
 
 
@@ -102,7 +107,14 @@ async def answer_long(request: Request, operation: str, model: type[BaseModel], 
     state = request.app.state
     body = b"".join([chunk async for chunk in stream_up_to(request, state.settings.max_batch_bytes)])
     asked = await run_sync(read_asked, body, operation, model, state.settings.max_body_depth, limiter=state.reading)
-    return await computed(request, operation, asked.case, engine, asked.named, counts=COUNTS)
+    return await computed(request, operation, asked.case, engine, asked.named, counts=_counts(asked.case))
+
+
+def _counts(case: Any) -> int:
+    """Cases that a calibration counts as."""
+    if not isinstance(case, MotionCalibrationRequest):
+        return COUNTS
+    return COUNTS * MOTION_FITS * (1 if case.runs is MISSING else len(case.runs))
 
 
 @dataclass(frozen=True, slots=True)
