@@ -2,7 +2,7 @@
 
 from solver.calibration.decay_laws import DecayLawFits, fit_decay_laws
 from solver.calibration.depth import DepthFit, DepthTest, fit_depth, penetration_depths
-from solver.calibration.estimate import Estimate
+from solver.calibration.estimate import Estimate, UndeterminedError
 from solver.calibration.history import MotionHistory, Weights
 from solver.calibration.motion import MotionFit, MotionRun, MotionsFit, fit_motion, fit_motions
 from solver.calibration.obliquity import ObliquityFit, ObliquityPoint, fit_obliquity
@@ -19,6 +19,7 @@ __all__ = [
     "MotionsFit",
     "ObliquityFit",
     "ObliquityPoint",
+    "UndeterminedError",
     "Weights",
     "fit_decay_laws",
     "fit_depth",
