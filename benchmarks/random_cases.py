@@ -8,18 +8,23 @@ from typing import TypedDict
 import numpy as np
 
 from solver import (
+    Conical,
     ElasticPlastic,
+    Flat,
     MohrCoulomb,
     NoFreeSurface,
     ObliquityPolynomial,
     Ogive,
+    Profile,
     Projectile,
     Resistance,
+    Spherical,
     StrengthPowerLaw,
     Target,
     solid_properties,
 )
 from solver.cases import PAPER_PROJECTILE
+from solver.nose import NoseShape
 
 DECAYS = (
     ElasticPlastic(),
@@ -101,6 +106,48 @@ def _random_projectile(random: np.random.Generator) -> Projectile:
     diameter = random.uniform(0.02, 0.15)
     length = diameter * random.uniform(3.0, 10.0)
     density = random.uniform(5000.0, 9000.0)
+    volume = solid_properties(Projectile(nose=nose, diameter=diameter, length=length, mass=1.0)).volume
+    return Projectile(nose=nose, diameter=diameter, length=length, mass=density * volume)
+
+
+def odd_cases(count: int, seed: int) -> Cases:
+    """`count` strikes far beyond usual ones, with every kind of nose and every decay model.
+
+    Velocity 30 to 900 m/s and diameter 5 to 250 mm, evenly in their logarithms, attack -5° to 5°, strength 10 to 150 MPa
+    and density 1900 to 2600 kg/m³ of the concrete; noses in turn, shanks of 1 to 8 diameters behind them, homogeneous at
+    3000 to 12,000 kg/m³. Decay models come at random, with either strength factor.
+    """
+    random = np.random.default_rng(seed)
+    return together(_odd_case(random, index) for index in range(count))
+
+
+def _odd_case(random: np.random.Generator, index: int) -> Case:
+    return {
+        "projectile": _odd_projectile(random, index),
+        "target": Target(compressive_strength=random.uniform(10e6, 150e6), density=random.uniform(1900.0, 2600.0)),
+        "velocity": math.exp(random.uniform(math.log(30.0), math.log(900.0))),
+        "angle_of_attack": math.radians(random.uniform(-5.0, 5.0)),
+        "resistance": Resistance(
+            free_surface=DECAYS[random.integers(len(DECAYS))],
+            strength_factor=STRENGTH_FACTORS[random.integers(len(STRENGTH_FACTORS))],
+        ),
+    }
+
+
+def _odd_projectile(random: np.random.Generator, index: int) -> Projectile:
+    diameter = math.exp(random.uniform(math.log(0.005), math.log(0.25)))
+    radius = diameter / 2.0
+    tip, height = random.uniform(0.1, 0.9), random.uniform(0.1, 2.0)
+    noses: tuple[NoseShape, ...] = (
+        Ogive(caliber_radius_head=random.uniform(0.5, 10.0)),
+        Conical(length_to_diameter=random.uniform(0.2, 5.0)),
+        Spherical(caliber_radius_head=random.uniform(0.5, 3.0)),
+        Flat(),
+        Profile(points=((0.0, tip * radius), (height * diameter, radius))),
+    )
+    nose = noses[index % len(noses)]
+    length = nose.length(radius) + diameter * random.uniform(1.0, 8.0)
+    density = random.uniform(3000.0, 12_000.0)
     volume = solid_properties(Projectile(nose=nose, diameter=diameter, length=length, mass=1.0)).volume
     return Projectile(nose=nose, diameter=diameter, length=length, mass=density * volume)
 

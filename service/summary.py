@@ -18,8 +18,15 @@ FINAL = (
     "kinetic_energy_j",
 )
 SCALARS: Mapping[str, tuple[str, ...]] = {
-    "trajectory": ("outcome", "maximum_depth_m", *(f"final_{name}" for name in FINAL)),
-    "cra": ("status", "critical_angle_deg", "bracket_low_deg", "bracket_high_deg", "critical_angle_standard_error_deg"),
+    "trajectory": ("outcome", "maximum_depth_m", "strength_factor", *(f"final_{name}" for name in FINAL)),
+    "cra": (
+        "status",
+        "critical_angle_deg",
+        "bracket_low_deg",
+        "bracket_high_deg",
+        "critical_angle_standard_error_deg",
+        "strength_factor",
+    ),
 }
 """Columns of the table of an operation, between what names the case and what is to be said of it."""
 

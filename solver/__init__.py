@@ -1,5 +1,6 @@
 """Oblique impact of rigid projectiles on concrete: motion and critical ricochet angle. SI units and radians."""
 
+from solver.alternatives import Alternative, alternative_resistances, alternatives
 from solver.columns import columns, to_dataframe
 from solver.errors import IntegrationError, ParameterError, RicochetError, StepLimitError
 from solver.free_surface import ElasticPlastic, MohrCoulomb, NoFreeSurface, decay_factor
@@ -13,6 +14,7 @@ from solver.projectile import MassProperties, Projectile, SolidProperties, mass_
 from solver.resistance import (
     ConstantStrengthFactor,
     ObliquityPolynomial,
+    PublishedTests,
     Resistance,
     StrengthPowerLaw,
     strength_factor,
@@ -29,6 +31,7 @@ ENGINE_VERSION = "6"
 
 __all__ = [
     "ENGINE_VERSION",
+    "Alternative",
     "Conical",
     "ConstantStrengthFactor",
     "CriticalAngle",
@@ -48,6 +51,7 @@ __all__ = [
     "ParameterError",
     "Profile",
     "Projectile",
+    "PublishedTests",
     "Resistance",
     "RicochetError",
     "Search",
@@ -59,6 +63,8 @@ __all__ = [
     "Target",
     "Trajectory",
     "Trial",
+    "alternative_resistances",
+    "alternatives",
     "closed_form_depth",
     "columns",
     "concrete_youngs_modulus",

@@ -7,7 +7,7 @@ import numpy as np
 
 from solver.arrays import FloatArray
 from solver.compilation import compiled
-from solver.events import REST_ENERGY, Run, Termination, deepest_tip, end_of_step, tip_depth
+from solver.events import Run, Termination, Thresholds, deepest_tip, end_of_step, tip_depth
 from solver.motion import Model, Workspace, accelerate, kinetic_energy, store_step
 from solver.rosenbrock import DIFFERENCES, EVALUATIONS, Linearisation, attempt_step, end_error, linearise
 
@@ -24,8 +24,6 @@ class Accuracy(NamedTuple):
     """Error of one step over the scale of the motion."""
     largest_step: float
     """Over the time to travel, at the present speed, the distance from centre of gravity to tip."""
-    rest_energy: float = REST_ENERGY
-    """Kinetic energy, over its initial value, at which the projectile counts as at rest."""
 
 
 @compiled
@@ -33,6 +31,7 @@ def integrate_adaptive(
     start: FloatArray,
     model: Model,
     end_time: float,
+    thresholds: Thresholds,
     accuracy: Accuracy,
     steps: FloatArray,
     work: Workspace,
@@ -50,6 +49,7 @@ def integrate_adaptive(
         TrialWorkspace to work in.
     """
     body, initial_energy = model.body, kinetic_energy(start, model.body)
+    energies = Thresholds(thresholds.retention * initial_energy, thresholds.rest * initial_energy)
     impact = math.hypot(start[3], start[4])
     scale = np.array([body.tip, body.tip, 1.0, impact, impact, impact / body.tip])
     event, state, time, step = np.full(7, -1.0), start.copy(), 0.0, FIRST_STEP * body.tip / impact
@@ -80,7 +80,7 @@ def integrate_adaptive(
         store_step(row, time, step, state, work)
         count += 1
         last = time + step >= end_time * (1.0 - 1e-12)
-        end = end_of_step(row, model, work, was_loaded, loaded, initial_energy, accuracy.rest_energy, last, event)
+        end = end_of_step(row, model, work, was_loaded, loaded, energies, last, event)
         until = time + step if end == Termination.NONE else event[0]
         if until > time:
             deepest = max(deepest, deepest_tip(row, until, body, work.point))

@@ -30,8 +30,8 @@ def columns(answers: Iterable[Trajectory | CriticalAngle | RicochetError]) -> Co
     dict of str to array
         Of trajectories ``outcome``, ``maximum_depth`` [m], ``strength_factor`` and ``final_time`` [s] to
         ``final_kinetic_energy`` [J]; of critical angles ``status``, ``angle``, ``standard_error``, ``bracket_low`` and
-        ``bracket_high`` [rad]. Then ``warnings``, their codes with blanks between them, and ``error``, empty unless the
-        case failed. NaN and empty text stand where there is nothing.
+        ``bracket_high`` [rad], and ``strength_factor``. Then ``warnings``, their codes with blanks between them, and
+        ``error``, empty unless the case failed. NaN and empty text stand where there is nothing.
 
     Raises
     ------
@@ -88,5 +88,6 @@ COLUMNS: Mapping[type, Mapping[str, Column]] = {
         "standard_error": (lambda answer: _number(answer.standard_error), math.nan),
         "bracket_low": (lambda answer: (answer.bracket or NO_BRACKET)[0], math.nan),
         "bracket_high": (lambda answer: (answer.bracket or NO_BRACKET)[1], math.nan),
+        "strength_factor": (lambda answer: _number(answer.strength_factor), math.nan),
     },
 }

@@ -9,13 +9,8 @@ from solver.compilation import lean
 from solver.motion import Model, Workspace, accelerate, interpolate, kinetic_energy
 from solver.surface import Body, deepest_offset
 
-REST_ENERGY = 1e-4
-"""Kinetic energy, over its initial value, below which a projectile counts as embedded."""
-LODGED_ENERGY = 1e-3
-"""Kinetic energy, over its initial value, below which a projectile counts as embedded when the load ends with its nose
-still inside: at 3 % of its speed, what the model leaves out (friction, rubble) decides, not the model."""
-
-
+REST_FRACTION = 1e-4
+"""Kinetic energy at rest, over its initial value."""
 HALVINGS = 24
 """Of a step, to find the instant of an event: to 1e-7 of the step."""
 RELEASE_HALVINGS = 12
@@ -27,13 +22,23 @@ class Termination(IntEnum):
 
     TIME = 0
     REST = 1
-    LODGED = 2
+    RETAINED = 2
+    """With less than the retention energy: no longer loaded and not moving in, or at the termination time."""
     EXIT = 3
     STEP_LIMIT = 4
     NOT_FINITE = 5
     NO_STRENGTH = 6
     """Never begun: the strength factor is not above zero."""
     NONE = 7
+
+
+class Thresholds(NamedTuple):
+    """Shares of the initial kinetic energy."""
+
+    retention: float
+    """A projectile that falls below it is retained, wherever its nose is."""
+    rest: float
+    """A run ends where it falls to this."""
 
 
 class Run(NamedTuple):
@@ -134,8 +139,7 @@ def end_of_step(
     work: Workspace,
     was_loaded: bool,
     loaded: bool,
-    initial_energy: float,
-    rest_energy: float,
+    thresholds: Thresholds,
     last: bool,
     event: FloatArray,
 ) -> Termination:
@@ -147,8 +151,8 @@ def end_of_step(
         The step, as stored.
     was_loaded, loaded
         Whether anything was loaded at its start, and at its end.
-    initial_energy, rest_energy
-        Kinetic energy at first contact, and the share of it at which the projectile counts as at rest.
+    thresholds
+        As energies. [J]
     last
         Whether the step reaches the termination time.
     event
@@ -160,8 +164,8 @@ def end_of_step(
         `Termination.NONE` to go on.
     """
     body, time, state = model.body, step[0], event[1:]
-    if kinetic_energy(step[8:14], body) <= rest_energy * initial_energy:
-        fraction = _rest_fraction(step, body, rest_energy * initial_energy, state)
+    if kinetic_energy(step[8:14], body) <= thresholds.rest:
+        fraction = _rest_fraction(step, body, thresholds.rest, state)
         event[0] = time + fraction * step[1]
         interpolate(step, fraction, state)
         return Termination.REST
@@ -171,13 +175,14 @@ def end_of_step(
         fraction = _release_fraction(step, model, work, state)
         event[0] = time + fraction * step[1]
         interpolate(step, fraction, state)
-        slow = kinetic_energy(state, body) < LODGED_ENERGY * initial_energy
-        if slow and state[3] < 0.0 and tip_depth(state, body) > 0.0:
-            return Termination.LODGED
-    if event[0] >= 0.0 and (_is_clear(step[8:14], body) or (last and step[11] < 0.0)):
-        return Termination.EXIT
+    if event[0] >= 0.0:
+        retained = kinetic_energy(state, body) < thresholds.retention
+        if retained and state[3] <= 0.0:
+            return Termination.RETAINED
+        if not retained and (_is_clear(step[8:14], body) or (last and step[11] < 0.0)):
+            return Termination.EXIT
     if last:
         event[0] = time + step[1]
         interpolate(step, 1.0, state)
-        return Termination.TIME
+        return Termination.RETAINED if kinetic_energy(state, body) < thresholds.retention else Termination.TIME
     return Termination.NONE

@@ -6,7 +6,7 @@ import numpy as np
 
 from solver.arrays import FloatArray
 from solver.compilation import compiled, lean
-from solver.events import REST_ENERGY, Run, Termination, deepest_tip, end_of_step, tip_depth
+from solver.events import Run, Termination, Thresholds, deepest_tip, end_of_step, tip_depth
 from solver.motion import Model, Workspace, accelerate, kinetic_energy, make_workspace, store_step
 from solver.surface import Body
 
@@ -41,7 +41,9 @@ def _impulse_energy(acceleration: FloatArray, step: float, body: Body) -> float:
 
 
 @compiled
-def integrate_fixed(start: FloatArray, model: Model, end_time: float, time_step: float, steps: FloatArray) -> Run:
+def integrate_fixed(
+    start: FloatArray, model: Model, end_time: float, thresholds: Thresholds, time_step: float, steps: FloatArray
+) -> Run:
     """Integrate with the fixed step of the paper until an event or `end_time`.
 
     A fixed step cannot follow the end of the motion: it overshoots rest and then gains energy, which no true motion
@@ -56,6 +58,7 @@ def integrate_fixed(start: FloatArray, model: Model, end_time: float, time_step:
         (n, `STEP_WIDTH`) table to fill: a row for each step, or one row to keep none.
     """
     body, initial_energy = model.body, kinetic_energy(start, model.body)
+    energies = Thresholds(thresholds.retention * initial_energy, thresholds.rest * initial_energy)
     work, event, state = make_workspace(), np.full(7, -1.0), start.copy()
     deepest, gain, energy = tip_depth(state, body), 0.0, initial_energy
     loaded = accelerate(state, model, work.scratch, work.start)
@@ -72,7 +75,7 @@ def integrate_fixed(start: FloatArray, model: Model, end_time: float, time_step:
         gain = max(gain, (energy - before) / initial_energy)
         row = steps[index if steps.shape[0] > 1 else 0]
         store_step(row, time, step, state, work)
-        end = end_of_step(row, model, work, was_loaded, loaded, initial_energy, REST_ENERGY, index == count - 1, event)
+        end = end_of_step(row, model, work, was_loaded, loaded, energies, index == count - 1, event)
         until = time + step if end == Termination.NONE else event[0]
         if until > time:
             deepest = max(deepest, deepest_tip(row, until, body, work.point))

@@ -115,7 +115,8 @@ def accelerate_by_gauss(
         motion = (depth, c, abs(s), forward, sideways, spin)
         scratch.attitudes[k, 0], scratch.attitudes[k, 1], scratch.attitudes[k, 2] = c, abs(s), mirror
         out[3 * k], out[3 * k + 1], out[3 * k + 2] = 0.0, 0.0, 0.0
-        for index in range(outline.shape[0]):
+        hidden = c >= 0.0 and law.decay.corner > 0.0  # a base that faces out is weakened to nothing
+        for index in range(outline.shape[0] - (1 if hidden else 0)):
             piece = outline[index]
             count = cut(cuts, piece, motion)
             for stretch in range(count):

@@ -9,7 +9,7 @@ import numpy as np
 from solver.adaptive import LARGEST_STEP, STEP_LIMIT, Accuracy, integrate_adaptive
 from solver.arrays import FloatArray
 from solver.errors import IntegrationError, StepLimitError
-from solver.events import Run, Termination
+from solver.events import REST_FRACTION, Run, Termination, Thresholds
 from solver.fixed_step import integrate_fixed
 from solver.impact import Impact
 from solver.loads import build_law, build_quadrature
@@ -42,9 +42,21 @@ class PreparedCase:
     numerics: ResolvedNumerics
     model: Model
 
+    def strength_factor_at(self, oblique_angle: float) -> float:
+        """Strength factor of a strike at this angle. [1]
+
+        Raises
+        ------
+        ParameterError
+            If the model gives a value that is not above zero.
+        """
+        return strength_factor(
+            resistance=self.resistance, oblique_angle=oblique_angle, target=self.target, projectile=self.projectile
+        )
+
     def law_at(self, impact: Impact) -> Law:
         """Resistance with the strength factor of this strike."""
-        factor = strength_factor(resistance=self.resistance, oblique_angle=impact.oblique_angle, target=self.target)
+        factor = self.strength_factor_at(impact.oblique_angle)
         return self.model.law._replace(
             static_stress=factor * self.target.compressive_strength,
             ramp_velocity=RAMP_FRACTION * impact.velocity,
@@ -74,19 +86,25 @@ def prepare(
     return PreparedCase(projectile, target, resistance, numerics, model)
 
 
-def integrate(prepared: PreparedCase, model: Model, impact: Impact, *, keep_steps: bool) -> tuple[Run, FloatArray]:
-    """Run the compiled integrator of the chosen route; return the run and its table of steps."""
+def integrate(
+    prepared: PreparedCase, model: Model, impact: Impact, *, keep_steps: bool, thresholds: Thresholds | None = None
+) -> tuple[Run, FloatArray]:
+    """Run the compiled integrator of the chosen route; return the run and its table of steps.
+
+    Unless given, the thresholds are the retention energy of the case and rest.
+    """
     numerics, start = prepared.numerics, initial_state(impact, model.body)
     end_time = numerics.termination_time
+    if thresholds is None:
+        thresholds = Thresholds(numerics.retention_energy_fraction, REST_FRACTION)
     if numerics.method == "panels":
         steps = np.empty((numerics.fixed_steps + 1 if keep_steps else 1, STEP_WIDTH))
-        run = integrate_fixed(start, model, end_time, numerics.time_step, steps)
+        run = integrate_fixed(start, model, end_time, thresholds, numerics.time_step, steps)
     else:
         steps = np.empty((STEP_LIMIT if keep_steps else 1, STEP_WIDTH))
         work, linear = make_workspace(), make_linearisation()
-        run = integrate_adaptive(
-            start, model, end_time, Accuracy(numerics.relative_tolerance, LARGEST_STEP), steps, work, linear
-        )
+        accuracy = Accuracy(numerics.relative_tolerance, LARGEST_STEP)
+        run = integrate_adaptive(start, model, end_time, thresholds, accuracy, steps, work, linear)
     check_end(run.end if np.isfinite(run.state).all() else Termination.NOT_FINITE, run.time)
     return run, steps[: run.steps]
 
@@ -99,7 +117,7 @@ def initial_state(impact: Impact, body: Body) -> FloatArray:
 OUTCOMES: dict[float, Outcome] = {
     Termination.EXIT: Outcome.RICOCHET,
     Termination.REST: Outcome.EMBEDDED,
-    Termination.LODGED: Outcome.EMBEDDED,
+    Termination.RETAINED: Outcome.EMBEDDED,
     Termination.TIME: Outcome.IN_MOTION,
 }
 """What the end of a run comes to."""
@@ -116,7 +134,7 @@ def check_end(end: float, time: float) -> None:
 
 def final_tip_depth(run: Run, body: Body, time: float) -> float:
     """Depth of the nose tip at `time`, after free flight if the projectile was turned away before. [m]"""
-    flight = max(0.0, time - run.time) if run.end in (Termination.EXIT, Termination.LODGED) else 0.0
+    flight = max(0.0, time - run.time) if run.end in (Termination.EXIT, Termination.RETAINED) else 0.0
     angle = run.state[2] + run.state[5] * flight
     return float(run.state[0] + run.state[3] * flight + body.tip * math.cos(angle))
 
@@ -127,6 +145,6 @@ def positions_at(run: Run, steps: FloatArray, times: FloatArray) -> FloatArray:
     After the end of the run the projectile stays where it came to rest, or flies freely once it was released.
     """
     inside = int(np.searchsorted(times, run.time, side="right")) if len(steps) else 0
-    flight = times[inside:, None] - run.time if run.end in (Termination.EXIT, Termination.LODGED) else 0.0
+    flight = times[inside:, None] - run.time if run.end in (Termination.EXIT, Termination.RETAINED) else 0.0
     after = run.state[:3] + flight * np.repeat(run.state[None, 3:], times.size - inside, axis=0)
     return np.concatenate((sample(steps, times[:inside])[:, :3], after))

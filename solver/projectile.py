@@ -85,6 +85,11 @@ class Projectile:
             return nose
         return (*nose, Line(self.nose_length, self.radius, self.length, self.radius))
 
+    @property
+    def base(self) -> Line:
+        """The flat base, from the rear edge to the axis."""
+        return Line(self.length, self.radius, self.length, 0.0)
+
 
 @dataclass(frozen=True, slots=True)
 class SolidProperties:

@@ -15,6 +15,8 @@ from solver.validation import require
 LINE, ARC = 0.0, 1.0
 """First column of an outline row, which tells the kind of the piece."""
 
+FLAT = 1e-100
+"""Cosine of α on a face across the axis, whose normal meets the axis nowhere: small enough for an infinite distance."""
 AROUND_PER_AXIAL = 0.3
 """Panels around over panels along the axis: 60 by 200 for the paper's 12,000."""
 
@@ -23,8 +25,9 @@ class Body(NamedTuple):
     """A projectile for the compiled code. The centre of gravity is the origin, positions ahead of it are positive."""
 
     outline: FloatArray
-    """(n, 7). A line: kind, axial position and radius at its start, its length, sine and cosine of α, and α. An arc:
-    kind, axial position and radius of its centre, its radius, smallest and largest α, and nothing. [m, rad]"""
+    """(n, 7), the base last. A line: kind, axial position and radius at its start, its length, sine and cosine of α,
+    and α. An arc: kind, axial position and radius of its centre, its radius, smallest and largest α, and nothing.
+    [m, rad]"""
     corners: FloatArray
     """(m, 2) axial position and radius of the points between pieces, tip and rear edge included. [m]"""
     tip: float
@@ -63,7 +66,7 @@ def build_body(projectile: Projectile, properties: MassProperties) -> Body:
     """Outline and mass properties of `projectile` for the compiled code."""
     center = properties.center_of_gravity
     rows, corners = [], []
-    for piece in projectile.outline():
+    for piece in (*projectile.outline(), projectile.base):
         if isinstance(piece, Line):
             sine, cosine = (piece.r_end - piece.r_start) / piece.length, (piece.x_end - piece.x_start) / piece.length
             alpha = math.atan2(sine, cosine)
@@ -95,12 +98,12 @@ def deepest_offset(body: Body, axis_angle: float) -> float:
 
 
 def build_panels(projectile: Projectile, properties: MassProperties, count: int) -> Panels:
-    """Midpoint panels, about `count` on the whole surface, half of the rings on the nose.
+    """Midpoint panels, about `count` on nose and shank, half of the rings on the nose; the base has its own beside.
 
     Parameters
     ----------
     count
-        Panels of the whole surface; what does not fill a ring is left out.
+        Panels of nose and shank; what does not fill a ring is left out.
     """
     around = max(4, 2 * round(math.sqrt(AROUND_PER_AXIAL * count) / 2.0))
     rings = count // around
@@ -112,9 +115,11 @@ def build_panels(projectile: Projectile, properties: MassProperties, count: int)
         share /= 2.0
     require(rings >= len(outline), "numerics.panels", f"too few for {len(outline)} pieces of outline, got {count}")
     azimuth = (np.arange(around // 2) + 0.5) * 2.0 * math.pi / around
+    pieces = (*outline, projectile.base)
+    shares = (*share, projectile.base.length / lengths.sum())
     strips = [
         _strip(piece, max(1, round(rings * part)), properties.center_of_gravity, azimuth)
-        for piece, part in zip(outline, share, strict=True)
+        for piece, part in zip(pieces, shares, strict=True)
     ]
     return Panels(*(np.concatenate(columns) for columns in zip(*strips, strict=True)))
 
@@ -129,7 +134,7 @@ def _strip(piece: OutlinePiece, rings: int, center: float, azimuth: FloatArray) 
         return np.repeat(along, azimuth.size)
 
     around = np.tile(np.cos(azimuth), rings)
-    wall = r / np.maximum(cosine, np.finfo(np.float64).tiny)
+    wall = r / np.maximum(cosine, FLAT)
     return Panels(
         axial=spread(center - x),
         lateral=spread(r) * around,

@@ -9,11 +9,11 @@ import numpy as np
 from solver import warnings as model_warnings
 from solver.arrays import FloatArray
 from solver.errors import ParameterError
-from solver.events import Run, Termination, tip_depth
+from solver.events import Run
 from solver.frame import Columns, dataframe
 from solver.impact import Impact
 from solver.motion import Model, sample, sample_loads
-from solver.numerics import USUAL, Numerics
+from solver.numerics import USUAL, Numerics, usual_termination_time
 from solver.prepared import OUTCOMES, Outcome, PreparedCase, integrate, prepare
 from solver.projectile import Projectile
 from solver.resistance import EQUATION_9, Resistance
@@ -139,16 +139,22 @@ def simulate(
 
     Notes
     -----
-    Eq. 6. A run ends when nothing is loaded any more and the projectile moves out for good (`Outcome.RICOCHET`), when
-    kinetic energy is below 1e-4 of its initial value (`Outcome.EMBEDDED`) or at the termination time.
+    Eq. 6. The outcome is `Outcome.EMBEDDED` once kinetic energy falls below ``numerics.retention_energy_fraction`` of
+    its initial value, wherever the nose is; the run then goes on to rest, at 1e-4 of it, or to the end of all load, so
+    that depths are complete. It is `Outcome.RICOCHET` when before that nothing is loaded any more and the projectile
+    moves out for good, and `Outcome.IN_MOTION` when the termination time comes first.
     """
     if sample_interval is not None:
         require_positive("sample_interval", sample_interval)
+    numerics = numerics or USUAL
+    end_time = usual_termination_time(
+        length=projectile.length, velocity=impact.velocity, method=numerics.method or "adaptive"
+    )
     prepared = prepare(
         projectile=projectile,
         target=target,
         resistance=resistance or EQUATION_9,
-        numerics=(numerics or USUAL).resolved(),
+        numerics=numerics.resolved(termination_time=end_time),
     )
     return run_prepared(prepared, impact, sample_interval)
 
@@ -206,13 +212,6 @@ def _columns(times: FloatArray, states: FloatArray, model: Model) -> Motion[Floa
     )
 
 
-def _base_faces_target(prepared: PreparedCase, run: Run) -> bool:
-    """Whether the centre of the base is inside, with its outward normal into the target."""
-    behind = prepared.projectile.length - prepared.model.body.tip
-    tilt = math.cos(run.state[2])
-    return bool(tilt < 0.0 and run.state[0] - behind * tilt > 0.0)
-
-
 def _warnings(prepared: PreparedCase, impact: Impact, run: Run, outcome: Outcome) -> tuple[ModelWarning, ...]:
     found = list(
         model_warnings.input_warnings(
@@ -222,20 +221,19 @@ def _warnings(prepared: PreparedCase, impact: Impact, run: Run, outcome: Outcome
             angle_of_attack=impact.angle_of_attack,
         )
     )
-    found += model_warnings.strength_fit_warning(resistance=prepared.resistance, oblique_angle=impact.oblique_angle)
+    found += model_warnings.strength_factor_warnings(
+        projectile=prepared.projectile,
+        target=prepared.target,
+        resistance=prepared.resistance,
+        velocity=impact.velocity,
+        oblique_angle=impact.oblique_angle,
+    )
     if abs(impact.axis_angle) > math.pi / 2.0:
         found.append(model_warnings.BASE_FIRST)
-    if _base_faces_target(prepared, run):
-        found.append(model_warnings.BASE_INSIDE)
     if run.energy_gain > ENERGY_GAIN_TOLERATED:
         found.append(model_warnings.ENERGY_GAIN)
     if outcome is Outcome.IN_MOTION:
         found.append(model_warnings.undecided(termination_time=run.time))
-    if run.end == Termination.LODGED:
-        found.append(model_warnings.LODGED)
     if outcome is Outcome.EMBEDDED:
         found += model_warnings.shallow(depth=run.maximum_tip_depth, diameter=prepared.projectile.diameter)
-    if outcome is Outcome.RICOCHET:
-        release = tip_depth(run.state, prepared.model.body)
-        found += model_warnings.slow_exit(release_depth=release, diameter=prepared.projectile.diameter)
     return tuple(found)

@@ -5,15 +5,24 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from solver.projectile import Projectile
-from solver.resistance import ObliquityPolynomial, Resistance
+from solver.resistance import (
+    EQUATION_9_COEFFICIENTS,
+    ObliquityPolynomial,
+    PublishedTests,
+    Resistance,
+    StrengthPowerLaw,
+)
 from solver.target import Target
 
 RIGID_VELOCITY = 800.0
 """Steel noses were seen to erode above about this speed (Forrestal et al. 1996). [m/s]"""
 TESTED_STRENGTH = (13e6, 97e6)
 """Compressive strengths of the penetration tests behind eq. 1 (Forrestal et al. 1994, Frew et al. 1998). [Pa]"""
+EQUATION_9_STRENGTH, EQUATION_9_DIAMETER = 39e6, 0.08
+"""Concrete and projectile that eq. 9 was fitted to. [Pa, m]"""
+SAME_STRENGTH, SAME_DIAMETER = 0.1, 0.25
+"""Relative difference from them up to which eq. 9 is used without a warning. [1]"""
 SMALL_ATTACK = math.radians(5.0)
-RELEASE_CALIBERS = 0.1
 CRATER_CALIBERS = 2.0
 """Depth of the front crater over the diameter, for which the theory of deep cavities was not made."""
 
@@ -94,18 +103,69 @@ def _mass_properties_assumed(projectile: Projectile) -> tuple[ModelWarning, ...]
     )
 
 
-def strength_fit_warning(*, resistance: Resistance, oblique_angle: float) -> tuple[ModelWarning, ...]:
-    """Warning about a strength factor fitted to other angles than this one."""
+def strength_factor_warnings(
+    *, projectile: Projectile, target: Target, resistance: Resistance, velocity: float, oblique_angle: float
+) -> tuple[ModelWarning, ...]:
+    """Warnings about a strength factor that was fitted to other angles, another concrete or other strikes."""
     model = resistance.strength_factor
-    if isinstance(model, ObliquityPolynomial) and abs(oblique_angle) > model.fitted_to * (1.0 + 1e-12):
-        return (
+    found = []
+    by_angle = isinstance(model, ObliquityPolynomial) or (
+        isinstance(model, StrengthPowerLaw | PublishedTests) and model.obliquity_shape == "equation_9"
+    )
+    fitted_to = ObliquityPolynomial.fitted_to
+    if by_angle and abs(oblique_angle) > fitted_to * (1.0 + 1e-12):
+        found.append(
             ModelWarning(
                 "strength_fit_extrapolated",
-                f"the strength factor was fitted to finite element runs from 0° to {math.degrees(model.fitted_to):g}° "
+                f"the strength factor was fitted to finite element runs from 0° to {math.degrees(fitted_to):g}° "
                 f"from the normal; {math.degrees(abs(oblique_angle)):.4g}° is beyond",
-            ),
+            )
         )
-    return ()
+    if isinstance(model, ObliquityPolynomial) and model.coefficients == EQUATION_9_COEFFICIENTS:
+        found += _other_concrete(projectile, target)
+    if isinstance(model, PublishedTests):
+        found += _beyond_published_tests(projectile, target, velocity)
+    return tuple(found)
+
+
+def _other_concrete(projectile: Projectile, target: Target) -> tuple[ModelWarning, ...]:
+    """Warning about eq. 9 in another concrete, or with a projectile of another size, than it was fitted to."""
+    strength, diameter = target.compressive_strength, projectile.diameter
+    strength_differs = abs(strength / EQUATION_9_STRENGTH - 1.0) > SAME_STRENGTH * (1.0 + 1e-12)
+    if not strength_differs and abs(diameter / EQUATION_9_DIAMETER - 1.0) <= SAME_DIAMETER * (1.0 + 1e-12):
+        return ()
+    other = PublishedTests().polynomial(target=target, projectile=projectile)[0]
+    return (
+        ModelWarning(
+            "strength_factor_of_other_concrete",
+            f"the strength factor of eq. 9 was fitted to concrete of {EQUATION_9_STRENGTH / 1e6:g} MPa and a "
+            f"projectile of {EQUATION_9_DIAMETER * 1e3:g} mm; here are {strength / 1e6:.4g} MPa and "
+            f"{diameter * 1e3:.4g} mm. In normal impact eq. 9 gives {EQUATION_9_COEFFICIENTS[0]:.3g}, the law "
+            f"{PublishedTests.name} {other:.3g}",
+        ),
+    )
+
+
+def _beyond_published_tests(projectile: Projectile, target: Target, velocity: float) -> tuple[ModelWarning, ...]:
+    """Warning about a strike outside the range of the tests that the law was fitted to."""
+    limits = (
+        ("compressive strength", target.compressive_strength, PublishedTests.compressive_strengths, 1e-6, "MPa"),
+        ("diameter", projectile.diameter, PublishedTests.diameters, 1e3, "mm"),
+        ("speed", velocity, PublishedTests.velocities, 1.0, "m/s"),
+    )
+    outside = [
+        f"{name} {value * factor:.4g} {unit} outside {lowest * factor:.4g} to {highest * factor:.4g} {unit}"
+        for name, value, (lowest, highest), factor, unit in limits
+        if not lowest * (1.0 - 1e-12) <= value <= highest * (1.0 + 1e-12)
+    ]
+    if not outside:
+        return ()
+    return (
+        ModelWarning(
+            "published_tests_extrapolated",
+            f"the strength factor is extrapolated from published tests: {', '.join(outside)}",
+        ),
+    )
 
 
 def undecided(*, termination_time: float) -> ModelWarning:
@@ -141,13 +201,7 @@ def shallow(*, depth: float, diameter: float) -> tuple[ModelWarning, ...]:
 
 BASE_FIRST = ModelWarning(
     "base_strikes_first",
-    "the rear edge touches first, and the flat base, which the model does not load, faces the target",
-)
-
-BASE_INSIDE = ModelWarning(
-    "base_faces_target",
-    "at the end the flat base is inside and faces the target, which the model does not let resist it: a body that has "
-    "turned that far sinks in tail first without hindrance",
+    "the rear edge touches first: the projectile strikes with its tail ahead",
 )
 
 ENERGY_GAIN = ModelWarning(
@@ -155,27 +209,6 @@ ENERGY_GAIN = ModelWarning(
     "the fixed time step is too long for parts of this motion: kinetic energy rose within a step; compare with the "
     "adaptive method or a shorter step",
 )
-
-LODGED = ModelWarning(
-    "lodged",
-    "the load ends with the nose still inside and less than 0.1 % of the energy left, drifting out: counted as "
-    "embedded, since friction and rubble, which the model leaves out, decide there",
-)
-
-
-def slow_exit(*, release_depth: float, diameter: float) -> tuple[ModelWarning, ...]:
-    """Warning of a ricochet that was released with its nose tip this deep inside."""
-    if release_depth <= RELEASE_CALIBERS * diameter:
-        return ()
-    return (
-        ModelWarning(
-            "slow_exit",
-            f"it counts as turned away, but its load ends with the nose tip still {release_depth / diameter:.2g} "
-            "diameters deep: friction and rubble, which the model leaves out, may hold it as it drifts out; below "
-            "0.1 % of its energy it would count as lodged",
-        ),
-    )
-
 
 NO_MEASURED_ANGLE = ModelWarning(
     "no_measured_angle",

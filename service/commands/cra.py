@@ -2,9 +2,9 @@
 
 import argparse
 
-from service.commands.flags import ATTACK, BODY, VELOCITY, add_case, add_forms, add_plot, add_url
+from service.commands.flags import ATTACK, BODY, VELOCITY, add_alternatives, add_case, add_forms, add_plot, add_url
 from service.commands.parsers import examples
-from service.commands.single import answer_one, loads, print_csv, print_json, print_search
+from service.commands.single import alternatives_of, answer_one, loads, print_csv, print_json, print_search
 
 FLAGS = (VELOCITY, *ATTACK, *BODY)
 
@@ -22,6 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_case(parser, FLAGS)
     add_forms(parser, json="print the answer as the service gives it", csv="print the angles that were tried")
     add_plot(parser, "the angles that were tried, and what was found")
+    add_alternatives(parser)
     add_url(parser)
 
 
@@ -35,6 +36,8 @@ def run(asked: argparse.Namespace) -> int:
         draw_search(asked.plot, answer)
     if asked.json:
         print_json(text)
+    elif asked.csv and asked.alternatives:
+        print_csv(alternatives_of(answer))
     elif asked.csv:
         trials = answer["iterations"]
         print_csv({name: [trial[name] for trial in trials] for name in trials[0]})

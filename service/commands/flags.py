@@ -102,6 +102,15 @@ def add_plot(parser: argparse.ArgumentParser, what: str) -> None:
     parser.add_argument("--plot", type=Path, metavar="FILE", help=f"draw {what}: .svg, .png or .pdf")
 
 
+def add_alternatives(parser: argparse.ArgumentParser) -> None:
+    """Add the answers under other laws."""
+    parser.add_argument(
+        "--alternatives",
+        action="store_true",
+        help="also the answer under each decay law with each strength law; with --csv these alone",
+    )
+
+
 def add_url(parser: argparse.ArgumentParser, otherwise: str = "computed here if not given") -> None:
     """Add the address of a service."""
     parser.add_argument(

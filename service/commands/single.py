@@ -22,6 +22,8 @@ def answer_one(operation: str, asked: argparse.Namespace, flags: Sequence[Flag])
         If there is no answer, naming the flag or the place in the file that is to blame, if one is.
     """
     body = read_body(asked.case, asked, flags)
+    if asked.alternatives:
+        body.content["alternatives"] = True
     if asked.plot:
         from service.commands.pictures import check_picture
 
@@ -55,8 +57,10 @@ def print_csv(columns: Mapping[str, Sequence[Any]]) -> None:
 def print_motion(answer: Mapping[str, Any]) -> None:
     """Print how a strike ended."""
     final = {heading(name): value for name, value in answer["final"].items()}
-    values = {"outcome": answer["outcome"], heading("maximum_depth_m"): answer["maximum_depth_m"]}
+    values = {"outcome": answer["outcome"]}
+    values |= {heading(name): answer[name] for name in ("maximum_depth_m", "strength_factor")}
     print_values(values | {f"final {name}": value for name, value in final.items()})
+    print_alternatives(answer)
     print_warnings(answer["warnings"])
 
 
@@ -86,11 +90,38 @@ def print_search(answer: Mapping[str, Any]) -> None:
             found[heading(name)] = answer[name]
     if "bracket_deg" in answer:
         found[heading("bracket_deg")] = " to ".join(f"{angle:.5g}" for angle in answer["bracket_deg"])
+    if "strength_factor" in answer:
+        found[heading("strength_factor")] = answer["strength_factor"]
+    if angles := [
+        each["critical_angle_deg"] for each in answer.get("alternatives", ()) if "critical_angle_deg" in each
+    ]:
+        found["under other laws °"] = f"{min(angles):.5g} to {max(angles):.5g}"
     if answer["other_crossings_deg"]:
         found[heading("other_crossings_deg")] = ", ".join(f"{angle:.5g}" for angle in answer["other_crossings_deg"])
     print()
     print_values(found)
+    print_alternatives(answer)
     print_warnings(answer["warnings"])
+
+
+def print_alternatives(answer: Mapping[str, Any]) -> None:
+    """Print the answers under other laws, if there are any."""
+    if "alternatives" in answer:
+        columns = alternatives_of(answer)
+        print()
+        print_table([heading(name) for name in columns], list(zip(*columns.values(), strict=True)))
+
+
+def alternatives_of(answer: Mapping[str, Any]) -> Mapping[str, Sequence[Any]]:
+    """Return the answers under other laws as columns, empty where one has no value."""
+    found = ("status", "critical_angle_deg") if "status" in answer else ("outcome",)
+    columns = {
+        name: [each.get(name, "") for each in answer["alternatives"]]
+        for name in ("free_surface", "strength_factor", *found)
+    }
+    if any("problem" in each for each in answer["alternatives"]):
+        columns["problem"] = [each.get("problem", {}).get("detail", "") for each in answer["alternatives"]]
+    return columns | {"fitted_to": [each["fitted_to"] for each in answer["alternatives"]]}
 
 
 def loads(answer: bytes) -> dict[str, Any]:

@@ -2,9 +2,9 @@
 
 import argparse
 
-from service.commands.flags import BODY, STRIKE, add_case, add_forms, add_plot, add_url
+from service.commands.flags import BODY, STRIKE, add_alternatives, add_case, add_forms, add_plot, add_url
 from service.commands.parsers import examples
-from service.commands.single import answer_one, history_of, loads, print_csv, print_json, print_motion
+from service.commands.single import alternatives_of, answer_one, history_of, loads, print_csv, print_json, print_motion
 
 FLAGS = (*STRIKE, *BODY)
 
@@ -21,6 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_case(parser, FLAGS)
     add_forms(parser, json="print the answer as the service gives it", csv="print the motion over time")
     add_plot(parser, "the projectile from the side, at instants of its motion")
+    add_alternatives(parser)
     add_url(parser)
 
 
@@ -34,6 +35,8 @@ def run(asked: argparse.Namespace) -> int:
         draw_motion(asked.plot, body.content, answer, history_of(answer))
     if asked.json:
         print_json(text)
+    elif asked.csv and asked.alternatives:
+        print_csv(alternatives_of(answer))
     elif asked.csv:
         print_csv(history_of(answer))
     else:

@@ -2,7 +2,7 @@
 
 import { element } from "./elements.js";
 import { colour, csvOf, draw } from "./plots.js";
-import { degreesShown, digits, outcomeShown } from "./words.js";
+import { degreesShown, digits, outcomeShown, statusShown } from "./words.js";
 
 /** Names of the searches, in the order they are shown. */
 export const METHODS = { outcome: "Change of outcome", bisection: "Bisection (paper)", secant: "Secant (paper)" };
@@ -31,7 +31,7 @@ export function summary(answers) {
   const rows = Object.entries(answers).map(([method, found]) =>
     row("td", [
       METHODS[method],
-      found.critical_angle_deg === undefined ? found.status.replace("_", " ") : degreesShown(found.critical_angle_deg),
+      found.critical_angle_deg === undefined ? statusShown(found.status) : degreesShown(found.critical_angle_deg),
       (found.bracket_deg ?? []).map(degreesShown).join(" to "),
       String(found.iterations.length),
     ]),

@@ -64,7 +64,7 @@ const INPUTS = {
     });
   },
   choice(field, values, read) {
-    const chosen = valueAt(values, field.path);
+    const chosen = valueAt(values, field.path) ?? nodeAt(field.path, values).default;
     const options = Object.entries(field.choices).map(([value, text]) =>
       element("option", { value, selected: value === chosen }, text),
     );

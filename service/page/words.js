@@ -32,6 +32,11 @@ export function outcomeShown(outcome) {
   return SHORT[outcome];
 }
 
+/** Return how a search without an angle ended in a word or two. */
+export function statusShown(status) {
+  return status.replace("_", " ");
+}
+
 /** Return paragraphs that tell how a run ended. */
 export function tellRun(run) {
   const { final, maximum_depth_m: depth } = run;
@@ -43,14 +48,18 @@ export function tellRun(run) {
       "p",
       {},
       `After ${digits(final.time_s * 1e3)} ms, with its nose tip ${place(final.nose_tip_depth_m)} and its axis at ` +
-        `${digits(final.axis_angle_deg)}° from the normal.${rest} The nose tip went ${digits(depth * 1e3)} mm deep.`,
+        `${digits(final.axis_angle_deg)}° from the normal.${rest} The nose tip went ${digits(depth * 1e3)} mm deep. ` +
+        `Strength factor ${digits(run.strength_factor)}.`,
     ),
   ];
 }
 
 /** Return a paragraph that tells what a search found. */
 export function tellAngle(found) {
-  if (found.critical_angle_deg === undefined) return element("p", {}, STATUSES[found.status]);
+  const range = rangeShown(found);
+  if (found.critical_angle_deg === undefined) {
+    return element("p", {}, STATUSES[found.status], range && ` Under other laws: ${range}.`);
+  }
   const error = found.critical_angle_standard_error_deg;
   const spread = error === undefined ? "" : ` ± ${degreesShown(error)} (standard error)`;
   const others = found.other_crossings_deg.map(degreesShown).join(", ");
@@ -59,10 +68,20 @@ export function tellAngle(found) {
     {},
     "Critical angle ",
     element("strong.angle", {}, degreesShown(found.critical_angle_deg)),
-    `${spread} from the normal: the smallest that is turned away.`,
+    `${spread}${range && ` (${range} under other laws)`} from the normal: the smallest that is turned away.`,
+    ` Strength factor there ${digits(found.strength_factor)}.`,
     others ? ` The outcome changes again at ${others}.` : "",
     found.status === "not_converged" ? ` ${STATUSES.not_converged}` : "",
   );
+}
+
+/** Return the range of the critical angle under other laws, if that is known. */
+function rangeShown({ alternatives = [] }) {
+  const angles = alternatives.map((each) => each.critical_angle_deg).filter((angle) => angle !== undefined);
+  if (!angles.length) return "";
+  const none = alternatives.length - angles.length;
+  const range = `${degreesShown(Math.min(...angles))} to ${degreesShown(Math.max(...angles))}`;
+  return none ? `${range}, none in ${none} of ${alternatives.length}` : range;
 }
 
 /** Return warnings as a list, each once; nothing if there are none. */

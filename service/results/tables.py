@@ -95,6 +95,7 @@ SCALARS = {
     "trajectory": (
         Column("outcome", "how the run ended", "S32"),
         Column("maximum_depth_m", "greatest depth of the nose tip"),
+        Column("strength_factor", "in use, at this oblique angle"),
         *(
             Column(f"final_{column.name}", f"{column.description}; at the event that ended the run")
             for column in MOTION
@@ -106,6 +107,7 @@ SCALARS = {
         Column("bracket_low_deg", "lower of the angles between which the change was last pinned down"),
         Column("bracket_high_deg", "upper of these"),
         Column("critical_angle_standard_error_deg", "of the angle, from the covariance of the strength factor"),
+        Column("strength_factor", "in use at the critical angle"),
     ),
     "calibration_depth": ESTIMATE,
     "calibration_motion": (

@@ -9,7 +9,7 @@ from pydantic import BaseModel
 
 from service.access.visit import visit_in
 from service.admission import check_work
-from service.engine import Engine, Named
+from service.engine import Answered, CacheStatus, Engine, Named
 from service.kinds import kind_of
 from service.logs import BEGUN
 from service.problems import Problem
@@ -142,9 +142,16 @@ async def computed(
 ) -> Response:
     """Reply with the result of a single query, which may have been named already, and counts as so many cases."""
     validated = time.perf_counter()
-    app, begun, visit = request.app.state, request.scope[BEGUN], visit_in(request.scope)
-    check_work(case, app.settings.max_panel_steps)
-    visit.take(counts)
+    check_work(case, request.app.state.settings.max_panel_steps)
+    visit_in(request.scope).take(counts)
+    record, status = await answered(request, operation, case, engine, named)
+    request.app.state.hot.remember(request.scope, record.key)
+    return reply(request, record.json, status, validated)
+
+
+async def answered(request: Request, operation: str, case: Any, engine: Engine, named: Named | None = None) -> Answered:
+    """Return the record of a case and whether it was there; count how it ended."""
+    app, visit = request.app.state, visit_in(request.scope)
     try:
         with app.queries.held(visit.caller.owner) if visit.caller.key else nullcontext():
             record, status = await engine.answer(operation, case, named)
@@ -153,11 +160,15 @@ async def computed(
         raise
     if status == "hit":
         app.metrics.count_hit(record)
-    app.hot.remember(request.scope, record.key)
-    now = time.perf_counter()
+    return record, status
+
+
+def reply(request: Request, content: bytes, status: CacheStatus, validated: float) -> Response:
+    """Return an answer with how it came about; `validated` is when its request had been read."""
+    begun, now = request.scope[BEGUN], time.perf_counter()
     timing = f"validate;dur={1e3 * (validated - begun):.2f}, compute;dur={1e3 * (now - validated):.2f}"
     headers = {
         "Cache-Status": "ricochet; hit" if status == "hit" else "ricochet; fwd=miss",
         "Server-Timing": f"{timing}, total;dur={1e3 * (now - begun):.2f}",
     }
-    return Response(record.json, media_type="application/json", headers=headers)
+    return Response(content, media_type="application/json", headers=headers)

@@ -4,8 +4,9 @@ from fastapi import APIRouter, Request, Response
 
 from service.engine import Operation
 from service.pool.worker import run_cra
+from service.routes.alternatives import computed_with_alternatives
 from service.routes.body import JsonRoute
-from service.routes.contract import COMPUTED, AskedEngine, computed
+from service.routes.contract import COMPUTED, AskedEngine
 from service.schemas import CriticalAngleAnswer, CriticalAngleRequest, critical_angle_answer
 
 router = APIRouter(route_class=JsonRoute, tags=["critical ricochet angle"])
@@ -23,4 +24,4 @@ async def find_critical_angle(request: Request, case: CriticalAngleRequest, engi
 
     That there is none in the range is an answer too, and told by its `status`.
     """
-    return await computed(request, "cra", case, engine)
+    return await computed_with_alternatives(request, "cra", case, engine)

@@ -6,7 +6,7 @@ from service.routes.cases import read_sweep
 from service.routes.contract import MANY, one_body
 from service.routes.deliver import AskedPreference, Delivery, IdempotencyKey
 from service.schemas import (
-    CriticalAngleRequest,
+    CriticalAngleBase,
     CriticalAngleResults,
     CriticalAngleSweep,
     TrajectoryBase,
@@ -52,4 +52,4 @@ async def sweep_critical_angles(
     values of its axes. What only the solver can tell of a point is the problem of that point alone.
     """
     delivery = Delivery(request, "cra", preference, idempotency_key)
-    return await delivery.answer(await read_sweep(request, CriticalAngleRequest))
+    return await delivery.answer(await read_sweep(request, CriticalAngleBase))

@@ -4,8 +4,9 @@ from fastapi import APIRouter, Request, Response
 
 from service.engine import Operation
 from service.pool.worker import run_trajectory
+from service.routes.alternatives import computed_with_alternatives
 from service.routes.body import JsonRoute
-from service.routes.contract import COMPUTED, AskedEngine, computed
+from service.routes.contract import COMPUTED, AskedEngine
 from service.schemas import TrajectoryAnswer, TrajectoryRequest, trajectory_answer
 
 router = APIRouter(route_class=JsonRoute, tags=["trajectory"])
@@ -20,4 +21,4 @@ TRAJECTORY = Operation(
 @router.post("/trajectory", response_model=TrajectoryAnswer, responses=COMPUTED)
 async def compute_trajectory(request: Request, case: TrajectoryRequest, engine: AskedEngine) -> Response:
     """Compute the motion of a projectile from first contact until it is turned away, at rest, or out of time."""
-    return await computed(request, "trajectory", case, engine)
+    return await computed_with_alternatives(request, "trajectory", case, engine)

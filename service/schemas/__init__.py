@@ -23,12 +23,13 @@ from service.schemas.calibration import (
     obliquity_answer,
 )
 from service.schemas.jobs import Job, JobResults, Jobs
-from service.schemas.requests import CriticalAngleRequest, TrajectoryRequest
+from service.schemas.requests import CriticalAngleBase, CriticalAngleRequest, TrajectoryRequest
 from service.schemas.results import Result
 from service.schemas.sweeps import CriticalAngleSweep, TrajectorySweep
 
 __all__ = [
     "CriticalAngleAnswer",
+    "CriticalAngleBase",
     "CriticalAngleBatch",
     "CriticalAngleCase",
     "CriticalAngleRequest",

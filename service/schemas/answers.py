@@ -4,7 +4,9 @@ from typing import Annotated, Generic, TypeVar
 
 from pydantic import MISSING, Field
 
+from service.schemas.problems import Problem
 from service.schemas.quantities import Num, Part, with_examples
+from service.schemas.resistance import FreeSurfaceModel, StrengthLaw
 from solver import Outcome, SearchStatus
 
 Value = TypeVar("Value")
@@ -28,16 +30,30 @@ WARNING = {
     "detail": "moment of inertia not given: that of a homogeneous solid of the outer shape is used",
 }
 TRIAL = {"oblique_angle_deg": 45.0, "final_position_m": 0.120327, "outcome": "embedded", "fine": False}
-RUN = {"outcome": "embedded", "final": STATE, "maximum_depth_m": 0.121271, "warnings": [WARNING]}
+RUN = {
+    "outcome": "embedded",
+    "final": STATE,
+    "maximum_depth_m": 0.121271,
+    "strength_factor": 6.507,
+    "warnings": [WARNING],
+}
 FOUND = {
     "status": "converged",
     "critical_angle_deg": 48.56,
     "bracket_deg": [48.55, 48.56],
+    "strength_factor": 6.127,
     "iterations": [TRIAL],
     "other_crossings_deg": [],
     "warnings": [WARNING],
 }
 NONE_FOUND = {"status": "no_ricochet", "iterations": [TRIAL], "other_crossings_deg": [], "warnings": [WARNING]}
+LAWS = {
+    "free_surface": "mohr_coulomb",
+    "strength_factor": "obliquity_polynomial",
+    "fitted_to": "S: finite elements, 80 mm into 39 MPa, 0° to 45°; decay: theory, nearest to finite element motions",
+}
+OTHER_OUTCOME = LAWS | {"outcome": "ricochet"}
+OTHER_ANGLE = LAWS | {"status": "converged", "critical_angle_deg": 43.59}
 VERSIONED = {"key": "0" * 64, "engine_version": "6"}
 
 Key = Annotated[
@@ -105,15 +121,43 @@ class Trajectory(Part):
     outcome: Outcome
     final: Annotated[MotionState, Field(description="At the event that ended the run.")]
     maximum_depth_m: Annotated[Num, Field(description="Greatest depth of the nose tip. [m]")]
+    strength_factor: Annotated[Num, Field(description="In use, at this oblique angle. [1]")]
     history: Annotated[MotionHistory, Field(description="If asked for.")] | MISSING = MISSING
     warnings: list[ModelWarning]
+
+
+class Alternative(Part):
+    """The same case under other laws."""
+
+    free_surface: FreeSurfaceModel
+    strength_factor: StrengthLaw
+    fitted_to: Annotated[str, Field(description="What the two laws were fitted to.")]
+    problem: Annotated[Problem, Field(description="Why there is no answer under these laws.")] | MISSING = MISSING
+
+
+class TrajectoryAlternative(Alternative):
+    """How the same strike ends under other laws."""
+
+    model_config = with_examples(OTHER_OUTCOME)
+
+    outcome: Outcome | MISSING = MISSING
+
+
+class CriticalAngleAlternative(Alternative):
+    """What the same search finds under other laws."""
+
+    model_config = with_examples(OTHER_ANGLE)
+
+    status: SearchStatus | MISSING = MISSING
+    critical_angle_deg: Annotated[Num, Field(description="If there is one. [°]")] | MISSING = MISSING
 
 
 class TrajectoryAnswer(Trajectory):
     """Answer to a trajectory."""
 
-    model_config = with_examples(RUN | VERSIONED)
+    model_config = with_examples(RUN | VERSIONED, RUN | VERSIONED | {"alternatives": [OTHER_OUTCOME]})
 
+    alternatives: Annotated[list[TrajectoryAlternative], Field(description="If wanted.")] | MISSING = MISSING
     key: Key
     engine_version: EngineVersion
 
@@ -138,7 +182,9 @@ class Trial(Part):
 class CriticalAngleAnswer(Part):
     """Answer to a critical angle."""
 
-    model_config = with_examples(FOUND | VERSIONED, NONE_FOUND | VERSIONED)
+    model_config = with_examples(
+        FOUND | VERSIONED, NONE_FOUND | VERSIONED, FOUND | VERSIONED | {"alternatives": [OTHER_ANGLE]}
+    )
 
     status: SearchStatus
     critical_angle_deg: (
@@ -156,11 +202,15 @@ class CriticalAngleAnswer(Part):
         | MISSING
     ) = MISSING
     bracket_deg: Bracket | MISSING = MISSING
+    strength_factor: (
+        Annotated[Num, Field(description="In use at the critical angle, if there is one. [1]")] | MISSING
+    ) = MISSING
     iterations: Annotated[list[Trial], Field(description="Every angle tried, in order.")]
     other_crossings_deg: Annotated[
         list[Num], Field(description="Other angles of the range at which the outcome changes, either way. [°]")
     ]
     trajectory: Annotated[Trajectory, Field(description="At the critical angle, if asked for.")] | MISSING = MISSING
+    alternatives: Annotated[list[CriticalAngleAlternative], Field(description="If wanted.")] | MISSING = MISSING
     warnings: list[ModelWarning]
     key: Key
     engine_version: EngineVersion

@@ -8,7 +8,7 @@ from service.schemas.answers import FOUND, RUN, VERSIONED, CriticalAngleAnswer, 
 from service.schemas.examples import PAPER, PAPER_AT_45
 from service.schemas.problems import INVALID, Problem
 from service.schemas.quantities import Count, Flag, Part, with_examples
-from service.schemas.requests import CriticalAngleRequest, TrajectoryOutput, TrajectoryRequest
+from service.schemas.requests import CriticalAngleBase, TrajectoryFields, TrajectoryOutput
 
 MOST_CASES = 1_000
 """Of a JSON batch, which is parsed in one piece."""
@@ -33,7 +33,7 @@ class BatchOutput(TrajectoryOutput):
     ] = False
 
 
-class TrajectoryBase(TrajectoryRequest):
+class TrajectoryBase(TrajectoryFields):
     """One strike among many: as a single one, but without a history unless asked for."""
 
     model_config = with_examples(PAPER_AT_45)
@@ -53,7 +53,7 @@ class TrajectoryCase(TrajectoryBase):
         return self.resolved().model_dump(mode="json", exclude={"custom_id"})
 
 
-class CriticalAngleCase(CriticalAngleRequest):
+class CriticalAngleCase(CriticalAngleBase):
     """A case of a batch of critical angles."""
 
     model_config = with_examples(PAPER | {"custom_id": "paper"})

@@ -35,6 +35,7 @@ def trajectory_answer(trajectory: solver.Trajectory) -> tuple[dict[str, Any], Co
         "outcome": trajectory.outcome.value,
         "final": final | {"axis_angle_deg": degrees(trajectory.final.axis_angle)},
         "maximum_depth_m": trajectory.maximum_depth,
+        "strength_factor": trajectory.strength_factor,
         "warnings": warnings_told(trajectory.warnings),
     }
     return answer, None if trajectory.history is None else _columns(trajectory.history)
@@ -51,6 +52,8 @@ def critical_angle_answer(
         answer["critical_angle_standard_error_deg"] = degrees(found.standard_error)
     if found.bracket is not None:
         answer["bracket_deg"] = [degrees(angle) for angle in found.bracket]
+    if found.strength_factor is not None:
+        answer["strength_factor"] = found.strength_factor
     answer["iterations"] = [
         {
             "oblique_angle_deg": degrees(trial.oblique_angle),

@@ -17,6 +17,8 @@ UNITS = {
     "compressive_strength": "pa",
     "density": "kg_m3",
     "youngs_modulus": "pa",
+    "reference_strength": "pa",
+    "reference_diameter": "m",
     "velocity": "m_s",
     "oblique_angle": "deg",
     "angle_of_attack": "deg",

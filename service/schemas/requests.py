@@ -30,6 +30,16 @@ SampleInterval = Annotated[
 ]
 
 
+Alternatives = Annotated[
+    Flag,
+    Field(
+        description="Whether to add the answers under other laws: each decay near the face with each strength factor. "
+        "Each is a case like any other, and is kept under a key of its own."
+    ),
+]
+WITH_ALTERNATIVES = {"alternatives": True}
+
+
 class TrajectoryOutput(Part):
     """What the answer to a trajectory holds."""
 
@@ -96,10 +106,8 @@ class Case(Part):
         return output.sample_interval_s
 
 
-class TrajectoryRequest(Case):
-    """One strike."""
-
-    model_config = with_examples(PAPER_AT_45, TRUNCATED_CONE)
+class TrajectoryFields(Case):
+    """One strike, alone or among many."""
 
     impact: Impact
     output: Annotated[TrajectoryOutput, Field(default_factory=TrajectoryOutput)]
@@ -127,13 +135,28 @@ class TrajectoryRequest(Case):
         arguments = case.shared_arguments()
         impact = case.impact.to_solver()
         solver.strength_factor(
-            resistance=arguments["resistance"], oblique_angle=impact.oblique_angle, target=arguments["target"]
+            resistance=arguments["resistance"],
+            oblique_angle=impact.oblique_angle,
+            target=arguments["target"],
+            projectile=arguments["projectile"],
         )
         return arguments | {"impact": impact, "sample_interval": case.sample_interval(case.output)}
 
 
-class CriticalAngleRequest(Case):
-    """Strikes that differ in their oblique angle alone."""
+class TrajectoryRequest(TrajectoryFields):
+    """One strike."""
+
+    model_config = with_examples(PAPER_AT_45, TRUNCATED_CONE, PAPER_AT_45 | WITH_ALTERNATIVES)
+
+    alternatives: Alternatives = False
+
+    def canonical(self) -> dict[str, Any]:
+        """Return the resolved request as JSON data, the same with alternatives as without."""
+        return self.resolved().model_dump(mode="json", exclude={"alternatives"})
+
+
+class CriticalAngleBase(Case):
+    """Strikes that differ in their oblique angle alone, among many such requests."""
 
     model_config = with_examples(PAPER, PAPER_BY_SECANT, HEMISPHERE)
 
@@ -170,3 +193,15 @@ class CriticalAngleRequest(Case):
         case = self.resolved()
         arguments = case.shared_arguments() | case.impact.arguments() | {"search": case.search.to_solver()}
         return arguments, case.sample_interval(case.output)
+
+
+class CriticalAngleRequest(CriticalAngleBase):
+    """Strikes that differ in their oblique angle alone."""
+
+    model_config = with_examples(PAPER, PAPER_BY_SECANT, HEMISPHERE, PAPER | WITH_ALTERNATIVES)
+
+    alternatives: Alternatives = False
+
+    def canonical(self) -> dict[str, Any]:
+        """Return the resolved request as JSON data, the same with alternatives as without."""
+        return self.resolved().model_dump(mode="json", exclude={"alternatives"})

@@ -12,7 +12,7 @@ from pydantic_core import PydanticCustomError
 from service.schemas.batches import MOST_LINES, TrajectoryBase
 from service.schemas.examples import PAPER, PAPER_AT_45
 from service.schemas.quantities import WHOLE, Count, Num, Part, with_examples
-from service.schemas.requests import CriticalAngleRequest
+from service.schemas.requests import CriticalAngleBase
 
 MOST_AXES = 4
 EVEN = {"field": "impact.velocity_m_s", "start": 200.0, "stop": 300.0, "count": 3}
@@ -82,9 +82,7 @@ class CriticalAngleSweep(Part):
 
     model_config = with_examples({"base": PAPER, "axes": [EVEN, LISTED]})
 
-    base: Annotated[
-        CriticalAngleRequest, Field(description="A whole request, in which the axes set their fields anew.")
-    ]
+    base: Annotated[CriticalAngleBase, Field(description="A whole request, in which the axes set their fields anew.")]
     axes: Annotated[list[Axis], Field(min_length=1, max_length=MOST_AXES)]
 
 

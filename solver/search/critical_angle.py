@@ -9,16 +9,23 @@ import numpy as np
 from solver import warnings as model_warnings
 from solver.arrays import FloatArray
 from solver.errors import RicochetError
-from solver.events import Termination
+from solver.events import REST_FRACTION, Termination, Thresholds
 from solver.impact import Impact
-from solver.numerics import SEARCH_STATIONS, SEARCH_TOLERANCE, TERMINATION_TIME, USUAL, Numerics
+from solver.numerics import (
+    SEARCH_STATIONS,
+    SEARCH_TOLERANCE,
+    USUAL,
+    Method,
+    Numerics,
+    usual_termination_time,
+)
 from solver.prepared import OUTCOMES, Outcome, PreparedCase, check_end, final_tip_depth, integrate, prepare
 from solver.projectile import Projectile
-from solver.resistance import EQUATION_9, ObliquityPolynomial, Resistance, strength_factor
+from solver.resistance import EQUATION_9, ObliquityPolynomial, Resistance
 from solver.search.levels import search_levels
 from solver.search.outcome import search_outcome
 from solver.search.paper import search_bisection, search_secant
-from solver.search.trials import ANGLE, END, Strike
+from solver.search.trials import ANGLE, END, TrialInputs
 from solver.search.types import USUAL_SEARCH, Change, CriticalAngle, Search, SearchStatus, Trial
 from solver.target import Target
 from solver.validation import require_positive
@@ -26,6 +33,8 @@ from solver.warnings import ModelWarning
 
 PAPER_TERMINATION_TIME = 5e-3
 """When the paper reads the final position. [s]"""
+PAPER_THRESHOLDS = Thresholds(REST_FRACTION, REST_FRACTION)
+"""The paper knows no retention energy: its projectile moves until it is at rest."""
 
 
 def critical_angle(
@@ -78,14 +87,16 @@ def critical_angle(
     search = search or USUAL_SEARCH
     resistance = resistance or EQUATION_9
     require_positive("impact.velocity", velocity)
-    paper = search.method != "outcome"
+    numerics, paper = numerics or USUAL, search.method != "outcome"
+    method: Method = numerics.method or ("panels" if paper else "adaptive")
+    end_time = usual_termination_time(length=projectile.length, velocity=velocity, method=method)
     prepared = prepare(
         projectile=projectile,
         target=target,
         resistance=resistance,
-        numerics=(numerics or USUAL).resolved(
-            method="panels" if paper else "adaptive",
-            termination_time=PAPER_TERMINATION_TIME if paper else TERMINATION_TIME,
+        numerics=numerics.resolved(
+            method=method,
+            termination_time=PAPER_TERMINATION_TIME if paper else end_time,
             relative_tolerance=SEARCH_TOLERANCE,
             stations=SEARCH_STATIONS,
         ),
@@ -106,6 +117,7 @@ def critical_angle(
         other_crossings=change.other_crossings,
         warnings=_warnings(prepared, impact, change, trials, by_paper=paper) + doubts,
         standard_error=standard_error,
+        strength_factor=None if change.angle is None else prepared.strength_factor_at(change.angle),
     )
 
 
@@ -139,7 +151,7 @@ def _standard_error(
 def _shifted_angle(prepared: PreparedCase, impact: Impact, search: Search, shift: float) -> float | None:
     """Critical angle with the strength factor shifted, within what it leaves of the range; None if there is none."""
     model = prepared.resistance.strength_factor
-    constant, *rest = model.polynomial(prepared.target)
+    constant, *rest = model.polynomial(target=prepared.target, projectile=prepared.projectile)
     shifted = ObliquityPolynomial(coefficients=(constant + shift, *rest))
     upper = shifted.positive_up_to(*search.bounds)
     present = replace(prepared, resistance=replace(prepared.resistance, strength_factor=shifted))
@@ -157,7 +169,7 @@ def _search_paper(prepared: PreparedCase, impact: Impact, search: Search) -> tup
     def attempt(oblique_angle: float) -> Trial:
         strike = replace(impact, oblique_angle=oblique_angle)
         model = prepared.model._replace(law=prepared.law_at(strike))
-        run, _ = integrate(prepared, model, strike, keep_steps=False)
+        run, _ = integrate(prepared, model, strike, keep_steps=False, thresholds=PAPER_THRESHOLDS)
         position = final_tip_depth(run, model.body, prepared.numerics.termination_time)
         trials.append(Trial(oblique_angle, position, OUTCOMES[run.end]))
         return trials[-1]
@@ -179,20 +191,28 @@ def _scan(search: Search) -> FloatArray:
 def _search_outcome(prepared: PreparedCase, impact: Impact, search: Search) -> tuple[Change, tuple[Trial, ...]]:
     """Scan the range, then narrow every change of outcome."""
     numerics, target = prepared.numerics, prepared.target
-    strike = Strike(
+    inputs = TrialInputs(
         velocity=impact.velocity,
         angle_of_attack=impact.angle_of_attack,
         angular_velocity=impact.angular_velocity,
-        strength=np.array(prepared.resistance.strength_factor.polynomial(target)),
+        strength=np.array(
+            prepared.resistance.strength_factor.polynomial(target=target, projectile=prepared.projectile)
+        ),
         compressive_strength=target.compressive_strength,
         end_time=numerics.termination_time,
         time_step=numerics.time_step,
+        retention=numerics.retention_energy_fraction,
     )
-    levels = search_levels(numerics=numerics, tolerance=search.tolerance)
-    found = search_outcome(_scan(search), strike, prepared.model, levels)
+    levels = search_levels(
+        relative_tolerance=numerics.relative_tolerance,
+        stations=numerics.stations,
+        points=numerics.points,
+        tolerance=search.tolerance,
+    )
+    found = search_outcome(_scan(search), inputs, prepared.model, levels)
     rows = found.trials.tolist()
     if rows[-1][END] == Termination.NO_STRENGTH:  # raises, and tells what the model gives
-        strength_factor(resistance=prepared.resistance, oblique_angle=rows[-1][ANGLE], target=target)
+        prepared.strength_factor_at(rows[-1][ANGLE])
     check_end(rows[-1][END], numerics.termination_time)
     trials = tuple(Trial(angle, position, OUTCOMES[end], fine > 0.0) for angle, position, end, _, fine in rows)
     return _first_onset([(trials[left], trials[right]) for left, right in found.brackets], trials), trials
@@ -235,7 +255,13 @@ def _warnings(
         )
     )
     reach = change.angle if change.angle is not None else max(trial.oblique_angle for trial in trials)
-    warnings += model_warnings.strength_fit_warning(resistance=prepared.resistance, oblique_angle=reach)
+    warnings += model_warnings.strength_factor_warnings(
+        projectile=prepared.projectile,
+        target=prepared.target,
+        resistance=prepared.resistance,
+        velocity=impact.velocity,
+        oblique_angle=reach,
+    )
     if change.starts_turned_away:
         warnings.append(model_warnings.RICOCHET_AT_LOWER_BOUND)
     end_time = prepared.numerics.termination_time
@@ -244,10 +270,5 @@ def _warnings(
         warnings.append(
             (model_warnings.decided_by_time if by_time else model_warnings.undecided)(termination_time=end_time)
         )
-    for trial in change.deciding:
-        if trial.oblique_angle == change.angle and not by_paper:  # whose positions are not those of the release
-            warnings += model_warnings.slow_exit(
-                release_depth=trial.final_position, diameter=prepared.projectile.diameter
-            )
     warnings.append(model_warnings.NO_MEASURED_ANGLE)
     return tuple(warnings)

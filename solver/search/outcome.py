@@ -4,6 +4,7 @@ A scan looks at the whole range with wide steps and few points. Every change of 
 then narrowed by itself, and together they must lead from one end of the range to the other.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -11,12 +12,12 @@ import numpy as np
 from solver.arrays import FloatArray, IntArray
 from solver.compilation import compiled, lean
 from solver.motion import Model
-from solver.search.levels import ASKED, LAST, ROUGH, Level, Levels, is_finer
+from solver.search.levels import ASKED, MIDDLE, ROUGH, Level, Levels
 from solver.search.refine import MOST_TRIALS, is_same_change, refine
 from solver.search.trials import (
     ANGLE,
     MARGIN,
-    Strike,
+    TrialInputs,
     TrialWorkspace,
     attempt,
     failed,
@@ -24,10 +25,14 @@ from solver.search.trials import (
     make_trial_workspace,
     strength_at,
     turned_away,
+    undecided,
 )
 
 CLEAR = 0.15
 """Margin above which, on both sides, a scan does not look in between."""
+UNSURE = 0.95
+"""Margin of a rough trial, over the retention energy, below which it is run again as finely as set."""
+HALF_DEGREE = math.radians(0.5)
 SMOOTH = 0.1
 """Bend of the strength factor between two trials, over its mean, up to which likewise."""
 
@@ -39,6 +44,9 @@ class Found(NamedTuple):
     """(n, 5) in order, columns as in `outcome_trials`."""
     brackets: IntArray
     """(m, 2) for each change of outcome, in order: the numbers of the trials on its two sides."""
+    energies: FloatArray
+    """(2,) share of the energy left half a degree below and above the critical angle, 0 where the projectile is kept
+    with less than a tenth of the retention energy; NaN without an angle."""
 
 
 @lean
@@ -56,7 +64,13 @@ def _is_smooth(left: FloatArray, right: FloatArray, strength: FloatArray) -> boo
 
 @compiled
 def _scan(
-    angles: FloatArray, strike: Strike, model: Model, level: Level, room: TrialWorkspace, count: int
+    angles: FloatArray,
+    inputs: TrialInputs,
+    model: Model,
+    level: Level,
+    asked: Level,
+    workspace: TrialWorkspace,
+    count: int,
 ) -> tuple[IntArray, int]:
     """Try every fourth angle, then every second and every one, but not where there is no need to look.
 
@@ -66,20 +80,25 @@ def _scan(
         The numbers of the trials in the order of their angles, and the number of the next. If one could not be
         integrated, it is the last.
     """
-    trials, numbers, last = room.trials, np.full(angles.size, -1), angles.size - 1
-    for stride in (4, 2, 1):
+    trials, numbers, last = workspace.trials, np.full(angles.size, -1), angles.size - 1
+    for stride in (16, 8, 4, 2, 1):
         for i in range(angles.size):
             if numbers[i] >= 0 or (i % stride != 0 and i != last):
                 continue
-            if stride < 4:
+            if stride < 16:
                 before = i - stride
                 after = min(i + stride, last)
                 if numbers[before] < 0 or numbers[after] < 0:
                     continue
-                if _is_smooth(trials[numbers[before]], trials[numbers[after]], strike.strength):
+                left, right = trials[numbers[before]], trials[numbers[after]]
+                if stride < 4 and turned_away(left) != turned_away(right):
                     continue
-            numbers[i] = count
-            count = attempt(angles[i], strike, model, level, room, count)
+                if _is_smooth(left, right, inputs.strength):
+                    continue
+            count = attempt(angles[i], inputs, model, level, workspace, count)
+            if not level.fine and abs(trials[count - 1, MARGIN]) < UNSURE * inputs.retention:
+                count = attempt(angles[i], inputs, model, asked, workspace, count)
+            numbers[i] = count - 1
             if failed(trials[count - 1]):
                 return numbers[:0], count
     return numbers[numbers >= 0], count
@@ -98,29 +117,48 @@ def _lead(lowest: FloatArray, highest: FloatArray, trials: FloatArray, brackets:
 
 
 @compiled
-def search_outcome(angles: FloatArray, strike: Strike, model: Model, levels: Levels) -> Found:
+def _nearby_energies(
+    angle: float, inputs: TrialInputs, model: Model, level: Level, workspace: TrialWorkspace, count: int
+) -> FloatArray:
+    """Share of the energy left half a degree below and above a critical angle; see `Found`.
+
+    It grows ever more slowly with the angle. So where it grows by more than the retention energy within half a degree
+    above, nothing is left half a degree below, and no trial is needed.
+    """
+    energies, trials = np.zeros(2), workspace.trials
+    for side in (1, 0):
+        nearby = angle + (HALF_DEGREE if side == 1 else -HALF_DEGREE)
+        if side == 0 and (nearby < 0.0 or energies[1] > 2.0 * inputs.retention):
+            break
+        attempt(nearby, inputs, model, level, workspace, count)
+        margin = trials[count, MARGIN]
+        left = failed(trials[count]) or undecided(trials[count]) or margin <= -inputs.retention
+        energies[side] = 0.0 if left else margin + inputs.retention
+    return energies
+
+
+@compiled
+def search_outcome(angles: FloatArray, inputs: TrialInputs, model: Model, levels: Levels) -> Found:
     """Scan `angles`, which rise, then narrow every change of outcome level by level.
 
     If a trial could not be integrated, or the strength factor is not above zero at one of the angles, that trial is the
     last of the table, and there are no brackets.
     """
-    room = make_trial_workspace(MOST_TRIALS + 8 * angles.size)  # with what a scan and its changes may add
-    trials, brackets = room.trials, np.zeros((angles.size, 2), np.int64)
+    workspace = make_trial_workspace(MOST_TRIALS + 8 * angles.size)  # with what a scan and its changes may add
+    trials, brackets = workspace.trials, np.zeros((angles.size, 2), np.int64)
     count = changes = earlier = 0
     for angle in angles:
-        if not has_strength(angle, strike.strength):
-            count = attempt(angle, strike, model, levels[ROUGH], room, count)
-            return Found(trials[:count], brackets[:0])
+        if not has_strength(angle, inputs.strength):
+            count = attempt(angle, inputs, model, levels[ROUGH], workspace, count)
+            return Found(trials[:count], brackets[:0], np.full(2, np.nan))
     panels = model.panels.area.size > 0  # as many at every level
-    fallback, first = ASKED, ASKED if panels else ROUGH
+    first = ASKED if panels else ROUGH
     for scan in range(2):  # without a change, or if one is missing, the scan is repeated, more finely
-        numbers, count = _scan(angles, strike, model, levels[first], room, count)
+        numbers, count = _scan(angles, inputs, model, levels[first], levels[ASKED], workspace, count)
         for i in range(numbers.size - 1):
             if turned_away(trials[numbers[i]]) == turned_away(trials[numbers[i + 1]]):
                 continue
-            if is_finer(levels[LAST], levels[ASKED]):
-                fallback = LAST  # for changes that come and go
-            left, right, count = refine(numbers[i], numbers[i + 1], first, strike, model, levels, room, count)
+            left, right, count = refine(numbers[i], numbers[i + 1], first, inputs, model, levels, workspace, count)
             if failed(trials[count - 1]):
                 break
             known = changes > 0 and is_same_change(brackets[changes - 1], right, trials, levels[ASKED])
@@ -128,9 +166,16 @@ def search_outcome(angles: FloatArray, strike: Strike, model: Model, levels: Lev
                 brackets[changes, 0], brackets[changes, 1] = left, right
                 changes += 1
         if failed(trials[count - 1]):
-            return Found(trials[:count], brackets[:0])
+            return Found(trials[:count], brackets[:0], np.full(2, np.nan))
         lowest, highest = trials[numbers[0]], trials[numbers[numbers.size - 1]]
         if panels or scan == 1 or (changes > 0 and _lead(lowest, highest, trials, brackets[:changes])):
             break
-        earlier, changes, first = changes, 0, fallback
-    return Found(trials[:count], brackets[: changes if changes > 0 else earlier])
+        earlier, changes, first = changes, 0, ASKED
+    brackets = brackets[: changes if changes > 0 else earlier]
+    energies = np.full(2, np.nan)
+    for i in range(brackets.shape[0]):
+        if turned_away(trials[brackets[i, 1]]):
+            level = levels[ASKED if panels else MIDDLE]
+            energies = _nearby_energies(trials[brackets[i, 1], ANGLE], inputs, model, level, workspace, count)
+            break
+    return Found(trials[:count], brackets, energies)

@@ -8,7 +8,7 @@ import numpy as np
 from solver.adaptive import integrate_adaptive
 from solver.arrays import FloatArray
 from solver.compilation import compiled, lean
-from solver.events import LODGED_ENERGY, Run, Termination, tip_depth
+from solver.events import Run, Termination, Thresholds, tip_depth
 from solver.fixed_step import integrate_fixed
 from solver.motion import STEP_WIDTH, Model, Workspace, kinetic_energy, make_workspace, start_state
 from solver.rosenbrock import Linearisation, make_linearisation
@@ -18,19 +18,16 @@ from solver.surface_integration import Law
 ANGLE, POSITION, END, MARGIN, FINE = range(5)
 """Columns of the table of trials: oblique angle, final depth of the nose tip, a value of `Termination`, how clearly the
 projectile was turned away (above zero) or not, and whether the trial was as fine as asked for. [rad, m, 1, 1, 1]"""
-TIME, EXIT, STEP_LIMIT, NOT_FINITE, NO_STRENGTH = (
-    end.value
-    for end in (
-        Termination.TIME,
-        Termination.EXIT,
-        Termination.STEP_LIMIT,
-        Termination.NOT_FINITE,
-        Termination.NO_STRENGTH,
-    )
-)
+TIME, RETAINED, EXIT = Termination.TIME.value, Termination.RETAINED.value, Termination.EXIT.value
+STEP_LIMIT, NOT_FINITE = Termination.STEP_LIMIT.value, Termination.NOT_FINITE.value
+NO_STRENGTH = Termination.NO_STRENGTH.value
+ENERGY_FLOOR = 0.1
+"""Energy at which a trial ends, over the retention energy: the energy left varies smoothly with the angle that far."""
+LEAST = 1e-9
+"""Smallest margin, so that none is zero."""
 
 
-class Strike(NamedTuple):
+class TrialInputs(NamedTuple):
     """What all trials have in common beside projectile and target."""
 
     velocity: float
@@ -42,6 +39,8 @@ class Strike(NamedTuple):
     end_time: float
     time_step: float
     """Of the route of panels."""
+    retention: float
+    """Share of the initial kinetic energy with which a projectile must leave."""
 
 
 class TrialWorkspace(NamedTuple):
@@ -55,7 +54,7 @@ class TrialWorkspace(NamedTuple):
 
 @compiled
 def make_trial_workspace(trials: int) -> TrialWorkspace:
-    """Empty room for so many."""
+    """Empty workspace for so many."""
     return TrialWorkspace(make_workspace(), make_linearisation(), np.empty((1, STEP_WIDTH)), np.zeros((trials, 5)))
 
 
@@ -75,44 +74,60 @@ def has_strength(oblique_angle: float, strength: FloatArray) -> bool:
 
 
 @lean
-def _margin(run: Run, model: Model, initial_energy: float) -> float:
-    """How clearly a projectile was turned away, above zero, or not; near zero at the critical angle.
+def _margin(run: Run, model: Model, energy: float, retention: float) -> float:
+    """How clearly a projectile was turned away, above zero, or not.
 
-    Turned away, it is the energy left; lodged or at rest, it grows with the depth of the tip.
+    The energy left beyond the retention energy, which varies smoothly with the angle on both sides of zero; where a
+    trial ended before the projectile left, it falls with the depth of the nose tip.
     """
-    least = 1e-9
-    energy = kinetic_energy(run.state, model.body) / initial_energy - LODGED_ENERGY
     if run.end == Termination.EXIT:
-        return max(energy, least)
+        margin = energy - retention
+        return margin if abs(margin) > LEAST else math.copysign(LEAST, margin)
     depth = max(tip_depth(run.state, model.body), 0.0) / model.body.tip
-    return min(energy, 0.0) - max(depth * depth, least)
+    return -retention - depth * depth
 
 
 @compiled
-def attempt(oblique_angle: float, strike: Strike, model: Model, level: Level, room: TrialWorkspace, count: int) -> int:
+def attempt(
+    oblique_angle: float, inputs: TrialInputs, model: Model, level: Level, workspace: TrialWorkspace, count: int
+) -> int:
     """Run one trial and write it into the table, as number `count`; return the number of the next."""
-    row = room.trials[count]
+    row = workspace.trials[count]
     row[ANGLE], row[FINE] = oblique_angle, 1.0 if level.fine else 0.0
-    if not has_strength(oblique_angle, strike.strength):
+    if not has_strength(oblique_angle, inputs.strength):
         row[END] = NO_STRENGTH
         return count + 1
     law = Law(
-        strength_at(oblique_angle, strike.strength) * strike.compressive_strength,
+        strength_at(oblique_angle, inputs.strength) * inputs.compressive_strength,
         model.law.dynamic_density,
-        level.ramp_fraction * strike.velocity,
+        level.ramp_fraction * inputs.velocity,
         level.smooth_ramp,
         model.law.decay,
     )
     present = Model(model.body, law, level.quadrature, model.panels)
-    start = start_state(model.body, strike.velocity, oblique_angle, strike.angle_of_attack, strike.angular_velocity)
+    start = start_state(model.body, inputs.velocity, oblique_angle, inputs.angle_of_attack, inputs.angular_velocity)
+    floor = ENERGY_FLOOR * inputs.retention
+    thresholds = Thresholds(floor, floor)
     if model.panels.area.size > 0:
-        run = integrate_fixed(start, present, strike.end_time, strike.time_step, room.steps)
+        run = integrate_fixed(start, present, inputs.end_time, thresholds, inputs.time_step, workspace.steps)
     else:
-        run = integrate_adaptive(start, present, strike.end_time, level.accuracy, room.steps, room.work, room.linear)
+        run = integrate_adaptive(
+            start,
+            present,
+            inputs.end_time,
+            thresholds,
+            level.accuracy,
+            workspace.steps,
+            workspace.work,
+            workspace.linear,
+        )
     row[POSITION], row[END] = tip_depth(run.state, model.body), run.end.value
+    energy = kinetic_energy(run.state, model.body) / kinetic_energy(start, model.body)
+    if energy < inputs.retention and run.end in (EXIT, TIME):
+        row[END] = RETAINED
     if not np.isfinite(run.state).all():
         row[END] = NOT_FINITE
-    row[MARGIN] = _margin(run, model, kinetic_energy(start, model.body))
+    row[MARGIN] = _margin(run, model, energy, inputs.retention)
     return count + 1
 
 

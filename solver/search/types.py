@@ -50,7 +50,7 @@ class Search:
     upper: float | None = None
     tolerance: float = math.radians(0.01)
     relative_tolerance: float = 0.01
-    scan_interval: float = math.radians(5.0)
+    scan_interval: float = math.radians(1.25)
 
     def __post_init__(self) -> None:
         known = self.method in ("outcome", "bisection", "secant")
@@ -110,6 +110,8 @@ class CriticalAngle:
     warnings: tuple[ModelWarning, ...]
     standard_error: float | None = None
     """Of the angle, from the covariance of the strength factor; None without one. [rad]"""
+    strength_factor: float | None = None
+    """S at the critical angle; None without one. [1]"""
 
     def columns(self) -> Columns:
         """Return the trials as arrays by name, in order: angles in radians, positions in metres."""

@@ -140,7 +140,8 @@ def test_json_to_solver_and_back_is_exact(request_: Any) -> None:
     asked = model.model_validate(body)
     again = model.model_validate_json(json.dumps(asked.canonical()))
     assert again.canonical() == asked.canonical()
-    assert given_values_are_kept(body, asked.canonical())
+    case = {name: item for name, item in body.items() if name != "alternatives"}  # those have keys of their own
+    assert given_values_are_kept(case, asked.canonical())
     try:
         assert again.arguments() == asked.arguments()
     except ParameterError:

@@ -69,6 +69,20 @@ def test_distance_from_the_angle_is_in_the_address_and_reopened(page: Page, new_
     expect(other.get_by_role("img", name=picture)).to_be_visible(timeout=ALL_MS)
 
 
+def test_other_laws_are_listed_and_their_range_is_in_the_headline(page: Page, client: httpx.Client) -> None:
+    open_view(page)
+    answer = client.post("/cra", json=PAPER | {"alternatives": True}).json()
+    shown = [f"{each['critical_angle_deg']:.2f}°" for each in answer["alternatives"]]
+    expect(page.get_by_role("table", name="Under other laws")).to_be_visible()
+    rows = cells(page, "Under other laws")
+    assert [row[2] for row in rows] == shown
+    assert [row[3] for row in rows] == [each["fitted_to"] for each in answer["alternatives"]]
+    lowest, highest = (
+        f"{end(each['critical_angle_deg'] for each in answer['alternatives']):.2f}°" for end in (min, max)
+    )
+    expect(page.get_by_role("region", name="Answer")).to_contain_text(f"({lowest} to {highest} under other laws)")
+
+
 def test_range_without_ricochet_is_told_in_words(page: Page) -> None:
     page.goto("/#/critical-angle?search.upper_deg=30")
     expect(page.get_by_text("there is no critical angle")).to_be_visible()

@@ -160,6 +160,39 @@ def test_every_nose_has_its_fields_and_a_picture(page: Page) -> None:
             expect(page.get_by_label(other)).to_have_count(int(other == label))
 
 
+def test_every_strength_law_has_its_fields_and_its_factor(page: Page) -> None:
+    open_explore(page)
+    outcome = page.get_by_role("region", name="Outcome")
+    expect(outcome).to_contain_text("Strength factor 6.51.")  # eq. 9 at 45°
+    page.get_by_label("Strength factor").select_option("published_tests")
+    shape = page.get_by_label("Over the angle")
+    expect(shape).to_have_value("equation_9")
+    shape.select_option("constant")
+    expect(outcome).to_contain_text("Strength factor 6.42.")  # 6.55 (80 / 76.2)^-0.42
+    expect(page).to_have_url(re.compile("resistance.strength_factor.obliquity_shape=constant"))
+    page.get_by_label("Strength factor").select_option("strength_power_law")
+    expect(shape).to_have_value("constant")
+    expect(outcome).to_contain_text("Strength factor 11.3.")  # 82.6 39^-0.544
+    page.get_by_label("Diameter exponent").fill("-1")
+    expect(outcome).to_contain_text("Strength factor 10.7.")
+
+
+def test_other_laws_tell_of_this_strike_and_of_its_angle(page: Page) -> None:
+    open_explore(page)
+    table = page.get_by_role("table", name="Under other laws")
+    rows = table.locator("tbody tr")
+    expect(rows).to_have_count(9)
+    expect(page.get_by_role("region", name="Outcome")).to_contain_text("under other laws)")
+    for degrees in ("45", "55"):
+        page.get_by_label("Oblique angle", exact=True).fill(degrees)
+        expect(table).to_be_hidden()  # until it is of this strike
+        expect(table).to_be_visible()
+        for row in rows.all():
+            _, _, angle, outcome, fitted_to = row.locator("td").all_inner_texts()
+            assert outcome == ("turned away" if float(angle.rstrip("°")) < float(degrees) else "embedded")
+            assert fitted_to
+
+
 def test_shared_address_reopens_the_same_view(page: Page, new_page: Any) -> None:
     open_explore(page)
     page.get_by_label("Nose").select_option("conical")

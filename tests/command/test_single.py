@@ -86,6 +86,47 @@ def test_any_field_can_be_set(here: Path, capsys: pytest.CaptureFixture[str]) ->
     assert flat["outcome"] in {"embedded", "ricochet"}
 
 
+@pytest.mark.parametrize(("command", "body"), [("cra", PAPER), ("trajectory", PAPER_AT_45)])
+def test_alternatives_here_are_those_of_the_service(
+    folder: Path, client: httpx.Client, live_url: str, command: str, body: dict[str, Any]
+) -> None:
+    asked = [
+        command,
+        "strike.toml",
+        *(["--angle", "45"] if command == "trajectory" else []),
+        "--alternatives",
+        "--json",
+    ]
+    here, there = run(folder, *asked), run(folder, *asked, "--url", live_url)
+    expected = client.post(f"/{command}", json=body | {"alternatives": True}).content + b"\n"
+    assert (here.status, there.status) == (0, 0)
+    assert here.out.encode() == expected
+    assert there.out.encode() == expected
+
+
+def test_alternatives_are_a_table_with_their_range(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    found = answer(capsys, "cra", "strike.toml", "--alternatives")["alternatives"]
+    angles = [each["critical_angle_deg"] for each in found]
+    assert cli.main(["cra", "strike.toml", "--alternatives"]) == 0
+    text = capsys.readouterr().out
+    assert f"under other laws °  {min(angles):.5g} to {max(angles):.5g}" in text
+    assert all(each["fitted_to"] in text for each in found)
+    assert cli.main(["cra", "strike.toml", "--alternatives", "--csv"]) == 0
+    rows = list(csv.DictReader(capsys.readouterr().out.splitlines()))
+    assert [float(row["critical_angle_deg"]) for row in rows] == angles
+    assert [row["free_surface"] for row in rows] == [each["free_surface"] for each in found]
+
+
+def test_alternatives_without_an_answer_are_told_beside_the_others(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    asked = ["--set", "search.upper_deg=88", "--set", 'resistance.strength_factor={"model": "constant", "value": 8.0}']
+    assert cli.main(["cra", "strike.toml", *asked, "--alternatives", "--csv"]) == 0
+    for row in csv.DictReader(capsys.readouterr().out.splitlines()):
+        assert bool(row["critical_angle_deg"]) is (row["strength_factor"] == "strength_power_law")
+        assert bool(row["problem"]) is not bool(row["critical_angle_deg"])
+
+
 def test_motion_over_time_is_a_table(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     history = answer(capsys, "trajectory", "strike.toml", "--oblique-angle", "55")["history"]
     assert cli.main(["trajectory", "strike.toml", "--oblique-angle", "55", "--csv"]) == 0

@@ -16,6 +16,7 @@ from solver import (
     ParameterError,
     Profile,
     Projectile,
+    PublishedTests,
     Resistance,
     RicochetError,
     Search,
@@ -107,6 +108,20 @@ CASES: list[tuple[str, Callable[[], object]]] = [
     *[(f"{S}.value", lambda value=value: ConstantStrengthFactor(value=value)) for value in (0.0, -8.0, NAN, INF)],
     *[(f"{S}.coefficient", lambda value=value: StrengthPowerLaw(coefficient=value)) for value in (0.0, -8.0, NAN, INF)],
     *[(f"{S}.exponent", lambda value=value: StrengthPowerLaw(exponent=value)) for value in (NAN, INF)],
+    *[
+        (f"{S}.reference_strength", lambda value=value: StrengthPowerLaw(reference_strength=value))
+        for value in (0.0, -1e6, NAN, INF)
+    ],
+    *[
+        (f"{S}.diameter_exponent", lambda value=value: StrengthPowerLaw(diameter_exponent=value))
+        for value in (NAN, INF)
+    ],
+    *[
+        (f"{S}.reference_diameter", lambda value=value: StrengthPowerLaw(reference_diameter=value))
+        for value in (0.0, -0.08, NAN, INF)
+    ],
+    (f"{S}.obliquity_shape", lambda: StrengthPowerLaw(obliquity_shape="cosine")),  # type: ignore[arg-type]
+    (f"{S}.obliquity_shape", lambda: PublishedTests(obliquity_shape="cosine")),  # type: ignore[arg-type]
     (f"{S}.coefficients", lambda: ObliquityPolynomial(coefficients=())),
     (f"{S}.coefficients", lambda: ObliquityPolynomial(coefficients=(1.0,) * 11)),
     (f"{S}.coefficients.1", lambda: ObliquityPolynomial(coefficients=(8.0, NAN))),
@@ -150,6 +165,19 @@ def test_strength_factor_at_or_below_zero_at_the_angle_is_refused() -> None:
             target=PAPER_TARGET,
             impact=paper_impact(oblique_angle_degrees=60.0),
             resistance=Resistance(strength_factor=ObliquityPolynomial(coefficients=(6.0, -0.1))),
+        )
+    assert caught.value.field == S
+
+
+@pytest.mark.parametrize("exponent", [1e3, -1e3])
+def test_power_law_beyond_all_numbers_is_refused(exponent: float) -> None:
+    law = StrengthPowerLaw(reference_strength=1.0, exponent=exponent, obliquity_shape="equation_9")
+    with pytest.raises(ParameterError, match="must be greater than 0") as caught:
+        simulate(
+            projectile=PAPER_PROJECTILE,
+            target=PAPER_TARGET,
+            impact=paper_impact(oblique_angle_degrees=30.0),
+            resistance=Resistance(strength_factor=law),
         )
     assert caught.value.field == S
 

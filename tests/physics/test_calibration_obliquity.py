@@ -115,7 +115,10 @@ def test_fit_goes_straight_into_a_search() -> None:
     assert math.degrees(found.angle) == pytest.approx(48.57, abs=0.1)
     assert found.standard_error > 0.0
     fitted = strength_factor(
-        resistance=Resistance(strength_factor=model), oblique_angle=math.radians(15.0), target=PAPER_TARGET
+        resistance=Resistance(strength_factor=model),
+        oblique_angle=math.radians(15.0),
+        target=PAPER_TARGET,
+        projectile=PAPER_PROJECTILE,
     )
     assert fitted == pytest.approx(8.25 + 0.153, abs=1e-3)
 

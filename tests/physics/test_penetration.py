@@ -102,7 +102,7 @@ def test_power_law_predicts_the_tests_of_1994_as_published() -> None:
                 projectile=projectile,
                 target=target,
                 velocity=float(row["striking_velocity_m_s"]),
-                strength_factor=StrengthPowerLaw().polynomial(target)[0],
+                strength_factor=StrengthPowerLaw().polynomial(target=target, projectile=projectile)[0],
             )
             ratios.append(predicted / float(row["penetration_depth_m"]))
     assert np.mean(ratios) == pytest.approx(1.02, abs=0.03)

@@ -111,6 +111,7 @@ def test_tables_have_the_columns_of_the_contract() -> None:
     assert {column.name for column in SCALARS["trajectory"]} == {
         "outcome",
         "maximum_depth_m",
+        "strength_factor",
         *(f"final_{name}" for name in MotionState.model_fields),
     }
     assert all(column.description for columns in (MOTION, TRIALS, *SCALARS.values()) for column in columns)

@@ -1,6 +1,7 @@
 // Critical angle: how three searches find it, and what happens just below and above.
 
 import { caseQuery, readCase, replaceAddress } from "../address.js";
+import { alternativesTable, askAngles, rest } from "../alternatives.js";
 import { angleRequest, withValue } from "../case.js";
 import { METHODS, drawAngles, drawPositions, summary, trialTable } from "../convergence.js";
 import { copyButtons } from "../copy-as.js";
@@ -41,18 +42,33 @@ export async function show(root, query) {
     await drawSideView(parts.side, runs, 0);
   }, fail);
 
+  const askLaws = latest(async (values, signal) => {
+    await rest();
+    if (askLaws.isBehind()) return;
+    const found = await askAngles(values, signal);
+    if (askLaws.isBehind()) return;
+    answers = { ...answers, outcome: found };
+    parts.answer.replaceChildren(tellAngle(found));
+    parts.laws.replaceChildren(alternativesTable(found));
+    parts.laws.removeAttribute("aria-busy");
+  }, fail);
+
   const askers = Object.keys(METHODS).map((method) =>
     latest(async (values, signal) => {
       const search = method === values.search?.method ? values.search : { method };
       const { data } = await ask("cra", { body: angleRequest(values, search), signal });
       answers = { ...answers, [method]: data };
       await showAnswers(parts, answers);
-      if (method === "outcome") askSides(values);
+      if (method === "outcome") {
+        askSides(values);
+        askLaws({ ...values, search });
+      }
     }, fail),
   );
 
   const askAll = (values) => {
     parts.problem.textContent = "";
+    parts.laws.setAttribute("aria-busy", "true");
     for (const asker of askers) asker(values);
   };
   const readdress = () => {
@@ -78,7 +94,7 @@ export async function show(root, query) {
   });
   askAll(form.currentCase());
   return () => {
-    for (const asker of [...askers, askSides]) asker.stop();
+    for (const asker of [...askers, askSides, askLaws]) asker.stop();
     for (const plot of [parts.side, parts.angles, parts.positions]) purge(plot);
   };
 }
@@ -107,6 +123,7 @@ function build(root, offset) {
     answer: element("div.outcome", {}, element("p.quiet", {}, "Computing ...")),
     warnings: element("div", {}),
     summary: element("div", {}),
+    laws: element("section.panel.across", { "aria-label": "Other laws", "aria-busy": "true" }),
     offset: element("select", { id: "offset" }, ...options),
     side: element("div.side-view", {}),
     angles: element("div.trials", {}),
@@ -132,6 +149,7 @@ function build(root, offset) {
         "div.pictures",
         {},
         element("section.panel.across", { "aria-label": "Answer" }, parts.answer, parts.problem, parts.summary),
+        parts.laws,
         section("Angles tried", element("p.quiet", {}, `${note} The dashed line is the critical angle.`), parts.angles),
         section("Final positions", element("p.quiet", {}, `${note} Outside the face is above.`), parts.positions),
         parts.sidePanel,

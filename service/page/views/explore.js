@@ -1,6 +1,7 @@
 // Explore: one strike, as its fields are changed.
 
 import { caseQuery, readCase, replaceAddress } from "../address.js";
+import { alternativesTable, askAngles, askOutcomes, rest } from "../alternatives.js";
 import { angleRequest } from "../case.js";
 import { copyButtons } from "../copy-as.js";
 import { element } from "../elements.js";
@@ -31,12 +32,14 @@ class Explore {
     this.instant = query.has("time_ms") ? Number(query.get("time_ms")) / 1e3 : Infinity; // the last unless chosen
     this.askPicture = latest((values, signal) => this.showPicture(values, signal), fail);
     this.askAngle = latest((values, signal) => this.showAngle(values, signal), fail);
+    this.askLaws = latest((values, signal) => this.showLaws(values, signal), fail);
     this.scrubber = buildScrubber(parts.scrubber, (row) => this.showInstant(row));
     this.form = buildForm(parts.form, {
       case: readCase(query),
       open: matchMedia("(min-width: 60rem)").matches ? ["Strike", "Projectile", "Target", "Model"] : ["Strike"],
       onChange: (values) => {
         this.changed = performance.now();
+        parts.laws.setAttribute("aria-busy", "true");
         this.askPicture(values);
         this.readdress();
       },
@@ -66,11 +69,25 @@ class Explore {
   async showAngle(values, signal) {
     const body = angleRequest(values);
     const asked = JSON.stringify(body);
-    if (asked === this.angleAsked) return; // the oblique angle does not matter to it
-    const { data } = await ask("cra", { body, signal });
-    this.angleAsked = asked;
-    this.parts.angle.replaceChildren(tellAngle(data));
-    this.tellWarnings({ angle: data.warnings });
+    if (asked !== this.angleAsked) {
+      // the oblique angle does not matter to it
+      const { data } = await ask("cra", { body, signal });
+      this.angleAsked = asked;
+      this.parts.angle.replaceChildren(tellAngle(data));
+      this.tellWarnings({ angle: data.warnings });
+    }
+    this.askLaws(values);
+  }
+
+  async showLaws(values, signal) {
+    await rest();
+    if (this.askLaws.isBehind()) return;
+    const [angles, outcomes] = await Promise.all([askAngles(values, signal), askOutcomes(values, signal)]);
+    if (this.askLaws.isBehind()) return;
+    const isShown = JSON.stringify(angleRequest(values)) === this.angleAsked;
+    if (isShown) this.parts.angle.replaceChildren(tellAngle(angles));
+    this.parts.laws.replaceChildren(alternativesTable(angles, outcomes));
+    this.parts.laws.removeAttribute("aria-busy");
   }
 
   showInstant(row) {
@@ -102,6 +119,7 @@ class Explore {
   leave() {
     this.askPicture.stop();
     this.askAngle.stop();
+    this.askLaws.stop();
     this.scrubber.stop();
     purge(this.parts.side);
     purge(this.parts.histories);
@@ -116,6 +134,7 @@ function build(root) {
     outcome: element("div", {}, element("p.quiet", {}, "Computing ...")),
     angle: element("div", {}),
     warnings: element("div", {}),
+    laws: element("section.panel", { "aria-label": "Other laws", "aria-busy": "true" }),
     side: element("div.side-view", { "aria-busy": "true" }),
     scrubber: element("div.scrubber", {}),
     histories: element("div.histories", { "aria-busy": "true" }),
@@ -133,6 +152,7 @@ function build(root) {
         element("section.panel", {}, element("h2", {}, "Side view"), parts.side, parts.scrubber),
         element("section.panel", {}, element("h2", {}, "Histories"), parts.histories),
         element("section.panel", { "aria-label": "Warnings" }, parts.warnings),
+        parts.laws,
         element("section.panel", {}, element("h2", {}, "Copy this case"), parts.copy),
       ),
     ),

@@ -69,7 +69,9 @@ class Prediction:
         if self.answer.angle is None:
             return None
         resistance = Resistance(strength_factor=self.model)
-        return strength_factor(resistance=resistance, oblique_angle=self.answer.angle, target=PAPER_TARGET)
+        return strength_factor(
+            resistance=resistance, oblique_angle=self.answer.angle, target=PAPER_TARGET, projectile=PAPER_PROJECTILE
+        )
 
 
 @dataclass(frozen=True, slots=True)

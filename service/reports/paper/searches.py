@@ -94,7 +94,9 @@ def _early_position(oblique_angle: float) -> float:
         projectile=PAPER_PROJECTILE,
         target=PAPER_TARGET,
         impact=paper_strike(oblique_angle),
-        strength_factor=strength_factor(resistance=Resistance(), oblique_angle=oblique_angle, target=PAPER_TARGET),
+        strength_factor=strength_factor(
+            resistance=Resistance(), oblique_angle=oblique_angle, target=PAPER_TARGET, projectile=PAPER_PROJECTILE
+        ),
         times=np.array([0.0, paper_value("position_plot_time_s")]),
         numerics=Numerics(method="panels"),
     )

@@ -23,7 +23,9 @@ PAPER_STEP, PAPER_ELEMENTS = 1e-5, 12_000
 TIMES = np.linspace(0.0, 5e-3, 501)
 """[s]"""
 STRIKE = paper_strike(OBLIQUE_ANGLE)
-STRENGTH = strength_factor(resistance=Resistance(), oblique_angle=OBLIQUE_ANGLE, target=PAPER_TARGET)
+STRENGTH = strength_factor(
+    resistance=Resistance(), oblique_angle=OBLIQUE_ANGLE, target=PAPER_TARGET, projectile=PAPER_PROJECTILE
+)
 TEXT = paragraphs(
     """
     The paper's fixed-step program at 45° from the normal with other steps and other numbers of

@@ -64,7 +64,9 @@ def section(tell: Tell) -> Section:
 def _modelled(oblique_angle: float) -> View:
     impact = paper_strike(oblique_angle)
     outcome = simulate(projectile=PAPER_PROJECTILE, target=PAPER_TARGET, impact=impact, sample_interval=None).outcome
-    strength = strength_factor(resistance=Resistance(), oblique_angle=oblique_angle, target=PAPER_TARGET)
+    strength = strength_factor(
+        resistance=Resistance(), oblique_angle=oblique_angle, target=PAPER_TARGET, projectile=PAPER_PROJECTILE
+    )
     history = motion_of(impact, strength_factor=strength, times=np.linspace(0.0, INSTANTS[-1], 501))
     return View(f"model, {math.degrees(oblique_angle):.2f}°: {WORDS[outcome.value]}", path_of(history, impact))
 

@@ -92,7 +92,12 @@ def predict(strikes: Sequence[Strike], method: str, curves: Sequence[DepthCurve]
 def model_factors(strikes: Sequence[Strike], model: StrengthFactor) -> FloatArray:
     """Strength factor of each strike by a model that knows the concrete only. [1]"""
     resistance = Resistance(strength_factor=model)
-    return np.array([strength_factor(resistance=resistance, oblique_angle=0.0, target=each.target) for each in strikes])
+    return np.array(
+        [
+            strength_factor(resistance=resistance, oblique_angle=0.0, target=each.target, projectile=each.projectile)
+            for each in strikes
+        ]
+    )
 
 
 def depth_curve(strike: Strike, method: str) -> DepthCurve:

@@ -1,0 +1,161 @@
+"""`"alternatives": true`: the same case under other laws, each of them a case like any other."""
+
+import asyncio
+from typing import Any
+
+import httpx
+import pytest
+
+from service.schemas import CriticalAngleAnswer, TrajectoryAnswer
+from service.schemas.examples import PAPER, PAPER_AT_45
+
+from .refused import problem_of
+
+LAWS = [
+    (decay, strength)
+    for decay in ("elastic_plastic", "mohr_coulomb", "none")
+    for strength in ("obliquity_polynomial", "published_tests", "strength_power_law")
+]
+
+
+def strike(velocity: float, **more: Any) -> dict[str, Any]:
+    """A case that no other test computes."""
+    return PAPER | {"impact": {"velocity_m_s": velocity}} | more
+
+
+def under(body: dict[str, Any], alternative: dict[str, Any]) -> dict[str, Any]:
+    """The same case with these laws as its own."""
+    resistance = {name: {"model": alternative[name]} for name in ("free_surface", "strength_factor")}
+    return body | {"resistance": resistance}
+
+
+def test_each_alternative_is_the_answer_of_its_own_query_which_is_then_known(client: httpx.Client) -> None:
+    body = strike(231.25)
+    response = client.post("/cra", json=body | {"alternatives": True})
+    assert response.headers["Cache-Status"] == "ricochet; fwd=miss"
+    answer = CriticalAngleAnswer.model_validate(response.json())
+    assert isinstance(answer.alternatives, list)
+    assert [(each.free_surface, each.strength_factor) for each in answer.alternatives] == LAWS
+    for each in response.json()["alternatives"]:
+        own = client.post("/cra", json=under(body, each))
+        assert own.headers["Cache-Status"] == "ricochet; hit"
+        assert each["status"] == own.json()["status"]
+        assert each["critical_angle_deg"] == own.json()["critical_angle_deg"]
+        assert each["fitted_to"]
+
+
+def test_outcome_under_each_law_likewise(client: httpx.Client) -> None:
+    body = PAPER_AT_45 | {"impact": {"velocity_m_s": 231.25, "oblique_angle_deg": 45.0}}
+    response = client.post("/trajectory", json=body | {"alternatives": True})
+    answer = TrajectoryAnswer.model_validate(response.json())
+    assert isinstance(answer.alternatives, list)
+    assert [(each.free_surface, each.strength_factor) for each in answer.alternatives] == LAWS
+    for each in response.json()["alternatives"]:
+        own = client.post("/trajectory", json=under(body, each))
+        assert own.headers["Cache-Status"] == "ricochet; hit"
+        assert each["outcome"] == own.json()["outcome"]
+        assert "status" not in each
+
+
+def test_key_and_answer_are_those_of_the_case_without(client: httpx.Client) -> None:
+    for path, body in (("/cra", strike(232.25)), ("/trajectory", PAPER_AT_45)):
+        answers = [
+            client.post(path, json=body | extra).json()
+            for extra in ({"alternatives": True}, {}, {"alternatives": False}, {"alternatives": True})
+        ]
+        others = [answer.pop("alternatives", None) for answer in answers]
+        assert answers[0] == answers[1] == answers[2] == answers[3]
+        assert others[1] is None
+        assert others[2] is None
+        assert others[0] == others[3]
+        kept = client.get(f"/results/{answers[0]['key']}").json()
+        assert kept == answers[0]
+
+
+def test_what_is_known_already_is_not_computed_again(client: httpx.Client) -> None:
+    def misses() -> float:
+        lines = client.get("/metrics").text.splitlines()
+        return sum(
+            float(line.rpartition(" ")[2])
+            for line in lines
+            if line.startswith("ricochet_cases_total") and 'operation="cra"' in line and 'cache="miss"' in line
+        )
+
+    body = strike(233.25)
+    client.post("/cra", json=under(body, {"free_surface": "none", "strength_factor": "published_tests"}))
+    before = misses()
+    first = client.post("/cra", json=body | {"alternatives": True})
+    assert first.headers["Cache-Status"] == "ricochet; fwd=miss"
+    assert misses() - before == len(LAWS) - 1  # the case itself, eq. 9 and elastic-plastic, is one of them
+    again = client.post("/cra", json=body | {"alternatives": True})
+    assert again.headers["Cache-Status"] == "ricochet; hit"
+    assert again.content == first.content
+    assert misses() - before == len(LAWS) - 1
+
+
+def test_law_without_an_answer_has_a_problem_and_the_others_their_angles(client: httpx.Client) -> None:
+    body = strike(238.0, search={"upper_deg": 88.0})
+    body["resistance"] = {"strength_factor": {"model": "constant", "value": 8.0}}
+    answer = client.post("/cra", json=body | {"alternatives": True}).raise_for_status().json()
+    CriticalAngleAnswer.model_validate(answer)
+    for each in answer["alternatives"]:
+        if each["strength_factor"] == "strength_power_law":
+            assert "critical_angle_deg" in each
+        else:  # eq. 9 is below zero at 88°
+            assert "status" not in each
+            assert each["problem"]["errors"][0]["pointer"] == "/resistance/strength_factor"
+            assert each["problem"]["instance"] == "/cra"
+
+
+def test_alternatives_without_an_angle_say_why(client: httpx.Client) -> None:
+    body = strike(238.0, search={"lower_deg": 10.0, "upper_deg": 20.0}, alternatives=True)
+    for each in client.post("/cra", json=body).json()["alternatives"]:
+        assert each["status"] == "no_ricochet"
+        assert "critical_angle_deg" not in each
+
+
+def test_inertia_of_the_case_is_kept(client: httpx.Client) -> None:
+    body = strike(238.0)
+    inertia = {"inertia_factor": 0.5, "free_surface": {"model": "mohr_coulomb", "inertia": True}}
+    own = client.post("/cra", json=body | {"resistance": inertia, "alternatives": True}).json()
+    plain = client.post("/cra", json=body | {"alternatives": True}).json()
+    (same,) = [
+        each
+        for each in own["alternatives"]
+        if (each["free_surface"], each["strength_factor"]) == ("mohr_coulomb", "obliquity_polynomial")
+    ]
+    assert same["critical_angle_deg"] == own["critical_angle_deg"]
+    for one, other in zip(own["alternatives"], plain["alternatives"], strict=True):
+        assert one["critical_angle_deg"] != other["critical_angle_deg"]
+
+
+def test_equal_requests_at_once_share_their_work(live_url: str) -> None:
+    async def ask() -> list[httpx.Response]:
+        async with httpx.AsyncClient(base_url=live_url, timeout=60.0, trust_env=False) as client:
+            body = strike(234.25, alternatives=True)
+            return list(await asyncio.gather(*(client.post("/cra", json=body) for _ in range(4))))
+
+    responses = asyncio.run(ask())
+    assert {response.status_code for response in responses} == {200}
+    assert len({response.content for response in responses}) == 1
+
+
+def test_case_that_is_wrong_is_refused_whole(client: httpx.Client) -> None:
+    body = strike(238.0, alternatives=True) | {"search": {"upper_deg": 88.0}}
+    found = problem_of(client.post("/cra", json=body), 422)
+    assert [error.pointer for error in found.errors] == ["/resistance/strength_factor"]
+
+
+@pytest.mark.parametrize("value", [1, "true", None])
+def test_what_is_no_truth_value_is_refused(client: httpx.Client, value: Any) -> None:
+    found = problem_of(client.post("/cra", json=PAPER | {"alternatives": value}), 422)
+    assert [error.pointer for error in found.errors] == ["/alternatives"]
+
+
+def test_cases_among_many_have_no_alternatives(client: httpx.Client) -> None:
+    case = PAPER | {"alternatives": True}
+    found = problem_of(client.post("/cra/batch", json={"cases": [case]}), 422)
+    assert [error.pointer for error in found.errors] == ["/cases/0/alternatives"]
+    axes = [{"field": "impact.velocity_m_s", "values": [238.0]}]
+    found = problem_of(client.post("/cra/sweep", json={"base": case, "axes": axes}), 422)
+    assert [error.pointer for error in found.errors] == ["/base/alternatives"]

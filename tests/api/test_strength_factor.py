@@ -1,0 +1,95 @@
+"""The models of the strength factor over HTTP, and the strength factor in the answers."""
+
+import csv
+import io
+from typing import Any
+
+import h5py
+import httpx
+import pytest
+
+from service.schemas.examples import PAPER, PAPER_AT_45
+from service.schemas.resistance import PUBLISHED, STRENGTH_AND_DIAMETER
+
+from .refused import problem_of
+
+CONSTANT = {"model": "constant", "value": 82.6 * 39.0**-0.544}
+
+
+def with_model(body: dict[str, Any], model: dict[str, Any]) -> dict[str, Any]:
+    return body | {"resistance": {"strength_factor": model}}
+
+
+def ask(client: httpx.Client, path: str, body: dict[str, Any]) -> dict[str, Any]:
+    answer: dict[str, Any] = client.post(path, json=body).raise_for_status().json()
+    return answer
+
+
+def test_power_law_of_strength_means_what_it_meant(client: httpx.Client) -> None:
+    law = {"model": "strength_power_law", "coefficient": 82.6, "exponent": -0.544}
+    by_law, by_value = (ask(client, "/trajectory", with_model(PAPER_AT_45, model)) for model in (law, CONSTANT))
+    assert by_law["strength_factor"] == pytest.approx(CONSTANT["value"], rel=1e-12)
+    assert by_law["final"] == pytest.approx(by_value["final"], rel=1e-9)
+
+
+def test_published_tests_are_a_power_law_that_can_be_written_out(client: httpx.Client) -> None:
+    answers = [ask(client, "/cra", with_model(PAPER, model)) for model in (PUBLISHED, STRENGTH_AND_DIAMETER)]
+    ready_made, written_out = answers
+    assert ready_made["critical_angle_deg"] == pytest.approx(written_out["critical_angle_deg"], abs=1e-9)
+    assert ready_made["strength_factor"] == pytest.approx(written_out["strength_factor"], rel=1e-12)
+    constant = ask(client, "/cra", with_model(PAPER, PUBLISHED | {"obliquity_shape": "constant"}))
+    assert constant["strength_factor"] == pytest.approx(6.55 * (80.0 / 76.2) ** -0.42, rel=1e-12)
+    assert constant["critical_angle_deg"] < ready_made["critical_angle_deg"]
+
+
+def test_strength_factor_is_that_of_the_angle(client: httpx.Client) -> None:
+    run = ask(client, "/trajectory", PAPER_AT_45)
+    assert run["strength_factor"] == pytest.approx(8.469 + 0.0149 * 45.0 - 0.0013 * 45.0**2, rel=1e-12)
+    found = ask(client, "/cra", PAPER | {"output": {"history": True}})
+    angle = found["critical_angle_deg"]
+    assert found["strength_factor"] == pytest.approx(8.469 + 0.0149 * angle - 0.0013 * angle**2, rel=1e-12)
+    assert found["trajectory"]["strength_factor"] == pytest.approx(found["strength_factor"], rel=1e-12)
+    none = ask(client, "/cra", PAPER | {"search": {"lower_deg": 10.0, "upper_deg": 20.0}})
+    assert "strength_factor" not in none
+
+
+@pytest.mark.parametrize(("path", "body"), [("/trajectory", PAPER_AT_45), ("/cra", PAPER)])
+def test_tables_have_the_strength_factor(client: httpx.Client, path: str, body: dict[str, Any]) -> None:
+    answer = ask(client, path, body)
+    content = client.get(f"/results/{answer['key']}", headers={"Accept": "application/x-hdf5"}).content
+    with h5py.File(io.BytesIO(content)) as file:
+        assert file["summary"]["strength_factor"].tolist() == [answer["strength_factor"]]
+    asked = {"headers": {"Prefer": "respond-async, wait=30"}, "json": {"cases": [body]}}
+    job = client.post(f"{path}/batch", **asked).headers["Content-Location"]  # type: ignore[arg-type]
+    (row,) = csv.DictReader(io.StringIO(client.get(job, headers={"Accept": "text/csv"}).text))
+    assert float(row["strength_factor"]) == answer["strength_factor"]
+
+
+def test_exponent_of_the_diameter_can_be_swept(client: httpx.Client) -> None:
+    axis = {"field": "resistance.strength_factor.diameter_exponent", "values": [-0.5, 0.0]}
+    answer = ask(client, "/cra/sweep", {"base": with_model(PAPER, STRENGTH_AND_DIAMETER), "axes": [axis]})
+    weaker, stronger = (each["result"]["strength_factor"] for each in answer["results"])
+    assert weaker < stronger  # 80 mm are above the reference of 76.2 mm
+
+
+def test_equation_9_in_other_concrete_is_warned_of(client: httpx.Client) -> None:
+    target = PAPER["target"] | {"compressive_strength_pa": 20e6}
+    for path, body in (("/trajectory", PAPER_AT_45), ("/cra", PAPER)):
+        codes = {each["code"] for each in ask(client, path, body | {"target": target})["warnings"]}
+        assert "strength_factor_of_other_concrete" in codes
+        codes = {each["code"] for each in ask(client, path, body)["warnings"]}
+        assert "strength_factor_of_other_concrete" not in codes
+
+
+@pytest.mark.parametrize(
+    ("change", "field"),
+    [
+        ({"reference_strength_pa": 0.0}, "reference_strength_pa"),
+        ({"reference_diameter_m": -1.0}, "reference_diameter_m"),
+        ({"diameter_exponent": 11.0}, "diameter_exponent"),
+        ({"obliquity_shape": "cosine"}, "obliquity_shape"),
+    ],
+)
+def test_wrong_field_of_the_law_is_named(client: httpx.Client, change: dict[str, Any], field: str) -> None:
+    found = problem_of(client.post("/cra", json=with_model(PAPER, STRENGTH_AND_DIAMETER | change)), 422)
+    assert [error.pointer for error in found.errors] == [f"/resistance/strength_factor/{field}"]

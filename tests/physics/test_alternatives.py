@@ -1,0 +1,94 @@
+"""The same case under other laws."""
+
+import math
+from typing import Any
+
+import pytest
+
+from solver import (
+    ConstantStrengthFactor,
+    ElasticPlastic,
+    MohrCoulomb,
+    NoFreeSurface,
+    ObliquityPolynomial,
+    Outcome,
+    ParameterError,
+    PublishedTests,
+    Resistance,
+    Search,
+    StrengthPowerLaw,
+    alternatives,
+    critical_angle,
+    simulate,
+)
+from solver.cases import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY, paper_impact
+
+CASE: dict[str, Any] = {"projectile": PAPER_PROJECTILE, "target": PAPER_TARGET, "velocity": PAPER_VELOCITY}
+LAWS = [
+    (decay, strength)
+    for decay in ("elastic_plastic", "mohr_coulomb", "none")
+    for strength in ("obliquity_polynomial", "published_tests", "strength_power_law")
+]
+
+
+def test_critical_angle_under_each_law_is_that_of_its_resistance() -> None:
+    found = alternatives(critical_angle, **CASE)
+    assert [(each.free_surface, each.strength_factor) for each in found] == LAWS
+    decays = {model.name: model for model in (ElasticPlastic(), MohrCoulomb(), NoFreeSurface())}
+    strengths = {model.name: model for model in (ObliquityPolynomial(), PublishedTests(), StrengthPowerLaw())}
+    for each in found:
+        resistance = Resistance(
+            free_surface=decays[each.free_surface],
+            strength_factor=strengths[each.strength_factor],
+        )
+        assert each.resistance == resistance
+        assert each.answer == critical_angle(**CASE, resistance=resistance)
+
+
+def test_stronger_decay_lowers_the_critical_angle_under_every_strength_law() -> None:
+    found = {(each.free_surface, each.strength_factor): each.answer for each in alternatives(critical_angle, **CASE)}
+    for strength in ("obliquity_polynomial", "published_tests", "strength_power_law"):
+        angles = [found[decay, strength].angle for decay in ("mohr_coulomb", "elastic_plastic", "none")]  # type: ignore[union-attr]
+        assert angles == sorted(angles)  # type: ignore[type-var]
+
+
+def test_outcomes_under_each_law_agree_with_its_critical_angle() -> None:
+    strike = {name: CASE[name] for name in ("projectile", "target")} | {
+        "impact": paper_impact(oblique_angle_degrees=50.0),
+        "sample_interval": None,
+    }
+    for run, search in zip(alternatives(simulate, **strike), alternatives(critical_angle, **CASE), strict=True):
+        assert run.resistance == search.resistance
+        assert not isinstance(run.answer, Exception)
+        assert not isinstance(search.answer, Exception)
+        assert search.answer.angle is not None
+        turned_away = search.answer.angle < math.radians(50.0)
+        assert run.answer.outcome is (Outcome.RICOCHET if turned_away else Outcome.EMBEDDED)
+
+
+def test_inertia_of_the_case_is_kept_and_its_laws_are_not() -> None:
+    own = Resistance(
+        strength_factor=ConstantStrengthFactor(value=6.0), inertia_factor=0.8, free_surface=MohrCoulomb(inertia=True)
+    )
+    found = alternatives(lambda resistance: resistance, resistance=own)
+    assert [each.answer for each in found] == [each.resistance for each in found]
+    assert {each.resistance.inertia_factor for each in found} == {0.8}
+    assert all(getattr(each.resistance.free_surface, "inertia", True) for each in found)
+    assert "constant" not in {each.strength_factor for each in found}
+
+
+def test_law_without_an_answer_gives_its_error_and_the_others_their_answers() -> None:
+    found = alternatives(critical_angle, **CASE, search=Search(upper=math.radians(88.0)))
+    for each in found:
+        follows_equation_9 = each.strength_factor != "strength_power_law"  # which is below zero at 88°
+        assert isinstance(each.answer, ParameterError) is follows_equation_9
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_each_says_in_short_what_it_was_fitted_to(law: tuple[str, str]) -> None:
+    (found,) = [
+        each for each in alternatives(lambda resistance: None) if (each.free_surface, each.strength_factor) == law
+    ]
+    assert found.fitted_to.startswith("S: ")
+    assert "decay" in found.fitted_to
+    assert len(found.fitted_to) <= 140
