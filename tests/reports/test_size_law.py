@@ -10,6 +10,8 @@ from service.reports.validation.assessment import Assessment, assess
 from service.reports.validation.predictions import TRAJECTORY, trajectory_depth
 from service.reports.validation.size_law import (
     LARGE,
+    REFERENCE_DIAMETER,
+    REFERENCE_STRENGTH,
     fit_places,
     fit_size_law,
     fitted_places,
@@ -22,6 +24,7 @@ from service.reports.validation.size_law import (
 )
 from service.reports.validation.size_law_section import size_law_section
 from service.reports.validation.strikes import OUTLIER_ROW
+from solver import PublishedTests
 
 
 @pytest.fixture(scope="module")
@@ -37,10 +40,11 @@ def test_exact_factors_give_the_measured_depths(assessment: Assessment) -> None:
 
 
 def test_constants_are_those_of_the_law_of_published_tests(assessment: Assessment) -> None:
-    law = fit_places(assessment, fitted_places(assessment), diameter=True)
-    assert law.coefficient == pytest.approx(6.55, abs=0.01)
-    assert law.strength_exponent == pytest.approx(-0.31, abs=0.005)
-    assert law.diameter_exponent == pytest.approx(-0.42, abs=0.005)
+    law, published = fit_places(assessment, fitted_places(assessment), diameter=True).model, PublishedTests.law
+    assert (published.reference_strength, published.reference_diameter) == (REFERENCE_STRENGTH, REFERENCE_DIAMETER)
+    assert law.coefficient == pytest.approx(published.coefficient, abs=0.01)
+    assert law.exponent == pytest.approx(published.exponent, abs=0.005)
+    assert law.diameter_exponent == pytest.approx(published.diameter_exponent, abs=0.005)
 
 
 def test_law_is_fitted_to_45_tests_below_900_m_s_and_predicts_54(assessment: Assessment) -> None:
@@ -58,11 +62,11 @@ def test_fit_finds_the_law_that_made_the_factors(assessment: Assessment) -> None
         for each in assessment.strikes
     ]
     law = fit_size_law(assessment.strikes, np.array(made))
-    assert (law.coefficient, law.strength_exponent, law.diameter_exponent) == pytest.approx((7.0, -0.2, -0.5))
+    assert (law.model.coefficient, law.model.exponent, law.model.diameter_exponent) == pytest.approx((7.0, -0.2, -0.5))
     assert max(law.standard_errors) < 1e-9
     plain = fit_size_law(assessment.strikes, np.array(made), diameter=False)
-    assert plain.diameter_exponent == 0.0
-    assert plain.strength_exponent > -0.2  # takes over what the diameter explains, for large ones met weak concrete
+    assert plain.model.diameter_exponent == 0.0
+    assert plain.model.exponent > -0.2  # takes over what the diameter explains, for large ones met weak concrete
 
 
 def test_series_left_out_does_not_move_the_law_that_predicts_it(assessment: Assessment) -> None:
@@ -81,7 +85,7 @@ def test_diameter_does_not_help_for_a_series_that_was_left_out(assessment: Asses
     for diameter in (True, False):
         found = [each for each in leave_out(assessment, diameter=diameter) if each.name != LARGE]
         scatter[diameter] = log_scatter(np.concatenate([each.slow for each in found]))
-        exponents += [each.law.diameter_exponent for each in found if diameter]
+        exponents += [each.law.model.diameter_exponent for each in found if diameter]
     assert scatter[True] == pytest.approx(0.273, abs=0.01)
     assert scatter[False] == pytest.approx(0.250, abs=0.01)
     assert min(exponents) < -0.6

@@ -29,6 +29,8 @@ COMMON = "second order, angles of the finer mesh"
 NEAR = "constant, mean of 45° to 50°"
 TO_45 = "second order, up to 45°"
 PAPER = "the paper's eq. 9"
+SCAN = math.radians(0.3)
+"""Of a search: where S falls to zero, projectiles are turned away over a range that a wider scan can miss. [rad]"""
 NEAR_ANGLES = (45.0, 48.0, 50.0)
 """[°]"""
 
@@ -152,7 +154,7 @@ def _predict(
         target=PAPER_TARGET,
         velocity=PAPER_VELOCITY,
         resistance=Resistance(strength_factor=model, free_surface=LAWS[law]),
-        search=Search(upper=upper),
+        search=Search(upper=upper, scan_interval=SCAN),
     )
     return Prediction(
         law=law,

@@ -9,6 +9,7 @@ import numpy as np
 from service.reports.validation.assessment import Assessment
 from service.reports.validation.predictions import trajectory_depth
 from service.reports.validation.strikes import Strike
+from solver import Resistance, StrengthPowerLaw, strength_factor
 from solver.arrays import FloatArray
 
 REFERENCE_STRENGTH, REFERENCE_DIAMETER = 39e6, 0.0762
@@ -26,20 +27,18 @@ LARGE = "all of 76.2 mm"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SizeLaw:
-    """``S = c (f'c / 39 MPa)^a (d / 76.2 mm)^b``, with b = 0 if the diameter is left out."""
+    """A fitted law ``S = c (f'c / 39 MPa)^a (d / 76.2 mm)^b``, with b = 0 if the diameter is left out."""
 
-    coefficient: float
-    """[1]"""
-    strength_exponent: float
-    diameter_exponent: float
+    model: StrengthPowerLaw
     standard_errors: tuple[float, ...]
     """Of ln c, a and, with the diameter, b."""
 
     def factor(self, strike: Strike) -> float:
         """Strength factor of a test. [1]"""
-        strength = strike.test.compressive_strength / REFERENCE_STRENGTH
-        size = strike.test.diameter / REFERENCE_DIAMETER
-        return float(self.coefficient * strength**self.strength_exponent * size**self.diameter_exponent)
+        resistance = Resistance(strength_factor=self.model)
+        return strength_factor(
+            resistance=resistance, oblique_angle=0.0, target=strike.target, projectile=strike.projectile
+        )
 
 
 def fit_size_law(strikes: Sequence[Strike], factors: FloatArray, *, diameter: bool = True) -> SizeLaw:
@@ -65,9 +64,13 @@ def fit_size_law(strikes: Sequence[Strike], factors: FloatArray, *, diameter: bo
     variance = float(np.sum((values - matrix @ solution) ** 2)) / (len(strikes) - len(columns))
     errors = np.sqrt(np.diagonal(np.linalg.inv(matrix.T @ matrix)) * variance)
     return SizeLaw(
-        coefficient=math.exp(solution[0]),
-        strength_exponent=float(solution[1]),
-        diameter_exponent=float(solution[2]) if diameter else 0.0,
+        model=StrengthPowerLaw(
+            coefficient=math.exp(solution[0]),
+            exponent=float(solution[1]),
+            reference_strength=REFERENCE_STRENGTH,
+            diameter_exponent=float(solution[2]) if diameter else 0.0,
+            reference_diameter=REFERENCE_DIAMETER,
+        ),
         standard_errors=tuple(map(float, errors)),
     )
 
