@@ -50,7 +50,7 @@ test-all: setup ## run the tests that take minutes as well
 	@$(WARM_UP)
 	@$(PYTEST) -m "slow or not slow" $(ARGS)
 
-check: setup ## lint, format, types, floors, committed contract and tables, Dockerfile, known vulnerabilities
+check: setup ## lint, format, types, layers, committed contract and tables, Dockerfile, known vulnerabilities
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	$(BIN)/mypy

@@ -23,10 +23,10 @@ from typing import Any
 from benchmarks.machine import machine, versions
 from benchmarks.random_cases import one_by_one, study_cases
 from benchmarks.tables import table
-from service.executors.dask import DaskExecutor
-from service.executors.face import Executor
-from service.pool.executor import PoolExecutor
-from service.pool.worker import Call, Finished, run_cra
+from service.dask.executor import DaskExecutor
+from service.workers.base import Call, CallResult, Executor
+from service.workers.process_pool import ProcessPool
+from solver import CriticalAngle, critical_angle
 from tests.service.dask_cluster import dask_cluster
 from tests.service.squares import accepted, cases, ended, running
 
@@ -41,11 +41,11 @@ IN_FLIGHT = 2
 """Chunks for each worker."""
 
 
-async def run_all(executor: Executor, chunks: Sequence[Sequence[Call]]) -> tuple[list[Finished], float]:
+async def run_all(executor: Executor, chunks: Sequence[Sequence[Call]]) -> tuple[list[CallResult], float]:
     """What became of all calls, in order, and the seconds it took, with a few chunks in flight as in the service."""
-    places = asyncio.Semaphore(executor.width * IN_FLIGHT)
+    places = asyncio.Semaphore(executor.capacity * IN_FLIGHT)
 
-    async def one(chunk: Sequence[Call]) -> list[Finished]:
+    async def one(chunk: Sequence[Call]) -> list[CallResult]:
         async with places:
             return await executor.run(chunk)
 
@@ -57,7 +57,7 @@ async def run_all(executor: Executor, chunks: Sequence[Sequence[Call]]) -> tuple
 @asynccontextmanager
 async def pool_of(workers: int) -> AsyncIterator[Executor]:
     """A pool."""
-    pool = PoolExecutor(workers=workers, task_seconds=60.0)
+    pool = ProcessPool(workers=workers, task_seconds=60.0)
     await pool.start()
     yield pool
     await pool.stop(2.0)
@@ -69,7 +69,7 @@ async def cluster_of(workers: int) -> AsyncIterator[Executor]:
     with tempfile.TemporaryDirectory() as folder, dask_cluster(Path(folder), workers) as cluster:
         executor = DaskExecutor(address=cluster.address, workers=1, task_seconds=60.0)
         await executor.start()
-        while executor.cluster.width < workers:  # noqa: ASYNC110 (other processes set no event)
+        while executor.cluster.capacity < workers:  # noqa: ASYNC110 (other processes set no event)
             await asyncio.sleep(0.1)
         yield executor
         await executor.stop(2.0)
@@ -115,8 +115,13 @@ async def job(executor: Executor, count: int, seconds: float = 0.0) -> dict[str,
     }
 
 
+def found_angle(case: dict[str, Any]) -> CriticalAngle:
+    """Find one critical angle, in a worker."""
+    return critical_angle(**case)
+
+
 async def measure(count: int, naps: int, repetitions: int) -> dict[str, Any]:
-    calls: list[Call] = [(run_cra, (dict(case), None)) for case in one_by_one(study_cases(count, SEED))]
+    calls: list[Call] = [(found_angle, (dict(case),)) for case in one_by_one(study_cases(count, SEED))]
     found: dict[str, Any] = {"study": {"cases": count}, "no_ops": {}, "jobs": {}, "naps": {"cases": naps}}
     answers = {}
     for name, start in (("pool", pool_of), ("dask", cluster_of)):

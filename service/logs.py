@@ -16,10 +16,10 @@ BEGUN = "ricochet.begun"
 SANE_ID = re.compile(rb"[0-9A-Za-z._:-]{1,128}")
 """Ids of others that are taken over: nothing that could be more than an id where it is printed."""
 UNKNOWN = "unknown"
-"""Stands for every path that is no route: each of its own would fill the metrics."""
+"""Stands for every path that is no route: a label for each would fill the metrics."""
 
 Observe = Callable[[str, str, int, float], None]
-"""Told of every request: its method, route, status and seconds."""
+"""Called for every request with its method, route, status and seconds."""
 
 
 def configure(level: str) -> None:
@@ -57,14 +57,14 @@ def request_logger(level: str) -> structlog.typing.FilteringBoundLogger:
 
 
 class RequestLog:
-    """Middleware, outside all others: gives each request an id, and tells of it when it has been answered.
+    """Middleware, outside all others: gives each request an id, and logs it when it has been answered.
 
     Parameters
     ----------
     app
         What answers.
     observe
-        Told of every request.
+        Called for every request.
     level
         Least weight of what is logged.
     """

@@ -1,6 +1,7 @@
 """The least that FastAPI can do, served with the options of the service."""
 
 import asyncio
+from types import SimpleNamespace
 
 from fastapi import FastAPI
 
@@ -10,7 +11,7 @@ from service.settings import Settings
 
 def main() -> None:
     app, settings = FastAPI(openapi_url=None), Settings()
-    app.state.stopping, app.state.settings = asyncio.Event(), settings  # what connections look at
+    app.state.services = SimpleNamespace(stopping=asyncio.Event(), settings=settings)  # what connections look at
 
     @app.get("/empty")
     async def empty() -> None:

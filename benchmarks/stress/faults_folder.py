@@ -7,7 +7,7 @@ from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from service.results.hdf5 import read_keys
+from service.cache.hdf5 import read_keys
 
 SEGMENTS = Path("results", "segments")
 INDEX = Path("results", "index.sqlite")

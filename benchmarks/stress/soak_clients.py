@@ -171,7 +171,7 @@ def rows_of(session: Session, job: dict[str, Any], form: str) -> int:
     """Download a job in this form, and count its results."""
     content = session.get(job["links"]["results"], form).content
     if form == CSV:
-        return content.count(b"\n") - 1
+        return sum(not line.startswith(b"#") for line in content.splitlines()) - 1
     with h5py.File(BytesIO(content)) as file:
         return len(file["summary"])
 

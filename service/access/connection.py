@@ -16,8 +16,8 @@ from uvicorn.server import ServerState
 
 from service.access.arrival import CYCLE
 from service.access.headers import secured
-from service.kinds import Kind, content
-from service.limits import Limits
+from service.errors import ProblemType
+from service.settings import Limits
 
 
 class HeadTooLongError(Exception):
@@ -35,7 +35,7 @@ class Connection(HttpToolsProtocol):
         _loop: asyncio.AbstractEventLoop | None = None,
     ) -> None:
         super().__init__(config, server_state, app_state, _loop)
-        self._limits: Limits = config.app.state.settings  # type: ignore[union-attr] # it is the FastAPI application
+        self._limits: Limits = config.app.state.services.settings  # type: ignore[union-attr] # it is the FastAPI application
         self._waiting: float | None = None
         """Since when a head is waited for."""
         self._in_head = False
@@ -115,7 +115,7 @@ class Connection(HttpToolsProtocol):
             f"{limits.max_head_fields} fields and {limits.max_head_bytes:,} bytes",
             HTTPStatus.REQUEST_TIMEOUT: "the head of the request comes too slowly",
         }.get(status, msg)
-        body = orjson.dumps({**content(Kind(status, "", status.phrase), detail, []), "instance": ""})
+        body = orjson.dumps({**ProblemType.of_status(status).content(detail), "instance": ""})
         headers = [
             (b"content-type", b"application/problem+json"),
             (b"content-length", b"%d" % len(body)),

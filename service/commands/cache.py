@@ -24,7 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(asked: argparse.Namespace) -> int:
     """Do what is asked to the results; return 1 if it cannot be done or something was damaged."""
-    from service.results import storage
+    from service.cache import maintenance as storage
 
     settings = read_settings()
     folder, damaged = settings.data_dir, list[str]()

@@ -24,7 +24,7 @@ def run(asked: argparse.Namespace) -> int:
 
 def contract() -> str:
     """Return the contract as text."""
-    from service.app import create_app
+    from service.api.app import create_app
     from service.settings import Settings
 
     return json.dumps(create_app(Settings()).openapi(), indent=2, ensure_ascii=False) + "\n"

@@ -16,14 +16,13 @@ from pathlib import Path
 
 from httpx import HTTPTransport
 
-from service.app import create_app, lifespan
+from service.api.app import create_app, lifespan
 from service.commands.client import Client, connect
 from service.commands.environment import read_settings
 from service.commands.errors import FAILED, CommandError
 from service.commands.progress import progress
 from service.commands.server import Server
-from service.pool.lane import ExecutorError
-from service.results.segments import FolderInUseError
+from service.errors import ExecutorError, FolderInUseError
 from service.settings import Settings
 
 TERMINATED = 143

@@ -38,15 +38,15 @@ def run(_: argparse.Namespace) -> int:
     settings = read_settings()
 
     from service.access.keyring import KeysUnreadableError
-    from service.app import create_app
+    from service.api.app import create_app
+    from service.api.telemetry import MissingExtraError
     from service.commands.server import Server
     from service.logs import configure
-    from service.telemetry import MissingExtraError
 
     configure(settings.log_level)
     try:
         app = create_app(settings)
-        require_access(settings, app.state.keys)
+        require_access(settings, app.state.services.keys)
     except MissingExtraError as error:
         raise CommandError(str(error), FAILED) from None
     except (KeysUnreadableError, NoKeysError) as error:

@@ -9,7 +9,7 @@ import uvicorn
 from fastapi import FastAPI
 
 from service.access.connection import Connection
-from service.app import STOP_SECONDS
+from service.api.app import STOP_SECONDS
 from service.settings import Settings
 
 TICKS = 10
@@ -63,5 +63,5 @@ class Server(uvicorn.Server):
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
         """Answer what there is, and stop."""
-        self._state.stopping.set()
+        self._state.services.stopping.set()
         await super().shutdown(sockets)

@@ -9,9 +9,9 @@ from typing import Any, Protocol, TextIO, TypeAlias
 
 import orjson
 
+from service.columns import csv_header, csv_row, summarize
 from service.commands.errors import FAILED, SOME_FAILED, CommandError, told
 from service.commands.tables import heading, print_table
-from service.summary import SCALARS, codes_of, scalars_of
 
 Item: TypeAlias = Mapping[str, Any]
 Axes: TypeAlias = Mapping[str, Sequence[float]]
@@ -58,7 +58,7 @@ class Rows:
         self._operation = operation
         self._points = Points(axes)
         self._writer = csv.writer(stream, lineterminator="\n")
-        self._writer.writerow(["index", *axes, "custom_id", "key", *SCALARS[operation], "warnings", "problem"])
+        self._writer.writerow(csv_header(operation, tuple(axes)))
 
     def write(self, items: Sequence[Item]) -> None:
         """Write a row for each."""
@@ -69,11 +69,7 @@ class Rows:
         """Nothing follows."""
 
     def _row(self, item: Item) -> list[Any]:
-        head = [item["index"], *self._points.at(item["index"]), item.get("custom_id", "")]
-        if "result" not in item:
-            return [*head, "", *[""] * len(SCALARS[self._operation]), "", item["problem"]["type"]]
-        answer = item["result"]
-        return [*head, answer["key"], *scalars_of(self._operation, answer), codes_of(answer), ""]
+        return csv_row(self._operation, item, tuple(self._points.at(item["index"])))
 
 
 class Head:
@@ -105,8 +101,8 @@ class Head:
         if "result" not in item:
             return [*head, *[""] * len(told_of), "", told(item["problem"])]
         answer = item["result"]
-        values = dict(zip(SCALARS[self._operation], scalars_of(self._operation, answer), strict=True))
-        return [*head, *(values[name] for name in told_of), codes_of(answer), ""]
+        values = summarize(answer)
+        return [*head, *(values.get(name, "") for name in told_of), values["warnings"], ""]
 
 
 class Counts:

@@ -18,8 +18,8 @@ from service.access.key import Key, make_key
 from service.access.keyring import LOOK_SECONDS, KeyRing, KeysUnreadableError, add_key, read_keys, revoke_key
 from service.access.rules import scope_for
 from service.access.usage import STEP, WINDOW, Usage, Usages
-from service.admission import QuotaError
 from service.commands.serve import NoKeysError, require_access
+from service.errors import QuotaError
 from service.schemas.examples import PAPER
 from service.settings import Settings
 

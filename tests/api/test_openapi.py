@@ -10,7 +10,7 @@ import httpx
 import pytest
 
 from service import cli
-from service.app import create_app
+from service.api.app import create_app
 from service.commands import contract
 from service.schemas.pointers import TAGGED
 
@@ -158,7 +158,7 @@ def test_every_model_has_examples_and_every_field_a_description() -> None:
 def test_batches_are_declared_as_json_and_as_lines(path: str) -> None:
     operation = OPERATIONS[f"POST {path}"]
     assert list(operation["requestBody"]["content"]) == ["application/json", "application/jsonl"]
-    assert set(operation["responses"]["200"]["content"]) == {"application/json", "application/jsonl"}
+    assert set(operation["responses"]["200"]["content"]) == {"application/json", "application/jsonl", "text/csv"}
 
 
 def test_answers_are_described_and_typed() -> None:

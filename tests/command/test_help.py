@@ -10,7 +10,7 @@ import httpx
 import pytest
 
 from service import cli
-from service.results.cache import ResultCache
+from service.cache.cache import ResultCache
 from tests.command.commands import ROOT, case_at, run, write_cases
 
 ESCAPES = re.compile(r"\x1b\[[0-9;]*m")

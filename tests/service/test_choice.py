@@ -7,7 +7,7 @@ from typing import Literal
 import httpx
 import pytest
 
-from service.app import create_app
+from service.api.app import create_app
 from service.schemas.examples import PAPER
 from service.settings import Settings
 

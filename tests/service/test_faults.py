@@ -15,9 +15,9 @@ from benchmarks.stress.faults_crashes import kill_servers, kill_workers
 from benchmarks.stress.faults_disk import fill_disks
 from benchmarks.stress.faults_found import Found
 from benchmarks.stress.faults_losses import lose_files
-from service.batches.runner import StorageError
-from service.jobs.job import JobState
-from service.pool.executor import PoolExecutor
+from service.errors import StorageError
+from service.jobs.models import JobState
+from service.workers.process_pool import ProcessPool
 from tests.service.squares import accepted, all_results, cases, ended, running, squares, until_done
 
 pytestmark = pytest.mark.system
@@ -62,7 +62,7 @@ def test_lost_files_cost_exactly_what_was_in_them(rounds: int, tmp_path: Path) -
     hurt(lose_files, tmp_path, rounds)
 
 
-async def half_done(folder: Path, pool: PoolExecutor) -> JobState:
+async def half_done(folder: Path, pool: ProcessPool) -> JobState:
     async with running(folder, pool) as runner:
         job = await accepted(runner, cases(range(400), seconds=0.005))
         await until_done(runner, job, 20)
@@ -70,7 +70,7 @@ async def half_done(folder: Path, pool: PoolExecutor) -> JobState:
 
 
 @pytest.mark.anyio
-async def test_jobs_that_could_not_be_read_at_the_start_go_on_once_they_can(pool: PoolExecutor, tmp_path: Path) -> None:
+async def test_jobs_that_could_not_be_read_at_the_start_go_on_once_they_can(pool: ProcessPool, tmp_path: Path) -> None:
     job = await half_done(tmp_path, pool)
     file, elsewhere = tmp_path / "data" / "jobs.sqlite", tmp_path / "jobs.sqlite"
     file.replace(elsewhere)
@@ -87,7 +87,7 @@ async def test_jobs_that_could_not_be_read_at_the_start_go_on_once_they_can(pool
 
 
 @pytest.mark.anyio
-async def test_jobs_damaged_anywhere_are_set_aside_and_their_results_stay(pool: PoolExecutor, tmp_path: Path) -> None:
+async def test_jobs_damaged_anywhere_are_set_aside_and_their_results_stay(pool: ProcessPool, tmp_path: Path) -> None:
     job = await half_done(tmp_path, pool)
     file = tmp_path / "data" / "jobs.sqlite"
     content = file.read_bytes()
@@ -102,7 +102,7 @@ async def test_jobs_damaged_anywhere_are_set_aside_and_their_results_stay(pool: 
 
 @pytest.mark.anyio
 @pytest.mark.parametrize("pause", [0.0, 0.001, 0.005])
-async def test_job_deleted_while_it_is_cancelled_is_gone(pause: float, pool: PoolExecutor, tmp_path: Path) -> None:
+async def test_job_deleted_while_it_is_cancelled_is_gone(pause: float, pool: ProcessPool, tmp_path: Path) -> None:
     async with running(tmp_path, pool) as runner:
         for _ in range(5):
             job = await accepted(runner, cases(range(400), seconds=0.005))

@@ -146,15 +146,13 @@ def _points(estimates: Mapping[float, Estimate], *, weighted: bool) -> list[Obli
 def _predict(
     law: str, mesh: Mesh | None, reading: str, model: StrengthFactor, fit: ObliquityFit | None, fitted_to: float
 ) -> Prediction:
-    start, (lower, upper) = time.process_time(), Search().bounds
-    if isinstance(model, ObliquityPolynomial):  # a falling one reaches zero somewhere beyond the runs it goes through
-        upper = model.positive_up_to(lower, upper)
+    start = time.process_time()
     answer = critical_angle(
         projectile=PAPER_PROJECTILE,
         target=PAPER_TARGET,
         velocity=PAPER_VELOCITY,
         resistance=Resistance(strength_factor=model, free_surface=LAWS[law]),
-        search=Search(upper=upper, scan_interval=SCAN),
+        search=Search(scan_interval=SCAN),
     )
     return Prediction(
         law=law,

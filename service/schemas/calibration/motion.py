@@ -201,10 +201,24 @@ class MotionCalibrationRequest(Calibration):
             raise ParameterError(f"runs.{index}.{error.field}", error.requirement) from None
         return MotionRun(impact=run.impact.to_solver(), history=used, weights=weights.to_solver())
 
-    def arguments(self) -> tuple[dict[str, Any], tuple[float, ...], list[FloatArray], bool]:
-        """Return the arguments of `fit_decay_laws`, the strength factors to compare, the times of their motions.
+    @property
+    def several(self) -> bool:
+        """Whether the request has runs, even if it is but one."""
+        return self.runs is not MISSING
 
-        The last says whether the request is of several runs.
+    @property
+    def run_count(self) -> int:
+        """How many runs there are, one without `runs`."""
+        return 1 if self.runs is MISSING else len(self.runs)
+
+    def located(self, error: ParameterError) -> ParameterError:
+        """Return an error of the solver with the field of the request: the solver has no place for a single run."""
+        if self.several and error.field.startswith(("history.", "weights")):
+            return ParameterError(f"runs.0.{error.field}", error.requirement)
+        return ParameterError("runs", error.requirement) if self.several and error.field == "history" else error
+
+    def arguments(self) -> tuple[dict[str, Any], tuple[float, ...], list[FloatArray]]:
+        """Return the arguments of `fit_decay_laws`, the strength factors to compare, and the times of their motions.
 
         Raises
         ------
@@ -213,7 +227,7 @@ class MotionCalibrationRequest(Calibration):
         """
         runs = self.motion_runs()
         fit = self.model_arguments() | {"runs": runs, "confidence_level": self.confidence_level}
-        return fit, self.compared(), [_thinned(run.history.time) for run in runs], self.runs is not MISSING
+        return fit, self.compared(), [_thinned(run.history.time) for run in runs]
 
 
 def _used(record: MotionRecord, until_s: Any, until_greatest_depth: bool) -> MotionHistory:
