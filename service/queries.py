@@ -22,6 +22,9 @@ from service.workers.compute import close_chunk, compute_case, compute_single
 CacheStatus: TypeAlias = Literal["hit", "miss"]
 Answered: TypeAlias = tuple[Record, CacheStatus]
 
+Count: TypeAlias = Callable[[str, str, str, int], None]
+"""Counts cases that are done: operation, outcome, `hit` or `miss`, number."""
+
 MAX_WAITING = 1000
 """Single queries that may wait for a worker: at 10 ms each, a few seconds of work."""
 
@@ -39,6 +42,8 @@ class QueryService:
         What can be computed, by name.
     max_waiting
         Single queries that may wait for a worker.
+    count
+        Counts single queries that are answered.
     """
 
     def __init__(
@@ -48,11 +53,13 @@ class QueryService:
         operations: Mapping[str, Operation],
         *,
         max_waiting: int = MAX_WAITING,
+        count: Count = lambda *_: None,
     ) -> None:
         self.cache = cache
         self.executor = executor
         self.operations = operations
         self._max_waiting = max_waiting
+        self._count = count
         self._rate = Rate()
         self._in_flight: dict[str, asyncio.Future[Answered]] = {}
 
@@ -74,15 +81,20 @@ class QueryService:
         """
         record = self.cache.recall(request.key)
         if record is not None:
+            self._count(operation, record.outcome, "hit", 1)
             return record, "hit"
         while True:
             found = self._in_flight.get(request.key)
+            shared = found is not None
             if found is None:
                 found = asyncio.create_task(self._find(operation, request))
                 self._in_flight[request.key] = found
                 found.add_done_callback(lambda done: self._forget(request.key, done))
             with suppress(ComputationCancelled):
-                return await asyncio.shield(found)
+                answered = await asyncio.shield(found)
+                if shared or answered[1] == "hit":
+                    self._count(operation, answered[0].outcome, "hit", 1)
+                return answered
 
     async def result(self, key: str) -> Record | None:
         """Return the record of this key, if there is one."""
@@ -122,6 +134,7 @@ class QueryService:
             compute_single, compute, operation, request.key, request.json
         )
         self._rate.add(1)
+        self._count(operation, outcome, "miss", 1)
         record = Record(request.key, operation, request.json, json=json, outcome=outcome)
         return await run_sync(self.cache.put, record, segments), "miss"
 

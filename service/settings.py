@@ -84,6 +84,18 @@ class Limits(BaseSettings):
         int,
         Field(ge=1, description="Least that a client must send or read over time: a tenth of a poor mobile network."),
     ] = 4 * 1024
+    discard_seconds: Annotated[
+        float,
+        Field(
+            gt=0.0,
+            description="How long the rest of a request is read that has been answered already, so that the client "
+            "gets to the answer; then the connection is closed.",
+        ),
+    ] = 2.0
+    max_discarded_bytes: Annotated[
+        int,
+        Field(ge=0, description="How much of such a rest is read at most: half a second of work."),
+    ] = 64 * 1024 * 1024
     max_connections: Annotated[
         int,
         Field(

@@ -208,7 +208,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     app.state.services = Services(
         settings=settings,
         metrics=metrics.Metrics(),
-        keys=KeyRing(settings.data_dir, log.error),
+        keys=KeyRing(settings.data_dir, log.error, settings.audit_log),
         usages=Usages(settings.data_dir),
         audit=AuditLog(settings.audit_log),
         streams=Streams(settings.max_streams, settings.max_owner_streams),
@@ -247,7 +247,11 @@ async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         await services.executor.start()
         stack.push_async_callback(services.executor.stop, POOL_SECONDS)
         services.queries = QueryService(
-            services.cache, services.executor, OPERATIONS, max_waiting=settings.max_waiting_queries
+            services.cache,
+            services.executor,
+            OPERATIONS,
+            max_waiting=settings.max_waiting_queries,
+            count=services.metrics.count,
         )
         services.jobs = JobManager(
             services.queries,

@@ -177,15 +177,13 @@ async def computed_with_alternatives(
 
 
 async def computed(services: Services, context: Visit, operation: str, query: KeyedRequest) -> Answered:
-    """Return the record of a request, and whether it was there; count how it ended."""
+    """Return the record of a request, and whether it was there; count what has none."""
     try:
         with services.owner_queries.held(context.caller.owner) if context.caller.key else nullcontext():
-            record, status = await services.queries.answer(operation, query)
+            return await services.queries.answer(operation, query)
     except Exception as error:
         services.metrics.count(operation, problem_name(problem_of(error)), "miss", 1)
         raise
-    services.metrics.count(operation, record.outcome, status, 1)
-    return record, status
 
 
 def reply(content: bytes, status: CacheStatus, timing: str) -> Response:

@@ -15,9 +15,9 @@ from service.jobs.fairness import PrioritySemaphore
 from service.jobs.inline import InlineBatch
 from service.jobs.models import BLOCK_SIZE, Case, CaseBlock, CaseResult, Idempotency, JobState, Sweep
 from service.jobs.results import ResultReader
-from service.jobs.scheduler import Count, Scheduler, problem_name
+from service.jobs.scheduler import Scheduler, problem_name
 from service.jobs.store import JobStore
-from service.queries import QueryService
+from service.queries import Count, QueryService
 
 CHUNKS_KEPT = 2
 """Beside those in the pool, being made or kept: this bounds the memory they take."""

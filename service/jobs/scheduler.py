@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
-from typing import Any, NamedTuple, TypeAlias, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 from anyio.to_thread import run_sync
 
@@ -28,7 +28,7 @@ from service.errors import (
 from service.jobs.fairness import ChunkSizer, FairQueue, Permit, PrioritySemaphore
 from service.jobs.models import BLOCK_SIZE, CaseState, JobState, Status
 from service.jobs.store import VERSIONS, JobStore
-from service.queries import Answered, QueryService
+from service.queries import Answered, Count, QueryService
 
 AHEAD = 10
 """Blocks of cases looked up in the cache at once: what is there is marked without a chunk being made of it."""
@@ -45,8 +45,6 @@ OVERLONG_SECONDS = 10.0
 share them and other work is let in between."""
 
 Value = TypeVar("Value")
-Count: TypeAlias = Callable[[str, str, str, int], None]
-"""Counts cases that are done: operation, outcome, `hit` or `miss`, number."""
 log = logging.getLogger(__name__)
 
 
