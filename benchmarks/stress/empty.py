@@ -4,7 +4,7 @@ import asyncio
 
 from fastapi import FastAPI
 
-from service.commands.server import Server
+from service.cli.server import Server
 from service.settings import Settings
 
 

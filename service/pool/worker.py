@@ -132,15 +132,14 @@ def run_motion_calibration(
     Raises
     ------
     ParameterError
-        With the fields of the request: those of a single strike are not in `runs`.
+        With the fields of the request, which are in `runs` even if there is but one.
     """
     try:
         fits = fit_decay_laws(**arguments)
     except ParameterError as error:
-        if several:
-            raise
-        field = "history" if error.field == "runs" else error.field.removeprefix("runs.0.")
-        raise ParameterError(field, error.requirement) from None
+        if several and error.field.startswith("history."):
+            raise ParameterError(f"runs.0.{error.field}", error.requirement) from None
+        raise
     model = {name: arguments[name] for name in MODEL}
     compared = [
         [

@@ -255,7 +255,8 @@ def fit_motions(
     Raises
     ------
     ParameterError
-        If an input is outside what the model accepts, or the runs together do not determine the strength factor.
+        If an input is outside what the model accepts, or the runs together do not determine the strength factor. Of
+        several runs it names fields by the place of the run, such as ``runs.0.history.time``.
 
     Notes
     -----
@@ -267,10 +268,10 @@ def fit_motions(
     require(bool(runs), "runs", "must be at least 1")
     prepared = []
     for index, run in enumerate(runs):
-        with _field_prefix(f"runs.{index}."):
+        with _field_prefix(f"runs.{index}." if len(runs) > 1 else ""):
             prepared.append(_Run(run, projectile, target, resistance, numerics))
     costs = [_costs(run) for run in prepared]
-    estimate, rivals = _fit(prepared, costs, "runs", confidence_level)
+    estimate, rivals = _fit(prepared, costs, "runs" if len(runs) > 1 else "history", confidence_level)
     fits = tuple(run.at(estimate, rivals) for run in prepared)
     if len(prepared) == 1:
         alone: tuple[MotionFit | None, ...] = fits

@@ -19,9 +19,11 @@ from service.access.keyring import LOOK_SECONDS, KeyRing, KeysUnreadableError, a
 from service.access.rules import scope_for
 from service.access.usage import STEP, WINDOW, Usage, Usages
 from service.admission import QuotaError
-from service.commands.serve import NoKeysError, require_access
+from service.cli.errors import CommandError
+from service.cli.serve import check_access
 from service.schemas.examples import PAPER
 from service.settings import Settings
+from tests.conftest import ROOT
 
 from .many import ASYNC, LINES, ROUGH, finished, lines, searches, slow_strikes
 from .owners import Guarded, guarded_service, holder, key_in
@@ -274,7 +276,7 @@ def test_without_a_key_it_starts_for_this_machine_alone(tmp_path: Path) -> None:
     done = subprocess.run(
         [sys.executable, "-m", "service.cli", "serve"],
         env={"RICOCHET_HOST": "0.0.0.0", "RICOCHET_PORT": "0", "RICOCHET_DATA_DIR": str(tmp_path)},  # noqa: S104
-        cwd=Path(cli.__file__).parents[1],
+        cwd=ROOT,
         capture_output=True,
         text=True,
         check=False,
@@ -304,8 +306,8 @@ def test_start_takes_a_key_unless_it_is_told_otherwise(
 ) -> None:
     if key:
         key_in(tmp_path, "anna")
-    with nullcontext() if starts else pytest.raises(NoKeysError):
-        require_access(Settings(host=host, access=access, data_dir=tmp_path), KeyRing(tmp_path, print))
+    with nullcontext() if starts else pytest.raises(CommandError, match="requires an API key"):
+        check_access(Settings(host=host, access=access, data_dir=tmp_path), KeyRing(tmp_path, print))
 
 
 def test_revoking_the_last_key_does_not_open_the_service(tmp_path: Path) -> None:

@@ -176,6 +176,8 @@ def test_run_that_leaves_the_factor_open_takes_it_from_the_others() -> None:
     assert "run_undetermined" in codes(found)
     with pytest.raises(UndeterminedError, match=r"runs: must tell the strength factor"):
         fit(still, still)
+    with pytest.raises(UndeterminedError, match=r"history: must tell the strength factor"):
+        fit(still)
 
 
 @pytest.mark.parametrize(
