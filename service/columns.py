@@ -95,7 +95,11 @@ SUMMARY: Mapping[str, tuple[Column, ...]] = {
         Column("energy_fraction_above", "half a degree above it"),
     ),
     "calibration_depth": ESTIMATE,
-    "calibration_motion": ESTIMATE,
+    "calibration_motion": (
+        *ESTIMATE,
+        Column("normalized_root_mean_square", "of the residuals, each quantity over its span"),
+        Column("best_decay_law", "that fits best", "S32"),
+    ),
 }
 """The answer in one row, by operation."""
 WARNINGS = Column("warnings", "codes of the warnings, with spaces between", "S512")
@@ -117,7 +121,9 @@ QUANTITIES = {
     "lateral_displacement_m": "displacement of the centre of gravity along the face",
     "rotation_deg": "change of the axis angle",
 }
+RUN = Column("run", "place of the run in the request, from 0", "<i8")
 RESIDUALS = (
+    RUN,
     Column("oblique_angle_deg", "from the inward normal of the face to the velocity"),
     Column("strength_factor", "as given"),
     Column("residual", "given minus fitted strength factor"),

@@ -24,7 +24,7 @@ from service.schemas import (
 from service.schemas.alternatives import alternative_requests
 from service.schemas.quantities import Part
 from solver.arrays import FloatArray
-from solver.calibration import fit_depth, fit_motion, fit_obliquity, penetration_depths, predict_motion
+from solver.calibration import fit_decay_laws, fit_depth, fit_obliquity, penetration_depths, predict_motion
 
 Answer: TypeAlias = tuple[dict[str, Any], dict[str, FloatArray] | None]
 """The JSON answer without its key, its version and the columns of its history; and those columns."""
@@ -82,11 +82,22 @@ def compute_depth_calibration(request: bytes) -> Answer:
 
 
 def compute_motion_calibration(request: bytes) -> Answer:
-    """Fit a strength factor to a motion; predict it with each strength factor to compare."""
-    arguments, strength_factors, times = MotionCalibrationRequest.model_validate_json(request).arguments()
-    model = {name: arguments[name] for name in ("projectile", "target", "resistance", "impact")}
-    compared = [(factor, predict_motion(**model, times=times, strength_factor=factor)) for factor in strength_factors]
-    return motion_answer(fit_motion(**arguments), compared), None
+    """Fit a strength factor to motions with every decay law; predict them with each strength factor to compare."""
+    asked = MotionCalibrationRequest.model_validate_json(request)
+    arguments, strength_factors, times = asked.arguments()
+    try:
+        fits = fit_decay_laws(**arguments)
+    except solver.ParameterError as error:
+        raise asked.located(error) from None
+    model = {name: arguments[name] for name in ("projectile", "target", "resistance")}
+    compared = [
+        [
+            (factor, predict_motion(**model, impact=run.impact, times=rows, strength_factor=factor))
+            for factor in strength_factors
+        ]
+        for run, rows in zip(arguments["runs"], times, strict=True)
+    ]
+    return motion_answer(fits, compared, several=asked.several), None
 
 
 def compute_obliquity_calibration(request: bytes) -> Answer:
@@ -97,6 +108,11 @@ def compute_obliquity_calibration(request: bytes) -> Answer:
 def cases_of_a_fit(_: Part) -> int:
     """Return what a calibration counts as: it takes as long as so many cases."""
     return 20
+
+
+def cases_of_motions(request: MotionCalibrationRequest) -> int:
+    """Return what a calibration by motion counts as: a fit of each run with each of three decay laws."""
+    return 3 * request.run_count * cases_of_a_fit(request)
 
 
 def cases_of_a_query(request: Any) -> int:
@@ -117,7 +133,7 @@ OPERATIONS: Mapping[str, Operation] = {
         compute_motion_calibration,
         MotionCalibrationRequest,
         SUMMARY["calibration_motion"],
-        cases_of_a_fit,
+        cases_of_motions,
     ),
     "calibration_obliquity": Operation(
         compute_obliquity_calibration, ObliquityCalibrationRequest, cases=cases_of_a_fit

@@ -92,7 +92,10 @@ async def calibrate_by_depth(request: Request) -> Response:
     tags=["calibration"],
 )
 async def calibrate_by_motion(request: Request) -> Response:
-    """Find the strength factor that fits the motion in one oblique strike best, measured or by finite elements."""
+    """Find the strength factor that fits the motion in oblique strikes best, measured or by finite elements.
+
+    Of one strike, or of several `runs` at any angles and speeds with one strength factor; with every decay law.
+    """
     return await answer(request, "calibration_motion", long=True)
 
 

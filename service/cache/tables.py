@@ -1,5 +1,6 @@
 """Results as tables: NumPy arrays with the columns of `service.columns`."""
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -7,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from service.cache.record import FloatColumns, Record
-from service.columns import CASE, IDENTITY, RESIDUALS, TRIALS, Column, summarize
+from service.columns import CASE, IDENTITY, RESIDUALS, RUN, TRIALS, Column, summarize
 
 Table = npt.NDArray[Any]
 
@@ -63,11 +64,34 @@ def residuals_of(record: Record) -> dict[str, list[Any]]:
         points = record.request["points"]
         given = {name: [point[name] for point in points] for name in ("oblique_angle_deg", "strength_factor")}
         return given | {"residual": answer["residuals"]}
-    columns = dict(answer["residuals"])
+    if "runs" in answer:
+        return _stacked(
+            [_motion(run["history"], fit) for run, fit in zip(record.request["runs"], answer["runs"], strict=True)]
+        )
+    return _motion(record.request["history"], answer)
+
+
+def _motion(history: Mapping[str, Any], fit: Mapping[str, Any]) -> dict[str, list[Any]]:
+    """Return the rows of a motion that were fitted, by column."""
+    columns = dict(fit["residuals"])
     time = columns.pop("time_s")
-    used = {name: record.request["history"][name][: len(time)] for name in columns}
-    predicted = {f"predicted_{name}": answer["predicted"][name] for name in columns}
+    used = {name: history[name][: len(time)] for name in columns}
+    predicted = {f"predicted_{name}": fit["predicted"][name] for name in columns}
     return {"time_s": time} | used | predicted | {f"residual_{name}": column for name, column in columns.items()}
+
+
+def _stacked(motions: Sequence[Mapping[str, list[Any]]]) -> dict[str, list[Any]]:
+    """Return the rows of several runs one below the other; what a run was not given is not a number there."""
+    names = [column.name for column in RESIDUALS if any(column.name in motion for motion in motions)]
+    lengths = [len(motion["time_s"]) for motion in motions]
+    stacked: dict[str, list[Any]] = {RUN.name: [run for run, length in enumerate(lengths) for _ in range(length)]}
+    for name in names:
+        stacked[name] = [
+            value
+            for motion, length in zip(motions, lengths, strict=True)
+            for value in motion.get(name, [math.nan] * length)
+        ]
+    return stacked
 
 
 def residual_table(records: Sequence[Record | None], first: int) -> Table:

@@ -5,6 +5,7 @@ import csv
 import json
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -34,27 +35,38 @@ from service.readers import (
     FileError,
     read_depth_tests,
     read_motion,
+    read_motion_runs,
     read_obliquity_points,
 )
 from service.schemas import depth_answer, motion_answer, obliquity_answer
 from service.schemas.quantities import degrees
 from solver import ENGINE_VERSION, Impact, ModelWarning, ParameterError, RicochetError
 from solver.calibration import (
+    DecayLawFits,
     DepthFit,
     DepthTest,
     Estimate,
     MotionFit,
     MotionHistory,
+    MotionRun,
+    MotionsFit,
     ObliquityFit,
     ObliquityPoint,
     Weights,
+    fit_decay_laws,
     fit_depth,
-    fit_motion,
     fit_obliquity,
     penetration_depths,
     predict_motion,
 )
 
+IMPACT_FIELDS = {
+    "velocity": "velocity_m_s",
+    "oblique_angle": "oblique_angle_deg",
+    "angle_of_attack": "angle_of_attack_deg",
+    "angular_velocity": "angular_velocity_rad_s",
+}
+"""Columns of a table of runs, and the fields of a request that they set."""
 CURVE_POINTS = 41
 CURVE_MARGIN = 0.1
 """Curves extend beyond the tests by this part of their range of velocities. [1]"""
@@ -87,7 +99,7 @@ def run(args: argparse.Namespace) -> int:
         return _fail(args, error, WRONG)
     except ParameterError as error:
         # The tests or the history as a whole are well formed but cannot be fitted.
-        return _fail(args, error, FAILED if error.field in {"tests", "history"} else WRONG)
+        return _fail(args, error, FAILED if error.field in {"tests", "history", "runs"} else WRONG)
     except RicochetError as error:
         return _fail(args, error, FAILED)
     return 0
@@ -128,24 +140,91 @@ def calibrate_depth(args: argparse.Namespace) -> None:
 
 
 def calibrate_motion(args: argparse.Namespace) -> None:
-    """Fit a strength factor to a motion and print it."""
-    case = case_arguments(args, MotionCase, (*IMPACT, *BODY))
+    """Fit a strength factor to one or several motions with every decay law and print it."""
+    if (args.history is None) == (args.runs is None):
+        raise CommandError("either HISTORY or --runs RUNS.csv must be given")
     weights = _weights(args.weight)
-    history = _read_history(args, Expected(impact=case["impact"], projectile=case["projectile"]))
-    fit = fit_motion(history=history, weights=weights, confidence_level=args.confidence, **case)
-    compared = []
+    inputs = [_single_input(args)] if args.runs is None else _table_inputs(args)
+    case = inputs[0].case
+    fits = fit_decay_laws(
+        runs=[MotionRun(impact=each.impact, history=each.history, weights=weights) for each in inputs],
+        confidence_level=args.confidence,
+        **case,
+    )
+    compared: list[list[tuple[float, MotionHistory]]] = [[] for _ in inputs]
     if args.histories or args.strength_factors:
-        for factor in sorted({*args.strength_factors, fit.estimate.strength_factor}):
-            motion = predict_motion(strength_factor=factor, times=history.time, **case)
-            compared.append((factor, motion))
-    answer = motion_answer(fit, compared)
+        for factor in sorted({*args.strength_factors, fits.requested.estimate.strength_factor}):
+            for each, motions in zip(inputs, compared, strict=True):
+                motion = predict_motion(strength_factor=factor, times=each.history.time, impact=each.impact, **case)
+                motions.append((factor, motion))
+    answer = motion_answer(fits, compared, several=args.runs is not None)
     if args.histories:
-        tables = [{"strength_factor": each["strength_factor"], **each["history"]} for each in answer["compared"]]
-        _write_csv(args.histories, tables)
-    if args.json:  # with the oblique angle, which `calibrate obliquity` needs
-        _print_json({"oblique_angle_deg": degrees(case["impact"].oblique_angle)} | answer)
+        _write_csv(args.histories, _compared_tables(answer))
+    if args.json:
+        _print_json(_with_impacts(answer, inputs))
     else:
-        _print_motion(case["impact"], fit)
+        _print_motion(inputs, fits)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Input:
+    """A history with its impact, and the other arguments of the solver."""
+
+    name: str
+    impact: Impact
+    history: MotionHistory
+    case: dict[str, Any]
+
+
+def _single_input(args: argparse.Namespace) -> _Input:
+    case = case_arguments(args, MotionCase, (*IMPACT, *BODY))
+    impact = case.pop("impact")
+    expected = Expected(impact=impact, projectile=case["projectile"])
+    return _Input(name=args.history, impact=impact, history=_read_history(args, expected), case=case)
+
+
+def _table_inputs(args: argparse.Namespace) -> list[_Input]:
+    """Read every run of a table, whose cells take precedence over the flags."""
+    inputs = []
+    for row in read_motion_runs(args.runs):
+        cells = {
+            f"impact/{IMPACT_FIELDS[name]}": degrees(value) if IMPACT_FIELDS[name].endswith("_deg") else value
+            for name, value in row.impact.items()
+        }
+        until = args.until if row.until is None else row.until
+        own = argparse.Namespace(**(vars(args) | cells | {"history": row.file, "until": until}))
+        try:
+            inputs.append(replace(_single_input(own), name=row.name))
+        except CommandError as error:
+            raise CommandError(f"{args.runs}:{row.line}: {error}") from None
+    return inputs
+
+
+def _compared_tables(answer: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Return the motions that are compared, of several runs with the number of each."""
+    if "runs" not in answer:
+        return [{"strength_factor": each["strength_factor"], **each["history"]} for each in answer["compared"]]
+    return [
+        {"run": number, "strength_factor": each["strength_factor"], **each["history"]}
+        for number, run in enumerate(answer["runs"])
+        for each in run["compared"]
+    ]
+
+
+def _with_impacts(answer: Mapping[str, Any], inputs: Sequence[_Input]) -> dict[str, Any]:
+    """Return the answer with the oblique angle, for `calibrate obliquity`, or with the file and impact of each run."""
+    if "runs" not in answer:
+        return {"oblique_angle_deg": degrees(inputs[0].impact.oblique_angle), **answer}
+    runs = [
+        {
+            "file": each.name,
+            "oblique_angle_deg": degrees(each.impact.oblique_angle),
+            "velocity_m_s": each.impact.velocity,
+            **run,
+        }
+        for each, run in zip(inputs, answer["runs"], strict=True)
+    ]
+    return {**answer, "runs": runs}
 
 
 def calibrate_obliquity(args: argparse.Namespace) -> None:
@@ -199,16 +278,18 @@ def _weights(pairs: Iterable[tuple[str, str]]) -> Weights:
 
 
 def _write_csv(path: Path, tables: Iterable[Mapping[str, Any]]) -> None:
-    """Write tables below each other, a row for each instant or velocity."""
+    """Write tables below each other, a row for each instant or velocity; a column that a table lacks is empty."""
+    tables = list(tables)
+    names = list(dict.fromkeys(name for table in tables for name in table))
     try:
         with path.open("w", encoding="utf-8", newline="") as file:
-            writer = csv.writer(file, lineterminator="\n")
-            for number, table in enumerate(tables):
-                if number == 0:
-                    writer.writerow(table)
-                names = [name for name in table if isinstance(table[name], list)]
-                for row in zip(*(table[name] for name in names), strict=True):
-                    writer.writerow([f"{value:.9g}" for value in (table["strength_factor"], *row)])
+            writer = csv.DictWriter(file, names, lineterminator="\n")
+            writer.writeheader()
+            for table in tables:
+                columns = {name: values for name, values in table.items() if isinstance(values, list)}
+                for row in zip(*columns.values(), strict=True):
+                    numbers = {**table, **dict(zip(columns, row, strict=True))}
+                    writer.writerow({name: f"{value:.9g}" for name, value in numbers.items()})
     except OSError as error:
         raise FileError(path, error.strerror or str(error)) from None
 
@@ -233,17 +314,52 @@ def _print_depth(tests: Sequence[DepthTest], fit: DepthFit) -> None:
     _print_warnings(fit.warnings)
 
 
-def _print_motion(impact: Impact, fit: MotionFit) -> None:
+def _print_motion(inputs: Sequence[_Input], fits: DecayLawFits) -> None:
+    requested, console = fits.requested, Console(highlight=False)
+    console.print(_quantities(requested.runs[0]) if len(inputs) == 1 else _runs(inputs, requested))
+    laws = _table("strength factor", "standard error", "normalised rms", first="decay law")
+    for name, fit in fits.laws.items():
+        cells = ("", "", "")
+        if fit is not None:
+            cells = (*_columns(fit.estimate)[:2], f"{fit.normalized_root_mean_square:.4f}")
+        laws.add_row(name.replace("_", " "), *cells)
+    console.print(laws)
+    history = inputs[0].history.time
+    described = f"{len(inputs)} runs"
+    if len(inputs) == 1:
+        angle = degrees(inputs[0].impact.oblique_angle)
+        described = f"{angle:g}° from the normal, {len(history)} instants up to {1e3 * history[-1]:.3g} ms"
+    law = requested.free_surface.name.replace("_", " ")
+    best = f"best decay law: {fits.best.replace('_', ' ')}"
+    console.print(f"{law}: {_sentence(requested.estimate)}", best, described, sep="\n", markup=False, soft_wrap=True)
+    _print_warnings(fits.warnings)
+
+
+def _quantities(fit: MotionFit) -> Table:
+    """Return the root mean squares of a single run."""
     table = _table("root mean square", "explained", first="quantity")
     for name, value in fit.root_mean_square.items():
         scatter = f"{degrees(value):.2f}°" if name == "rotation" else f"{1e3 * value:.1f} mm"
         table.add_row(name.replace("_", " "), scatter, f"{fit.r_squared[name]:.2%}" if name in fit.r_squared else "")
-    console = Console(highlight=False)
-    console.print(table)
-    range_ = f"{len(fit.predicted.time)} instants up to {1e3 * fit.predicted.time[-1]:.3g} ms"
-    angle = f"{degrees(impact.oblique_angle):g}° from the normal, {range_}"
-    console.print(_sentence(fit.estimate), angle, sep="\n", markup=False, soft_wrap=True)
-    _print_warnings(fit.warnings)
+    return table
+
+
+def _runs(inputs: Sequence[_Input], fit: MotionsFit) -> Table:
+    """Return each of several runs at its own strength factor and at the common one."""
+    table = _table("angle °", "m/s", "own factor", "normalised rms", "at the common factor", first="run")
+    for each, run, alone in zip(inputs, fit.runs, fit.alone, strict=True):
+        own = ("", "")
+        if alone is not None:
+            error = f"{alone.estimate.strength_factor:.3f} ± {alone.estimate.standard_error:.3f}"
+            own = (error, f"{alone.normalized_root_mean_square:.4f}")
+        table.add_row(
+            escape(each.name),
+            f"{degrees(each.impact.oblique_angle):g}",
+            f"{each.impact.velocity:g}",
+            *own,
+            f"{run.normalized_root_mean_square:.4f}",
+        )
+    return table
 
 
 def _print_obliquity(points: Sequence[ObliquityPoint], fit: ObliquityFit) -> None:
@@ -264,7 +380,7 @@ def _print_obliquity(points: Sequence[ObliquityPoint], fit: ObliquityFit) -> Non
 def _table(*columns: str, first: str = "") -> Table:
     table = Table()
     if first:
-        table.add_column(first)
+        table.add_column(first, overflow="fold")
     for column in columns:
         table.add_column(column, justify="right")
     return table

@@ -61,12 +61,20 @@ def add_motion_flags(parser: argparse.ArgumentParser) -> None:
     parser.description = (
         "Fit the strength factor to the motion of the centre of gravity since first contact: depth displacement, "
         "lateral displacement and rotation (positive as the nose turns toward the face), or some of them. "
-        f"{CSV_FILES} {DYNA_FILES}"
+        f"Every decay law is fitted. {CSV_FILES} {DYNA_FILES}"
     )
     parser.epilog = examples(
-        "ricochet calibrate motion history.csv --case strike.toml --oblique-angle 30 --until greatest-depth"
+        "ricochet calibrate motion history.csv --case strike.toml --oblique-angle 30 --until greatest-depth",
+        "ricochet calibrate motion --runs runs.csv --case strike.toml --until greatest-depth",
     )
-    parser.add_argument("history", metavar="HISTORY", help="CSV, rbdout, nodout or binout")
+    parser.add_argument("history", nargs="?", metavar="HISTORY", help="CSV, rbdout, nodout or binout")
+    parser.add_argument(
+        "--runs",
+        type=Path,
+        metavar="RUNS.csv",
+        help="fit several histories together: a table with the file, oblique_angle, velocity and until of each run; "
+        "what it lacks is set by flags",
+    )
     _add_file_flags(parser, MOTION, "time=T(ms)", "time=ms")
     dyna = parser.add_argument_group("LS-DYNA files")
     dyna.add_argument(

@@ -4,6 +4,7 @@ from service.readers.axes import Axis
 from service.readers.depth_tests import DEPTH_TESTS, OBLIQUITY_POINTS, read_depth_tests, read_obliquity_points
 from service.readers.files import FileError
 from service.readers.motion import MOTION, Expected, read_motion
+from service.readers.motion_runs import MotionRunRow, read_motion_runs
 from service.readers.units import Quantity
 
 __all__ = [
@@ -13,8 +14,10 @@ __all__ = [
     "Axis",
     "Expected",
     "FileError",
+    "MotionRunRow",
     "Quantity",
     "read_depth_tests",
     "read_motion",
+    "read_motion_runs",
     "read_obliquity_points",
 ]

@@ -10,6 +10,7 @@ TIME = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
 SPEED = {"m_s": 1.0, "km_s": 1e3, "mm_ms": 1.0, "mm_us": 1e3, "mm_s": 1e-3, "cm_us": 1e4, "ft_s": 0.3048}
 MASS = {"kg": 1.0, "g": 1e-3, "t": 1e3, "lb": 0.45359237}
 ANGLE = {"rad": 1.0, "deg": math.pi / 180.0}
+ANGULAR_VELOCITY = {"rad_s": 1.0, "deg_s": math.pi / 180.0}
 PURE = {"1": 1.0}
 
 SPELLINGS = str.maketrans({"/": "_", "µ": "u", "μ": "u", "°": "deg", " ": None})

@@ -136,8 +136,8 @@ def _is_short(value: float) -> bool:
 
 
 def _natural_places(value: float) -> int:
-    """Decimals of a short number as it is written."""
-    return -int(Decimal(f"{value:.{SHORT}g}").normalize().as_tuple().exponent) if value else 0
+    """Decimals of a short number as it is written; none of a multiple of ten."""
+    return max(0, -int(Decimal(f"{value:.{SHORT}g}").normalize().as_tuple().exponent)) if value else 0
 
 
 def _printed(text: str) -> str:

@@ -5,10 +5,15 @@ import re
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
+from typing import Final, Literal, TypeAlias
 
 import numpy as np
 
 from solver.arrays import FloatArray
+
+Mesh: TypeAlias = Literal["coarse", "fine"]
+MESHES: Final[tuple[Mesh, ...]] = ("coarse", "fine")
+"""Of the finite element runs: cubes of 10 mm and of 7.5 mm where the target is struck."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -66,6 +71,7 @@ class FiniteElementRun:
     """A run of the project's finite element model of the paper's strike; displacements since first contact."""
 
     name: str
+    mesh: Mesh
     oblique_angle: float
     """[rad]"""
     velocity: float
@@ -73,8 +79,9 @@ class FiniteElementRun:
     greatest_tip_depth: float
     """[m]"""
     outcome: str
-    """As the solver names them."""
-    cpu_seconds: float
+    """As the solver names them; `in_motion` if the run ends before it is decided."""
+    cpu_seconds: float | None
+    """None where it was not recorded."""
     time: FloatArray
     """[s]"""
     depth_displacement: FloatArray
@@ -89,6 +96,11 @@ class FiniteElementRun:
     """[m/s]"""
     angular_velocity: FloatArray
     """[rad/s]"""
+
+    @property
+    def degrees(self) -> float:
+        """Oblique angle as its name has it. [°]"""
+        return round(float(np.degrees(self.oblique_angle)), 6)
 
 
 @cache
@@ -160,14 +172,14 @@ def penetration_tests() -> tuple[PenetrationTest, ...]:
 
 
 @cache
-def finite_element_runs() -> tuple[FiniteElementRun, ...]:
-    """Normal runs by velocity, then the oblique ones by angle."""
-    return tuple(_finite_element_run(row) for row in _rows("finite_element/runs.csv"))
+def finite_element_runs(mesh: Mesh = "coarse") -> tuple[FiniteElementRun, ...]:
+    """Runs with one mesh: the normal ones by velocity, then the oblique ones by angle."""
+    return tuple(_finite_element_run(row) for row in _rows("finite_element/runs.csv") if row["mesh"] == mesh)
 
 
 def finite_element_run(name: str) -> FiniteElementRun:
-    """Return one run by its name, such as `oblique-45`."""
-    (found,) = (run for run in finite_element_runs() if run.name == name)
+    """Return one run by its name, such as `oblique-45` or `fine-oblique-45`."""
+    (found,) = (run for mesh in MESHES for run in finite_element_runs(mesh) if run.name == name)
     return found
 
 
@@ -176,11 +188,12 @@ def _finite_element_run(row: dict[str, str]) -> FiniteElementRun:
     table = {name: np.array([float(each[name]) for each in rows]) for name in rows[0]}
     return FiniteElementRun(
         name=row["name"],
+        mesh="fine" if row["mesh"] == "fine" else "coarse",
         oblique_angle=float(np.radians(float(row["oblique_angle_deg"]))),
         velocity=float(row["velocity_m_s"]),
         greatest_tip_depth=float(row["greatest_tip_depth_m"]),
         outcome=row["outcome"],
-        cpu_seconds=float(row["cpu_s"]),
+        cpu_seconds=float(row["cpu_s"]) if row["cpu_s"] else None,
         time=table["time_s"],
         depth_displacement=table["depth_displacement_m"],
         lateral_displacement=table["lateral_displacement_m"],

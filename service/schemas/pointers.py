@@ -63,5 +63,5 @@ def pointer_of_location(location: Iterable[str | int]) -> str:
 def pointer_of_parameter(field: str) -> str:
     """Pointer of an input as the solver names it, such as ``projectile.length``."""
     names = PLACES.get(field, field).split(".")
-    units = {} if names[0] in UNITLESS else UNITS
+    units = {} if UNITLESS & set(names) else UNITS
     return json_pointer(f"{name}_{units[name]}" if name in units else name for name in names)

@@ -33,6 +33,10 @@ Residuals: TypeAlias = Callable[[float], FloatArray]
 """Weighted residuals at a strength factor."""
 
 
+class UndeterminedError(ParameterError):
+    """Tests or histories that leave the strength factor open."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Estimate:
     """A fitted strength factor."""
@@ -100,8 +104,8 @@ def minimise(residuals: Residuals, start: float, field: str) -> float:
 
     Raises
     ------
-    ParameterError
-        For `field`, if the residuals do not tell it: they do not change with S, or are least at an end of the range.
+    UndeterminedError
+        For `field`, if the residuals do not change with S, or are least at an end of the range.
     """
     low, high = math.log(LOWEST), math.log(HIGHEST)
 
@@ -111,7 +115,7 @@ def minimise(residuals: Residuals, start: float, field: str) -> float:
     def slope(point: FloatArray) -> FloatArray:
         values = log_slope(residuals, math.exp(point[0]))
         if not np.abs(values).max() > SMALLEST_SLOPE:
-            raise _cannot_be_told(field)
+            raise _undetermined(field)
         return values[:, None]
 
     found = least_squares(
@@ -125,7 +129,7 @@ def minimise(residuals: Residuals, start: float, field: str) -> float:
         max_nfev=MOST_STEPS,
     )
     if not low + BOUND_MARGIN < found.x[0] < high - BOUND_MARGIN:
-        raise _cannot_be_told(field)
+        raise _undetermined(field)
     return math.exp(float(found.x[0]))
 
 
@@ -137,9 +141,8 @@ def log_slope(values: Residuals, strength_factor: float) -> FloatArray:
     return slope
 
 
-def _cannot_be_told(field: str) -> ParameterError:
-    """Tests or a history that leave the strength factor open."""
-    return ParameterError(
+def _undetermined(field: str) -> UndeterminedError:
+    return UndeterminedError(
         field,
         f"must tell the strength factor, but no value between {LOWEST:g} and {HIGHEST:g} fits best: "
         "check the units, the projectile and the target",

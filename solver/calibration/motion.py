@@ -1,8 +1,9 @@
-"""Strength factor from the motion of one oblique strike, measured or computed by finite elements (section 3.2)."""
+"""Strength factor from the motion of oblique strikes, measured or computed by finite elements (section 3.2)."""
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -10,6 +11,7 @@ from solver import warnings as model_warnings
 from solver.arrays import FloatArray
 from solver.calibration.estimate import (
     Estimate,
+    UndeterminedError,
     build_estimate,
     coarse_strengths,
     log_slope,
@@ -20,9 +22,10 @@ from solver.calibration.estimate import (
 )
 from solver.calibration.history import QUANTITIES, MotionHistory, Weights, check_reach
 from solver.calibration.strike import Strike
+from solver.errors import ParameterError
+from solver.free_surface import FreeSurface
 from solver.impact import Impact
 from solver.numerics import Numerics
-from solver.prepared import PreparedCase
 from solver.projectile import Projectile
 from solver.resistance import Resistance
 from solver.target import Target
@@ -40,9 +43,28 @@ SMALLEST_SPAN = 1e-3
 FEWEST_SAMPLES = 2.0
 """Independent samples that a quantity counts at least, however alike neighbours err."""
 RIVAL = 1.5
-"""Sum of squares of another minimum, over the least, up to which it is told of. [1]"""
+"""Sum of squares of another minimum, over the least, up to which it is reported. [1]"""
 POOR = 0.9
 """Share of the variance explained below which a fit is called poor. [1]"""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MotionRun:
+    """One strike and the motion that followed.
+
+    Parameters
+    ----------
+    impact
+        How the projectile struck.
+    history
+        The motion to fit.
+    weights
+        Of the quantities; all alike unless given.
+    """
+
+    impact: Impact
+    history: MotionHistory
+    weights: Weights = field(default_factory=Weights)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -56,26 +78,95 @@ class MotionFit:
     """Given minus predicted, of the quantities that were given."""
     root_mean_square: Mapping[str, float]
     """Of the residuals, by quantity. [m, m, rad]"""
+    normalized_root_mean_square: float
+    """Of the residuals over the spans of their quantities, all that are fitted together, weighted. [1]"""
     r_squared: Mapping[str, float]
     """Share of its variance that the prediction explains, by quantity; absent for one that never changes. [1]"""
     warnings: tuple[ModelWarning, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class _Problem:
-    """The quantities to fit, with their weights."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MotionsFit:
+    """Strength factor that fits the motions of several runs best, with one decay law."""
 
-    strike: Strike
-    given: dict[str, FloatArray]
-    weights: dict[str, float]
-    spans: dict[str, float]
+    free_surface: FreeSurface
+    estimate: Estimate
+    """Of the common strength factor."""
+    normalized_root_mean_square: float
+    """At the common S: root of the mean of the squares of the runs. [1]"""
+    runs: tuple[MotionFit, ...]
+    """Each run at the common S, in the given order."""
+    alone: tuple[MotionFit | None, ...]
+    """Each run at the S that fits it best; None for a run that leaves S open."""
+    warnings: tuple[ModelWarning, ...]
 
-    def residuals(self, strength_factor: float) -> FloatArray:
-        """Weighted residuals at a strength factor, the quantities one after another."""
-        columns = self.strike.columns(strength_factor)
-        return np.concatenate(
-            [math.sqrt(self.weights[q]) / self.spans[q] * (self.given[q] - columns[q]) for q in self.given]
+
+class _Run:
+    """A run prepared for any strength factor, with the scales of the quantities that are fitted."""
+
+    def __init__(
+        self,
+        run: MotionRun,
+        projectile: Projectile,
+        target: Target,
+        resistance: Resistance | None,
+        numerics: Numerics | None,
+    ) -> None:
+        check_reach(projectile, run.impact, run.history)
+        settings = (numerics or Numerics()).resolved(relative_tolerance=FIT_TOLERANCE)
+        self.given, self.impact = run.history, run.impact
+        self.strike = Strike(projectile, target, run.impact, resistance, settings, run.history.time)
+        self.rough = Strike(projectile, target, run.impact, resistance, ROUGH.resolved(), run.history.time)
+        self.scales = _scales(run, projectile.length)
+
+    def residuals(self, strength_factor: float, *, rough: bool = False) -> FloatArray:
+        """Scaled residuals, one quantity after another; the sum of their squares is the normalised mean square."""
+        columns = (self.rough if rough else self.strike).columns(strength_factor)
+        return np.concatenate([scale * (self.given.columns[q] - columns[q]) for q, scale in self.scales.items()])
+
+    def slopes(self, strength_factor: float) -> dict[str, FloatArray]:
+        """Derivatives of the predicted quantities by ln S."""
+        slope = log_slope(lambda factor: np.concatenate(list(self.strike.columns(factor).values())), strength_factor)
+        return dict(zip(QUANTITIES, np.split(slope, len(QUANTITIES)), strict=True))
+
+    def at(self, estimate: Estimate, rivals: Sequence[float] = ()) -> MotionFit:
+        """The run at a fitted strength factor."""
+        predicted = self.strike.columns(estimate.strength_factor)
+        residuals = {q: values - predicted[q] for q, values in self.given.columns.items()}
+        explained = _explained(self.given, residuals)
+        squares = [scale**2 * float(residuals[q] @ residuals[q]) for q, scale in self.scales.items()]
+        return MotionFit(
+            estimate=estimate,
+            predicted=MotionHistory(time=self.given.time, **predicted),
+            residuals=MotionHistory(time=self.given.time, **residuals),
+            root_mean_square={q: math.sqrt(float(np.mean(values**2))) for q, values in residuals.items()},
+            normalized_root_mean_square=math.sqrt(sum(squares)),
+            r_squared=explained,
+            warnings=(*self.input_warnings(), *_poor(explained), *_second_minima(rivals)),
         )
+
+    def input_warnings(self) -> tuple[ModelWarning, ...]:
+        """What the model warns of before anything is computed."""
+        return tuple(
+            model_warnings.input_warnings(
+                projectile=self.strike.prepared.projectile,
+                target=self.strike.prepared.target,
+                velocity=self.impact.velocity,
+                angle_of_attack=self.impact.angle_of_attack,
+            )
+        )
+
+
+def _scales(run: MotionRun, length: float) -> dict[str, float]:
+    """Factor of the residuals of each fitted quantity: root of its share of the weight over its rows, over its span."""
+    weights = {q: run.weights.of(q) for q in run.history.columns if run.weights.of(q) > 0.0}
+    require(bool(weights), "weights", "must be greater than 0 for a quantity of the history")
+    units = {"depth_displacement": length, "lateral_displacement": length, "rotation": 1.0}
+    total, rows = sum(weights.values()), len(run.history.time)
+    return {
+        q: math.sqrt(weight / total / rows) / max(float(np.ptp(run.history.columns[q])), SMALLEST_SPAN * units[q])
+        for q, weight in weights.items()
+    }
 
 
 def fit_motion(
@@ -123,52 +214,119 @@ def fit_motion(
     err alike. The standard error therefore counts, for each quantity, n (1-r)/(1+r)
     samples, r being the autocorrelation of its residuals at lag one, at least 0 (Bayley and Hammersley 1946; von Storch
     and Zwiers 1999, 6.6). Rows should be about evenly apart for that. An error of the model that all rows share moves
-    S itself, and no interval tells of it.
+    S itself, and no interval includes it.
     """
     require_confidence_level(confidence_level)
-    check_reach(projectile, impact, history)
-    settings = (numerics or Numerics()).resolved(relative_tolerance=FIT_TOLERANCE)
-    rough = Strike(projectile, target, impact, resistance, ROUGH.resolved(), history.time)
-    strike = Strike(projectile, target, impact, resistance, settings, history.time)
-    problem = _problem(strike, history, weights or Weights())
-    start, rivals = _first_look(replace(problem, strike=rough))
-    best = minimise(problem.residuals, start, "history")
-    predicted = strike.columns(best)
-    residuals = {q: values - predicted[q] for q, values in history.columns.items()}
-    explained = _explained(history, residuals)
-    return MotionFit(
-        estimate=_estimate(problem, best, confidence_level),
-        predicted=MotionHistory(time=history.time, **predicted),
-        residuals=MotionHistory(time=history.time, **residuals),
-        root_mean_square={q: _root_mean_square(values) for q, values in residuals.items()},
-        r_squared=explained,
-        warnings=_warnings(strike.prepared, impact, explained, rivals),
+    run = _Run(
+        MotionRun(impact=impact, history=history, weights=weights or Weights()),
+        projectile,
+        target,
+        resistance,
+        numerics,
+    )
+    return run.at(*_fit([run], [_costs(run)], "history", confidence_level))
+
+
+def fit_motions(
+    *,
+    projectile: Projectile,
+    target: Target,
+    runs: Sequence[MotionRun],
+    resistance: Resistance | None = None,
+    numerics: Numerics | None = None,
+    confidence_level: float = 0.95,
+) -> MotionsFit:
+    """One strength factor that fits the motions of several runs best, and the one that fits each of them.
+
+    Parameters
+    ----------
+    projectile, target
+        Shared by the runs.
+    runs
+        One or more strikes at any angles and speeds, each with its motion. Every run counts alike, however many rows
+        it has.
+    resistance, numerics, confidence_level
+        As for `fit_motion`.
+
+    Returns
+    -------
+    MotionsFit
+
+    Raises
+    ------
+    ParameterError
+        If an input is outside what the model accepts, or the runs together do not determine the strength factor. Of
+        several runs it names fields by the place of the run, such as ``runs.0.history.time``.
+
+    Notes
+    -----
+    As `fit_motion`, over all quantities of all runs. What the runs differ by counts as scatter of their residuals,
+    with few independent samples: where S truly changes from run to run, the interval is wide and S belongs to none of
+    them. Compare with the strength factors of the runs alone.
+    """
+    require_confidence_level(confidence_level)
+    require(bool(runs), "runs", "must be at least 1")
+    prepared = []
+    for index, run in enumerate(runs):
+        with _field_prefix(f"runs.{index}." if len(runs) > 1 else ""):
+            prepared.append(_Run(run, projectile, target, resistance, numerics))
+    costs = [_costs(run) for run in prepared]
+    estimate, rivals = _fit(prepared, costs, "runs" if len(runs) > 1 else "history", confidence_level)
+    fits = tuple(run.at(estimate, rivals) for run in prepared)
+    if len(prepared) == 1:
+        alone: tuple[MotionFit | None, ...] = fits
+    else:
+        alone = tuple(_fit_alone(run, cost, confidence_level) for run, cost in zip(prepared, costs, strict=True))
+    squares = [fit.normalized_root_mean_square**2 for fit in fits]
+    return MotionsFit(
+        free_surface=(resistance or Resistance()).free_surface,
+        estimate=estimate,
+        normalized_root_mean_square=math.sqrt(sum(squares) / len(squares)),
+        runs=fits,
+        alone=alone,
+        warnings=fits[0].warnings if len(fits) == 1 else _common_warnings(prepared, fits, alone, rivals),
     )
 
 
-def _problem(strike: Strike, history: MotionHistory, weights: Weights) -> _Problem:
-    given = {q: values for q, values in history.columns.items() if weights.of(q) > 0.0}
-    require(bool(given), "weights", "must be greater than 0 for a quantity of the history")
-    length = strike.prepared.projectile.length
-    units = {"depth_displacement": length, "lateral_displacement": length, "rotation": 1.0}
-    spans = {q: max(float(np.ptp(values)), SMALLEST_SPAN * units[q]) for q, values in given.items()}
-    return _Problem(strike, given, {q: weights.of(q) for q in given}, spans)
+@contextmanager
+def _field_prefix(prefix: str) -> Iterator[None]:
+    """Name what is wrong with one of several runs by its place."""
+    try:
+        yield
+    except ParameterError as error:
+        if error.field.startswith(("history", "weights")):
+            raise ParameterError(prefix + error.field, error.requirement) from None
+        raise
 
 
-def _first_look(problem: _Problem) -> tuple[float, tuple[float, ...]]:
-    """Where the sum of squares is least, and where else it is nearly as small."""
-    residuals = problem.residuals
-    strengths = coarse_strengths(FIRST_LOOK)
-    costs = np.array([float(np.sum(residuals(float(value)) ** 2)) for value in strengths])
-    found = sorted(
-        (refine(residuals, low, high) for low, _, high in valleys(strengths, costs)), key=lambda valley: valley[1]
-    )
-    (best, least), others = found[0], found[1:]
-    return best, tuple(value for value, cost in others if cost < RIVAL * least)
+def _costs(run: _Run) -> FloatArray:
+    """Normalised mean squares of a first look over the strength factors."""
+    return np.array([np.sum(run.residuals(float(s), rough=True) ** 2) for s in coarse_strengths(FIRST_LOOK)])
 
 
-def _root_mean_square(values: FloatArray) -> float:
-    return math.sqrt(float(np.mean(values**2)))
+def _fit(
+    runs: Sequence[_Run], costs: Sequence[FloatArray], name: str, confidence_level: float
+) -> tuple[Estimate, tuple[float, ...]]:
+    """Best strength factor of some runs together, and others that fit nearly as well."""
+
+    def residuals(strength_factor: float) -> FloatArray:
+        return np.concatenate([run.residuals(strength_factor) for run in runs])
+
+    def rough(strength_factor: float) -> FloatArray:
+        return np.concatenate([run.residuals(strength_factor, rough=True) for run in runs])
+
+    minima = valleys(coarse_strengths(FIRST_LOOK), np.sum(costs, axis=0))
+    found = sorted((refine(rough, low, high) for low, _, high in minima), key=lambda valley: valley[1])
+    (start, least), others = found[0], found[1:]
+    best = minimise(residuals, start, name)
+    return _estimate(runs, best, confidence_level), tuple(value for value, cost in others if cost < RIVAL * least)
+
+
+def _fit_alone(run: _Run, costs: FloatArray, confidence_level: float) -> MotionFit | None:
+    try:
+        return run.at(*_fit([run], [costs], "history", confidence_level))
+    except UndeterminedError:
+        return None
 
 
 def _independent(residuals: FloatArray) -> float:
@@ -180,29 +338,29 @@ def _independent(residuals: FloatArray) -> float:
     return max(FEWEST_SAMPLES, residuals.size * (1.0 - alike) / (1.0 + alike))
 
 
-def _estimate(problem: _Problem, best: float, confidence_level: float) -> Estimate:
-    """Standard error by the sandwich, with the scatter and the independent samples of each quantity.
+def _estimate(runs: Sequence[_Run], best: float, confidence_level: float) -> Estimate:
+    """Standard error by the sandwich, with the scatter and the independent samples of each quantity of each run.
 
     The degrees of freedom are those of Welch and Satterthwaite for a sum of such parts.
     """
-    columns = problem.strike.columns(best)
-    slope = log_slope(lambda factor: np.concatenate(list(problem.strike.columns(factor).values())), best)
-    slopes = dict(zip(QUANTITIES, np.split(slope, len(QUANTITIES)), strict=True))
-    bread = {q: problem.weights[q] / problem.spans[q] ** 2 * float(slopes[q] @ slopes[q]) for q in problem.given}
-    total = sum(bread.values())
+    parts: list[tuple[float, float, FloatArray]] = []
+    for run in runs:
+        columns, slopes = run.strike.columns(best), run.slopes(best)
+        for q, scale in run.scales.items():
+            parts.append((scale**2, float(slopes[q] @ slopes[q]), run.given.columns[q] - columns[q]))
+    total = sum(square * slope for square, slope, _ in parts)
     variance, spread = 0.0, 0.0
-    for q, given in problem.given.items():
-        error = given - columns[q]
-        count = _independent(error)
-        freedom = count - bread[q] / total
+    for square, slope, error in parts:
+        bread = square * slope
+        freedom = _independent(error) - bread / total
         # Mean square over the share of independent samples that the fit has not used up, times n / count.
-        part = problem.weights[q] / problem.spans[q] ** 2 * bread[q] * float(error @ error) / freedom
+        part = square * bread * float(error @ error) / freedom
         variance += part
         spread += part**2 / freedom
     return build_estimate(
         strength_factor=best,
         standard_error=best * math.sqrt(variance) / total,
-        degrees_of_freedom=variance**2 / spread if spread > 0.0 else float(sum(map(len, problem.given.values())) - 1),
+        degrees_of_freedom=variance**2 / spread if spread > 0.0 else float(sum(error.size for *_, error in parts) - 1),
         confidence_level=confidence_level,
     )
 
@@ -217,22 +375,32 @@ def _explained(history: MotionHistory, residuals: dict[str, FloatArray]) -> dict
     return found
 
 
-def _warnings(
-    prepared: PreparedCase, impact: Impact, explained: Mapping[str, float], rivals: Sequence[float]
+def _common_warnings(
+    runs: Sequence[_Run], fits: Sequence[MotionFit], alone: Sequence[MotionFit | None], rivals: Sequence[float]
 ) -> tuple[ModelWarning, ...]:
-    found = list(
-        model_warnings.input_warnings(
-            projectile=prepared.projectile,
-            target=prepared.target,
-            velocity=impact.velocity,
-            angle_of_attack=impact.angle_of_attack,
+    """Warnings of a common fit, each said once."""
+    found = [warning for run in runs for warning in run.input_warnings()]
+    for run, fit, own in zip(runs, fits, alone, strict=True):
+        where = f" of the run at {math.degrees(run.impact.oblique_angle):g}° and {run.impact.velocity:g} m/s"
+        found += _poor(fit.r_squared, where)
+        if own is None:
+            found.append(ModelWarning("run_undetermined", f"no strength factor fits the motion{where} best"))
+    return tuple(dict.fromkeys((*found, *_second_minima(rivals))))
+
+
+def _poor(explained: Mapping[str, float], where: str = "") -> list[ModelWarning]:
+    return [
+        ModelWarning("poor_fit", f"the fit explains {max(share, 0.0):.0%} of the variance of {q}{where}")
+        for q, share in explained.items()
+        if share < POOR
+    ]
+
+
+def _second_minima(rivals: Sequence[float]) -> list[ModelWarning]:
+    return [
+        ModelWarning(
+            "second_minimum",
+            f"a strength factor near {rival:.3g} fits nearly as well: the interval knows of one minimum only",
         )
-    )
-    for q, share in explained.items():
-        if share < POOR:
-            detail = f"the fit explains {max(share, 0.0):.0%} of the variance of {q}"
-            found.append(ModelWarning("poor_fit", detail))
-    for rival in rivals:
-        detail = f"a strength factor near {rival:.3g} fits nearly as well: the interval knows of one minimum only"
-        found.append(ModelWarning("second_minimum", detail))
-    return tuple(found)
+        for rival in rivals
+    ]

@@ -22,11 +22,13 @@ def answered(client: httpx.Client, path: str, body: Any) -> dict[str, Any]:
     return answer
 
 
-def history_at(client: httpx.Client, oblique_angle_deg: float, strength_factor: float) -> dict[str, Any]:
+def history_at(
+    client: httpx.Client, oblique_angle_deg: float, strength_factor: float, **resistance: Any
+) -> dict[str, Any]:
     """Motion that the model itself gives."""
     body = BODY | {
         "impact": {"velocity_m_s": 238.0, "oblique_angle_deg": oblique_angle_deg},
-        "resistance": {"strength_factor": {"model": "constant", "value": strength_factor}},
+        "resistance": {"strength_factor": {"model": "constant", "value": strength_factor}} | resistance,
         "output": {"sample_interval_s": 5e-5},
     }
     history = answered(client, "/trajectory", body)["history"]

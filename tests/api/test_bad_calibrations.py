@@ -1,6 +1,7 @@
 """Whatever is sent to be calibrated, the answer is a problem that names what is wrong, never a 500."""
 
 import json
+from copy import deepcopy
 from typing import Any
 
 import httpx
@@ -121,6 +122,41 @@ def test_two_ends_of_a_history_are_one_too_many(client: httpx.Client) -> None:
     del body["until_s"]
     found = problem_of(client.post("/calibration/motion", json=body), 422)
     assert [error.pointer for error in found.errors] == ["/history/depth_displacement_m"]
+
+
+RUN = {"impact": {"velocity_m_s": 238.0, "oblique_angle_deg": 30.0}, "history": AT_30}
+
+
+@pytest.mark.parametrize(
+    ("pointer", "value", "named"),
+    [
+        ("", {"runs": []}, "/runs"),
+        ("", {"runs": [RUN] * 21}, "/runs"),
+        ("", {"runs": [RUN], "history": AT_30}, "/history"),
+        ("", {"runs": [RUN], "impact": RUN["impact"]}, "/impact"),
+        ("", {}, "/impact"),
+        ("", {"impact": RUN["impact"]}, "/history"),
+        ("", {"runs": [RUN], "until_s": 1e-4}, "/runs/0/until_s"),
+        ("/runs/1/impact", ..., "/runs/1/impact"),
+        ("/runs/1/history/time_s/3", 0.0005, "/runs/1/history/time_s/3"),
+        ("/runs/1/history/rotation_deg/3", 1100.0, "/runs/1/history/rotation_deg/3"),
+        ("/runs/1/history/depth_displacement_m/3", 226.0, "/runs/1/history/depth_displacement_m/3"),
+        ("/runs/1/weights", {"depth": 0.0, "lateral": 0.0, "rotation": 0.0}, "/runs/1/weights"),
+        ("/runs/1/until_s", 1e-4, "/runs/1/until_s"),
+        ("/runs/1/velocity_m_s", 238.0, "/runs/1/velocity_m_s"),
+        ("/target/compressive_strength_pa", 1e5, "/runs"),
+    ],
+)
+def test_problem_of_a_run_names_its_place(client: httpx.Client, pointer: str, value: Any, named: str) -> None:
+    body = SHARED | value if pointer == "" else changed(SHARED | {"runs": [RUN, deepcopy(RUN)]}, pointer, value)
+    found = problem_of(client.post("/calibration/motion", json=body), 422)
+    assert [error.pointer for error in found.errors] == [named], found
+
+
+def test_run_with_two_ends_is_named(client: httpx.Client) -> None:
+    body = SHARED | {"runs": [RUN | {"until_s": 0.001, "until_greatest_depth": True}]}
+    found = problem_of(client.post("/calibration/motion", json=body), 422)
+    assert [error.pointer for error in found.errors] == ["/runs/0/until_greatest_depth"]
 
 
 @pytest.mark.parametrize("literal", LITERALS, ids=[literal[:10] for literal in LITERALS])

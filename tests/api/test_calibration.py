@@ -13,6 +13,7 @@ from service.schemas.calibration.obliquity import TABLE_2
 from service.schemas.examples import PAPER
 
 from .calibrations import BODY, POINTS, TESTS, answered, history_at, strike_at
+from .refused import problem_of
 
 EQ_9 = {"model": "obliquity_polynomial", "coefficients": [8.469, 0.0149, -0.0013]}
 COVARIANCE = [[0.01, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]]
@@ -117,6 +118,78 @@ def test_weight_of_zero_leaves_a_quantity_out(client: httpx.Client, motion: dict
     body = motion | {"history": spoiled, "weights": {"rotation": 0.0}}
     answer = answered(client, "/calibration/motion", body)
     assert answer["strength_factor"] == pytest.approx(7.5, rel=1e-3)
+
+
+def test_every_decay_law_is_fitted_and_the_best_named(client: httpx.Client) -> None:
+    law = {"free_surface": {"model": "mohr_coulomb"}}
+    made = strike_at(30.0, history_at(client, 30.0, 7.5, **law))
+    answer = MotionCalibrationAnswer.model_validate(answered(client, "/calibration/motion", made))
+    laws = {fit.free_surface.value: fit for fit in answer.decay_laws}
+    assert list(laws) == ["elastic_plastic", "mohr_coulomb", "none"]
+    assert answer.best_decay_law == "mohr_coulomb"
+    assert laws["mohr_coulomb"].strength_factor == pytest.approx(7.5, rel=1e-3)
+    assert laws["elastic_plastic"].strength_factor == answer.strength_factor != laws["mohr_coulomb"].strength_factor
+    assert laws["elastic_plastic"].normalized_root_mean_square == answer.normalized_root_mean_square
+    assert [warning.code for warning in answer.warnings if warning.code == "other_decay_law_fits_better"]
+    requested = answered(client, "/calibration/motion", made | {"resistance": law})
+    assert requested["strength_factor"] == laws["mohr_coulomb"].strength_factor
+    assert [fit["free_surface"] for fit in requested["decay_laws"]] == list(laws)
+
+
+def test_law_that_leaves_the_factor_open_is_named_alone(client: httpx.Client) -> None:
+    law = {"free_surface": {"model": "mohr_coulomb"}}
+    made = strike_at(48.0, history_at(client, 48.0, 8.0, **law)) | {"until_s": 0.003, "resistance": law}
+    answer = answered(client, "/calibration/motion", made)
+    assert answer["decay_laws"][2] == {"free_surface": "none"}
+    problem_of(client.post("/calibration/motion", json=made | {"resistance": {"free_surface": {"model": "none"}}}), 422)
+
+
+def test_runs_at_several_angles_share_a_factor_and_have_their_own(client: httpx.Client) -> None:
+    runs = [
+        {name: strike_at(angle, history_at(client, angle, factor))[name] for name in ("impact", "history")}
+        for angle, factor in ((15.0, 8.0), (30.0, 8.0), (45.0, 6.5))
+    ]
+    body = BODY | {"runs": runs, "until_s": 0.002, "compare_strength_factors": [7.0]}
+    answer = answered(client, "/calibration/motion", body)
+    told = MotionCalibrationAnswer.model_validate(answer)
+    assert 6.5 < told.strength_factor < 8.0
+    assert {"residuals", "predicted", "root_mean_square", "r_squared", "compared"}.isdisjoint(answer)
+    for run, fitted in zip(runs, answer["runs"], strict=True):
+        assert fitted["predicted"]["time_s"] == [time for time in run["history"]["time_s"] if time <= 0.002]
+        for name, residuals in fitted["residuals"].items():
+            if name != "time_s":
+                given = run["history"][name][: len(residuals)]
+                assert np.add(fitted["predicted"][name], residuals).tolist() == pytest.approx(given)
+        assert [motion["strength_factor"] for motion in fitted["compared"]] == [7.0]
+    (plain,) = (law for law in answer["decay_laws"] if law["free_surface"] == "elastic_plastic")
+    assert [run["alone"]["strength_factor"] for run in plain["runs"]] == pytest.approx([8.0, 8.0, 6.5], rel=1e-3)
+    for run, fitted in zip(plain["runs"], answer["runs"], strict=True):
+        assert run["normalized_root_mean_square"] == fitted["normalized_root_mean_square"]
+        assert run["alone"]["normalized_root_mean_square"] < run["normalized_root_mean_square"]
+    squares = [run["normalized_root_mean_square"] ** 2 for run in answer["runs"]]
+    assert answer["normalized_root_mean_square"] == pytest.approx(math.sqrt(sum(squares) / 3.0))
+    assert answer["best_decay_law"] == "elastic_plastic"
+
+
+def test_single_run_among_runs_is_that_strike(client: httpx.Client, motion: dict[str, Any]) -> None:
+    alone = answered(client, "/calibration/motion", motion)
+    runs = [{"impact": motion["impact"], "history": motion["history"]}]
+    answer = answered(client, "/calibration/motion", BODY | {"runs": runs})
+    assert answer["strength_factor"] == alone["strength_factor"]
+    assert answer["runs"][0] == {name: alone[name] for name in answer["runs"][0]}
+
+
+def test_a_run_goes_before_the_request(client: httpx.Client, motion: dict[str, Any]) -> None:
+    """End and weights of a run are those of the request unless it has its own."""
+    history = motion["history"] | {"rotation_deg": [-angle for angle in motion["history"]["rotation_deg"]]}
+    plain = {"impact": motion["impact"], "history": motion["history"]}
+    spoiled = {"impact": motion["impact"], "history": history, "weights": {"rotation": 0.0}, "until_s": 0.001}
+    body = BODY | {"runs": [plain, spoiled], "until_greatest_depth": True}
+    answer = answered(client, "/calibration/motion", body)
+    assert answer["strength_factor"] == pytest.approx(7.5, rel=1e-3)
+    deepest = int(np.argmax(history["depth_displacement_m"]))
+    ends = [len(run["residuals"]["time_s"]) for run in answer["runs"]]
+    assert ends == [deepest + 1, 21]
 
 
 def test_table_2_gives_equation_9(client: httpx.Client) -> None:

@@ -99,6 +99,24 @@ def test_hdf5_of_a_calibration_has_its_numbers(client: httpx.Client, path: str, 
     assert units.get("residual_rotation_deg", "deg") == "deg"
 
 
+def test_residuals_of_several_runs_are_one_table(client: httpx.Client, motion: dict[str, Any]) -> None:
+    short = {name: motion["history"][name] for name in ("time_s", "rotation_deg")}
+    runs = [{"impact": motion["impact"], "history": history} for history in (motion["history"], short)]
+    answer = answered(client, "/calibration/motion", BODY | {"runs": runs, "until_s": 0.001})
+    table = table_of(client, answer["key"])
+    assert list(table) == ["run", *COLUMNS["/calibration/motion"]]
+    assert table["run"] == ["0"] * 21 + ["1"] * 21
+    assert [float(cell) for cell in table["residual_rotation_deg"][21:]] == answer["runs"][1]["residuals"][
+        "rotation_deg"
+    ]
+    assert set(table["residual_depth_displacement_m"][21:]) == {"nan"}
+    content = client.get(f"/results/{answer['key']}", headers={"Accept": "application/x-hdf5"}).content
+    with h5py.File(io.BytesIO(content)) as file:
+        assert file["residuals"]["run"].tolist() == [0] * 21 + [1] * 21
+        assert file["summary"]["best_decay_law"].astype(str).tolist() == [answer["best_decay_law"]]
+        assert file["summary"]["normalized_root_mean_square"][0] == answer["normalized_root_mean_square"]
+
+
 def test_groups_are_a_column_of_the_residuals(client: httpx.Client) -> None:
     names = ["one", "one", "two", "two"]
     tests = [test | {"group": name} for test, name in zip(TABLE_1, names, strict=True)]

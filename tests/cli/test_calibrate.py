@@ -138,6 +138,84 @@ def test_strength_factor_of_a_history_is_found_again(run: Run, motion: MotionHis
     assert float(rows[-1]["rotation_deg"]) == pytest.approx(answer["predicted"]["rotation_deg"][-1], rel=1e-6)
 
 
+SI_COLUMNS = {"depth_displacement": "depth_displacement_m", "lateral_displacement": "lateral_displacement_m"}
+
+
+def write_runs(folder: Path, factors: dict[float, float], velocities: dict[float, float]) -> Path:
+    """A table of runs and the history of each, made with these strength factors by angle."""
+    lines = ["file,oblique_angle_deg,velocity_m_s,until_ms"]
+    for angle, factor in factors.items():
+        motion = predict_motion(
+            projectile=PAPER_PROJECTILE,
+            target=PAPER_TARGET,
+            impact=Impact(velocity=velocities[angle], oblique_angle=math.radians(angle)),
+            strength_factor=factor,
+            times=np.linspace(0.0, 3e-3, 31),
+        )
+        rows = zip(motion.time, *(motion.columns[name] for name in SI_COLUMNS), strict=True)
+        text = "".join(f"{','.join(f'{value:.9g}' for value in row)}\n" for row in rows)
+        (folder / f"at-{angle:g}.csv").write_text(f"time_s,{','.join(SI_COLUMNS.values())}\n{text}")
+        lines.append(f"at-{angle:g}.csv,{angle:g},{velocities[angle]:g},2.5")
+    (folder / "runs.csv").write_text("\n".join(lines) + "\n")
+    return folder / "runs.csv"
+
+
+def test_strength_factor_of_several_runs_is_found_again(run: Run, tmp_path: Path) -> None:
+    factors, velocities = {15.0: 7.5, 30.0: 7.5, 45.0: 7.5}, {15.0: 238.0, 30.0: 300.0, 45.0: 200.0}
+    runs, written = write_runs(tmp_path, factors, velocities), tmp_path / "histories.csv"
+    answer = answer_of(run("motion", "--runs", runs, *CASE, "--json", "--histories", written))
+    assert answer["strength_factor"] == pytest.approx(7.5, rel=1e-3)
+    assert [each["file"] for each in answer["runs"]] == ["at-15.csv", "at-30.csv", "at-45.csv"]
+    assert {each["oblique_angle_deg"]: each["velocity_m_s"] for each in answer["runs"]} == velocities
+    assert [each["predicted"]["time_s"][-1] for each in answer["runs"]] == [0.0025] * 3
+    assert answer["best_decay_law"] == "elastic_plastic"
+    alone = answer["decay_laws"][0]["runs"]
+    assert [each["alone"]["strength_factor"] for each in alone] == pytest.approx([7.5] * 3, rel=1e-3)
+    rows = list(csv.DictReader(written.read_text().splitlines()))
+    assert {row["run"] for row in rows} == {"0", "1", "2"}
+    assert len(rows) == 3 * 26
+
+
+def test_what_a_table_of_runs_lacks_comes_from_the_flags(run: Run, tmp_path: Path) -> None:
+    runs = write_runs(tmp_path, {30.0: 7.5}, {30.0: 238.0})
+    full = answer_of(run("motion", "--runs", runs, *CASE, "--json"))
+    runs.write_text("file\nat-30.csv\n")
+    flags = ["--velocity", "238", "--oblique-angle", "30", "--until", "2.5e-3"]
+    assert answer_of(run("motion", "--runs", runs, *CASE, *flags, "--json")) == full
+    assert answer_of(run("motion", tmp_path / "at-30.csv", *CASE, *flags, "--json"))[
+        "strength_factor"
+    ] == pytest.approx(full["strength_factor"])
+
+
+def test_people_get_every_run_and_every_law(run: Run, tmp_path: Path) -> None:
+    runs = write_runs(tmp_path, {15.0: 8.0, 45.0: 6.5}, {15.0: 238.0, 45.0: 238.0})
+    status, out, err = run("motion", "--runs", runs, *CASE)
+    assert (status, "Traceback" in err) == (0, False)
+    for expected in ("at-15.csv", "8.000 ±", "6.500 ±", "best decay law: elastic plastic", "mohr coulomb", "2 runs"):
+        assert expected in out
+
+
+def test_wrong_table_of_runs_ends_with_status_2(run: Run, tmp_path: Path) -> None:
+    runs = write_runs(tmp_path, {30.0: 7.5}, {30.0: 238.0})
+    history = tmp_path / "at-30.csv"
+    tables = {
+        "file,oblique_angle_deg\nat-30.csv,95\n": "runs.csv:2: oblique_angle",
+        "file,oblique_angle_deg\nat-30.csv,30\n": "runs.csv:2: --velocity is missing",
+        "file,velocity_m_s\nat-30.csv,-3\n": "runs.csv:2: velocity",
+        "velocity_m_s\n238\n": "no column of file",
+        "file,oblique_angle_deg,velocity_m_s\nnone.csv,30,238\n": "none.csv: No such file",
+    }
+    for table, reason in tables.items():
+        runs.write_text(table)
+        status, out, err = run("motion", "--runs", runs, *CASE)
+        assert (status, out) == (2, "")
+        assert reason in err
+    for flags in ([], [history, "--runs", runs]):
+        status, _, err = run("motion", *flags, *STRIKE)
+        assert status == 2
+        assert "either HISTORY or --runs RUNS.csv must be given" in err
+
+
 @pytest.mark.parametrize("write", [write_rbdout, write_nodout, write_binout])
 def test_strength_factor_is_found_from_files_of_ls_dyna(
     run: Run, motion: MotionHistory, tmp_path: Path, write: Callable[..., None]

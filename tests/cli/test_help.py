@@ -100,6 +100,7 @@ def test_examples_of_the_help_work(
     if words == ("calibrate", "motion"):
         assert cli.main(["trajectory", "strike.toml", "--angle", "30", "--csv"]) == 0
         (folder / "history.csv").write_text(motion_since_contact(capsys.readouterr().out))
+        (folder / "runs.csv").write_text("file,oblique_angle_deg\nhistory.csv,30\n")
     examples = examples_of(help_of(*words, capsys=capsys))
     assert examples
     for example in examples:

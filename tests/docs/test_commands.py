@@ -81,7 +81,7 @@ def run_page(tmp_path: Path, service_on: Callable[..., Any]) -> Iterator[Callabl
 def test_every_block_of_a_page_that_is_to_run_runs(page: Path, run_page: Callable[[Path], dict[str, str]]) -> None:
     printed = run_page(page)
     if page.name == "README.md":
-        cra, sweep, python = printed.values()
+        python, cra, sweep = printed.values()
         [said] = re.findall(r'"critical_angle_deg": ([0-9.]+)\.\.\.', page.read_text(encoding="utf-8"))
         assert json.loads(cra)["critical_angle_deg"] == pytest.approx(float(said), abs=TOLERANCE_DEG)
         assert float(python.split()[-1]) == pytest.approx(float(said), abs=TOLERANCE_DEG)

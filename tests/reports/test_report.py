@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from service.reports import style
-from service.reports.reference import finite_element_runs, penetration_tests, table_1
+from service.reports.reference import MESHES, finite_element_runs, penetration_tests, table_1
 from service.reports.report import Comparison, Figure, Section, Table, paragraphs, stack, write_report
 
 
@@ -128,8 +128,10 @@ def test_paragraphs_are_split_at_blank_lines_only() -> None:
 def test_reference_data_is_complete() -> None:
     assert [shot.depth for shot in table_1()] == [0.30, 0.38, 0.45, 0.53]
     assert len(penetration_tests()) == 55
-    runs = finite_element_runs()
-    assert [run.name for run in runs if run.outcome == "ricochet"] == ["oblique-52", "oblique-55"]
+    runs = [run for mesh in MESHES for run in finite_element_runs(mesh)]
+    assert len(runs) == 11 + 6
+    away = ["oblique-50", "oblique-52", "oblique-55", "fine-oblique-48", "fine-oblique-50"]
+    assert [run.name for run in runs if run.outcome == "ricochet"] == away
     assert all(run.time[0] == run.depth_displacement[0] == run.rotation[0] == 0.0 for run in runs)
 
 

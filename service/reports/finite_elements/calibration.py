@@ -1,30 +1,38 @@
-"""Strength factors from the finite element runs, by their motion and by their depths in normal impact."""
+"""Strength factors from the finite element runs with each decay law, by motion and by depth in normal impact."""
 
+import math
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from service.reports.contents import Tell
-from service.reports.paper.strike import (
-    finite_element_depths,
-    finite_element_fit,
-    history_of,
-    impact_of,
-    time_of_deepest_tip,
-)
-from service.reports.reference import FiniteElementRun, finite_element_run
-from solver import Numerics
-from solver.calibration import DepthFit, Estimate, MotionFit, Weights, fit_motion
-from solver.cases import PAPER_PROJECTILE, PAPER_TARGET
+import numpy as np
 
-CALIBRATED = ("oblique-15", "oblique-30", "oblique-45")
-"""Runs whose motion the polynomial goes through; at 0° it takes the depths of all normal runs, as the paper does."""
-NORMAL = "normal-238.1"
-"""The normal run at the speed of the oblique ones: its motion is another reading of S at 0°."""
-BRACKETING = ("oblique-48", "oblique-50", "oblique-52", "oblique-55")
-"""Runs near the critical angle."""
+from service.reports.contents import Tell
+from service.reports.paper.strike import finite_element_depths, history_of, impact_of, time_of_deepest_tip
+from service.reports.reference import MESHES, FiniteElementRun, Mesh, finite_element_runs
+from solver import ElasticPlastic, MohrCoulomb, Numerics, Resistance
+from solver.calibration import (
+    DecayLawFits,
+    DepthFit,
+    Estimate,
+    MotionFit,
+    MotionRun,
+    UndeterminedError,
+    Weights,
+    fit_decay_laws,
+    fit_motion,
+)
+from solver.cases import PAPER_PROJECTILE, PAPER_TARGET
+from solver.free_surface import FreeSurface
+
+ELASTIC_PLASTIC, MOHR_COULOMB = ElasticPlastic(), MohrCoulomb()
+LAWS: Mapping[str, FreeSurface] = {law.name: law for law in (ELASTIC_PLASTIC, MOHR_COULOMB)}
+"""Decay laws with which a critical angle is predicted."""
+LAW_NAMES = {"elastic_plastic": "elastic-plastic", "mohr_coulomb": "Mohr-Coulomb", "none": "no decay"}
+PAPER_ANGLES = (15.0, 30.0, 45.0)
+"""Oblique angles at which the paper calibrates. [°]"""
 ROUGHER = Numerics(relative_tolerance=1e-5)
-"""For fits that only show what another reading gives: S to the second decimal, except where it is not told anyway."""
+"""For fits to one quantity, which leave S open anyway beyond the second decimal."""
 ALONE = {
     "depth_displacement": Weights(lateral=0.0, rotation=0.0),
     "lateral_displacement": Weights(depth=0.0, rotation=0.0),
@@ -34,72 +42,102 @@ ALONE = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Calibration:
-    """One run and what was fitted to it until its nose tip is deepest."""
+    """Everything fitted to the runs with one mesh."""
 
-    run: FiniteElementRun
-    fit: MotionFit
-    alone: Mapping[str, Estimate]
-    """S from each quantity alone, for oblique runs."""
-    cpu_seconds: float
-    """Of the first of these fits."""
-
-    @property
-    def estimate(self) -> Estimate:
-        """From all quantities together."""
-        return self.fit.estimate
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Calibrations:
-    """Everything fitted to the finite element runs."""
-
-    by_motion: Sequence[Calibration]
-    """The normal run, calibrated runs, then the bracketing ones."""
+    mesh: Mesh
+    runs: Sequence[FiniteElementRun]
+    """The oblique ones, by angle."""
+    fits: DecayLawFits
+    """Until the nose tip of each run is deepest."""
+    later_fits: DecayLawFits
+    """Until the centre of gravity of each run is deepest, which is later at steep angles."""
     by_depth: DepthFit
-    """The four greatest depths of normal impact."""
+    """Greatest depths of normal impact, which no decay law changes."""
+    alone: Mapping[str, Mapping[float, Mapping[str, Estimate | None]]]
+    """By law and oblique angle: S from each quantity by itself; None where it leaves S open. [°]"""
+    cpu_seconds: float
+    """Of `fits`."""
 
-    @property
-    def points(self) -> dict[float, Estimate]:
-        """What the polynomial goes through, by oblique angle: S from depths at 0°, from motion elsewhere. [rad]"""
-        oblique = {each.run.oblique_angle: each.estimate for each in self.of(CALIBRATED)}
-        return {0.0: self.by_depth.estimate, **oblique}
+    def own(self, law: str, *, later: bool = False) -> dict[float, MotionFit]:
+        """Fit of each run by itself with a law, by oblique angle; without those that leave S open. [°]"""
+        found = (self.later_fits if later else self.fits).laws[law]
+        alone = found.alone if found else ()
+        return {run.degrees: fit for run, fit in zip(self.runs, alone, strict=False) if fit is not None}
 
-    def of(self, names: Sequence[str]) -> list[Calibration]:
-        """Some of the runs, by name."""
-        return [next(each for each in self.by_motion if each.run.name == name) for name in names]
+    def factors(self, law: str, *, later: bool = False) -> dict[float, Estimate]:
+        """S by oblique angle: from depths at 0°, from motion elsewhere. [°]"""
+        return {0.0: self.by_depth.estimate} | {
+            angle: fit.estimate for angle, fit in self.own(law, later=later).items()
+        }
 
-
-def calibrations(tell: Tell) -> Calibrations:
-    """Fit every run."""
-    tell("finite elements: depths of normal impact")
-    by_depth = finite_element_depths()
-    finite_element_fit(CALIBRATED[0])  # what must be compiled is, before any time is taken
-    by_motion = []
-    for name in (NORMAL, *CALIBRATED, *BRACKETING):
-        tell(f"finite elements: fit of {name}")
-        by_motion.append(_calibrate(finite_element_run(name)))
-    return Calibrations(by_motion=by_motion, by_depth=by_depth)
+    def normalized_root_mean_square(self, law: str, *, later: bool = False) -> float:
+        """Over all runs, each at its own S. [1]"""
+        return overall(self.own(law, later=later).values())
 
 
-def fit_until(
-    run: FiniteElementRun, end: float, weights: Weights | None = None, numerics: Numerics | None = None
-) -> MotionFit:
-    """Fit the motion of a run up to some instant. [s]"""
-    return fit_motion(
-        projectile=PAPER_PROJECTILE,
-        target=PAPER_TARGET,
-        impact=impact_of(run),
-        history=history_of(run).until(end),
-        weights=weights,
-        numerics=numerics,
+def overall(fits: Iterable[MotionFit]) -> float:
+    """Normalised root mean square of several fits, each counting alike. [1]"""
+    return math.sqrt(float(np.mean([fit.normalized_root_mean_square**2 for fit in fits])))
+
+
+def calibrations(tell: Tell) -> dict[Mesh, Calibration]:
+    """Fit every run with every law, for each mesh."""
+    return {mesh: _calibrate(mesh, tell) for mesh in MESHES}
+
+
+def _calibrate(mesh: Mesh, tell: Tell) -> Calibration:
+    runs = [run for run in finite_element_runs(mesh) if run.oblique_angle > 0.0]
+    tell(f"finite elements, {mesh} mesh: fits to the motion")
+    fit_laws([runs[0]], [time_of_deepest_tip(runs[0])])  # compiled before any time is taken
+    ends = [time_of_deepest_tip(run) for run in runs]
+    start = time.process_time()
+    fits = fit_laws(runs, ends)
+    spent = time.process_time() - start
+    later = fit_laws(runs, [history_of(run).time_of_greatest_depth for run in runs])
+    tell(f"finite elements, {mesh} mesh: fits to one quantity")
+    alone = {
+        name: {run.degrees: _alone(run, end, law) for run, end in zip(runs, ends, strict=True)}
+        for name, law in LAWS.items()
+    }
+    return Calibration(
+        mesh=mesh,
+        runs=runs,
+        fits=fits,
+        later_fits=later,
+        by_depth=finite_element_depths(mesh),
+        alone=alone,
+        cpu_seconds=spent,
     )
 
 
-def _calibrate(run: FiniteElementRun) -> Calibration:
-    end = time_of_deepest_tip(run)
-    start = time.process_time()
-    fit = fit_until(run, end)
-    spent = time.process_time() - start
-    oblique = run.oblique_angle > 0.0
-    alone = {name: fit_until(run, end, weights, ROUGHER).estimate for name, weights in ALONE.items()} if oblique else {}
-    return Calibration(run=run, fit=fit, alone=alone, cpu_seconds=spent)
+def fit_laws(runs: Sequence[FiniteElementRun], ends: Sequence[float]) -> DecayLawFits:
+    """Fit runs with every decay law, each up to some instant. [s]"""
+    return fit_decay_laws(
+        projectile=PAPER_PROJECTILE,
+        target=PAPER_TARGET,
+        runs=[
+            MotionRun(impact=impact_of(run), history=history_of(run).until(end))
+            for run, end in zip(runs, ends, strict=True)
+        ],
+    )
+
+
+def _alone(run: FiniteElementRun, end: float, law: FreeSurface) -> dict[str, Estimate | None]:
+    """S from each quantity by itself."""
+    return {name: _fit_quantity(run, end, law, weights) for name, weights in ALONE.items()}
+
+
+def _fit_quantity(run: FiniteElementRun, end: float, law: FreeSurface, weights: Weights) -> Estimate | None:
+    try:
+        fit = fit_motion(
+            projectile=PAPER_PROJECTILE,
+            target=PAPER_TARGET,
+            impact=impact_of(run),
+            history=history_of(run).until(end),
+            weights=weights,
+            resistance=Resistance(free_surface=law),
+            numerics=ROUGHER,
+        )
+    except UndeterminedError:
+        return None
+    return fit.estimate

@@ -1,29 +1,25 @@
-"""The finite element comparison: calibrate on some runs, predict the critical angle, look at the others."""
+"""The finite element comparison: both decay laws calibrated on both meshes, and the critical angles that follow."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 
 from service.reports.contents import Comparison, Section, Table, Tell
-from service.reports.finite_elements import figures
-from service.reports.finite_elements.account import paragraphs
-from service.reports.finite_elements.calibration import (
-    BRACKETING,
-    CALIBRATED,
-    Calibrations,
-    calibrations,
-)
-from service.reports.finite_elements.prediction import CHOSEN, PAPER, Prediction, bracket, polynomials, predictions
-from service.reports.reference import finite_element_run, finite_element_runs, table_2
-from solver.calibration import ObliquityFit
+from service.reports.finite_elements import endings, figures
+from service.reports.finite_elements.account import outcomes, paragraphs, short, with_extrapolation
+from service.reports.finite_elements.calibration import ALONE, LAW_NAMES, LAWS, Calibration, calibrations, overall
+from service.reports.finite_elements.prediction import CHOSEN, TO_45, Prediction, Predictions, predictions
+from service.reports.reference import MESHES, Mesh, finite_element_runs, table_2
 
-QUANTITIES = ("depth_displacement", "lateral_displacement", "rotation")
-TELLING = (
-    "scatter_beyond_standard_errors",
-    "covariance_unknown",
-    "standard_error_unknown",
-    "strength_fit_extrapolated",
-)
-"""Warnings that tell one reading of the calibration from another."""
+SEPARATE_CALCULATION = "a separate calculation on the same runs"
+SEPARATE_RMS = {"mohr_coulomb": 0.051, "elastic_plastic": 0.090, "none": 0.216}
+"""Normalised root mean square over the oblique runs. [1]"""
+SEPARATE_ANGLES: Mapping[tuple[str, Mesh, str], float] = {
+    ("mohr_coulomb", "coarse", CHOSEN): 46.8,
+    ("mohr_coulomb", "fine", CHOSEN): 46.5,
+    ("elastic_plastic", "coarse", TO_45): 51.4,
+    ("elastic_plastic", "fine", TO_45): 49.1,
+}
+"""Calibrated critical angles. [°]"""
 
 
 def section(tell: Tell) -> Section:
@@ -31,60 +27,86 @@ def section(tell: Tell) -> Section:
     return compare(calibrations(tell), tell)
 
 
-def compare(found: Calibrations, tell: Tell) -> Section:
+def compare(found: Mapping[Mesh, Calibration], tell: Tell) -> Section:
     """Return the comparison from what was fitted."""
     tell("finite elements: critical angles")
-    fits = polynomials(found)
-    predicted = predictions(found, fits)
-    ends = bracket(finite_element_runs())
-    model = fits[CHOSEN].model
+    predicted = predictions(found)
+    ends = {mesh: endings.bracket(finite_element_runs(mesh)) for mesh in MESHES}
     tell("finite elements: figures")
     return Section(
         title="Finite elements of the same strike",
-        text=paragraphs(found, fits, predicted, ends),
-        comparisons=_comparisons(found, predicted, ends),
-        tables=(_fits(found), _goodness(found), _depths(found), _angles(fits, predicted), _cost(found, predicted)),
+        text=paragraphs(found, predicted, ends),
+        comparisons=tuple(_comparisons(found, predicted, ends)),
+        tables=(
+            endings.table([run for mesh in MESHES for run in finite_element_runs(mesh)]),
+            _laws(found),
+            _fits(found),
+            _quantities(found),
+            _outcomes(found),
+            _depths(found),
+            _angles(predicted),
+            _cost(found, predicted),
+        ),
         figures=(
-            figures.fitted_figure(found.of(CALIBRATED)),
-            figures.factor_figure(found, model, predicted[CHOSEN].answer.angle, ends),
-            figures.predicted_figure([finite_element_run(name) for name in BRACKETING], model),
-            figures.tip_figure(found.of(BRACKETING), model),
+            figures.rms_figure(found),
+            figures.fitted_figure(found),
+            figures.factor_figure(found, predicted, ends),
+            figures.tip_figure(found),
+            figures.angle_figure(predicted, ends),
         ),
     )
 
 
 def _comparisons(
-    found: Calibrations, predicted: dict[str, Prediction], ends: tuple[float, float]
-) -> tuple[Comparison, ...]:
-    low, high = (math.degrees(angle) for angle in ends)
-    strengths = [
-        Comparison(
-            what=f"S at {degrees:g}°, finite element {'motion' if degrees else 'depths'}",
-            ours=each.strength_factor,
+    found: Mapping[Mesh, Calibration], predicted: Predictions, ends: Mapping[Mesh, tuple[float, float]]
+) -> Iterator[Comparison]:
+    for mesh in MESHES:
+        low, high = (math.degrees(angle) for angle in ends[mesh])
+        for law in LAWS:
+            chosen = predicted.chosen(law, mesh)
+            yield Comparison(
+                what=f"critical angle, {LAW_NAMES[law]}, S from all runs with the {mesh} mesh",
+                ours=chosen.degrees or math.nan,
+                reference=0.5 * (low + high),
+                unit="°",
+                tolerance=None,
+                reference_source=f"middle of {low:g}° (not turned away) and {high:g}° (turned away), {mesh} mesh",
+                note=_with_error(chosen),
+            )
+    for (law, mesh, reading), angle in SEPARATE_ANGLES.items():
+        each = predicted.of(law, mesh, reading)
+        yield Comparison(
+            what=f"critical angle, {LAW_NAMES[law]}, {mesh} mesh, {reading}",
+            ours=each.degrees or math.nan,
+            reference=angle,
+            unit="°",
+            tolerance=None,
+            reference_source=SEPARATE_CALCULATION,
+            note=f"{_with_error(each)}{', extrapolated' if each.extrapolated else ''}",
+        )
+    for law, rms in SEPARATE_RMS.items():
+        yield Comparison(
+            what=f"normalised rms over the oblique runs, coarse mesh, {LAW_NAMES[law]}",
+            ours=found["coarse"].normalized_root_mean_square(law),
+            reference=rms,
+            unit="1",
+            tolerance=None,
+            reference_source=SEPARATE_CALCULATION,
+            note="until the nose tip is deepest; "
+            f"{found['coarse'].normalized_root_mean_square(law, later=True):.3f} until the centre of gravity is",
+        )
+    factors = found["coarse"].factors("elastic_plastic")
+    for degrees, printed in table_2():
+        estimate = factors[degrees]
+        yield Comparison(
+            what=f"S at {degrees:g}°, finite element {'motion' if degrees else 'depths'}, elastic-plastic",
+            ours=estimate.strength_factor,
             reference=printed,
             unit="1",
             tolerance=None,
             reference_source="Table 2, from LS-DYNA (0°: tests)",
-            note="95 % interval {:.2f} to {:.2f}".format(*each.confidence_interval),
+            note="95 % interval {:.2f} to {:.2f}".format(*estimate.confidence_interval),
         )
-        for each, (degrees, printed) in zip(found.points.values(), table_2(), strict=True)
-    ]
-    angles = [
-        Comparison(
-            what=f"critical angle, {what}",
-            ours=predicted[what].degrees or math.nan,
-            reference=0.5 * (low + high),
-            unit="°",
-            tolerance=None,
-            reference_source=f"middle of {low:g}° (sliding) and {high:g}° (ricochet), finite elements",
-            note=note,
-        )
-        for what, note in (
-            (CHOSEN, _with_error(predicted[CHOSEN])),
-            (PAPER, "calibrated by the paper on other finite elements"),
-        )
-    ]
-    return (*angles, *strengths)
 
 
 def _with_error(prediction: Prediction) -> str:
@@ -92,85 +114,154 @@ def _with_error(prediction: Prediction) -> str:
     return "standard error unknown" if error is None else f"standard error {error:.1f}°"
 
 
-def _fits(found: Calibrations) -> Table:
-    rows = []
-    for each in found.by_motion:
-        alone = [each.alone[name].strength_factor if name in each.alone else None for name in QUANTITIES]
-        interval = "{:.2f} to {:.2f}".format(*each.estimate.confidence_interval)
-        end = float(each.fit.predicted.time[-1]) * 1e3
-        rows.append((each.run.name, end, each.estimate.strength_factor, each.estimate.standard_error, interval, *alone))
+def _laws(found: Mapping[Mesh, Calibration]) -> Table:
+    """Each law over all runs of a mesh."""
+    rows: list[Sequence[object]] = []
+    for mesh, calibration in found.items():
+        for law, name in LAW_NAMES.items():
+            common, own = calibration.fits.laws[law], calibration.own(law)
+            later = calibration.own(law, later=True)
+            rows.append(
+                (
+                    *(mesh, name, len(own), overall(own.values())),
+                    overall(later.values()) if len(later) == len(own) else None,
+                    common and common.estimate.strength_factor,
+                    common and common.normalized_root_mean_square,
+                )
+            )
+    return Table(
+        name="finite-elements-laws",
+        caption="Normalised root mean square over all oblique runs of a mesh: each run at its own S, fitted until its "
+        "nose tip or until its centre of gravity is deepest (empty if a run leaves S open), and at one S for all runs, "
+        "until the tip is deepest.",
+        columns=("mesh", "decay law", "runs", "own S, tip", "own S, centre of gravity", "common S", "at common S"),
+        rows=rows,
+    )
+
+
+def _fits(found: Mapping[Mesh, Calibration]) -> Table:
+    rows: list[Sequence[object]] = []
+    for calibration in found.values():
+        for run in calibration.runs:
+            fits = [calibration.own(law).get(run.degrees) for law in LAW_NAMES]
+            end = next(float(fit.predicted.time[-1]) * 1e3 for fit in fits if fit)
+            cells = [
+                cell
+                for fit in fits
+                for cell in ((short(fit.estimate), fit.normalized_root_mean_square) if fit else ("", None))
+            ]
+            rows.append((run.name, end, *cells))
+    columns = [cell for name in LAW_NAMES.values() for cell in (f"S, {name}", "rms")]
     return Table(
         name="finite-elements-fits",
-        caption="S fitted to each run until its nose tip is deepest, from all quantities together and from each alone. "
-        "The first run and the last four are not in the polynomial.",
-        columns=("run", "until [ms]", "S", "standard error", "95 %", "depth alone", "lateral alone", "rotation alone"),
+        caption="S fitted to each run until its nose tip is deepest, with its standard error, and the normalised root "
+        "mean square of what is left, by decay law.",
+        columns=("run", "until [ms]", *columns),
         rows=rows,
     )
 
 
-def _goodness(found: Calibrations) -> Table:
-    rows = []
-    for each in found.by_motion:
-        left = each.fit.root_mean_square
-        shown = {name: math.degrees(value) if name == "rotation" else value * 1e3 for name, value in left.items()}
-        explained = each.fit.r_squared
-        rows.append((each.run.name, *map(shown.get, QUANTITIES), *map(explained.get, QUANTITIES)))
+def _quantities(found: Mapping[Mesh, Calibration]) -> Table:
+    rows: list[Sequence[object]] = []
+    for calibration in found.values():
+        for run in calibration.runs:
+            for law in LAWS:
+                alone = calibration.alone[law][run.degrees]
+                left = calibration.own(law)[run.degrees].root_mean_square
+                rows.append(
+                    (
+                        *(run.name, LAW_NAMES[law]),
+                        *(left["depth_displacement"] * 1e3, left["lateral_displacement"] * 1e3),
+                        math.degrees(left["rotation"]),
+                        *(estimate and estimate.strength_factor for estimate in map(alone.get, ALONE)),
+                    )
+                )
     return Table(
-        name="finite-elements-goodness",
-        caption="Goodness of these fits, all quantities together: root mean square of what is left, and the share of "
-        "the variance that the model explains.",
-        columns=("run", "depth [mm]", "lateral [mm]", "rotation [°]", "R² depth", "R² lateral", "R² rotation"),
+        name="finite-elements-quantities",
+        caption="Root mean square of what these fits leave of each quantity, and S fitted to each quantity alone.",
+        columns=(
+            *("run", "decay law", "depth [mm]", "lateral [mm]", "rotation [°]"),
+            *("S, depth alone", "S, lateral alone", "S, rotation alone"),
+        ),
         rows=rows,
     )
 
 
-def _depths(found: Calibrations) -> Table:
-    fit = found.by_depth
-    normal = [run for run in finite_element_runs() if run.oblique_angle == 0.0]
-    rows = [
-        (run.velocity, float(run.depth_displacement.max()), float(predicted), float(residual) * 1e3)
-        for run, predicted, residual in zip(normal, fit.predicted, fit.residuals, strict=True)
+def _outcomes(found: Mapping[Mesh, Calibration]) -> Table:
+    """Whether the model at the S of a run turns its projectile away, as the finite elements do."""
+    rows: list[Sequence[object]] = []
+    for calibration in found.values():
+        for run in calibration.runs:
+            away = [endings.ending(run).turned_away, *(outcomes(calibration, law)[run.degrees] for law in LAWS)]
+            rows.append((run.name, *("turned away" if each else "retained" for each in away)))
+    return Table(
+        name="finite-elements-outcomes",
+        caption="Outcome of each run, and of the model at the S fitted to it until its nose tip is deepest.",
+        columns=("run", "finite elements", *(LAW_NAMES[law] for law in LAWS)),
+        rows=rows,
+    )
+
+
+def _depths(found: Mapping[Mesh, Calibration]) -> Table:
+    rows = []
+    for mesh, calibration in found.items():
+        fit, normal = calibration.by_depth, [run for run in finite_element_runs(mesh) if run.oblique_angle == 0.0]
+        for run, predicted, residual in zip(normal, fit.predicted, fit.residuals, strict=True):
+            greatest = float(run.depth_displacement.max())
+            rows.append((mesh, run.velocity, greatest, float(predicted), float(residual) * 1e3))
+    values = [
+        f"{each.by_depth.estimate.strength_factor:.2f} ± {each.by_depth.estimate.standard_error:.2f} ({mesh} mesh)"
+        for mesh, each in found.items()
     ]
-    low, high = fit.estimate.confidence_interval
     return Table(
         name="finite-elements-depths",
-        caption=f"Greatest depths in normal impact, and the model at the S that fits them best, "
-        f"{fit.estimate.strength_factor:.2f} ± {fit.estimate.standard_error:.2f} (95 %: {low:.2f} to {high:.2f}).",
-        columns=("velocity [m/s]", "finite elements [m]", "model [m]", "difference [mm]"),
+        caption=f"Greatest depths in normal impact, and the model at the S that fits those of a mesh best, "
+        f"{' and '.join(values)}.",
+        columns=("mesh", "velocity [m/s]", "finite elements [m]", "model [m]", "difference [mm]"),
         rows=rows,
     )
 
 
-def _angles(fits: Mapping[str, ObliquityFit], predicted: Mapping[str, Prediction]) -> Table:
-    rows = []
-    for what, each in predicted.items():
-        warnings = (fits[what].warnings if what in fits else ()) + each.answer.warnings
-        codes = [f"`{warning.code}`" for warning in warnings if warning.code in TELLING]
-        rows.append((what, each.degrees, each.error_degrees, each.factor, ", ".join(codes)))
+def _angles(predicted: Predictions) -> Table:
+    readings: dict[tuple[Mesh | None, str], dict[str, Prediction]] = {}
+    for each in predicted.each:
+        readings.setdefault((each.mesh, each.reading), {})[each.law] = each
+    rows: list[Sequence[object]] = []
+    for (mesh, reading), by_law in readings.items():
+        cells = [
+            cell
+            for law in LAWS
+            for cell in ((with_extrapolation(by_law[law]), by_law[law].factor) if law in by_law else ("", None))
+        ]
+        rows.append((mesh or "LS-DYNA", reading, f"{next(iter(by_law.values())).fitted_to:g}°", *cells))
     return Table(
         name="finite-elements-angles",
-        caption="Critical angle by each reading of the calibration.",
-        columns=("strength factor", "critical angle [°]", "standard error [°]", "S there", "warnings"),
+        caption="Critical angle by mesh, reading of the calibration and decay law, with its standard error where there "
+        "is one, and S at it. Extrapolated: beyond the last angle to which S was fitted.",
+        columns=("mesh", "strength factor", "fitted up to", *_by_law("critical angle", "S there")),
         rows=rows,
     )
 
 
-def _cost(found: Calibrations, predicted: dict[str, Prediction]) -> Table:
-    calibrated, near = found.of(CALIBRATED), found.of(BRACKETING)
-    fits = sum(each.cpu_seconds for each in calibrated)
-    search = predicted[PAPER].cpu_seconds
-    normal = [run for run in finite_element_runs() if run.oblique_angle == 0.0]
-    spent = sum(run.cpu_seconds for run in normal) + sum(each.run.cpu_seconds for each in calibrated)
+def _by_law(*columns: str) -> tuple[str, ...]:
+    return tuple(
+        f"{column}, {LAW_NAMES[law]}" if place == 0 else column for law in LAWS for place, column in enumerate(columns)
+    )
+
+
+def _cost(found: Mapping[Mesh, Calibration], predicted: Predictions) -> Table:
+    coarse = found["coarse"]
+    spent = sum(run.cpu_seconds or 0.0 for run in finite_element_runs("coarse"))
     rows = (
-        (f"{len(normal) + len(calibrated)} runs to calibrate on", spent, None),
-        (f"{len(near)} runs around the critical angle", sum(each.run.cpu_seconds for each in near), None),
-        (f"{len(calibrated)} fits of S to the motion", None, fits),
-        ("critical angle at a known S", None, search),
-        ("critical angle with its standard error", None, predicted[CHOSEN].cpu_seconds),
+        (f"{len(finite_element_runs('coarse'))} runs with the coarse mesh", spent, None),
+        (f"{len(LAW_NAMES) * (len(coarse.runs) + 1)} fits of S to the motion", None, coarse.cpu_seconds),
+        ("critical angle at a known S", None, predicted.paper.cpu_seconds),
+        ("critical angle with its standard error", None, predicted.chosen("elastic_plastic", "coarse").cpu_seconds),
     )
     return Table(
         name="finite-elements-cost",
-        caption="CPU seconds: finite elements as measured when they were made, this model now.",
+        caption="CPU seconds: finite elements as measured when they were made (not recorded for the finer mesh), this "
+        "model now.",
         columns=("what", "finite elements [s]", "this model [s]"),
         rows=rows,
     )

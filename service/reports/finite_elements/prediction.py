@@ -1,49 +1,52 @@
-"""Critical angles from the fitted strength factors, and the angles at which finite elements change their outcome."""
+"""Critical angles from the fitted strength factors, by decay law, mesh and reading of the calibration."""
 
 import math
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from service.reports.finite_elements.calibration import (
-    BRACKETING,
-    CALIBRATED,
-    NORMAL,
-    ROUGHER,
-    Calibrations,
-    fit_until,
-)
-from service.reports.paper.strike import history_of
-from service.reports.reference import FiniteElementRun, equation_9
+from service.reports.finite_elements.calibration import LAWS, PAPER_ANGLES, Calibration
+from service.reports.reference import Mesh, equation_9
 from solver import (
     ConstantStrengthFactor,
     CriticalAngle,
     ObliquityPolynomial,
-    Outcome,
     Resistance,
+    Search,
     critical_angle,
 )
-from solver.calibration import Estimate, ObliquityFit, ObliquityPoint, Weights, fit_obliquity
+from solver.calibration import Estimate, ObliquityFit, ObliquityPoint, fit_obliquity
 from solver.cases import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY
 from solver.resistance import StrengthFactor, strength_factor
 
-CHOSEN = "second order, points alike"
+CHOSEN = "second order, all runs"
+LINEAR = "first order, all runs"
+BY_ERRORS = "second order, all runs, weighted by standard errors"
+LATER = "second order, all runs, to the deepest centre of gravity"
+COMMON = "second order, angles of the finer mesh"
+NEAR = "constant, mean of 45° to 50°"
+TO_45 = "second order, up to 45°"
 PAPER = "the paper's eq. 9"
-BY_ERRORS = "second order, by standard errors"
-LINEAR = "first order, points alike"
-BY_SCATTER = "second order, points alike, quantities weighed by the scatter of what the fit leaves of them"
-ONE_NORMAL = "second order, points alike, S at 0° from the motion of one normal run"
-TO_DEEPEST_CENTER = "second order, points alike, fitted until the centre of gravity is deepest"
-NEAR = "constant, the mean S fitted from 48° to 55°"
+SCAN = math.radians(0.3)
+"""Of a search: where S falls to zero, projectiles are turned away over a range that a wider scan can miss. [rad]"""
+NEAR_ANGLES = (45.0, 48.0, 50.0)
+"""[°]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Prediction:
     """A model of the strength factor and the critical angle that follows."""
 
+    law: str
+    mesh: Mesh | None
+    """None for eq. 9, which was fitted to other finite elements."""
+    reading: str
     model: StrengthFactor
+    fit: ObliquityFit | None
+    fitted_to: float
+    """Largest oblique angle with a fitted strength factor. [°]"""
     answer: CriticalAngle
     cpu_seconds: float
 
@@ -58,6 +61,11 @@ class Prediction:
         return None if self.answer.standard_error is None else math.degrees(self.answer.standard_error)
 
     @property
+    def extrapolated(self) -> bool:
+        """Whether the critical angle takes S from beyond the fitted angles."""
+        return self.degrees is not None and self.degrees > self.fitted_to
+
+    @property
     def factor(self) -> float | None:
         """Strength factor at the critical angle; None without one. [1]"""
         if self.answer.angle is None:
@@ -68,61 +76,66 @@ class Prediction:
         )
 
 
-def polynomials(found: Calibrations) -> dict[str, ObliquityFit]:
-    """Polynomials through the calibrated runs: the chosen one, then others that could have been."""
-    points = found.points
-    (normal,) = found.of([NORMAL])
-    later = {
-        each.run.oblique_angle: fit_until(
-            each.run, history_of(each.run).time_of_greatest_depth, numerics=ROUGHER
-        ).estimate
-        for each in found.of(CALIBRATED)
+@dataclass(frozen=True, slots=True)
+class Predictions:
+    """Every prediction, in the order of the table."""
+
+    each: Sequence[Prediction]
+
+    def of(self, law: str, mesh: Mesh | None, reading: str) -> Prediction:
+        """Return one of them."""
+        (found,) = (p for p in self.each if (p.law, p.mesh, p.reading) == (law, mesh, reading))
+        return found
+
+    def chosen(self, law: str, mesh: Mesh) -> Prediction:
+        """Return the prediction of a law from all runs with a mesh."""
+        return self.of(law, mesh, CHOSEN)
+
+    @property
+    def paper(self) -> Prediction:
+        """The one with the paper's eq. 9."""
+        return self.of("elastic_plastic", None, PAPER)
+
+
+def predictions(found: Mapping[Mesh, Calibration]) -> Predictions:
+    """Critical angle by each law, mesh and reading, and by the paper's eq. 9."""
+    shared = [run.degrees for run in found["fine"].runs]
+    equation = ObliquityPolynomial(coefficients=equation_9())
+    _predict("elastic_plastic", None, PAPER, equation, None, PAPER_ANGLES[-1])  # compiled before any time is taken
+    each = [_predict("elastic_plastic", None, PAPER, equation, None, PAPER_ANGLES[-1])]
+    for law in LAWS:
+        for mesh, calibration in found.items():
+            each += _of_mesh(law, mesh, calibration, shared)
+    return Predictions(each)
+
+
+def _of_mesh(law: str, mesh: Mesh, calibration: Calibration, shared: Sequence[float]) -> Iterator[Prediction]:
+    factors = calibration.factors(law)
+    readings = {
+        CHOSEN: (factors, 2, False),
+        LINEAR: (factors, 1, False),
+        BY_ERRORS: (factors, 2, True),
+        LATER: (calibration.factors(law, later=True), 2, False),
+        TO_45: (_only(factors, (0.0, *PAPER_ANGLES)), 2, False),
     }
-    return {
-        CHOSEN: fit_obliquity(points=_points(points)),
-        BY_ERRORS: fit_obliquity(points=_points(points, weighted=True)),
-        LINEAR: fit_obliquity(points=_points(points), order=1),
-        BY_SCATTER: fit_obliquity(points=_points(points | _by_scatter(found))),
-        TO_DEEPEST_CENTER: fit_obliquity(points=_points(points | later)),
-        ONE_NORMAL: fit_obliquity(points=_points(points | {0.0: normal.estimate})),
-    }
+    if mesh == "coarse":
+        readings[COMMON] = (_only(factors, (0.0, *shared)), 2, False)
+    for reading, (points, order, weighted) in readings.items():
+        fit = fit_obliquity(points=_points(points, weighted=weighted), order=order)
+        yield _predict(law, mesh, reading, fit.model, fit, max(points))
+    near = np.mean([estimate.strength_factor for estimate in _only(factors, NEAR_ANGLES).values()])
+    yield _predict(law, mesh, NEAR, ConstantStrengthFactor(value=float(near)), None, NEAR_ANGLES[-1])
 
 
-def _by_scatter(found: Calibrations) -> dict[float, Estimate]:
-    """S of the calibrated runs, weighed as if what the fits leave were noise. [rad]"""
-    fitted = {}
-    for each in found.of(CALIBRATED):
-        given, left = history_of(each.run).until(float(each.fit.predicted.time[-1])), each.fit.root_mean_square
-        weights = {name: (float(np.ptp(values)) / left[name]) ** 2 for name, values in given.columns.items()}
-        fit = fit_until(
-            each.run,
-            float(given.time[-1]),
-            Weights(**{name.removesuffix("_displacement"): weight for name, weight in weights.items()}),
-            ROUGHER,
-        )
-        fitted[each.run.oblique_angle] = fit.estimate
-    return fitted
+def _only(factors: Mapping[float, Estimate], angles: Sequence[float]) -> dict[float, Estimate]:
+    """Strength factors at some of the angles. [°]"""
+    return {angle: factor for angle, factor in factors.items() if angle in angles}
 
 
-def predictions(found: Calibrations, fits: Mapping[str, ObliquityFit]) -> dict[str, Prediction]:
-    """Critical angle by each polynomial, by the S of the runs near it, and by the paper's eq. 9."""
-    near = float(np.mean([each.estimate.strength_factor for each in found.of(BRACKETING)]))
-    models: dict[str, StrengthFactor] = {what: fit.model for what, fit in fits.items()}
-    models |= {NEAR: ConstantStrengthFactor(value=near), PAPER: ObliquityPolynomial(coefficients=equation_9())}
-    return {what: _predict(model) for what, model in models.items()}
-
-
-def bracket(runs: Sequence[FiniteElementRun]) -> tuple[float, float]:
-    """Largest angle at which no run is turned away, and the smallest at which one is. [rad]"""
-    turned = [run.oblique_angle for run in runs if run.outcome == Outcome.RICOCHET]
-    kept = [run.oblique_angle for run in runs if run.outcome != Outcome.RICOCHET]
-    return max(kept), min(turned)
-
-
-def _points(estimates: Mapping[float, Estimate], *, weighted: bool = False) -> list[ObliquityPoint]:
+def _points(estimates: Mapping[float, Estimate], *, weighted: bool) -> list[ObliquityPoint]:
     return [
         ObliquityPoint(
-            oblique_angle=angle,
+            oblique_angle=math.radians(angle),
             strength_factor=estimate.strength_factor,
             standard_error=estimate.standard_error if weighted else None,
         )
@@ -130,12 +143,24 @@ def _points(estimates: Mapping[float, Estimate], *, weighted: bool = False) -> l
     ]
 
 
-def _predict(model: StrengthFactor) -> Prediction:
+def _predict(
+    law: str, mesh: Mesh | None, reading: str, model: StrengthFactor, fit: ObliquityFit | None, fitted_to: float
+) -> Prediction:
     start = time.process_time()
     answer = critical_angle(
         projectile=PAPER_PROJECTILE,
         target=PAPER_TARGET,
         velocity=PAPER_VELOCITY,
-        resistance=Resistance(strength_factor=model),
+        resistance=Resistance(strength_factor=model, free_surface=LAWS[law]),
+        search=Search(scan_interval=SCAN),
     )
-    return Prediction(model=model, answer=answer, cpu_seconds=time.process_time() - start)
+    return Prediction(
+        law=law,
+        mesh=mesh,
+        reading=reading,
+        model=model,
+        fit=fit,
+        fitted_to=fitted_to,
+        answer=answer,
+        cpu_seconds=time.process_time() - start,
+    )

@@ -76,7 +76,7 @@ def _finite_elements() -> tuple[Cost, Cost]:
         ),
         Cost(
             "OpenRadioss (ours)",
-            sum(run.cpu_seconds for run in near),
+            sum(run.cpu_seconds or 0.0 for run in near),
             f"{len(near)} runs from {NEAR:g}° to 55°, up to 77,000 solids, measured when they were made",
         ),
     )

@@ -42,8 +42,9 @@ def section(tell: Tell) -> Section:
             The intervals come from the scatter of what is left, and neighbouring rows are known to err
             alike, so that a history of a hundred rows counts as a few. The error of the finite element
             model itself is in none of this: 2 to 3 % at 15° and 30°, and ±4° and ±30 mm after 2 ms at 45°.
-            The model turns less than the finite elements do: no S brings depth and rotation together. The
-            curves for other S are our choice of values.
+            The model turns less than the finite elements do: with elastic-plastic decay no S brings depth and
+            rotation together; the section on finite elements has Mohr-Coulomb decay beside it. The curves
+            for other S are our choice of values.
             """
         ),
         comparisons=[_comparison(degrees, printed[degrees]) for degrees in runs],

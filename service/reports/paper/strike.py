@@ -5,9 +5,9 @@ from functools import cache
 
 import numpy as np
 
-from service.reports.reference import FiniteElementRun, finite_element_run, finite_element_runs
+from service.reports.reference import FiniteElementRun, Mesh, finite_element_run, finite_element_runs
 from service.reports.side_view import TipPath, tip_path
-from solver import Impact
+from solver import Impact, Resistance
 from solver.arrays import FloatArray
 from solver.calibration import (
     DepthFit,
@@ -19,6 +19,7 @@ from solver.calibration import (
     predict_motion,
 )
 from solver.cases import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY
+from solver.free_surface import FreeSurface
 
 THREADS = 2
 """Cores that long computations are spread over."""
@@ -55,33 +56,40 @@ def finite_element_fit(name: str) -> MotionFit:
 
 
 @cache
-def finite_element_depths() -> DepthFit:
+def finite_element_depths(mesh: Mesh = "coarse") -> DepthFit:
     """Strength factor that fits the greatest depths of the normal finite element runs best."""
-    normal = [run for run in finite_element_runs() if run.oblique_angle == 0.0]
+    normal = [run for run in finite_element_runs(mesh) if run.oblique_angle == 0.0]
     tests = [DepthTest(velocity=run.velocity, depth=float(run.depth_displacement.max())) for run in normal]
     return fit_depth(projectile=PAPER_PROJECTILE, target=PAPER_TARGET, tests=tests)
 
 
 def time_of_deepest_tip(run: FiniteElementRun) -> float:
     """When the nose tip of a finite element run is deepest; its tail may go on sinking for long. [s]"""
-    path = tip_path(
+    return float(run.time[int(np.argmax(path_of_run(run).depth))])
+
+
+def path_of_run(run: FiniteElementRun) -> TipPath:
+    """Path of the nose tip of a finite element run."""
+    return tip_path(
         PAPER_PROJECTILE,
         time=run.time,
         depth_displacement=run.depth_displacement,
         lateral_displacement=run.lateral_displacement,
         axis_angle=run.oblique_angle + run.rotation,
     )
-    return float(run.time[int(np.argmax(path.depth))])
 
 
-def motion_of(impact: Impact, *, strength_factor: float, times: FloatArray) -> MotionHistory:
-    """Motion of the paper's projectile by the adaptive route, at given times. [s]"""
+def motion_of(
+    impact: Impact, *, strength_factor: float, times: FloatArray, free_surface: FreeSurface | None = None
+) -> MotionHistory:
+    """Motion of the paper's projectile by the adaptive route, elastic-plastic unless given; times in seconds."""
     return predict_motion(
         projectile=PAPER_PROJECTILE,
         target=PAPER_TARGET,
         impact=impact,
         strength_factor=strength_factor,
         times=times,
+        resistance=None if free_surface is None else Resistance(free_surface=free_surface),
     )
 
 

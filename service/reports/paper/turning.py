@@ -51,8 +51,9 @@ def section(tell: Tell) -> Section:
             5 ms shown.
 
             The paper shows its program and LS-DYNA at 48.2° side by side, without numbers. In the right
-            column are our finite element runs at the angles nearest to their own change, between 50° and
-            52°. Their mesh is not converged there: with cubes of 7.5 mm instead of 10 mm the run at 50° is
+            column are our finite element runs around their own change. With this mesh it lies between 48° and
+            50°, by the velocities of the last row: the run at 50° ends with its nose inside, but on its way
+            out. The mesh is not converged there: with cubes of 7.5 mm instead of 10 mm the run at 48° is
             turned away.
             """
         ),

@@ -8,7 +8,15 @@ import numpy as np
 
 from service.reports.contents import Tell
 from service.reports.reference import penetration_tests
-from service.reports.validation.predictions import METHODS, Prediction, depth_curve, fit_factor, predict
+from service.reports.validation.predictions import (
+    METHODS,
+    TRAJECTORY,
+    Prediction,
+    depth_curve,
+    exact_factor,
+    fit_factor,
+    predict,
+)
 from service.reports.validation.strikes import Strike, strikes
 from solver.arrays import FloatArray
 
@@ -73,6 +81,8 @@ class Assessment:
     """By method and choice of the strength factor."""
     group_factors: Mapping[tuple[str, str], float]
     """Strength factor fitted to all counted tests of a group, by method and group. [1]"""
+    exact_factors: FloatArray
+    """Strength factor of each test with which the trajectory model meets its depth; nan for none. [1]"""
 
     @property
     def measured(self) -> FloatArray:
@@ -112,11 +122,14 @@ def assess(tell: Tell) -> Assessment:
     prepared = strikes(penetration_tests())
     predictions: dict[tuple[str, str], Prediction] = {}
     group_factors: dict[tuple[str, str], float] = {}
+    exact = np.full(len(prepared), np.nan)
     for method in METHODS:
         tell(f"depths by the {method}")
         curves = [depth_curve(strike, method) for strike in prepared]
         for prediction in predict(prepared, method, curves):
             predictions[method, prediction.factor_model] = prediction
+        if method == TRAJECTORY:
+            exact = np.array([exact_factor(*pair) for pair in zip(prepared, curves, strict=True)])
         for group in {strike.group for strike in prepared}:
             group_factors[method, group] = fit_factor(
                 [
@@ -125,4 +138,4 @@ def assess(tell: Tell) -> Assessment:
                     if strike.counted and strike.group == group
                 ]
             )
-    return Assessment(strikes=prepared, predictions=predictions, group_factors=group_factors)
+    return Assessment(strikes=prepared, predictions=predictions, group_factors=group_factors, exact_factors=exact)

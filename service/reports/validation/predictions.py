@@ -7,7 +7,7 @@ from typing import TypeAlias
 
 import numpy as np
 from numpy.polynomial import Chebyshev
-from scipy.optimize import minimize_scalar
+from scipy.optimize import brentq, minimize_scalar
 
 from service.reports.validation.strikes import Strike
 from solver import ConstantStrengthFactor, Resistance, StrengthPowerLaw, strength_factor
@@ -132,3 +132,14 @@ def fit_factor(measured: Sequence[tuple[float, DepthCurve]]) -> float:
         return sum((curve(factor) - depth) ** 2 for depth, curve in measured)
 
     return float(minimize_scalar(squares, bounds=FIT_RANGE, method="bounded", options={"xatol": 1e-7}).x)
+
+
+def exact_factor(strike: Strike, curve: DepthCurve) -> float:
+    """Strength factor with which a test goes as deep as was measured; nan if there is none in `FIT_RANGE`. [1]"""
+
+    def difference(factor: float) -> float:
+        return curve(factor) - strike.test.depth
+
+    if difference(FIT_RANGE[0]) * difference(FIT_RANGE[1]) > 0.0:
+        return math.nan
+    return float(brentq(difference, *FIT_RANGE))

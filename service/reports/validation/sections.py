@@ -9,6 +9,7 @@ from service.reports.validation.crater import crater_section
 from service.reports.validation.limits import limits_section
 from service.reports.validation.listing import tests_section
 from service.reports.validation.ratios import ratios_section
+from service.reports.validation.size_law_section import size_law_section
 
 TITLE = "Validation: depths of published tests"
 INTRODUCTION = (
@@ -22,6 +23,7 @@ PARTS: Final[Mapping[str, Callable[[Assessment], Section]]] = {
     "tests": tests_section,
     "predicted over measured depth": ratios_section,
     "what the model misses": limits_section,
+    "strength, diameter and speed": size_law_section,
     "closed form and trajectory model": crater_section,
 }
 """In the order of the page."""

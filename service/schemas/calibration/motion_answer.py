@@ -1,0 +1,260 @@
+"""Strength factor from the motion of a projectile: the answer."""
+
+from collections.abc import Mapping, Sequence
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import MISSING, Field
+
+from service.schemas.answers import VERSIONED, WARNING, EngineVersion, Key, ModelWarning
+from service.schemas.building import warnings_told
+from service.schemas.calibration.motion import AT_30, COMPARED_ROWS
+from service.schemas.calibration.shared import (
+    ConfidenceInterval,
+    FittedStrength,
+    StandardError,
+    StrengthFactorValue,
+    estimate_told,
+)
+from service.schemas.quantities import Num, Part, with_examples
+from service.schemas.resistance import FreeSurfaceModel
+from solver.calibration import DecayLawFits, MotionFit, MotionHistory, MotionsFit
+
+NAMES = {
+    "depth_displacement": "depth_displacement_m",
+    "lateral_displacement": "lateral_displacement_m",
+    "rotation": "rotation_deg",
+}
+"""The quantities of a motion in the solver and in the contract."""
+
+RESIDUALS: dict[str, Any] = {
+    "time_s": AT_30["time_s"],
+    "depth_displacement_m": [0.0, 0.00043, -0.00042, -0.0001, -7e-05, -0.00079],
+    "lateral_displacement_m": [0.0, 0.0004, -0.00043, 0.00017, 0.00026, 7e-05],
+    "rotation_deg": [0.0, -0.024, -0.019, 0.048, -0.023, -0.025],
+}
+PREDICTED = {
+    "time_s": AT_30["time_s"],
+    "depth_displacement_m": [0.0, 0.09757, 0.17342, 0.2261, 0.25207, 0.25679],
+    "lateral_displacement_m": [0.0, 0.0596, 0.11143, 0.14683, 0.16874, 0.17293],
+    "rotation_deg": [0.0, 1.924, 7.119, 10.952, 11.623, 11.625],
+}
+ROOT_MEAN_SQUARE = {"depth_displacement_m": 0.00041, "lateral_displacement_m": 0.00027, "rotation_deg": 0.027}
+MOTION = {
+    "residuals": RESIDUALS,
+    "predicted": PREDICTED,
+    "root_mean_square": ROOT_MEAN_SQUARE,
+    "r_squared": {"depth_displacement_m": 0.99998, "lateral_displacement_m": 0.99998, "rotation_deg": 0.99996},
+}
+ESTIMATE = {"strength_factor": 7.895, "standard_error": 0.0095, "confidence_interval": [7.875, 7.916]}
+OTHER_ESTIMATE = {"strength_factor": 5.661, "standard_error": 1.008, "confidence_interval": [1.658, 9.665]}
+NO_DECAY_ESTIMATE = {"strength_factor": 9.935, "standard_error": 2.341, "confidence_interval": [2.971, 16.9]}
+
+
+class FittedMotion(Part):
+    """Columns of equal length, for the quantities that were given."""
+
+    model_config = with_examples(PREDICTED, {"time_s": [0.0, 0.001], "rotation_deg": [0.0, 7.122]})
+
+    time_s: Annotated[list[Num], Field(description="Since first contact. [s]")]
+    depth_displacement_m: Annotated[list[Num], Field(description="[m]")] | MISSING = MISSING
+    lateral_displacement_m: Annotated[list[Num], Field(description="[m]")] | MISSING = MISSING
+    rotation_deg: Annotated[list[Num], Field(description="[°]")] | MISSING = MISSING
+
+
+class MotionMeasures(Part):
+    """A number for each quantity that was given."""
+
+    model_config = with_examples(ROOT_MEAN_SQUARE)
+
+    depth_displacement_m: Num | MISSING = MISSING
+    lateral_displacement_m: Num | MISSING = MISSING
+    rotation_deg: Num | MISSING = MISSING
+
+
+class ComparedMotion(Part):
+    """The motion that the model predicts with one strength factor."""
+
+    model_config = with_examples(
+        {"strength_factor": 9.0, "history": {"time_s": [0.0, 0.001], "rotation_deg": [0.0, 6.9]}}
+    )
+
+    strength_factor: StrengthFactorValue
+    history: Annotated[
+        FittedMotion, Field(description=f"At the times of the request; at {COMPARED_ROWS} of them if there are more.")
+    ]
+
+
+FittedResiduals = Annotated[FittedMotion, Field(description="Given minus predicted, of the rows that were used.")]
+Predicted = Annotated[FittedMotion, Field(description="With the strength factor that fits best.")]
+RootMeanSquare = Annotated[MotionMeasures, Field(description="Of the residuals, in the unit of the quantity.")]
+NormalizedRootMeanSquare = Annotated[
+    Num,
+    Field(
+        ge=0.0,
+        description="Of the residuals, each quantity over its span, all weighted quantities of all runs together. [1]",
+    ),
+]
+RSquared = Annotated[
+    MotionMeasures,
+    Field(description="Share of the variance of each quantity that the model explains; absent if it has none. [1]"),
+]
+Compared = Annotated[list[ComparedMotion], Field(description="If strength factors to compare are given.")]
+
+
+class FittedRun(Part):
+    """One of several runs with the common strength factor."""
+
+    model_config = with_examples(MOTION | {"normalized_root_mean_square": 0.0019})
+
+    residuals: FittedResiduals
+    predicted: Predicted
+    root_mean_square: RootMeanSquare
+    r_squared: RSquared
+    normalized_root_mean_square: NormalizedRootMeanSquare
+    compared: Compared | MISSING = MISSING
+
+
+class RunAlone(FittedStrength):
+    """The strength factor that fits one of several runs best."""
+
+    model_config = with_examples(ESTIMATE | {"normalized_root_mean_square": 0.0019})
+
+    normalized_root_mean_square: NormalizedRootMeanSquare
+
+
+class DecayLawRun(Part):
+    """One of several runs with one decay law."""
+
+    model_config = with_examples(
+        {"normalized_root_mean_square": 0.0042, "alone": ESTIMATE | {"normalized_root_mean_square": 0.0019}}
+    )
+
+    normalized_root_mean_square: Annotated[
+        NormalizedRootMeanSquare, Field(description="With the common strength factor. [1]")
+    ]
+    alone: (
+        Annotated[RunAlone, Field(description="Of this run by itself; absent if it leaves the strength factor open.")]
+        | MISSING
+    ) = MISSING
+
+
+class DecayLawFit(Part):
+    """The strength factor that fits best with one decay law; the law alone if the motion leaves it open."""
+
+    model_config = with_examples(
+        {"free_surface": "elastic_plastic"} | ESTIMATE | {"normalized_root_mean_square": 0.0019},
+        {"free_surface": "none"},
+    )
+
+    free_surface: FreeSurfaceModel
+    strength_factor: Annotated[Num, Field(gt=0.0, description="Of all runs. [1]")] | MISSING = MISSING
+    standard_error: StandardError | MISSING = MISSING
+    confidence_interval: ConfidenceInterval | MISSING = MISSING
+    normalized_root_mean_square: NormalizedRootMeanSquare | MISSING = MISSING
+    runs: Annotated[list[DecayLawRun], Field(description="If the request has runs, in its order.")] | MISSING = MISSING
+
+
+class MotionCalibrationAnswer(FittedStrength):
+    """The strength factor that fits motions best, with the requested decay law and with each of the others.
+
+    `residuals`, `predicted`, `root_mean_square`, `r_squared` and `compared` belong to a single strike; if the request
+    has `runs`, each of `runs` has its own.
+    """
+
+    model_config = with_examples(
+        ESTIMATE
+        | MOTION
+        | {
+            "normalized_root_mean_square": 0.0019,
+            "decay_laws": [
+                {"free_surface": "elastic_plastic"} | ESTIMATE | {"normalized_root_mean_square": 0.0019},
+                {"free_surface": "mohr_coulomb"} | OTHER_ESTIMATE | {"normalized_root_mean_square": 0.1418},
+                {"free_surface": "none"} | NO_DECAY_ESTIMATE | {"normalized_root_mean_square": 0.1951},
+            ],
+            "best_decay_law": "elastic_plastic",
+            "warnings": [WARNING],
+        }
+        | VERSIONED
+    )
+
+    residuals: FittedResiduals | MISSING = MISSING
+    predicted: Predicted | MISSING = MISSING
+    root_mean_square: RootMeanSquare | MISSING = MISSING
+    r_squared: RSquared | MISSING = MISSING
+    compared: Compared | MISSING = MISSING
+    normalized_root_mean_square: NormalizedRootMeanSquare
+    runs: Annotated[list[FittedRun], Field(description="If the request has runs, in its order.")] | MISSING = MISSING
+    decay_laws: Annotated[
+        list[DecayLawFit], Field(description="The same with every decay law, the requested one included.")
+    ]
+    best_decay_law: Annotated[
+        FreeSurfaceModel, Field(description="The law with the least normalised root mean square.")
+    ]
+    warnings: list[ModelWarning]
+    key: Key
+    engine_version: EngineVersion
+
+
+def motion_answer(
+    fits: DecayLawFits, compared: Sequence[Sequence[tuple[float, MotionHistory]]], *, several: bool
+) -> dict[str, Any]:
+    """Return the answer from the fits and, for each run, the motions with the strength factors to compare.
+
+    With `several` every run has its part, also where there is but one.
+    """
+    requested = fits.requested
+    runs = [_run(fit, motions) for fit, motions in zip(requested.runs, compared, strict=True)]
+    answer = estimate_told(requested.estimate) | ({"runs": runs} if several else runs[0])
+    return answer | {
+        "normalized_root_mean_square": requested.normalized_root_mean_square,
+        "decay_laws": [_decay_law(name, fit, several=several) for name, fit in fits.laws.items()],
+        "best_decay_law": fits.best,
+        "warnings": warnings_told(fits.warnings),
+    }
+
+
+def _run(fit: MotionFit, compared: Sequence[tuple[float, MotionHistory]]) -> dict[str, Any]:
+    given = [name for name in NAMES if getattr(fit.residuals, name) is not None]
+    run: dict[str, Any] = {
+        "residuals": _columns(fit.residuals, given),
+        "predicted": _columns(fit.predicted, given),
+        "root_mean_square": _measures(_in_degrees(fit.root_mean_square)),
+        "r_squared": _measures(fit.r_squared),
+        "normalized_root_mean_square": fit.normalized_root_mean_square,
+    }
+    if compared:
+        run["compared"] = [
+            {"strength_factor": factor, "history": _columns(motion, given)} for factor, motion in compared
+        ]
+    return run
+
+
+def _decay_law(name: str, fit: MotionsFit | None, *, several: bool) -> dict[str, Any]:
+    if fit is None:
+        return {"free_surface": name}
+    law = {"free_surface": name} | _estimate(fit)
+    if several:
+        law["runs"] = [
+            {"normalized_root_mean_square": run.normalized_root_mean_square}
+            | ({} if alone is None else {"alone": _estimate(alone)})
+            for run, alone in zip(fit.runs, fit.alone, strict=True)
+        ]
+    return law
+
+
+def _estimate(fit: MotionFit | MotionsFit) -> dict[str, Any]:
+    return estimate_told(fit.estimate) | {"normalized_root_mean_square": fit.normalized_root_mean_square}
+
+
+def _columns(motion: MotionHistory, quantities: Sequence[str]) -> dict[str, list[float]]:
+    columns = _in_degrees({name: getattr(motion, name) for name in quantities})
+    return {"time_s": motion.time.tolist()} | {NAMES[name]: column.tolist() for name, column in columns.items()}
+
+
+def _in_degrees(values: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: np.degrees(value) if name == "rotation" else value for name, value in values.items()}
+
+
+def _measures(values: Mapping[str, float]) -> dict[str, float]:
+    return {NAMES[name]: float(value) for name, value in values.items() if np.isfinite(value)}

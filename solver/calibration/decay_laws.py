@@ -1,0 +1,115 @@
+"""Decay laws compared by how well each follows the motion of oblique strikes."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from solver.calibration.estimate import UndeterminedError
+from solver.calibration.motion import MotionRun, MotionsFit, fit_motions
+from solver.free_surface import ElasticPlastic, FreeSurface, MohrCoulomb, NoFreeSurface
+from solver.numerics import Numerics
+from solver.projectile import Projectile
+from solver.resistance import Resistance
+from solver.target import Target
+from solver.warnings import ModelWarning
+
+BETTER = 0.8
+"""Normalised rms of the best law over that of the requested one, below which a warning says so. [1]"""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DecayLawFits:
+    """The same motions fitted with every decay law."""
+
+    requested: MotionsFit
+    """With the law of the given resistance."""
+    laws: Mapping[str, MotionsFit | None]
+    """By the name of the law; None for one with which the motions leave the strength factor open."""
+    warnings: tuple[ModelWarning, ...]
+    """Of the requested law, and whether another fits better."""
+
+    @property
+    def best(self) -> str:
+        """Name of the law with the least normalised root mean square."""
+        return _best(self.laws)
+
+
+def fit_decay_laws(
+    *,
+    projectile: Projectile,
+    target: Target,
+    runs: Sequence[MotionRun],
+    resistance: Resistance | None = None,
+    numerics: Numerics | None = None,
+    confidence_level: float = 0.95,
+) -> DecayLawFits:
+    """Fit the motions of runs with each decay law: elastic-plastic, Mohr-Coulomb and none.
+
+    Parameters
+    ----------
+    projectile, target, runs, numerics, confidence_level
+        As for `fit_motions`.
+    resistance
+        Inertia factor, and the requested decay law; the others include inertia if it does. Its strength factor is not
+        used.
+
+    Returns
+    -------
+    DecayLawFits
+
+    Raises
+    ------
+    ParameterError
+        As `fit_motions` for the requested law.
+
+    Examples
+    --------
+    >>> found = fit_decay_laws(projectile=projectile, target=target, runs=[MotionRun(impact=impact, history=history)])
+    >>> {name: fit.normalized_root_mean_square for name, fit in found.laws.items() if fit}
+    >>> found.best
+    """
+    resistance = resistance or Resistance()
+
+    def fitted(law: FreeSurface) -> MotionsFit:
+        return fit_motions(
+            projectile=projectile,
+            target=target,
+            runs=runs,
+            resistance=replace(resistance, free_surface=law),
+            numerics=numerics,
+            confidence_level=confidence_level,
+        )
+
+    requested = fitted(resistance.free_surface)
+    laws: dict[str, MotionsFit | None] = {}
+    for law in decay_laws(resistance.free_surface):
+        if law.name == resistance.free_surface.name:
+            laws[law.name] = requested
+            continue
+        try:
+            laws[law.name] = fitted(law)
+        except UndeterminedError:
+            laws[law.name] = None
+    return DecayLawFits(requested=requested, laws=laws, warnings=(*requested.warnings, *_better(requested, laws)))
+
+
+def decay_laws(requested: FreeSurface) -> tuple[FreeSurface, ...]:
+    """Every decay law, with the inertia of a requested one."""
+    inertia = not isinstance(requested, NoFreeSurface) and requested.inertia
+    return ElasticPlastic(inertia=inertia), MohrCoulomb(inertia=inertia), NoFreeSurface()
+
+
+def _best(laws: Mapping[str, MotionsFit | None]) -> str:
+    return min((fit.normalized_root_mean_square, name) for name, fit in laws.items() if fit is not None)[1]
+
+
+def _better(requested: MotionsFit, laws: Mapping[str, MotionsFit | None]) -> list[ModelWarning]:
+    """A warning if another law fits much better than the requested one."""
+    name = _best(laws)
+    best = laws[name]
+    if best is None or best.normalized_root_mean_square >= BETTER * requested.normalized_root_mean_square:
+        return []
+    detail = (
+        f"{name} fits with a normalised root mean square of {best.normalized_root_mean_square:.2g}, "
+        f"{requested.free_surface.name} with {requested.normalized_root_mean_square:.2g}"
+    )
+    return [ModelWarning("other_decay_law_fits_better", detail)]

@@ -1,0 +1,205 @@
+"""Several motions at once, and decay laws compared by how well each follows them."""
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from solver import ElasticPlastic, Impact, MohrCoulomb, NoFreeSurface, ParameterError, Resistance
+from solver.calibration import (
+    DecayLawFits,
+    MotionHistory,
+    MotionRun,
+    MotionsFit,
+    UndeterminedError,
+    Weights,
+    fit_decay_laws,
+    fit_motion,
+    fit_motions,
+    predict_motion,
+)
+from solver.cases import PAPER_PROJECTILE, PAPER_TARGET
+from solver.free_surface import FreeSurface
+
+LAWS: tuple[FreeSurface, ...] = (ElasticPlastic(), MohrCoulomb(), NoFreeSurface())
+BODY: dict[str, Any] = {"projectile": PAPER_PROJECTILE, "target": PAPER_TARGET}
+
+
+def run(
+    angle: float, strength_factor: float, *, velocity: float = 238.0, law: FreeSurface | None = None, rows: int = 61
+) -> MotionRun:
+    """A strike and the motion that the model gives it."""
+    impact = Impact(velocity=velocity, oblique_angle=math.radians(angle))
+    history = predict_motion(
+        **BODY,
+        impact=impact,
+        strength_factor=strength_factor,
+        times=np.linspace(0.0, 3e-3, rows),
+        resistance=Resistance(free_surface=law or ElasticPlastic()),
+    )
+    return MotionRun(impact=impact, history=history)
+
+
+def fit(*runs: MotionRun, **more: Any) -> MotionsFit:
+    return fit_motions(**BODY, runs=runs, **more)
+
+
+def compare(*runs: MotionRun, **more: Any) -> DecayLawFits:
+    return fit_decay_laws(**BODY, runs=runs, **more)
+
+
+def codes(found: MotionsFit | DecayLawFits) -> set[str]:
+    return {warning.code for warning in found.warnings}
+
+
+def test_one_strength_factor_is_found_from_several_angles_and_speeds() -> None:
+    found = fit(run(15.0, 7.5), run(30.0, 7.5, velocity=300.0), run(45.0, 7.5, velocity=200.0))
+    assert found.estimate.strength_factor == pytest.approx(7.5, rel=1e-4)
+    assert found.normalized_root_mean_square < 1e-4
+    for alone in found.alone:
+        assert alone is not None
+        assert alone.estimate.strength_factor == pytest.approx(7.5, rel=1e-4)
+
+
+def test_one_run_is_fitted_as_by_itself() -> None:
+    one = run(30.0, 8.0)
+    common, alone = fit(one), fit_motion(**BODY, impact=one.impact, history=one.history)
+    assert common.estimate == alone.estimate
+    assert common.normalized_root_mean_square == pytest.approx(alone.normalized_root_mean_square)
+    assert common.runs == common.alone
+    assert common.warnings == alone.warnings
+
+
+def test_runs_that_need_different_factors_share_one_between_them_and_keep_their_own() -> None:
+    found = fit(run(15.0, 8.0), run(45.0, 6.0))
+    first, second = found.alone
+    assert first is not None
+    assert second is not None
+    assert first.estimate.strength_factor == pytest.approx(8.0, rel=1e-4)
+    assert second.estimate.strength_factor == pytest.approx(6.0, rel=1e-4)
+    assert 6.0 < found.estimate.strength_factor < 8.0
+    low, high = found.estimate.confidence_interval
+    assert high - low > 1.0
+    assert found.normalized_root_mean_square > 100.0 * first.normalized_root_mean_square
+    squares = [each.normalized_root_mean_square**2 for each in found.runs]
+    assert found.normalized_root_mean_square == pytest.approx(math.sqrt(sum(squares) / 2.0))
+
+
+def test_every_run_counts_alike_however_many_rows_it_has() -> None:
+    few, many = (fit(run(15.0, 8.0), run(45.0, 6.0, rows=rows)).estimate.strength_factor for rows in (61, 601))
+    assert many == pytest.approx(few, rel=2e-3)
+
+
+def test_order_of_runs_does_not_matter() -> None:
+    one, other = run(15.0, 8.0), run(45.0, 6.0)
+    assert fit(one, other).estimate.strength_factor == pytest.approx(fit(other, one).estimate.strength_factor, rel=1e-6)
+
+
+def test_normalised_root_mean_square_is_that_of_residuals_over_spans() -> None:
+    made = run(30.0, 8.0)
+    noise = np.random.default_rng(8).normal(size=made.history.time.size)
+    assert made.history.rotation is not None
+    history = replace(made.history, rotation=made.history.rotation + 0.01 * noise)
+    weights = Weights(depth=1.0, lateral=2.0, rotation=3.0)
+    found = fit_motion(**BODY, impact=made.impact, history=history, weights=weights)
+    shares = {"depth_displacement": 1.0 / 6.0, "lateral_displacement": 2.0 / 6.0, "rotation": 3.0 / 6.0}
+    square = sum(
+        share * (found.root_mean_square[name] / float(np.ptp(history.columns[name]))) ** 2
+        for name, share in shares.items()
+    )
+    assert found.normalized_root_mean_square == pytest.approx(math.sqrt(square))
+
+
+@pytest.mark.parametrize("law", LAWS, ids=lambda law: law.name)
+def test_law_that_made_the_motions_is_the_best(law: FreeSurface) -> None:
+    found = compare(run(30.0, 6.0, law=law), run(45.0, 6.0, law=law))
+    assert found.best == law.name
+    made = found.laws[law.name]
+    assert made is not None
+    assert made.estimate.strength_factor == pytest.approx(6.0, rel=1e-4)
+    assert made.normalized_root_mean_square < 1e-4
+    for name, other in found.laws.items():
+        assert name == law.name or other is None or other.normalized_root_mean_square > 0.01
+    assert ("other_decay_law_fits_better" in codes(found)) == (law.name != "elastic_plastic")
+
+
+def test_requested_law_is_that_of_the_resistance() -> None:
+    motion = run(30.0, 6.0, law=MohrCoulomb())
+    found = compare(motion, resistance=Resistance(free_surface=MohrCoulomb()))
+    assert found.requested is found.laws["mohr_coulomb"]
+    assert found.requested.estimate.strength_factor == pytest.approx(6.0, rel=1e-4)
+    assert "other_decay_law_fits_better" not in codes(found)
+
+
+def test_inertia_of_the_requested_law_is_in_the_others_too() -> None:
+    law = MohrCoulomb(inertia=True)
+    found = compare(run(45.0, 6.0, law=law), resistance=Resistance(free_surface=ElasticPlastic(inertia=True)))
+    assert found.best == "mohr_coulomb"
+    best = found.laws["mohr_coulomb"]
+    assert best is not None
+    assert best.free_surface == law
+    assert best.estimate.strength_factor == pytest.approx(6.0, rel=1e-4)
+
+
+def test_law_with_which_the_motion_leaves_the_factor_open_is_absent() -> None:
+    """Turned away by a sphere that weakens towards the face; without decay the more S the better, up to any bound."""
+    found = compare(run(48.0, 8.0, law=MohrCoulomb()), resistance=Resistance(free_surface=MohrCoulomb()))
+    assert found.laws[NoFreeSurface.name] is None
+    assert found.best == "mohr_coulomb"
+    with pytest.raises(UndeterminedError):
+        compare(run(48.0, 8.0, law=MohrCoulomb()), resistance=Resistance(free_surface=NoFreeSurface()))
+
+
+def test_every_run_keeps_its_own_weights() -> None:
+    made = run(30.0, 8.0)
+    assert made.history.rotation is not None
+    spoilt = replace(
+        made, history=replace(made.history, rotation=-made.history.rotation), weights=Weights(rotation=0.0)
+    )
+    found = fit(run(45.0, 8.0), spoilt)
+    assert found.estimate.strength_factor == pytest.approx(8.0, rel=1e-4)
+    assert found.normalized_root_mean_square < 1e-4
+    assert "poor_fit" in codes(found)
+
+
+def test_run_that_leaves_the_factor_open_takes_it_from_the_others() -> None:
+    """The rows of the second run end before first contact has had any effect."""
+    still = MotionRun(
+        impact=Impact(velocity=238.0, oblique_angle=0.0),
+        history=MotionHistory(time=np.array([0.0, 1e-12]), depth_displacement=np.zeros(2)),
+    )
+    found = fit(run(30.0, 8.0), still)
+    assert found.estimate.strength_factor == pytest.approx(8.0, rel=1e-3)
+    assert found.alone[1] is None
+    assert "run_undetermined" in codes(found)
+    with pytest.raises(UndeterminedError, match=r"runs: must tell the strength factor"):
+        fit(still, still)
+    with pytest.raises(UndeterminedError, match=r"history: must tell the strength factor"):
+        fit(still)
+
+
+@pytest.mark.parametrize(
+    ("field", "reason", "change"),
+    [
+        ("runs.1.history.rotation.", "check the units", {"rotation": 60.0}),
+        ("runs.1.history.depth_displacement.", "check the units", {"depth_displacement": 1e3}),
+    ],
+)
+def test_what_is_wrong_with_a_run_is_named_by_its_place(field: str, reason: str, change: dict[str, float]) -> None:
+    good = run(30.0, 8.0)
+    columns = {name: factor * getattr(good.history, name) for name, factor in change.items()}
+    with pytest.raises(ParameterError, match=reason) as refused:
+        fit(good, replace(good, history=replace(good.history, **columns)))
+    assert refused.value.field.startswith(field)
+
+
+def test_runs_are_needed_and_a_quantity_of_each() -> None:
+    with pytest.raises(ParameterError, match=r"runs: must be at least 1"):
+        fit()
+    made = run(30.0, 8.0)
+    bare = replace(made, history=MotionHistory(time=made.history.time, rotation=made.history.rotation))
+    with pytest.raises(ParameterError) as refused:
+        fit(made, replace(bare, weights=Weights(rotation=0.0)))
+    assert refused.value.field == "runs.1.weights"
