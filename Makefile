@@ -50,7 +50,7 @@ test-all: setup ## run the tests that take minutes as well
 	@$(WARM_UP)
 	@$(PYTEST) -m "slow or not slow" $(ARGS)
 
-check: setup ## lint, format, types, floors, committed contract and tables, Dockerfile, known vulnerabilities
+check: setup ## lint, format, types, layers, committed contract and tables, Dockerfile, known vulnerabilities
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
@@ -82,7 +82,7 @@ docs: setup ## write the tables of docs/operating.md that the code says
 bench: setup ## measure the solver: routes, start, accuracy against time, two cores; ARGS="--quick"
 	@for script in routes startup work_precision scaling; do $(BIN)/python benchmarks/$$script.py $(ARGS) || exit; done
 
-accuracy: setup ## compare 200 random critical angles with converged ones, some minutes
+accuracy: setup ## compare random critical angles with converged ones, and with scans, some minutes
 	$(BIN)/python benchmarks/accuracy.py $(ARGS)
 
 load: setup ## measure what HTTP costs beside the bare solver, ten minutes; ARGS="--quick"

@@ -113,9 +113,9 @@ def _random_projectile(random: np.random.Generator) -> Projectile:
 def odd_cases(count: int, seed: int) -> Cases:
     """`count` strikes far beyond usual ones, with every kind of nose and every decay model.
 
-    Velocity 30 to 900 m/s and diameter 5 to 250 mm, evenly in their logarithms, attack -5° to 5°, strength 10 to 150 MPa
-    and density 1900 to 2600 kg/m³ of the concrete; noses in turn, shanks of 1 to 8 diameters behind them, homogeneous at
-    3000 to 12,000 kg/m³. Decay models come at random, with either strength factor.
+    Velocity 30 to 900 m/s and diameter 5 to 250 mm, evenly in their logarithms, attack -5° to 5°, strength 10 to
+    150 MPa and density 1900 to 2600 kg/m³ of the concrete; noses in turn, shanks of 1 to 8 diameters behind them,
+    homogeneous at 3000 to 12,000 kg/m³. Decay models come at random, with either strength factor.
     """
     random = np.random.default_rng(seed)
     return together(_odd_case(random, index) for index in range(count))

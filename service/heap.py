@@ -1,6 +1,6 @@
 """Memory that is free, but kept by the C library, given back to the system.
 
-Each thread takes memory from a heap of its own, where what lives long pins pages of what did not: left alone, a service
+Each thread takes memory from its own heap, where what lives long pins pages of what did not: left alone, a service
 under a mixed load grows for hours, though it holds no more than before.
 """
 

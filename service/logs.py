@@ -1,6 +1,7 @@
-"""The log: one JSON object a line, one line a request, each with the id of its request."""
+"""The log: an entry for each request, with its id, beside those of the service and its libraries."""
 
 import logging
+import os
 import re
 import secrets
 import sys
@@ -16,39 +17,47 @@ BEGUN = "ricochet.begun"
 SANE_ID = re.compile(rb"[0-9A-Za-z._:-]{1,128}")
 """Ids of others that are taken over: nothing that could be more than an id where it is printed."""
 UNKNOWN = "unknown"
-"""Stands for every path that is no route: each of its own would fill the metrics."""
+"""Stands for every path that is no route: a label for each would fill the metrics."""
 
 Observe = Callable[[str, str, int, float], None]
-"""Told of every request: its method, route, status and seconds."""
+"""Called for every request with its method, route, status and seconds."""
 
 
 def configure(level: str) -> None:
-    """Have everything that is logged, by the libraries too, written to standard error as JSON."""
+    """Write all log entries, also those of libraries, to standard error: as text on a terminal, as JSON elsewhere."""
+    terminal = sys.stderr.isatty()
     shared: list[structlog.typing.Processor] = [
         structlog.contextvars.merge_contextvars,
         structlog.stdlib.add_log_level,
         structlog.stdlib.add_logger_name,
-        structlog.processors.TimeStamper(fmt="iso", utc=True),
-        structlog.processors.format_exc_info,
+        timestamp(terminal=terminal),
     ]
+    render: list[structlog.typing.Processor] = (
+        [text_renderer()] if terminal else [structlog.processors.format_exc_info, structlog.processors.JSONRenderer()]
+    )
     formatter = structlog.stdlib.ProcessorFormatter(
         foreign_pre_chain=[structlog.stdlib.PositionalArgumentsFormatter(), *shared],
-        processors=[structlog.stdlib.ProcessorFormatter.remove_processors_meta, structlog.processors.JSONRenderer()],
+        processors=[structlog.stdlib.ProcessorFormatter.remove_processors_meta, *render],
     )
     handler = logging.StreamHandler()
     handler.setFormatter(formatter)
     logging.basicConfig(level=level.upper(), handlers=[handler], force=True)
+    if terminal:  # `ricochet serve` prints the address itself
+        logging.getLogger("uvicorn.error").setLevel(logging.WARNING)
 
 
 def request_logger(level: str) -> structlog.typing.FilteringBoundLogger:
-    """Return what writes the lines for requests, past the library's logging: there is one for each of thousands."""
+    """Return the logger of requests. It bypasses the logging library, because there are thousands a second."""
+    terminal = sys.stderr.isatty()
     logger: structlog.typing.FilteringBoundLogger = structlog.wrap_logger(
-        structlog.BytesLogger(sys.stderr.buffer),
+        structlog.WriteLogger(sys.stderr) if terminal else structlog.BytesLogger(sys.stderr.buffer),
         processors=[
             structlog.contextvars.merge_contextvars,
             structlog.processors.add_log_level,
-            structlog.processors.TimeStamper(fmt="iso", utc=True),
-            structlog.processors.JSONRenderer(serializer=lambda event, **_: orjson.dumps(event)),
+            timestamp(terminal=terminal),
+            text_renderer()
+            if terminal
+            else structlog.processors.JSONRenderer(serializer=lambda event, **_: orjson.dumps(event)),
         ],
         wrapper_class=structlog.make_filtering_bound_logger(level),
         cache_logger_on_first_use=True,
@@ -56,15 +65,30 @@ def request_logger(level: str) -> structlog.typing.FilteringBoundLogger:
     return logger.bind()
 
 
+def timestamp(*, terminal: bool) -> structlog.processors.TimeStamper:
+    """Return the processor that adds the time: local on a terminal, ISO 8601 in UTC elsewhere."""
+    return structlog.processors.TimeStamper(fmt="%H:%M:%S" if terminal else "iso", utc=not terminal)
+
+
+def text_renderer() -> structlog.dev.ConsoleRenderer:
+    """Return the processor that renders a log entry as a line of text."""
+    return structlog.dev.ConsoleRenderer(
+        colors=not os.environ.get("NO_COLOR"),
+        sort_keys=False,
+        pad_event_to=0,
+        exception_formatter=structlog.dev.plain_traceback,
+    )
+
+
 class RequestLog:
-    """Middleware, outside all others: gives each request an id, and tells of it when it has been answered.
+    """Middleware, outside all others: gives each request an id, and logs it when it has been answered.
 
     Parameters
     ----------
     app
         What answers.
     observe
-        Told of every request.
+        Called for every request.
     level
         Least weight of what is logged.
     """
@@ -96,7 +120,7 @@ class RequestLog:
         finally:
             seconds, route = time.perf_counter() - begun, route_of(scope)
             self._observe(scope["method"], route, status, seconds)
-            self._log.info("request", method=scope["method"], path=route, status=status, seconds=round(seconds, 6))
+            self._log.info("request", method=scope["method"], path=route, status=int(status), seconds=round(seconds, 6))
 
 
 def id_of(scope: Scope) -> bytes:

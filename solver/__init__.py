@@ -26,7 +26,7 @@ from solver.trajectory import Motion, Trajectory, simulate
 from solver.warm_up import warm_up
 from solver.warnings import ModelWarning
 
-ENGINE_VERSION = "6"
+ENGINE_VERSION = "7"
 """Raised whenever results change: results kept under another version are not used."""
 
 __all__ = [

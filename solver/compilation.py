@@ -1,20 +1,33 @@
 """How the solver's functions are compiled, and where the compiled code is kept.
 
-numba keeps compiled code on disk by the file a function stands in, and does not see that a function it calls, in
-another file, has changed. All of the solver's code therefore goes to a folder named after the text of the whole
-package: changed code is compiled anew, never served stale.
+numba keeps compiled code on disk by the path, date and size of the file a function stands in, and does not see that a
+function it calls, in another file, has changed. The solver's code is kept by the text of the whole package instead:
+changed code is compiled anew, an installation that is copied, moved or checked out again is not.
+
+A folder that can only be read will do if the code is in it; what it lacks goes to the user's cache, or is compiled at
+each start. Every file ends with its SHA-256, and what does not match is compiled anew: a flipped bit in machine code
+would otherwise run. Processes that start together compile one at a time and load what the others have compiled.
 """
 
+import fcntl
 import hashlib
+import io
 import os
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import Any, BinaryIO, TypeVar, cast
 
 from llvmlite.binding import get_host_cpu_name
 from numba import config, njit
+from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile, _CacheLocator
+from numba.core.compiler_lock import global_compiler_lock
 
 PACKAGE = Path(__file__).parent
+LOCK_SECONDS = 300.0
+"""How long another process may compile before this one does the same: longer than all of the solver takes."""
+DIGEST_BYTES = hashlib.sha256().digest_size
 
 
 def _source_digest() -> str:
@@ -24,29 +37,173 @@ def _source_digest() -> str:
     return digest.hexdigest()[:16]
 
 
-def cache_folder() -> Path:
-    """Folder of the compiled code: below NUMBA_CACHE_DIR if set, else beside the sources, else the user's cache."""
+def cache_folders() -> list[Path]:
+    """Folders of the compiled code: NUMBA_CACHE_DIR if set, else beside the sources; then the user's cache."""
     chosen = os.environ.get("NUMBA_CACHE_DIR")
-    beside = PACKAGE / "__pycache__"
-    if chosen:
-        base = Path(chosen)
-    elif os.access(beside if beside.exists() else PACKAGE, os.W_OK):
-        base = beside
-    else:
-        base = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "ricochet"
-    return base / f"compiled-{_source_digest()}"
+    bases = [Path(chosen) if chosen else PACKAGE / "__pycache__"]
+    with suppress(RuntimeError):  # a user without a home
+        bases.append(Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "ricochet")
+    return [base / f"compiled-{SOURCE_DIGEST}" for base in bases]
+
+
+SOURCE_DIGEST = _source_digest()
+FOLDERS = cache_folders()
+"""All are read; new code goes to the first that can be written."""
+
+
+class _Locator(_CacheLocator):
+    """Names the files of a function by its place in the package."""
+
+    def __init__(self, function: Callable[..., object], file: str) -> None:
+        self._py_file = file
+        self._line = function.__code__.co_firstlineno
+        self._folder = Path(file).resolve().relative_to(PACKAGE.resolve()).parent
+
+    @classmethod
+    def from_function(cls, function: Callable[..., object], file: str) -> "_Locator":
+        return cls(function, file)
+
+    def get_cache_path(self) -> str:
+        return str(self._folder)
+
+    def get_source_stamp(self) -> str:
+        return SOURCE_DIGEST
+
+    def get_disambiguator(self) -> str:
+        return str(self._line)
+
+    def ensure_cache_path(self) -> None:
+        """Do nothing: folders are made when code is written."""
+
+
+class _CheckedFile(IndexDataCacheFile):
+    """numba's files of a function in one folder, each with its digest at the end; a damaged one counts as absent."""
+
+    def _load_index(self) -> dict[Any, str]:
+        return super()._load_index() if _is_intact(self._index_path) else {}
+
+    def _load_data(self, name: str) -> Any:
+        if not _is_intact(self._data_path(name)):
+            raise FileNotFoundError(name)
+        return super()._load_data(name)
+
+    @contextmanager
+    def _open_for_write(self, path: str) -> Iterator[BinaryIO]:
+        content = io.BytesIO()
+        yield content
+        Path(path).parent.mkdir(parents=True, exist_ok=True)
+        with super()._open_for_write(path) as file:
+            file.write(content.getvalue() + hashlib.sha256(content.getvalue()).digest())
+
+
+def _is_intact(path: str) -> bool:
+    try:
+        content = Path(path).read_bytes()
+    except OSError:
+        return False
+    return hashlib.sha256(content[:-DIGEST_BYTES]).digest() == content[-DIGEST_BYTES:]
+
+
+class _Files:
+    """The files of a function in all folders, as numba uses those in one."""
+
+    def __init__(self, folder: str, name: str) -> None:
+        self._files = [_CheckedFile(str(base / folder), name, SOURCE_DIGEST) for base in FOLDERS]
+
+    def load(self, key: object) -> object:
+        found = (files.load(key) for files in self._files)
+        return next((data for kept_as, data in filter(None, found) if kept_as == key), None)
+
+    def save(self, key: object, data: object) -> None:
+        for files in self._files:
+            with suppress(OSError):  # read-only, full or gone
+                files.save(key, (key, data))  # the key too: a writer may be killed between index and data
+                return
+
+    def flush(self) -> None:
+        for files in self._files:
+            with suppress(OSError):
+                files.flush()
+
+
+class _LocatedCode(CompileResultCacheImpl):
+    _locator_classes = [_Locator]  # noqa: RUF012 (as in its base)
+
+
+class _Cache(FunctionCache):
+    """numba's cache of a function, over these files."""
+
+    _impl_class = _LocatedCode
+
+    def __init__(self, function: Callable[..., object]) -> None:
+        super().__init__(function)
+        self._cache_file = _Files(self._cache_path, self._impl.filename_base)  # type: ignore[assignment]
+
+
+class _ProcessLock:
+    """Lets one process compile at a time; held and counted under numba's own lock, which lets one thread."""
+
+    def __init__(self) -> None:
+        self._depth = 0
+        self._folder: int | None = None
+
+    def __enter__(self) -> None:
+        if self._depth == 0:
+            self._folder = _lock_folder()
+        self._depth += 1
+
+    def __exit__(self, *_: object) -> None:
+        self._depth -= 1
+        if self._depth == 0 and self._folder is not None:
+            os.close(self._folder)
+
+
+def _lock_folder() -> int | None:
+    """Return the open folder that is locked; None if none can be."""
+    deadline = time.monotonic() + LOCK_SECONDS
+    for folder in FOLDERS:
+        with suppress(OSError):
+            folder.mkdir(parents=True, exist_ok=True)
+        with suppress(OSError):
+            opened = os.open(folder, os.O_RDONLY)
+            while time.monotonic() < deadline:
+                try:
+                    fcntl.flock(opened, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                except BlockingIOError:
+                    time.sleep(0.02)
+                except OSError:  # a file system without locks
+                    break
+                else:
+                    return opened
+            os.close(opened)
+    return None
+
+
+_LOCK = _ProcessLock()
 
 
 VECTOR_WIDTH = 8 if (config.CPU_NAME or get_host_cpu_name()).startswith(("znver4", "znver5")) else 4  # type: ignore[attr-defined]
 """Numbers that loops take at a time. LLVM uses registers of 512 bits on AMD's processors, half of that on Intel's."""
 
-config.CACHE_DIR = str(cache_folder())  # type: ignore[attr-defined] # set from the environment
-
 Function = TypeVar("Function", bound=Callable[..., object])
 
 
 def _decorator(**options: Any) -> Callable[[Function], Function]:
-    return cast(Callable[[Function], Function], njit(cache=True, error_model="numpy", nogil=True, **options))
+    def compile_and_keep(function: Function) -> Function:
+        if config.DISABLE_JIT:  # type: ignore[attr-defined]
+            return function
+        dispatcher = njit(error_model="numpy", nogil=True, **options)(function)
+        dispatcher._cache = _Cache(function)  # noqa: SLF001 (there is no other way to give it one)
+        compile_here = dispatcher.compile
+
+        def compile_alone(signature: object) -> object:
+            with global_compiler_lock, _LOCK:
+                return compile_here(signature)
+
+        dispatcher.compile = compile_alone
+        return cast(Function, dispatcher)
+
+    return compile_and_keep
 
 
 compiled = _decorator()

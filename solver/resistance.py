@@ -4,6 +4,7 @@ The strength factor S scales the static part, ``σ = f (S f'c + B ρ v_n²)``. I
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import ClassVar, Literal, TypeAlias, get_args
 
@@ -83,16 +84,17 @@ class ObliquityPolynomial:
         powers = abs(math.degrees(oblique_angle)) ** np.arange(len(self.coefficients))
         return math.sqrt(max(0.0, float(powers @ np.array(self.covariance) @ powers)))
 
-    def positive_up_to(self, lower: float, upper: float) -> float:
-        """The upper end of a range of oblique angles, or the angle below it up to which S is above zero. [rad]"""
-        angles = np.linspace(lower, upper, STRENGTH_CHECKS)
-        values = np.polynomial.polynomial.polyval(np.abs(np.degrees(angles)), self.coefficients)
-        beyond = np.flatnonzero(~(values > 0.0))
-        return float(angles[max(beyond[0] - 1, 0)]) if beyond.size else upper
-
     def polynomial(self, *, target: Target, projectile: Projectile) -> tuple[float, ...]:
         """S in powers of the oblique angle in degrees, constant first."""
         return self.coefficients
+
+
+def positive_up_to(coefficients: Sequence[float], lower: float, upper: float) -> float:
+    """The upper end of a range of oblique angles, or the angle below it up to which a polynomial S is above 0. [rad]"""
+    angles = np.linspace(lower, upper, STRENGTH_CHECKS)
+    values = np.polynomial.polynomial.polyval(np.abs(np.degrees(angles)), coefficients)
+    beyond = np.flatnonzero(~(values > 0.0))
+    return float(angles[max(beyond[0] - 1, 0)]) if beyond.size else upper
 
 
 def _check_covariance(covariance: tuple[tuple[float, ...], ...], size: int) -> None:

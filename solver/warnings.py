@@ -72,8 +72,12 @@ def input_warnings(
     target: Target,
     velocity: float,
     angle_of_attack: float,
+    angle_shift: float | None = None,
 ) -> tuple[ModelWarning, ...]:
-    """Warnings about the inputs alone, whatever the oblique angle."""
+    """Warnings about the inputs alone, whatever the oblique angle.
+
+    With an `angle_shift`, the change of the critical angle for a moment of inertia 10 % larger, they state it. [rad]
+    """
     found = list(range_warnings(target=target, velocity=velocity))
     if abs(angle_of_attack) > SMALL_ATTACK:
         found.append(
@@ -83,11 +87,11 @@ def input_warnings(
                 "the body is taken as rigid",
             )
         )
-    found += _mass_properties_assumed(projectile)
+    found += _mass_properties_assumed(projectile, angle_shift)
     return tuple(found)
 
 
-def _mass_properties_assumed(projectile: Projectile) -> tuple[ModelWarning, ...]:
+def _mass_properties_assumed(projectile: Projectile, angle_shift: float | None) -> tuple[ModelWarning, ...]:
     given = {
         "centre of gravity": projectile.center_of_gravity,
         "moment of inertia": projectile.moment_of_inertia,
@@ -95,12 +99,10 @@ def _mass_properties_assumed(projectile: Projectile) -> tuple[ModelWarning, ...]
     missing = [name for name, value in given.items() if value is None]
     if not missing:
         return ()
-    return (
-        ModelWarning(
-            "mass_properties_assumed",
-            f"{' and '.join(missing)} not given: those of a homogeneous solid of the outer shape are used",
-        ),
-    )
+    detail = f"{' and '.join(missing)} not given: those of a homogeneous solid of the outer shape are used"
+    if angle_shift is not None:
+        detail += f"; a moment of inertia 10 % larger moves the angle by about {math.degrees(angle_shift):+.1g}°"
+    return (ModelWarning("mass_properties_assumed", detail),)
 
 
 def strength_factor_warnings(
@@ -183,6 +185,31 @@ def decided_by_time(*, termination_time: float) -> ModelWarning:
         "next to a change of outcome, a trial was still loaded or moving in at the termination time, "
         f"{termination_time:g} s: that change tells what leaves by then, moves with that time, and is less certain "
         "than its bracket is wide",
+    )
+
+
+RETENTION_RANGE = (0.1, 10.0)
+"""Retention energies, over the one in use, between which an angle should hardly move."""
+
+
+def retention_decides(*, retention: float, below: float, above: float) -> ModelWarning:
+    """Warning of an angle that depends on the retention energy, with the energy left half a degree below and above."""
+    low, high = (factor * retention for factor in RETENTION_RANGE)
+    left = f"{100.0 * below:.2g} %" if below > 0.0 else f"less than {100.0 * low:g} %"
+    return ModelWarning(
+        "retention_decides",
+        f"{left} of the energy is left half a degree below the angle, {100.0 * above:.2g} % half a degree above it: "
+        f"between thresholds of {100.0 * low:g} % and {100.0 * high:g} % the angle moves by more than 0.5°; friction "
+        "and rubble, which the model leaves out, decide what becomes of so slow a body",
+    )
+
+
+def range_clipped(*, upper: float, given: float) -> ModelWarning:
+    """Warning of a search that ends below the end of its range, where the strength factor falls to zero."""
+    return ModelWarning(
+        "range_clipped",
+        f"the strength factor is above 0 up to {math.degrees(upper):.4g}° only: the search ends there, not at "
+        f"{math.degrees(given):.4g}°",
     )
 
 

@@ -22,8 +22,8 @@ from service.access.rules import (
 )
 from service.access.usage import Usages
 from service.access.visit import ANYONE, VISIT, Caller, Visit
-from service.kinds import Kind
-from service.problems import problem
+from service.errors import ProblemType
+from service.problems import problem_response
 from service.settings import Settings
 
 CHALLENGE = {"WWW-Authenticate": "Bearer"}
@@ -150,6 +150,6 @@ def address_of(scope: Scope) -> str | None:
 
 async def refuse(scope: Scope, receive: Receive, send: Send, refused: HTTPException) -> None:
     """Answer a request that does not come in."""
-    status = HTTPStatus(refused.status_code)
-    answer = problem(Request(scope), Kind(status, "", status.phrase), refused.detail, [], refused.headers)
+    content = ProblemType.of_status(refused.status_code).content(refused.detail)
+    answer = problem_response(Request(scope), content, refused.headers)
     await answer(scope, receive, send)

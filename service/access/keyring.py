@@ -4,6 +4,7 @@ import contextlib
 import fcntl
 import hmac
 import os
+import sqlite3
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
@@ -15,9 +16,15 @@ import orjson
 from service.access.key import NOBODY, Key, digest_of, id_in
 
 FILE, LOCK = "keys.json", "keys.lock"
+TRACES = (LOCK, f"{FILE}.new", "usage.json")
+"""Files that are there only if there have been keys."""
 LOOK_SECONDS = 0.2
 """Between two looks at the file: a key that is revoked is good for no longer than this."""
 LAYOUT = 1
+
+
+LOCAL = "local"
+"""Owner of jobs made without a key."""
 
 
 class KeysUnreadableError(Exception):
@@ -28,7 +35,7 @@ class KeyRing:
     """The keys in force, as a running service looks at them.
 
     Once there has been a file, one that is gone or damaged means that no key is good: it never means that none is
-    needed.
+    needed. This holds over restarts as well, as long as anything else in the folder shows that there were keys.
 
     Parameters
     ----------
@@ -36,6 +43,8 @@ class KeyRing:
         Data folder of the service.
     complain
         Told why the keys cannot be read, once.
+    audit_log
+        File of the audit log, if it has one.
 
     Raises
     ------
@@ -43,13 +52,15 @@ class KeyRing:
         If there is a file and it cannot be read.
     """
 
-    def __init__(self, folder: Path, complain: Callable[[str], None]) -> None:
+    def __init__(self, folder: Path, complain: Callable[[str], None], audit_log: Path | None = None) -> None:
         self._path = folder / FILE
         self._complain = complain
         self._seen = _stamp(self._path)
         self._looked = time.monotonic()
         self._keys: Mapping[str, Key] = read_keys(folder)
-        self.needed = bool(self._keys)
+        self.lost = "" if self._keys else trace_of_keys(folder, audit_log)
+        """What shows that there were keys, if there are none."""
+        self.needed = bool(self._keys or self.lost)
         """Whether there are keys, or were; those that are revoked count."""
 
     @property
@@ -110,6 +121,36 @@ def read_keys(folder: Path) -> dict[str, Key]:
         raise KeysUnreadableError(f"{FILE} is damaged: {error}") from error
 
 
+def trace_of_keys(folder: Path, audit_log: Path | None = None) -> str:
+    """Return the name of a file that shows that the folder has had keys; empty if none does."""
+    for name in TRACES:
+        if (folder / name).exists():
+            return name
+    if _has_jobs_of_keys(folder / "jobs.sqlite"):
+        return "jobs.sqlite"
+    if audit_log is not None and audit_log.resolve().is_relative_to(folder.resolve()) and _names_keys(audit_log):
+        return audit_log.name
+    return ""
+
+
+def _has_jobs_of_keys(path: Path) -> bool:
+    """Tell whether a job belongs to the owner of a key."""
+    try:
+        with contextlib.closing(sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True)) as jobs:
+            return jobs.execute("SELECT 1 FROM jobs WHERE owner <> ? LIMIT 1", (LOCAL,)).fetchone() is not None
+    except sqlite3.Error:  # not there, or not readable: nothing of it is listed either
+        return False
+
+
+def _names_keys(audit_log: Path) -> bool:
+    """Tell whether a line is about a key, or the want of one: the log may also be written without keys."""
+    try:
+        with audit_log.open("rb") as lines:
+            return any(b'"key":' in line or b'"status":401' in line for line in lines)
+    except OSError:
+        return False
+
+
 def add_key(folder: Path, key: Key) -> None:
     """Put a key to the others.
 
@@ -130,6 +171,8 @@ def revoke_key(folder: Path, name: str) -> Key | None:
     KeysUnreadableError, OSError
         If it cannot be.
     """
+    if name not in read_keys(folder):
+        return None
     with _changing(folder) as keys:
         if name in keys and keys[name].revoked is None:
             keys[name] = replace(keys[name], revoked=time.time())

@@ -1,13 +1,10 @@
 """Places that requests hold while they last, of everybody and of each owner: event streams, and single queries."""
 
 from collections import Counter
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 
-from fastapi import Request
-
-from service.access.visit import AskedVisit
-from service.admission import OwnerQueriesError, OwnerStreamsError, StreamsFullError
+from service.errors import OwnerQueriesError, OwnerStreamsError, StreamsFullError
 
 QUERY_SECONDS = 1
 """Until one of a hundred queries has been answered. [s]"""
@@ -84,10 +81,3 @@ def counted(held: Counter[str], owner: str) -> Iterator[None]:
         held[owner] -= 1
         if not held[owner]:
             del held[owner]
-
-
-async def stream_of(request: Request, visit: AskedVisit) -> AsyncIterator[None]:
-    """Hold an event stream as long as a request takes."""
-    streams: Streams = request.app.state.streams
-    with streams.held(visit.caller.owner):
-        yield

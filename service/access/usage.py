@@ -12,7 +12,7 @@ import orjson
 from anyio import to_thread
 
 from service.access.keyring import open_private
-from service.admission import QuotaError
+from service.errors import QuotaError
 
 FILE = "usage.json"
 WINDOW = 3600

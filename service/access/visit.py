@@ -7,12 +7,11 @@ from fastapi import Depends, Request
 from starlette.types import Scope as RequestScope
 
 from service.access.key import SCOPES, Key, Scope
+from service.access.keyring import LOCAL
 from service.access.usage import Usage
 
 VISIT = "ricochet.visit"
 """In the scope of a request."""
-LOCAL = "local"
-"""Owner of what is asked for where nobody is asked for a key."""
 
 
 @dataclass(frozen=True, slots=True)

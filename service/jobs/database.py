@@ -11,6 +11,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from service.errors import StorageError
+
 LAYOUT = 1
 """Raised when the tables change."""
 BUSY_SECONDS = 10.0
@@ -67,16 +69,16 @@ CREATE TABLE idempotency (
 ) WITHOUT ROWID;
 CREATE INDEX idempotency_by_job ON idempotency (job);
 """
+ADDED = """
+CREATE TABLE IF NOT EXISTS sweeps (
+    job INTEGER PRIMARY KEY REFERENCES jobs ON DELETE CASCADE,
+    fields TEXT NOT NULL,
+    sweep BLOB NOT NULL
+)
+"""
+"""Tables that files of this layout lack if an earlier version made them, and that such a version does not mind."""
 
 log = logging.getLogger(__name__)
-
-
-class StorageError(Exception):
-    """Jobs cannot be stored or read: the disk is full, read-only or gone."""
-
-
-class JobGoneError(StorageError):
-    """The job has been deleted meanwhile."""
 
 
 class Database:
@@ -176,6 +178,7 @@ class Database:
                 raise sqlite3.OperationalError(f"jobs.sqlite has layout {layout}, this version knows {LAYOUT}")
             elif not self._checked and (said := connection.execute("PRAGMA quick_check(1)").fetchone()[0]) != "ok":
                 raise sqlite3.DatabaseError(said)
+            connection.execute(ADDED)
             self._checked = True
         except BaseException:
             connection.close()

@@ -1,6 +1,6 @@
 """Durable jobs: what has been accepted is finished, whatever happens to the process meanwhile.
 
-    jobs.sqlite   jobs, their cases in slices, how far each case is
+    jobs.sqlite   jobs, the requests of sweeps, cases in blocks (table `slices`), how far each case is
 
 A job is `accepting`, and seen by nobody, until all its cases are there.
 """
@@ -9,6 +9,7 @@ import itertools
 import secrets
 import sqlite3
 import time
+import zlib
 from collections.abc import Collection, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
@@ -16,30 +17,33 @@ from typing import Any
 
 import orjson
 
-from service.jobs.database import Database, JobGoneError, StorageError
-from service.jobs.job import CaseRow, Idempotency, IdempotencyBusyError, IdempotencyConflictError, JobState, Status
-from service.jobs.slices import SLICE, CaseState, Slice, join_keys, split_custom_ids, split_keys, split_requests
-from service.keys import SCHEMA_VERSION, result_key
+from service.cache_key import SCHEMA_VERSION, result_key
+from service.errors import JobGoneError
+from service.jobs.database import Database
+from service.jobs.models import (
+    BLOCK_SIZE,
+    FASTEST,
+    CaseBlock,
+    CaseRow,
+    CaseState,
+    Idempotency,
+    JobState,
+    Status,
+    Sweep,
+    join_keys,
+    split_custom_ids,
+    split_keys,
+    split_requests,
+)
 from solver import ENGINE_VERSION
-
-__all__ = [
-    "CaseRow",
-    "Idempotency",
-    "IdempotencyBusyError",
-    "IdempotencyConflictError",
-    "JobGoneError",
-    "JobState",
-    "JobStore",
-    "Status",
-    "StorageError",
-]
 
 DAY = 86_400.0  # [s]
 VERSIONS = f"{ENGINE_VERSION} {SCHEMA_VERSION}"
 """What the keys of a job were made with."""
+TABLES = "jobs LEFT JOIN sweeps ON sweeps.job = jobs.number"
 COLUMNS = (
     "id, operation, status, total, done, cached, failed, created, started, finished, expires, problem, revision, "
-    "number, owner, versions"
+    "number, owner, versions, fields"
 )
 
 
@@ -58,7 +62,7 @@ class JobStore:
         self._database = Database(folder / "jobs.sqlite")
         self._kept_seconds = job_days * DAY
 
-    def sweep(self, *, at_start: bool = False) -> int:
+    def expire(self, *, at_start: bool = False) -> int:
         """Remove what has expired, and at the start what was never accepted whole; return how many jobs."""
         with self._database.writing() as database:
             removed = database.execute("DELETE FROM jobs WHERE expires < ?", (time.time(),)).rowcount
@@ -66,15 +70,26 @@ class JobStore:
                 removed += database.execute("DELETE FROM jobs WHERE status = 'accepting'").rowcount
         return removed
 
-    def create(self, operation: str, owner: str) -> int:
+    def create(self, operation: str, owner: str, sweep: Sweep | None = None) -> int:
         """Begin a job that nobody sees yet; return its number."""
         row = (secrets.token_hex(16), owner, operation, VERSIONS, "accepting", time.time())
         with self._database.writing() as database:
             statement = "INSERT INTO jobs (id, owner, operation, versions, status, created) VALUES (?, ?, ?, ?, ?, ?)"
-            return database.execute(statement, row).lastrowid or 0
+            number = database.execute(statement, row).lastrowid or 0
+            if sweep is not None:
+                content = zlib.compress(sweep.to_json(), FASTEST)
+                fields = orjson.dumps(sweep.fields).decode()
+                database.execute("INSERT INTO sweeps VALUES (?, ?, ?)", (number, fields, content))
+            return number
 
-    def append(self, job: int, number: int, cases: Slice) -> None:
-        """Add the slice with this number, whole but for the last one."""
+    def sweep(self, job: int) -> Sweep | None:
+        """Return the request of a job, if it is a sweep."""
+        with self._database.reading() as database:
+            row = database.execute("SELECT sweep FROM sweeps WHERE job = ?", (job,)).fetchone()
+        return Sweep.from_json(zlib.decompress(row[0])) if row else None
+
+    def append(self, job: int, number: int, cases: CaseBlock) -> None:
+        """Add the block of cases with this number, whole but for the last one."""
         with self._database.writing() as database:
             row = (job, number, cases.keys, cases.requests, cases.custom_ids)
             database.execute("INSERT INTO slices VALUES (?, ?, ?, ?, ?)", row)
@@ -107,13 +122,13 @@ class JobStore:
         """Note results of cases, by their number; the job ends with the last of them."""
         counts = dict.fromkeys(CaseState, 0)
         with self._database.writing() as database:
-            for number, cases in itertools.groupby(sorted(states), key=lambda case: case // SLICE):
+            for number, cases in itertools.groupby(sorted(states), key=lambda case: case // BLOCK_SIZE):
                 place = (job, number)
                 found = database.execute("SELECT states FROM states WHERE job = ? AND slice = ?", place).fetchone()
                 stored = bytearray(found[0])
                 for case in cases:
-                    if stored[case % SLICE] == CaseState.WAITING:
-                        stored[case % SLICE] = states[case]
+                    if stored[case % BLOCK_SIZE] == CaseState.WAITING:
+                        stored[case % BLOCK_SIZE] = states[case]
                         counts[states[case]] += 1
                 database.execute("UPDATE states SET states = ? WHERE job = ? AND slice = ?", (stored, *place))
             rows = [(job, case, orjson.dumps(problem).decode()) for case, problem in (problems or {}).items()]
@@ -161,7 +176,7 @@ class JobStore:
         with self._database.reading() as database:
             slices = database.execute(statement, (job, first, first + count - 1)).fetchall()
         return [
-            (number * SLICE + i, key)
+            (number * BLOCK_SIZE + i, key)
             for number, keys, states in slices
             if CaseState.WAITING in states
             for i, key in enumerate(split_keys(keys))
@@ -176,15 +191,15 @@ class JobStore:
                 "SELECT slice, keys, custom_ids, states FROM slices JOIN states USING (job, slice) "
                 "WHERE job = ? AND slice BETWEEN ? AND ? ORDER BY slice"
             )
-            slices = database.execute(statement, (job, start // SLICE, (end - 1) // SLICE)).fetchall()
+            slices = database.execute(statement, (job, start // BLOCK_SIZE, (end - 1) // BLOCK_SIZE)).fetchall()
             statement = "SELECT number, problem FROM problems WHERE job = ? AND number >= ? AND number < ?"
             problems = dict(database.execute(statement, (job, start, end)))
         rows: list[CaseRow] = []
         for number, keys, custom_ids, states in slices:
             first, skipped, taken = (
-                number * SLICE,
-                max(0, start - number * SLICE),
-                min(len(states), end - number * SLICE),
+                number * BLOCK_SIZE,
+                max(0, start - number * BLOCK_SIZE),
+                min(len(states), end - number * BLOCK_SIZE),
             )
             split, names = split_keys(keys), split_custom_ids(custom_ids, len(states))
             for i in range(skipped, taken):
@@ -197,9 +212,9 @@ class JobStore:
         found: dict[int, bytes] = {}
         statement = "SELECT requests FROM slices WHERE job = ? AND slice = ?"
         with self._database.reading() as database:
-            for number, group in itertools.groupby(sorted(cases), key=lambda case: case // SLICE):
+            for number, group in itertools.groupby(sorted(cases), key=lambda case: case // BLOCK_SIZE):
                 lines = split_requests(database.execute(statement, (job, number)).fetchone()[0])
-                found |= {case: lines[case % SLICE] for case in group}
+                found |= {case: lines[case % BLOCK_SIZE] for case in group}
         return found
 
     def renew_keys(self, job: int) -> None:
@@ -233,7 +248,7 @@ class JobStore:
         return _changed(database, job, changes, values, "AND status IN ('accepted', 'running')")
 
     def _jobs(self, condition: str, *values: object) -> list[JobState]:
-        statement = f"SELECT {COLUMNS} FROM jobs WHERE {condition} ORDER BY number"  # noqa: S608 (of this file)
+        statement = f"SELECT {COLUMNS} FROM {TABLES} WHERE {condition} ORDER BY number"  # noqa: S608 (of this file)
         with self._database.reading() as database:
             return [_state(row) for row in database.execute(statement, values)]
 
@@ -243,14 +258,29 @@ def _changed(
 ) -> JobState:
     """Change a job; return it as it is then."""
     database.execute(f"UPDATE jobs SET {changes} WHERE number = ? {condition}", (*values, job))  # noqa: S608 (likewise)
-    row = database.execute(f"SELECT {COLUMNS} FROM jobs WHERE number = ?", (job,)).fetchone()  # noqa: S608
+    row = database.execute(f"SELECT {COLUMNS} FROM {TABLES} WHERE number = ?", (job,)).fetchone()  # noqa: S608
     if row is None:
         raise JobGoneError("the job has been deleted")
     return _state(row)
 
 
 def _state(row: tuple[Any, ...]) -> JobState:
-    name, operation, status, total, done, cached, failed, *moments, problem, revision, number, owner, versions = row
+    (
+        name,
+        operation,
+        status,
+        total,
+        done,
+        cached,
+        failed,
+        *moments,
+        problem,
+        revision,
+        number,
+        owner,
+        versions,
+        fields,
+    ) = row
     created, started, finished, expires = (None if t is None else datetime.fromtimestamp(t, UTC) for t in moments)
     return JobState(
         id=name,
@@ -269,4 +299,5 @@ def _state(row: tuple[Any, ...]) -> JobState:
         number=number,
         owner=owner,
         versions=versions,
+        axes=tuple(orjson.loads(fields)) if fields else (),
     )

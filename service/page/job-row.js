@@ -3,7 +3,6 @@
 import { downloadButtons, shortId } from "./downloads.js";
 import { element } from "./elements.js";
 import { isFinal } from "./job-progress.js";
-import { mapOf } from "./map-memory.js";
 
 /** The columns; the table may show a row as a card, where each cell tells its name. */
 export const COLUMNS = ["Job", "Asked for", "Status", "Progress", "Created", "Finished", "Expires", "Results", "Actions"];
@@ -32,14 +31,15 @@ export class JobRow {
     this.cancel = act("Cancel", onCancel);
     this.cells = COLUMNS.map((name) => element("td", { role: "cell", "data-name": name }));
     this.root = element("tr", { role: "row" }, ...this.cells);
-    const map = mapOf(job.id);
     const [name, operation, , progress, created, , , results, actions] = this.cells;
     name.append(element("code", { title: job.id }, id));
     operation.append(OPERATIONS[job.operation]);
     progress.append(element("div", {}, this.bar, this.counts));
     created.append(time(job.created));
     results.append(...downloadButtons(job.id, onError));
-    if (map) actions.append(element("a", { href: map, "aria-label": `Open job ${id} as a map` }, "Map"));
+    if (job.axes?.length === 2) {
+      actions.append(element("a", { href: `#/map?job=${job.id}`, "aria-label": `Open job ${id} as a map` }, "Map"));
+    }
     actions.append(this.cancel, act("Delete", onDelete));
     this.update(job);
   }

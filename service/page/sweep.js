@@ -2,6 +2,7 @@
 
 import { caseQuery, readCase } from "./address.js";
 import { angleRequest, trajectoryRequest, withValue } from "./case.js";
+import { paperCase } from "./contract.js";
 import { fieldAt } from "./fields.js";
 
 /** What a map may show, and how its cases are asked for. */
@@ -32,6 +33,18 @@ export function readMap(query) {
   };
 }
 
+/** Return the map that a job computes; undefined if it is no sweep over two fields. */
+export function mapOfJob({ id, operation, request }) {
+  if (request?.axes.length !== 2) return undefined;
+  const { output, ...parts } = request.base;
+  const values = { ...paperCase() };
+  for (const [part, content] of Object.entries(parts)) values[part] = { ...values[part], ...content };
+  const [y, x] = request.axes.map(({ values: list, ...axis }) =>
+    list ? { ...axis, start: list[0], stop: list.at(-1), count: list.length, list } : axis,
+  );
+  return { values, operation, x, y, job: id };
+}
+
 /** Return the query that tells of a map. */
 export function mapQuery({ values, operation, x, y, job }) {
   const query = new URLSearchParams({ operation, x: writeAxis(x), y: writeAxis(y) });
@@ -58,7 +71,8 @@ export function isVariable(map, field) {
 }
 
 /** Return the values of an axis, both ends included. */
-export function numbers({ start, stop, count }) {
+export function numbers({ start, stop, count, list }) {
+  if (list) return list;
   if (count === 1) return [start];
   const step = (stop - start) / (count - 1);
   return Array.from({ length: count }, (_, i) => (i === count - 1 ? stop : start + step * i));

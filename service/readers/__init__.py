@@ -1,8 +1,8 @@
-"""Files of tests and of finite element results, read into the solver's objects: SI units and radians."""
+"""Readers of test tables and finite element results; they return objects of the solver, in SI units and radians."""
 
 from service.readers.axes import Axis
 from service.readers.depth_tests import DEPTH_TESTS, OBLIQUITY_POINTS, read_depth_tests, read_obliquity_points
-from service.readers.errors import FileError
+from service.readers.files import FileError
 from service.readers.motion import MOTION, Expected, read_motion
 from service.readers.units import Quantity
 

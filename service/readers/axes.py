@@ -1,4 +1,4 @@
-"""Global axes of a finite element model: which of them is depth, and which way it points."""
+"""States of a body in a finite element model, along its global axes, and the choice of axes for depth and lateral."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -7,8 +7,7 @@ from os import PathLike
 
 import numpy as np
 
-from service.readers.errors import FileError
-from service.readers.readings import Readings
+from service.readers.files import FileError, Readings
 from solver.arrays import FloatArray
 
 AXIS = re.compile(r"(?P<sign>[+-]?)(?P<letter>[xyz])")
@@ -21,13 +20,13 @@ class Axis:
 
     Parameters
     ----------
-    place
+    index
         0, 1, 2 for x, y, z.
     sign
-        1 along it, -1 against it.
+        1 along the axis, -1 against it.
     """
 
-    place: int
+    index: int
     sign: float
 
     @classmethod
@@ -37,7 +36,7 @@ class Axis:
         Raises
         ------
         ValueError
-            If it is none.
+            If the name is not an axis.
         """
         match = AXIS.fullmatch(name.strip().lower())
         if match is None:
@@ -52,13 +51,13 @@ class States:
     Parameters
     ----------
     time
-        (n,)
+        (n,) Times.
     displacement
-        (n, 3)
+        (n, 3) Displacements.
     rotation
-        (n, 3); None if the file has none. [rad]
+        (n, 3) Rotations; None if the file has none. [rad]
     lines
-        Where each state was read; None for files without lines.
+        Line of each state; None for binary files.
     """
 
     path: str | PathLike[str]
@@ -69,7 +68,7 @@ class States:
 
 
 def along(states: States, axes: Mapping[str, Axis]) -> Readings:
-    """Return the motion along the axes asked for, in the units of the model.
+    """Return the motion along the given axes, in the units of the model.
 
     Raises
     ------
@@ -77,15 +76,33 @@ def along(states: States, axes: Mapping[str, Axis]) -> Readings:
         If no axis is given, depth and lateral are the same, or the file has no rotations.
     """
     if not axes:
-        raise FileError(states.path, "LS-DYNA tells motions along x, y, z: say which is depth, lateral and rotation")
-    given = [axes[name].place for name in TRANSLATIONS if name in axes]
+        raise FileError(states.path, "the motion is along x, y, z: name the axes of depth, lateral and rotation")
+    given = [axes[name].index for name in TRANSLATIONS if name in axes]
     if len(set(given)) < len(given):
         raise FileError(states.path, "depth and lateral displacement cannot be along the same axis")
     if "rotation" in axes and states.rotation is None:
-        raise FileError(states.path, "the file has no rotations: ask for displacements alone")
+        raise FileError(states.path, "the file has no rotations: leave out the axis of rotation")
     values = {"time": states.time}
     for name, axis in axes.items():
         source = states.rotation if name == "rotation" else states.displacement
         if source is not None:
-            values[name] = axis.sign * np.asarray(source)[:, axis.place] + 0.0
+            values[name] = axis.sign * np.asarray(source)[:, axis.index] + 0.0
     return Readings(path=states.path, values=values, lines=states.lines)
+
+
+def select(path: str | PathLike[str], kind: str, ids: Sequence[int], wanted: int | None) -> int:
+    """Return the id of the body to read: the wanted one, or the only one.
+
+    Raises
+    ------
+    FileError
+        If the wanted body is missing, or there are several and none is wanted.
+    """
+    listed = ", ".join(str(one) for one in ids[:20]) + (", ..." if len(ids) > 20 else "")
+    if wanted is None:
+        if len(ids) == 1:
+            return ids[0]
+        raise FileError(path, f"name the {kind} to read, there are: {listed or 'none'}")
+    if wanted not in ids:
+        raise FileError(path, f"there is no {kind} {wanted}, there are: {listed or 'none'}")
+    return wanted

@@ -1,30 +1,32 @@
-"""Depth tests and strength factors by oblique angle, from CSV files."""
+"""Penetration tests, and strength factors over the oblique angle, from CSV files."""
 
 import math
 from collections.abc import Mapping
 from pathlib import Path
 
-from service.readers.readings import Readings
+from service.readers.files import Readings
 from service.readers.table import read_columns, read_table
 from service.readers.units import ANGLE, LENGTH, MASS, PURE, SPEED, Quantity
 from solver.calibration import DepthTest, ObliquityPoint
 
-NUMBERS_OF_A_TEST = (
+TEST_NUMBERS = (
     Quantity("velocity", SPEED, ("striking_velocity", "impact_velocity"), required=True),
     Quantity("depth", LENGTH, ("penetration_depth",), required=True),
     Quantity("mass", MASS),
     Quantity("weight", PURE),
 )
 GROUP = Quantity("group", None, required=True)
-DEPTH_TESTS = (*NUMBERS_OF_A_TEST, GROUP)
+DEPTH_TESTS = (*TEST_NUMBERS, GROUP)
 SI_UNIT = {"velocity": "m/s", "depth": "m", "mass": "kg"}
 OBLIQUITY_POINTS = (
     Quantity("oblique_angle", ANGLE, required=True),
     Quantity("strength_factor", PURE, required=True),
     Quantity("standard_error", PURE),
 )
-MOST_VELOCITY = 1e4  # m/s, far above what any body survives
-MOST_DIAMETERS = 1000.0  # of depth; long rods at any speed stay below 100
+MAX_VELOCITY = 1e4
+"""Far above what any projectile survives. [m/s]"""
+MAX_DIAMETERS = 1000.0
+"""Depth over diameter; long rods at any speed stay below 100. [1]"""
 
 
 def read_depth_tests(
@@ -35,25 +37,25 @@ def read_depth_tests(
     diameter: float | None = None,
     grouped: bool = False,
 ) -> list[DepthTest]:
-    """Read depth tests: velocity, depth and, where there are such columns, mass and weight.
+    """Read penetration tests: velocity, depth and, if there are such columns, mass and weight.
 
     Parameters
     ----------
     columns
-        Header by quantity, where a column is not named as the quantity is.
+        Header by quantity, if a column is not named as the quantity.
     units
-        Unit by quantity, where the header gives none; SI if neither does.
+        Unit by quantity, if the header has none; the default is SI.
     diameter
-        Of the projectile, to tell depths that cannot be meant. [m]
+        Diameter of the projectile, to find implausible depths. [m]
     grouped
-        Whether the tests are of groups; then there must be a column that names them.
+        Whether a column names the group of each test.
 
     Raises
     ------
     FileError
-        With the line, if the file does not hold such tests.
+        With the line, if the file holds no such tests.
     """
-    quantities = (*NUMBERS_OF_A_TEST, GROUP) if grouped else NUMBERS_OF_A_TEST
+    quantities = (*TEST_NUMBERS, GROUP) if grouped else TEST_NUMBERS
     readings, text = read_columns(read_table(path), quantities, columns or {}, units or {})
     _check_depth_tests(readings, diameter)
     groups = text.get(GROUP.name, [None] * readings.rows)
@@ -63,7 +65,7 @@ def read_depth_tests(
 def read_obliquity_points(
     path: str | Path, columns: Mapping[str, str] | None = None, units: Mapping[str, str] | None = None
 ) -> list[ObliquityPoint]:
-    """Read strength factors by oblique angle and, where there is such a column, their standard errors.
+    """Read strength factors over the oblique angle and, if there is such a column, their standard errors.
 
     Parameters
     ----------
@@ -73,7 +75,7 @@ def read_obliquity_points(
     Raises
     ------
     FileError
-        With the line, if the file does not hold such points.
+        With the line, if the file holds no such points.
     """
     readings, _ = read_columns(read_table(path), OBLIQUITY_POINTS, columns or {}, units or {})
     angles = readings.values["oblique_angle"]
@@ -92,12 +94,12 @@ def _check_depth_tests(readings: Readings, diameter: float | None) -> None:
     velocity, depth = readings.values["velocity"], readings.values["depth"]
     readings.require(
         "velocity",
-        velocity <= MOST_VELOCITY,
-        f"is above {MOST_VELOCITY / 1e3:g} km/s (wrong unit?)",
+        velocity <= MAX_VELOCITY,
+        f"is above {MAX_VELOCITY / 1e3:g} km/s (wrong unit?)",
         SI_UNIT["velocity"],
     )
     if diameter is not None:
-        most = MOST_DIAMETERS * diameter
-        readings.require("depth", depth <= most, f"is above {MOST_DIAMETERS:g} diameters (wrong unit?)", "m")
-        least = diameter / MOST_DIAMETERS
-        readings.require("depth", depth >= least, f"is below a diameter over {MOST_DIAMETERS:g} (wrong unit?)", "m")
+        most = MAX_DIAMETERS * diameter
+        readings.require("depth", depth <= most, f"is above {MAX_DIAMETERS:g} diameters (wrong unit?)", "m")
+        least = diameter / MAX_DIAMETERS
+        readings.require("depth", depth >= least, f"is below a diameter over {MAX_DIAMETERS:g} (wrong unit?)", "m")

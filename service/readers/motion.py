@@ -1,4 +1,4 @@
-"""Motion histories, whatever the program that wrote them."""
+"""Motion histories from CSV and LS-DYNA files."""
 
 import math
 from collections.abc import Mapping
@@ -8,16 +8,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from service.readers import nodout, rbdout
 from service.readers.axes import Axis, States, along
-from service.readers.binout import read_binout
-from service.readers.errors import FileError
-from service.readers.lsda import is_lsda
-from service.readers.nodout import read_nodout
-from service.readers.rbdout import read_rbdout
-from service.readers.readings import Readings
+from service.readers.binout import is_binout, read_binout
+from service.readers.dyna_text import NODOUT_MARK, RBDOUT_MARK, read_nodout, read_rbdout
+from service.readers.files import FileError, Readings, lines_of, read_bytes
 from service.readers.table import read_columns, read_table
-from service.readers.text import lines_of, read_bytes
 from service.readers.units import ANGLE, LENGTH, TIME, Quantity, UnknownUnitError, factor_to_si
 from solver import Impact, Projectile
 from solver.calibration import MotionHistory
@@ -29,16 +24,16 @@ MOTION = (
     Quantity("rotation", ANGLE),
 )
 SI_UNIT = {"time": "s", "depth_displacement": "m", "lateral_displacement": "m", "rotation": "rad"}
-MOST_SPEED, LEAST_SPEED = 1.5, 0.1
-"""Over the initial one, on the first half of the way; a wrong unit is mostly a factor of 1000."""
+MAX_SPEED_RATIO, MIN_SPEED_RATIO = 1.5, 0.1
+"""Plausible speeds over the initial one, in the first half of the motion; wrong units mostly differ by 1000. [1]"""
 
-MOST_FIRST_TURN = math.radians(5.0)
-"""Of the rotation, for the scatter of measured ones."""
+ROTATION_SCATTER = math.radians(5.0)
+"""Scatter of measured rotations. [rad]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Expected:
-    """The strike that a history should be of, to tell one that cannot be meant."""
+    """The impact of a history, to find implausible motions."""
 
     impact: Impact
     projectile: Projectile
@@ -57,23 +52,23 @@ def read_motion(
 ) -> MotionHistory:
     """Read the motion of a centre of gravity since first contact.
 
-    The file tells its format: LS-DYNA's rbdout, nodout and binary binout, or else CSV.
+    The format is found from the content: LS-DYNA's rbdout, nodout or binary binout, otherwise CSV.
 
     Parameters
     ----------
     columns
-        Of a CSV file: header by quantity, where a column is not named as the quantity is.
+        CSV: header by quantity, if a column is not named as the quantity.
     units
-        Unit by quantity, where the header of a CSV file gives none; SI if neither does. LS-DYNA's files never do.
+        Unit by quantity, if the header of a CSV file has none; the default is SI. LS-DYNA files have no units.
     axes
-        Of LS-DYNA's files: global axis by quantity. What has no axis is left out.
+        LS-DYNA: global axis by quantity. Quantities without an axis are left out.
     part, node
-        Of LS-DYNA's files: the rigid body or the node to read, where there are several.
+        LS-DYNA: the rigid body or the node to read, if there are several.
     contact
-        Time of first contact in the file. What is before is left out, and time and displacements count from there;
-        not given, LS-DYNA's files count from their first state, and CSV files are taken as they are. [s]
+        Time of first contact in the file. Earlier rows are left out, and time and displacements count from it. By
+        default LS-DYNA files count from their first state, and CSV files are read as they are. [s]
     expected
-        The strike, to refuse histories that cannot be of it.
+        The impact, to refuse implausible motions.
 
     Returns
     -------
@@ -82,18 +77,18 @@ def read_motion(
     Raises
     ------
     FileError
-        With the line, if the file does not hold such a history.
+        With the line, if the file holds no such history.
     """
     content = read_bytes(path)
     states = _read_dyna(path, content, part, node)
     if states is not None:
         if columns:
-            raise FileError(path, "only CSV files have columns to name: give axes")
+            raise FileError(path, "only CSV files have columns; name axes instead")
         readings = _to_si(along(states, axes or {}), units or {})
         contact = float(readings.values["time"][0]) if contact is None else contact
     else:
         if axes or part is not None or node is not None:
-            raise FileError(path, "a CSV file has no axes, parts or nodes to choose: name its columns")
+            raise FileError(path, "a CSV file has no axes, parts or nodes; name columns instead")
         table = read_table(path, content)
         readings, _ = read_columns(table, MOTION, columns or {}, units or {})
         if readings.values.keys() == {"time"}:
@@ -107,18 +102,18 @@ def read_motion(
 
 
 def _read_dyna(path: str | Path, content: bytes, part: int | None, node: int | None) -> States | None:
-    """Return the states of one of LS-DYNA's files, None if it is none."""
-    if is_lsda(content):
+    """Return the states of an LS-DYNA file; None if it is another file."""
+    if is_binout(content):
         return read_binout(path, content, part, node)
-    if rbdout.MARK.encode() in content:
+    if RBDOUT_MARK.encode() in content:
         return read_rbdout(path, lines_of(path, content, strict=False), part)
-    if nodout.MARK.encode() in content:
+    if NODOUT_MARK.encode() in content:
         return read_nodout(path, lines_of(path, content, strict=False), node)
     return None
 
 
 def _to_si(readings: Readings, units: Mapping[str, str]) -> Readings:
-    """Convert from the units of a model."""
+    """Convert columns from the units of a model to SI."""
     try:
         factors = {q.name: factor_to_si(q, units[q.name]) for q in MOTION if q.name in units}
     except UnknownUnitError as error:
@@ -132,15 +127,15 @@ def _check_rows(readings: Readings, contact: float | None) -> None:
         readings.require(name, np.isfinite(column), "must be a finite number", SI_UNIT[name])
     time = readings.values["time"]
     if contact is None:
-        readings.require("time", time >= 0.0, "must be at least 0, first contact (name its time otherwise)", "s")
+        readings.require("time", time >= 0.0, "must be at least 0, first contact (or set the time of contact)", "s")
     late = np.flatnonzero(np.diff(time) <= 0.0)
     if late.size:
         row = int(late[0]) + 1
-        raise readings.error(row, f"time must rise from row to row, got {time[row]:g} s after {time[row - 1]:g} s")
+        raise readings.error(row, f"time must increase from row to row, got {time[row]:g} s after {time[row - 1]:g} s")
 
 
 def _since(readings: Readings, contact: float) -> Readings:
-    """Count time and displacements from first contact, which may lie between two rows."""
+    """Return the columns with time and displacements from first contact, which may lie between two rows."""
     time = readings.values["time"]
     if not time[0] <= contact < time[-1]:
         raise FileError(
@@ -156,32 +151,32 @@ def _since(readings: Readings, contact: float) -> Readings:
 
 
 def _check_speed(readings: Readings, expected: Expected) -> None:
-    """Refuse a motion that is far from the speed of the strike: its units are wrong, most likely."""
-    time, strike = readings.values["time"], expected.impact
-    free = strike.velocity * time
+    """Raise an error if a motion is far from the speed of the impact, most likely because of a wrong unit."""
+    time, impact = readings.values["time"], expected.impact
+    free = impact.velocity * time
     share = {
-        "depth_displacement": math.cos(strike.oblique_angle),
-        "lateral_displacement": math.sin(strike.oblique_angle),
+        "depth_displacement": math.cos(impact.oblique_angle),
+        "lateral_displacement": math.sin(impact.oblique_angle),
     }
     for name in share.keys() & readings.values.keys():
         way = abs(readings.values[name])
-        _refuse(readings, way > MOST_SPEED * free + 0.5 * expected.projectile.diameter, name, "more", strike)
-        # Where half of the way is done, the body has not been slow for long.
+        _refuse(readings, way > MAX_SPEED_RATIO * free + 0.5 * expected.projectile.diameter, name, "more", impact)
+        # At half of its way the projectile has not been slow for long.
         half = np.arange(len(time)) == (int(np.argmax(way >= 0.5 * way.max())) if way.any() else len(time) - 1)
-        _refuse(readings, half & (way < LEAST_SPEED * share[name] * free), name, "much less", strike)
+        _refuse(readings, half & (way < MIN_SPEED_RATIO * share[name] * free), name, "much less", impact)
     if "rotation" in readings.values:
         turned = abs(readings.values["rotation"])
-        rate = MOST_SPEED * strike.velocity / (0.5 * expected.projectile.length) + abs(strike.angular_velocity)
-        most = rate * time + MOST_FIRST_TURN
-        _refuse(readings, turned > most, "rotation", "more", strike)
+        rate = MAX_SPEED_RATIO * impact.velocity / (0.5 * expected.projectile.length) + abs(impact.angular_velocity)
+        most = rate * time + ROTATION_SCATTER
+        _refuse(readings, turned > most, "rotation", "more", impact)
 
 
-def _refuse(readings: Readings, refused: NDArray[np.bool_], name: str, more: str, strike: Impact) -> None:
+def _refuse(readings: Readings, refused: NDArray[np.bool_], name: str, more: str, impact: Impact) -> None:
     rows = np.flatnonzero(refused)
     if rows.size:
         value, time = readings.values[name][rows[0]], readings.values["time"][rows[0]]
         raise readings.error(
             int(rows[0]),
-            f"{name} of {value:.4g} {SI_UNIT[name]} after {time:.4g} s is {more} than a body that strikes at "
-            f"{strike.velocity:g} m/s can make (wrong unit?)",
+            f"{name} of {value:.4g} {SI_UNIT[name]} after {time:.4g} s is {more} than possible after an impact at "
+            f"{impact.velocity:g} m/s (wrong unit?)",
         )

@@ -1,4 +1,4 @@
-"""CSV files: a header and rows of numbers, each known by its line."""
+"""CSV files: a header and rows of numbers, each with its line."""
 
 import csv
 import math
@@ -9,15 +9,13 @@ from pathlib import Path
 
 import numpy as np
 
-from service.readers.errors import FileError
-from service.readers.readings import Readings
-from service.readers.text import lines_of, read_bytes
+from service.readers.files import FileError, Readings, lines_of, read_bytes
 from service.readers.units import Quantity, UnknownUnitError, factor_to_si, spelled, unit_in_header
 
 SEPARATORS = ",;\t"
 COMMENT = "#"
-MOST_NAMES = 20
-"""Of the header, told in an error."""
+MAX_NAMES = 20
+"""Names of columns listed in an error."""
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eEdD][+-]?\d+)?")
 DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+")
 
@@ -29,13 +27,13 @@ class Table:
     Parameters
     ----------
     header
-        The names of the columns, in order.
+        Names of the columns, in order.
     header_line
-        Where it stands.
+        Line of the header.
     rows
-        The cells of each row, as many as the header has.
+        Cells of each row, as many as the header has.
     lines
-        Where each row begins.
+        First line of each row.
     """
 
     path: str | Path
@@ -47,28 +45,28 @@ class Table:
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """A column that is read.
+    """The column of a quantity.
 
     Parameters
     ----------
-    place
-        In the header, from 0.
+    index
+        Position in the header, from 0.
     factor
-        From the unit of the file to SI, with the sign of the direction.
+        Factor from the unit of the file to SI, with the sign of the direction.
     """
 
     quantity: Quantity
-    place: int
+    index: int
     factor: float
 
 
 def read_table(path: str | Path, content: bytes | None = None) -> Table:
-    """Read a CSV file; commas, semicolons or tabs part the cells, lines from ``#`` on are comments.
+    """Read a CSV file. Cells are separated by commas, semicolons or tabs; lines that begin with ``#`` are comments.
 
     Raises
     ------
     FileError
-        If it is not a table: no text, no rows, or rows of another length than the header.
+        If the file is not a table: no text, no rows, or rows whose length differs from the header.
     """
     lines = lines_of(path, read_bytes(path) if content is None else content)
     while not lines[-1].strip():
@@ -80,7 +78,7 @@ def read_table(path: str | Path, content: bytes | None = None) -> Table:
     header_line, header = next(cells)
     while header and not header[-1]:
         header.pop()
-    rows, places = [], []
+    rows, starts = [], []
     for line, row in cells:
         if not any(row):
             raise FileError(path, "the line is empty", line)
@@ -89,29 +87,29 @@ def read_table(path: str | Path, content: bytes | None = None) -> Table:
         if len(row) != len(header):
             raise FileError(path, f"the line has {len(row)} cells, the header {len(header)}", line)
         rows.append(row)
-        places.append(line)
+        starts.append(line)
     if not rows:
         raise FileError(path, "there are no rows below the header", header_line)
-    return Table(path, header, header_line, rows, places)
+    return Table(path, header, header_line, rows, starts)
 
 
 def read_columns(
     table: Table, quantities: Sequence[Quantity], columns: Mapping[str, str], units: Mapping[str, str]
 ) -> tuple[Readings, Mapping[str, Sequence[str]]]:
-    """Read the quantities that the table has: the numbers in SI, and the columns of text.
+    """Return the numbers of a table in SI, and its columns of text, both by quantity.
 
     Parameters
     ----------
     columns
-        Header of a quantity, where it is not that of the quantity itself. With a minus sign before it, the values
-        are taken with the other sign; empty, the quantity is left out.
+        Header by quantity, if it is not the name of the quantity. A leading minus sign changes the sign of the values;
+        an empty header leaves the quantity out.
     units
-        Unit of a quantity, where the header gives none; SI if neither does.
+        Unit by quantity, if the header has none; the default is SI.
 
     Raises
     ------
     FileError
-        If a column is missing or there twice, a unit is not known, or a cell is not a number.
+        If a column is missing or repeated, a unit is unknown, or a cell is not a number.
     """
     found = _find(table, quantities, columns, units)
     text = {c.quantity.name: _texts(table, c) for c in found if c.quantity.units is None}
@@ -120,7 +118,7 @@ def read_columns(
 
 
 def _cells(path: str | Path, lines: list[str], separator: str) -> Iterator[tuple[int, list[str]]]:
-    # A comment is passed on as an empty line, which keeps the count.
+    # A comment becomes an empty line, so that lines are counted right.
     reader = csv.reader(
         ("\n" if line.startswith(COMMENT) else line + "\n" for line in lines), delimiter=separator, strict=True
     )
@@ -161,27 +159,25 @@ def _find_one(table: Table, quantity: Quantity, name: str | None, unit: str | No
         sign, wanted = -1.0, wanted[1:].strip()
     if wanted is None:
         units = [unit_in_header(quantity, cell, named=False) for cell in table.header]
-        places = [place for place, given in enumerate(units) if given is not None]
+        indices = [index for index, given in enumerate(units) if given is not None]
     else:
-        places = [place for place, cell in enumerate(table.header) if cell == wanted]
-    if not places:
-        _require_absent(table, quantity, wanted)
+        indices = [index for index, cell in enumerate(table.header) if cell == wanted]
+    if not indices:
+        _check_absent(table, quantity, wanted)
         return None
-    if len(places) > 1:
-        names = " and ".join(repr(table.header[place]) for place in places)
-        raise FileError(table.path, f"{quantity.name} is there {len(places)} times: {names}", table.header_line)
-    given = unit_in_header(quantity, table.header[places[0]], named=wanted is not None) or ""
+    if len(indices) > 1:
+        names = " and ".join(repr(table.header[index]) for index in indices)
+        raise FileError(table.path, f"there are {len(indices)} columns of {quantity.name}: {names}", table.header_line)
+    given = unit_in_header(quantity, table.header[indices[0]], named=wanted is not None) or ""
     if quantity.units is None:
-        return Column(quantity, places[0], 1.0)
+        return Column(quantity, indices[0], 1.0)
     if unit and given and spelled(unit) != spelled(given):
-        raise FileError(
-            table.path, f"{quantity.name} is in {given} by the header, but {unit} was asked for", table.header_line
-        )
-    return Column(quantity, places[0], sign * factor_to_si(quantity, unit or given or next(iter(quantity.units))))
+        raise FileError(table.path, f"{quantity.name} is in {given} by the header, not in {unit}", table.header_line)
+    return Column(quantity, indices[0], sign * factor_to_si(quantity, unit or given or next(iter(quantity.units))))
 
 
-def _require_absent(table: Table, quantity: Quantity, wanted: str | None) -> None:
-    """Refuse that a quantity is not there, if it has to be or seems to be there with a unit nobody knows."""
+def _check_absent(table: Table, quantity: Quantity, wanted: str | None) -> None:
+    """Raise an error if a missing quantity is required, or seems to have a column with an unknown unit."""
     if wanted is None:
         for cell in table.header:
             for name in quantity.names:
@@ -189,14 +185,14 @@ def _require_absent(table: Table, quantity: Quantity, wanted: str | None) -> Non
                     raise UnknownUnitError(quantity, cell[len(name) + 1 :])
         if not quantity.required:
             return
-    there = ", ".join(table.header[:MOST_NAMES]) + (", ..." if len(table.header) > MOST_NAMES else "")
+    known = ", ".join(table.header[:MAX_NAMES]) + (", ..." if len(table.header) > MAX_NAMES else "")
     missing = f"no column {wanted!r}" if wanted is not None else f"no column of {quantity.name}"
-    raise FileError(table.path, f"{missing}; there are: {there}", table.header_line)
+    raise FileError(table.path, f"{missing}; there are: {known}", table.header_line)
 
 
 def _numbers(table: Table, column: Column) -> list[float]:
     return [
-        column.factor * _number(table, column, line, row[column.place])
+        column.factor * _number(table, column, line, row[column.index])
         for line, row in zip(table.lines, table.rows, strict=True)
     ]
 
@@ -216,6 +212,6 @@ def _number(table: Table, column: Column, line: int, cell: str) -> float:
 
 def _texts(table: Table, column: Column) -> list[str]:
     for line, row in zip(table.lines, table.rows, strict=True):
-        if not row[column.place]:
+        if not row[column.index]:
             raise FileError(table.path, f"{column.quantity.name} is missing: the cell is empty", line)
-    return [row[column.place] for row in table.rows]
+    return [row[column.index] for row in table.rows]

@@ -1,4 +1,4 @@
-"""Units of files and flags, each converted to SI once: metres, seconds, kilograms and radians."""
+"""Quantities of files and their units, converted to SI once: metres, seconds, kilograms and radians."""
 
 import math
 import re
@@ -18,18 +18,18 @@ BRACKETED = re.compile(r"(?P<stem>.*?)\s*[\[(]\s*(?P<unit>[^\[\]()]*?)\s*[\])]$"
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
-    """What a column may hold.
+    """A quantity that a column can hold.
 
     Parameters
     ----------
     name
-        As flags and headers have it.
+        Name in flags and headers.
     units
-        Factor to SI of every unit it may come in, the SI unit first; None for text.
+        Factor to SI by unit, the SI unit first; None for text.
     also
-        Other names that headers use.
+        Other names in headers.
     required
-        Whether every file must have it.
+        Whether every file must have a column of it.
     """
 
     name: str
@@ -44,24 +44,24 @@ class Quantity:
 
 
 class UnknownUnitError(ValueError):
-    """A unit that the quantity does not come in."""
+    """A unit that is not known for a quantity."""
 
     def __init__(self, quantity: Quantity, unit: str) -> None:
         super().__init__(f"unknown unit {unit!r} of {quantity.name}, known are {', '.join(quantity.units or ['none'])}")
 
 
 def spelled(unit: str) -> str:
-    """Spell a unit as the tables here do: m/s is m_s, µs is us."""
+    """Return a unit in the spelling of the tables above: m/s is m_s, µs is us."""
     return unit.translate(SPELLINGS).lower()
 
 
 def factor_to_si(quantity: Quantity, unit: str) -> float:
-    """Return what a value in this unit is multiplied by.
+    """Return the factor from a unit to SI.
 
     Raises
     ------
     UnknownUnitError
-        If the quantity does not come in it.
+        If the unit is not known for the quantity.
     """
     try:
         return (quantity.units or {})[spelled(unit)]
@@ -70,19 +70,19 @@ def factor_to_si(quantity: Quantity, unit: str) -> float:
 
 
 def unit_in_header(quantity: Quantity, cell: str, *, named: bool) -> str | None:
-    """Return the unit that a header cell gives for this quantity: "" if none, None if the cell is not of the quantity.
+    """Return the unit of a quantity in a header cell: "" without a unit, None if the cell is for another quantity.
 
     Parameters
     ----------
     cell
-        Such as ``time_s``, ``time [ms]`` or ``Time``.
+        A cell such as ``time_s``, ``time [ms]`` or ``Time``.
     named
-        The caller has said that the cell is of the quantity, whatever its name.
+        Whether the caller has assigned the cell to the quantity, whatever its name.
 
     Raises
     ------
     UnknownUnitError
-        If there is a unit in brackets that the quantity does not come in.
+        If the cell has a unit in brackets that is not known for the quantity.
     """
     bracketed = BRACKETED.fullmatch(cell.strip())
     stem = re.sub(r"\s+", "_", (bracketed["stem"] if bracketed else cell).strip()).lower()

@@ -22,9 +22,8 @@ from service.schemas.calibration import (
     motion_answer,
     obliquity_answer,
 )
-from service.schemas.jobs import Job, JobResults, Jobs
+from service.schemas.jobs import Job, JobResults, Jobs, Result
 from service.schemas.requests import CriticalAngleBase, CriticalAngleRequest, TrajectoryRequest
-from service.schemas.results import Result
 from service.schemas.sweeps import CriticalAngleSweep, TrajectorySweep
 
 __all__ = [

@@ -39,9 +39,11 @@ RUN = {
 }
 FOUND = {
     "status": "converged",
-    "critical_angle_deg": 48.56,
-    "bracket_deg": [48.55, 48.56],
-    "strength_factor": 6.127,
+    "critical_angle_deg": 48.63,
+    "bracket_deg": [48.62, 48.63],
+    "strength_factor": 6.119,
+    "energy_fraction_below": 0.0,
+    "energy_fraction_above": 0.0773,
     "iterations": [TRIAL],
     "other_crossings_deg": [],
     "warnings": [WARNING],
@@ -54,7 +56,7 @@ LAWS = {
 }
 OTHER_OUTCOME = LAWS | {"outcome": "ricochet"}
 OTHER_ANGLE = LAWS | {"status": "converged", "critical_angle_deg": 43.59}
-VERSIONED = {"key": "0" * 64, "engine_version": "6"}
+VERSIONED = {"key": "0" * 64, "engine_version": "7"}
 
 Key = Annotated[
     str,
@@ -204,6 +206,24 @@ class CriticalAngleAnswer(Part):
     bracket_deg: Bracket | MISSING = MISSING
     strength_factor: (
         Annotated[Num, Field(description="In use at the critical angle, if there is one. [1]")] | MISSING
+    ) = MISSING
+    energy_fraction_below: (
+        Annotated[
+            Num,
+            Field(
+                ge=0.0,
+                description="Share of the initial kinetic energy left half a degree below the critical angle, 0 if it "
+                "is less than a tenth of `numerics.retention_energy_fraction`. [1]",
+            ),
+        ]
+        | MISSING
+    ) = MISSING
+    energy_fraction_above: (
+        Annotated[
+            Num,
+            Field(ge=0.0, description="That half a degree above: the less it is, the more the threshold decides. [1]"),
+        ]
+        | MISSING
     ) = MISSING
     iterations: Annotated[list[Trial], Field(description="Every angle tried, in order.")]
     other_crossings_deg: Annotated[

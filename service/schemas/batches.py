@@ -7,7 +7,7 @@ from pydantic import MISSING, Field, StringConstraints
 from service.schemas.answers import FOUND, RUN, VERSIONED, CriticalAngleAnswer, TrajectoryAnswer
 from service.schemas.examples import PAPER, PAPER_AT_45
 from service.schemas.problems import INVALID, Problem
-from service.schemas.quantities import Count, Flag, Part, with_examples
+from service.schemas.quantities import Count, Flag, Num, Part, with_examples
 from service.schemas.requests import CriticalAngleBase, TrajectoryFields, TrajectoryOutput
 
 MOST_CASES = 1_000
@@ -92,6 +92,9 @@ class Item(Part):
 
     index: Index
     custom_id: CustomId | MISSING = MISSING
+    point: (
+        Annotated[dict[str, Num], Field(description="Of a sweep: the values of its axes, by their fields.")] | MISSING
+    ) = MISSING
     problem: Annotated[Problem, Field(description="Why there is no result.")] | MISSING = MISSING
 
 

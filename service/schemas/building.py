@@ -54,6 +54,9 @@ def critical_angle_answer(
         answer["bracket_deg"] = [degrees(angle) for angle in found.bracket]
     if found.strength_factor is not None:
         answer["strength_factor"] = found.strength_factor
+    if found.energy_fraction_below is not None and found.energy_fraction_above is not None:
+        answer["energy_fraction_below"] = found.energy_fraction_below
+        answer["energy_fraction_above"] = found.energy_fraction_above
     answer["iterations"] = [
         {
             "oblique_angle_deg": degrees(trial.oblique_angle),

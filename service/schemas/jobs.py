@@ -1,15 +1,18 @@
-"""Jobs as the contract has them."""
+"""Jobs and results of any operation, as the contract has them."""
 
 from enum import StrEnum
-from typing import Annotated
+from typing import Annotated, Any
 
 from pydantic import MISSING, AwareDatetime, Field
+from typing_extensions import TypeAliasType
 
-from service.schemas.answers import FOUND, VERSIONED
+from service.schemas.answers import FOUND, VERSIONED, CriticalAngleAnswer, TrajectoryAnswer
 from service.schemas.batches import Item
+from service.schemas.calibration import DepthCalibrationAnswer, MotionCalibrationAnswer, ObliquityCalibrationAnswer
+from service.schemas.examples import PAPER
 from service.schemas.problems import Problem
 from service.schemas.quantities import Count, Part, with_examples
-from service.schemas.results import Result
+from service.schemas.sweeps import EVEN, LISTED, Axis
 
 ID = "0123456789abcdef0123456789abcdef"
 COUNTS = {"total": 200, "done": 120, "cached": 20, "failed": 1}
@@ -29,6 +32,18 @@ RUNNING = {
     "links": LINKS,
 }
 
+Result = TypeAliasType(
+    "Result",
+    Annotated[
+        TrajectoryAnswer
+        | CriticalAngleAnswer
+        | DepthCalibrationAnswer
+        | MotionCalibrationAnswer
+        | ObliquityCalibrationAnswer,
+        Field(description="Any answer."),
+    ],
+)
+"""What a key may stand for."""
 Number = Annotated[Count, Field(ge=0)]
 Path = Annotated[str, Field(description="Path at this service.")]
 
@@ -72,6 +87,15 @@ class JobLinks(Part):
     cancel: Path
 
 
+class SweepRequest(Part):
+    """A sweep as it was sent."""
+
+    model_config = with_examples({"base": PAPER, "axes": [EVEN, LISTED]})
+
+    base: Annotated[dict[str, Any], Field(description="A request, in which the axes set their fields anew.")]
+    axes: list[Axis]
+
+
 class Job(Part):
     """Work that goes on after its request has been answered."""
 
@@ -89,6 +113,11 @@ class Job(Part):
         | MISSING
     ) = MISSING
     problem: Annotated[Problem, Field(description="Why it failed.")] | MISSING = MISSING
+    axes: Annotated[list[str], Field(description="Fields that vary, if it is a sweep.")] | MISSING = MISSING
+    request: (
+        Annotated[SweepRequest, Field(description="The sweep that it computes, as it was sent; not in lists of jobs.")]
+        | MISSING
+    ) = MISSING
     links: JobLinks
 
 

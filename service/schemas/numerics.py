@@ -9,7 +9,7 @@ from pydantic import MISSING, Field
 
 import solver
 from service.schemas.quantities import WHOLE, Count, Num, Part, degrees, with_examples
-from solver.numerics import SEARCH_TOLERANCE, TERMINATION_TIME, TRAJECTORY_TOLERANCE
+from solver.numerics import SEARCH_TOLERANCE, TERMINATION_TIME, TRAJECTORY_TOLERANCE, TRANSITS
 from solver.search.critical_angle import PAPER_TERMINATION_TIME
 
 NUMERICS = solver.Numerics()
@@ -52,8 +52,9 @@ class Numerics(Part):
             Field(
                 ge=1e-6,
                 le=1.0,
-                description=f"When a run is given up undecided; {TERMINATION_TIME:g} when not given, "
-                f"{PAPER_TERMINATION_TIME:g} in the searches `bisection` and `secant`. [s] A strike takes "
+                description=f"When a run is given up undecided. When not given, {TERMINATION_TIME:g} or, if that is "
+                f"longer, the time to travel {TRANSITS:g} lengths of the projectile; {TERMINATION_TIME:g} for "
+                f"`panels`, {PAPER_TERMINATION_TIME:g} in the searches `bisection` and `secant`. [s] A strike takes "
                 "milliseconds.",
             ),
         ]
@@ -80,6 +81,16 @@ class Numerics(Part):
         | MISSING
     ) = MISSING
 
+    retention_energy_fraction: Annotated[
+        Num,
+        Field(
+            ge=1e-4,
+            le=0.5,
+            description="Share of the initial kinetic energy with which a projectile must leave to count as turned "
+            "away; below it, it is embedded. Not used by the searches `bisection` and `secant`. [1]",
+        ),
+    ] = NUMERICS.retention_energy_fraction
+
     def resolved(self, *, method: Method, termination_time_s: float, relative_tolerance: float) -> "Numerics":
         """Return the same with what was left open filled in."""
         return self.model_copy(
@@ -103,6 +114,7 @@ class Numerics(Part):
             panels=self.panels,
             time_step=self.time_step_s,
             relative_tolerance=None if tolerance is MISSING else tolerance,
+            retention_energy_fraction=self.retention_energy_fraction,
         )
 
 

@@ -13,7 +13,7 @@ from service.schemas.quantities import Flag, Num, Part, with_examples
 from service.schemas.resistance import Resistance
 from service.schemas.strike import Impact, Strike, Target
 from solver.errors import ParameterError
-from solver.numerics import SEARCH_TOLERANCE, TERMINATION_TIME, TRAJECTORY_TOLERANCE
+from solver.numerics import SEARCH_TOLERANCE, TRAJECTORY_TOLERANCE, usual_termination_time
 from solver.search.critical_angle import PAPER_TERMINATION_TIME
 from solver.trajectory import SAMPLE_INTERVAL
 
@@ -25,7 +25,8 @@ SampleInterval = Annotated[
     Field(
         ge=1e-8,
         le=1.0,
-        description=f"Of the history; at least the termination time over {MOST_ROWS:,}. [s]",
+        description=f"Of the history; at least the termination time over {MOST_ROWS:,}, which is its value when not "
+        f"given and longer than {SAMPLE_INTERVAL:g}. [s]",
     ),
 ]
 
@@ -37,7 +38,6 @@ Alternatives = Annotated[
         "Each is a case like any other, and is kept under a key of its own."
     ),
 ]
-WITH_ALTERNATIVES = {"alternatives": True}
 
 
 class TrajectoryOutput(Part):
@@ -46,7 +46,7 @@ class TrajectoryOutput(Part):
     model_config = with_examples({"history": False}, {"sample_interval_s": 1e-4})
 
     history: Annotated[Flag, Field(description="Whether to give the motion over time.")] = True
-    sample_interval_s: SampleInterval = SAMPLE_INTERVAL
+    sample_interval_s: SampleInterval | MISSING = MISSING
 
 
 class CriticalAngleOutput(Part):
@@ -55,7 +55,7 @@ class CriticalAngleOutput(Part):
     model_config = with_examples({"history": True, "sample_interval_s": 1e-4})
 
     history: Annotated[Flag, Field(description="Whether to give the trajectory at the critical angle.")] = False
-    sample_interval_s: SampleInterval = SAMPLE_INTERVAL
+    sample_interval_s: SampleInterval | MISSING = MISSING
 
 
 class Case(Part):
@@ -84,6 +84,12 @@ class Case(Part):
         """Whether it is computed by the paper's elements and fixed step."""
         return self.numerics.method is Method.PANELS
 
+    def usual_termination_time(self, velocity_m_s: float) -> float:
+        """Return the termination time of a run that is given none. [s]"""
+        return usual_termination_time(
+            length=self.projectile.length_m, velocity=velocity_m_s, method="panels" if self.by_panels else "adaptive"
+        )
+
     def panel_steps(self) -> float:
         """Return panels times time steps of one run at most, 0 if it has none. [1]"""
         if not self.by_panels:
@@ -96,14 +102,15 @@ class Case(Part):
         """Return the interval of the history, None if there is to be none."""
         if not output.history:
             return None
-        end = self.numerics.termination_time_s
-        if end is not MISSING and end > MOST_ROWS * output.sample_interval_s:
+        end, interval = self.numerics.termination_time_s, output.sample_interval_s
+        if interval is MISSING:
+            return SAMPLE_INTERVAL if end is MISSING else max(SAMPLE_INTERVAL, end / MOST_ROWS)
+        if end is not MISSING and end > MOST_ROWS * interval:
             raise ParameterError(
                 "output.sample_interval",
-                f"must be at least the termination time over {MOST_ROWS}, {end / MOST_ROWS:g} s, "
-                f"got {output.sample_interval_s:g} s",
+                f"must be at least the termination time over {MOST_ROWS}, {end / MOST_ROWS:g} s, got {interval:g} s",
             )
-        return output.sample_interval_s
+        return interval
 
 
 class TrajectoryFields(Case):
@@ -115,7 +122,9 @@ class TrajectoryFields(Case):
     def resolved(self) -> Self:
         """Return the same with what was left open filled in."""
         numerics = self.numerics.resolved(
-            method=Method.ADAPTIVE, termination_time_s=TERMINATION_TIME, relative_tolerance=TRAJECTORY_TOLERANCE
+            method=Method.ADAPTIVE,
+            termination_time_s=self.usual_termination_time(self.impact.velocity_m_s),
+            relative_tolerance=TRAJECTORY_TOLERANCE,
         )
         return self.model_copy(update={"numerics": numerics})
 
@@ -146,7 +155,7 @@ class TrajectoryFields(Case):
 class TrajectoryRequest(TrajectoryFields):
     """One strike."""
 
-    model_config = with_examples(PAPER_AT_45, TRUNCATED_CONE, PAPER_AT_45 | WITH_ALTERNATIVES)
+    model_config = with_examples(PAPER_AT_45, TRUNCATED_CONE)
 
     alternatives: Alternatives = False
 
@@ -173,7 +182,11 @@ class CriticalAngleBase(Case):
         """Return the same with what was left open filled in."""
         numerics = self.numerics.resolved(
             method=Method.PANELS if self.search.by_paper else Method.ADAPTIVE,
-            termination_time_s=PAPER_TERMINATION_TIME if self.search.by_paper else TERMINATION_TIME,
+            termination_time_s=(
+                PAPER_TERMINATION_TIME
+                if self.search.by_paper
+                else self.usual_termination_time(self.impact.velocity_m_s)
+            ),
             relative_tolerance=SEARCH_TOLERANCE,
         )
         return self.model_copy(update={"numerics": numerics, "search": self.search.resolved()})
@@ -198,7 +211,7 @@ class CriticalAngleBase(Case):
 class CriticalAngleRequest(CriticalAngleBase):
     """Strikes that differ in their oblique angle alone."""
 
-    model_config = with_examples(PAPER, PAPER_BY_SECANT, HEMISPHERE, PAPER | WITH_ALTERNATIVES)
+    model_config = with_examples(PAPER, PAPER_BY_SECANT, HEMISPHERE)
 
     alternatives: Alternatives = False
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from solver import warnings as model_warnings
 from solver.arrays import FloatArray
-from solver.errors import RicochetError
+from solver.errors import ParameterError, RicochetError
 from solver.events import REST_FRACTION, Termination, Thresholds
 from solver.impact import Impact
 from solver.numerics import (
@@ -21,9 +21,9 @@ from solver.numerics import (
 )
 from solver.prepared import OUTCOMES, Outcome, PreparedCase, check_end, final_tip_depth, integrate, prepare
 from solver.projectile import Projectile
-from solver.resistance import EQUATION_9, ObliquityPolynomial, Resistance
+from solver.resistance import EQUATION_9, ObliquityPolynomial, Resistance, positive_up_to
 from solver.search.levels import search_levels
-from solver.search.outcome import search_outcome
+from solver.search.outcome import HALF_DEGREE, MORE_INERTIA, search_outcome
 from solver.search.paper import search_bisection, search_secant
 from solver.search.trials import ANGLE, END, TrialInputs
 from solver.search.types import USUAL_SEARCH, Change, CriticalAngle, Search, SearchStatus, Trial
@@ -68,18 +68,20 @@ def critical_angle(
     Returns
     -------
     CriticalAngle
-        Also when there is no such angle in the range, which its status then tells.
+        Also when there is no such angle in the range; its status says so.
 
     Raises
     ------
     ParameterError
-        If an input is outside what the model accepts, among them a strength factor not above zero within the range.
+        If an input is outside what the model accepts, among them a strength factor not above zero at the lower end of
+        the range.
     IntegrationError
         If a trial could not be integrated.
 
     Notes
     -----
-    A covariance of the strength factor costs two more searches, which tell the standard error of the angle.
+    A covariance of the strength factor costs two more searches, which give the standard error of the angle. Where the
+    strength factor falls to zero within the range, the search ends there, with the warning ``range_clipped``.
 
     Section 2.3 and eqs. 7-8. As printed, eq. 7 averages the last two angles whatever their outcome; here the bracket
     with the change of sign is kept.
@@ -107,8 +109,10 @@ def critical_angle(
         angle_of_attack=angle_of_attack,
         angular_velocity=angular_velocity,
     )
-    change, trials = _seek(prepared, impact, search)
+    change, trials, sought = _seek(prepared, impact, search)
     standard_error, doubts = _standard_error(prepared, impact, search, change)
+    if sought.bounds != search.bounds:
+        doubts += (model_warnings.range_clipped(upper=sought.bounds[1], given=search.bounds[1]),)
     return CriticalAngle(
         status=change.status,
         angle=change.angle,
@@ -118,12 +122,30 @@ def critical_angle(
         warnings=_warnings(prepared, impact, change, trials, by_paper=paper) + doubts,
         standard_error=standard_error,
         strength_factor=None if change.angle is None else prepared.strength_factor_at(change.angle),
+        energy_fraction_below=change.nearby[0] if change.nearby else None,
+        energy_fraction_above=change.nearby[1] if change.nearby else None,
     )
 
 
-def _seek(prepared: PreparedCase, impact: Impact, search: Search) -> tuple[Change, tuple[Trial, ...]]:
-    """The search by its method."""
-    return (_search_outcome if search.method == "outcome" else _search_paper)(prepared, impact, search)
+def _seek(prepared: PreparedCase, impact: Impact, search: Search) -> tuple[Change, tuple[Trial, ...], Search]:
+    """The search by its method, over the part of its range in which the strength factor is above zero.
+
+    Returns
+    -------
+    tuple
+        The change of outcome, all trials, and the search with that range.
+    """
+    by_method = _search_outcome if search.method == "outcome" else _search_paper
+    try:
+        return *by_method(prepared, impact, search), search
+    except ParameterError:
+        model, (lower, upper) = prepared.resistance.strength_factor, search.bounds
+        coefficients = model.polynomial(target=prepared.target, projectile=prepared.projectile)
+        positive = positive_up_to(coefficients, lower, upper)
+        if not lower < positive < upper:
+            raise
+    clipped = replace(search, upper=positive)
+    return *by_method(prepared, impact, clipped), clipped
 
 
 def _standard_error(
@@ -153,10 +175,9 @@ def _shifted_angle(prepared: PreparedCase, impact: Impact, search: Search, shift
     model = prepared.resistance.strength_factor
     constant, *rest = model.polynomial(target=prepared.target, projectile=prepared.projectile)
     shifted = ObliquityPolynomial(coefficients=(constant + shift, *rest))
-    upper = shifted.positive_up_to(*search.bounds)
     present = replace(prepared, resistance=replace(prepared.resistance, strength_factor=shifted))
     try:
-        change, _ = _seek(present, impact, replace(search, upper=upper))
+        change, _, _ = _seek(present, impact, search)
     except RicochetError:  # must not cost the angle itself
         return None
     return change.angle if change.status is SearchStatus.CONVERGED else None
@@ -202,6 +223,7 @@ def _search_outcome(prepared: PreparedCase, impact: Impact, search: Search) -> t
         end_time=numerics.termination_time,
         time_step=numerics.time_step,
         retention=numerics.retention_energy_fraction,
+        vary_inertia=prepared.projectile.moment_of_inertia is None,
     )
     levels = search_levels(
         relative_tolerance=numerics.relative_tolerance,
@@ -215,7 +237,11 @@ def _search_outcome(prepared: PreparedCase, impact: Impact, search: Search) -> t
         prepared.strength_factor_at(rows[-1][ANGLE])
     check_end(rows[-1][END], numerics.termination_time)
     trials = tuple(Trial(angle, position, OUTCOMES[end], fine > 0.0) for angle, position, end, _, fine in rows)
-    return _first_onset([(trials[left], trials[right]) for left, right in found.brackets], trials), trials
+    change = _first_onset([(trials[left], trials[right]) for left, right in found.brackets], trials)
+    if change.angle is not None:
+        below, above, with_inertia = found.nearby.tolist()
+        change = replace(change, nearby=(below, above, with_inertia))
+    return change, trials
 
 
 def _turned_away(trial: Trial) -> bool:
@@ -252,8 +278,10 @@ def _warnings(
             target=prepared.target,
             velocity=impact.velocity,
             angle_of_attack=impact.angle_of_attack,
+            angle_shift=_inertia_shift(prepared, change),
         )
     )
+    warnings += _retention_warning(prepared, change)
     reach = change.angle if change.angle is not None else max(trial.oblique_angle for trial in trials)
     warnings += model_warnings.strength_factor_warnings(
         projectile=prepared.projectile,
@@ -272,3 +300,25 @@ def _warnings(
         )
     warnings.append(model_warnings.NO_MEASURED_ANGLE)
     return tuple(warnings)
+
+
+def _retention_warning(prepared: PreparedCase, change: Change) -> tuple[ModelWarning, ...]:
+    """Warning of an angle that moves by more than half a degree with the retention energy."""
+    if change.nearby is None:
+        return ()
+    (below, above, _), (least, most) = change.nearby, model_warnings.RETENTION_RANGE
+    retention = prepared.numerics.retention_energy_fraction
+    if below == 0.0 and above - retention >= (most - least) * retention:
+        return ()
+    return (model_warnings.retention_decides(retention=retention, below=below, above=above),)
+
+
+def _inertia_shift(prepared: PreparedCase, change: Change) -> float | None:
+    """Change of the angle for a moment of inertia 10 % larger, to first order; None where that is not known. [rad]"""
+    if change.nearby is None:
+        return None
+    _, above, with_more = change.nearby
+    rise = above - prepared.numerics.retention_energy_fraction
+    if not with_more > 0.0 or rise <= 0.0:
+        return None
+    return (above - with_more) / rise * HALF_DEGREE * 0.1 / (MORE_INERTIA - 1.0)

@@ -42,8 +42,8 @@ ROUGH_LEVEL = Level(
 )
 """Where a search first looks: right to a few tenths of a degree, at a quarter of the cost."""
 MIDDLE_LEVEL = Level(
-    quadrature=build_quadrature(stations=6, points=3),
-    accuracy=Accuracy(relative_tolerance=1e-3, largest_step=LARGEST_STEP),
+    quadrature=build_quadrature(stations=5, points=3),
+    accuracy=Accuracy(relative_tolerance=2e-3, largest_step=LARGEST_STEP),
     ramp_fraction=RAMP_FRACTION,
     smooth_ramp=True,
     stride=math.radians(0.5),

@@ -27,12 +27,15 @@ from solver.search.trials import (
     turned_away,
     undecided,
 )
+from solver.surface import Body
 
 CLEAR = 0.15
 """Margin above which, on both sides, a scan does not look in between."""
 UNSURE = 0.95
 """Margin of a rough trial, over the retention energy, below which it is run again as finely as set."""
 HALF_DEGREE = math.radians(0.5)
+MORE_INERTIA = 1.02
+"""Ratio of moments of inertia of which the effect is computed."""
 SMOOTH = 0.1
 """Bend of the strength factor between two trials, over its mean, up to which likewise."""
 
@@ -44,9 +47,9 @@ class Found(NamedTuple):
     """(n, 5) in order, columns as in `outcome_trials`."""
     brackets: IntArray
     """(m, 2) for each change of outcome, in order: the numbers of the trials on its two sides."""
-    energies: FloatArray
-    """(2,) share of the energy left half a degree below and above the critical angle, 0 where the projectile is kept
-    with less than a tenth of the retention energy; NaN without an angle."""
+    nearby: FloatArray
+    """(3,) share of the energy left half a degree below the critical angle, half a degree above it, and there with
+    `MORE_INERTIA`; 0 where less than a tenth of the retention energy is left, NaN where it was not computed."""
 
 
 @lean
@@ -116,25 +119,37 @@ def _lead(lowest: FloatArray, highest: FloatArray, trials: FloatArray, brackets:
     return turned_away(last) == turned_away(highest)
 
 
+@lean
+def _energy_left(
+    angle: float, inputs: TrialInputs, model: Model, level: Level, workspace: TrialWorkspace, count: int
+) -> float:
+    """Share of the energy left at an angle; 0 where less than a tenth of the retention energy is left."""
+    attempt(angle, inputs, model, level, workspace, count)
+    trial = workspace.trials[count]
+    left = trial[MARGIN] + inputs.retention
+    return 0.0 if failed(trial) or undecided(trial) or left < 0.0 else left
+
+
 @compiled
 def _nearby_energies(
     angle: float, inputs: TrialInputs, model: Model, level: Level, workspace: TrialWorkspace, count: int
 ) -> FloatArray:
-    """Share of the energy left half a degree below and above a critical angle; see `Found`.
+    """Shares of the energy left near a critical angle; see `Found`.
 
-    It grows ever more slowly with the angle. So where it grows by more than the retention energy within half a degree
+    The energy left grows ever more slowly with the angle. So where it is twice the retention energy half a degree
     above, nothing is left half a degree below, and no trial is needed.
     """
-    energies, trials = np.zeros(2), workspace.trials
-    for side in (1, 0):
-        nearby = angle + (HALF_DEGREE if side == 1 else -HALF_DEGREE)
-        if side == 0 and (nearby < 0.0 or energies[1] > 2.0 * inputs.retention):
-            break
-        attempt(nearby, inputs, model, level, workspace, count)
-        margin = trials[count, MARGIN]
-        left = failed(trials[count]) or undecided(trials[count]) or margin <= -inputs.retention
-        energies[side] = 0.0 if left else margin + inputs.retention
-    return energies
+    body, below, above = model.body, angle - HALF_DEGREE, angle + HALF_DEGREE
+    nearby = np.array([0.0, _energy_left(above, inputs, model, level, workspace, count), math.nan])
+    if nearby[1] < 2.0 * inputs.retention and below >= 0.0:
+        nearby[0] = _energy_left(below, inputs, model, level, workspace, count)
+    if inputs.vary_inertia:
+        inertia = MORE_INERTIA * body.moment_of_inertia
+        heavier = Model(
+            Body(body.outline, body.corners, body.tip, body.mass, inertia), model.law, model.quadrature, model.panels
+        )
+        nearby[2] = _energy_left(above, inputs, heavier, level, workspace, count)
+    return nearby
 
 
 @compiled
@@ -150,7 +165,7 @@ def search_outcome(angles: FloatArray, inputs: TrialInputs, model: Model, levels
     for angle in angles:
         if not has_strength(angle, inputs.strength):
             count = attempt(angle, inputs, model, levels[ROUGH], workspace, count)
-            return Found(trials[:count], brackets[:0], np.full(2, np.nan))
+            return Found(trials[:count], brackets[:0], np.full(3, np.nan))
     panels = model.panels.area.size > 0  # as many at every level
     first = ASKED if panels else ROUGH
     for scan in range(2):  # without a change, or if one is missing, the scan is repeated, more finely
@@ -166,16 +181,16 @@ def search_outcome(angles: FloatArray, inputs: TrialInputs, model: Model, levels
                 brackets[changes, 0], brackets[changes, 1] = left, right
                 changes += 1
         if failed(trials[count - 1]):
-            return Found(trials[:count], brackets[:0], np.full(2, np.nan))
+            return Found(trials[:count], brackets[:0], np.full(3, np.nan))
         lowest, highest = trials[numbers[0]], trials[numbers[numbers.size - 1]]
         if panels or scan == 1 or (changes > 0 and _lead(lowest, highest, trials, brackets[:changes])):
             break
         earlier, changes, first = changes, 0, ASKED
     brackets = brackets[: changes if changes > 0 else earlier]
-    energies = np.full(2, np.nan)
+    nearby = np.full(3, np.nan)
     for i in range(brackets.shape[0]):
         if turned_away(trials[brackets[i, 1]]):
             level = levels[ASKED if panels else MIDDLE]
-            energies = _nearby_energies(trials[brackets[i, 1], ANGLE], inputs, model, level, workspace, count)
+            nearby = _nearby_energies(trials[brackets[i, 1], ANGLE], inputs, model, level, workspace, count)
             break
-    return Found(trials[:count], brackets, energies)
+    return Found(trials[:count], brackets, nearby)

@@ -41,6 +41,8 @@ class TrialInputs(NamedTuple):
     """Of the route of panels."""
     retention: float
     """Share of the initial kinetic energy with which a projectile must leave."""
+    vary_inertia: bool
+    """Whether to compute what a moment of inertia that was not given does to the angle."""
 
 
 class TrialWorkspace(NamedTuple):

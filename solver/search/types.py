@@ -40,9 +40,10 @@ class Search:
     relative_tolerance
         The searches of the paper end when two angles in a row differ by less than this fraction. [1]
     scan_interval
-        Distance of the angles at which ``"outcome"`` looks. It begins with every fourth, and leaves out those between
-        two that are clearly turned away, or clearly not. A change and change back between two angles looked at go
-        unseen. [rad]
+        Distance of the angles at which ``"outcome"`` looks. It begins with every sixteenth, and leaves out those
+        between two that are clearly turned away, or clearly not, and those within four intervals of a change. A change
+        and change back between two angles looked at go unseen: bands narrower than 1.25° by default, near a change
+        narrower than 5°, and up to 20° where more than 15 % of the energy is left, or the nose is deep inside. [rad]
     """
 
     method: SearchMethod = "outcome"
@@ -110,6 +111,11 @@ class CriticalAngle:
     warnings: tuple[ModelWarning, ...]
     standard_error: float | None = None
     """Of the angle, from the covariance of the strength factor; None without one. [rad]"""
+    energy_fraction_below: float | None = None
+    energy_fraction_above: float | None = None
+    """Share of the initial kinetic energy left half a degree below and above the angle, 0 if it is less than a tenth of
+    the retention energy: the more slowly it grows, the more the angle depends on that threshold. None without an angle,
+    and in the searches of the paper. [1]"""
     strength_factor: float | None = None
     """S at the critical angle; None without one. [1]"""
 
@@ -130,7 +136,7 @@ class CriticalAngle:
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """What a search has found, before it is dressed as an answer."""
+    """Result of a search."""
 
     status: SearchStatus
     angle: float | None = None
@@ -139,3 +145,5 @@ class Change:
     starts_turned_away: bool = False
     deciding: tuple[Trial, ...] = ()
     """Trials on either side of the changes of outcome; empty if all trials decide."""
+    nearby: tuple[float, float, float] | None = None
+    """Shares of the energy left half a degree below and above the angle, and above it with more inertia."""

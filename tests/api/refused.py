@@ -5,7 +5,7 @@ from typing import Any
 
 import httpx
 
-from service.problems import Problem
+from service.schemas.problems import Problem
 
 TEXT = {"Content-Type": "application/json"}
 LITERALS = ["NaN", "Infinity", "-Infinity", "1e999", "-1e999", '"1"', "true", "null", "[1]", "{}", "1" + "0" * 400]

@@ -6,7 +6,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager, closing, nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -18,10 +18,13 @@ from service.access.key import Key, make_key
 from service.access.keyring import LOOK_SECONDS, KeyRing, KeysUnreadableError, add_key, read_keys, revoke_key
 from service.access.rules import scope_for
 from service.access.usage import STEP, WINDOW, Usage, Usages
-from service.admission import QuotaError
-from service.commands.serve import NoKeysError, require_access
+from service.cli.errors import CommandError
+from service.cli.serve import check_access
+from service.errors import QuotaError
+from service.jobs.store import JobStore
 from service.schemas.examples import PAPER
 from service.settings import Settings
+from tests.conftest import ROOT
 
 from .many import ASYNC, LINES, ROUGH, finished, lines, searches, slow_strikes
 from .owners import Guarded, guarded_service, holder, key_in
@@ -175,7 +178,7 @@ def test_request_sent_again_counts_once(guarded: Guarded) -> None:
 def audited(log: Path, request_id: str) -> str:
     """The log once it tells of a request: its line is written when the answer has gone out."""
     deadline = time.monotonic() + 10.0
-    while request_id not in log.read_text() and time.monotonic() < deadline:
+    while not (log.exists() and request_id in log.read_text()) and time.monotonic() < deadline:
         time.sleep(0.01)
     return log.read_text()
 
@@ -271,15 +274,7 @@ def test_what_is_not_open_takes_a_key(method: str, path: str, scope: str | None)
 
 
 def test_without_a_key_it_starts_for_this_machine_alone(tmp_path: Path) -> None:
-    done = subprocess.run(
-        [sys.executable, "-m", "service.cli", "serve"],
-        env={"RICOCHET_HOST": "0.0.0.0", "RICOCHET_PORT": "0", "RICOCHET_DATA_DIR": str(tmp_path)},  # noqa: S104
-        cwd=Path(cli.__file__).parents[1],
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=START_SECONDS,
-    )
+    done = start_again(tmp_path, host="0.0.0.0")  # noqa: S104
     assert done.returncode == 3
     assert "ricochet keys add" in done.stderr
     assert "RICOCHET_ACCESS=open" in done.stderr
@@ -304,8 +299,8 @@ def test_start_takes_a_key_unless_it_is_told_otherwise(
 ) -> None:
     if key:
         key_in(tmp_path, "anna")
-    with nullcontext() if starts else pytest.raises(NoKeysError):
-        require_access(Settings(host=host, access=access, data_dir=tmp_path), KeyRing(tmp_path, print))
+    with nullcontext() if starts else pytest.raises(CommandError, match="requires an API key"):
+        check_access(Settings(host=host, access=access, data_dir=tmp_path), KeyRing(tmp_path, print))
 
 
 def test_revoking_the_last_key_does_not_open_the_service(tmp_path: Path) -> None:
@@ -333,6 +328,96 @@ def test_keys_that_are_damaged_let_nobody_in(tmp_path: Path) -> None:
     time.sleep(2 * LOOK_SECONDS)
     ring.look()
     assert ring.needed
+
+
+def start_again(folder: Path, **settings: str) -> subprocess.CompletedProcess[str]:
+    """A start on this data folder that is expected to fail."""
+    names = {"port": "0", "data_dir": str(folder)} | settings
+    return subprocess.run(
+        [sys.executable, "-m", "service.cli", "serve"],
+        env={f"RICOCHET_{name.upper()}": value for name, value in names.items()},
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=START_SECONDS,
+    )
+
+
+def test_start_after_the_keys_are_lost_is_refused_with_what_to_do(
+    tmp_path: Path, service_on: Callable[..., AbstractContextManager[Any]]
+) -> None:
+    """An open start would list the jobs of owners to anybody on this machine."""
+    folder = tmp_path / "data"
+    token = key_in(folder, "anna")
+    with service_on(tmp_path) as service, holder(service.url, token) as anna:
+        job_of(anna, 1)
+    (folder / "keys.json").unlink()
+    done = start_again(folder)
+    assert done.returncode == 3
+    (line,) = [line for line in done.stderr.splitlines() if line.startswith("ricochet serve: ")]
+    assert "keys.json is missing" in line
+    assert "restore it from a backup" in line
+    assert "ricochet keys add" in line
+
+
+def jobs_of(owner: str) -> Callable[[Path], None]:
+    """Leave the job of an owner and nothing else."""
+
+    def leave(folder: Path) -> None:
+        with closing(JobStore(folder, job_days=7.0)) as jobs:
+            jobs.create("cra", owner)
+
+    return leave
+
+
+def audit_line(line: str) -> Callable[[Path], None]:
+    """Leave a line of an audit log and nothing else."""
+
+    def leave(folder: Path) -> None:
+        (folder / "audit.log").write_text(line)
+
+    return leave
+
+
+@pytest.mark.parametrize(
+    ("leave", "starts"),
+    [
+        (lambda folder: (folder / "keys.lock").touch(), False),
+        (lambda folder: (folder / "usage.json").write_text('{"5f0c21d9":[[0,1]]}'), False),
+        (lambda folder: (folder / "keys.json.new").touch(), False),
+        (jobs_of("anna"), False),
+        (audit_line('{"event":"audit","owner":"anna","key":"5f0c21d9","status":200}\n'), False),
+        (audit_line('{"event":"audit","method":"POST","operation":"/cra","status":401}\n'), False),
+        (jobs_of("local"), True),
+        (audit_line('{"event":"audit","owner":"local","method":"POST","operation":"/cra","status":200}\n'), True),
+        (lambda folder: None, True),
+    ],
+    ids=["lock", "usage", "staged", "job", "audited key", "audited refusal", "local job", "audited local", "nothing"],
+)
+def test_any_trace_of_keys_means_that_keys_are_needed(
+    tmp_path: Path, leave: Callable[[Path], None], starts: bool
+) -> None:
+    leave(tmp_path)
+    ring = KeyRing(tmp_path, print, tmp_path / "audit.log")
+    assert ring.needed is not starts
+    with nullcontext() if starts else pytest.raises(CommandError, match=r"keys\.json is missing"):
+        check_access(Settings(data_dir=tmp_path), ring)
+    check_access(Settings(data_dir=tmp_path, access="open"), ring)
+
+
+def test_new_keys_open_a_folder_that_has_lost_its_own(tmp_path: Path) -> None:
+    (tmp_path / "keys.lock").touch()
+    token = key_in(tmp_path, "anna")
+    ring = KeyRing(tmp_path, print)
+    check_access(Settings(data_dir=tmp_path), ring)
+    assert ring.needed
+    assert ring.find(token) is not None
+
+
+def test_revoking_a_key_that_never_was_leaves_no_trace(tmp_path: Path) -> None:
+    assert revoke_key(tmp_path, "5f0c21d9") is None
+    assert not list(tmp_path.iterdir())
 
 
 def ricochet_keys(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:

@@ -180,9 +180,9 @@ def test_unknown_key_is_not_found(client: httpx.Client, key: str) -> None:
     [
         ("GET", "/cra", "POST"),
         ("DELETE", "/trajectory", "POST"),
-        ("POST", "/results/" + "0" * 64, "GET"),
-        ("PUT", "/livez", "GET"),
-        ("POST", "/version", "GET"),
+        ("POST", "/results/" + "0" * 64, "GET, HEAD"),
+        ("PUT", "/livez", "GET, HEAD"),
+        ("POST", "/version", "GET, HEAD"),
         ("PATCH", "/cra", "POST"),
     ],
 )

@@ -6,9 +6,9 @@ from typing import Any
 import httpx
 import pytest
 
-from service.problems import Problem
 from service.schemas import CriticalAngleResults, Job, TrajectoryResults
 from service.schemas.examples import PAPER, PAPER_AT_45
+from service.schemas.problems import Problem
 
 from .many import ASYNC, JSONL, LINES, finished, items_of, lines, searches, strikes
 
@@ -168,7 +168,7 @@ def test_lines_may_end_as_files_do(client: httpx.Client, end: bytes) -> None:
     [
         ({"Content-Type": "text/plain"}, 415),
         ({"Content-Type": "application/jsonl", "Content-Encoding": "gzip"}, 415),
-        (LINES | {"Accept": "text/csv"}, 406),
+        (LINES | {"Accept": "image/png"}, 406),
         (LINES | {"Idempotency-Key": "x" * 256}, 422),
     ],
 )

@@ -6,8 +6,8 @@ from typing import Any
 import httpx
 import pytest
 
-from service.app import create_app
-from service.routes.health import Version
+from service.api.app import create_app
+from service.api.health import Version
 from service.schemas import answers
 from service.schemas.examples import PAPER, PAPER_AT_45
 from service.schemas.quantities import Part

@@ -1,8 +1,5 @@
 """What every answer tells browsers, and what browsers are refused."""
 
-import shutil
-import ssl
-import subprocess
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
 from pathlib import Path
@@ -15,6 +12,7 @@ from service.access.headers import POLICY, secured
 from service.schemas.examples import PAPER
 from service.settings import Settings
 
+from .certificates import make_certificate
 from .refused import problem_of
 
 ALWAYS = {
@@ -137,17 +135,12 @@ def test_no_other_origin_may_read_unless_it_is_set(client: httpx.Client, named: 
     problem_of(named.post("/cra", json=PAPER, headers={"Origin": ELSEWHERE, "Sec-Fetch-Site": "cross-site"}), 403)
 
 
-@pytest.mark.skipif(shutil.which("openssl") is None, reason="openssl makes the certificate")
 def test_service_speaks_tls_with_the_certificate_it_is_given(
     tmp_path: Path, service_on: Callable[..., AbstractContextManager[Any]]
 ) -> None:
-    certificate, key = tmp_path / "certificate.pem", tmp_path / "key.pem"
-    command = ["openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "1", "-subj", "/CN=localhost"]
-    command += ["-addext", "subjectAltName=IP:127.0.0.1", "-keyout", str(key), "-out", str(certificate)]
-    subprocess.run(command, check=True, capture_output=True)
-    trusted = ssl.create_default_context(cafile=str(certificate))
-    settings = {"tls_certificate": str(certificate), "tls_key": str(key)}
-    with service_on(tmp_path, verify=trusted, **settings) as service:
+    made = make_certificate(tmp_path)
+    trusted = made.trusted()
+    with service_on(tmp_path, verify=trusted, **made.settings) as service:
         told = httpx.get(f"{service.url}/livez", verify=trusted, trust_env=False)
         assert told.headers["Strict-Transport-Security"] == "max-age=31536000"
         with pytest.raises(httpx.ConnectError):

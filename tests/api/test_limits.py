@@ -12,7 +12,7 @@ import httpx
 import pytest
 
 from service.access.places import Queries
-from service.admission import OwnerQueriesError
+from service.errors import OwnerQueriesError
 from service.schemas.examples import PAPER, PAPER_AT_45
 
 from .many import ASYNC, LINES, ROUGH, lines, slow_strikes, strikes

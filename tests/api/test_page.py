@@ -9,7 +9,7 @@ from pathlib import Path
 import httpx
 import pytest
 
-from service.routes.page import FOLDER, MAP_STYLE, NO_STYLE, plotly_folder
+from service.api.page import FOLDER, MAP_STYLE, NO_STYLE, plotly_folder
 
 PLOTLY = "page/plotly/plotly.min.js"
 FILES = sorted(path.relative_to(FOLDER).as_posix() for path in FOLDER.rglob("*") if path.is_file())

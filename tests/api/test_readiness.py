@@ -7,10 +7,10 @@ import httpx
 import pytest
 from fastapi import FastAPI
 
-from service.app import create_app
-from service.problems import Problem
+from service.api.app import create_app
 from service.schemas import CriticalAngleAnswer
 from service.schemas.examples import PAPER
+from service.schemas.problems import Problem
 from service.settings import Settings
 
 pytestmark = pytest.mark.anyio
@@ -46,7 +46,7 @@ async def test_without_a_data_folder_it_answers_with_a_warning_and_is_not_ready(
 
 
 async def test_without_workers_it_is_alive_and_not_ready(app: FastAPI, client: httpx.AsyncClient) -> None:
-    await app.state.executor.stop(1.0)
+    await app.state.services.executor.stop(1.0)
     assert "worker" in assert_unavailable(await client.get("/readyz")).detail
     assert assert_unavailable(await client.post("/cra", json=PAPER)).type == "urn:ricochet:problem:unavailable"
     assert (await client.get("/livez")).is_success

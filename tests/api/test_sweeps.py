@@ -6,9 +6,9 @@ from typing import Any
 import httpx
 import pytest
 
-from service.problems import Problem
 from service.schemas import CriticalAngleRequest
 from service.schemas.examples import PAPER, PAPER_AT_45
+from service.schemas.problems import Problem
 from service.schemas.sweeps import Axis, Grid, Outline
 
 from .many import ASYNC, ROUGH, finished

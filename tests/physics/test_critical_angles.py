@@ -32,11 +32,14 @@ CONSTANT = {"resistance": Resistance(strength_factor=ConstantStrengthFactor(valu
 HUNDREDTHS, TENTHS = 0.05, 0.05 + 0.05
 """Agreement asked for, and the same with the rounding of a value known to a tenth. [°]"""
 
-BY_OUTCOME: list[tuple[float, dict[str, Any]]] = [
-    (48.57, {}),
-    (49.07, COMPRESSIBLE),
-    (57.48, NO_FREE_SURFACE),
+BY_OUTCOME: list[tuple[float, float, dict[str, Any]]] = [
+    (48.64, 0.01, {}),
+    (48.56, 0.001, {}),
+    (49.07, 0.001, COMPRESSIBLE),
+    (57.48, 0.001, NO_FREE_SURFACE),
+    (43.57, 0.01, MOHR_COULOMB),
 ]
+"""Angle beyond which this share of the energy is left, by the same program."""
 BY_TIP: list[tuple[float, float, dict[str, Any]]] = [
     (48.61, HUNDREDTHS, {}),
     (49.13, HUNDREDTHS, COMPRESSIBLE),
@@ -80,9 +83,10 @@ def degrees(found: CriticalAngle) -> float:
     return math.degrees(found.angle)
 
 
-@pytest.mark.parametrize(("expected", "changes"), BY_OUTCOME)
-def test_outcome_changes_at_the_known_angle(expected: float, changes: dict[str, Any]) -> None:
-    assert degrees(find("outcome", expected, **changes)) == pytest.approx(expected, abs=HUNDREDTHS)
+@pytest.mark.parametrize(("expected", "share", "changes"), BY_OUTCOME)
+def test_outcome_changes_at_the_known_angle(expected: float, share: float, changes: dict[str, Any]) -> None:
+    found = find("outcome", expected, numerics=Numerics(retention_energy_fraction=share), **changes)
+    assert degrees(found) == pytest.approx(expected, abs=0.02)
 
 
 @pytest.mark.parametrize(("expected", "tolerance", "changes"), BY_TIP)
@@ -121,9 +125,9 @@ def test_searches_of_the_paper_find_its_angle_to_its_tolerance(method: Literal["
 
 
 def test_defaults_find_the_angle_in_the_whole_range() -> None:
-    """As the README and the demonstration print it: 48.57 ± 0.02°."""
+    """As the README and the demonstration print it: 48.63 ± 0.02°."""
     found = critical_angle(projectile=PAPER_PROJECTILE, target=PAPER_TARGET, velocity=PAPER_VELOCITY)
-    assert degrees(found) == pytest.approx(48.57, abs=0.02)
+    assert degrees(found) == pytest.approx(48.635, abs=0.015)
     assert found.angle is not None
     assert found.other_crossings == ()
     for trial in found.iterations:

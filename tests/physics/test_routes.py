@@ -22,6 +22,7 @@ from solver import (
 from solver.adaptive import LARGEST_STEP, Accuracy, integrate_adaptive
 from solver.arrays import FloatArray
 from solver.cases import PAPER_TARGET
+from solver.events import Thresholds
 from solver.fixed_step import integrate_fixed
 from solver.loads import MOST_STATES, make_scratch
 from solver.motion import STEP_WIDTH, Model, accelerate, make_workspace, sample_loads
@@ -102,6 +103,10 @@ def deep_inside(numerics: Numerics) -> tuple[FloatArray, Model]:
     return state, model
 
 
+NO_END = Thresholds(retention=1e-9, rest=1e-9)
+"""Shares of the energy that these short motions do not fall to."""
+
+
 def slope(sizes: FloatArray, errors: FloatArray) -> float:
     return float(np.polyfit(np.log(sizes), np.log(errors), 1)[0])
 
@@ -113,9 +118,11 @@ def no_table() -> FloatArray:
 def test_fixed_step_is_of_fourth_order_while_the_motion_is_smooth() -> None:
     start, model = deep_inside(Numerics(method="panels", panels=1000))
     time = 1e-4
-    exact = integrate_fixed(start.copy(), model, time, time / 512, no_table()).state
+    exact = integrate_fixed(start.copy(), model, time, NO_END, time / 512, no_table()).state
     counts = np.array([4, 8, 16, 32])
-    errors = [np.abs(integrate_fixed(start.copy(), model, time, time / n, no_table()).state - exact) for n in counts]
+    errors = [
+        np.abs(integrate_fixed(start.copy(), model, time, NO_END, time / n, no_table()).state - exact) for n in counts
+    ]
     for component in range(6):
         order = slope(1.0 / counts, np.array([error[component] for error in errors]))
         assert order == pytest.approx(4.0, abs=0.25)
@@ -128,7 +135,7 @@ def test_adaptive_step_error_falls_with_its_tolerance() -> None:
     def final(tolerance: float) -> FloatArray:
         room = make_workspace(), make_linearisation()
         accuracy = Accuracy(tolerance, LARGEST_STEP)
-        return integrate_adaptive(start.copy(), model, 1e-4, accuracy, no_table(), *room).state
+        return integrate_adaptive(start.copy(), model, 1e-4, NO_END, accuracy, no_table(), *room).state
 
     exact = final(1e-12)
     tolerances = np.array([1e-6, 1e-7, 1e-8, 1e-9, 1e-10])

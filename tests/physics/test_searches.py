@@ -1,6 +1,7 @@
 """How the searches for a critical angle go and end."""
 
 import math
+import re
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any
@@ -13,6 +14,7 @@ from solver import (
     CriticalAngle,
     ElasticPlastic,
     Impact,
+    MohrCoulomb,
     NoFreeSurface,
     Numerics,
     ObliquityPolynomial,
@@ -25,8 +27,8 @@ from solver import (
     SearchStatus,
     StrengthPowerLaw,
     Target,
-    Trial,
     critical_angle,
+    mass_properties,
     simulate,
 )
 from solver.cases import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY
@@ -36,7 +38,10 @@ ADAPTIVE = Numerics(method="adaptive")
 
 
 def find(
-    *, strength_factor: ObliquityPolynomial | ConstantStrengthFactor | None = None, **search: Any
+    *,
+    strength_factor: ObliquityPolynomial | ConstantStrengthFactor | None = None,
+    numerics: Numerics = ADAPTIVE,
+    **search: Any,
 ) -> CriticalAngle:
     """The paper's strike; angles of the search in degrees."""
     for name in ("lower", "upper", "tolerance", "scan_interval"):
@@ -48,7 +53,7 @@ def find(
         target=PAPER_TARGET,
         velocity=PAPER_VELOCITY,
         resistance=resistance,
-        numerics=ADAPTIVE,
+        numerics=numerics,
         search=Search(**search),
     )
 
@@ -94,16 +99,16 @@ def test_outcome_search_takes_few_fine_trials_whatever_the_tolerance(tolerance: 
     assert found.bracket is not None
     assert math.degrees(found.bracket[1] - found.bracket[0]) <= tolerance
     assert 2 <= sum(trial.fine for trial in found.iterations) <= 10
-    assert math.degrees(found.bracket[0]) - 0.01 < 48.556 < math.degrees(found.bracket[1]) + 0.01
+    assert math.degrees(found.bracket[0]) - 0.01 < 48.634 < math.degrees(found.bracket[1]) + 0.01
 
 
 def test_dense_scan_finds_the_same_angle_and_a_scan_without_change_is_repeated_finely() -> None:
     found = find(lower=5.0, upper=85.0, scan_interval=0.1)
     assert found.angle is not None
-    assert math.degrees(found.angle) == pytest.approx(48.556, abs=0.01)
+    assert math.degrees(found.angle) == pytest.approx(48.634, abs=0.012)
     nothing = find(lower=5.0, upper=40.0, scan_interval=0.1)
     assert nothing.status is SearchStatus.NO_RICOCHET
-    assert sum(trial.fine for trial in nothing.iterations) >= 350 / 4
+    assert sum(trial.fine for trial in nothing.iterations) >= 350 / 16
 
 
 def test_every_fine_trial_is_the_run_at_its_angle() -> None:
@@ -119,7 +124,7 @@ def test_every_fine_trial_is_the_run_at_its_angle() -> None:
         if trial.fine:
             assert (trial.outcome, trial.final_position) == (run.outcome, run.final.nose_tip_depth)
         else:
-            assert trial.outcome == run.outcome or abs(math.degrees(trial.oblique_angle) - 48.556) < 1.0
+            assert trial.outcome == run.outcome or abs(math.degrees(trial.oblique_angle) - 48.634) < 1.0
 
 
 def test_bisection_keeps_the_sign_change_and_stops_when_two_angles_in_a_row_differ_by_less_than_asked() -> None:
@@ -190,19 +195,26 @@ def test_range_that_starts_in_a_ricochet_reports_the_angle_at_which_it_next_sets
 
 
 @pytest.mark.parametrize("method", ["outcome", "bisection", "secant"])
-def test_strength_factor_that_vanishes_within_the_range_is_named(method: str) -> None:
-    """Equation 9 falls below zero at 86.6°."""
-    with pytest.raises(ParameterError, match=r"greater than 0 at the initial oblique angle of 88") as caught:
-        find(method=method, lower=40.0, upper=88.0)
+def test_search_ends_where_equation_9_falls_to_zero(method: str) -> None:
+    """At 86.6°."""
+    found = find(method=method, lower=40.0, upper=88.0)
+    assert max(trial.oblique_angle for trial in found.iterations) == pytest.approx(math.radians(86.6), abs=2e-3)
+    (warning,) = (warning for warning in found.warnings if warning.code == "range_clipped")
+    assert "not at 88°" in warning.detail
+
+
+def test_strength_factor_that_is_zero_over_the_whole_range_is_named() -> None:
+    with pytest.raises(ParameterError, match=r"greater than 0 at the initial oblique angle of 87") as caught:
+        find(lower=87.0, upper=88.0)
     assert caught.value.field == "resistance.strength_factor"
 
 
-def test_strength_factor_that_vanishes_between_the_angles_of_the_scan_is_named() -> None:
-    """It is 6.2 at both ends, where the scan looks, and below zero from 45.2° to 49.8°, where the change is sought."""
+def test_strength_factor_that_vanishes_between_the_angles_of_the_scan_ends_the_range() -> None:
+    """It is 6.2 at both ends of the range and below zero from 45.2° to 49.8°."""
     dips = ObliquityPolynomial(coefficients=(14631.24, -617.5, 6.5))
-    with pytest.raises(ParameterError, match=r"greater than 0 at the initial oblique angle of 4[5-9]") as caught:
-        find(lower=45.0, upper=50.0, strength_factor=dips)
-    assert caught.value.field == "resistance.strength_factor"
+    found = find(lower=45.0, upper=50.0, strength_factor=dips)
+    assert max(trial.oblique_angle for trial in found.iterations) < math.radians(45.2)
+    assert "range_clipped" in codes(found)
 
 
 @pytest.mark.parametrize(
@@ -234,82 +246,131 @@ def test_speed_that_cannot_be_is_named(velocity: float) -> None:
     assert caught.value.field == "impact.velocity"
 
 
-def test_critical_angle_at_which_the_nose_is_still_inside_at_release_comes_with_a_warning() -> None:
-    """On 90 MPa this strike is let go 2 cm deep with 0.1 % of its energy, at angles far below a clear ricochet."""
-    strong = replace(PAPER_TARGET, compressive_strength=90e6)
-    found = critical_angle(projectile=PAPER_PROJECTILE, target=strong, velocity=200.0)
+def test_energy_left_beside_the_angle_says_how_far_it_moves_with_the_retention_energy() -> None:
+    found = find(numerics=Numerics(retention_energy_fraction=0.01))
     assert found.angle is not None
-    assert "slow_exit" in codes(found)
-    run = simulate(
+    assert found.energy_fraction_below == 0.0
+    low, high = (find(numerics=Numerics(retention_energy_fraction=share)).angle for share in (0.001, 0.1))
+    assert low is not None
+    assert high is not None
+    moves = math.degrees(high - low)
+    assert ("retention_decides" in codes(found)) == (moves > 0.5)
+    above = simulate(
         projectile=PAPER_PROJECTILE,
-        target=strong,
-        impact=Impact(velocity=200.0, oblique_angle=math.radians(25.0)),
-        sample_interval=None,
+        target=PAPER_TARGET,
+        impact=Impact(velocity=PAPER_VELOCITY, oblique_angle=found.angle + math.radians(0.5)),
+        sample_interval=1e-4,
     )
-    assert run.outcome is Outcome.RICOCHET
-    assert "slow_exit" in {warning.code for warning in run.warnings}
-    assert "slow_exit" not in codes(find())
+    assert above.history is not None
+    left = above.final.kinetic_energy / above.history.kinetic_energy[0]
+    assert found.energy_fraction_above == pytest.approx(left, abs=0.005)
 
 
-def test_changes_of_outcome_lead_from_one_end_of_the_range_to_the_other() -> None:
-    found = critical_angle(  # slow, on strong concrete: turned away at 25°, not at 34°, and again at 37°
-        projectile=Projectile(nose=Ogive(caliber_radius_head=2.16), diameter=0.14655, length=0.712, mass=89.81),
-        target=Target(compressive_strength=82.86e6, density=2109.5),
-        velocity=106.8,
-        angle_of_attack=-0.0181,
-        resistance=Resistance(strength_factor=StrengthPowerLaw(), free_surface=ElasticPlastic(inertia=True)),
-    )
+@pytest.mark.parametrize("share", [0.001, 0.01, 0.1])
+def test_critical_angle_leaves_with_the_retention_energy(share: float) -> None:
+    numerics = Numerics(retention_energy_fraction=share)
+    found = find(numerics=numerics)
+    assert found.bracket is not None
+    energies = []
+    for angle, outcome in zip(found.bracket, (Outcome.EMBEDDED, Outcome.RICOCHET), strict=True):
+        widened = angle + math.copysign(math.radians(0.02), angle - sum(found.bracket) / 2.0)
+        run = simulate(
+            projectile=PAPER_PROJECTILE,
+            target=PAPER_TARGET,
+            impact=Impact(velocity=PAPER_VELOCITY, oblique_angle=widened),
+            numerics=numerics,
+            sample_interval=None,
+        )
+        assert run.outcome is outcome
+        energies.append(run.final.kinetic_energy)
+    assert energies[0] < energies[1]
+
+
+@pytest.mark.parametrize("share", [0.0, 5e-5, 0.6, math.nan])
+def test_retention_energy_beyond_its_bounds_is_named(share: float) -> None:
+    with pytest.raises(ParameterError) as caught:
+        Numerics(retention_energy_fraction=share)
+    assert caught.value.field == "numerics.retention_energy_fraction"
+
+
+def test_slow_strikes_have_the_angles_of_an_independent_program() -> None:
+    """Midpoint panels and steps of 1 µs, 1 % of the energy; by rules of two thresholds the last was 16.4°."""
+    for velocity, strength, angle in ((80.0, 39e6, 43.33), (100.0, 39e6, 44.00), (150.0, 50e6, 44.10)):
+        target = replace(PAPER_TARGET, compressive_strength=strength)
+        found = critical_angle(projectile=PAPER_PROJECTILE, target=target, velocity=velocity)
+        assert found.angle is not None
+        assert math.degrees(found.angle) == pytest.approx(angle, abs=0.02)
+        assert "retention_decides" in codes(found)
+
+
+def test_range_ends_where_the_strength_factor_does() -> None:
+    falling = ObliquityPolynomial(coefficients=(8.5, 0.0, -0.0018))  # zero at 68.7°
+    found = find(strength_factor=falling)
     assert found.status is SearchStatus.CONVERGED
-    assert found.angle is not None
-    changes = [found.angle, *found.other_crossings]
-    first, last = (min(found.iterations, key=key) for key in (_angle, lambda trial: -_angle(trial)))
-    assert (first.outcome is not last.outcome) == (len(changes) % 2 == 1)
-    assert len(changes) == 3
+    assert max(trial.oblique_angle for trial in found.iterations) < math.radians(68.8)
+    assert "range_clipped" in codes(found)
+    assert "range_clipped" not in codes(find())
 
 
-def test_changes_of_outcome_come_in_order() -> None:
-    """The change that a rough scan sees first here is not there for finer trials, which run on to the last one."""
-    found = critical_angle(  # turned away from 18.0° to 25.3°, and again from 47.5° on
-        projectile=Projectile(nose=Ogive(caliber_radius_head=4.908), diameter=0.1337, length=0.9932, mass=98.41),
-        target=Target(compressive_strength=87.76e6, density=2364.0),
-        velocity=159.2,
-        angle_of_attack=math.radians(0.7535),
-        resistance=Resistance(free_surface=ElasticPlastic(inertia=True)),
-    )
-    assert found.angle is not None
-    changes = [math.degrees(angle) for angle in (found.angle, *found.other_crossings)]
-    assert changes == sorted(changes)
-    assert changes == pytest.approx([18.0, 25.3, 47.5], abs=0.2)
+def test_inertia_that_is_not_given_comes_with_what_it_does_to_the_angle() -> None:
+    given = mass_properties(PAPER_PROJECTILE).moment_of_inertia
+    changed = replace(PAPER_PROJECTILE, moment_of_inertia=1.1 * given)
+    angle, other = find().angle, critical_angle(projectile=changed, target=PAPER_TARGET, velocity=PAPER_VELOCITY).angle
+    assert angle is not None
+    assert other is not None
+    (warning,) = (warning for warning in find().warnings if warning.code == "mass_properties_assumed")
+    (stated,) = (float(number) for number in re.findall(r"about ([+-][\d.]+)°", warning.detail))
+    assert stated == pytest.approx(math.degrees(other - angle), rel=0.35)
 
 
-@pytest.mark.parametrize(
-    "strike",
-    [
-        {
-            "projectile": Projectile(nose=Ogive(caliber_radius_head=4.36), diameter=0.137, length=0.797, mass=67.9),
-            "target": Target(compressive_strength=32.2e6, density=2270.0),
-            "velocity": 109.0,
-            "angle_of_attack": math.radians(0.633),
-            "resistance": Resistance(strength_factor=StrengthPowerLaw()),
-        },
-        {
-            "projectile": Projectile(nose=Ogive(caliber_radius_head=3.85), diameter=0.135, length=0.760, mass=52.1),
-            "target": Target(compressive_strength=56.3e6, density=2420.0),
-            "velocity": 111.0,
-            "angle_of_attack": math.radians(0.325),
-            "resistance": Resistance(free_surface=NoFreeSurface()),
-        },
-        {
-            "projectile": Projectile(nose=Ogive(caliber_radius_head=4.31), diameter=0.137, length=1.15, mass=88.8),
-            "target": Target(compressive_strength=37.5e6, density=2450.0),
-            "velocity": 104.0,
-            "angle_of_attack": math.radians(1.93),
-        },
-    ],
-    ids=["power law", "endless target", "long"],
-)
-def test_change_that_the_termination_time_decides_is_converged_and_told(strike: dict[str, Any]) -> None:
-    """Large and slow: below the angle they are still creeping out after 50 ms."""
+SLOW: dict[str, dict[str, Any]] = {
+    "power law": {
+        "projectile": Projectile(nose=Ogive(caliber_radius_head=4.36), diameter=0.137, length=0.797, mass=67.9),
+        "target": Target(compressive_strength=32.2e6, density=2270.0),
+        "velocity": 109.0,
+        "angle_of_attack": math.radians(0.633),
+        "resistance": Resistance(strength_factor=StrengthPowerLaw()),
+    },
+    "endless target": {
+        "projectile": Projectile(nose=Ogive(caliber_radius_head=3.85), diameter=0.135, length=0.760, mass=52.1),
+        "target": Target(compressive_strength=56.3e6, density=2420.0),
+        "velocity": 111.0,
+        "angle_of_attack": math.radians(0.325),
+        "resistance": Resistance(free_surface=NoFreeSurface()),
+    },
+    "long": {
+        "projectile": Projectile(nose=Ogive(caliber_radius_head=4.31), diameter=0.137, length=1.15, mass=88.8),
+        "target": Target(compressive_strength=37.5e6, density=2450.0),
+        "velocity": 104.0,
+        "angle_of_attack": math.radians(1.93),
+    },
+    "blunt, on strong concrete": {
+        "projectile": Projectile(nose=Ogive(caliber_radius_head=2.16), diameter=0.14655, length=0.712, mass=89.81),
+        "target": Target(compressive_strength=82.86e6, density=2109.5),
+        "velocity": 106.8,
+        "angle_of_attack": -0.0181,
+        "resistance": Resistance(strength_factor=StrengthPowerLaw(), free_surface=ElasticPlastic(inertia=True)),
+    },
+    "slender, on strong concrete": {
+        "projectile": Projectile(nose=Ogive(caliber_radius_head=4.908), diameter=0.1337, length=0.9932, mass=98.41),
+        "target": Target(compressive_strength=87.76e6, density=2364.0),
+        "velocity": 159.2,
+        "angle_of_attack": math.radians(0.7535),
+        "resistance": Resistance(free_surface=ElasticPlastic(inertia=True)),
+    },
+    "inertia factor above 1": {
+        "projectile": Projectile(nose=Ogive(caliber_radius_head=6.2), diameter=0.0762, length=0.53, mass=13.0),
+        "target": Target(compressive_strength=59e6, density=2300.0),
+        "velocity": 122.0,
+        "angle_of_attack": math.radians(3.8),
+        "resistance": Resistance(inertia_factor=1.3, free_surface=MohrCoulomb()),
+    },
+}
+"""Strikes whose outcome came and went with the angle where it hung on how a nearly spent body is let go."""
+
+
+@pytest.mark.parametrize("strike", SLOW.values(), ids=SLOW.keys())
+def test_slow_strike_has_one_angle_and_it_is_converged(strike: dict[str, Any]) -> None:
     found = critical_angle(**strike)
     fine = critical_angle(
         **strike,
@@ -319,9 +380,11 @@ def test_change_that_the_termination_time_decides_is_converged_and_told(strike: 
     assert found.angle is not None
     assert fine.angle is not None
     assert math.degrees(found.angle) == pytest.approx(math.degrees(fine.angle), abs=0.02)
+    assert found.other_crossings == ()
+    assert "undecided" not in codes(found)
+
+
+def test_change_that_the_termination_time_decides_comes_with_a_warning() -> None:
+    found = find(numerics=Numerics(termination_time=4e-3))
     (warning,) = (warning for warning in found.warnings if warning.code == "undecided")
-    assert "leaves by then" in warning.detail
-
-
-def _angle(trial: Trial) -> float:
-    return trial.oblique_angle
+    assert "0.004 s" in warning.detail

@@ -71,9 +71,9 @@ def test_body_must_be_chosen_where_there_are_several(tmp_path: Path, write: Writ
     absent: dict[str, Any] = dict.fromkeys(choice, 3)
     with pytest.raises(FileError, match=r"there is no .* 3, there are: 7, 42"):
         read_motion(file, axes=AXES, **absent)
-    with pytest.raises(FileError, match=r"say which .* to read, there are: 7, 42"):
+    with pytest.raises(FileError, match=r"name the .* to read, there are: 7, 42"):
         read_motion(file, axes=AXES)
-    with pytest.raises(FileError, match="say which is depth"):
+    with pytest.raises(FileError, match="name the axes of depth"):
         read_motion(file, **choice)
     write(file, TIME, {42: along_axes()})
     assert len(read_motion(file, axes=AXES).time) == len(TIME)
@@ -85,7 +85,7 @@ def test_one_state_or_repeated_time_is_refused(tmp_path: Path, write: Writer, ch
     with pytest.raises(FileError, match="at least 2 rows"):
         read_motion(tmp_path / "file", axes=AXES)
     write(tmp_path / "file", np.where(TIME == 4.0, 3.8, TIME), {42: along_axes()})
-    with pytest.raises(FileError, match=r"(:\d+|state 21): time must rise from row to row, got 3.8 s after 3.8 s"):
+    with pytest.raises(FileError, match=r"(:\d+|state 21): time must increase from row to row, got 3.8 s after 3.8 s"):
         read_motion(tmp_path / "file", axes=AXES)
 
 
@@ -140,7 +140,7 @@ def test_file_without_rotations_gives_displacements_alone(tmp_path: Path) -> Non
 
 def test_flags_of_the_other_kind_are_refused(tmp_path: Path) -> None:
     write_rbdout(tmp_path / "rbdout", TIME, {42: along_axes()})
-    with pytest.raises(FileError, match="only CSV files have columns to name"):
+    with pytest.raises(FileError, match="only CSV files have columns"):
         read_motion(tmp_path / "rbdout", {"time": "T"}, axes=AXES)
     with pytest.raises(FileError, match="cannot be along the same axis"):
         read_motion(tmp_path / "rbdout", axes=AXES | {"lateral_displacement": Axis.named("z")})

@@ -137,8 +137,7 @@ def test_reference_data_is_complete() -> None:
 def test_a_missing_package_is_told_with_the_extra_that_has_it(package: str, tmp_path: Path) -> None:
     program = (
         f"import sys; sys.modules[{package!r}] = None\n"
-        "from argparse import Namespace\nfrom pathlib import Path\nfrom service.commands.reports import run\n"
-        f"sys.exit(run(Namespace(command='reproduce', output=Path({str(tmp_path / 'report')!r}))))"
+        f"from service.cli import main\nsys.exit(main(['reproduce', '--output', {str(tmp_path / 'report')!r}]))"
     )
     ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
     assert ended.returncode == 1

@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 
-from service.results.cache import ResultCache
-from service.results.record import Record
+from service.cache.cache import ResultCache
+from service.cache.record import Record
 
 cache = ResultCache(Path(sys.argv[1]), memory_bytes=0, disk_bytes=int(sys.argv[2]))
 rows = {"time_s": np.random.default_rng(0).normal(size=4000)}
 for _ in range(10_000):
-    cache.put_many([Record(os.urandom(32).hex(), "trajectory", {}, {}, rows, "1", "1") for _ in range(5)])
+    cache.put_many([Record(os.urandom(32).hex(), "trajectory", b"{}", {}, rows) for _ in range(5)])
     sys.stdout.write("stored\n")
     sys.stdout.flush()

@@ -7,7 +7,8 @@ import sys
 import time
 from pathlib import Path
 
-from service.jobs.slices import SLICE, Case, CaseState, pack
+from service.cache_key import KeyedRequest
+from service.jobs.models import BLOCK_SIZE, Case, CaseBlock, CaseState
 from service.jobs.store import JobStore
 from tests.service.questions import PROBLEM, Question
 
@@ -19,9 +20,9 @@ def write_for_ever(folder: Path) -> None:
     store = JobStore(folder, job_days=7.0)
     while True:
         job = store.create("square", "local")
-        for number, first in enumerate(range(0, CASES, SLICE)):
-            cases = [Case(Question(i)) for i in range(first, min(CASES, first + SLICE))]
-            store.append(job, number, pack("square", cases))
+        for number, first in enumerate(range(0, CASES, BLOCK_SIZE)):
+            cases = [Case(KeyedRequest.of("square", Question(i))) for i in range(first, min(CASES, first + BLOCK_SIZE))]
+            store.append(job, number, CaseBlock.of(cases))
         store.accept(job, CASES, None)
         for first in range(0, CASES, 50):
             failed = {first: CaseState.FAILED}

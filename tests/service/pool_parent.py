@@ -3,11 +3,11 @@
 import asyncio
 import sys
 
-from service.pool.executor import PoolExecutor
+from service.workers.process_pool import ProcessPool
 
 
 async def main(task: str) -> None:
-    pool = PoolExecutor(workers=2, task_seconds=1000.0)
+    pool = ProcessPool(workers=2, task_seconds=1000.0)
     await pool.start()
     busy = [asyncio.ensure_future(pool.submit(pow, 7, 10**8)) for _ in range(2 if task == "busy" else 0)]
     await asyncio.sleep(0.2)

@@ -1,4 +1,4 @@
-"""Requests for tests of the runner: what a worker does with them is plain to see.
+"""Requests for tests of the jobs: what a worker does with them is plain to see.
 
 Nothing is imported here that a worker does not have already, so that its first call takes no longer than the others.
 """
@@ -7,10 +7,12 @@ import json
 import os
 import signal
 import time
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from service.operations import Operation
+from service.schemas.quantities import Part
 from solver import ParameterError
 
 PROBLEM = {"type": "urn:ricochet:problem:timeout", "title": "t", "status": 422, "detail": "d", "errors": []}
@@ -18,7 +20,7 @@ PROBLEM = {"type": "urn:ricochet:problem:timeout", "title": "t", "status": 422, 
 
 @dataclass(frozen=True)
 class Question:
-    """Asks for the square of a number; what else happens is up to `how`."""
+    """A number to be squared; what else happens is up to `how`."""
 
     number: float
     folder: str = ""
@@ -27,26 +29,29 @@ class Question:
     seconds: float = 0.0
 
     def canonical(self) -> dict[str, Any]:
-        return {"number": self.number, "folder": self.folder, "how": self.how, "seconds": self.seconds}
+        return asdict(self)
 
 
-def parse(text: bytes) -> Question:
-    return Question(**json.loads(text))
-
-
-def work(asked: Question) -> float:
-    if asked.folder:
-        name = f"{asked.number:g}-{time.monotonic_ns()}-{os.getpid()}"
-        (Path(asked.folder) / name).touch()
-    if asked.seconds:
-        time.sleep(asked.seconds)
-    if asked.how == "deadly":
+def square(request: bytes) -> tuple[dict[str, Any], None]:
+    """Answer a question, in a worker."""
+    question = Question(**json.loads(request))
+    if question.folder:
+        name = f"{question.number:g}-{time.monotonic_ns()}-{os.getpid()}"
+        (Path(question.folder) / name).touch()
+    if question.seconds:
+        time.sleep(question.seconds)
+    if question.how == "deadly":
         signal.raise_signal(signal.SIGKILL)
-    if asked.how == "wrong":
+    if question.how == "wrong":
         raise ParameterError("velocity", "must be positive")
-    if asked.how == "broken":
+    if question.how == "refused":
+        raise ParameterError("search.lower", "must be below the upper end")
+    if question.how == "broken":
         raise RuntimeError("secret")
-    return asked.number**2
+    return {"number": question.number, "square": question.number**2, "warnings": []}, None
+
+
+SQUARE = Operation(compute=square, request=Part)
 
 
 def runs(folder: Path) -> dict[float, int]:

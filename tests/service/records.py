@@ -4,9 +4,10 @@ import hashlib
 from typing import Any
 
 import numpy as np
+import orjson
 
-from service.results.record import Record
-from service.results.tables import MOTION
+from service.cache.record import FloatColumns, Record
+from service.columns import MOTION
 
 COLUMNS = [column.name for column in MOTION]
 
@@ -15,9 +16,24 @@ def key_of(number: int) -> str:
     return hashlib.sha256(b"%d" % number).hexdigest()
 
 
+def made(
+    key: str,
+    operation: str,
+    request: dict[str, Any],
+    answer: dict[str, Any],
+    history: FloatColumns | None,
+    engine_version: str,
+    schema_version: str,
+) -> Record:
+    content = orjson.dumps(request)
+    return Record(
+        key, operation, content, answer, history, engine_version=engine_version, schema_version=schema_version
+    )
+
+
 def trajectory(number: int = 0, rows: int = 313) -> Record:
     values = np.random.default_rng(number)
-    return Record(
+    return made(
         key=key_of(number),
         operation="trajectory",
         request={"projectile": {"nose": {"shape": "ogive"}, "diameter_m": 0.08}, "impact": {"velocity_m_s": 238.0}},
@@ -45,7 +61,7 @@ def critical_angle(number: int = 0) -> Record:
         }
         for row, (angle, position) in enumerate(values.normal(size=(20, 2)).tolist())
     ]
-    return Record(
+    return made(
         key=key_of(number),
         operation="cra",
         request={"impact": {"velocity_m_s": 200.0 + number}, "search": {"method": "outcome", "tolerance_deg": 0.01}},
@@ -68,12 +84,12 @@ def critical_angle_with_motion() -> Record:
     motion: dict[str, Any] = {"outcome": "ricochet", "final": {"time_s": 0.004}}
     answer = plain.answer | {"trajectory": motion}
     history = {name: np.linspace(0.0, 0.004, 5) for name in COLUMNS}
-    return Record(plain.key, "cra", plain.request, answer, history, "1", "2")
+    return made(plain.key, "cra", plain.request, answer, history, "1", "2")
 
 
 def without_angle() -> Record:
     answer = {"status": "no_ricochet", "iterations": [], "other_crossings_deg": [], "warnings": []}
-    return Record(key_of(-1), "cra", {}, answer, None, "1", "2")
+    return made(key_of(-1), "cra", {}, answer, None, "1", "2")
 
 
 def same(one: Record | None, other: Record) -> bool:

@@ -7,14 +7,14 @@ import asyncio
 import sys
 from pathlib import Path
 
-from service.pool.executor import PoolExecutor
+from service.workers.process_pool import ProcessPool
 from tests.service.squares import accepted, cases, ended, running
 
 CASES = 300
 
 
 async def main(folder: Path) -> None:
-    pool = PoolExecutor(workers=2, task_seconds=60.0)
+    pool = ProcessPool(workers=2, task_seconds=60.0)
     await pool.start()
     async with running(folder, pool) as runner:
         print("started", flush=True)  # noqa: T201

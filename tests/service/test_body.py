@@ -1,24 +1,18 @@
-"""Bodies that come in a crowd are looked at one each time around the event loop."""
+"""Bodies that come in a crowd are parsed one each time around the event loop."""
 
 import asyncio
-from types import SimpleNamespace
 
 import pytest
-from starlette.types import Message
 
-from service.routes.body import JsonRequest
-from service.settings import Settings
+from service.api.body import next_turn
 
 pytestmark = [pytest.mark.anyio, pytest.mark.timeout(60)]
 CROWD = 50
 
 
 async def test_others_have_their_turn_between_two_of_a_crowd() -> None:
-    app = SimpleNamespace(state=SimpleNamespace(settings=Settings(), turn=asyncio.Lock()))
-    rounds, looked_at = 0, list[int]()
-
-    async def receive() -> Message:
-        return {"type": "http.request", "body": b"{}", "more_body": False}
+    parsing = asyncio.Lock()
+    rounds, parsed = 0, list[int]()
 
     async def count() -> None:
         nonlocal rounds
@@ -26,14 +20,13 @@ async def test_others_have_their_turn_between_two_of_a_crowd() -> None:
             rounds += 1
             await asyncio.sleep(0)
 
-    async def ask() -> None:
-        request = JsonRequest({"type": "http", "headers": [], "app": app}, receive)
-        assert await request.json() == {}
-        looked_at.append(rounds)
+    async def parse() -> None:
+        await next_turn(parsing)
+        parsed.append(rounds)
 
     counting = asyncio.create_task(count())
     try:
-        await asyncio.gather(*(ask() for _ in range(CROWD)))
+        await asyncio.gather(*(parse() for _ in range(CROWD)))
     finally:
         counting.cancel()
-    assert len(set(looked_at)) == CROWD
+    assert len(set(parsed)) == CROWD

@@ -18,11 +18,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from service.results.cache import NOT_CACHED, ResultCache
-from service.results.hdf5 import BLOCK, read_keys
-from service.results.record import Record
-from service.results.segments import FolderInUseError, name_of
-from tests.service.records import critical_angle, critical_angle_with_motion, key_of, same, trajectory
+from service.cache.cache import NOT_CACHED, ResultCache
+from service.cache.hdf5 import BLOCK, read_keys
+from service.cache.record import Record
+from service.cache.segments import name_of
+from service.errors import FolderInUseError
+from tests.service.records import critical_angle, critical_angle_with_motion, key_of, made, same, trajectory
 
 pytestmark = pytest.mark.timeout(60)
 
@@ -102,7 +103,7 @@ def test_batches_leave_memory_to_single_results(tmp_path: Path) -> None:
 
 def test_very_large_histories_are_spread_over_segments(tmp_path: Path) -> None:
     column = np.zeros(800_000)
-    records = [Record(key_of(number), "trajectory", {}, {}, {"time_s": column}, "1", "1") for number in range(5)]
+    records = [made(key_of(number), "trajectory", {}, {}, {"time_s": column}, "1", "1") for number in range(5)]
     stored(tmp_path, records)
     assert len(segments_in(tmp_path)) == 3
     with cache_in(tmp_path) as cache:
@@ -180,7 +181,7 @@ def test_unknown_or_malformed_key_is_a_miss(key: str, tmp_path: Path) -> None:
     with cache_in(tmp_path) as cache:
         assert cache.get(key) is None
         assert not cache.known([key])
-        assert cache.trouble is None
+        assert cache.last_error is None
 
 
 def test_index_lost_or_damaged_is_made_anew(tmp_path: Path) -> None:
@@ -195,7 +196,7 @@ def test_index_lost_or_damaged_is_made_anew(tmp_path: Path) -> None:
             assert cache.known([record.key for record in records]) == {record.key for record in records}
             assert (cache.statistics().segments, cache.statistics().cases) == (3, 40)
             assert same(cache.get(records[5].key), records[5])
-            assert cache.trouble is None
+            assert cache.last_error is None
 
 
 def spoil(path: Path) -> None:
@@ -280,21 +281,21 @@ def test_the_latest_segment_stays_however_large(tmp_path: Path) -> None:
         for number in range(3):
             cache.put_many([trajectory(number)])
             assert cache.known([key_of(i) for i in range(3)]) == {key_of(number)}
-        assert cache.trouble is None
+        assert cache.last_error is None
 
 
 def test_folder_that_cannot_be_written_costs_the_store_but_no_answer(tmp_path: Path) -> None:
     (tmp_path / "results").write_text("a file where the folder should be")
     with cache_in(tmp_path) as cache:
         assert not cache.writable()
-        assert cache.trouble
+        assert cache.last_error
         answered = cache.put(trajectory())
         assert [warning["code"] for warning in answered.answer["warnings"]] == ["strength_fit_range", NOT_CACHED]
         assert str(tmp_path) not in answered.json.decode()
         assert cache.recall(answered.key) is answered
         (tmp_path / "results").unlink()
         assert cache.writable()
-        assert cache.trouble is None
+        assert cache.last_error is None
         assert same(cache.put(trajectory(1)), trajectory(1))
         assert cache.known([key_of(1)])
     with cache_in(tmp_path) as cache:
@@ -358,7 +359,7 @@ def test_writer_killed_at_any_instant_leaves_whole_segments_and_a_true_index(dis
             assert cache.known(list(everything)) == everything
             assert cache.statistics().segments == len(paths)
             assert cache.statistics().bytes == sum(path.stat().st_size for path in paths)
-            assert cache.trouble is None
+            assert cache.last_error is None
         assert indexed(tmp_path) == (set(keys), everything)
         assert not list((tmp_path / "results" / ".partial").iterdir())
     assert not (tmp_path / "damaged").exists()
@@ -406,7 +407,7 @@ def test_many_threads_may_read_write_and_evict_at_once(tmp_path: Path) -> None:
 
         with ThreadPoolExecutor(8) as threads:
             assert all(threads.map(work, range(120)))
-        assert cache.trouble is None
+        assert cache.last_error is None
         names = segments_in(tmp_path)
         assert cache.statistics().segments == len(names)
     assert indexed(tmp_path)[0] == set(names)
@@ -420,7 +421,7 @@ def test_twenty_thousand_cases_are_looked_up_at_once_without_holding_up_others(t
     with cache_in(tmp_path) as cache:
         for start in range(0, 20_000, 250):
             some = keys[start : start + 250]
-            cache.put_many([Record(key, "cra", record.request, record.answer, None, "1", "1") for key in some])
+            cache.put_many([made(key, "cra", record.request, record.answer, None, "1", "1") for key in some])
     with cache_in(tmp_path) as cache:
         runs = [timed_beside_others(cache, keys) for _ in range(3)]
     assert min(seconds for seconds, _ in runs) < 0.5

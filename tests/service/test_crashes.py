@@ -9,14 +9,13 @@ from pathlib import Path
 
 import pytest
 
-from service.batches.runner import StorageError
-from service.jobs.slices import Case
+from service.cache.cache import ResultCache
+from service.errors import StorageError
 from service.jobs.store import JobStore
-from service.pool.executor import PoolExecutor
-from service.results.cache import ResultCache
+from service.workers.process_pool import ProcessPool
 from tests.service.questions import Question, runs
 from tests.service.runner_process import CASES
-from tests.service.squares import accepted, all_results, cases, collect, ended, running, squares, until_done
+from tests.service.squares import accepted, all_results, case, cases, collect, ended, running, squares, until_done
 
 pytestmark = [pytest.mark.anyio, pytest.mark.timeout(120)]
 
@@ -38,7 +37,7 @@ def stored(folder: Path) -> set[float]:
 @pytest.mark.timeout(600)
 @pytest.mark.parametrize("kills", [2, pytest.param(40, marks=pytest.mark.slow)])
 async def test_killed_at_any_instant_every_case_is_answered_once_and_nothing_kept_is_computed_again(
-    kills: int, pool: PoolExecutor, tmp_path: Path
+    kills: int, pool: ProcessPool, tmp_path: Path
 ) -> None:
     (tmp_path / "log").mkdir()
     instants = random.Random(kills)  # noqa: S311
@@ -65,7 +64,7 @@ async def test_killed_at_any_instant_every_case_is_answered_once_and_nothing_kep
 
 
 async def test_job_on_a_full_disk_fails_with_a_reason_and_goes_on_at_the_next_start(
-    pool: PoolExecutor, tmp_path: Path
+    pool: ProcessPool, tmp_path: Path
 ) -> None:
     async with running(tmp_path, pool) as runner:
         job = await accepted(runner, cases(range(400), seconds=0.005))
@@ -87,15 +86,15 @@ async def test_job_on_a_full_disk_fails_with_a_reason_and_goes_on_at_the_next_st
         finally:
             resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
         assert (await ended(runner, await accepted(runner, cases(range(5000, 5010))))).done == 10
-        runner._dispatcher.unwritten.clear()  # as if it had been killed now
+        runner._scheduler.unwritten.clear()  # as if it had been killed now
     async with running(tmp_path, pool) as runner:
         assert (await ended(runner, job)).status == "successful"
         assert squares(await all_results(runner, job)) == [i**2 for i in range(400)]
 
 
-async def test_end_that_could_not_be_written_is_written_when_there_is_room(pool: PoolExecutor, tmp_path: Path) -> None:
+async def test_end_that_could_not_be_written_is_written_when_there_is_room(pool: ProcessPool, tmp_path: Path) -> None:
     async with running(tmp_path, pool) as runner:
-        job = await accepted(runner, [Case(Question(i, seconds=0.01)) for i in range(400)])
+        job = await accepted(runner, [case(Question(i, seconds=0.01)) for i in range(400)])
         await until_done(runner, job, 4)
         soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
         resource.setrlimit(resource.RLIMIT_FSIZE, (4096, hard))

@@ -17,12 +17,12 @@ import pytest
 from distributed import Client
 from pydantic import ValidationError
 
-from service.executors.dask import DaskExecutor
-from service.executors.host import UnfitWorkerError, differences, run_chunk, versions
-from service.pool.lane import WorkerCrashedError
-from service.pool.worker import Call
+from service.dask.executor import DaskExecutor
+from service.dask.plugin import UnfitWorkerError, differences, run_chunk, versions
+from service.errors import WorkerCrashedError
 from service.schemas.examples import PAPER
 from service.settings import Settings
+from service.workers.base import Call
 from tests.service.dask_cluster import DaskCluster, dask_cluster
 from tests.service.squares import accepted, all_results, cases, ended, running, squares, until_done
 
@@ -54,7 +54,7 @@ def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[DaskCluster]:
 @pytest.fixture
 async def executor(cluster: DaskCluster) -> AsyncIterator[DaskExecutor]:
     async with started(cluster) as ready:
-        await until(lambda: ready.cluster.width == 2)
+        await until(lambda: ready.cluster.capacity == 2)
         yield ready
 
 
@@ -98,7 +98,7 @@ async def test_worker_killed_amid_a_batch_costs_no_case(executor: DaskExecutor, 
         state = await ended(runner, job)
         assert (state.status, state.done, state.failed) == ("successful", 300, 0)
         assert squares(await all_results(runner, job)) == [number**2 for number in range(300)]
-    await until(lambda: executor.cluster.width == 2)
+    await until(lambda: executor.cluster.capacity == 2)
     assert victim not in (await workers_of(executor)).values()
 
 
@@ -117,7 +117,7 @@ async def test_scheduler_killed_and_started_again_costs_no_case(
         state = await ended(runner, job)
         assert (state.status, state.done, state.failed) == ("successful", 300, 0)
         assert squares(await all_results(runner, job)) == [number**2 for number in range(300)]
-    await until(lambda: executor.cluster.width == 2)
+    await until(lambda: executor.cluster.capacity == 2)
     assert await executor.probe(10.0)
     assert await grandparents(executor, 8) <= set((await workers_of(executor)).values())
 
@@ -125,11 +125,11 @@ async def test_scheduler_killed_and_started_again_costs_no_case(
 async def test_call_that_ends_whole_workers_fails_alone(
     executor: DaskExecutor, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("service.executors.dask.PATIENCE_SECONDS", WAIT_SECONDS)  # both workers are gone for a while
+    monkeypatch.setattr("service.dask.executor.PATIENCE_SECONDS", WAIT_SECONDS)  # both workers are gone for a while
     first, deadly, last = await executor.run([(operator.add, (1, 2)), KILL_WORKER, (operator.add, (3, 4))])
     assert (first.value, last.value) == (3, 7)
     assert isinstance(deadly.error, WorkerCrashedError)
-    await until(lambda: executor.cluster.width == 2)
+    await until(lambda: executor.cluster.capacity == 2)
 
 
 async def test_worker_of_another_version_is_not_used_and_the_log_says_why(
@@ -140,10 +140,10 @@ async def test_worker_of_another_version_is_not_used_and_the_log_says_why(
         async with started(odd_cluster) as executor:
             await until(lambda: "is not used" in caplog.text)
             assert f"engine odd instead of {versions()['engine']}" in caplog.text
-            assert executor.cluster.width == 0
+            assert executor.cluster.capacity == 0
             assert await grandparents(executor, 2) == {os.getpid()}  # the pool does what the cluster cannot
             assert not await executor.probe(5.0)
-            assert "cluster unreachable" in executor.trouble
+            assert "cluster unreachable" in executor.last_error
 
 
 async def test_chunk_of_another_version_is_refused_by_the_worker(executor: DaskExecutor) -> None:

@@ -19,9 +19,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from service.pool.executor import PoolExecutor
-from service.pool.lane import PoolUnavailableError, TaskTimeoutError, WorkerCrashedError
-from service.pool.worker import Call
+from service.errors import PoolUnavailableError, TaskTimeoutError, WorkerCrashedError
+from service.workers.base import Call
+from service.workers.process_pool import ProcessPool
 
 pytestmark = [pytest.mark.anyio, pytest.mark.timeout(60)]
 
@@ -51,8 +51,8 @@ def made(inside: Path) -> list[Path]:
     return list(inside.iterdir())
 
 
-async def pool_with(task_seconds: float, workers: int = 1) -> PoolExecutor:
-    pool = PoolExecutor(workers=workers, task_seconds=task_seconds)
+async def pool_with(task_seconds: float, workers: int = 1) -> ProcessPool:
+    pool = ProcessPool(workers=workers, task_seconds=task_seconds)
     await pool.start()
     return pool
 
@@ -70,7 +70,7 @@ def processes() -> dict[int, int]:
     return groups
 
 
-async def test_results_and_exceptions_of_tasks_come_back(pool: PoolExecutor) -> None:
+async def test_results_and_exceptions_of_tasks_come_back(pool: ProcessPool) -> None:
     assert await pool.submit(operator.add, 2, 3) == 5
     with pytest.raises(ValueError, match="invalid literal"):
         await pool.submit(int, "x")
@@ -79,21 +79,21 @@ async def test_results_and_exceptions_of_tasks_come_back(pool: PoolExecutor) -> 
     assert await pool.submit(operator.add, 2, 3) == 5
 
 
-async def test_every_worker_takes_part(pool: PoolExecutor) -> None:
+async def test_every_worker_takes_part(pool: ProcessPool) -> None:
     await asyncio.gather(*(pool.submit(time.sleep, 0.05) for _ in range(4)))
     pids = await asyncio.gather(*(pool.submit(os.getpid) for _ in range(50)))
     assert set(pids) <= set(pool.worker_pids)
     assert len(pool.worker_pids) == 2
 
 
-async def test_twenty_queries_survive_the_death_of_a_worker(pool: PoolExecutor) -> None:
+async def test_twenty_queries_survive_the_death_of_a_worker(pool: ProcessPool) -> None:
     queries = [asyncio.ensure_future(pool.submit(time.sleep, 0.1)) for _ in range(20)]
     await asyncio.sleep(0.25)
     os.kill(pool.worker_pids[0], signal.SIGKILL)
     assert await asyncio.gather(*queries) == [None] * 20
 
 
-async def test_worker_killed_at_any_instant_loses_nothing(pool: PoolExecutor) -> None:
+async def test_worker_killed_at_any_instant_loses_nothing(pool: ProcessPool) -> None:
     """Results of 40 MB are underway for long enough that many a kill comes while one is being sent."""
     instants = random.Random(0)  # noqa: S311
     for _ in range(15):
@@ -104,21 +104,21 @@ async def test_worker_killed_at_any_instant_loses_nothing(pool: PoolExecutor) ->
         assert [result.sum() for result in await asyncio.gather(*queries)] == [5e6, 5e6]
 
 
-async def test_task_that_kills_its_workers_fails_alone(pool: PoolExecutor) -> None:
+async def test_task_that_kills_its_workers_fails_alone(pool: ProcessPool) -> None:
     others = [asyncio.ensure_future(pool.submit(time.sleep, 0.05)) for _ in range(10)]
     with pytest.raises(WorkerCrashedError):
         await pool.submit(signal.raise_signal, signal.SIGKILL)
     assert await asyncio.gather(*others) == [None] * 10
 
 
-async def test_idle_worker_that_dies_is_replaced(pool: PoolExecutor) -> None:
+async def test_idle_worker_that_dies_is_replaced(pool: ProcessPool) -> None:
     before = set(pool.worker_pids)
     for pid in before:
         os.kill(pid, signal.SIGKILL)
     assert await until(lambda: len(pool.worker_pids) == 2 and before.isdisjoint(pool.worker_pids), 5.0)
 
 
-async def test_pool_recovers_from_the_death_of_its_fork_server(pool: PoolExecutor) -> None:
+async def test_pool_recovers_from_the_death_of_its_fork_server(pool: ProcessPool) -> None:
     server = multiprocessing.forkserver._forkserver._forkserver_pid  # type: ignore[attr-defined]
     for pid in (server, *pool.worker_pids):
         os.kill(pid, signal.SIGKILL)
@@ -126,7 +126,7 @@ async def test_pool_recovers_from_the_death_of_its_fork_server(pool: PoolExecuto
 
 
 async def test_task_past_its_time_is_ended_and_nothing_else() -> None:
-    pool = PoolExecutor(workers=2, task_seconds=0.5)
+    pool = ProcessPool(workers=2, task_seconds=0.5)
     await pool.start()
     endless = asyncio.ensure_future(pool.submit(pow, *FOREVER))
     others = [asyncio.ensure_future(pool.submit(time.sleep, 0.2)) for _ in range(6)]
@@ -139,7 +139,7 @@ async def test_task_past_its_time_is_ended_and_nothing_else() -> None:
 
 
 @linux
-async def test_stop_ends_busy_workers_within_the_grace_time(pool: PoolExecutor) -> None:
+async def test_stop_ends_busy_workers_within_the_grace_time(pool: ProcessPool) -> None:
     workers = pool.worker_pids
     queries = [asyncio.ensure_future(pool.submit(pow, *FOREVER)) for _ in range(4)]
     await asyncio.sleep(0.2)
@@ -152,7 +152,7 @@ async def test_stop_ends_busy_workers_within_the_grace_time(pool: PoolExecutor) 
     assert await until(lambda: processes().keys().isdisjoint(workers), 0.5)
 
 
-async def test_stop_lets_what_is_underway_finish_and_refuses_more(pool: PoolExecutor) -> None:
+async def test_stop_lets_what_is_underway_finish_and_refuses_more(pool: ProcessPool) -> None:
     queries = [asyncio.ensure_future(pool.submit(time.sleep, 0.1)) for _ in range(6)]
     await asyncio.sleep(0)
     started = time.monotonic()
@@ -177,7 +177,7 @@ async def test_parent_killed_leaves_no_process_behind(task: str) -> None:
     assert await until(lambda: parent.pid not in processes().values(), 3.0)
 
 
-async def test_cancelled_while_waiting_a_task_never_runs(pool: PoolExecutor, tmp_path: Path) -> None:
+async def test_cancelled_while_waiting_a_task_never_runs(pool: ProcessPool, tmp_path: Path) -> None:
     busy = [asyncio.ensure_future(pool.submit(time.sleep, 0.3)) for _ in range(2)]
     await asyncio.sleep(0.1)
     waiting = asyncio.ensure_future(pool.submit(os.mkdir, tmp_path / "ran"))
@@ -188,7 +188,7 @@ async def test_cancelled_while_waiting_a_task_never_runs(pool: PoolExecutor, tmp
     assert not (tmp_path / "ran").exists()
 
 
-async def test_probe_overtakes_waiting_tasks_and_sees_a_stuck_pool(pool: PoolExecutor) -> None:
+async def test_probe_overtakes_waiting_tasks_and_sees_a_stuck_pool(pool: ProcessPool) -> None:
     queries = [asyncio.ensure_future(pool.submit(time.sleep, 0.1)) for _ in range(30)]
     await asyncio.sleep(0.05)
     assert await pool.probe(seconds=1.0)
@@ -202,7 +202,7 @@ async def test_probe_overtakes_waiting_tasks_and_sees_a_stuck_pool(pool: PoolExe
     await asyncio.gather(*stuck, return_exceptions=True)
 
 
-async def test_calls_of_a_chunk_come_back_in_order_each_with_its_own_outcome(pool: PoolExecutor) -> None:
+async def test_calls_of_a_chunk_come_back_in_order_each_with_its_own_outcome(pool: ProcessPool) -> None:
     calls: list[Call] = [(operator.add, (1, 2)), (int, ("x",)), nap(0.2), (threading.Lock, ()), (os.getpid, ())]
     first, wrong, slow, unsendable, last = await pool.run(calls)
     assert (first.value, first.error, slow.error, last.error) == (3, None, None, None)
@@ -214,7 +214,7 @@ async def test_calls_of_a_chunk_come_back_in_order_each_with_its_own_outcome(poo
     assert await pool.run([]) == []
 
 
-async def test_chunk_of_nothing_costs_the_server_little(pool: PoolExecutor) -> None:
+async def test_chunk_of_nothing_costs_the_server_little(pool: ProcessPool) -> None:
     """The best of three: other programs on the machine disturb the caches."""
 
     async def microseconds() -> float:
@@ -226,7 +226,7 @@ async def test_chunk_of_nothing_costs_the_server_little(pool: PoolExecutor) -> N
     assert min([await microseconds() for _ in range(3)]) < 40.0
 
 
-async def test_large_results_of_a_chunk_arrive_whole(pool: PoolExecutor) -> None:
+async def test_large_results_of_a_chunk_arrive_whole(pool: ProcessPool) -> None:
     finished = await pool.run([(np.full, (1_000_000, number)) for number in range(5)])
     assert [outcome.value.sum() for outcome in finished] == [0.0, 1e6, 2e6, 3e6, 4e6]
 
@@ -243,19 +243,19 @@ async def test_call_that_kills_its_workers_fails_alone_and_what_was_answered_is_
     await pool.stop(2.0)
 
 
-async def test_call_that_was_merely_unlucky_is_tried_once_more(pool: PoolExecutor, tmp_path: Path) -> None:
+async def test_call_that_was_merely_unlucky_is_tried_once_more(pool: ProcessPool, tmp_path: Path) -> None:
     unlucky = f"import os; os.path.exists({str(tmp_path / 'x')!r}) or (os.mkdir({str(tmp_path / 'x')!r}), os._exit(1))"
     finished = await pool.run([*folders(tmp_path, 2), (exec, (unlucky,)), (os.mkdir, (tmp_path / "after",))])
     assert [outcome.error for outcome in finished] == [None] * 4
 
 
-async def test_every_deadly_call_of_a_chunk_is_found(pool: PoolExecutor) -> None:
+async def test_every_deadly_call_of_a_chunk_is_found(pool: ProcessPool) -> None:
     finished = await pool.run([DEADLY, (operator.add, (1, 2)), DEADLY, DEADLY, (operator.add, (3, 4)), DEADLY])
     assert [number for number, outcome in enumerate(finished) if outcome.error is not None] == [0, 2, 3, 5]
     assert [finished[1].value, finished[4].value] == [3, 7]
 
 
-async def test_chunks_finish_however_their_workers_are_killed(pool: PoolExecutor) -> None:
+async def test_chunks_finish_however_their_workers_are_killed(pool: ProcessPool) -> None:
     instants = random.Random(1)  # noqa: S311
     sums: list[Call] = [(operator.add, (number, 1)) for number in range(20)]
     chunks = [asyncio.ensure_future(pool.run([nap(0.005), *sums])) for _ in range(200)]
@@ -365,7 +365,7 @@ async def test_waiting_single_calls_are_counted_and_chunks_are_not() -> None:
     await pool.stop(2.0)
 
 
-async def test_stop_lets_chunks_finish_or_gives_them_up(pool: PoolExecutor) -> None:
+async def test_stop_lets_chunks_finish_or_gives_them_up(pool: ProcessPool) -> None:
     short = asyncio.ensure_future(pool.run([nap(0.05)] * 4))
     long = asyncio.ensure_future(pool.run([nap(0.05), ENDLESS]))
     waiting = [asyncio.ensure_future(pool.run([ENDLESS])) for _ in range(2)]

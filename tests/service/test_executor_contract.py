@@ -3,27 +3,28 @@
 import asyncio
 import operator
 import os
-import pickle
 import signal
 import threading
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
 from contextlib import AsyncExitStack
-from dataclasses import replace
 from pathlib import Path
 from typing import TypeAlias
 
 import numpy as np
+import orjson
 import pytest
 
-from service.executors.dask import DaskExecutor
-from service.executors.face import Executor
-from service.executors.in_process import InProcessExecutor
-from service.pool.executor import PoolExecutor
-from service.pool.lane import PoolUnavailableError, TaskTimeoutError, WorkerCrashedError
-from service.pool.worker import Call, answer, packed, run_cra, run_trajectory, unpacked
-from solver import Impact
-from solver.cases import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY
+from service.dask.executor import DaskExecutor
+from service.errors import PoolUnavailableError, TaskTimeoutError, WorkerCrashedError
+from service.operations import compute_critical_angle, compute_trajectory
+from service.schemas import CriticalAngleRequest, TrajectoryRequest
+from service.schemas.examples import PAPER, PAPER_AT_45
+from service.workers.base import Call, Executor
+from service.workers.compute import compute_case, compute_single
+from service.workers.in_thread import InThreadExecutor
+from service.workers.process_pool import ProcessPool
+from service.workers.worker import answer, dumps, loads
 from tests.service.dask_cluster import DaskCluster, dask_cluster
 
 pytestmark = [pytest.mark.anyio, pytest.mark.timeout(120)]
@@ -59,16 +60,16 @@ async def make(kind: str, request: pytest.FixtureRequest) -> AsyncIterator[Make]
         async def started(task_seconds: float = USUAL_SECONDS) -> Executor:
             executor: Executor
             if kind == "in-process":
-                executor = InProcessExecutor(task_seconds=task_seconds)
+                executor = InThreadExecutor(task_seconds=task_seconds)
             elif kind == "pool":
-                executor = PoolExecutor(workers=2, task_seconds=task_seconds)
+                executor = ProcessPool(workers=2, task_seconds=task_seconds)
             else:
                 address = request.getfixturevalue("cluster").address
                 executor = DaskExecutor(address=address, workers=1, task_seconds=task_seconds)
             await executor.start()
             stack.push_async_callback(executor.stop, 1.5)
             if isinstance(executor, DaskExecutor):
-                await until(lambda: executor.cluster.width == 2)
+                await until(lambda: executor.cluster.capacity == 2)
             return executor
 
         yield started
@@ -140,18 +141,20 @@ async def test_large_results_arrive_whole(executor: Executor) -> None:
     assert [outcome.value.sum() for outcome in finished] == [0.0, 1e6, 2e6]
 
 
-async def test_answers_of_the_solver_are_the_same_to_the_last_bit(executor: Executor) -> None:
+async def test_answers_are_the_same_to_the_last_bit(executor: Executor) -> None:
     calls: list[Call] = []
     for number in range(6):
-        projectile = replace(PAPER_PROJECTILE, mass=11.0 + 0.7 * number)
-        shot = {"projectile": projectile, "target": PAPER_TARGET}
-        calls.append((run_cra, ({**shot, "velocity": 200.0 + 31.0 * number}, None)))
-        impact = Impact(velocity=PAPER_VELOCITY, oblique_angle=0.5 + 0.1 * number)
-        calls.append((run_trajectory, ({**shot, "impact": impact},)))
-    expected = [unpacked(answer(packed(call))).value for call in calls]
+        projectile = PAPER["projectile"] | {"mass_kg": 11.0 + 0.7 * number}
+        search = PAPER | {"projectile": projectile, "impact": {"velocity_m_s": 200.0 + 31.0 * number}}
+        run = PAPER_AT_45 | {"projectile": projectile}
+        request = orjson.dumps(CriticalAngleRequest.model_validate(search).canonical())
+        calls.append((compute_case, (compute_critical_angle, "cra", f"{number:064}", request, "chunk")))
+        request = orjson.dumps(TrajectoryRequest.model_validate(run).canonical())
+        calls.append((compute_single, (compute_trajectory, "trajectory", f"{number:064}", request)))
+    expected = [loads(answer(dumps(call))).value for call in calls]
     finished = await executor.run(calls)
     assert [outcome.error for outcome in finished] == [None] * len(calls)
-    assert [pickle.dumps(outcome.value) for outcome in finished] == [pickle.dumps(value) for value in expected]
+    assert [outcome.value for outcome in finished] == expected
 
 
 async def test_call_past_its_time_says_so_and_the_others_run(make: Make) -> None:
@@ -190,32 +193,32 @@ async def test_cancelled_chunk_stops_after_the_call_it_is_on(executor: Executor,
     later.mkdir()
     running = [
         asyncio.ensure_future(executor.run([(os.makedirs, (begun / str(number),)), nap(0.6), *folders(later, 3)]))
-        for number in range(executor.width)
+        for number in range(executor.capacity)
     ]
     await until(begun.exists)
     for chunk in running:
         chunk.cancel()
     await asyncio.wait(running)
     assert all(chunk.cancelled() for chunk in running)
-    await asyncio.gather(*(executor.run([nap(0.0)]) for _ in range(2 * executor.width)))
+    await asyncio.gather(*(executor.run([nap(0.0)]) for _ in range(2 * executor.capacity)))
     await asyncio.sleep(0.8)
     assert not made(later)
 
 
 async def test_cancelled_while_it_waits_a_chunk_never_runs(executor: Executor, tmp_path: Path) -> None:
-    busy = [asyncio.ensure_future(executor.run([nap(0.5)])) for _ in range(executor.width)]
+    busy = [asyncio.ensure_future(executor.run([nap(0.5)])) for _ in range(executor.capacity)]
     await asyncio.sleep(0.1)
     waiting = asyncio.ensure_future(executor.run(folders(tmp_path, 3)))
     await asyncio.sleep(0.1)
     waiting.cancel()
     await asyncio.gather(*busy)
-    await asyncio.gather(*(executor.run([nap(0.0)]) for _ in range(2 * executor.width)))
+    await asyncio.gather(*(executor.run([nap(0.0)]) for _ in range(2 * executor.capacity)))
     assert waiting.cancelled()
     assert not made(tmp_path)
 
 
 async def test_single_call_does_not_wait_for_a_chunk(executor: Executor) -> None:
-    chunks = [asyncio.ensure_future(executor.run([nap(0.05)] * 40)) for _ in range(executor.width)]
+    chunks = [asyncio.ensure_future(executor.run([nap(0.05)] * 40)) for _ in range(executor.capacity)]
     await asyncio.sleep(0.2)
     assert await executor.submit(operator.add, 2, 3) == 5
     assert await executor.probe(5.0)
@@ -236,11 +239,11 @@ async def test_what_is_underway_at_the_stop_finishes_and_nothing_begins_after(ex
     with pytest.raises(PoolUnavailableError):
         await executor.submit(os.getpid)
     assert not await executor.probe(0.5)
-    assert executor.trouble
+    assert executor.last_error
 
 
 async def test_what_outlasts_the_grace_time_is_given_up(executor: Executor) -> None:
-    chunks = [asyncio.ensure_future(executor.run([nap(1.0)] * 60)) for _ in range(executor.width + 1)]
+    chunks = [asyncio.ensure_future(executor.run([nap(1.0)] * 60)) for _ in range(executor.capacity + 1)]
     await asyncio.sleep(0.2)
     began = time.monotonic()
     await executor.stop(1.5)
@@ -251,7 +254,7 @@ async def test_what_outlasts_the_grace_time_is_given_up(executor: Executor) -> N
 
 
 async def test_it_tells_how_wide_it_is_and_which_processes_it_has(executor: Executor, kind: str) -> None:
-    assert executor.width == (1 if kind == "in-process" else 2)
+    assert executor.capacity == (1 if kind == "in-process" else 2)
     assert executor.worker_pids
     assert executor.restarts == 0
     for pid in executor.worker_pids:

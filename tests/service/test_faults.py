@@ -5,15 +5,15 @@ from pathlib import Path
 
 import pytest
 
-from service.batches.runner import StorageError
-from service.jobs.job import JobState
-from service.pool.executor import PoolExecutor
+from service.errors import StorageError
+from service.jobs.models import JobState
+from service.workers.process_pool import ProcessPool
 from tests.service.squares import accepted, all_results, cases, ended, running, squares, until_done
 
 pytestmark = pytest.mark.system
 
 
-async def half_done(folder: Path, pool: PoolExecutor) -> JobState:
+async def half_done(folder: Path, pool: ProcessPool) -> JobState:
     async with running(folder, pool) as runner:
         job = await accepted(runner, cases(range(400), seconds=0.005))
         await until_done(runner, job, 20)
@@ -21,7 +21,7 @@ async def half_done(folder: Path, pool: PoolExecutor) -> JobState:
 
 
 @pytest.mark.anyio
-async def test_jobs_that_could_not_be_read_at_the_start_go_on_once_they_can(pool: PoolExecutor, tmp_path: Path) -> None:
+async def test_jobs_that_could_not_be_read_at_the_start_go_on_once_they_can(pool: ProcessPool, tmp_path: Path) -> None:
     job = await half_done(tmp_path, pool)
     file, elsewhere = tmp_path / "data" / "jobs.sqlite", tmp_path / "jobs.sqlite"
     file.replace(elsewhere)
@@ -38,7 +38,7 @@ async def test_jobs_that_could_not_be_read_at_the_start_go_on_once_they_can(pool
 
 
 @pytest.mark.anyio
-async def test_jobs_damaged_anywhere_are_set_aside_and_their_results_stay(pool: PoolExecutor, tmp_path: Path) -> None:
+async def test_jobs_damaged_anywhere_are_set_aside_and_their_results_stay(pool: ProcessPool, tmp_path: Path) -> None:
     job = await half_done(tmp_path, pool)
     file = tmp_path / "data" / "jobs.sqlite"
     content = file.read_bytes()
@@ -53,7 +53,7 @@ async def test_jobs_damaged_anywhere_are_set_aside_and_their_results_stay(pool: 
 
 @pytest.mark.anyio
 @pytest.mark.parametrize("pause", [0.0, 0.001, 0.005])
-async def test_job_deleted_while_it_is_cancelled_is_gone(pause: float, pool: PoolExecutor, tmp_path: Path) -> None:
+async def test_job_deleted_while_it_is_cancelled_is_gone(pause: float, pool: ProcessPool, tmp_path: Path) -> None:
     async with running(tmp_path, pool) as runner:
         for _ in range(5):
             job = await accepted(runner, cases(range(400), seconds=0.005))

@@ -13,15 +13,16 @@ import numpy as np
 import orjson
 import pytest
 
-from service.results.hdf5 import BLOCK, BatchFile, DamagedFileError, check, read_keys, read_records, to_hdf5
-from service.results.record import Record
-from service.results.tables import MOTION, SCALARS, TRIALS
+from service.cache.hdf5 import BLOCK, BatchFile, DamagedFileError, check, read_keys, read_records, to_hdf5
+from service.cache.record import Record
+from service.columns import MOTION, SUMMARY, TRIALS
 from service.schemas.answers import MotionState, Trial
 from tests.service.records import (
     COLUMNS,
     critical_angle,
     critical_angle_with_motion,
     key_of,
+    made,
     same,
     trajectory,
     without_angle,
@@ -62,7 +63,14 @@ def test_what_is_read_is_what_was_written_bit_for_bit(records: list[Record]) -> 
 @pytest.mark.parametrize("records", KINDS)
 def test_json_of_a_stored_result_needs_no_parsing_and_is_the_same(records: list[Record]) -> None:
     for record in records:
-        stored = Record(record.key, record.operation, b"{}", record.answer_json, record.history, "1", "2")
+        stored = Record(
+            record.key,
+            record.operation,
+            b"{}",
+            record.answer_json,
+            record.history,
+            engine_version=record.engine_version,
+        )
         assert stored.json == record.json
 
 
@@ -108,13 +116,13 @@ def test_file_explains_itself_to_someone_who_opens_it() -> None:
 def test_tables_have_the_columns_of_the_contract() -> None:
     assert list(MotionState.model_fields) == COLUMNS
     assert [column.name for column in TRIALS] == list(Trial.model_fields)
-    assert {column.name for column in SCALARS["trajectory"]} == {
+    assert {column.name for column in SUMMARY["trajectory"]} == {
         "outcome",
         "maximum_depth_m",
         "strength_factor",
         *(f"final_{name}" for name in MotionState.model_fields),
     }
-    assert all(column.description for columns in (MOTION, TRIALS, *SCALARS.values()) for column in columns)
+    assert all(column.description for columns in (MOTION, TRIALS, *SUMMARY.values()) for column in columns)
 
 
 def test_any_damage_is_found() -> None:
@@ -139,7 +147,7 @@ def test_row_that_is_not_there_is_damage() -> None:
 
 def test_text_too_long_for_its_column_is_refused_rather_than_cut() -> None:
     with pytest.raises(ValueError, match="engine_version"):
-        to_hdf5(Record(key_of(0), "cra", {}, {}, None, "1" * 33, "1"))
+        to_hdf5(made(key_of(0), "cra", {}, {}, None, "1" * 33, "1"))
 
 
 def test_critical_angles_in_chunks_take_about_a_kilobyte_each() -> None:

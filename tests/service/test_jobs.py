@@ -12,12 +12,24 @@ from pathlib import Path
 import orjson
 import pytest
 
+from service.cache_key import result_key
+from service.errors import StorageError
 from service.jobs import store as module
-from service.jobs.database import StorageError
-from service.jobs.slices import SLICE, Case, CaseState, pack, split_custom_ids, split_keys, split_requests
-from service.jobs.store import Idempotency, JobState, JobStore
-from service.keys import result_key
+from service.jobs.models import (
+    BLOCK_SIZE,
+    Case,
+    CaseBlock,
+    CaseState,
+    Idempotency,
+    JobState,
+    Sweep,
+    split_custom_ids,
+    split_keys,
+    split_requests,
+)
+from service.jobs.store import JobStore
 from tests.service.questions import PROBLEM, Question
+from tests.service.squares import case
 
 pytestmark = pytest.mark.timeout(60)
 
@@ -29,38 +41,59 @@ def store_in(folder: Path, job_days: float = 7.0) -> JobStore:
 
 
 def cases(count: int, first: int = 0) -> list[Case]:
-    return [Case(Question(i), f"name {i}" if i % 3 == 0 else None) for i in range(first, first + count)]
+    return [case(Question(i), f"name {i}" if i % 3 == 0 else None) for i in range(first, first + count)]
 
 
 def stored_job(store: JobStore, count: int = 450, owner: str = "local", token: Idempotency | None = None) -> JobState:
     job = store.create("square", owner)
-    for number, first in enumerate(range(0, count, SLICE)):
-        store.append(job, number, pack("square", cases(min(SLICE, count - first), first)))
+    for number, first in enumerate(range(0, count, BLOCK_SIZE)):
+        store.append(job, number, CaseBlock.of(cases(min(BLOCK_SIZE, count - first), first)))
     return store.accept(job, count, token)
 
 
 def test_slice_gives_back_what_was_packed() -> None:
-    packed = pack("square", cases(200))
+    packed = CaseBlock.of(cases(200))
     assert packed.count == 200
     assert split_custom_ids(packed.custom_ids, 200) == [case.custom_id for case in cases(200)]
-    assert split_custom_ids(pack("square", [Case(Question(1))]).custom_ids, 1) == [None]
-    assert [orjson.loads(line) for line in split_requests(packed.requests)] == [
-        case.request.canonical() for case in cases(200)
-    ]
-    assert split_keys(packed.keys) == [result_key("square", case.request.canonical()) for case in cases(200)]
+    assert split_custom_ids(CaseBlock.of([case(Question(1))]).custom_ids, 1) == [None]
+    assert list(split_requests(packed.requests)) == [case.request.json for case in cases(200)]
+    assert split_keys(packed.keys) == [case.request.key for case in cases(200)]
     assert len(packed.requests) < 20 * 200
 
 
 def test_job_is_seen_by_nobody_until_it_is_accepted(tmp_path: Path) -> None:
     store = store_in(tmp_path)
     job = store.create("square", "local")
-    store.append(job, 0, pack("square", cases(5)))
+    store.append(job, 0, CaseBlock.of(cases(5)))
     assert store.jobs("local") == store.unfinished() == []
     state = store.accept(job, 5, None)
     assert (state.status, state.total, state.done, state.final) == ("accepted", 5, 0, False)
     assert store.job(state.id) == store.jobs("local")[0] == store.unfinished()[0] == state
     assert store.jobs("someone else") == []
     assert len(state.id) == 32
+
+
+def test_sweep_is_kept_with_its_job_and_goes_with_it(tmp_path: Path) -> None:
+    store = store_in(tmp_path)
+    sweep = Sweep({"base": {"x": 1.0}, "axes": []}, ("a.b", "c"), ([1.0, 2.0], [5.0, 6.0, 7.0]))
+    number = store.create("square", "local", sweep)
+    state = store.accept(number, 0, None)
+    assert state.axes == store.jobs("local")[0].axes == ("a.b", "c")
+    assert store.sweep(number) == sweep
+    assert [sweep.point(case) for case in (0, 2, 3, 5)] == [(1.0, 5.0), (1.0, 7.0), (2.0, 5.0), (2.0, 7.0)]
+    store.discard(number)
+    assert store.sweep(number) is None
+
+
+def test_file_of_a_version_without_sweeps_is_opened(tmp_path: Path) -> None:
+    before = stored_job(store_in(tmp_path))
+    with sqlite3.connect(tmp_path / "jobs.sqlite") as database:
+        database.execute("DROP TABLE sweeps")
+    database.close()
+    store = store_in(tmp_path)
+    assert store.job(before.id) == before
+    assert store.sweep(before.number) is None
+    assert len(store.rows(before.number, 0, 450)) == 450
 
 
 def test_cases_come_back_in_order_from_any_place(tmp_path: Path) -> None:
@@ -111,7 +144,7 @@ def test_expired_jobs_go_with_all_they_had(tmp_path: Path) -> None:
     store.mark(goes.number, {250: CaseState.FAILED}, {250: PROBLEM})
     store.end(goes.number, "dismissed")
     time.sleep(0.01)
-    assert store.sweep() == 1
+    assert store.expire() == 1
     assert [state.id for state in store.jobs("local")] == [stays.id]
     assert store.token("local", "b") is None
     with sqlite3.connect(tmp_path / "jobs.sqlite") as database:
@@ -134,7 +167,7 @@ def test_token_leads_to_its_job_and_only_its_owner(tmp_path: Path) -> None:
 def test_job_of_an_earlier_engine_gets_the_keys_of_this_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     store = store_in(tmp_path)
     with monkeypatch.context() as earlier:
-        earlier.setattr("service.keys.ENGINE_VERSION", "0")
+        earlier.setattr("service.cache_key.ENGINE_VERSION", "0")
         earlier.setattr(module, "VERSIONS", "0 0")
         job = stored_job(store)
         old = [row.key for row in store.rows(job.number, 0, 450)]
@@ -173,7 +206,7 @@ def test_folder_that_cannot_be_made_is_told_and_tried_again(tmp_path: Path) -> N
     (tmp_path / "data").write_text("a file")
     store = store_in(tmp_path / "data")
     with pytest.raises(StorageError):
-        store.sweep(at_start=True)
+        store.expire(at_start=True)
     with pytest.raises(StorageError):
         store.jobs("local")
     (tmp_path / "data").unlink()
@@ -190,11 +223,11 @@ def test_full_disk_is_told_changes_nothing_and_is_forgotten_when_there_is_room(t
         with pytest.raises(StorageError):  # noqa: PT012 (it may fit a few times)
             for _ in range(100):
                 job = store.create("square", "local")
-                store.append(job, 0, pack("square", cases(200)))
+                store.append(job, 0, CaseBlock.of(cases(200)))
         assert store.jobs("local") == [before]
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
-    store.sweep(at_start=True)
+    store.expire(at_start=True)
     after = stored_job(store)
     assert store_in(tmp_path).jobs("local") == [before, after]
     with sqlite3.connect(tmp_path / "jobs.sqlite") as database:
@@ -208,7 +241,7 @@ def test_writer_killed_at_any_instant_leaves_whole_jobs_only(tmp_path: Path) -> 
     command = [sys.executable, "-m", "tests.service.jobs_writer", str(tmp_path)]
     subprocess.run(command, check=True, cwd=ROOT)
     store = store_in(tmp_path)
-    store.sweep(at_start=True)
+    store.expire(at_start=True)
     states = store.jobs("local")
     assert len(states) > 10
     for state in states:

@@ -2,12 +2,15 @@
 
 import shutil
 import time
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
 from pathlib import Path
 
 import pytest
 
 from service.jobs import store
-from service.pool.executor import PoolExecutor
+from service.workers.in_thread import InThreadExecutor
+from service.workers.process_pool import ProcessPool
 from solver import ENGINE_VERSION
 from tests.service.questions import runs
 from tests.service.squares import accepted, all_results, cases, collect, ended, running, squares, until_done
@@ -26,18 +29,28 @@ def log(tmp_path: Path) -> Path:
 
 def downgrade(monkeypatch: pytest.MonkeyPatch) -> None:
     """Have the service be that of an earlier engine."""
-    monkeypatch.setattr("service.keys.ENGINE_VERSION", EARLIER)
-    monkeypatch.setattr("service.engine.ENGINE_VERSION", EARLIER)
+    monkeypatch.setattr("service.cache_key.ENGINE_VERSION", EARLIER)
+    monkeypatch.setattr("service.cache.record.ENGINE_VERSION", EARLIER)
     monkeypatch.setattr(store, "VERSIONS", f"{EARLIER} 1")
-    monkeypatch.setattr("service.batches.dispatch.VERSIONS", f"{EARLIER} 1")
+    monkeypatch.setattr("service.jobs.scheduler.VERSIONS", f"{EARLIER} 1")
+    monkeypatch.setattr("service.jobs.results.VERSIONS", f"{EARLIER} 1")
+
+
+@asynccontextmanager
+async def in_thread() -> AsyncIterator[InThreadExecutor]:
+    """An executor that the downgrade reaches."""
+    executor = InThreadExecutor(task_seconds=60.0)
+    await executor.start()
+    yield executor
+    await executor.stop(1.0)
 
 
 async def test_upgrade_answers_no_query_with_a_result_of_the_older_engine_and_keeps_it_under_its_key(
-    pool: PoolExecutor, tmp_path: Path, log: Path, monkeypatch: pytest.MonkeyPatch
+    pool: ProcessPool, tmp_path: Path, log: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with monkeypatch.context() as earlier:
         downgrade(earlier)
-        async with running(tmp_path, pool) as runner:
+        async with in_thread() as executor, running(tmp_path, executor) as runner:
             old = [result.record for result in await collect(runner, cases(range(20), log))]
     async with running(tmp_path, pool) as runner:
         new = [result.record for result in await collect(runner, cases(range(20), log))]
@@ -45,17 +58,17 @@ async def test_upgrade_answers_no_query_with_a_result_of_the_older_engine_and_ke
         assert runs(log) == dict.fromkeys(range(20), 2)
         for record in old:
             assert record is not None
-            kept = runner._engine.cache.get(record.key)
+            kept = runner._queries.cache.get(record.key)
             assert kept is not None
             assert (kept.engine_version, kept.json) == (EARLIER, record.json)
 
 
 async def test_job_that_an_upgrade_interrupts_ends_with_results_of_one_engine(
-    pool: PoolExecutor, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    pool: ProcessPool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with monkeypatch.context() as earlier:
         downgrade(earlier)
-        async with running(tmp_path, pool) as runner:
+        async with in_thread() as executor, running(tmp_path, executor) as runner:
             job = await accepted(runner, cases(range(300), seconds=0.005))
             await until_done(runner, job, 20)
     async with running(tmp_path, pool) as runner:
@@ -67,11 +80,11 @@ async def test_job_that_an_upgrade_interrupts_ends_with_results_of_one_engine(
 
 
 async def test_job_that_had_ended_keeps_the_results_it_had_after_an_upgrade(
-    pool: PoolExecutor, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    pool: ProcessPool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with monkeypatch.context() as earlier:
         downgrade(earlier)
-        async with running(tmp_path, pool) as runner:
+        async with in_thread() as executor, running(tmp_path, executor) as runner:
             job = await accepted(runner, cases(range(50)))
             await ended(runner, job)
     async with running(tmp_path, pool) as runner:
@@ -85,7 +98,7 @@ async def test_job_that_had_ended_keeps_the_results_it_had_after_an_upgrade(
 
 
 async def test_case_marked_done_whose_segment_the_power_cut_took_is_computed_again(
-    pool: PoolExecutor, tmp_path: Path, log: Path
+    pool: ProcessPool, tmp_path: Path, log: Path
 ) -> None:
     async with running(tmp_path, pool) as runner:
         job = await accepted(runner, cases(range(100), log))
@@ -99,7 +112,7 @@ async def test_case_marked_done_whose_segment_the_power_cut_took_is_computed_aga
 
 @pytest.mark.parametrize("jump", [-30 * 86_400.0, 30 * 86_400.0])
 async def test_clock_set_back_or_forward_changes_when_ended_jobs_go_and_nothing_else(
-    jump: float, pool: PoolExecutor, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    jump: float, pool: ProcessPool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     real = time.time
     async with running(tmp_path, pool) as runner:

@@ -12,14 +12,15 @@ from pathlib import Path
 
 import pytest
 
-from service.admission import QueueFullError
-from service.batches.runner import Case, CaseResult, Idempotency, Runner, StorageError
-from service.jobs.store import IdempotencyBusyError, IdempotencyConflictError
-from service.pool.executor import PoolExecutor
+from service.errors import IdempotencyBusyError, IdempotencyConflictError, QueueFullError, StorageError
+from service.jobs.manager import JobManager
+from service.jobs.models import Case, CaseResult, Idempotency
+from service.workers.process_pool import ProcessPool
 from tests.service.questions import Question, runs
 from tests.service.squares import (
     accepted,
     all_results,
+    case,
     cases,
     collect,
     ended,
@@ -34,7 +35,7 @@ pytestmark = [pytest.mark.anyio, pytest.mark.timeout(60)]
 
 
 @pytest.fixture
-async def runner(pool: PoolExecutor, tmp_path: Path) -> AsyncIterator[Runner]:
+async def runner(pool: ProcessPool, tmp_path: Path) -> AsyncIterator[JobManager]:
     async with running(tmp_path, pool) as running_runner:
         yield running_runner
 
@@ -47,7 +48,7 @@ def log(tmp_path: Path) -> Path:
     return folder
 
 
-async def test_every_case_of_a_job_is_answered_in_order_under_its_name(runner: Runner, log: Path) -> None:
+async def test_every_case_of_a_job_is_answered_in_order_under_its_name(runner: JobManager, log: Path) -> None:
     job = await accepted(runner, cases(range(450), log))
     state = await ended(runner, job)
     assert (state.status, state.total, state.done, state.cached, state.failed) == ("successful", 450, 450, 0, 0)
@@ -64,7 +65,7 @@ async def test_every_case_of_a_job_is_answered_in_order_under_its_name(runner: R
     assert runner.rate > 0.0
 
 
-async def test_batch_sent_again_is_all_cached(runner: Runner, log: Path) -> None:
+async def test_batch_sent_again_is_all_cached(runner: JobManager, log: Path) -> None:
     first = await accepted(runner, cases(range(450), log))
     await ended(runner, first)
     again = await accepted(runner, cases(range(100, 700), log))
@@ -76,11 +77,11 @@ async def test_batch_sent_again_is_all_cached(runner: Runner, log: Path) -> None
     assert squares(results) == [i**2 for i in range(100, 700)]
 
 
-async def test_equal_cases_run_once_wherever_they_are(runner: Runner, log: Path) -> None:
+async def test_equal_cases_run_once_wherever_they_are(runner: JobManager, log: Path) -> None:
     twins = cases([1, 2, 1, 3, 1], log, seconds=0.2)
     jobs = [await accepted(runner, twins, owner) for owner in ("one", "two")]
     await asyncio.sleep(0.05)
-    single, small = await asyncio.gather(runner._engine.answer("square", twins[0].request), collect(runner, twins[:2]))
+    single, small = await asyncio.gather(runner._queries.answer("square", twins[0].request), collect(runner, twins[:2]))
     states = [await ended(runner, job) for job in jobs]
     assert runs(log) == {1: 1, 2: 1, 3: 1}
     assert single[0].answer["square"] == 1
@@ -91,10 +92,10 @@ async def test_equal_cases_run_once_wherever_they_are(runner: Runner, log: Path)
         assert squares(await all_results(runner, job)) == [1, 4, 1, 9, 1]
 
 
-async def test_case_that_cannot_be_answered_is_a_result_with_a_problem(runner: Runner, log: Path) -> None:
+async def test_case_that_cannot_be_answered_is_a_result_with_a_problem(runner: JobManager, log: Path) -> None:
     whole = cases(range(30), log)
     for number, how in {3: "wrong", 7: "deadly", 11: "broken", 15: "refused"}.items():
-        whole[number] = Case(Question(number, str(log), how), None)
+        whole[number] = case(Question(number, str(log), how))
     job = await accepted(runner, whole)
     state = await ended(runner, job)
     small = sorted(await collect(runner, whole), key=lambda result: result.number)
@@ -114,7 +115,7 @@ async def test_case_that_cannot_be_answered_is_a_result_with_a_problem(runner: R
         assert "secret" not in str(problems[11])
 
 
-async def test_cancel_takes_effect_at_once_and_leaves_what_is_there(runner: Runner, log: Path) -> None:
+async def test_cancel_takes_effect_at_once_and_leaves_what_is_there(runner: JobManager, log: Path) -> None:
     job = await accepted(runner, cases(range(8), log, seconds=0.05) + cases(range(8, 60), log, seconds=3.0))
     await until_done(runner, job, 4)
     began = time.monotonic()
@@ -135,9 +136,9 @@ async def test_cancel_takes_effect_at_once_and_leaves_what_is_there(runner: Runn
 
 
 async def test_cases_that_turn_out_slow_are_shared_out_anew(
-    runner: Runner, log: Path, monkeypatch: pytest.MonkeyPatch
+    runner: JobManager, log: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("service.batches.dispatch.OVERLONG_SECONDS", 0.5)
+    monkeypatch.setattr("service.jobs.scheduler.OVERLONG_SECONDS", 0.5)
     job = await accepted(runner, cases(range(100), seconds=0.001) + cases(range(100, 120), log, seconds=0.4))
     began = time.monotonic()
     assert (await ended(runner, job)).done == 120
@@ -145,7 +146,7 @@ async def test_cases_that_turn_out_slow_are_shared_out_anew(
     assert max(runs(log).values()) <= 6
 
 
-async def test_finished_job_stays_as_it_is_when_cancelled_and_goes_when_deleted(runner: Runner) -> None:
+async def test_finished_job_stays_as_it_is_when_cancelled_and_goes_when_deleted(runner: JobManager) -> None:
     job = await accepted(runner, cases(range(3)))
     state = await ended(runner, job)
     assert await runner.cancel(job.id) == state
@@ -160,7 +161,7 @@ async def test_finished_job_stays_as_it_is_when_cancelled_and_goes_when_deleted(
     assert [state async for state in runner.changes(job.id)] == []
 
 
-async def test_running_job_can_be_deleted(runner: Runner) -> None:
+async def test_running_job_can_be_deleted(runner: JobManager) -> None:
     job = await accepted(runner, cases(range(10), seconds=3.0))
     followed = asyncio.ensure_future(ended(runner, job))
     await asyncio.sleep(0.3)
@@ -172,7 +173,7 @@ async def test_running_job_can_be_deleted(runner: Runner) -> None:
         await asyncio.wait_for(followed, 2.0)
 
 
-async def test_small_work_is_answered_as_it_finishes_and_goes_before_jobs(runner: Runner) -> None:
+async def test_small_work_is_answered_as_it_finishes_and_goes_before_jobs(runner: JobManager) -> None:
     job = await accepted(runner, cases(range(100), seconds=0.1))
     await asyncio.sleep(1.0)
     whole = cases([500, 501]) + cases([502], seconds=0.6)
@@ -188,7 +189,7 @@ async def test_small_work_is_answered_as_it_finishes_and_goes_before_jobs(runner
     assert [result.cached async for result in runner.run_now("square", whole)] == [True] * 3
 
 
-async def test_small_work_that_is_closed_stops(runner: Runner, log: Path) -> None:
+async def test_small_work_that_is_closed_stops(runner: JobManager, log: Path) -> None:
     async with aclosing(runner.run_now("square", cases(range(100), log, seconds=0.1))) as results:
         await anext(results)
         assert runner.queued_cases == 99
@@ -199,7 +200,7 @@ async def test_small_work_that_is_closed_stops(runner: Runner, log: Path) -> Non
     assert len(runs(log)) == count < 50
 
 
-async def test_owners_take_turns(runner: Runner) -> None:
+async def test_owners_take_turns(runner: JobManager) -> None:
     first = await accepted(runner, cases(range(200), seconds=0.05), "one")
     second = await accepted(runner, cases(range(200, 400), seconds=0.05), "one")
     await asyncio.sleep(0.5)
@@ -212,7 +213,7 @@ async def test_owners_take_turns(runner: Runner) -> None:
     assert [state.id for state in await runner.jobs("one")] == [second.id, first.id]
 
 
-async def test_request_sent_again_is_the_same_job(runner: Runner) -> None:
+async def test_request_sent_again_is_the_same_job(runner: JobManager) -> None:
     whole = cases(range(3))
     job, new = await runner.accept("square", sliced(whole), idempotency=Idempotency("key", "digest"))
     same, again = await runner.accept("square", sliced(whole), idempotency=Idempotency("key", "digest"))
@@ -235,7 +236,7 @@ async def test_request_sent_again_is_the_same_job(runner: Runner) -> None:
     await ended(runner, other)
 
 
-async def test_request_still_being_received_is_busy_and_invisible(runner: Runner) -> None:
+async def test_request_still_being_received_is_busy_and_invisible(runner: JobManager) -> None:
     go_on = asyncio.Event()
 
     async def halting() -> AsyncIterator[Sequence[Case]]:
@@ -255,7 +256,7 @@ async def test_request_still_being_received_is_busy_and_invisible(runner: Runner
 
 
 @pytest.mark.parametrize("leaves", [ValueError("line 201 is wrong"), asyncio.CancelledError()], ids=["error", "left"])
-async def test_request_that_breaks_off_leaves_nothing(runner: Runner, leaves: BaseException) -> None:
+async def test_request_that_breaks_off_leaves_nothing(runner: JobManager, leaves: BaseException) -> None:
     async def breaking() -> AsyncIterator[Sequence[Case]]:
         yield cases(range(200))
         raise leaves
@@ -270,7 +271,7 @@ async def test_request_that_breaks_off_leaves_nothing(runner: Runner, leaves: Ba
         assert database.execute("SELECT count(*) FROM slices").fetchone() == (0,)
 
 
-async def test_more_cases_than_may_wait_are_refused_with_a_time(pool: PoolExecutor, tmp_path: Path) -> None:
+async def test_more_cases_than_may_wait_are_refused_with_a_time(pool: ProcessPool, tmp_path: Path) -> None:
     async with running(tmp_path, pool, max_queued_cases=500) as runner:
         job = await accepted(runner, cases(range(300), seconds=0.05))
         await asyncio.sleep(0.6)
@@ -284,7 +285,7 @@ async def test_more_cases_than_may_wait_are_refused_with_a_time(pool: PoolExecut
         await accepted(runner, cases(range(400)))
 
 
-async def test_results_are_readable_while_the_job_runs(runner: Runner) -> None:
+async def test_results_are_readable_while_the_job_runs(runner: JobManager) -> None:
     job = await accepted(runner, cases(range(10)) + cases(range(10, 60), seconds=0.05))
     found: list[CaseResult] = []
     while len(found) < 60:
@@ -296,13 +297,13 @@ async def test_results_are_readable_while_the_job_runs(runner: Runner) -> None:
 
 
 async def test_what_the_cache_has_lost_is_computed_again_as_it_is_read(
-    runner: Runner, pool: PoolExecutor, tmp_path: Path, log: Path
+    runner: JobManager, pool: ProcessPool, tmp_path: Path, log: Path
 ) -> None:
     job = await accepted(runner, cases(range(250), log))
     before = await ended(runner, job)
     results = await all_results(runner, job)
     await runner.stop()
-    runner._engine.cache.close()
+    runner._queries.cache.close()
     shutil.rmtree(tmp_path / "data" / "results")
     async with running(tmp_path, pool) as other:
         again = await all_results(other, job, start=10)
@@ -318,7 +319,7 @@ async def test_what_the_cache_has_lost_is_computed_again_as_it_is_read(
         assert await other.job(job.id) == before
 
 
-async def test_changes_come_at_most_five_times_a_second_and_end_with_the_job(runner: Runner) -> None:
+async def test_changes_come_at_most_five_times_a_second_and_end_with_the_job(runner: JobManager) -> None:
     job = await accepted(runner, cases(range(150), seconds=0.02))
     began = time.monotonic()
     states = [state async for state in runner.changes(job.id)]
@@ -329,7 +330,7 @@ async def test_changes_come_at_most_five_times_a_second_and_end_with_the_job(run
     assert [state async for state in runner.changes(job.id)] == states[-1:]
 
 
-async def test_service_that_stops_goes_on_at_the_next_start(pool: PoolExecutor, tmp_path: Path, log: Path) -> None:
+async def test_service_that_stops_goes_on_at_the_next_start(pool: ProcessPool, tmp_path: Path, log: Path) -> None:
     async with running(tmp_path, pool) as runner:
         job = await accepted(runner, cases(range(100), log, seconds=0.02))
         following = asyncio.ensure_future(follow(runner, job))
@@ -346,7 +347,7 @@ async def test_service_that_stops_goes_on_at_the_next_start(pool: PoolExecutor, 
     assert list(runs(log).values()).count(1) >= left.done  # the others ran when it stopped
 
 
-async def test_workers_killed_again_and_again_cost_no_case(runner: Runner, pool: PoolExecutor) -> None:
+async def test_workers_killed_again_and_again_cost_no_case(runner: JobManager, pool: ProcessPool) -> None:
     job = await accepted(runner, cases(range(400), seconds=0.01))
     following = asyncio.ensure_future(ended(runner, job))
     chance = random.Random(0)  # noqa: S311
@@ -359,7 +360,7 @@ async def test_workers_killed_again_and_again_cost_no_case(runner: Runner, pool:
     assert squares(await all_results(runner, job)) == [i**2 for i in range(400)]
 
 
-async def test_without_a_folder_small_work_is_done_and_jobs_are_refused(pool: PoolExecutor, tmp_path: Path) -> None:
+async def test_without_a_folder_small_work_is_done_and_jobs_are_refused(pool: ProcessPool, tmp_path: Path) -> None:
     (tmp_path / "data").write_text("a file")
     async with running(tmp_path, pool) as runner:
         assert sorted(squares(await collect(runner, cases(range(5))))) == [0, 1, 4, 9, 16]

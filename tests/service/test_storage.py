@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from service.results.cache import ResultCache
-from service.results.segments import name_of
-from service.results.storage import UnusableFolderError, evict, rebuild, stat, verify
+from service.cache.cache import ResultCache
+from service.cache.maintenance import UnusableFolderError, evict, rebuild, stat, verify
+from service.cache.segments import name_of
 from tests.service.records import critical_angle, key_of
 
 pytestmark = pytest.mark.timeout(60)

@@ -130,7 +130,7 @@ def test_collector_that_is_down_costs_no_answer_and_no_time_at_the_end(
 def test_nothing_is_sent_nor_loaded_unless_it_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("OTEL_EXPORTER_OTLP_ENDPOINT", "http://127.0.0.1:9")
     program = (
-        "import sys\nfrom service.app import create_app\nfrom service.settings import Settings\n"
+        "import sys\nfrom service.api.app import create_app\nfrom service.settings import Settings\n"
         "app = create_app(Settings(telemetry=False))\n"
         "assert not app._native_telemetry.enabled()\n"
         "print([name for name in sys.modules if name.startswith(('opentelemetry.sdk', 'opentelemetry.exporter'))])"

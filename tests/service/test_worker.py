@@ -1,76 +1,107 @@
 """What a worker computes is what the solver computes here, to the last bit, and it is ready to do so at once."""
 
+import math
 import os
 import pickle
 import socket
 import threading
 import time
 from collections import deque
-from dataclasses import astuple
-from typing import Any
 
-import numpy as np
+import orjson
 import pytest
 
-from service.pool.executor import PoolExecutor
-from service.pool.worker import Channel, answer, run_cra, run_trajectory, unpacked
-from solver import Impact, Numerics, ParameterError, Search, critical_angle, simulate
-from solver.cases import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY
+from service.cache.hdf5 import read_records
+from service.operations import compute_critical_angle, compute_trajectory
+from service.schemas import CriticalAngleRequest, TrajectoryRequest, trajectory_answer
+from service.schemas.examples import PAPER, PAPER_AT_45
+from service.workers.base import Call
+from service.workers.compute import check_requests, close_chunk, compute_case, compute_single
+from service.workers.process_pool import ProcessPool
+from service.workers.worker import Channel, answer, loads
+from solver import ENGINE_VERSION, ParameterError, critical_angle, simulate
 
 pytestmark = [pytest.mark.anyio, pytest.mark.timeout(120)]
 
-SHOT: dict[str, Any] = {"projectile": PAPER_PROJECTILE, "target": PAPER_TARGET}
-SEARCH: dict[str, Any] = {**SHOT, "velocity": PAPER_VELOCITY, "angle_of_attack": 0.01, "search": Search(lower=0.7)}
+ANGLE = {"oblique_angle_deg": 45.0}
+CASE = TrajectoryRequest.model_validate(PAPER_AT_45)
+SEARCH = CriticalAngleRequest.model_validate(PAPER | {"output": {"history": True}})
 
 
-async def test_trajectory_is_the_solvers_own(pool: PoolExecutor) -> None:
-    arguments = {**SHOT, "impact": Impact(velocity=PAPER_VELOCITY, oblique_angle=0.9)}
-    found, expected = await pool.submit(run_trajectory, arguments), simulate(**arguments)
-    assert found.final == expected.final
-    assert found.history is not None
-    assert expected.history is not None
-    assert np.array_equal(astuple(found.history), astuple(expected.history))
+def canonical(request: TrajectoryRequest | CriticalAngleRequest) -> bytes:
+    return orjson.dumps(request.canonical())
 
 
-async def test_critical_angle_is_the_solvers_own_and_comes_with_the_motion_at_it(pool: PoolExecutor) -> None:
-    case = await pool.submit(run_cra, SEARCH, 1e-5)
-    assert case.found == critical_angle(**SEARCH)
-    assert case.found.angle is not None
-    assert case.trajectory is not None
-    impact = Impact(velocity=PAPER_VELOCITY, oblique_angle=case.found.angle, angle_of_attack=0.01)
-    assert case.trajectory.final == simulate(**SHOT, impact=impact).final
+async def test_trajectory_is_the_solvers_own_to_the_last_bit(pool: ProcessPool) -> None:
+    json, outcome, segments = await pool.submit(
+        compute_single, compute_trajectory, "trajectory", "0" * 64, canonical(CASE)
+    )
+    expected, history = trajectory_answer(simulate(**CASE.arguments()))
+    answer = orjson.loads(json)
+    assert history is not None
+    assert answer.pop("history") == {name: column.tolist() for name, column in history.items()}
+    assert answer == expected | {"key": "0" * 64, "engine_version": ENGINE_VERSION}
+    assert outcome == expected["outcome"]
+    [(keys, content)] = segments
+    [record] = read_records(content)
+    assert (list(keys), record.json, record.request_json) == (["0" * 64], json, canonical(CASE))
 
 
-async def test_critical_angle_without_history_or_without_an_angle_has_no_motion(pool: PoolExecutor) -> None:
-    assert (await pool.submit(run_cra, SEARCH, None)).trajectory is None
-    case = await pool.submit(run_cra, {**SEARCH, "search": Search(lower=0.1, upper=0.2)}, 1e-5)
-    assert case.found.angle is None
-    assert case.trajectory is None
+async def test_critical_angle_comes_with_the_motion_at_it(pool: ProcessPool) -> None:
+    json, outcome, _ = await pool.submit(compute_single, compute_critical_angle, "cra", "0" * 64, canonical(SEARCH))
+    answer, (arguments, _) = orjson.loads(json), SEARCH.arguments()
+    found = critical_angle(**arguments)
+    assert found.angle is not None
+    assert outcome == "converged"
+    assert math.radians(answer["critical_angle_deg"]) == pytest.approx(found.angle, rel=1e-15)
+    assert answer["trajectory"]["history"]["time_s"][-1] == answer["trajectory"]["final"]["time_s"]
 
 
-async def test_error_of_the_solver_arrives_with_its_field(pool: PoolExecutor) -> None:
-    impact = Impact(velocity=PAPER_VELOCITY, oblique_angle=0.9)
-    numerics = Numerics(time_step=1e-3, termination_time=1e-9)
+async def test_file_of_a_chunk_holds_the_cases_of_its_worker(pool: ProcessPool) -> None:
+    requests = [
+        canonical(TrajectoryRequest.model_validate(PAPER_AT_45 | {"impact": {"velocity_m_s": 200.0 + number, **ANGLE}}))
+        for number in range(3)
+    ]
+    calls: list[Call] = [
+        (compute_case, (compute_trajectory, "trajectory", f"{number:064}", request, "chunk"))
+        for number, request in enumerate(requests)
+    ]
+    *results, closed = await pool.run([*calls, (close_chunk, ("chunk",))])
+    [(keys, content)] = closed.value
+    assert list(keys) == [f"{number:064}" for number in range(3)]
+    assert [record.json for record in read_records(content)] == [result.value[0] for result in results]
+    assert (await pool.run([(close_chunk, ("another",))]))[0].value == []
+
+
+async def test_requests_whose_values_do_not_go_together_are_named(pool: ProcessPool) -> None:
+    short = PAPER | {"projectile": PAPER["projectile"] | {"length_m": 0.1}}
+    requests = [canonical(CriticalAngleRequest.model_validate(each)) for each in (PAPER, short)]
+    wrong = await pool.submit(check_requests, CriticalAngleRequest, requests)
+    assert [(place, errors[0]["pointer"]) for place, errors in wrong.items()] == [(1, "/projectile/length_m")]
+
+
+async def test_error_of_the_solver_arrives_with_its_field(pool: ProcessPool) -> None:
+    request = TrajectoryRequest.model_validate(PAPER_AT_45 | {"projectile": PAPER["projectile"] | {"length_m": 0.1}})
     with pytest.raises(ParameterError) as caught:
-        await pool.submit(run_trajectory, {**SHOT, "impact": impact, "numerics": numerics, "sample_interval": -1.0})
-    assert caught.value.field
-    assert "run_trajectory" in caught.value.__notes__[0]  # where in the worker it happened
+        await pool.submit(compute_single, compute_trajectory, "trajectory", "0" * 64, canonical(request))
+    assert caught.value.field == "projectile.length"
+    assert "compute_trajectory" in caught.value.__notes__[0]  # where in the worker it happened
 
 
-async def test_first_query_of_a_worker_does_not_wait_for_the_compiler(pool: PoolExecutor) -> None:
+async def test_first_query_of_a_worker_does_not_wait_for_the_compiler(pool: ProcessPool) -> None:
     started = time.monotonic()
-    await pool.submit(run_trajectory, {**SHOT, "impact": Impact(velocity=PAPER_VELOCITY, oblique_angle=0.9)})
+    await pool.submit(compute_single, compute_trajectory, "trajectory", "0" * 64, canonical(CASE))
     assert time.monotonic() - started < 0.3
 
 
 def test_message_that_cannot_be_understood_is_an_answer_not_the_end_of_the_worker() -> None:
-    finished = unpacked(answer(b"not a pickle"))
+    finished = loads(answer(b"not a pickle"))
     assert finished.value is None
     assert isinstance(finished.error, pickle.UnpicklingError)
 
 
 def test_reply_that_cannot_be_understood_is_the_error_of_its_call() -> None:
-    assert isinstance(unpacked(b"not a pickle").error, pickle.UnpicklingError)
+    assert isinstance(loads(b"not a pickle").error, pickle.UnpicklingError)
 
 
 def test_messages_arrive_whole_and_in_order_however_they_are_cut() -> None:

@@ -5,16 +5,22 @@ import { element, say } from "../elements.js";
 import { buildForm } from "../form.js";
 import { submit } from "../job-progress.js";
 import { buildMapForm } from "../map-form.js";
-import { rememberMap } from "../map-memory.js";
 import { MapPicture } from "../map-picture.js";
 import { endWords, followMap } from "../map-run.js";
 import { ask, isAbort } from "../service.js";
-import { caseAt, mapQuery, readMap, sweepRequest } from "../sweep.js";
+import { caseAt, mapOfJob, mapQuery, readMap, sweepRequest } from "../sweep.js";
 
-/** Show the map that a query tells of; if it names a job, its results. */
+/** Show the map of a query; if it names a job, that of the job with its results. */
 export async function show(root, query) {
-  const view = new MapView(root, readMap(query));
+  const view = new MapView(root, await mapOf(query));
   return () => view.leave();
+}
+
+/** Return the map of a query: as its job was requested, or as the query has it if the job is gone or no map. */
+async function mapOf(query) {
+  const job = query.get("job");
+  const data = job ? await ask(`jobs/${job}`).then((answer) => answer.data, () => undefined) : undefined;
+  return (data && mapOfJob(data)) ?? readMap(query);
 }
 
 class MapView {
@@ -71,7 +77,6 @@ class MapView {
     try {
       const { path, body } = sweepRequest(map);
       const job = await submit(path, body, this.#work.signal);
-      rememberMap(job.id, address("map", mapQuery({ ...map, job: job.id })));
       await this.#follow({ ...map, job: job.id });
     } catch (error) {
       this.#fail(error);

@@ -23,7 +23,6 @@ from solver import (
     ObliquityPolynomial,
     Outcome,
     Resistance,
-    Search,
     critical_angle,
 )
 from solver.calibration import Estimate, ObliquityFit, ObliquityPoint, Weights, fit_obliquity
@@ -132,14 +131,11 @@ def _points(estimates: Mapping[float, Estimate], *, weighted: bool = False) -> l
 
 
 def _predict(model: StrengthFactor) -> Prediction:
-    start, (lower, upper) = time.process_time(), Search().bounds
-    if isinstance(model, ObliquityPolynomial):  # a falling one reaches zero somewhere beyond the runs it goes through
-        upper = model.positive_up_to(lower, upper)
+    start = time.process_time()
     answer = critical_angle(
         projectile=PAPER_PROJECTILE,
         target=PAPER_TARGET,
         velocity=PAPER_VELOCITY,
         resistance=Resistance(strength_factor=model),
-        search=Search(upper=upper),
     )
     return Prediction(model=model, answer=answer, cpu_seconds=time.process_time() - start)

@@ -27,6 +27,7 @@ from ricochet_client.api.trajectory import compute_trajectories, compute_traject
 from ricochet_client.models import (
     Axis,
     CriticalAngleAnswer,
+    CriticalAngleBase,
     CriticalAngleBatch,
     CriticalAngleCase,
     CriticalAngleRequest,
@@ -79,7 +80,7 @@ def find_one_angle() -> None:
     found = find_critical_angle.sync(client=client, body=PAPER)
     assert isinstance(found, CriticalAngleAnswer)
     assert found.status == SearchStatus.CONVERGED
-    assert abs(found.critical_angle_deg - 48.57) < 0.05, found.critical_angle_deg
+    assert abs(found.critical_angle_deg - 48.63) < 0.05, found.critical_angle_deg
     assert found.iterations[0].outcome == Outcome.EMBEDDED
     assert found.trajectory is UNSET
     assert get_result.sync(client=client, key=found.key) == found
@@ -111,7 +112,8 @@ def find_some_at_once() -> None:
     assert some.results[0].problem is UNSET
 
     axis = Axis(field="impact.velocity_m_s", start=230.0, stop=238.0, count=2)
-    swept = sweep_critical_angles.sync(client=client, body=CriticalAngleSweep(base=PAPER, axes=[axis]))
+    base = CriticalAngleBase(projectile=PROJECTILE, target=TARGET, impact=Strike(velocity_m_s=238.0))
+    swept = sweep_critical_angles.sync(client=client, body=CriticalAngleSweep(base=base, axes=[axis]))
     assert isinstance(swept, CriticalAngleResults)
     assert swept.results[1].result == found
 
@@ -250,7 +252,8 @@ def get_problems() -> None:
     assert isinstance(fit, Problem)
     assert [error.pointer for error in fit.errors] == ["/projectile/length_m"]
     axis = Axis(field="impact.velocity", values=[238.0])
-    sweep = sweep_critical_angles.sync(client=client, body=CriticalAngleSweep(base=PAPER, axes=[axis]))
+    base = CriticalAngleBase(projectile=PROJECTILE, target=TARGET, impact=strike)
+    sweep = sweep_critical_angles.sync(client=client, body=CriticalAngleSweep(base=base, axes=[axis]))
     assert isinstance(sweep, Problem)
     assert [error.pointer for error in sweep.errors] == ["/axes/0/field"]
     assert isinstance(get_result.sync(client=client, key="0" * 64), Problem)

@@ -1,0 +1,264 @@
+"""The application: settings in, routes, handlers and what lives as long as it runs out."""
+
+import asyncio
+import logging
+import shutil
+from collections.abc import AsyncIterator
+from contextlib import AsyncExitStack, asynccontextmanager
+from typing import Any
+
+from anyio import CapacityLimiter
+from fastapi import FastAPI
+from pydantic.json_schema import models_json_schema
+from starlette.middleware.cors import CORSMiddleware
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from service import heap
+from service.access.audit import AuditLog
+from service.access.gate import Gate
+from service.access.keyring import KeyRing
+from service.access.places import Queries, Streams
+from service.access.rules import scope_for
+from service.access.usage import Usages
+from service.api import batches, health, jobs, metrics, page, queries, results, telemetry
+from service.api.body import KnownBodies
+from service.api.contract import problems
+from service.api.serializers import DOWNLOADS
+from service.api.services import READING_THREADS, Services, executor_for
+from service.cache.cache import ResultCache
+from service.cache_key import SCHEMA_VERSION
+from service.jobs.manager import JobManager
+from service.jobs.store import JobStore
+from service.logs import RequestLog
+from service.operations import OPERATIONS
+from service.problems import MEDIA_TYPE, install_problem_handlers
+from service.queries import QueryService
+from service.schemas import (
+    CriticalAngleBatch,
+    CriticalAngleRequest,
+    CriticalAngleSweep,
+    DepthCalibrationRequest,
+    MotionCalibrationRequest,
+    ObliquityCalibrationRequest,
+    TrajectoryBatch,
+    TrajectoryRequest,
+    TrajectorySweep,
+)
+from service.settings import Settings
+
+DESCRIPTION = """
+Critical ricochet angles of rigid projectiles on concrete.
+
+Angles are in degrees from the inward normal of the face: 0° is normal impact. Depth is positive inside the target.
+Fields are named with their units and never null: what is not given is absent.
+"""
+POOL_SECONDS = 1
+"""For the workers to end after the last request."""
+TRACES_SECONDS = 0.5
+"""For the last traces to be sent, when all else has ended."""
+STOP_SECONDS = POOL_SECONDS + 1
+"""Part of the grace time for jobs and workers to end after the last request has been answered or given up."""
+RESOURCES = (queries, batches, results, jobs, health, metrics, page)
+"""Routers in the order in which they are searched."""
+BODIES = (
+    TrajectoryRequest,
+    CriticalAngleRequest,
+    TrajectoryBatch,
+    CriticalAngleBatch,
+    TrajectorySweep,
+    CriticalAngleSweep,
+    DepthCalibrationRequest,
+    MotionCalibrationRequest,
+    ObliquityCalibrationRequest,
+)
+"""Models of the bodies that routes read piece by piece, which FastAPI does not get to see."""
+KEY = {
+    "type": "http",
+    "scheme": "bearer",
+    "description": "A key of `ricochet keys add`, where the service asks for one. Reading takes the scope `read`, all "
+    "else `run`; with `admin`, the jobs of all owners are there.",
+}
+CORS: dict[str, Any] = {
+    "allow_methods": ["GET", "HEAD", "POST", "DELETE"],
+    "allow_headers": ["Authorization", "Content-Type", "Idempotency-Key", "If-None-Match", "Last-Event-ID", "Prefer"],
+    "expose_headers": ["Cache-Status", "Content-Location", "ETag", "Location", "Preference-Applied", "Retry-After"],
+}
+"""What pages of the origins that are allowed may send and see."""
+
+log = logging.getLogger(__name__)
+
+
+class Application(FastAPI):
+    """FastAPI, with errors declared as the problems they are answered as."""
+
+    def openapi(self) -> dict[str, Any]:
+        """Return the contract."""
+        if self.openapi_schema is None:
+            contract = super().openapi()
+            declare_bodies(contract["components"]["schemas"])
+            contract["components"]["securitySchemes"] = {"key": KEY}
+            for path, operations in contract["paths"].items():
+                for method, operation in operations.items():
+                    declare_access(method, path, operation)
+                    declare_problems(operation["responses"])
+                    declare_events(operation["responses"])
+        return super().openapi()
+
+    def build_middleware_stack(self) -> ASGIApp:
+        """Return the application with its middleware; all of it outside of FastAPI's, to see answers to failures."""
+        services: Services = self.state.services
+        settings = services.settings
+        inner: ASGIApp = HeadMiddleware(super().build_middleware_stack())
+        if services.traces is not None:
+            inner = telemetry.LinkedTrace(inner)
+        inner = Gate(inner, settings, services.keys, services.usages, services.audit)
+        if settings.cors_origins:
+            inner = CORSMiddleware(inner, settings.cors_origins, **CORS)
+        return RequestLog(inner, services.metrics.observe, settings.log_level)
+
+
+class HeadMiddleware:
+    """Lets `HEAD` reach the routes of `GET`; the server sends the head of their answer alone."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Pass a request on."""
+        if scope["type"] != "http" or scope["method"] != "HEAD":
+            await self._app(scope, receive, send)
+            return
+        inner, sent = {**scope, "method": "GET"}, asyncio.Event()
+
+        async def send_head(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                scope["route"] = inner.get("route")
+                await send(message)
+            elif not sent.is_set():
+                sent.set()
+                await send({"type": "http.response.body", "body": b""})
+
+        async def receive_until_sent() -> Message:
+            await sent.wait()  # then a stream that would go on ends
+            return {"type": "http.disconnect"}
+
+        await self._app(inner, receive_until_sent, send_head)
+
+
+def declare_bodies(schemas: dict[str, Any]) -> None:
+    """Add the models of the bodies that FastAPI does not get to see."""
+    _, found = models_json_schema(
+        [(model, "validation") for model in BODIES], ref_template="#/components/schemas/{model}"
+    )
+    for name, schema in found["$defs"].items():
+        schemas.setdefault(name, schema)
+
+
+def declare_access(method: str, path: str, operation: dict[str, Any]) -> None:
+    """Declare that an operation may take a key, and how it is refused without one."""
+    if scope_for(method.upper(), path) is None:
+        return
+    operation["security"] = [{}, {"key": []}]
+    refused = problems(400, 401, 403, *([408] if "requestBody" in operation else []))
+    for status, response in refused.items():
+        declared = {name: value for name, value in response.items() if name != "model"}
+        content = {"application/json": {"schema": {"$ref": "#/components/schemas/Problem"}}}
+        operation["responses"].setdefault(str(status), {**declared, "content": content})
+    operation["responses"] = dict(sorted(operation["responses"].items()))
+
+
+def declare_events(responses: dict[str, Any]) -> None:
+    """Declare server-sent events in words: what FastAPI says of them is of a later OpenAPI."""
+    content = responses.get("200", {}).get("content", {})
+    if "text/event-stream" in content:
+        content["text/event-stream"] = {"schema": {"description": "Server-sent events."}}
+
+
+def declare_problems(responses: dict[str, Any]) -> None:
+    """Give the errors among these responses their media type, which FastAPI takes from the route."""
+    for status, response in responses.items():
+        if status >= "400":
+            (content,) = response["content"].values()
+            response["content"] = {MEDIA_TYPE: content}
+
+
+def create_app(settings: Settings | None = None) -> FastAPI:
+    """Build the application; nothing runs until it is started.
+
+    Raises
+    ------
+    MissingExtraError
+        If traces are enabled, and what sends them is not installed.
+    """
+    settings = settings or Settings()
+    traces = telemetry.tracer_provider() if settings.telemetry else None
+    app = Application(
+        title="ricochet",
+        version=SCHEMA_VERSION,
+        summary="Critical ricochet angles of rigid projectiles on concrete",
+        description=DESCRIPTION,
+        license_info={"name": "BSD-3-Clause", "identifier": "BSD-3-Clause"},
+        lifespan=lifespan,
+        docs_url=None,
+        redoc_url=None,
+        redirect_slashes=False,
+        generate_unique_id_function=lambda route: route.name,
+        telemetry=telemetry.config(traces),
+    )
+    app.state.services = Services(
+        settings=settings,
+        metrics=metrics.Metrics(),
+        keys=KeyRing(settings.data_dir, log.error, settings.audit_log),
+        usages=Usages(settings.data_dir),
+        audit=AuditLog(settings.audit_log),
+        streams=Streams(settings.max_streams, settings.max_owner_streams),
+        owner_queries=Queries(settings.max_owner_queries),
+        bodies=KnownBodies(settings.memory_cache_bytes),
+        traces=traces,
+    )
+    install_problem_handlers(app)
+    for resource in RESOURCES:
+        app.include_router(resource.router)
+    app.mount("/docs/assets", page.DOCS_ASSETS)
+    app.mount("/page", page.ASSETS)
+    return app
+
+
+@asynccontextmanager
+async def lifespan(app: FastAPI) -> AsyncIterator[None]:
+    """Start what the routes work with, and end it at last."""
+    services: Services = app.state.services
+    settings = services.settings
+    services.stopping = asyncio.Event()
+    services.reading = CapacityLimiter(READING_THREADS)
+    services.parsing = asyncio.Lock()
+    async with AsyncExitStack() as stack:
+        services.audit.open()
+        stack.callback(services.audit.close)
+        await stack.enter_async_context(services.usages.kept())
+        await stack.enter_async_context(heap.kept_small())
+        if services.traces is not None:
+            stack.push_async_callback(telemetry.finish, services.traces, TRACES_SECONDS)
+        services.cache = stack.enter_context(
+            ResultCache(settings.data_dir, memory_bytes=settings.memory_cache_bytes, disk_bytes=settings.cache_bytes)
+        )
+        shutil.rmtree(settings.data_dir / DOWNLOADS, ignore_errors=True)
+        services.executor = executor_for(settings)
+        await services.executor.start()
+        stack.push_async_callback(services.executor.stop, POOL_SECONDS)
+        services.queries = QueryService(
+            services.cache,
+            services.executor,
+            OPERATIONS,
+            max_waiting=settings.max_waiting_queries,
+            count=services.metrics.count,
+        )
+        services.jobs = JobManager(
+            services.queries,
+            JobStore(settings.data_dir, job_days=settings.job_days),
+            max_queued_cases=settings.max_queued_cases,
+            count=services.metrics.count,
+        )
+        await services.jobs.start()
+        stack.push_async_callback(services.jobs.stop)
+        yield

@@ -1,0 +1,276 @@
+"""From the body of a batch or a sweep to its cases, two hundred at a time, each validated in a thread.
+
+A whole body at once would hold the interpreter lock for too long; so would listing all that is wrong with it.
+"""
+
+import hashlib
+import itertools
+from collections.abc import AsyncIterator, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from anyio.to_thread import run_sync
+from fastapi import HTTPException, Request
+from pydantic import MISSING, ValidationError
+from pydantic_core import to_json
+
+from service.api.body import JSON, JSONL, parse_json, read_body, require_type, stream_up_to
+from service.api.services import Services, services_of
+from service.backpressure import check_work
+from service.cache_key import KeyedRequest
+from service.errors import MAX_ERRORS, InvalidBodyError, field_errors, validation_errors
+from service.jobs.models import Case, Sweep
+from service.schemas.batches import MOST_LINES, Cases
+from service.schemas.requests import CriticalAngleBase, TrajectoryFields
+from service.schemas.sweeps import AxisError, Grid, Outline
+from service.workers.compute import check_requests
+from solver import ParameterError
+
+CASES_AT_ONCE = 200
+"""Cases validated in one go, some 5 ms."""
+CHECKED_AT_ONCE = 50
+"""Cases that a worker checks in one call, some milliseconds: single queries wait no longer for it."""
+BYTES_AT_ONCE = 256 * 1024
+"""Lines validated in one go: few long ones take as much time as many short ones."""
+MAX_FIELDS = 20
+"""Fields of a batch or a sweep, which has two at most: listing what is wrong with a million would take a second."""
+
+
+@dataclass(frozen=True, slots=True)
+class BatchBody:
+    """A body that is being read.
+
+    Parameters
+    ----------
+    blocks
+        Its cases, some at a time.
+    sweep
+        The request, if it is a sweep.
+    """
+
+    blocks: AsyncIterator[list[Case]]
+    _digest: "hashlib._Hash"
+    sweep: Sweep | None = None
+
+    def digest(self) -> str:
+        """Return the hash of path, media type and body, once it has been read."""
+        return self._digest.hexdigest()
+
+
+class BatchReader:
+    """Reads the body of a request for many cases.
+
+    Parameters
+    ----------
+    request
+        Has the body.
+    operation
+        Of every case.
+    model
+        What every case has to be.
+    """
+
+    def __init__(
+        self, request: Request, operation: str, model: type[CriticalAngleBase] | type[TrajectoryFields]
+    ) -> None:
+        self._request = request
+        self._operation = operation
+        self._model = model
+        self._services: Services = services_of(request)
+        self._limits = self._services.settings
+
+    async def read_batch(self) -> BatchBody:
+        """Return the cases of a batch; those of a JSON body are all validated, those of JSONL only as they are read.
+
+        Raises
+        ------
+        HTTPException, InvalidBodyError
+            If it is none.
+        """
+        media_type = require_type(self._request, JSON, JSONL)
+        digest = hashlib.sha256(f"{self._request.scope['path']} {media_type}\n".encode())
+        if media_type == JSONL:
+            chunks = stream_up_to(self._request, self._limits.max_jsonl_bytes)
+            return BatchBody(self._read_lines(split_lines(chunks, self._limits.max_body_bytes, digest)), digest)
+        body = await read_body(self._request, self._limits.max_batch_bytes)
+        digest.update(body)
+        reading = self._services.reading
+        found = await run_sync(unwrap, body, self._limits.max_body_depth, limiter=reading)
+        cases: list[Case] = []
+        for first in range(0, len(found.cases), CASES_AT_ONCE):
+            part = found.cases[first : first + CASES_AT_ONCE]
+            valid, errors = await run_sync(self._validate_part, part, first, limiter=reading)
+            errors |= await self._check(valid)
+            if errors:
+                raise InvalidBodyError([error for number in sorted(errors) for error in errors[number]])
+            cases += valid.values()
+        return BatchBody(in_blocks(cases), digest)
+
+    async def read_sweep(self) -> BatchBody:
+        """Return the points of a sweep, each validated as it is read.
+
+        Raises
+        ------
+        HTTPException, InvalidBodyError
+            If it is none.
+        """
+        media_type = require_type(self._request, JSON)
+        digest = hashlib.sha256(f"{self._request.scope['path']} {media_type}\n".encode())
+        body = await read_body(self._request, self._limits.max_batch_bytes)
+        digest.update(body)
+        outline, grid = await run_sync(self._lay_grid, body)
+        sent = {"base": outline.base, "axes": [axis.model_dump(mode="json") for axis in outline.axes]}
+        sweep = Sweep(sent, tuple(grid.fields), tuple(grid.values))
+        return BatchBody(self._read_points(grid), digest, sweep)
+
+    def _case(self, content: Any) -> Case:
+        """Validate one case."""
+        request: Any = self._model.model_validate(content)
+        check_work(request, self._limits.max_panel_steps)
+        custom_id = getattr(request, "custom_id", MISSING)
+        return Case(KeyedRequest.of(self._operation, request), None if custom_id is MISSING else custom_id)
+
+    def _validate_part(
+        self, part: Sequence[Any], first: int
+    ) -> tuple[dict[int, Case], dict[int, list[dict[str, str]]]]:
+        """Return the valid cases of a part of a JSON batch, and what is wrong with the others, by number."""
+        cases: dict[int, Case] = {}
+        errors: dict[int, list[dict[str, str]]] = {}
+        for number, content in enumerate(part, first):
+            place, longest = f"/cases/{number}", self._limits.max_body_bytes
+            try:
+                if len(to_json(content)) > longest:
+                    errors[number] = [{"pointer": place, "detail": f"a case may be {longest} bytes long at most"}]
+                else:
+                    cases[number] = self._case(content)
+            except ValidationError as error:
+                errors[number] = validation_errors(error.errors(), place)
+            except ParameterError as error:
+                errors[number] = behind(place, field_errors(error))
+            if sum(map(len, errors.values())) > MAX_ERRORS:
+                break
+        return cases, errors
+
+    async def _check(self, cases: dict[int, Case]) -> dict[int, list[dict[str, str]]]:
+        """Have a worker check whether the values of each case go together; return what is wrong, by number."""
+        canonical = self._services.queries.operations[self._operation].request
+        numbers, errors = list(cases), dict[int, list[dict[str, str]]]()
+        for first in range(0, len(numbers), CHECKED_AT_ONCE):
+            some = numbers[first : first + CHECKED_AT_ONCE]
+            requests = [cases[number].request.json for number in some]
+            wrong = await self._services.executor.submit(check_requests, canonical, requests)
+            errors |= {some[place]: behind(f"/cases/{some[place]}", found) for place, found in wrong.items()}
+        return errors
+
+    async def _read_lines(self, parts: AsyncIterator[list[bytes]]) -> AsyncIterator[list[Case]]:
+        """Yield the cases of a JSONL body."""
+        count = 0
+        async for lines in parts:
+            if count + len(lines) > MOST_LINES:
+                raise InvalidBodyError([{"pointer": "", "detail": f"may have {MOST_LINES:,} lines at most"}])
+            if lines:
+                yield await run_sync(self._validate_lines, lines, count, limiter=self._services.reading)
+            count += len(lines)
+        if not count:
+            raise InvalidBodyError([{"pointer": "", "detail": "has no line"}])
+
+    def _validate_lines(self, lines: Sequence[bytes], first: int) -> list[Case]:
+        """Validate some lines; the first that is wrong ends it."""
+        return [self._validate_line(line, number) for number, line in enumerate(lines, first)]
+
+    def _validate_line(self, line: bytes, number: int) -> Case:
+        pointer, place = f"/{number}", f"line {number + 1}"
+        if len(line) > self._limits.max_body_bytes:
+            detail = f"may be {self._limits.max_body_bytes} bytes long at most"
+            raise InvalidBodyError([{"pointer": pointer, "detail": detail}], place)
+        if not line.strip():
+            raise InvalidBodyError([{"pointer": pointer, "detail": "is empty"}], place)
+        try:
+            return self._case(parse_json(line, self._limits.max_body_depth))
+        except HTTPException as error:
+            raise InvalidBodyError([{"pointer": pointer, "detail": error.detail}], place) from error
+        except ValidationError as error:
+            raise InvalidBodyError(validation_errors(error.errors(), pointer), place) from error
+        except ParameterError as error:
+            raise InvalidBodyError(behind(pointer, field_errors(error)), place) from error
+
+    def _lay_grid(self, body: bytes) -> tuple[Outline, Grid]:
+        """Return the grid of a sweep."""
+        try:
+            outline = Outline.model_validate(few_fields(parse_json(body, self._limits.max_body_depth)))
+        except ValidationError as error:
+            raise InvalidBodyError(validation_errors(error.errors())) from error
+        if len(to_json(outline.base)) > self._limits.max_body_bytes:
+            detail = f"may be {self._limits.max_body_bytes} bytes long at most"
+            raise InvalidBodyError([{"pointer": "/base", "detail": detail}])
+        try:
+            self._model.model_validate(outline.base)
+            return outline, Grid(self._model, outline)
+        except ValidationError as error:
+            raise InvalidBodyError(validation_errors(error.errors(), "/base")) from error
+        except AxisError as error:
+            raise InvalidBodyError([{"pointer": error.pointer, "detail": error.detail}]) from error
+
+    async def _read_points(self, grid: Grid) -> AsyncIterator[list[Case]]:
+        """Yield the cases of a sweep."""
+        points = enumerate(grid.points())
+        while cases := await run_sync(self._validate_points, grid, points, limiter=self._services.reading):
+            yield cases
+
+    def _validate_points(self, grid: Grid, points: Iterator[tuple[int, tuple[float, ...]]]) -> list[Case]:
+        """Validate the next points; the first that is wrong ends it."""
+        return [self._validate_point(grid, *numbered) for numbered in itertools.islice(points, CASES_AT_ONCE)]
+
+    def _validate_point(self, grid: Grid, number: int, point: tuple[float, ...]) -> Case:
+        try:
+            return self._case(grid.request(point))
+        except (ValidationError, ParameterError) as error:
+            found = field_errors(error) if isinstance(error, ParameterError) else validation_errors(error.errors())
+            place = "at " + ", ".join(f"{field} = {value:g}" for field, value in zip(grid.fields, point, strict=True))
+            errors = [{**each, "pointer": grid.pointer(number, each["pointer"])} for each in found]
+            raise InvalidBodyError(errors, place) from error
+
+
+async def in_blocks(cases: Sequence[Case]) -> AsyncIterator[list[Case]]:
+    """Yield cases, some at a time."""
+    for first in range(0, len(cases), CASES_AT_ONCE):
+        yield list(cases[first : first + CASES_AT_ONCE])
+
+
+def unwrap(body: bytes, max_depth: int) -> Cases:
+    """Return a batch, its cases not yet validated."""
+    try:
+        return Cases.model_validate(few_fields(parse_json(body, max_depth)))
+    except ValidationError as error:
+        raise InvalidBodyError(validation_errors(error.errors())) from error
+
+
+def few_fields(content: Any) -> Any:
+    """Return it unless it is an object with too many fields."""
+    if isinstance(content, dict) and len(content) > MAX_FIELDS:
+        raise InvalidBodyError([{"pointer": "", "detail": f"has {len(content)} fields, most of them unknown"}])
+    return content
+
+
+async def split_lines(
+    chunks: AsyncIterator[bytes], max_bytes: int, digest: "hashlib._Hash"
+) -> AsyncIterator[list[bytes]]:
+    """Yield lines, some at a time; one that is too long is cut behind its limit and ends the body."""
+    lines, size, rest = list[bytes](), 0, b""
+    async for chunk in chunks:
+        digest.update(chunk)
+        *whole, rest = (rest + chunk).split(b"\n")
+        for line in whole:
+            lines.append(line)
+            size += len(line)
+            if len(lines) == CASES_AT_ONCE or size > BYTES_AT_ONCE:
+                yield lines
+                lines, size = [], 0
+        if len(rest) > max_bytes:
+            break
+    yield [*lines, rest] if rest else lines
+
+
+def behind(pointer: str, errors: Sequence[dict[str, str]]) -> list[dict[str, str]]:
+    """Return the errors of a case, with pointers behind this one."""
+    return [{**each, "pointer": pointer + each["pointer"]} for each in errors]

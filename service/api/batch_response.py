@@ -1,0 +1,257 @@
+"""Answers to requests for many cases: the results if they are few, else a job."""
+
+import asyncio
+import math
+from collections.abc import AsyncGenerator, AsyncIterator, Sequence
+from contextlib import aclosing, suppress
+from http import HTTPStatus
+from typing import Annotated, Any
+
+import orjson
+from anyio import CancelScope
+from fastapi import Depends, Header, HTTPException, Request, Response
+from fastapi.responses import StreamingResponse
+
+from service.access.visit import visit_in
+from service.api.batch_body import BatchBody
+from service.api.body import JSON, JSONL
+from service.api.headers import Preference, choose, read_preference
+from service.api.serializers import CSV, as_array, as_csv, as_lines, csv_head, csv_rows, to_item, to_lines
+from service.api.services import services_of
+from service.jobs.manager import JobManager
+from service.jobs.models import Case, CaseResult, Idempotency, JobState, Sweep
+
+FORMS = (JSON, JSONL, CSV)
+VARY = {"Vary": "Prefer, Accept"}
+SHORTEST_RETRY, LONGEST_RETRY = 1, 60  # [s]
+
+IdempotencyKey = Annotated[
+    str,
+    Header(
+        alias="Idempotency-Key",
+        max_length=255,
+        description="Of the client's choice: a request that is sent again with the same key and body is answered with "
+        "the job it made the first time. Without effect on work that is answered at once.",
+    ),
+]
+Prefer = Annotated[
+    str,
+    Header(
+        alias="Prefer",
+        description="RFC 7240: `respond-async` asks for a job whatever the size of the work, `wait=10` to be answered "
+        "with the results if they are ready after so many seconds.",
+    ),
+]
+
+
+async def preference_of(request: Request, prefer: Prefer = "") -> Preference:
+    """Return what the client would rather have."""
+    return read_preference(request.headers.getlist("prefer") if prefer else ())
+
+
+WantedPreference = Annotated[Preference, Depends(preference_of)]
+
+
+class BatchResponse:
+    """The answer to one request for many cases.
+
+    Parameters
+    ----------
+    request
+        The request, its body aside.
+    operation
+        Of every case.
+    preference
+        Of the client.
+    idempotency_key
+        As it was sent, empty if it was not.
+
+    Raises
+    ------
+    HTTPException
+        406 if the client takes no form that is given.
+    """
+
+    def __init__(self, request: Request, operation: str, preference: Preference, idempotency_key: str) -> None:
+        form = choose(request.headers.get("accept", "*/*"), FORMS)
+        if form is None:
+            raise HTTPException(HTTPStatus.NOT_ACCEPTABLE, f"results are given as {' or '.join(FORMS)}")
+        self.form = form
+        self.operation = operation
+        self.path: str = request.scope["path"]
+        self.preference = preference
+        self._token = idempotency_key
+        services = services_of(request)
+        self._jobs, self._settings, self._stopping = services.jobs, services.settings, services.stopping
+        self._context = visit_in(request.scope)
+
+    async def to(self, body: BatchBody) -> Response:
+        """Return the results, or the job that will have them. What is refused does not count against the key."""
+        try:
+            small, rest = await take(self._charged(body.blocks), self._settings.small_cases)
+            if rest is None and not self.preference.respond_async:
+                return await self._answer_now(small, body.sweep)
+            state = await self._accept(chain(small, rest), body)
+        except BaseException:
+            self._context.give_back()
+            raise
+        waited = None if self.preference.wait is None else min(self.preference.wait, self._settings.most_wait_seconds)
+        if waited:
+            state = await self._wait(state, waited)
+        headers = {**VARY, **self.preference.applied(waited)}
+        if waited is not None and state.status == "successful":
+            return self._answer_all(state, body.sweep, headers)
+        headers |= {"Location": f"/jobs/{state.id}"} | retry_after(state, self._jobs)
+        return job_response(state, HTTPStatus.ACCEPTED, headers)
+
+    async def _accept(self, cases: AsyncIterator[list[Case]], body: BatchBody) -> JobState:
+        idempotency = Idempotency(self._token, body.digest) if self._token else None
+        owner = self._context.caller.owner
+        state, new = await self._jobs.accept(
+            self.operation, cases, owner=owner, idempotency=idempotency, sweep=body.sweep
+        )
+        self._context.job = state.id
+        if not new:  # it counted when it was accepted
+            self._context.give_back()
+        return state
+
+    async def _charged(self, blocks: AsyncIterator[list[Case]]) -> AsyncIterator[list[Case]]:
+        async for cases in blocks:
+            self._context.take(len(cases))
+            yield cases
+
+    async def _answer_now(self, cases: Sequence[Case], sweep: Sweep | None) -> Response:
+        results = self._jobs.run_now(self.operation, cases)
+        if self.form == JSONL:
+            begun = await begin(results)  # a refusal is answered before the answer has begun
+            lines = (to_lines([result], self.path, sweep) async for result in begun)
+            return StreamingResponse(closing(lines, results), media_type=JSONL, headers=VARY)
+        found = sorted([result async for result in results], key=lambda result: result.number)
+        status = "ricochet; hit" if all(result.cached for result in found) else "ricochet; fwd=miss"
+        if self.form == CSV:
+            content = csv_head(self.operation, sweep) + csv_rows(found, self.operation, sweep)
+        else:
+            content = b'{"results":[%b]}' % b",".join(to_item(result, self.path, sweep) for result in found)
+        return Response(content, media_type=self.form, headers={**VARY, "Cache-Status": status})
+
+    def _answer_all(self, state: JobState, sweep: Sweep | None, headers: dict[str, str]) -> Response:
+        blocks = self._jobs.results(state.id)
+        path = f"/jobs/{state.id}/results"
+        if self.form == CSV:
+            content = as_csv(blocks, self.operation, sweep)
+        else:
+            content = as_lines(blocks, path, sweep) if self.form == JSONL else as_array(blocks, path, sweep)
+        return StreamingResponse(
+            closing(content, blocks), media_type=self.form, headers={**headers, "Content-Location": path}
+        )
+
+    async def _wait(self, state: JobState, seconds: float) -> JobState:
+        """Return the job as it is at its end or after this time, whichever comes first."""
+        changes = until(self._stopping, self._jobs.changes(state.id))
+        with suppress(TimeoutError):
+            async with asyncio.timeout(seconds), aclosing(changes):
+                async for change in changes:
+                    state = change
+        return state
+
+
+async def take(blocks: AsyncIterator[list[Case]], count: int) -> tuple[list[Case], AsyncIterator[list[Case]] | None]:
+    """Return the first cases, all if there are no more than so many; and the rest, if there may be more."""
+    taken: list[Case] = []
+    async for cases in blocks:
+        taken += cases
+        if len(taken) > count:
+            return taken, blocks
+    return taken, None
+
+
+async def chain(first: list[Case], rest: AsyncIterator[list[Case]] | None) -> AsyncIterator[list[Case]]:
+    """Yield all cases."""
+    yield first
+    if rest is not None:
+        async for cases in rest:
+            yield cases
+
+
+async def begin(results: AsyncGenerator[CaseResult, None]) -> AsyncIterator[CaseResult]:
+    """Wait for the first result; return all of them."""
+    first = await anext(results, None)
+
+    async def resumed() -> AsyncIterator[CaseResult]:
+        if first is not None:
+            yield first
+        async for result in results:
+            yield result
+
+    return resumed()
+
+
+async def until(stopping: asyncio.Event, changes: AsyncGenerator[JobState, None]) -> AsyncGenerator[JobState, None]:
+    """Yield changes until the service is stopping, which no change reports."""
+    stopped = asyncio.ensure_future(stopping.wait())
+    async with aclosing(changes):
+        try:
+            while not stopped.done():
+                change = asyncio.ensure_future(anext(changes, None))
+                try:
+                    await asyncio.wait({change, stopped}, return_when=asyncio.FIRST_COMPLETED)
+                finally:
+                    await settle(change)
+                if change.cancelled() or (state := change.result()) is None:
+                    return
+                yield state
+        finally:
+            stopped.cancel()
+
+
+async def settle(task: asyncio.Future[Any]) -> None:
+    """Cancel a task unless it is done, and see it end."""
+    if not task.done():
+        task.cancel()
+        with CancelScope(shield=True):
+            await asyncio.wait({task})
+
+
+async def closing(content: AsyncIterator[bytes], source: AsyncGenerator[Any, None]) -> AsyncIterator[bytes]:
+    """Yield the content; also if nobody reads it to its end, the source is closed then."""
+    async with aclosing(source):
+        async for part in content:
+            yield part
+
+
+def retry_after(state: JobState, jobs: JobManager) -> dict[str, str]:
+    """Return the header that says when a job is worth asking about again."""
+    left = max(jobs.queued_cases, state.total - state.done) / max(jobs.rate, 1.0)
+    return {"Retry-After": str(min(LONGEST_RETRY, max(SHORTEST_RETRY, math.ceil(left))))}
+
+
+def job_response(
+    state: JobState,
+    status: HTTPStatus = HTTPStatus.OK,
+    headers: dict[str, str] | None = None,
+    sweep: Sweep | None = None,
+) -> Response:
+    """Return a job as the answer."""
+    return Response(job_json(state, sweep), status, media_type=JSON, headers=headers)
+
+
+def job_json(state: JobState, sweep: Sweep | None = None) -> bytes:
+    """Return a job as JSON."""
+    return orjson.dumps(to_job(state, sweep), option=orjson.OPT_UTC_Z)
+
+
+def to_job(state: JobState, sweep: Sweep | None = None) -> dict[str, Any]:
+    """Return a job as the contract has it, with the request of a sweep if it is given."""
+    path = f"/jobs/{state.id}"
+    times = {name: getattr(state, name) for name in ("created", "started", "finished", "expires")}
+    problem = None if state.problem is None else {**state.problem, "instance": path}
+    return {
+        "id": state.id,
+        "operation": state.operation,
+        "status": state.status,
+        "counts": {name: getattr(state, name) for name in ("total", "done", "cached", "failed")},
+        **{name: value for name, value in {**times, "problem": problem}.items() if value is not None},
+        **({"axes": state.axes} if state.axes else {}),
+        **({"request": sweep.request} if sweep else {}),
+        "links": {"self": path, **{name: f"{path}/{name}" for name in ("results", "events", "cancel")}},
+    }

@@ -1,0 +1,121 @@
+"""Declarations that operations of the contract share: headers, problems, bodies that routes read themselves."""
+
+from typing import Any, TypeAlias
+
+from pydantic import BaseModel
+
+from service.schemas import Job
+from service.schemas.problems import Problem
+
+Responses: TypeAlias = dict[int | str, dict[str, Any]]
+
+CACHE_STATUS = {
+    "Cache-Status": {
+        "description": "`ricochet; hit` if the result was there, `ricochet; fwd=miss` if it was computed (RFC 9211).",
+        "schema": {"type": "string"},
+        "required": True,
+    },
+    "Server-Timing": {
+        "description": "Milliseconds until the request was read, then until its answer was there, and of both.",
+        "schema": {"type": "string"},
+        "required": True,
+    },
+}
+RESULT_LINK = {
+    "result": {
+        "operationId": "get_result",
+        "parameters": {"key": "$response.body#/key"},
+        "description": "The result again, also as a table.",
+    }
+}
+
+
+RETRY_AFTER = {
+    "Retry-After": {"description": "When to ask again. [s]", "schema": {"type": "integer"}, "required": True}
+}
+RETRY_LATER: dict[str, Any] = {
+    "headers": {
+        "Retry-After": {"description": "When to ask again, unless it has ended. [s]", "schema": {"type": "integer"}}
+    }
+}
+PROBLEMS: Responses = {
+    400: {"description": "The body cannot be parsed."},
+    404: {"description": "Nothing is kept under this name."},
+    406: {"description": "The result is not given in a form that `Accept` asks for."},
+    409: {"description": "The request with this idempotency key is still being accepted."},
+    413: {"description": "The body is too long."},
+    415: {"description": "The body is of another media type."},
+    422: {"description": "A field is wrong, or the case cannot be computed."},
+    401: {
+        "description": "A key is needed, or this one is not, or no longer, good.",
+        "headers": {"WWW-Authenticate": {"description": "`Bearer`.", "schema": {"type": "string"}, "required": True}},
+    },
+    403: {"description": "The key is not good for this, or the page of another site asks."},
+    408: {"description": "The body comes too slowly."},
+    429: {"description": "Too many cases wait, or were asked for with this key.", "headers": RETRY_AFTER},
+    500: {"description": "The service failed."},
+    503: {"description": "The service is not ready, or has no worker for the query.", "headers": RETRY_AFTER},
+    507: {"description": "Nothing can be stored now."},
+}
+
+
+def problems(*statuses: int) -> Responses:
+    """Return the declarations of these error statuses."""
+    return {status: {"model": Problem, **PROBLEMS[status]} for status in statuses}
+
+
+COMPUTED: Responses = {
+    200: {"description": "The answer.", "headers": CACHE_STATUS, "links": RESULT_LINK},
+    **problems(400, 413, 415, 422, 429, 500, 503),
+}
+
+
+MANY: Responses = {
+    200: {
+        "description": "All results, in the order of the request; as JSON lines, in the order in which they finish.",
+        "content": {
+            "application/jsonl": {"schema": {"type": "string", "description": "A member of `results` a line."}},
+            "text/csv": {"schema": {"type": "string", "description": "A row a case: the summary, or the problem."}},
+        },
+        "headers": {
+            "Cache-Status": {
+                "description": "`ricochet; hit` if nothing had to be computed; not told of JSON lines (RFC 9211).",
+                "schema": {"type": "string"},
+            },
+            "Preference-Applied": {"description": "RFC 7240.", "schema": {"type": "string"}},
+        },
+    },
+    202: {
+        "model": Job,
+        "description": "The job that will have the results.",
+        "headers": {
+            **RETRY_AFTER,
+            "Location": {"description": "Of the job.", "schema": {"type": "string"}, "required": True},
+            "Preference-Applied": {"description": "RFC 7240.", "schema": {"type": "string"}},
+        },
+        "links": {
+            "job": {"operationId": "get_job", "parameters": {"job_id": "$response.body#/id"}},
+            "results": {"operationId": "get_job_results", "parameters": {"job_id": "$response.body#/id"}},
+        },
+    },
+    **problems(400, 406, 409, 413, 415, 422, 429, 500, 503, 507),
+}
+
+
+def one_body(model: type[BaseModel]) -> dict[str, Any]:
+    """Return the declaration of a JSON body that the route reads itself, piece by piece."""
+    return {"requestBody": {"required": True, "content": {"application/json": {"schema": reference(model)}}}}
+
+
+def many_bodies(model: type[BaseModel], line: type[BaseModel]) -> dict[str, Any]:
+    """Return the declaration of a body that is JSON, or JSON lines: those as binary, as clients send a file of them."""
+    declared = one_body(model)
+    declared["requestBody"]["content"]["application/jsonl"] = {
+        "schema": {"type": "string", "format": "binary", "description": f"A `{line.__name__}` a line."}
+    }
+    return declared
+
+
+def reference(model: type[BaseModel]) -> dict[str, str]:
+    """Return the place of a model in the contract."""
+    return {"$ref": f"#/components/schemas/{model.__name__}"}

@@ -1,0 +1,67 @@
+"""Whether the service lives and is ready, and what it runs."""
+
+from functools import cache
+from http import HTTPStatus
+from importlib.metadata import version as installed_version
+from typing import Annotated, Literal
+
+from anyio.to_thread import run_sync
+from fastapi import APIRouter, HTTPException, Request
+from pydantic import Field
+
+from service.api.contract import problems
+from service.api.services import services_of
+from service.cache_key import SCHEMA_VERSION
+from service.schemas.quantities import Part, with_examples
+from solver import ENGINE_VERSION
+
+router = APIRouter(tags=["health"])
+
+LIBRARIES = ("ricochet", "fastapi", "h5py", "numba", "numpy", "pydantic", "scipy", "uvicorn")
+
+
+class Health(Part):
+    """How the service is."""
+
+    model_config = with_examples({"status": "ok"})
+
+    status: Literal["ok"]
+
+
+class Version(Part):
+    """What the service runs."""
+
+    model_config = with_examples({"engine_version": "1", "schema_version": "1", "libraries": {"numpy": "2.4.6"}})
+
+    engine_version: Annotated[str, Field(description="Of the solver; raised whenever results change.")]
+    schema_version: Annotated[str, Field(description="Of the contract; raised whenever its meaning changes.")]
+    libraries: Annotated[dict[str, str], Field(description="Versions of this package and those it stands on.")]
+
+
+@router.get("/livez", response_description="It answers.", responses=problems(500))
+async def livez() -> Health:
+    """Tell whether the service answers at all."""
+    return Health(status="ok")
+
+
+@router.get("/readyz", response_description="It is ready.", responses=problems(500, 503))
+async def readyz(request: Request) -> Health:
+    """Tell whether a worker answers and results can be written."""
+    services = services_of(request)
+    if not await services.executor.probe(services.settings.probe_seconds):
+        raise HTTPException(HTTPStatus.SERVICE_UNAVAILABLE, services.executor.last_error)
+    if not await run_sync(services.cache.writable):
+        raise HTTPException(HTTPStatus.SERVICE_UNAVAILABLE, f"results cannot be written: {services.cache.last_error}")
+    return Health(status="ok")
+
+
+@router.get("/version", response_description="The versions.", responses=problems(500))
+async def version() -> Version:
+    """Tell the versions of the solver, the contract and the libraries."""
+    return Version(engine_version=ENGINE_VERSION, schema_version=SCHEMA_VERSION, libraries=library_versions())
+
+
+@cache
+def library_versions() -> dict[str, str]:
+    """Return the versions of the libraries, read once."""
+    return {name: installed_version(name) for name in LIBRARIES}

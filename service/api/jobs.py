@@ -1,0 +1,248 @@
+"""Jobs: how far they are, their results in every form, and their end."""
+
+import binascii
+from base64 import urlsafe_b64decode, urlsafe_b64encode
+from collections.abc import AsyncIterator
+from contextlib import aclosing
+from http import HTTPStatus
+from typing import Annotated
+
+import orjson
+from fastapi import APIRouter, Depends, Header, HTTPException, Path, Query, Request, Response
+from fastapi.responses import StreamingResponse
+from fastapi.sse import EventSourceResponse, ServerSentEvent
+
+from service.access.visit import AskedVisit
+from service.api.batch_response import closing, job_json, job_response, retry_after, to_job, until
+from service.api.body import JSON, JSONL
+from service.api.contract import RETRY_LATER, Responses, problems
+from service.api.headers import choose
+from service.api.serializers import CSV, HDF5, as_array, as_csv, as_lines, hdf5_response
+from service.api.services import services_of
+from service.jobs.manager import JobManager
+from service.jobs.models import CaseResult, JobState
+from service.schemas import Job, JobResults, Jobs
+
+router = APIRouter(tags=["jobs"])
+
+FORMS = (JSON, JSONL, CSV, HDF5)
+PAGE = 200
+MOST_ROWS = 1_000
+"""Largest page."""
+MOST_DIGITS = 9
+"""Digits of the number of a case."""
+
+
+async def manager_of(request: Request) -> JobManager:
+    """Return the job manager of the running application."""
+    return services_of(request).jobs
+
+
+async def event_stream(request: Request, visit: AskedVisit) -> AsyncIterator[None]:
+    """Count an event stream as open while a request lasts."""
+    with services_of(request).streams.held(visit.caller.owner):
+        yield
+
+
+CurrentManager = Annotated[JobManager, Depends(manager_of)]
+JobId = Annotated[str, Path(description="Of the job.", max_length=200)]
+
+
+async def job_of(job_id: JobId, jobs: CurrentManager, visit: AskedVisit) -> JobState:
+    """Return the requested job; that of another owner is not there."""
+    return known(await jobs.job(job_id, visit.caller.sees))
+
+
+def known(state: JobState | None) -> JobState:
+    """Return the job, if there is one.
+
+    Raises
+    ------
+    HTTPException
+        404 if there is none.
+    """
+    if state is None:
+        raise HTTPException(HTTPStatus.NOT_FOUND, "there is no job with this id; it may have expired")
+    return state
+
+
+RequestedJob = Annotated[JobState, Depends(job_of)]
+Cursor = Annotated[str, Query(max_length=20, description="`next` of the page before; empty for the first.")]
+Limit = Annotated[
+    int,
+    Query(ge=1, le=MOST_ROWS, description="Results of a page. The other forms give all that is ready unless told."),
+]
+
+RESULTS: Responses = {
+    200: {
+        "description": "What is ready, in the form that `Accept` asks for.",
+        "content": {
+            JSONL: {"schema": {"type": "string", "description": "A `JobItem` a line."}},
+            CSV: {"schema": {"type": "string", "description": "A row a case: the summary, or the problem."}},
+            HDF5: {},
+        },
+    },
+    **problems(404, 406, 422, 500, 507),
+}
+EVENTS: Responses = {
+    200: {"description": "A `Job` whenever it changes, as the data of server-sent events; the last is its end."},
+    **problems(404, 422, 429, 500, 503, 507),
+}
+LastEventId = Annotated[
+    str,
+    Header(alias="Last-Event-ID", description="Of the event seen last: its state is not sent again."),
+]
+
+
+@router.get("/jobs", response_model=Jobs, response_description="The jobs.", responses=problems(422, 500, 507))
+async def list_jobs(
+    jobs: CurrentManager,
+    visit: AskedVisit,
+    limit: Annotated[int, Query(ge=1, le=MOST_ROWS, description="Jobs to give.")] = 100,
+) -> Response:
+    """List the jobs of the owner, the newest first; with the scope `admin`, those of all."""
+    states = await jobs.jobs(visit.caller.sees)
+    content = orjson.dumps({"jobs": [to_job(state) for state in states[:limit]]}, option=orjson.OPT_UTC_Z)
+    return Response(content, media_type=JSON)
+
+
+@router.get(
+    "/jobs/{job_id}",  # noqa: FAST003 (of RequestedJob)
+    response_model=Job,
+    response_description="The job.",
+    responses={200: RETRY_LATER, **problems(404, 422, 500, 507)},
+)
+async def get_job(job: RequestedJob, jobs: CurrentManager) -> Response:
+    """Return a job: how far it is and, if it is a sweep, its request."""
+    return job_response(job, headers={} if job.final else retry_after(job, jobs), sweep=await jobs.sweep(job))
+
+
+@router.get("/jobs/{job_id}/results", response_model=JobResults, responses=RESULTS)  # noqa: FAST003
+async def get_job_results(
+    request: Request, job: RequestedJob, jobs: CurrentManager, cursor: Cursor = "", limit: Limit = PAGE
+) -> Response:
+    """Give the results that are ready, in the order of the request, at any time.
+
+    JSON comes in pages; JSON lines, CSV (the summaries, a row a case) and HDF5 hold all that is ready from the cursor
+    on, unless a limit is given.
+    """
+    form = choose(request.headers.get("accept", "*/*"), FORMS)
+    if form is None:
+        raise HTTPException(HTTPStatus.NOT_ACCEPTABLE, f"results are given as {', '.join(FORMS)}")
+    start, path = read_cursor(cursor), f"/jobs/{job.id}/results"
+    most = limit if form == JSON or "limit" in request.query_params else None
+    blocks, sweep = jobs.results(job.id, start=start, limit=most), await jobs.sweep(job)
+    if form == HDF5:
+        return await hdf5_response(services_of(request).settings.data_dir, job, blocks, sweep)
+    if form == CSV:
+        content = as_csv(blocks, job.operation, sweep)
+    elif form == JSONL:
+        content = as_lines(blocks, path, sweep)
+    else:
+        page = Page(job, start, limit)
+        content = as_array(page.read(blocks), path, sweep, page.end)
+    return StreamingResponse(closing(content, blocks), media_type=form, headers={"Vary": "Accept"})
+
+
+class Page:
+    """Results that are being sent, and the cursor of those that follow.
+
+    Parameters
+    ----------
+    job
+        As it was before its results were read: if it had ended then, what is missing now never comes.
+    start
+        First case.
+    limit
+        Of the page.
+    """
+
+    def __init__(self, job: JobState, start: int, limit: int) -> None:
+        self._job = job
+        self._limit = limit
+        self._next = start
+        self._count = 0
+
+    async def read(self, blocks: AsyncIterator[list[CaseResult]]) -> AsyncIterator[list[CaseResult]]:
+        """Yield the results, and see how far they go."""
+        async for results in blocks:
+            self._count += len(results)
+            self._next = results[-1].number + 1 if results else self._next
+            yield results
+
+    def end(self) -> bytes:
+        """Return what follows the results of the page: the cursor, if anything may follow."""
+        if self._next >= self._job.total or (self._job.final and self._count < self._limit):
+            return b""
+        return b',"next":"%b"' % write_cursor(self._next)
+
+
+def write_cursor(number: int) -> bytes:
+    """Return the cursor of this case."""
+    return urlsafe_b64encode(str(number).encode()).rstrip(b"=")
+
+
+def read_cursor(cursor: str) -> int:
+    """Return the case of a cursor.
+
+    Raises
+    ------
+    HTTPException
+        422 if the service has not made it.
+    """
+    try:
+        text = urlsafe_b64decode(cursor.encode("ascii") + b"=" * (-len(cursor) % 4)) or b"0"
+    except (binascii.Error, UnicodeEncodeError):
+        text = b""
+    if not text.isdigit() or len(text) > MOST_DIGITS or (cursor and write_cursor(int(text)) != cursor.encode()):
+        raise HTTPException(HTTPStatus.UNPROCESSABLE_ENTITY, "`cursor` is none that this service has given")
+    return int(text)
+
+
+@router.get(
+    "/jobs/{job_id}/events",  # noqa: FAST003
+    response_class=EventSourceResponse,
+    responses=EVENTS,
+    dependencies=[Depends(event_stream)],
+)
+async def follow_job(
+    request: Request,
+    job: RequestedJob,
+    jobs: CurrentManager,
+    visit: AskedVisit,
+    last_event_id: LastEventId = "",
+) -> AsyncIterator[ServerSentEvent]:
+    """Send a job whenever it changes, until it has ended. A job that has ended is sent once."""
+    keys = services_of(request).keys
+    async with aclosing(until(services_of(request).stopping, jobs.changes(job.id))) as changes:
+        async for state in changes:
+            if visit.caller.key and not keys.holds(visit.caller.key):
+                return  # revoked meanwhile
+            if state.final or str(state.revision) != last_event_id:
+                yield ServerSentEvent(raw_data=job_json(state).decode(), id=str(state.revision))
+
+
+@router.post(
+    "/jobs/{job_id}/cancel",
+    response_model=Job,
+    response_description="The job.",
+    responses=problems(404, 422, 500, 507),
+)
+async def cancel_job(job_id: JobId, jobs: CurrentManager, visit: AskedVisit) -> Response:
+    """End a job; what is ready of its results stays until it expires. A job that has ended stays as it is."""
+    state = known(await jobs.cancel(job_id, visit.caller.sees))
+    visit.job = state.id
+    return job_response(state)
+
+
+@router.delete(
+    "/jobs/{job_id}",
+    status_code=HTTPStatus.NO_CONTENT,
+    response_description="The job is gone.",
+    responses=problems(404, 422, 500, 507),
+)
+async def delete_job(job_id: JobId, jobs: CurrentManager, visit: AskedVisit) -> None:
+    """Cancel a job and forget it; its results stay, by their keys, as long as there is room."""
+    if not await jobs.delete(job_id, visit.caller.sees):
+        known(None)
+    visit.job = job_id

@@ -1,0 +1,87 @@
+"""The page at `/` and Swagger UI at `/docs`: static files, all of them served from here."""
+
+from importlib.util import find_spec
+from pathlib import Path
+
+import fastapi_offline
+from fastapi import APIRouter, Request, Response
+from fastapi.openapi.docs import get_swagger_ui_html
+from fastapi.responses import HTMLResponse
+from fastapi.staticfiles import StaticFiles
+from starlette.types import Scope
+
+router = APIRouter(include_in_schema=False)
+
+FOLDER = Path(__file__).parents[1] / "page"
+NO_STYLE = "'sha256-47DEQpj8HBSa+/TImW+5JCeuQeRkm5NMpJWZG3hSuFU='"
+"""Hash of the empty style sheet: Plotly adds one, and rules to it as the policy lets a script do."""
+MAP_STYLE = "'sha256-ji27qzEtxXZW+7dun6UwjHXJ18e6WAin1VvNtkzIE/o='"
+"""Hash of the sheet for geographic maps that Plotly's bundle adds as it is loaded."""
+POLICY = (
+    f"default-src 'none'; script-src 'self'; style-src 'self' {NO_STYLE} {MAP_STYLE}; img-src 'self' data: blob:; "
+    "connect-src 'self'; font-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+)
+"""A browser runs and loads nothing from elsewhere, whatever the page holds."""
+HEADERS = {
+    "Cache-Control": "no-cache",  # kept, but checked each time: a new version shows at once
+    "Content-Security-Policy": POLICY,
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Referrer-Policy": "no-referrer",
+    "X-Content-Type-Options": "nosniff",
+}
+
+
+class Assets(StaticFiles):
+    """Files of a folder, with the headers of the page."""
+
+    async def get_response(self, path: str, scope: Scope) -> Response:
+        """Answer with a file, or that the browser has it."""
+        response = await super().get_response(path, scope)
+        response.headers.update(HEADERS)
+        return response
+
+
+def plotly_folder() -> Path:
+    """Return the folder of Plotly's bundle. The package is not imported: that takes a while."""
+    spec = find_spec("plotly")
+    assert spec is not None  # noqa: S101 (a dependency)
+    assert spec.origin is not None  # noqa: S101
+    return Path(spec.origin).parent / "package_data"
+
+
+DOCS_ASSETS = StaticFiles(directory=Path(fastapi_offline.__file__).parent / "static")
+"""Swagger UI as an installed package brings it."""
+
+DOCS_POLICY = (
+    "default-src 'self'; script-src 'self' 'unsafe-inline'; style-src 'self' 'unsafe-inline'; img-src 'self' data:"
+)
+"""A browser reaches no address outside the service, whatever the page holds."""
+ASSETS = Assets(directory=FOLDER)
+PLOTLY = Assets(directory=plotly_folder())
+
+
+@router.get("/")
+async def page(request: Request) -> Response:
+    """Serve the page."""
+    return await ASSETS.get_response("index.html", request.scope)
+
+
+@router.get("/page/plotly/plotly.min.js")
+async def plotly(request: Request) -> Response:
+    """Serve what draws the plots."""
+    return await PLOTLY.get_response("plotly.min.js", request.scope)
+
+
+@router.get("/docs")
+async def docs() -> HTMLResponse:
+    """Serve Swagger UI."""
+    response = get_swagger_ui_html(
+        openapi_url="openapi.json",
+        title="ricochet",
+        swagger_js_url="docs/assets/swagger-ui-bundle.js",
+        swagger_css_url="docs/assets/swagger-ui.css",
+        swagger_favicon_url="data:,",
+        swagger_ui_parameters={"validatorUrl": None, "tryItOutEnabled": True},
+    )
+    response.headers["Content-Security-Policy"] = DOCS_POLICY
+    return response

@@ -1,0 +1,293 @@
+"""Results on disk, in segments of one or many, and the latest of them in memory.
+
+    results/index.sqlite     which result is in which segment; made anew from the segments if it is lost
+    results/segments/        see `service.cache.segments`
+
+A folder belongs to one running service.
+"""
+
+import logging
+import re
+import sqlite3
+import threading
+import time
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+from service.cache.hdf5 import DamagedFileError, Segment, encode_segments, read_keys, read_records
+from service.cache.index import Index, Location, Statistics, discard_index
+from service.cache.record import RecentRecords, Record
+from service.cache.segments import FolderLock, Segments, discard, name_of
+
+NOT_CACHED = "result_not_cached"
+KEY = re.compile(r"[0-9a-f]{64}")
+PROBE = bytes(65_536)
+"""Enough for a full disk to refuse it."""
+EVICTED_SHARE = 0.1
+"""Share of the limit made free at once, so that not every new result has to."""
+EVICTED_AT_ONCE = 64
+"""Segments; storing results waits for it."""
+
+log = logging.getLogger(__name__)
+
+
+class ResultCache:
+    """Keeps records. A context manager, closed at its end.
+
+    Parameters
+    ----------
+    folder
+        Data folder of the service; made if it is not there.
+    memory_bytes
+        Memory for the latest records.
+    disk_bytes
+        Disk for all records; segments used longest ago go first.
+
+    Raises
+    ------
+    FolderInUseError
+        If the folder belongs to another running service.
+
+    Notes
+    -----
+    Nothing here raises for a disk that is full, read-only or gone: results are answered all the same, and `last_error`
+    says what is wrong. Only `recall` is meant for the event loop, all else may wait for the disk.
+    """
+
+    def __init__(self, folder: Path, *, memory_bytes: int, disk_bytes: int) -> None:
+        self.last_error: str | None = None
+        self._folder = folder
+        self._disk_bytes = disk_bytes
+        self._recent = RecentRecords(memory_bytes)
+        self._segments = Segments(folder)
+        self._index_path = folder / "results" / "index.sqlite"
+        self._changing = threading.Lock()
+        """Held while files and index change together."""
+        self._evicting = threading.Lock()
+        self._lock: FolderLock | None = None
+        with self._noting():
+            self._lock = FolderLock(folder)
+        self._segments.sweep()
+        self.writable()  # which makes the folder
+        self._index = self._open_index()
+        self._reconcile()
+        self._make_room()
+
+    def __enter__(self) -> "ResultCache":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def recall(self, key: str) -> Record | None:
+        """Record of this key if it is in memory."""
+        return self._recent.get(key)
+
+    def get(self, key: str) -> Record | None:
+        """Record of this key, from memory or from disk; in memory from then on."""
+        record = self.get_many([key]).get(key)
+        if record is not None:
+            self._recent.put(record)
+        return record
+
+    def get_many(self, keys: Sequence[str]) -> dict[str, Record]:
+        """Records of these keys, as far as there are any. Memory keeps what it has: a batch would fill it."""
+        found = {key: record for key in keys if (record := self._recent.get(key))}
+        wanted: dict[str, dict[str, int]] = defaultdict(dict)
+        for key, place in self._find([key for key in keys if key not in found]).items():
+            wanted[place.segment][key] = place.row
+        for segment, rows in wanted.items():
+            found |= self._read(segment, rows)
+        self._use(wanted)
+        return found
+
+    def known(self, keys: Sequence[str]) -> set[str]:
+        """Those of these keys whose records are on disk, in segments seen to be whole."""
+        places = self._find(keys)
+        whole = {name for name in {place.segment for place in places.values()} if self._check(name)}
+        self._use(whole)
+        return {key for key, place in places.items() if place.segment in whole}
+
+    def put(self, record: Record, segments: Sequence[Segment] = ()) -> Record:
+        """Keep the record; return it as it is to be answered, with a warning if it could not be written."""
+        [record] = self.put_many([record], segments)
+        self._recent.put(record)
+        return record
+
+    def put_many(self, records: Sequence[Record], segments: Sequence[Segment] = ()) -> list[Record]:
+        """Keep records of one operation in as few segments as their size allows; return them likewise.
+
+        Parameters
+        ----------
+        segments
+            Files of some of these records, if they have been made already.
+        """
+        stored = {key for keys, _ in segments for key in keys}
+        rest = [record for record in records if record.key not in stored]
+        more = encode_segments(rest) if rest else []
+        lost: set[str] = set()
+        for keys, content in (*segments, *more):
+            if not self._store(keys, content):
+                lost.update(keys)
+        detail = f"this result was not stored: {self.last_error}"
+        return [record.with_warning(NOT_CACHED, detail) if record.key in lost else record for record in records]
+
+    def writable(self) -> bool:
+        """Try whether results can be written now."""
+        with self._noting():
+            discard(self._segments.stage(PROBE))
+            self._note(None)
+            return True
+        return False
+
+    def statistics(self) -> Statistics:
+        """What is on disk."""
+        return self._index.statistics
+
+    def evict(self, limit: int, *, keep: str = "") -> None:
+        """Remove the segments used longest ago until the rest, but for the one to keep, takes no more than this."""
+        with self._noting():
+            self._index.flush()  # the order they go in; a full disk may refuse it, but not what makes it less full
+        with self._noting():
+            while self._index.statistics.bytes > limit:
+                excess, names = self._index.statistics.bytes - limit, []
+                for name, size in self._index.oldest(EVICTED_AT_ONCE, but=keep):
+                    if excess > 0:
+                        names.append(name)
+                        excess -= size
+                if not names:
+                    return
+                with self._changing:
+                    self._segments.remove(names)
+                    self._index.drop(names)
+
+    def verify(self) -> list[str]:
+        """Read every segment, enter what is not in the index, set damaged ones aside and return their names."""
+        return [name for name in sorted(self._segments.names()) if not self._adopt(name)]
+
+    def rebuild(self) -> None:
+        """Make the index anew, with nobody else at work."""
+        with self._noting():
+            self._index.close()
+            discard_index(self._index_path)
+            self._index = self._open_index()
+            self._reconcile()
+
+    def close(self) -> None:
+        """Write what is left and give the folder up."""
+        with self._noting():
+            self._index.close()
+        if self._lock is not None:
+            self._lock.release()
+
+    def _open_index(self) -> Index:
+        with self._noting():
+            return Index(self._index_path)
+        return Index(None)  # what is stored can be read all the same
+
+    def _reconcile(self) -> None:
+        """Make the index agree with the files: a crash may come between the change of one and of the other."""
+        with self._noting():
+            indexed, there = self._index.names(), self._segments.names()
+            self._index.drop(indexed - there)
+            new = there - indexed
+            if new:
+                log.info("%d segments are not in the index: reading them", len(new))
+            for name in new:
+                self._adopt(name)
+
+    def _store(self, keys: Sequence[str], content: bytes) -> bool:
+        name = name_of(keys)
+        with self._noting():
+            staged = self._segments.stage(content)
+            with self._changing:
+                self._segments.place(staged, name)
+                self._enter(name, keys, len(content))
+            self._note(None)
+            self._make_room(name)
+            return True
+        return False
+
+    def _enter(self, name: str, keys: Sequence[str], size: int) -> None:
+        try:
+            self._index.add(name, keys, size, time.time())
+        except sqlite3.Error:
+            places = self._index.find(keys).values()
+            if all(place.segment != name for place in places):  # nobody would find it before the next start
+                self._segments.remove([name])
+            raise
+
+    def _make_room(self, latest: str = "") -> None:
+        if self.statistics().bytes > self._disk_bytes and self._evicting.acquire(blocking=False):
+            try:
+                self.evict(round(self._disk_bytes * (1.0 - EVICTED_SHARE)), keep=latest)
+            finally:
+                self._evicting.release()
+
+    def _find(self, keys: Sequence[str]) -> dict[str, Location]:
+        with self._noting():
+            return self._index.find([key for key in keys if KEY.fullmatch(key)])  # one may come from an address
+        return {}
+
+    def _use(self, names: Iterable[str]) -> None:
+        with self._noting():
+            self._index.use(names)
+
+    def _read(self, name: str, rows: Mapping[str, int]) -> dict[str, Record]:
+        """Results in these rows of a segment."""
+        with self._missing(name):
+            records = read_records(self._segments.path(name).read_bytes(), rows.values())
+            if [record.key for record in records] != list(rows):
+                self._index.drop([name])  # it was wrong
+                self._adopt(name)
+            return {record.key: record for record in records if record.key in rows}
+        return {}
+
+    def _check(self, name: str) -> bool:
+        with self._missing(name):
+            self._segments.check(name)
+            return True
+        return False
+
+    def _adopt(self, name: str) -> bool:
+        """Enter a segment in the index, if it is whole."""
+        with self._missing(name):
+            path = self._segments.path(name)
+            content = path.read_bytes()
+            keys = read_keys(content)
+            if name_of(keys) != name:
+                raise DamagedFileError("it holds other results")
+            self._index.add(name, keys, len(content), path.stat().st_mtime)
+            return True
+        return False
+
+    @contextmanager
+    def _missing(self, name: str) -> Iterator[None]:
+        """Take a segment that turns out to be gone or damaged for one that is not there."""
+        with self._noting():
+            try:
+                yield
+            except FileNotFoundError:
+                with self._changing:
+                    if not self._segments.path(name).exists():  # nor written anew meanwhile
+                        self._index.drop([name])
+            except DamagedFileError as error:
+                with self._changing:
+                    self._segments.set_aside(name, str(error))
+                    self._index.drop([name])
+
+    @contextmanager
+    def _noting(self) -> Iterator[None]:
+        """Note what the disk refuses, and go on behind the block."""
+        try:
+            yield
+        except (OSError, sqlite3.Error) as error:
+            self._note(error)
+
+    def _note(self, error: OSError | sqlite3.Error | None) -> None:
+        last_error = None if error is None else getattr(error, "strerror", None) or str(error) or type(error).__name__
+        if last_error != self.last_error:
+            log.warning("cache folder %s: %s", self._folder, error or "written again")
+        self.last_error = last_error

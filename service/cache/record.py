@@ -1,0 +1,214 @@
+"""One result as the service keeps and answers it, and those used last in memory."""
+
+import threading
+from collections import OrderedDict
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import orjson
+
+from service.cache_key import SCHEMA_VERSION
+from service.operations import outcome_of
+from solver import ENGINE_VERSION
+
+FloatColumns = dict[str, npt.NDArray[np.float64]]
+
+DICT_WEIGHT = 8
+"""Memory of parsed JSON over the length of its text, about."""
+
+
+class Record:
+    """A request, its answer and the versions that made it. Not to be changed.
+
+    A record holds the answer as it is sent, or its parts, or both: each is made from the other when it is first used.
+
+    Parameters
+    ----------
+    key
+        Hash of the request, the operation and the versions.
+    operation
+        Name of the operation.
+    request_json
+        Canonical request, every default filled in.
+    answer
+        The JSON answer without key, version and columns of the history; as a dictionary or as text.
+    history
+        Those columns, by their names in the contract; None if there is no history.
+    json
+        The answer as it is sent, in place of its parts.
+    outcome
+        How the run or the search ended; read from the answer when not given.
+    """
+
+    __slots__ = (
+        "_answer",
+        "_answer_json",
+        "_history",
+        "_json",
+        "_outcome",
+        "engine_version",
+        "key",
+        "operation",
+        "request_json",
+        "schema_version",
+    )
+
+    def __init__(
+        self,
+        key: str,
+        operation: str,
+        request_json: bytes,
+        answer: dict[str, Any] | bytes | None = None,
+        history: FloatColumns | None = None,
+        *,
+        json: bytes | None = None,
+        outcome: str | None = None,
+        engine_version: str | None = None,
+        schema_version: str = SCHEMA_VERSION,
+    ) -> None:
+        self.key = key
+        self.operation = operation
+        self.request_json = request_json
+        self.engine_version = ENGINE_VERSION if engine_version is None else engine_version
+        self.schema_version = schema_version
+        self._answer = answer if isinstance(answer, dict) else None
+        self._answer_json = answer if isinstance(answer, bytes) else None
+        self._history = history
+        self._json = json
+        self._outcome = outcome
+
+    @property
+    def json(self) -> bytes:
+        """The answer as it is sent."""
+        if self._json is None:
+            self._json = self._encode()
+        return self._json
+
+    @property
+    def request(self) -> dict[str, Any]:
+        """Canonical request."""
+        request: dict[str, Any] = orjson.loads(self.request_json)
+        return request
+
+    @property
+    def answer(self) -> dict[str, Any]:
+        """The JSON answer without key, version and columns of the history."""
+        if self._answer is None:
+            if self._answer_json is not None:
+                self._answer = orjson.loads(self._answer_json)
+            else:
+                self._answer = self._split()
+        answer: dict[str, Any] = self._answer
+        return answer
+
+    @property
+    def answer_json(self) -> bytes:
+        """The same as text."""
+        if self._answer_json is None:
+            self._answer_json = orjson.dumps(self.answer)
+        return self._answer_json
+
+    @property
+    def history(self) -> FloatColumns | None:
+        """Columns of the history; None if there is none."""
+        if self._history is None and self._json is not None and self._answer_json is None and self._answer is None:
+            self._answer = self._split()
+        return self._history
+
+    @property
+    def outcome(self) -> str:
+        """How the run or the search ended."""
+        if self._outcome is None:
+            self._outcome = outcome_of(self.answer)
+        return self._outcome
+
+    @property
+    def nbytes(self) -> int:
+        """Memory it takes, about."""
+        parts = 0 if self._answer is None else DICT_WEIGHT * len(self.answer_json)
+        columns = sum(column.nbytes for column in (self._history or {}).values())
+        return len(self.json) + len(self.request_json) + parts + columns
+
+    @property
+    def motion(self) -> dict[str, Any] | None:
+        """The part of the answer that describes one run, which the history belongs to; None if there is none."""
+        return motion_in(self.operation, self.answer)
+
+    def with_warning(self, code: str, detail: str) -> "Record":
+        """Return the same result with one more warning."""
+        history = self.history
+        warnings = [*self.answer.get("warnings", []), {"code": code, "detail": detail}]
+        return Record(
+            self.key,
+            self.operation,
+            self.request_json,
+            {**self.answer, "warnings": warnings},
+            history,
+            engine_version=self.engine_version,
+            schema_version=self.schema_version,
+        )
+
+    def _encode(self) -> bytes:
+        """Return the answer with key, version and history; joined as text, which spares parsing one that was stored."""
+        text, history = self.answer_json, self._history
+        more: dict[str, Any] = {"key": self.key, "engine_version": self.engine_version}
+        if history is not None:
+            columns = {name: np.ascontiguousarray(column) for name, column in history.items()}
+            if self.operation == "trajectory":
+                more["history"] = columns
+            elif self.motion is not None:
+                text = _dumps({**self.answer, "trajectory": {**self.motion, "history": columns}})
+        return text[:-1] + b"," * (len(text) > len(b"{}")) + _dumps(more)[1:]
+
+    def _split(self) -> dict[str, Any]:
+        """Return the answer of the JSON that is sent, and keep its history apart."""
+        answer: dict[str, Any] = orjson.loads(self.json)
+        del answer["key"], answer["engine_version"]
+        motion = motion_in(self.operation, answer)
+        history = None if motion is None else motion.pop("history", None)
+        if history is not None:
+            self._history = {name: np.array(column) for name, column in history.items()}
+        return answer
+
+
+class RecentRecords:
+    """The records used last, up to a number of bytes."""
+
+    def __init__(self, limit: int) -> None:
+        self._limit = limit
+        self._records: OrderedDict[str, tuple[Record, int]] = OrderedDict()
+        self._nbytes = 0
+        self._lock = threading.Lock()
+
+    def get(self, key: str) -> Record | None:
+        """Return the record of this key, which becomes the latest."""
+        with self._lock:
+            if key not in self._records:
+                return None
+            self._records.move_to_end(key)
+            return self._records[key][0]
+
+    def put(self, record: Record) -> None:
+        """Keep the record, if it fits at all, and drop as many of those used longest ago as it takes."""
+        nbytes = record.nbytes
+        with self._lock:
+            _, replaced = self._records.pop(record.key, (None, 0))
+            self._nbytes -= replaced
+            if nbytes > self._limit:
+                return
+            self._records[record.key] = (record, nbytes)
+            self._nbytes += nbytes
+            while self._nbytes > self._limit:
+                _, (_, dropped) = self._records.popitem(last=False)
+                self._nbytes -= dropped
+
+
+def motion_in(operation: str, answer: dict[str, Any]) -> dict[str, Any] | None:
+    """Return the part of an answer that describes one run; None if there is none."""
+    motion: dict[str, Any] | None = answer if operation == "trajectory" else answer.get("trajectory")
+    return motion
+
+
+def _dumps(content: dict[str, Any]) -> bytes:
+    return orjson.dumps(content, option=orjson.OPT_SERIALIZE_NUMPY)

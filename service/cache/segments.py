@@ -1,0 +1,194 @@
+"""The files of results: segments, written once, and the folder they are in.
+
+lock                                       held by the service the folder belongs to
+results/segments/<first two digits>/<name>.h5
+results/.partial/                          being written; what a crash leaves there is removed at the next start
+damaged/<name>.h5                          files that were not what had been written, set aside
+"""
+
+import fcntl
+import hashlib
+import itertools
+import logging
+import os
+import re
+import shutil
+from collections.abc import Iterable, Sequence
+from contextlib import suppress
+from pathlib import Path
+
+from service.cache.hdf5 import check
+from service.errors import FolderInUseError
+
+FILE = re.compile(r"[0-9a-f]{32}\.h5")
+MOST_REMEMBERED = 100_000
+"""Segments that are remembered to be whole, some 20 MB."""
+
+log = logging.getLogger(__name__)
+
+
+class FolderLock:
+    """Keeps a data folder to one service; the kernel gives it up with the process, however that ends.
+
+    Parameters
+    ----------
+    folder
+        Made if it is not there.
+
+    Raises
+    ------
+    FolderInUseError
+        If another has it.
+    OSError
+        If there can be no such lock.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        folder.mkdir(parents=True, exist_ok=True)
+        self._file: int | None = os.open(folder / "lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+        try:
+            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            self.release()
+            raise FolderInUseError(f"the data folder {folder} is in use by another service") from None
+        except OSError:
+            self.release()
+            raise
+
+    def release(self) -> None:
+        """Give the folder up."""
+        if self._file is not None:
+            os.close(self._file)
+        self._file = None
+
+
+def name_of(keys: Iterable[str]) -> str:
+    """Name of the segment with the results of these keys, in this order."""
+    return hashlib.sha256("".join(keys).encode()).hexdigest()[:32]
+
+
+class Segments:
+    """Files of a data folder.
+
+    Parameters
+    ----------
+    folder
+        Data folder of the service.
+
+    Notes
+    -----
+    No fsync: what a power cut leaves of a file fails its checksum and is computed again, which costs less than waiting
+    for the disk at every one.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._segments = folder / "results" / "segments"
+        self._partial = folder / "results" / ".partial"
+        self._damaged = folder / "damaged"
+        self._numbers = itertools.count()
+        self._whole: dict[str, tuple[int, int]] = {}
+
+    def sweep(self) -> None:
+        """Remove what a crash left half written."""
+        shutil.rmtree(self._partial, ignore_errors=True)
+
+    def names(self) -> set[str]:
+        """Names of all that are there."""
+        files = {name for _, _, names in os.walk(self._segments) for name in names}
+        return {name.removesuffix(".h5") for name in files if FILE.fullmatch(name)}
+
+    def path(self, name: str) -> Path:
+        """Where a segment is."""
+        return self._segments / name[:2] / f"{name}.h5"
+
+    def stage(self, content: bytes) -> Path:
+        """Write the content to a file that is none of the segments yet.
+
+        Raises
+        ------
+        OSError
+            If it cannot be written; nothing is left of it then.
+        """
+        staged = self._partial / f"{os.getpid()}-{next(self._numbers)}"
+        try:
+            self._partial.mkdir(parents=True, exist_ok=True)
+            staged.write_bytes(content)
+        except OSError:
+            discard(staged)
+            raise
+        return staged
+
+    def place(self, staged: Path, name: str) -> None:
+        """Make the staged file the segment of this name, whole at once.
+
+        Raises
+        ------
+        OSError
+            If it cannot be; nothing is left of it then.
+        """
+        path = self.path(name)
+        try:
+            signature = _signature(staged)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            staged.replace(path)
+        except OSError:
+            discard(staged)
+            raise
+        self._remember(name, signature)
+
+    def check(self, name: str) -> None:
+        """See that a segment is whole; read only if it was not seen so before.
+
+        Raises
+        ------
+        DamagedFileError
+            If it is not what was written.
+        OSError
+            If it cannot be read.
+        """
+        signature = _signature(self.path(name))
+        if self._whole.get(name) != signature:
+            check(self.path(name).read_bytes())
+            self._remember(name, signature)
+
+    def remove(self, names: Sequence[str]) -> None:
+        """Remove segments.
+
+        Raises
+        ------
+        OSError
+            If one cannot be removed.
+        """
+        for name in names:
+            self.path(name).unlink(missing_ok=True)
+            self._whole.pop(name, None)
+
+    def set_aside(self, name: str, reason: str) -> None:
+        """Move a damaged segment out of the way.
+
+        Raises
+        ------
+        OSError
+            If it cannot be moved.
+        """
+        log.warning("%s set aside: %s", self.path(name), reason)
+        self._whole.pop(name, None)
+        self._damaged.mkdir(parents=True, exist_ok=True)
+        self.path(name).replace(self._damaged / f"{name}.h5")
+
+    def _remember(self, name: str, signature: tuple[int, int]) -> None:
+        if len(self._whole) >= MOST_REMEMBERED:
+            self._whole.clear()  # they are checked again when they are used
+        self._whole[name] = signature
+
+
+def discard(path: Path) -> None:
+    """Remove a file if that can be done."""
+    with suppress(OSError):
+        path.unlink(missing_ok=True)
+
+
+def _signature(path: Path) -> tuple[int, int]:
+    """Size and time of last change, which identify the file that was checked."""
+    status = path.stat()
+    return status.st_size, status.st_mtime_ns

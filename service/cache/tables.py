@@ -1,0 +1,114 @@
+"""Results as tables: NumPy arrays with the columns of `service.columns`."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from service.cache.record import FloatColumns, Record
+from service.columns import CASE, IDENTITY, RESIDUALS, TRIALS, Column, summarize
+
+Table = npt.NDArray[Any]
+
+
+def fill(column: Column, values: Sequence[Any]) -> Table:
+    """Return the values of a column as an array; None becomes NaN or an empty text.
+
+    Raises
+    ------
+    ValueError
+        If a text is too long to be kept whole.
+    """
+    dtype = np.dtype(column.dtype)
+    if dtype.kind != "S":
+        return np.array(values, dtype)
+    texts = [b"" if value is None else value.encode() for value in values]
+    if max(map(len, texts), default=0) > dtype.itemsize:
+        raise ValueError(f"a text of column {column.name} is longer than {dtype.itemsize} bytes")
+    return np.array(texts, dtype)
+
+
+def summary_of(record: Record) -> dict[str, Any]:
+    """Return the row of the summary of a result, by column."""
+    return summarize(record.answer) | {column.name: getattr(record, column.name) for column in IDENTITY}
+
+
+def table_of(columns: Iterable[Column], rows: Sequence[Mapping[str, Any]]) -> Table:
+    """Rows as a table with these columns."""
+    return _joined(_filled(columns, rows), len(rows))
+
+
+def trials_of(records: Sequence[Record | None], first: int) -> Table:
+    """Every trial of these results, in order, with the row of the summary, the first of which is given."""
+    searches = [record.answer.get("iterations", ()) if record else () for record in records]
+    trials = [trial for search in searches for trial in search]
+    rows = np.repeat(np.arange(first, first + len(records)), list(map(len, searches)))
+    return _joined({CASE.name: rows} | _filled(TRIALS, trials), len(trials))
+
+
+def residuals_of(record: Record) -> dict[str, list[Any]]:
+    """Return what a calibration was given, what it predicts and what is left, by column; of other results nothing."""
+    kind = record.operation
+    if not kind.startswith("calibration_"):
+        return {}
+    answer = record.answer
+    if kind == "calibration_depth":
+        tests = record.request["tests"]
+        given = {
+            name: [test[name] for test in tests] for name in ("velocity_m_s", "group", "depth_m") if name in tests[0]
+        }
+        return given | {"predicted_depth_m": answer["predicted_depth_m"], "residual_m": answer["residuals"]}
+    if kind == "calibration_obliquity":
+        points = record.request["points"]
+        given = {name: [point[name] for point in points] for name in ("oblique_angle_deg", "strength_factor")}
+        return given | {"residual": answer["residuals"]}
+    columns = dict(answer["residuals"])
+    time = columns.pop("time_s")
+    used = {name: record.request["history"][name][: len(time)] for name in columns}
+    predicted = {f"predicted_{name}": answer["predicted"][name] for name in columns}
+    return {"time_s": time} | used | predicted | {f"residual_{name}": column for name, column in columns.items()}
+
+
+def residual_table(records: Sequence[Record | None], first: int) -> Table:
+    """Residuals of a calibration as a table, with the row of the summary; its file holds no other result."""
+    found = [
+        (row, columns) for row, record in enumerate(records, first) if record and (columns := residuals_of(record))
+    ]
+    if not found:
+        return np.empty(0)
+    ((row, columns),) = found
+    table = {column.name: fill(column, columns[column.name]) for column in RESIDUALS if column.name in columns}
+    length = len(next(iter(table.values())))
+    return _joined({CASE.name: np.full(length, row)} | table, length)
+
+
+def histories_of(records: Sequence[Record | None], first: int) -> Table:
+    """Every history of these results, likewise. They must have the same columns."""
+    histories = [(row, record.history) for row, record in enumerate(records, first) if record and record.history]
+    if not histories:
+        return np.empty(0)
+    lengths = [len(next(iter(history.values()))) for _, history in histories]
+    columns: dict[str, Table] = {CASE.name: np.repeat([row for row, _ in histories], lengths)}
+    columns |= {name: np.concatenate([history[name] for _, history in histories]) for name in histories[0][1]}
+    return _joined(columns, sum(lengths))
+
+
+def history_of(table: Table, row: int) -> FloatColumns | None:
+    """History that belongs to a row of the summary."""
+    if not len(table):
+        return None
+    start, end = np.searchsorted(table[CASE.name], [row, row + 1])
+    names = [name for name in table.dtype.names or () if name != CASE.name]
+    return {name: np.ascontiguousarray(table[name][start:end]) for name in names} if end > start else None
+
+
+def _filled(columns: Iterable[Column], rows: Sequence[Mapping[str, Any]]) -> dict[str, Table]:
+    return {column.name: fill(column, [row.get(column.name) for row in rows]) for column in columns}
+
+
+def _joined(columns: Mapping[str, Table], length: int) -> Table:
+    table = np.empty(length, dtype=[(name, column.dtype) for name, column in columns.items()])
+    for name, column in columns.items():
+        table[name] = column
+    return table

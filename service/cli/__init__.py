@@ -1,0 +1,116 @@
+"""The `ricochet` command: dispatches to the module of a command and turns errors into exit statuses.
+
+The module of a command has a function `add_NAME(parser)`, which adds the flags and sets `run`, a function of the parsed
+arguments that returns the exit status. Only the module of the command that runs is imported, and modules import the
+solver and the service inside `run`: `ricochet --help` would otherwise take seconds.
+"""
+
+import argparse
+import os
+import sys
+from importlib import import_module
+from typing import Any, NamedTuple
+
+from service.cli.arguments import Formatter, examples
+from service.cli.errors import EXIT_STATUSES, FAILED, INTERRUPTED, CommandError, UsageError
+
+
+class Command(NamedTuple):
+    """A command and its module."""
+
+    name: str
+    help: str
+    module: str
+
+
+COMMANDS = (
+    Command("trajectory", "motion of one impact", "service.cli.single"),
+    Command("cra", "critical ricochet angle of one impact", "service.cli.single"),
+    Command("batch", "many cases from a file", "service.cli.batch"),
+    Command("sweep", "one case over ranges of up to four of its fields", "service.cli.batch"),
+    Command("jobs", "list, follow and cancel the jobs of a service", "service.cli.jobs"),
+    Command("serve", "run the service, configured by RICOCHET_... variables", "service.cli.serve"),
+    Command("keys", "add, list and revoke the API keys of a service", "service.cli.data_folder"),
+    Command("cache", "inspect and repair the stored results", "service.cli.data_folder"),
+    Command("calibrate", "fit strength factors to tests or finite element histories", "service.cli.calibrate"),
+    Command("reproduce", "recompute the source paper beside its printed numbers", "service.cli.reports"),
+    Command("validate", "compare with published penetration tests", "service.cli.reports"),
+    Command("openapi", "write the contract, openapi/openapi.json", "service.cli.serve"),
+    Command("version", "print the versions of the package and the solver", "service.cli"),
+)
+
+
+class Version(argparse.Action):
+    """`--version`. The version is looked up only if it is printed: reading package metadata takes 20 ms."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> None:
+        """Print the version of the package and exit."""
+        print(f"ricochet {package_version()}")
+        parser.exit()
+
+
+def add_version(parser: argparse.ArgumentParser) -> None:
+    """Define `ricochet version`."""
+    parser.description = "Print the version of the package and of the solver; results can change with the latter."
+    parser.epilog = examples("ricochet version")
+    parser.set_defaults(run=print_versions)
+
+
+def print_versions(_: argparse.Namespace) -> int:
+    """Print the versions."""
+    from solver import ENGINE_VERSION
+
+    print(f"ricochet {package_version()}, engine {ENGINE_VERSION}")
+    return 0
+
+
+def package_version() -> str:
+    """Return the version of the installed package."""
+    from importlib.metadata import version
+
+    return version("ricochet")
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run a command; return its exit status."""
+    arguments = sys.argv[1:] if arguments is None else arguments
+    name = next((argument for argument in arguments if not argument.startswith("-")), "")
+    try:
+        return run(name, arguments)
+    except CommandError as error:
+        print(f"ricochet {name}: {error}", file=sys.stderr)
+        return error.status
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        return INTERRUPTED
+    except BrokenPipeError:  # the reader of a pipe has closed it
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return FAILED
+    except OSError as error:  # a full disk, most likely
+        print(f"ricochet {name}: {error}", file=sys.stderr)
+        return FAILED
+
+
+def run(name: str, arguments: list[str]) -> int:
+    """Parse the arguments and run the command; only its module is imported and only its flags are known."""
+    parser = argparse.ArgumentParser(
+        prog="ricochet",
+        description="Critical ricochet angles of rigid projectiles on concrete, computed here or by a service (--url).",
+        epilog=f"{examples('ricochet cra --help')}\n\n{EXIT_STATUSES}",
+        formatter_class=Formatter,
+    )
+    parser.add_argument("--version", action=Version, nargs=0, help="print the version and exit")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    selected = parser
+    for command in COMMANDS:
+        subparser = commands.add_parser(command.name, help=command.help, formatter_class=Formatter, allow_abbrev=False)
+        if command.name == name:
+            selected = subparser
+            getattr(import_module(command.module), f"add_{name}")(subparser)
+    args = parser.parse_args(arguments)
+    try:
+        status: int = args.run(args)
+        sys.stdout.flush()
+    except UsageError as error:
+        selected.error(str(error))
+    return status

@@ -1,0 +1,215 @@
+"""`ricochet batch` and `ricochet sweep`: many cases, computed locally or by a service."""
+
+import argparse
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from service.cli.arguments import (
+    BODY,
+    IMPACT,
+    add_case,
+    add_data_dir,
+    add_formats,
+    add_operation,
+    add_output,
+    add_plot,
+    add_url,
+    examples,
+)
+from service.cli.errors import CommandError, RefusedError, UsageError
+from service.cli.jobs import BatchRequest, run_batch
+from service.cli.request_body import STDIN, RequestBody, read_body
+from service.cli.writers import Writer
+
+READ_SIZE = 256 * 1024
+"""Bytes read from a file at a time."""
+JSONL = "application/jsonl"
+SWEEP_FLAGS = (*IMPACT, *BODY)
+MAX_PLOT_AXES = 2
+MAX_POINTS = 100_000
+"""Points of a sweep; a service accepts no more."""
+
+
+class Axis(NamedTuple):
+    """A field of a sweep with its values, as typed and as sent."""
+
+    field: str
+    values: list[float]
+    text: str
+    content: dict[str, Any]
+
+
+def add_batch(parser: argparse.ArgumentParser) -> None:
+    """Define `ricochet batch`."""
+    parser.description = (
+        "Compute many cases. Each line of the file is a request body in JSON, with an optional custom_id. Results are "
+        "written in the order of the file as soon as they are ready: as JSON lines, or on a terminal as a table of "
+        "the first."
+    )
+    parser.epilog = examples("ricochet batch cases.jsonl -o angles.csv", "ricochet batch cases.jsonl > angles.jsonl")
+    parser.add_argument("file", metavar="FILE.jsonl", help="up to 100,000 cases; - reads a pipe")
+    _add_common(parser)
+    parser.set_defaults(run=run_file)
+
+
+def add_sweep(parser: argparse.ArgumentParser) -> None:
+    """Define `ricochet sweep`."""
+    parser.description = (
+        "Compute a case for every combination of the values of up to four fields; the last axis varies fastest. The "
+        "case may leave out the fields of the axes."
+    )
+    parser.epilog = examples(
+        "ricochet sweep strike.toml --axis impact.velocity_m_s=200:300:3 --csv",
+        "ricochet sweep strike.toml --axis impact.velocity_m_s=240,280 "
+        "--axis target.compressive_strength_pa=30e6:40e6:2 --plot map.svg",
+    )
+    add_case(parser, SWEEP_FLAGS)
+    parser.add_argument(
+        "--axis",
+        action="append",
+        required=True,
+        type=read_axis,
+        metavar="FIELD=VALUES",
+        help="values separated by commas, or START:STOP:COUNT evenly spaced; up to four axes",
+    )
+    _add_common(parser)
+    add_plot(parser, "the critical angle or the maximum depth over one axis, or as a map over two")
+    parser.set_defaults(run=run_sweep)
+
+
+def _add_common(parser: argparse.ArgumentParser) -> None:
+    add_operation(parser)
+    add_output(parser)
+    add_formats(parser, json="print JSON lines", csv="print the summaries as CSV")
+    add_data_dir(parser)
+    add_url(parser)
+
+
+def run_file(args: argparse.Namespace) -> int:
+    """Compute the cases of a file; return 3 if some have a problem."""
+    path = f"/{args.operation}/batch"
+    if args.file == STDIN:
+        text = sys.stdin.buffer.read()
+        request = BatchRequest(path, lambda: text, JSONL)
+    else:
+        file = Path(args.file)
+        _check_readable(file)
+        request = BatchRequest(path, lambda: _read_pieces(file), JSONL)
+    try:
+        return run_batch(args, request)
+    except RefusedError as error:
+        raise _explain_lines(error, args.file) from None
+
+
+def _check_readable(file: Path) -> None:
+    try:
+        with file.open("rb"):
+            return
+    except OSError as error:
+        raise CommandError(f"{file}: {error.strerror or error}") from None
+
+
+def _read_pieces(file: Path) -> Iterator[bytes]:
+    with file.open("rb") as stream:
+        while piece := stream.read(READ_SIZE):
+            yield piece
+
+
+def _explain_lines(error: RefusedError, file: str) -> CommandError:
+    """Return a problem with the line of each invalid case; the service counts from 0."""
+    lines = []
+    for each in error.errors:
+        _, _, rest = each["pointer"].partition("/")
+        index, _, pointer = rest.partition("/")
+        line = f"{file}:{int(index) + 1}" if index.isdigit() else file
+        lines.append(": ".join(filter(None, (line, pointer and f"/{pointer}", each["detail"]))))
+    return CommandError("\n".join(lines), error.status) if lines else error
+
+
+def run_sweep(args: argparse.Namespace) -> int:
+    """Compute the points of a sweep; return 3 if some have a problem."""
+    from service.cli.client import JSON, dumps
+
+    axes: list[Axis] = args.axis
+    body = read_body(args.case, args, SWEEP_FLAGS)
+    content = dumps({"base": _fill(body.content, axes), "axes": [axis.content for axis in axes]})
+    writers: list[Writer] = []
+    if args.plot:
+        from service.cli.plots import SweepPlot, check_plot
+
+        if len(axes) > MAX_PLOT_AXES:
+            raise UsageError(f"--plot needs one axis or two, not {len(axes)}")
+        check_plot(args.plot)
+        writers = [SweepPlot(args.plot, args.operation, [axis.field for axis in axes])]
+    path = f"/{args.operation}/sweep"
+    try:
+        return run_batch(args, BatchRequest(path, lambda: content, JSON, writers))
+    except RefusedError as error:
+        raise _explain_axes(error, body, axes) from None
+
+
+def read_axis(text: str) -> Axis:
+    """Return the axis of a flag `--axis`.
+
+    Raises
+    ------
+    ArgumentTypeError
+        If the text is not FIELD=A,B,C or FIELD=START:STOP:COUNT.
+    """
+    field, equals, range_ = text.partition("=")
+    try:
+        if not equals or not all(field.split(".")):
+            raise ValueError(text)
+        if ":" not in range_:
+            values = [float(value) for value in range_.split(",")]
+            return Axis(field, values, text, {"field": field, "values": values})
+        first, last, number = range_.split(":")
+        start, stop, count = float(first), float(last), int(number)
+        content = {"field": field, "start": start, "stop": stop, "count": count}
+        return Axis(field, _linspace(start, stop, count), text, content)
+    except ValueError:
+        raise argparse.ArgumentTypeError(
+            f"must be FIELD=A,B,C or FIELD=START:STOP:COUNT with at most {MAX_POINTS:,} values, got {text!r}"
+        ) from None
+
+
+def _linspace(start: float, stop: float, count: int) -> list[float]:
+    """Return evenly spaced values, computed as the service does."""
+    if not 1 <= count <= MAX_POINTS:
+        raise ValueError(count)
+    if count == 1:
+        return [start]
+    step = (stop - start) / (count - 1)
+    return [start + step * i for i in range(count - 1)] + [stop]
+
+
+def _fill(body: dict[str, Any], axes: Sequence[Axis]) -> dict[str, Any]:
+    """Set missing fields of the axes to their first value, because the base of a sweep must be a valid request."""
+    for axis in axes:
+        *steps, last = axis.field.split(".")
+        parent: Any = body
+        for step in steps:
+            parent = parent.setdefault(step, {}) if isinstance(parent, dict) else None
+        if isinstance(parent, dict):
+            parent.setdefault(last, axis.values[0])
+    return body
+
+
+def _explain_axes(error: RefusedError, body: RequestBody, axes: Sequence[Axis]) -> CommandError:
+    """Return a problem with the flag or the file of each invalid field."""
+    lines = []
+    by_pointer = {"/" + axis.field.replace(".", "/"): axis for axis in axes}
+    for each in error.errors:
+        _, part, *steps = each["pointer"].split("/") if each["pointer"].count("/") else ("", "")
+        pointer = "".join(f"/{step}" for step in steps)
+        if part == "base" and pointer not in by_pointer:
+            lines.append(body.describe(pointer, each["detail"]))
+        elif part == "base":
+            lines.append(f"--axis {by_pointer[pointer].text}: {each['detail']}")
+        elif part == "axes" and steps:
+            lines.append(f"--axis {axes[int(steps[0])].text}: {each['detail']}")
+        else:
+            lines.append(f"--axis: {each['detail']}")
+    return CommandError("\n".join(lines), error.status) if lines else error

@@ -1,0 +1,248 @@
+"""Input of `ricochet calibrate`: its flags, and the case from flags and a file with a request body."""
+
+import argparse
+import json
+import math
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import Field, ValidationError
+
+import solver
+from service.cli.arguments import BODY, IMPACT, Flag, add_numbers, examples
+from service.cli.errors import CommandError
+from service.cli.request_body import read_body
+from service.readers import DEPTH_TESTS, MOTION, OBLIQUITY_POINTS, Quantity
+from service.schemas.numerics import Method, Numerics
+from service.schemas.pointers import pointer_of_location, pointer_of_parameter
+from service.schemas.projectile import Projectile
+from service.schemas.quantities import Part
+from service.schemas.resistance import Resistance
+from service.schemas.strike import Impact, Target
+from solver.numerics import TERMINATION_TIME, TRAJECTORY_TOLERANCE
+
+GREATEST_DEPTH = "greatest-depth"
+SHORT_NAMES = {
+    "depth": ("depth_displacement",),
+    "lateral": ("lateral_displacement",),
+    "displacement": ("depth_displacement", "lateral_displacement"),
+}
+"""Short names of the quantities of a motion."""
+NOT_USED = ("output", "search", "custom_id")
+"""Fields of a request body that a calibration ignores."""
+CSV_FILES = (
+    "Columns are found by their names, with the unit at the end (time_s, depth_displacement_mm, rotation_deg, "
+    "velocity_m_s, mass_kg) or in brackets (time [ms]); without a unit they are SI. Separators are commas, semicolons "
+    "or tabs."
+)
+DYNA_FILES = (
+    "LS-DYNA's rbdout and nodout text files and its binary binout are recognized by their content. They are in the "
+    "units of the model, SI unless set by --unit, and along its axes, which --axis assigns."
+)
+
+
+def add_depth_flags(parser: argparse.ArgumentParser) -> None:
+    """Add the flags of the fit to depths."""
+    parser.description = f"Fit the strength factor to depths of normal-impact tests. {CSV_FILES}"
+    parser.epilog = examples("ricochet calibrate depth tests.csv --case strike.toml")
+    parser.add_argument(
+        "tests", metavar="TESTS.csv", help="velocity and depth of each test, optionally its mass and weight"
+    )
+    _add_file_flags(parser, DEPTH_TESTS, "velocity=V0", "depth=mm")
+    parser.add_argument("--group", action="store_true", help="also fit each group of the group column")
+    _add_fit_flags(parser)
+    parser.add_argument("--curves", type=Path, metavar="FILE.csv", help="write depth over velocity for each factor")
+    _add_case_flags(parser, BODY)
+
+
+def add_motion_flags(parser: argparse.ArgumentParser) -> None:
+    """Add the flags of the fit to a motion."""
+    parser.description = (
+        "Fit the strength factor to the motion of the centre of gravity since first contact: depth displacement, "
+        "lateral displacement and rotation (positive as the nose turns toward the face), or some of them. "
+        f"{CSV_FILES} {DYNA_FILES}"
+    )
+    parser.epilog = examples(
+        "ricochet calibrate motion history.csv --case strike.toml --oblique-angle 30 --until greatest-depth"
+    )
+    parser.add_argument("history", metavar="HISTORY", help="CSV, rbdout, nodout or binout")
+    _add_file_flags(parser, MOTION, "time=T(ms)", "time=ms")
+    dyna = parser.add_argument_group("LS-DYNA files")
+    dyna.add_argument(
+        "--axis",
+        action="append",
+        type=_pair,
+        default=[],
+        metavar="NAME=AXIS",
+        help="global axis of depth, lateral or rotation, such as depth=-z; quantities without an axis are not fitted",
+    )
+    dyna.add_argument("--part", type=int, metavar="ID", help="the rigid body, if the file has several")
+    dyna.add_argument("--node", type=int, metavar="ID", help="the node, which must be at the centre of gravity")
+    parser.add_argument(
+        "--contact",
+        type=float,
+        metavar="SECONDS",
+        help="time of first contact, if the file begins earlier (default: the first state; in CSV files 0)",
+    )
+    parser.add_argument(
+        "--until",
+        type=_until,
+        metavar="WHEN",
+        help=f"end of the fitted part: {GREATEST_DEPTH} or a time in seconds (default: the end of the file)",
+    )
+    parser.add_argument(
+        "--weight",
+        action="append",
+        type=_pair,
+        default=[],
+        metavar="NAME=NUMBER",
+        help="weight of depth, lateral or rotation (default: 1); 0 excludes it",
+    )
+    _add_fit_flags(parser)
+    parser.add_argument("--histories", type=Path, metavar="FILE.csv", help="write the motion for each factor")
+    _add_case_flags(parser, (*IMPACT, *BODY))
+
+
+def add_obliquity_flags(parser: argparse.ArgumentParser) -> None:
+    """Add the flags of the fit over the oblique angle."""
+    parser.description = (
+        "Fit a polynomial over the oblique angle to strength factors, weighted by their standard errors if given, and "
+        f"print it as the strength_factor of a request. {CSV_FILES}"
+    )
+    parser.epilog = examples("ricochet calibrate obliquity points.csv")
+    parser.add_argument(
+        "points", metavar="POINTS.csv", help="oblique_angle_deg, strength_factor and optionally standard_error"
+    )
+    _add_file_flags(parser, OBLIQUITY_POINTS, "oblique_angle=theta", "oblique_angle=deg")
+    parser.add_argument("--order", type=int, default=2, metavar="N", help="highest power of the angle (%(default)s)")
+    parser.add_argument("--json", action="store_true", help="print the answer as one line of JSON")
+
+
+def _add_file_flags(parser: argparse.ArgumentParser, quantities: Sequence[Quantity], column: str, unit: str) -> None:
+    names = ", ".join(quantity.name for quantity in quantities)
+    known = "; ".join(f"{q.name} {' '.join(q.units)}" for q in quantities if q.units and len(q.units) > 1)
+    group = parser.add_argument_group("file")
+    group.add_argument(
+        "--column",
+        action="append",
+        type=_pair,
+        default=[],
+        metavar="NAME=HEADER",
+        help=f"column of one of {names}, such as {column}; -HEADER changes the sign, an empty header ignores it",
+    )
+    group.add_argument(
+        "--unit",
+        action="append",
+        type=_pair,
+        default=[],
+        metavar="NAME=UNIT",
+        help=f"unit of a column, such as {unit}; known are: {known}",
+    )
+
+
+def _add_fit_flags(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--confidence", type=float, default=0.95, metavar="P", help="level of the interval (%(default)s)"
+    )
+    parser.add_argument("--json", action="store_true", help="print the answer as one line of JSON")
+    parser.add_argument(
+        "--strength-factors", type=float, nargs="+", default=[], metavar="S", help="further factors to compare with"
+    )
+
+
+def _add_case_flags(parser: argparse.ArgumentParser, flags: Sequence[Flag]) -> None:
+    add_numbers(parser, flags).add_argument(
+        "--case", type=Path, metavar="FILE", help="TOML or JSON file with a request body of /trajectory"
+    )
+
+
+def _pair(text: str) -> tuple[str, str]:
+    name, equals, value = text.partition("=")
+    if not equals or not name.strip():
+        raise argparse.ArgumentTypeError(f"must be NAME=VALUE, got {text!r}")
+    return name.strip(), value
+
+
+def _until(text: str) -> str | float:
+    if text == GREATEST_DEPTH:
+        return text
+    try:
+        seconds = float(text)
+    except ValueError:
+        seconds = math.nan
+    if not (math.isfinite(seconds) and seconds > 0.0):
+        raise argparse.ArgumentTypeError(f"must be {GREATEST_DEPTH} or a time in seconds above 0, got {text!r}")
+    return seconds
+
+
+def by_quantity(flag: str, pairs: Iterable[tuple[str, str]], quantities: Sequence[Quantity]) -> dict[str, str]:
+    """Return the values of a flag that is repeated for several quantities.
+
+    Raises
+    ------
+    CommandError
+        If a name is unknown or repeated.
+    """
+    values: dict[str, str] = {}
+    names = [quantity.name for quantity in quantities]
+    for given, value in pairs:
+        for name in (given,) if given in names else SHORT_NAMES.get(given, (given,)):
+            if name not in names:
+                raise CommandError(f"{flag} {given}={value}: unknown quantity, known are {', '.join(names)}")
+            if name in values:
+                raise CommandError(f"{flag} {given}={value}: {name} is given twice")
+            values[name] = value
+    return values
+
+
+class DepthCase(Part):
+    """Projectile, target and models of normal-impact tests."""
+
+    projectile: Projectile
+    target: Target
+    resistance: Annotated[Resistance, Field(default_factory=Resistance)]
+    numerics: Annotated[Numerics, Field(default_factory=Numerics)]
+
+    def arguments(self) -> dict[str, Any]:
+        """Return the arguments of the solver's fits."""
+        numerics = self.numerics.resolved(
+            method=Method.ADAPTIVE, termination_time_s=TERMINATION_TIME, relative_tolerance=TRAJECTORY_TOLERANCE
+        )
+        return {
+            "projectile": self.projectile.to_solver(),
+            "target": self.target.to_solver(),
+            "resistance": self.resistance.to_solver(),
+            "numerics": numerics.to_solver(),
+        }
+
+
+class MotionCase(DepthCase):
+    """The same with an oblique impact."""
+
+    impact: Impact
+
+    def arguments(self) -> dict[str, Any]:
+        """Return the arguments of the solver's fits."""
+        return super().arguments() | {"impact": self.impact.to_solver()}
+
+
+def case_arguments(args: argparse.Namespace, model: type[DepthCase], flags: Sequence[Flag]) -> dict[str, Any]:
+    """Return the arguments of the solver from the flags and the file of `--case`.
+
+    Raises
+    ------
+    CommandError
+        If the file holds no JSON object or a field is invalid; it names the flag or the pointer.
+    """
+    body = read_body(args.case, args, flags)
+    content = {name: value for name, value in body.content.items() if name not in NOT_USED}
+    if "impact" not in model.model_fields:
+        content.pop("impact", None)
+    try:
+        return model.model_validate_json(json.dumps(content)).arguments()
+    except ValidationError as error:
+        invalid = [(pointer_of_location(each["loc"]), each["msg"]) for each in error.errors()]
+    except solver.ParameterError as error:
+        invalid = [(pointer_of_parameter(error.field), error.requirement)]
+    raise CommandError("\n".join(body.describe(pointer, detail) for pointer, detail in invalid))

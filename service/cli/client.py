@@ -1,0 +1,174 @@
+"""HTTP client of a service, remote or in this process."""
+
+import json
+import os
+import time
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from typing import Any, TypeAlias
+from urllib.parse import quote
+
+import httpx
+import orjson
+
+from service.cli.errors import FAILED, CommandError, RefusedError
+
+API_KEY = "RICOCHET_API_KEY"
+"""Variable with the API key; a flag would show in the process list."""
+TIMEOUT = httpx.Timeout(120.0, connect=10.0)
+"""Longer than a single query may take. [s]"""
+RETRY_PAUSES = (1.0, 2.0, 4.0, 8.0, 10.0, 10.0, 10.0)
+"""Pauses before a request is repeated after a lost connection: the service may be restarting. [s]"""
+LONGEST_PAUSE = 60.0
+"""Longest `Retry-After` that is followed. [s]"""
+BUSY = frozenset({429, 503})
+"""Statuses after which a request is repeated."""
+PAGE_SIZE = 1000
+JSON, CSV = "application/json", "text/csv"
+
+Content: TypeAlias = Callable[[], "bytes | Iterable[bytes]"]
+"""Returns a request body; called again when the request is repeated."""
+
+
+@contextmanager
+def connect(address: str, **options: Any) -> Iterator["Client"]:
+    """Open a client for the service at this address.
+
+    Raises
+    ------
+    CommandError
+        If the address is not an HTTP address.
+    """
+    key = os.environ.get(API_KEY)
+    headers = {"Authorization": f"Bearer {key}"} if key else {}
+    try:
+        http = httpx.Client(base_url=address, headers=headers, timeout=TIMEOUT, **options)
+        if http.base_url.scheme not in {"http", "https"} or not http.base_url.host:
+            raise httpx.InvalidURL("must be http://HOST:PORT")
+    except (httpx.InvalidURL, ValueError) as error:
+        raise CommandError(f"{address}: not the address of a service: {error}") from None
+    with http:
+        yield Client(http, address)
+
+
+class Client:
+    """Client of a service. Repeats a request while the service is busy or restarting.
+
+    Parameters
+    ----------
+    http
+        Connections, with the base URL and the API key.
+    address
+        The address in error messages.
+    """
+
+    def __init__(self, http: httpx.Client, address: str) -> None:
+        self._http = http
+        self._address = address
+        self._reached = False
+
+    def compute(self, operation: str, body: dict[str, Any]) -> bytes:
+        """Return the answer to one case, as JSON."""
+        content = dumps(body)
+        return self._send("POST", f"/{operation}", lambda: content, {"Content-Type": JSON}).content
+
+    def submit(self, path: str, content: Content, media_type: str, token: str) -> dict[str, Any]:
+        """Submit many cases as a job and return it; repeated with the same token, the request makes no second job."""
+        headers = {"Content-Type": media_type, "Prefer": "respond-async", "Idempotency-Key": token}
+        return parse(self._send("POST", path, content, headers))
+
+    def job(self, job_id: str) -> dict[str, Any]:
+        """Return a job."""
+        return parse(self._send("GET", path_of(job_id)))
+
+    def jobs(self) -> list[dict[str, Any]]:
+        """Return the jobs, the newest first."""
+        found: list[dict[str, Any]] = parse(self._send("GET", "/jobs"))["jobs"]
+        return found
+
+    def page(self, job_id: str, cursor: str) -> dict[str, Any]:
+        """Return a page of the finished results of a job; it has `next` if more can follow."""
+        return parse(self._send("GET", f"{path_of(job_id)}/results?limit={PAGE_SIZE}&cursor={cursor}"))
+
+    def table(self, job_id: str, cursor: str, limit: int) -> str:
+        """Return the summaries of at most `limit` results of a job, as CSV with line feeds at the ends of lines."""
+        path = f"{path_of(job_id)}/results?limit={limit}&cursor={cursor}"
+        return self._send("GET", path, headers={"Accept": CSV}).text.replace("\r\n", "\n")
+
+    def cancel(self, job_id: str) -> dict[str, Any]:
+        """Cancel a job and return it."""
+        return parse(self._send("POST", f"{path_of(job_id)}/cancel"))
+
+    def delete(self, job_id: str) -> None:
+        """Cancel and delete a job."""
+        self._send("DELETE", path_of(job_id))
+
+    def _send(
+        self, method: str, path: str, content: Content | None = None, headers: dict[str, str] | None = None
+    ) -> httpx.Response:
+        """Return the answer to a request that may be repeated.
+
+        Raises
+        ------
+        RefusedError
+            If the answer is a problem document.
+        CommandError
+            If there is no answer.
+        """
+        for pause in (*RETRY_PAUSES, None):
+            try:
+                response = self._http.request(method, path, content=content() if content else None, headers=headers)
+            except httpx.TransportError as error:
+                if pause is None or not self._reached:
+                    reason = str(error) or type(error).__name__
+                    raise CommandError(f"no service answers at {self._address}: {reason}", FAILED) from None
+                time.sleep(pause)
+                continue
+            self._reached = True
+            if response.is_success:
+                return response
+            if pause is None or response.status_code not in BUSY:
+                raise refusal(response)
+            time.sleep(retry_pause(response))
+        raise AssertionError("the last attempt returns or raises")
+
+
+def path_of(job_id: str) -> str:
+    """Return the path of a job; any text is a valid id."""
+    return f"/jobs/{quote(job_id, safe='')}"
+
+
+def dumps(body: dict[str, Any]) -> bytes:
+    """Return a body as JSON. NaN is written as it is: the service then names the field that holds it."""
+    return json.dumps(body).encode()
+
+
+def parse(response: httpx.Response) -> dict[str, Any]:
+    """Return the object in an answer.
+
+    Raises
+    ------
+    CommandError
+        If the answer is not a JSON object, as from a server of something else.
+    """
+    try:
+        content = orjson.loads(response.content)
+    except orjson.JSONDecodeError:
+        content = None
+    if not isinstance(content, dict):
+        raise CommandError(f"the server at {response.url} is not a ricochet service", FAILED)
+    return content
+
+
+def refusal(response: httpx.Response) -> RefusedError:
+    """Return the problem document of an answer, or one made of its status."""
+    problem: Any = None
+    if response.headers.get("content-type", "").startswith("application/problem+json"):
+        problem = parse(response)
+    return RefusedError(problem or {"title": f"{response.status_code} {response.reason_phrase}"})
+
+
+def retry_pause(response: httpx.Response) -> float:
+    """Return the time to wait before a busy service is tried again. [s]"""
+    seconds = response.headers.get("Retry-After", "")
+    return min(float(seconds) if seconds.isdigit() else 1.0, LONGEST_PAUSE)

@@ -1,0 +1,238 @@
+"""`ricochet jobs`, and how batches and sweeps run as jobs: submitted, followed, and written as results become ready."""
+
+import argparse
+import json
+import os
+import sys
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, suppress
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, NamedTuple, TextIO
+from uuid import uuid4
+
+from service.cli.arguments import URL, add_actions, add_formats, add_output, add_url, examples
+from service.cli.errors import FAILED, CommandError, problem_text
+from service.cli.writers import (
+    Counts,
+    Item,
+    Report,
+    Writer,
+    is_table,
+    open_output,
+    print_table,
+    print_values,
+    progress,
+    writer_for,
+)
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from service.cli.client import Client, Content
+
+DEFAULT_URL = "http://127.0.0.1:8000"
+SHORTEST_PAUSE, LONGEST_PAUSE = 0.05, 0.5
+"""Between two requests for the results of a job. [s]"""
+ACTIONS = (
+    ("list", "list the jobs, the newest first", "ricochet jobs list"),
+    ("show", "print the state of a job", "ricochet jobs show ID --json"),
+    ("results", "print the results of a job in order, until it ends", "ricochet jobs results ID -o results.csv"),
+    ("cancel", "cancel a job; its finished results stay", "ricochet jobs cancel ID"),
+    ("delete", "cancel and delete a job", "ricochet jobs delete ID"),
+)
+
+
+def add_jobs(parser: argparse.ArgumentParser) -> None:
+    """Define `ricochet jobs`."""
+    parser.description = "List, follow and cancel the jobs of a service: batches and sweeps that run in the background."
+    parser.epilog = examples(f"ricochet jobs list --url {DEFAULT_URL}")
+    for action, subparser in add_actions(parser, ACTIONS).items():
+        if action != "list":
+            subparser.add_argument("id", metavar="ID", help="id of the job")
+        if action == "results":
+            add_output(subparser)
+            add_formats(subparser, json="print JSON lines", csv="print the summaries as CSV")
+        else:
+            subparser.add_argument("--json", action="store_true", help="print the answer as the service sends it")
+        add_url(subparser, DEFAULT_URL)
+    parser.set_defaults(run=run_jobs)
+
+
+def run_jobs(args: argparse.Namespace) -> int:
+    """Run an action; return 3 if results have problems among them."""
+    from service.cli.client import connect
+
+    args.url = args.url or DEFAULT_URL
+    with connect(args.url) as client:
+        if args.action == "results":
+            return print_results(client, args)
+        if args.action == "list":
+            _print_all(client.jobs(), as_json=args.json)
+        elif args.action == "show":
+            _print_one(client.job(args.id), as_json=args.json)
+        elif args.action == "cancel":
+            _print_one(client.cancel(args.id), as_json=args.json)
+        else:
+            client.delete(args.id)
+    return 0
+
+
+def _print_all(jobs: list[dict[str, Any]], *, as_json: bool) -> None:
+    if as_json:
+        print(json.dumps({"jobs": jobs}))
+        return
+    rows = [list(_summary(job).values()) for job in jobs]
+    print_table(["id", "operation", "status", "done", "total", "cached", "failed", "created"], rows)
+
+
+def _print_one(job: dict[str, Any], *, as_json: bool) -> None:
+    if as_json:
+        print(json.dumps(job))
+        return
+    print_values(_summary(job) | {name: job[name] for name in ("started", "finished", "expires") if name in job})
+
+
+def _summary(job: Mapping[str, Any]) -> dict[str, Any]:
+    counts = {name: job["counts"][name] for name in ("done", "total", "cached", "failed")}
+    return {name: job[name] for name in ("id", "operation", "status")} | counts | {"created": job["created"]}
+
+
+def print_results(client: "Client", args: argparse.Namespace) -> int:
+    """Write the results of a job."""
+    job = client.job(args.id)
+    with open_output(args) as stream:
+        return follow(client, job, args, stream)
+
+
+@dataclass(frozen=True, slots=True)
+class BatchRequest:
+    """Many cases as one request.
+
+    Parameters
+    ----------
+    path
+        Route of the service.
+    content, media_type
+        The body.
+    writers
+        Further writers of the results, such as a plot.
+    """
+
+    path: str
+    content: "Content"
+    media_type: str
+    writers: Sequence[Writer] = ()
+
+
+def run_batch(args: argparse.Namespace, request: BatchRequest) -> int:
+    """Compute the cases and write their results; return the exit status."""
+    with service_for(args) as client, open_output(args) as stream:
+        job = client.submit(request.path, request.content, request.media_type, uuid4().hex)
+        if args.url:
+            return follow(client, job, args, stream, request.writers)
+        try:
+            return follow(client, job, args, stream, request.writers)
+        finally:
+            with suppress(CommandError):
+                client.delete(job["id"])
+
+
+def service_for(args: argparse.Namespace) -> AbstractContextManager["Client"]:
+    """Return a client of the service at `--url`, or of a service in this process."""
+    if args.url:
+        from service.cli.client import connect
+
+        return connect(args.url)
+    from service.cli.server import local_server
+
+    data_dir: Path | None = args.data_dir
+    return local_server(data_dir)
+
+
+class Page(NamedTuple):
+    """Consecutive results of a job, and the cursor of the first."""
+
+    cursor: str
+    items: Sequence[Item]
+
+
+def follow(
+    client: "Client",
+    job: dict[str, Any],
+    args: argparse.Namespace,
+    stream: TextIO,
+    further: Sequence[Writer] = (),
+) -> int:
+    """Write the results of a job until it ends; return the exit status.
+
+    Parameters
+    ----------
+    stream
+        Receives the results, in the format of the flags. CSV is the table of the service.
+    further
+        Further writers of the results.
+
+    Raises
+    ------
+    CommandError
+        If the job fails or is cancelled.
+    """
+    counts = Counts()
+    as_table = is_table(args)
+    writers = [*further, counts] if as_table else [writer_for(args, stream, job["operation"]), *further, counts]
+    try:
+        with progress("computing") as report:
+            for page in pages(client, job["id"], report):
+                if as_table:
+                    table = client.table(job["id"], page.cursor, len(page.items))
+                    stream.write(table if counts.total == 0 else without_header(table))
+                    stream.flush()
+                for writer in writers:
+                    writer.write(page.items)
+    except KeyboardInterrupt:
+        print(how_to_continue(job, args), file=sys.stderr)
+        raise
+    for writer in writers:
+        writer.close()
+    state = client.job(job["id"])
+    if state["status"] != "successful":
+        reason = problem_text(state["problem"]) if "problem" in state else "it was cancelled"
+        raise CommandError(f"job {job['id']} ended early, after {counts}: {reason}", FAILED)
+    if args.output or counts.failed or sys.stdout.isatty():
+        print(counts, file=sys.stderr)
+    return counts.status
+
+
+def pages(client: "Client", job_id: str, report: Report) -> Iterator[Page]:
+    """Yield the results of a job in order as they become ready, until it ends."""
+    cursor, pause = "", SHORTEST_PAUSE
+    while True:
+        page = client.page(job_id, cursor)
+        if page["results"]:
+            yield Page(cursor, page["results"])
+        if "next" not in page:
+            return
+        counts = client.job(job_id)["counts"]
+        report(counts["done"], counts["total"])
+        if page["next"] == cursor:
+            time.sleep(pause)
+            pause = min(2.0 * pause, LONGEST_PAUSE)
+        cursor = page["next"]
+
+
+def without_header(table: str) -> str:
+    """Return the rows of a CSV table without the comment lines and column names above them."""
+    lines = table.splitlines(keepends=True)
+    names = next(i for i, line in enumerate(lines) if not line.startswith("#"))
+    return "".join(lines[names + 1 :])
+
+
+def how_to_continue(job: dict[str, Any], args: argparse.Namespace) -> str:
+    """Return how to continue after Ctrl-C."""
+    if args.url:
+        where = "" if os.environ.get(URL) == args.url else f" --url {args.url}"
+        return f"the job continues at the service; for its results: ricochet jobs results {job['id']}{where}"
+    if args.data_dir:
+        return f"finished results are kept in {args.data_dir}; the same command continues from there"
+    return "finished results are lost; with --data-dir they are kept"

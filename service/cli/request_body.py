@@ -1,0 +1,150 @@
+"""The request body of one case, from a file and from flags, and errors that name the file or flag of a field."""
+
+import argparse
+import json
+import sys
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from service.cli.arguments import Flag
+from service.cli.errors import CommandError, RefusedError
+
+STDIN = "-"
+
+
+@dataclass(frozen=True, slots=True)
+class RequestBody:
+    """A request body and the origin of its fields.
+
+    Parameters
+    ----------
+    content
+        The JSON object.
+    file
+        Its file; None if it comes from flags alone.
+    flags
+        The flags of the command, by JSON pointer.
+    given
+        The flags on the command line, as typed, by JSON pointer.
+    """
+
+    content: dict[str, Any]
+    file: str | None
+    flags: Mapping[str, Flag]
+    given: Mapping[str, str]
+
+    def describe(self, pointer: str, detail: str) -> str:
+        """Return an error at a pointer, with the flag or the file of that field."""
+        if pointer in self.given:
+            return f"{self.given[pointer]}: {detail}"
+        if self.file is not None:
+            return f"{self.file}: {pointer or '/'}: {detail}"
+        if pointer == "/projectile/nose":
+            return "--caliber-radius-head is missing"
+        return f"{self.flags[pointer].name} is missing" if pointer in self.flags else f"{pointer}: {detail}"
+
+    def explain(self, error: RefusedError) -> CommandError:
+        """Return a problem with the flag or the file of each invalid field."""
+        if not error.errors:
+            return error
+        lines = [self.describe(each["pointer"], each["detail"]) for each in error.errors]
+        return CommandError("\n".join(lines), error.status)
+
+
+def read_body(file: str | Path | None, args: argparse.Namespace, flags: Sequence[Flag]) -> RequestBody:
+    """Return the request body from a file and flags; flags override the file.
+
+    Raises
+    ------
+    CommandError
+        If the file holds no JSON object, or a field cannot be set.
+    """
+    content: dict[str, Any] = {} if file is None else read_object(file)
+    given = {}
+    for flag in flags:
+        value = getattr(args, "/".join(flag.steps))
+        _put_number(content, flag, value)
+        if value is not None:
+            given[flag.pointer] = flag.name
+    for text in getattr(args, "set", ()):
+        field, value = _split(text)
+        _put_field(content, field.split("."), value, text)
+        given["/" + field.replace(".", "/")] = f"--set {text}"
+    return RequestBody(content, None if file is None else str(file), {flag.pointer: flag for flag in flags}, given)
+
+
+def _put_number(body: dict[str, Any], flag: Flag, value: float | None) -> None:
+    """Set the field of a flag. Without a value, only add the objects around it, so that validation names the field."""
+    parent: Any = body
+    for step in flag.steps[:-1]:
+        parent = parent.setdefault(step, {}) if isinstance(parent, dict) else None
+    if value is not None and isinstance(parent, dict):
+        if flag.steps[-2] == "nose":
+            parent.clear()
+            parent["shape"] = "ogive"
+        parent[flag.steps[-1]] = value
+
+
+def _split(text: str) -> tuple[str, Any]:
+    field, equals, value = text.partition("=")
+    if not equals or not all(field.split(".")):
+        raise CommandError(f"--set {text}: must be FIELD=VALUE, such as impact.velocity_m_s=300")
+    try:
+        return field, json.loads(value)
+    except (ValueError, RecursionError):
+        return field, value  # a word, such as the name of a model
+
+
+def _put_field(body: dict[str, Any], steps: Sequence[str], value: Any, text: str) -> None:
+    parent = body
+    for step in steps[:-1]:
+        parent = parent.setdefault(step, {})
+        if not isinstance(parent, dict):
+            raise CommandError(f"--set {text}: {step} is not an object")
+    parent[steps[-1]] = value
+
+
+def read_object(file: str | Path) -> dict[str, Any]:
+    """Return the object in a JSON or TOML file.
+
+    Raises
+    ------
+    CommandError
+        If the file cannot be read or parsed, or holds something else.
+    """
+    text = _read_text(file)
+    try:
+        content = _parse_toml(text) if Path(file).suffix.lower() == ".toml" else json.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise CommandError(f"{file}: not TOML: {error}") from None
+    except json.JSONDecodeError as error:
+        raise CommandError(f"{file}:{error.lineno}: not JSON: {error.msg}") from None
+    except ValueError as error:  # a number with thousands of digits
+        raise CommandError(f"{file}: {error}") from None
+    except RecursionError:
+        raise CommandError(f"{file}: nested too deep") from None
+    if not isinstance(content, dict):
+        raise CommandError(f"{file}: must be a JSON object")
+    return content
+
+
+def _parse_toml(text: str) -> Any:
+    """Return TOML as JSON values; a date becomes text, which no field accepts."""
+    return json.loads(json.dumps(tomllib.loads(text), default=str))
+
+
+def _read_text(file: str | Path) -> str:
+    try:
+        content = sys.stdin.buffer.read() if str(file) == STDIN else Path(file).read_bytes()
+    except OSError as error:
+        raise CommandError(f"{file}: {error.strerror or error}") from None
+    if not content.strip():
+        raise CommandError(f"{file}: the file is empty")
+    try:
+        return content.decode("utf-8-sig").replace("\r\n", "\n")
+    except UnicodeDecodeError as error:
+        line = content.count(b"\n", 0, error.start) + 1
+        raise CommandError(f"{file}:{line}: not a UTF-8 text file") from None

@@ -1,0 +1,161 @@
+"""`ricochet serve` and `ricochet openapi`: run the service, and write its contract."""
+
+import argparse
+import asyncio
+import errno
+import json
+import logging
+import signal
+import sys
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from service.cli.arguments import examples, read_settings
+from service.cli.errors import FAILED, CommandError
+
+if TYPE_CHECKING:
+    from service.access.keyring import KeyRing
+    from service.settings import Settings
+
+NOT_STARTED = 3
+CONTRACT = Path("openapi/openapi.json")
+
+log = logging.getLogger(__name__)
+
+
+def add_serve(parser: argparse.ArgumentParser) -> None:
+    """Define `ricochet serve`."""
+    parser.description = (
+        "Run the service until SIGTERM or Ctrl-C. It is configured by RICOCHET_HOST, RICOCHET_PORT, RICOCHET_DATA_DIR, "
+        "RICOCHET_WORKERS and the other variables of docs/operating.md."
+    )
+    parser.epilog = examples("RICOCHET_PORT=9000 ricochet serve")
+    parser.set_defaults(run=run_serve)
+
+
+def run_serve(_: argparse.Namespace) -> int:
+    """Run the service until SIGTERM or SIGINT.
+
+    Raises
+    ------
+    CommandError
+        If the service cannot start.
+    """
+    settings = read_settings()
+    asyncio.run(check_address(settings.host, settings.port))
+
+    from service.access.keyring import KeysUnreadableError
+    from service.api.app import create_app
+    from service.api.telemetry import MissingExtraError
+    from service.cli.server import Server
+    from service.errors import ExecutorError, FolderInUseError
+    from service.logs import configure
+
+    configure(settings.log_level)
+    try:
+        app = create_app(settings)
+    except MissingExtraError as error:
+        raise CommandError(str(error), FAILED) from None
+    except KeysUnreadableError as error:
+        raise CommandError(str(error), NOT_STARTED) from None
+    check_access(settings, app.state.services.keys)
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))  # uvicorn raises it again after its shutdown
+    server = Server(app, settings, lambda port: print_address(settings, port))
+    try:
+        with suppress(KeyboardInterrupt):
+            server.run()
+    except (FolderInUseError, ExecutorError, OSError) as error:
+        raise CommandError(str(error), NOT_STARTED) from None
+    except Exception:
+        log.exception("the service failed")
+        return FAILED
+    return 0
+
+
+async def check_address(host: str, port: int) -> None:
+    """Check that the server can listen at an address, before workers start and the data folder is opened.
+
+    Raises
+    ------
+    CommandError
+        If it cannot.
+    """
+    try:
+        server = await asyncio.get_running_loop().create_server(asyncio.Protocol, host, port, start_serving=False)
+    except OSError as error:
+        if error.errno == errno.EADDRINUSE:
+            text = f"port {port} of {host} is in use; choose another with RICOCHET_PORT"
+        else:
+            text = f"cannot listen on port {port} of {host}: {error.strerror or error}"
+        raise CommandError(text, NOT_STARTED) from None
+    server.close()
+
+
+def check_access(settings: "Settings", keys: "KeyRing") -> None:
+    """Check that the service has API keys or is meant to be open.
+
+    Raises
+    ------
+    CommandError
+        If keys are required and there is no valid one, or the file of keys has been lost.
+    """
+    if settings.access == "open":
+        if not settings.on_loopback:
+            log.warning("the service on %s is open to everyone: RICOCHET_ACCESS is open", settings.host)
+        return
+    if keys.lost:
+        raise CommandError(
+            f"keys.json is missing from {settings.data_dir}, but {keys.lost} shows that there were keys: restore it "
+            "from a backup, add new keys with `ricochet keys add --owner NAME`, or set RICOCHET_ACCESS=open to admit "
+            "everyone",
+            NOT_STARTED,
+        )
+    if (settings.access == "keys" or not settings.on_loopback) and not keys.usable:
+        raise CommandError(
+            f"{settings.host} requires an API key and there is none: add one with `ricochet keys add --owner NAME`, or "
+            "set RICOCHET_ACCESS=open to admit everyone",
+            NOT_STARTED,
+        )
+    if not settings.on_loopback and settings.tls_certificate is None:
+        log.warning(
+            "API keys are sent unencrypted: set RICOCHET_TLS_CERTIFICATE and RICOCHET_TLS_KEY, or use a proxy with TLS"
+        )
+
+
+def print_address(settings: "Settings", port: int | None) -> None:
+    """Print the address of the service on standard error if that is a terminal; elsewhere the log has it."""
+    if sys.stderr.isatty():
+        from service.cli import package_version
+
+        scheme = "https" if settings.tls_certificate else "http"
+        host = f"[{settings.host}]" if ":" in settings.host else settings.host
+        print(f"ricochet {package_version()} on {scheme}://{host}:{port}", file=sys.stderr)
+
+
+def add_openapi(parser: argparse.ArgumentParser) -> None:
+    """Define `ricochet openapi`."""
+    parser.description = f"Write the contract of the service to {CONTRACT}."
+    parser.epilog = examples("ricochet openapi")
+    parser.add_argument("--check", action="store_true", help="only check that the file is up to date")
+    parser.set_defaults(run=run_openapi)
+
+
+def run_openapi(args: argparse.Namespace) -> int:
+    """Write the contract; with `--check`, return 1 if the file is not up to date."""
+    if not args.check:
+        CONTRACT.parent.mkdir(exist_ok=True)
+        CONTRACT.write_text(contract(), encoding="utf-8")
+        return 0
+    if CONTRACT.exists() and CONTRACT.read_text(encoding="utf-8") == contract():
+        return 0
+    print(f"{CONTRACT} is not up to date; run `make openapi`", file=sys.stderr)
+    return FAILED
+
+
+def contract() -> str:
+    """Return the contract as text."""
+    from service.api.app import create_app
+    from service.settings import Settings
+
+    return json.dumps(create_app(Settings()).openapi(), indent=2, ensure_ascii=False) + "\n"

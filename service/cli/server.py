@@ -1,0 +1,148 @@
+"""The HTTP server: uvicorn with the application's lifespan, and a private one in this process."""
+
+import asyncio
+import gc
+import signal
+import socket
+import sys
+import tempfile
+import threading
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future
+from contextlib import AsyncExitStack, contextmanager
+from pathlib import Path
+from typing import Any
+
+import uvicorn
+from fastapi import FastAPI
+from httpx import HTTPTransport
+
+from service.access.connection import Connection
+from service.api.app import STOP_SECONDS, create_app
+from service.cli.arguments import read_settings
+from service.cli.client import Client, connect
+from service.cli.errors import FAILED, CommandError
+from service.cli.writers import progress
+from service.errors import ExecutorError, FolderInUseError
+from service.settings import Settings
+
+TICKS_PER_SECOND = 10
+"""Calls of `on_tick` by uvicorn."""
+TERMINATED = 143
+"""Exit status after SIGTERM, as shells report it."""
+
+
+class Server(uvicorn.Server):
+    """Uvicorn that runs the application's lifespan itself, so that a failure to start is raised instead of logged.
+
+    Parameters
+    ----------
+    app, settings
+        The application, and where it listens.
+    on_start
+        Called with the port once the server listens; None if it is not a TCP port.
+    **options
+        Further options of uvicorn.
+    """
+
+    def __init__(
+        self, app: FastAPI, settings: Settings, on_start: Callable[[int | None], None] | None = None, **options: Any
+    ) -> None:
+        self._app = app
+        self._on_start = on_start
+        self._lifespan = AsyncExitStack()
+        super().__init__(
+            uvicorn.Config(
+                app,
+                host=settings.host,
+                port=settings.port,
+                http=Connection,
+                ws="none",
+                lifespan="off",
+                log_config=None,
+                access_log=False,
+                server_header=False,
+                ssl_certfile=settings.tls_certificate,
+                ssl_keyfile=settings.tls_key,
+                timeout_graceful_shutdown=settings.grace_seconds - STOP_SECONDS,
+                **options,
+            )
+        )
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        """Start; exclude all objects made so far from garbage collection, which would take 80 ms each time."""
+        await self._lifespan.enter_async_context(self._app.router.lifespan_context(self._app))
+        try:
+            await super().startup(sockets)
+        except BaseException:
+            await self._lifespan.aclose()
+            raise
+        gc.collect()
+        gc.freeze()
+        if self._on_start:
+            address = self.servers[0].sockets[0].getsockname()
+            self._on_start(address[1] if isinstance(address, tuple) else None)
+
+    async def on_tick(self, counter: int) -> bool:
+        """Check connections for slow clients once a second; return whether to stop."""
+        if counter % TICKS_PER_SECOND == 0:
+            now = asyncio.get_running_loop().time()
+            for connection in list(self.server_state.connections):
+                if isinstance(connection, Connection):
+                    connection.look(now)
+        return await super().on_tick(counter)
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        """Announce the end to the application, whose event streams would not end by themselves, and stop."""
+        self._app.state.services.stopping.set()
+        await super().shutdown(sockets)
+        if not self.force_exit:
+            await self._lifespan.aclose()
+
+
+@contextmanager
+def local_server(data_dir: Path | None) -> Iterator[Client]:
+    """Run a private service in this process, with its workers, cache and jobs, and open a client for it.
+
+    Many cases are thus computed locally by the same code as at a service.
+
+    Parameters
+    ----------
+    data_dir
+        Folder for the results; None keeps nothing.
+
+    Raises
+    ------
+    CommandError
+        If the folder belongs to a running service, or the workers cannot be started.
+    """
+    previous = signal.signal(signal.SIGTERM, lambda *_: sys.exit(TERMINATED))  # unwinds the contexts below
+    with tempfile.TemporaryDirectory(prefix="ricochet-") as folder:
+        socket_path = f"{folder}/socket"
+        settings = read_settings(data_dir=data_dir or Path(folder) / "data", log_level="error", access="open")
+        started: Future[None] = Future()
+        server = Server(create_app(settings), settings, lambda _: started.set_result(None), uds=socket_path)
+        thread = threading.Thread(target=_serve, args=(server, started), name="ricochet-service")
+        thread.start()
+        try:
+            with progress("starting"):
+                started.result()
+            with connect("http://ricochet", transport=HTTPTransport(uds=socket_path), trust_env=False) as client:
+                yield client
+        except FolderInUseError as error:
+            raise CommandError(f"{error}; use that service with --url", FAILED) from None
+        except ExecutorError as error:
+            raise CommandError(str(error), FAILED) from None
+        finally:
+            server.should_exit = True
+            thread.join()
+            signal.signal(signal.SIGTERM, previous)
+
+
+def _serve(server: Server, started: Future[None]) -> None:
+    """Run the server in a thread; pass a failure to start to the future."""
+    try:
+        server.run()
+    except BaseException as error:  # noqa: BLE001 (raised in the thread that waits)
+        if not started.done():
+            started.set_exception(error)

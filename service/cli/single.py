@@ -1,0 +1,245 @@
+"""`ricochet trajectory` and `ricochet cra`: one case, computed locally or by a service."""
+
+import argparse
+import csv
+import json
+import sys
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from service.cli.arguments import (
+    ATTACK,
+    BODY,
+    IMPACT,
+    VELOCITY,
+    Flag,
+    add_alternatives,
+    add_case,
+    add_formats,
+    add_plot,
+    add_url,
+    examples,
+)
+from service.cli.errors import CommandError, RefusedError
+from service.cli.request_body import RequestBody, read_body
+from service.cli.writers import heading, print_table, print_values, print_warnings
+
+TRAJECTORY_FLAGS = (*IMPACT, *BODY)
+CRA_FLAGS = (VELOCITY, *ATTACK, *BODY)
+
+
+def add_trajectory(parser: argparse.ArgumentParser) -> None:
+    """Define `ricochet trajectory`."""
+    parser.description = (
+        "Compute the motion of a projectile from first contact until it ricochets, comes to rest, or reaches the "
+        "termination time."
+    )
+    parser.epilog = examples(
+        "ricochet trajectory strike.toml --angle 45",
+        "ricochet trajectory strike.toml --velocity 300 --angle 55 --csv",
+    )
+    add_case(parser, TRAJECTORY_FLAGS)
+    add_formats(parser, json="print the answer as the service sends it", csv="print the time history")
+    add_plot(parser, "the projectile from the side at several instants")
+    add_alternatives(parser)
+    add_url(parser)
+    parser.set_defaults(run=run_trajectory)
+
+
+def add_cra(parser: argparse.ArgumentParser) -> None:
+    """Define `ricochet cra`."""
+    parser.description = (
+        "Find the smallest oblique angle, from the inward normal of the face, at which a projectile ricochets. If "
+        "there is none in the range, the status of the answer says so."
+    )
+    parser.epilog = examples(
+        "ricochet cra strike.toml",
+        "ricochet cra strike.toml --velocity 300 --set search.tolerance_deg=0.1 --json",
+    )
+    add_case(parser, CRA_FLAGS)
+    add_formats(parser, json="print the answer as the service sends it", csv="print the trial angles")
+    add_plot(parser, "the trial angles and the critical angle")
+    add_alternatives(parser)
+    add_url(parser)
+    parser.set_defaults(run=run_cra)
+
+
+def run_trajectory(args: argparse.Namespace) -> int:
+    """Compute a trajectory and print it."""
+    body, text = answer_one("trajectory", args, TRAJECTORY_FLAGS)
+    answer: dict[str, Any] = json.loads(text)
+    if args.plot:
+        from service.cli.plots import plot_motion
+
+        plot_motion(args.plot, body.content, answer, history_of(answer))
+    if args.json:
+        print_json(text)
+    elif args.csv:
+        print_csv(alternatives_of(answer) if args.alternatives else history_of(answer))
+    else:
+        print_motion(answer)
+    return 0
+
+
+def run_cra(args: argparse.Namespace) -> int:
+    """Search a critical angle and print it."""
+    _, text = answer_one("cra", args, CRA_FLAGS)
+    answer: dict[str, Any] = json.loads(text)
+    if args.plot:
+        from service.cli.plots import plot_search
+
+        plot_search(args.plot, answer)
+    if args.json:
+        print_json(text)
+    elif args.csv:
+        trials = answer["iterations"]
+        columns = {name: [trial[name] for trial in trials] for name in trials[0]}
+        print_csv(alternatives_of(answer) if args.alternatives else columns)
+    else:
+        print_search(answer)
+    return 0
+
+
+def answer_one(operation: str, args: argparse.Namespace, flags: Sequence[Flag]) -> tuple[RequestBody, bytes]:
+    """Return the request body and the answer as JSON.
+
+    Raises
+    ------
+    CommandError
+        If there is no answer; it names the flag or the field of the file that is invalid.
+    """
+    body = read_body(args.case, args, flags)
+    if args.alternatives:
+        body.content["alternatives"] = True
+    if args.plot:
+        from service.cli.plots import check_plot
+
+        check_plot(args.plot)
+    try:
+        if args.url:
+            from service.cli.client import connect
+
+            with connect(args.url) as client:
+                return body, client.compute(operation, body.content)
+        return body, compute_locally(operation, body.content)
+    except RefusedError as error:
+        raise body.explain(error) from None
+
+
+def compute_locally(name: str, body: dict[str, Any]) -> bytes:
+    """Return the answer that a service would send, computed in this process.
+
+    Raises
+    ------
+    RefusedError
+        If the request is invalid, or the computation fails.
+    """
+    from pydantic import ValidationError
+
+    from service.cache.record import Record
+    from service.cache_key import KeyedRequest
+    from service.errors import InvalidBodyError, problem_of, validation_errors
+    from service.operations import OPERATIONS
+    from service.schemas.alternatives import alternative_requests, answered_alternative, with_alternatives
+    from solver import RicochetError
+
+    def solve(request: Any) -> Record:
+        query = KeyedRequest.of(name, request)
+        return Record(query.key, name, query.json, *OPERATIONS[name].compute(query.json))
+
+    def solve_alternative(laws: dict[str, Any], request: Any) -> dict[str, Any]:
+        try:
+            return answered_alternative(laws, solve(request).answer)
+        except RicochetError as error:
+            return {**laws, "problem": {**problem_of(error), "instance": f"/{name}"}}
+
+    try:
+        request: Any = OPERATIONS[name].request.model_validate_json(json.dumps(body))
+        answer = solve(request).json
+    except ValidationError as error:
+        raise RefusedError(problem_of(InvalidBodyError(validation_errors(error.errors())))) from None
+    except RicochetError as error:
+        raise RefusedError(problem_of(error)) from None
+    if not request.alternatives:
+        return answer
+    return with_alternatives(answer, [solve_alternative(*each) for each in alternative_requests(request)])
+
+
+def history_of(answer: Mapping[str, Any]) -> Mapping[str, Sequence[float]]:
+    """Return the columns of a time history.
+
+    Raises
+    ------
+    CommandError
+        If the request excludes the history.
+    """
+    if "history" not in answer:
+        raise CommandError("there is no history: output.history is false in this case")
+    history: Mapping[str, Sequence[float]] = answer["history"]
+    return history
+
+
+def print_json(answer: bytes) -> None:
+    """Print an answer as received, on one line."""
+    sys.stdout.buffer.write(answer + b"\n")
+    sys.stdout.buffer.flush()
+
+
+def print_csv(columns: Mapping[str, Sequence[Any]]) -> None:
+    """Print columns of equal length."""
+    writer = csv.writer(sys.stdout, lineterminator="\n")
+    writer.writerow(columns)
+    writer.writerows(zip(*columns.values(), strict=True))
+
+
+def print_motion(answer: Mapping[str, Any]) -> None:
+    """Print the end of a motion."""
+    final = {heading(name): value for name, value in answer["final"].items()}
+    values = {"outcome": answer["outcome"]}
+    values |= {heading(name): answer[name] for name in ("maximum_depth_m", "strength_factor")}
+    print_values(values | {f"final {name}": value for name, value in final.items()})
+    print_alternatives(answer)
+    print_warnings(answer["warnings"])
+
+
+def print_search(answer: Mapping[str, Any]) -> None:
+    """Print the trial angles of a search and its result."""
+    columns = ("oblique_angle_deg", "final_position_m", "outcome")
+    rows = [[trial[name] for name in columns] for trial in answer["iterations"]]
+    print_table([heading(name) for name in columns], rows)
+    found = {"status": answer["status"]}
+    for name in ("critical_angle_deg", "critical_angle_standard_error_deg"):
+        if name in answer:
+            found[heading(name)] = answer[name]
+    if "bracket_deg" in answer:
+        found[heading("bracket_deg")] = " to ".join(f"{angle:.5g}" for angle in answer["bracket_deg"])
+    if "strength_factor" in answer:
+        found[heading("strength_factor")] = answer["strength_factor"]
+    alternatives = answer.get("alternatives", ())
+    if angles := [each["critical_angle_deg"] for each in alternatives if "critical_angle_deg" in each]:
+        found["under other laws °"] = f"{min(angles):.5g} to {max(angles):.5g}"
+    if answer["other_crossings_deg"]:
+        found[heading("other_crossings_deg")] = ", ".join(f"{angle:.5g}" for angle in answer["other_crossings_deg"])
+    print()
+    print_values(found)
+    print_alternatives(answer)
+    print_warnings(answer["warnings"])
+
+
+def print_alternatives(answer: Mapping[str, Any]) -> None:
+    """Print the answers with other laws, if there are any."""
+    if "alternatives" in answer:
+        columns = alternatives_of(answer)
+        print()
+        print_table([heading(name) for name in columns], list(zip(*columns.values(), strict=True)))
+
+
+def alternatives_of(answer: Mapping[str, Any]) -> Mapping[str, Sequence[Any]]:
+    """Return the answers with other laws as columns, with empty cells for missing values."""
+    alternatives = answer["alternatives"]
+    found = ("status", "critical_angle_deg") if "status" in answer else ("outcome",)
+    names = ("free_surface", "strength_factor", *found)
+    columns = {name: [each.get(name, "") for each in alternatives] for name in names}
+    if any("problem" in each for each in alternatives):
+        columns["problem"] = [each.get("problem", {}).get("detail", "") for each in alternatives]
+    return columns | {"fitted_to": [each["fitted_to"] for each in alternatives]}

@@ -1,0 +1,225 @@
+"""Output: JSON lines for programs; tables, warnings and progress bars for people."""
+
+import argparse
+import sys
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import Any, Protocol, TextIO, TypeAlias
+
+import orjson
+
+from service.cli.errors import FAILED, SOME_FAILED, CommandError, problem_text
+from service.columns import summarize
+
+Item: TypeAlias = Mapping[str, Any]
+"""Result or problem of one case of a job."""
+Report: TypeAlias = Callable[[int, int], None]
+"""Called with the number of finished cases and the total."""
+
+HEAD_ROWS = 20
+"""Rows of the table on a terminal."""
+SHOWN = {
+    "trajectory": ("outcome", "maximum_depth_m", "final_depth_velocity_m_s", "final_lateral_velocity_m_s"),
+    "cra": ("status", "critical_angle_deg", "critical_angle_standard_error_deg"),
+}
+"""Columns of the summary in the table on a terminal."""
+UNITS = {
+    "_kg_m2": "kg m²",
+    "_kg_m3": "kg/m³",
+    "_rad_s": "rad/s",
+    "_n_m": "N m",
+    "_m_s": "m/s",
+    "_deg": "°",
+    "_pa": "Pa",
+    "_kg": "kg",
+    "_m": "m",
+    "_s": "s",
+    "_n": "N",
+    "_j": "J",
+}
+"""Units by the suffix of a field's name, the longest first."""
+DIGITS = 5
+
+
+class Writer(Protocol):
+    """Receives the results of a job in order."""
+
+    def write(self, items: Sequence[Item]) -> None:
+        """Write some results."""
+
+    def close(self) -> None:
+        """Finish, after the last result."""
+
+
+class JsonLines:
+    """Results as JSON lines, as the service sends them."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+
+    def write(self, items: Sequence[Item]) -> None:
+        """Write a line for each result and flush, so that the reader of a pipe gets them at once."""
+        self._stream.write(b"".join(orjson.dumps(item) + b"\n" for item in items).decode())
+        self._stream.flush()
+
+    def close(self) -> None:
+        """Do nothing."""
+
+
+class Head:
+    """A table of the first results."""
+
+    def __init__(self, operation: str) -> None:
+        self._columns = SHOWN[operation]
+        self._rows: list[dict[str, Any]] = []
+        self._count = 0
+
+    def write(self, items: Sequence[Item]) -> None:
+        """Keep the first results."""
+        self._count += len(items)
+        self._rows += [self._row(item) for item in items[: HEAD_ROWS - len(self._rows)]]
+
+    def close(self) -> None:
+        """Print the table without its empty columns."""
+        names = [name for name in self._rows[0] if any(row[name] != "" for row in self._rows)] if self._rows else []
+        print_table([heading(name) for name in names], [[row[name] for name in names] for row in self._rows])
+        if self._count > len(self._rows):
+            print(f"and {self._count - len(self._rows)} more; --csv or --json prints all")
+
+    def _row(self, item: Item) -> dict[str, Any]:
+        row = {"index": item["index"], **item.get("point", {}), "custom_id": item.get("custom_id", "")}
+        summary = summarize(item["result"]) if "result" in item else {}
+        row |= {name: summary.get(name, "") for name in (*self._columns, "warnings")}
+        return row | {"problem": problem_text(item["problem"]) if "problem" in item else ""}
+
+
+class Counts:
+    """Number of results, and of problems among them."""
+
+    def __init__(self) -> None:
+        self.total = 0
+        self.failed = 0
+
+    def write(self, items: Sequence[Item]) -> None:
+        """Count results."""
+        self.total += len(items)
+        self.failed += sum("problem" in item for item in items)
+
+    def close(self) -> None:
+        """Do nothing."""
+
+    @property
+    def status(self) -> int:
+        """Exit status."""
+        return SOME_FAILED if self.failed else 0
+
+    def __str__(self) -> str:
+        return f"{self.total} cases, {self.failed} of them with a problem"
+
+
+def is_table(args: argparse.Namespace) -> bool:
+    """Return whether the results are written as CSV: by `--csv`, or into a file whose name ends in .csv."""
+    return bool(args.csv or (args.output and not args.json and args.output.suffix.lower() == ".csv"))
+
+
+@contextmanager
+def open_output(args: argparse.Namespace) -> Iterator[TextIO]:
+    """Open the file of `--output`, or standard output.
+
+    Raises
+    ------
+    CommandError
+        If the file cannot be written.
+    """
+    if args.output is None:
+        yield sys.stdout
+        return
+    try:
+        file = args.output.open("w", encoding="utf-8", newline="")
+    except OSError as error:
+        raise CommandError(f"{args.output}: {error.strerror or error}", FAILED) from None
+    with file:
+        yield file
+
+
+def writer_for(args: argparse.Namespace, stream: TextIO, operation: str) -> Writer:
+    """Return a writer of JSON lines, or of a table if the stream is a terminal and the flags do not exclude it."""
+    return JsonLines(stream) if args.json or not stream.isatty() else Head(operation)
+
+
+def heading(name: str) -> str:
+    """Return the name of a field as the heading of a column, with its unit last."""
+    name = name.rpartition(".")[2]
+    for suffix, unit in UNITS.items():
+        if name.endswith(suffix):
+            return f"{name.removesuffix(suffix).replace('_', ' ')} {unit}"
+    return name.replace("_", " ")
+
+
+def cell(value: Any) -> str:
+    """Return a value as text in a table."""
+    if isinstance(value, float):
+        return f"{value:.{DIGITS}g}"
+    return "" if value is None else str(value).replace("\x1b", "")
+
+
+def print_table(columns: Sequence[str], rows: Sequence[Sequence[Any]], stream: TextIO | None = None) -> None:
+    """Print a table, with rules on a terminal and as aligned columns elsewhere; numbers are aligned right."""
+    stream = stream or sys.stdout
+    cells = [list(map(cell, row)) for row in rows]
+    right = [all(isinstance(row[i], int | float) or row[i] == "" for row in rows) for i in range(len(columns))]
+    if stream.isatty():
+        _print_ruled(columns, cells, right, stream)
+        return
+    lines = [list(columns), *cells]
+    widths = [max(len(line[i]) for line in lines) for i in range(len(columns))]
+    for line in lines:
+        aligned = (
+            part.rjust(width) if numeric else part.ljust(width)
+            for part, width, numeric in zip(line, widths, right, strict=True)
+        )
+        print("  ".join(aligned).rstrip(), file=stream)
+
+
+def print_values(values: Mapping[str, Any]) -> None:
+    """Print named values, one a line."""
+    if sys.stdout.isatty():
+        _print_ruled(("", ""), [[name, cell(value)] for name, value in values.items()], (False, True), sys.stdout)
+        return
+    width = max(map(len, values))
+    for name, value in values.items():
+        print(f"{name:{width}}  {cell(value)}")
+
+
+def print_warnings(warnings: Iterable[Mapping[str, str]]) -> None:
+    """Print the warnings of an answer on standard error."""
+    for warning in warnings:
+        print(f"warning: {warning['detail']}", file=sys.stderr)
+
+
+def _print_ruled(columns: Sequence[str], cells: Sequence[Sequence[str]], right: Sequence[bool], stream: TextIO) -> None:
+    from rich.console import Console
+    from rich.markup import escape
+    from rich.table import Table
+
+    table = Table(show_header=any(columns))
+    for name, numeric in zip(columns, right, strict=True):
+        table.add_column(escape(name), justify="right" if numeric else "left")
+    for line in cells:
+        table.add_row(*map(escape, line))
+    Console(file=stream, highlight=False).print(table)
+
+
+@contextmanager
+def progress(description: str) -> Iterator[Report]:
+    """Show a progress bar on standard error if it is a terminal; the bar disappears at the end."""
+    if not sys.stderr.isatty():
+        yield lambda *_: None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True, redirect_stdout=False) as bars:
+        task = bars.add_task(description, total=None)
+        yield lambda done, total: bars.update(task, completed=done, total=total)

@@ -1,0 +1,174 @@
+"""Columns of the tables of results, in CSV and HDF5: names as in the contract, units, descriptions.
+
+Nothing is imported that takes time: the command line reads these too.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+UNITS = {
+    "_kg_m2": "kg m^2",
+    "_kg_m3": "kg/m^3",
+    "_pa": "Pa",
+    "_kg": "kg",
+    "_m_s": "m/s",
+    "_rad_s": "rad/s",
+    "_n_m": "N m",
+    "_deg": "deg",
+    "_m": "m",
+    "_s": "s",
+    "_n": "N",
+    "_j": "J",
+}
+"""Unit by the end of a name, longer ends first."""
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """A column of a table.
+
+    Parameters
+    ----------
+    name
+        As in the contract.
+    description
+        What it holds, without the unit.
+    dtype
+        NumPy type; texts are UTF-8, padded with zeros, which take no room once compressed.
+    """
+
+    name: str
+    description: str
+    dtype: str = "<f8"
+
+    @property
+    def unit(self) -> str:
+        """Unit of its numbers."""
+        return next((unit for end, unit in UNITS.items() if self.name.endswith(end)), "")
+
+
+MOTION = (
+    Column("time_s", "since first contact"),
+    Column("center_of_gravity_depth_m", "depth of the centre of gravity, positive inside the target"),
+    Column("center_of_gravity_lateral_m", "way of the centre of gravity along the face since first contact"),
+    Column("nose_tip_depth_m", "depth of the nose tip, positive inside the target"),
+    Column("axis_angle_deg", "from the inward normal of the face to the axis; grows as the nose turns to the face"),
+    Column("depth_velocity_m_s", "of the centre of gravity, along the inward normal"),
+    Column("lateral_velocity_m_s", "of the centre of gravity, along the face"),
+    Column("angular_velocity_rad_s", "rate of the axis angle"),
+    Column("depth_force_n", "resistance along the inward normal"),
+    Column("lateral_force_n", "resistance along the face"),
+    Column("moment_n_m", "moment of the resistance about the centre of gravity"),
+    Column("kinetic_energy_j", "of translation and rotation"),
+)
+IDENTITY = (
+    Column("key", "of the result; empty if the case has none", "S64"),
+    Column("operation", "what was computed", "S32"),
+    Column("engine_version", "of the solver", "S32"),
+    Column("schema_version", "of the contract", "S32"),
+)
+ESTIMATE = (
+    Column("strength_factor", "that fits best"),
+    Column("standard_error", "of the strength factor"),
+    Column("confidence_low", "lower end of the confidence interval of the strength factor"),
+    Column("confidence_high", "upper end of it"),
+)
+SUMMARY: Mapping[str, tuple[Column, ...]] = {
+    "trajectory": (
+        Column("outcome", "how the run ended", "S32"),
+        Column("maximum_depth_m", "greatest depth of the nose tip"),
+        Column("strength_factor", "in use, at this oblique angle"),
+        *(
+            Column(f"final_{column.name}", f"{column.description}; at the event that ended the run")
+            for column in MOTION
+        ),
+    ),
+    "cra": (
+        Column("status", "how the search ended", "S32"),
+        Column("critical_angle_deg", "smallest oblique angle, from the normal, at which the projectile is turned away"),
+        Column("bracket_low_deg", "lower of the angles between which the change was last pinned down"),
+        Column("bracket_high_deg", "upper of these"),
+        Column("critical_angle_standard_error_deg", "of the angle, from the covariance of the strength factor"),
+        Column("strength_factor", "in use at the critical angle"),
+        Column("energy_fraction_below", "share of the kinetic energy left half a degree below the critical angle"),
+        Column("energy_fraction_above", "half a degree above it"),
+    ),
+    "calibration_depth": ESTIMATE,
+    "calibration_motion": ESTIMATE,
+}
+"""The answer in one row, by operation."""
+WARNINGS = Column("warnings", "codes of the warnings, with spaces between", "S512")
+NUMBERING = (
+    Column("index", "of the case in the batch, from 0", "<i8"),
+    Column("custom_id", "name of the case in the batch", "S512"),
+    Column("problem", "type of the problem of a case that has no result", "S128"),
+)
+"""Further columns for the cases of a batch."""
+CASE = Column("case", "row of the summary it belongs to, from 0", "<i8")
+TRIALS = (
+    Column("oblique_angle_deg", "angle tried, from the inward normal of the face to the velocity"),
+    Column("final_position_m", "depth of the nose tip at the end of the trial"),
+    Column("outcome", "how the trial ended", "S32"),
+    Column("fine", "whether it was computed at the final resolution, or only to see where to look", "?"),
+)
+QUANTITIES = {
+    "depth_displacement_m": "displacement of the centre of gravity along the inward normal of the face",
+    "lateral_displacement_m": "displacement of the centre of gravity along the face",
+    "rotation_deg": "change of the axis angle",
+}
+RESIDUALS = (
+    Column("oblique_angle_deg", "from the inward normal of the face to the velocity"),
+    Column("strength_factor", "as given"),
+    Column("residual", "given minus fitted strength factor"),
+    Column("velocity_m_s", "at first contact"),
+    Column("group", "that the test belongs to", "S512"),
+    Column("depth_m", "greatest depth of the nose tip, as given"),
+    Column("predicted_depth_m", "with the strength factor that fits best"),
+    Column("residual_m", "given minus predicted depth"),
+    Column("time_s", "since first contact"),
+    *(Column(name, f"{text}, as given") for name, text in QUANTITIES.items()),
+    *(Column(f"predicted_{name}", "with the strength factor that fits best") for name in QUANTITIES),
+    *(Column(f"residual_{name}", "given minus predicted") for name in QUANTITIES),
+)
+"""Columns of the residuals of all calibrations; each has some of these."""
+
+
+def summary_columns(operation: str) -> tuple[Column, ...]:
+    """Return the columns of a summary of results of this operation."""
+    return (*IDENTITY, *SUMMARY.get(operation, ()), WARNINGS)
+
+
+def summarize(answer: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the row of an answer, by column; what the answer does not have is left out."""
+    row = {name: value for name, value in answer.items() if isinstance(value, float | int | str)}
+    row |= {f"final_{name}": value for name, value in answer.get("final", {}).items()}
+    if bracket := answer.get("bracket_deg"):
+        row["bracket_low_deg"], row["bracket_high_deg"] = min(bracket), max(bracket)
+    if interval := answer.get("confidence_interval"):
+        row["confidence_low"], row["confidence_high"] = interval
+    row["warnings"] = " ".join(dict.fromkeys(warning["code"] for warning in answer.get("warnings", ())))
+    return row
+
+
+def csv_header(operation: str, axes: tuple[str, ...] = ()) -> list[str]:
+    """Return the names of the columns of the cases of a batch, those of the axes of a sweep behind the index."""
+    return ["index", *axes, "custom_id", "key", *(column.name for column in SUMMARY[operation]), "warnings", "problem"]
+
+
+def csv_row(operation: str, item: Mapping[str, Any], point: tuple[float, ...] = ()) -> list[Any]:
+    """Return the row of one case.
+
+    Parameters
+    ----------
+    item
+        The case as in the JSON of the results of a batch: `index`, `custom_id` if any, `result` or `problem`.
+    point
+        Values of the axes of a sweep.
+    """
+    answer = item.get("result")
+    row = summarize(answer) if answer else {}
+    middle = [row.get(column.name, "") for column in SUMMARY[operation]]
+    problem = "" if answer else (item.get("problem") or {}).get("type", "")
+    key = row.get("key", "")
+    return [item["index"], *point, item.get("custom_id") or "", key, *middle, row.get("warnings", ""), problem]

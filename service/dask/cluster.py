@@ -1,0 +1,187 @@
+"""The connection to a Dask cluster: which workers are fit to compute for this service, now."""
+
+import asyncio
+import logging
+import time
+from collections.abc import Awaitable, Callable
+from contextlib import suppress
+from typing import Any, TypeVar
+
+import dask.config
+from distributed import Client
+
+from service.dask.plugin import differences, introduce, versions
+
+LOOK_SECONDS = 1.0
+"""Between two looks at which workers there are."""
+CONNECT_SECONDS = 5.0
+"""For the scheduler to answer."""
+INTRODUCTION_SECONDS = 180.0
+"""For a worker to say its versions and bring its pool up; the first ever on a machine compiles the solver."""
+RETRY_SECONDS = 30.0
+"""Before a worker that could not say its versions, or bring its pool up, is tried again."""
+LIBRARIES = ("distributed", "tornado", "bokeh")
+"""Libraries whose loggers get handlers when Dask is imported."""
+
+Value = TypeVar("Value")
+log = logging.getLogger(__name__)
+
+
+class Cluster:
+    """Keeps up a connection to the scheduler, and an eye on the workers.
+
+    A worker takes no chunk before it has said its versions: those of other versions are left out, with a line in the
+    log, and a worker that joins later is checked likewise.
+
+    Parameters
+    ----------
+    address
+        Of the scheduler.
+    task_seconds
+        Wall time one call may take.
+    """
+
+    def __init__(self, address: str, task_seconds: float) -> None:
+        self.address = address
+        self.client: Client | None = None
+        """None while there is no connection."""
+        self.threads: dict[str, int] = {}
+        """Threads of the workers that can be used, by address."""
+        self.changed = asyncio.Event()
+        """Set when workers have come or gone, and another one put in its place."""
+        self.lost = time.monotonic()
+        """When the last worker went, on the monotonic clock."""
+        self._task_seconds = task_seconds
+        self._seen: dict[str, asyncio.Task[None]] = {}
+        self._watching: asyncio.Task[None] | None = None
+
+    @property
+    def capacity(self) -> int:
+        """Chunks that can run at the same time."""
+        return sum(self.threads.values())
+
+    async def start(self) -> None:
+        """Connect if the scheduler is there, and wait for the workers that are there to introduce themselves."""
+        use_our_log()
+        await self._look()
+        if self._seen:
+            await asyncio.wait(self._seen.values())
+        if not self.capacity:
+            log.warning("no worker of the Dask cluster at %s can be used yet", self.address)
+        self._watching = asyncio.create_task(self._watch())
+
+    async def stop(self) -> None:
+        """Hang up."""
+        if self._watching is not None:
+            self._watching.cancel()
+            await asyncio.wait([self._watching])
+        await self._hang_up()
+
+    async def wait_for_capacity(self, seconds: float) -> bool:
+        """Tell whether there is a worker, now or within this time."""
+        with suppress(TimeoutError):
+            async with asyncio.timeout(seconds):
+                while not self.capacity:
+                    await self.changed.wait()
+        return bool(self.capacity)
+
+    async def answers(self, seconds: float) -> bool:
+        """Tell whether the scheduler answers within this time and has a worker for us."""
+        client = self.client
+        if client is None or not self.capacity:
+            return False
+        return await in_time(client.nthreads, seconds) is not None
+
+    async def _watch(self) -> None:
+        while True:
+            await asyncio.sleep(LOOK_SECONDS)
+            try:
+                await self._look()
+            except Exception:
+                log.exception("the Dask cluster could not be looked at")
+
+    async def _look(self) -> None:
+        """Connect anew if need be; take note of workers that have come or gone."""
+        if self.client is None or self.client.status != "running":
+            await self._hang_up()
+            await self._connect()
+        present = await in_time(self.client.nthreads, CONNECT_SECONDS) if self.client is not None else None
+        if present is None:
+            await self._hang_up()
+            return
+        for address in self._seen.keys() - present.keys():
+            self._seen.pop(address).cancel()
+            self._note(address, 0)
+        for address in present.keys() - self._seen.keys():
+            self._seen[address] = asyncio.create_task(self._meet(address, present[address]))
+
+    async def _connect(self) -> None:
+        connecting: Client = Client(  # type: ignore[no-untyped-call]
+            self.address, asynchronous=True, set_as_default=False, timeout=CONNECT_SECONDS, name="ricochet"
+        )
+        try:
+            self.client = await connecting
+        except (OSError, ValueError) as error:  # nobody there, or no scheduler
+            log.debug("no Dask scheduler at %s: %s", self.address, error)
+            await in_time(connecting.close, CONNECT_SECONDS)
+        else:
+            log.info("connected to the Dask scheduler at %s", self.address)
+
+    async def _hang_up(self) -> None:
+        client, self.client = self.client, None
+        for meeting in self._seen.values():
+            meeting.cancel()
+        self._seen.clear()
+        for address in list(self.threads):
+            self._note(address, 0)
+        if client is not None:
+            log.info("disconnected from the Dask scheduler at %s", self.address)
+            await in_time(client.close, CONNECT_SECONDS)
+
+    async def _meet(self, address: str, threads: int) -> None:
+        """Ask a worker for its versions, and use it if they are ours."""
+        client = self.client
+        if client is None:
+            return
+
+        async def introduced() -> dict[str, Any]:
+            answer = client.run(introduce, self._task_seconds, versions(), workers=[address], on_error="return")
+            return dict(await answer)
+
+        theirs = (await in_time(introduced, INTRODUCTION_SECONDS) or {}).get(address)
+        if theirs == versions():
+            log.info("worker %s takes chunks, %d at a time", address, threads)
+            self._note(address, threads)
+        elif isinstance(theirs, dict):
+            log.error("worker %s is not used: it has %s", address, differences(versions(), theirs))
+        else:
+            log.error("worker %s is not used: %s", address, theirs or "it did not answer")
+            asyncio.get_running_loop().call_later(RETRY_SECONDS, self._seen.pop, address, None)
+
+    def _note(self, address: str, threads: int) -> None:
+        """Note how many chunks this worker takes at a time."""
+        if threads:
+            self.threads[address] = threads
+        elif self.threads.pop(address, 0) and not self.threads:
+            self.lost = time.monotonic()
+        changed, self.changed = self.changed, asyncio.Event()
+        changed.set()
+
+
+async def in_time(call: Callable[[], Awaitable[Value]], seconds: float) -> Value | None:
+    """Return what the cluster says to this; None if it cannot be reached, or not in time."""
+    try:
+        async with asyncio.timeout(seconds):
+            return await call()
+    except (OSError, TimeoutError, AttributeError):  # the client has no scheduler any more once it is closed
+        return None
+
+
+def use_our_log() -> None:
+    """Have Dask log as everything else does, and say nothing of large chunks: they are meant."""
+    for name, logger in logging.root.manager.loggerDict.items():
+        if name.startswith(LIBRARIES) and isinstance(logger, logging.Logger):
+            logger.handlers.clear()
+            logger.propagate = True
+    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # losses are logged here
+    dask.config.set({"distributed.admin.large-graph-warning-threshold": "1GB"})

@@ -1,0 +1,278 @@
+"""Errors of the service, each with the problem (RFC 9457) that a client receives for it.
+
+A single query is answered with such a problem; a case of a batch keeps it as its result.
+"""
+
+import logging
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from http import HTTPStatus
+from typing import Any, ClassVar, Self
+
+from service.schemas.pointers import pointer_of_location, pointer_of_parameter
+from solver import IntegrationError, ParameterError, StepLimitError
+
+log = logging.getLogger(__name__)
+
+MAX_ERRORS = 100
+"""Errors listed in one problem: a body may be wrong in ten thousand places, and nobody reads on."""
+RETRY_SECONDS = 5
+"""When to try again a service that starts, stops or has lost its workers; a worker starts in about 1 s."""
+
+
+class ServiceError(Exception):
+    """Base of the errors that are answered as problems. Subclasses set what they differ in."""
+
+    status: ClassVar[HTTPStatus] = HTTPStatus.INTERNAL_SERVER_ERROR
+    type: ClassVar[str] = "urn:ricochet:problem:internal-error"
+    title: ClassVar[str] = "The service failed"
+    retry_after: int = RETRY_SECONDS
+    """Value of `Retry-After` where the status has one. [s]"""
+
+
+class InvalidBodyError(ServiceError):
+    """The body does not fit the contract.
+
+    Parameters
+    ----------
+    errors
+        What is wrong, by `pointer` and `detail`.
+    place
+        For people: where the first error is, such as a line.
+    """
+
+    status = HTTPStatus.UNPROCESSABLE_ENTITY
+    type = "urn:ricochet:problem:invalid-request"
+    title = "The request does not fit the contract"
+
+    def __init__(self, errors: Sequence[dict[str, str]], place: str = "") -> None:
+        super().__init__(place)
+        self.errors = list(errors[:MAX_ERRORS])
+        self.place = place
+
+
+class ExecutorError(ServiceError):
+    """Base of failures of the executor rather than of the call."""
+
+
+class WorkerCrashedError(ExecutorError):
+    """The call ended every worker process it was given to."""
+
+    type = "urn:ricochet:problem:worker-crashed"
+    title = "The query ended every worker process it was given to"
+
+
+class TaskTimeoutError(ExecutorError):
+    """The call took longer than a call may."""
+
+    status = HTTPStatus.UNPROCESSABLE_ENTITY
+    type = "urn:ricochet:problem:timeout"
+    title = "The query takes longer than one may"
+
+
+class PoolUnavailableError(ExecutorError):
+    """No worker process could be started, or the pool is stopping."""
+
+    status = HTTPStatus.SERVICE_UNAVAILABLE
+    type = "urn:ricochet:problem:unavailable"
+    title = "No worker process can take the query"
+
+
+class ComputationCancelled(ServiceError):  # noqa: N818 (as asyncio.CancelledError: not a failure)
+    """A shared computation was given up by its owner; the case has to be computed again."""
+
+
+class QueueFullError(ServiceError):
+    """More cases would wait than may.
+
+    Parameters
+    ----------
+    retry_after
+        When there is likely to be room. [s]
+    """
+
+    status = HTTPStatus.TOO_MANY_REQUESTS
+    type = "urn:ricochet:problem:queue-full"
+    title = "Too many cases are waiting"
+
+    def __init__(self, retry_after: int) -> None:
+        super().__init__(f"too much work is waiting; there is likely to be room in {retry_after} s")
+        self.retry_after = retry_after
+
+
+class QueriesWaitingError(QueueFullError):
+    """More single queries would wait than may."""
+
+    status = HTTPStatus.SERVICE_UNAVAILABLE
+    type = "urn:ricochet:problem:busy"
+    title = "Too many queries are waiting"
+
+
+class OwnerQueriesError(QueueFullError):
+    """More single queries of one owner would wait or run than may."""
+
+    type = "urn:ricochet:problem:owner-busy"
+    title = "Too many queries of this owner are waiting"
+
+
+class QuotaError(ServiceError):
+    """More cases are requested with a key than its quota has left.
+
+    Parameters
+    ----------
+    most
+        Cases of the key within an hour.
+    count
+        Cases requested.
+    retry_after
+        When so many are allowed again or, if they never are, when the whole quota is free. [s]
+    """
+
+    status = HTTPStatus.TOO_MANY_REQUESTS
+    type = "urn:ricochet:problem:quota"
+    title = "The key has asked for too many cases"
+
+    def __init__(self, most: int, count: int, retry_after: int) -> None:
+        more = "" if count <= most else "; ask for fewer at a time"
+        super().__init__(f"{count:,} cases are more than this key may ask for now: it has {most:,} an hour{more}")
+        self.retry_after = retry_after
+
+
+class OwnerStreamsError(ServiceError):
+    """An owner has as many event streams open as one may."""
+
+    status = HTTPStatus.TOO_MANY_REQUESTS
+    type = "urn:ricochet:problem:owner-streams"
+    title = "Too many event streams of this owner"
+    retry_after = 30
+    """Until one of them is likely to have ended. [s]"""
+
+
+class StreamsFullError(OwnerStreamsError):
+    """As many event streams are open as may be."""
+
+    status = HTTPStatus.SERVICE_UNAVAILABLE
+    type = "urn:ricochet:problem:streams-full"
+    title = "Too many event streams are open"
+
+
+class IdempotencyConflictError(ServiceError):
+    """The idempotency key belongs to another request."""
+
+    status = HTTPStatus.UNPROCESSABLE_ENTITY
+    type = "urn:ricochet:problem:idempotency-conflict"
+    title = "The idempotency key belongs to another request"
+
+
+class IdempotencyBusyError(ServiceError):
+    """The request with this idempotency key is still being accepted."""
+
+    status = HTTPStatus.CONFLICT
+    type = "urn:ricochet:problem:idempotency-busy"
+    title = "The request with this idempotency key is still being accepted"
+
+
+class StorageError(ServiceError):
+    """Jobs cannot be stored or read: the disk is full, read-only or gone."""
+
+    status = HTTPStatus.INSUFFICIENT_STORAGE
+    type = "urn:ricochet:problem:storage-full"
+    title = "Nothing can be stored now"
+
+
+class JobGoneError(StorageError):
+    """The job has been deleted meanwhile."""
+
+
+class FolderInUseError(Exception):
+    """The data folder belongs to another running service."""
+
+
+@dataclass(frozen=True, slots=True)
+class ProblemType:
+    """What all problems of one type have in common."""
+
+    status: HTTPStatus
+    type: str
+    title: str
+
+    @classmethod
+    def of(cls, exception: BaseException) -> Self:
+        """Return the type of the problem that an exception is answered as; unforeseen ones are failures."""
+        if isinstance(exception, ServiceError):
+            return cls(exception.status, exception.type, exception.title)
+        for ancestor in type(exception).__mro__:
+            if ancestor in SOLVER_ERRORS:
+                return cls(*SOLVER_ERRORS[ancestor])
+        return cls(ServiceError.status, ServiceError.type, ServiceError.title)
+
+    @classmethod
+    def of_status(cls, status: int) -> Self:
+        """Return the type of a problem that is no more than its HTTP status."""
+        found = HTTPStatus(status)
+        return cls(found, "about:blank", found.phrase)
+
+    def content(self, detail: str, errors: Sequence[dict[str, str]] = ()) -> dict[str, Any]:
+        """Return a problem of this type without its `instance`, which depends on the request."""
+        status = int(self.status)
+        return {"type": self.type, "title": self.title, "status": status, "detail": detail, "errors": list(errors)}
+
+
+SOLVER_ERRORS: Mapping[type, tuple[HTTPStatus, str, str]] = {
+    ParameterError: (InvalidBodyError.status, InvalidBodyError.type, InvalidBodyError.title),
+    StepLimitError: (
+        HTTPStatus.UNPROCESSABLE_ENTITY,
+        "urn:ricochet:problem:step-limit",
+        "The run needs more time steps than one may take",
+    ),
+    IntegrationError: (
+        HTTPStatus.UNPROCESSABLE_ENTITY,
+        "urn:ricochet:problem:not-integrable",
+        "The motion could not be integrated",
+    ),
+}
+"""The solver's errors, which know nothing of HTTP."""
+
+
+def field_errors(exception: BaseException) -> list[dict[str, str]]:
+    """Return what is wrong with a request and where, as far as the exception says."""
+    if isinstance(exception, InvalidBodyError):
+        return exception.errors
+    if isinstance(exception, ParameterError):
+        return [{"pointer": pointer_of_parameter(exception.field), "detail": exception.requirement}]
+    return []
+
+
+def validation_errors(errors: Sequence[Any], before: str = "") -> list[dict[str, str]]:
+    """Return pydantic's errors as pointers, behind this one, and details."""
+    return [
+        {"pointer": before + pointer_of_location(error["loc"]), "detail": error["msg"]} for error in errors[:MAX_ERRORS]
+    ]
+
+
+def problem_of(exception: BaseException, errors: Sequence[dict[str, str]] | None = None) -> dict[str, Any]:
+    """Return the problem that an exception is answered as, without its `instance`.
+
+    Of what is not foreseen only the log has the cause.
+
+    Parameters
+    ----------
+    errors
+        What is wrong with the request; as far as the exception says when not given.
+    """
+    kind, found = ProblemType.of(exception), field_errors(exception) if errors is None else errors
+    if found:
+        detail = ": ".join(filter(None, found[0].values())) + (" (and more)" if len(found) > 1 else "")
+        if isinstance(exception, InvalidBodyError) and exception.place:
+            detail = f"{exception.place}: {detail}"
+    else:
+        detail = "The log of the service has the cause." if kind.type == ServiceError.type else str(exception)
+    return kind.content(detail, found)
+
+
+def case_problem(exception: BaseException) -> dict[str, Any]:
+    """Return the problem of a case without an answer, and log a failure; pointers are into the case's request."""
+    problem = problem_of(exception)
+    if problem["type"] == ServiceError.type:
+        log.error("a case failed", exc_info=exception)
+    return problem

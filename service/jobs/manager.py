@@ -1,0 +1,324 @@
+"""Batches of cases: small ones at once, jobs in the background, through restarts and crashes."""
+
+import asyncio
+import logging
+from collections.abc import AsyncGenerator, AsyncIterator, Callable, Sequence
+from contextlib import aclosing, suppress
+from typing import Any, TypeVar
+
+from anyio import CancelScope
+from anyio.to_thread import run_sync
+
+from service.backpressure import Rate
+from service.errors import IdempotencyBusyError, IdempotencyConflictError, QueueFullError, StorageError
+from service.jobs.fairness import PrioritySemaphore
+from service.jobs.inline import InlineBatch
+from service.jobs.models import BLOCK_SIZE, Case, CaseBlock, CaseResult, Idempotency, JobState, Sweep
+from service.jobs.results import ResultReader
+from service.jobs.scheduler import Scheduler, problem_name
+from service.jobs.store import JobStore
+from service.queries import Count, QueryService
+
+CHUNKS_KEPT = 2
+"""Beside those in the pool, being made or kept: this bounds the memory they take."""
+EXPIRY_SECONDS = 3600.0
+RETRY_SECONDS = 5.0
+"""Between looks at a folder of jobs that could not be read at the start."""
+CHANGE_SECONDS = 0.2
+"""Between two changes sent of a job: more than anyone reads."""
+OWNER = "local"
+
+Value = TypeVar("Value")
+log = logging.getLogger(__name__)
+
+
+class JobManager:
+    """Accepts, runs and ends batches.
+
+    Parameters
+    ----------
+    queries
+        Computes and keeps results.
+    jobs
+        Keeps the jobs.
+    max_queued_cases
+        Cases that may wait, of all jobs together.
+    count
+        Counts cases by how they ended; see `Count`.
+    """
+
+    def __init__(
+        self,
+        queries: QueryService,
+        jobs: JobStore,
+        *,
+        max_queued_cases: int,
+        count: Count = lambda *_: None,
+    ) -> None:
+        self._count = count
+        self._jobs = jobs
+        self._queries = queries
+        self._most_queued = max_queued_cases
+        self._rate = Rate()
+        chunks = PrioritySemaphore(lambda: queries.chunk_limit)
+        begun = PrioritySemaphore(lambda: queries.chunk_limit + CHUNKS_KEPT)
+        self._scheduler = Scheduler(queries, jobs, chunks, begun, self._rate, self._count)
+        self._inline = InlineBatch(queries, chunks, self._rate)
+        self._reader = ResultReader(queries, jobs, self._inline)
+        self._accepting: set[tuple[str, str]] = set()
+        """Owners and idempotency keys of what is being received."""
+        self._received = 0
+        """Cases of jobs that are not yet accepted."""
+        self._going_on = False
+        """Whether the jobs of before have been taken on."""
+        self._beginning = asyncio.Lock()
+        self._stopping = False
+        self._tasks: list[asyncio.Task[None]] = []
+
+    @property
+    def queued_cases(self) -> int:
+        """Cases that wait or are being computed."""
+        waiting = sum(job.state.total - job.state.done for job in self._scheduler.active.values())
+        return self._received + self._inline.queued + waiting
+
+    @property
+    def running_chunks(self) -> int:
+        """Chunks of jobs in the making, in the pool or being kept."""
+        return sum(len(job.work) for job in self._scheduler.active.values())
+
+    @property
+    def rate(self) -> float:
+        """Cases done in a second, lately."""
+        return self._rate.per_second
+
+    async def start(self) -> None:
+        """Go on with the jobs that are not finished. Without a folder for them the service runs all the same."""
+        try:
+            await self._go_on()
+        except StorageError as error:
+            log.warning("%s", error)
+        self._tasks = [asyncio.create_task(self._scheduler.run()), asyncio.create_task(self._expire())]
+
+    async def stop(self) -> None:
+        """Give up what is being computed: the next start goes on with it."""
+        self._stopping = True
+        for task in self._tasks:
+            task.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+        await self._scheduler.stop()
+        await self._thread(self._jobs.close)
+
+    def run_now(self, operation: str, cases: Sequence[Case]) -> AsyncGenerator[CaseResult, None]:
+        """Yield the result of every case as it finishes; closing it (`aclose`) stops the work.
+
+        Raises
+        ------
+        QueueFullError
+            At once, if too many cases wait.
+        PoolUnavailableError
+            While it runs, if no worker can take the cases.
+        """
+        self._admit(len(cases))
+        return self._counted(operation, self._inline.run(operation, cases))
+
+    async def accept(
+        self,
+        operation: str,
+        blocks: AsyncIterator[Sequence[Case]],
+        *,
+        owner: str = OWNER,
+        idempotency: Idempotency | None = None,
+        sweep: Sweep | None = None,
+    ) -> tuple[JobState, bool]:
+        """Take on a job: from the return of this on it will be finished, whatever happens.
+
+        Parameters
+        ----------
+        blocks
+            Its cases.
+        sweep
+            The request, if it is a sweep.
+
+        Returns
+        -------
+        state
+            The job.
+        new
+            False if it was there already.
+
+        Raises
+        ------
+        IdempotencyConflictError, IdempotencyBusyError
+            If the idempotency key has another request, or one still being accepted.
+        QueueFullError
+            If too many cases wait.
+        StorageError
+            If the job cannot be stored.
+        Exception
+            Out of `blocks`. Nothing is left of the job then.
+        """
+        token = (owner, idempotency.token) if idempotency is not None else None
+        if token is None or idempotency is None:
+            return await self._receive(operation, blocks, owner, None, sweep), True
+        if token in self._accepting:
+            raise IdempotencyBusyError("the request with this idempotency key is still being accepted; try again")
+        self._accepting.add(token)
+        try:
+            found = await self._thread(self._jobs.token, *token)
+            if found is None:
+                return await self._receive(operation, blocks, owner, idempotency, sweep), True
+            if not isinstance(idempotency.digest, str):
+                async for _ in blocks:  # the digest is known when the body has been read
+                    pass
+            if found[0] != idempotency.whole_digest:
+                raise IdempotencyConflictError("this idempotency key was sent with another request before")
+            return await self.job(found[1].id, owner) or found[1], False
+        finally:
+            self._accepting.discard(token)
+
+    async def job(self, name: str, owner: str | None = OWNER) -> JobState | None:
+        """Job with this id, if the owner has one; None stands for any owner."""
+        state = await self._state(name)
+        return state if state is not None and owner in {None, state.owner} else None
+
+    async def jobs(self, owner: str | None = OWNER) -> list[JobState]:
+        """Jobs of the owner, newest first; None stands for all owners."""
+        stored = await self._thread(self._jobs.jobs, owner)
+        return [self._present(state.id) or state for state in reversed(stored)]
+
+    async def sweep(self, job: JobState) -> Sweep | None:
+        """Return the request of a job, if it is a sweep."""
+        return await self._thread(self._jobs.sweep, job.number)
+
+    async def results(
+        self, name: str, *, start: int = 0, limit: int | None = None
+    ) -> AsyncGenerator[list[CaseResult], None]:
+        """Yield what is ready of a job, in order, in blocks of up to 200, from case `start` on.
+
+        Ends at the first case that is not ready yet; if the job has ended, such cases are left out. What the cache has
+        lost is computed again.
+        """
+        async for results in self._reader.read(lambda: self._state(name), start, limit):
+            yield results
+
+    async def cancel(self, name: str, owner: str | None = OWNER) -> JobState | None:
+        """End the job as it is, if it has not ended; return it."""
+        state = await self.job(name, owner)
+        active = self._scheduler.active.get(name)
+        if state is None or active is None:
+            return state
+        return await self._scheduler.end(active, "dismissed")
+
+    async def delete(self, name: str, owner: str | None = OWNER) -> bool:
+        """Cancel the job and remove it; return whether there was one."""
+        state = await self.cancel(name, owner)
+        if state is None:
+            return False
+        await self._thread(self._jobs.discard, state.number)
+        self._scheduler.unwritten.pop(name, None)
+        return True
+
+    async def changes(self, name: str) -> AsyncGenerator[JobState, None]:
+        """Yield the job as it is, then at each change, at most five times a second; ends after the last."""
+        sent = None
+        while not self._stopping:
+            active = self._scheduler.active.get(name)
+            changed = active.changed if active is not None else None
+            state = await self._state(name)
+            if state is None:
+                return
+            if state.revision != sent:
+                sent = state.revision
+                yield state
+            if state.final or changed is None:
+                return
+            await changed.wait()
+            await asyncio.sleep(CHANGE_SECONDS)
+
+    def _admit(self, count: int) -> None:
+        over = self.queued_cases + count - self._most_queued
+        if over > 0:
+            raise QueueFullError(self._rate.seconds_for(over))
+
+    async def _receive(
+        self,
+        operation: str,
+        blocks: AsyncIterator[Sequence[Case]],
+        owner: str,
+        idempotency: Idempotency | None,
+        sweep: Sweep | None,
+    ) -> JobState:
+        self._admit(0)
+        await self._go_on()
+        job = await self._thread(self._jobs.create, operation, owner, sweep)
+        received = 0
+        try:
+            waiting: list[Case] = []
+            number = 0
+            async for cases in blocks:
+                self._admit(len(cases))
+                received += len(cases)
+                self._received += len(cases)
+                waiting += cases
+                while len(waiting) >= BLOCK_SIZE:
+                    await self._thread(self._append, job, number, waiting[:BLOCK_SIZE])
+                    waiting, number = waiting[BLOCK_SIZE:], number + 1
+            if waiting:
+                await self._thread(self._append, job, number, waiting)
+            state = await self._thread(self._jobs.accept, job, received, idempotency)
+        except BaseException:
+            with CancelScope(shield=True), suppress(StorageError):  # the next start removes what is left
+                await self._thread(self._jobs.discard, job)
+            raise
+        finally:
+            self._received -= received
+        self._scheduler.add(state)
+        return state
+
+    def _append(self, job: int, number: int, cases: Sequence[Case]) -> None:
+        self._jobs.append(job, number, CaseBlock.of(cases))
+
+    async def _counted(
+        self, operation: str, results: AsyncGenerator[CaseResult, None]
+    ) -> AsyncGenerator[CaseResult, None]:
+        async with aclosing(results):
+            async for result in results:
+                if result.problem is not None:
+                    self._count(operation, problem_name(result.problem), "miss", 1)
+                elif result.record is not None:
+                    self._count(operation, result.record.outcome, "hit" if result.cached else "miss", 1)
+                yield result
+
+    def _present(self, name: str) -> JobState | None:
+        """Job as it is in memory, if it is there."""
+        active = self._scheduler.active.get(name)
+        return active.state if active is not None else self._scheduler.unwritten.get(name)
+
+    async def _state(self, name: str) -> JobState | None:
+        return self._present(name) or await self._thread(self._jobs.job, name)
+
+    async def _go_on(self) -> None:
+        """Take on the jobs of before, unless that was done; no other is stored until then, as half a job may be."""
+        async with self._beginning:
+            if self._going_on:
+                return
+            removed = await self._thread(self._expire_at_start)
+            for state in await self._thread(self._jobs.unfinished):
+                self._scheduler.add(state)
+            self._going_on = True
+            if removed or self._scheduler.active:
+                log.info("jobs: %d to go on with, %d removed", len(self._scheduler.active), removed)
+
+    def _expire_at_start(self) -> int:
+        return self._jobs.expire(at_start=True)
+
+    async def _expire(self) -> None:
+        while True:
+            await asyncio.sleep(EXPIRY_SECONDS if self._going_on else RETRY_SECONDS)
+            await self._scheduler.write_ends()
+            with suppress(StorageError):
+                await self._go_on()
+                await self._thread(self._jobs.expire)
+
+    async def _thread(self, function: Callable[..., Value], *arguments: Any) -> Value:
+        return await run_sync(function, *arguments)

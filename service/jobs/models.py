@@ -1,0 +1,213 @@
+"""Jobs and their cases, as the service has them in memory and in the store."""
+
+import itertools
+import math
+import zlib
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+from datetime import datetime
+from enum import IntEnum
+from functools import lru_cache
+from typing import Any, Literal, NamedTuple, TypeAlias
+
+import orjson
+
+from service.cache.record import Record
+from service.cache_key import KeyedRequest
+
+Status: TypeAlias = Literal["accepted", "running", "successful", "failed", "dismissed"]
+FINAL = frozenset({"successful", "failed", "dismissed"})
+BLOCK_SIZE = 200
+"""Cases stored together: few enough that preparing them leaves the interpreter lock to others, and enough to compress
+well."""
+KEY_BYTES = 32
+FASTEST = 1
+"""Level of zlib. The slowest one saves no more than a tenth."""
+
+
+class CaseState(IntEnum):
+    """How far a case is; a byte each."""
+
+    WAITING = 0
+    DONE = 1
+    CACHED = 2
+    FAILED = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """One case of a batch, validated."""
+
+    request: KeyedRequest
+    custom_id: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class CaseResult:
+    """Result of a case of a batch.
+
+    Parameters
+    ----------
+    number
+        In the order of the request, from 0.
+    record, problem
+        One of them. A problem lacks its `instance`; its pointers are into the request of the case.
+    cached
+        Whether nothing was computed for it.
+    """
+
+    number: int
+    custom_id: str | None
+    record: Record | None
+    problem: dict[str, Any] | None
+    cached: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Sweep:
+    """The request of a sweep: every combination of the values of its axes, the last axis fastest.
+
+    Parameters
+    ----------
+    request
+        Base and axes, as they were sent.
+    fields, values
+        Of each axis.
+    """
+
+    request: dict[str, Any]
+    fields: tuple[str, ...]
+    values: tuple[Sequence[float], ...]
+
+    def point(self, number: int) -> tuple[float, ...]:
+        """Return the values of the axes at a case."""
+        later = itertools.accumulate(map(len, reversed(self.values)), lambda total, count: total * count, initial=1)
+        steps = list(later)[-2::-1] if self.values else []
+        return tuple(axis[number // step % len(axis)] for axis, step in zip(self.values, steps, strict=True))
+
+    @property
+    def count(self) -> int:
+        """Number of cases."""
+        return math.prod(map(len, self.values))
+
+    def to_json(self) -> bytes:
+        """Return the sweep as it is stored."""
+        return orjson.dumps({"request": self.request, "fields": self.fields, "values": self.values})
+
+    @classmethod
+    def from_json(cls, text: bytes | str) -> "Sweep":
+        """Return the sweep that was stored."""
+        stored = orjson.loads(text)
+        return cls(stored["request"], tuple(stored["fields"]), tuple(stored["values"]))
+
+
+@dataclass(frozen=True, slots=True)
+class Idempotency:
+    """What identifies a request that is sent again.
+
+    Parameters
+    ----------
+    token
+        The client's key.
+    digest
+        Hash of the operation and the whole body; a function if the body is still being read, called at its end.
+    """
+
+    token: str
+    digest: str | Callable[[], str]
+
+    @property
+    def whole_digest(self) -> str:
+        """The digest, once the body has been read."""
+        return self.digest if isinstance(self.digest, str) else self.digest()
+
+
+@dataclass(frozen=True, slots=True)
+class JobState:
+    """A job at one instant. `done` counts every case that has its result: new ones, `cached` ones, `failed` ones."""
+
+    id: str
+    operation: str
+    status: Status
+    total: int
+    done: int
+    cached: int
+    failed: int
+    created: datetime
+    started: datetime | None
+    finished: datetime | None
+    expires: datetime | None
+    problem: dict[str, Any] | None
+    revision: int
+    number: int = field(repr=False)
+    """Row in the store."""
+    owner: str = field(repr=False)
+    versions: str = field(repr=False)
+    axes: tuple[str, ...] = ()
+    """Fields of the axes of a sweep."""
+
+    @property
+    def final(self) -> bool:
+        """Whether nothing changes any more."""
+        return self.status in FINAL
+
+
+class CaseRow(NamedTuple):
+    """A case as it is stored."""
+
+    number: int
+    state: CaseState
+    key: str
+    custom_id: str | None
+    problem: dict[str, Any] | None
+
+
+@dataclass(frozen=True, slots=True)
+class CaseBlock:
+    """Cases in order: their keys one after the other, their canonical requests as compressed lines of JSON.
+
+    The requests are alike and compressed together: some 15 bytes a case instead of 800.
+    """
+
+    keys: bytes
+    requests: bytes
+    custom_ids: bytes | None
+
+    @classmethod
+    def of(cls, cases: Sequence[Case]) -> "CaseBlock":
+        """Return the cases as they are stored."""
+        ids = [case.custom_id for case in cases]
+        return cls(
+            keys=join_keys(case.request.key for case in cases),
+            requests=zlib.compress(b"\n".join(case.request.json for case in cases), FASTEST),
+            custom_ids=zlib.compress(orjson.dumps(ids), FASTEST) if any(name is not None for name in ids) else None,
+        )
+
+    @property
+    def count(self) -> int:
+        """Number of cases."""
+        return len(self.keys) // KEY_BYTES
+
+
+def join_keys(keys: Iterable[str]) -> bytes:
+    """Return keys as they are stored."""
+    return b"".join(map(bytes.fromhex, keys))
+
+
+def split_keys(keys: bytes) -> list[str]:
+    """Return the keys that were stored."""
+    return [keys[i : i + KEY_BYTES].hex() for i in range(0, len(keys), KEY_BYTES)]
+
+
+@lru_cache(maxsize=16)
+def split_requests(requests: bytes) -> tuple[bytes, ...]:
+    """Return the canonical requests that were stored, each as JSON; those of the latest blocks are at hand."""
+    return tuple(zlib.decompress(requests).split(b"\n"))
+
+
+def split_custom_ids(custom_ids: bytes | None, count: int) -> list[str | None]:
+    """Return the names that were stored, as many as there are cases."""
+    if custom_ids is None:
+        return [None] * count
+    names: list[str | None] = orjson.loads(zlib.decompress(custom_ids))
+    return names

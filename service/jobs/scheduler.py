@@ -1,0 +1,374 @@
+"""Computes the cases of jobs: a few chunks at a time, owners in turn, until no case is left.
+
+A crash may come at any instant. The results of a chunk are kept first and its cases marked after, so a chunk is either
+marked, or found in the cache when the job goes on, or computed then.
+"""
+
+import asyncio
+import logging
+from collections import Counter, defaultdict, deque
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime
+from typing import Any, NamedTuple, TypeVar
+
+from anyio.to_thread import run_sync
+
+from service.backpressure import Rate
+from service.cache_key import KeyedRequest
+from service.errors import (
+    ComputationCancelled,
+    JobGoneError,
+    PoolUnavailableError,
+    QueueFullError,
+    StorageError,
+    case_problem,
+)
+from service.jobs.fairness import ChunkSizer, FairQueue, Permit, PrioritySemaphore
+from service.jobs.models import BLOCK_SIZE, CaseState, JobState, Status
+from service.jobs.store import VERSIONS, JobStore
+from service.queries import Answered, Count, QueryService
+
+AHEAD = 10
+"""Blocks of cases looked up in the cache at once: what is there is marked without a chunk being made of it."""
+CHUNK_SECONDS = 0.25
+"""Work in a chunk: what a crash costs at most, and a hundred times what handing it over does."""
+TEMPORARY = (ComputationCancelled, PoolUnavailableError, QueueFullError)
+"""Errors that are none of the case's own: it is tried again."""
+STORED = "stored"
+"""Counted as the outcome of a case whose result was there: nobody has looked into it."""
+RETRY_SECONDS = 1.0
+"""Before cases that no worker could take are tried again."""
+OVERLONG_SECONDS = 10.0
+"""For a chunk: cases that take far longer than those before are handed out again in smaller ones, so that all workers
+share them and other work is let in between."""
+
+Value = TypeVar("Value")
+log = logging.getLogger(__name__)
+
+
+class PendingCase(NamedTuple):
+    """A case without a result."""
+
+    number: int
+    key: str
+
+
+@dataclass(eq=False)
+class ActiveJob:
+    """How far a job is."""
+
+    state: JobState
+    sizer: ChunkSizer = field(default_factory=lambda: ChunkSizer(CHUNK_SECONDS))
+    waiting: deque[PendingCase] = field(default_factory=deque)
+    """Looked up and not in the cache: to be computed next."""
+    looked_up: int = 0
+    """Blocks of cases."""
+    work: set["asyncio.Task[None]"] = field(default_factory=set)
+    """Looking up, and chunks."""
+    stops: set[Callable[[], object]] = field(default_factory=set)
+    """End what the work waits for."""
+    ending: bool = False
+    changed: asyncio.Event = field(default_factory=asyncio.Event)
+    """Set at the next change, and another one put in its place."""
+
+    @property
+    def left(self) -> bool:
+        """Whether there are cases to hand out."""
+        return not self.ending and (bool(self.waiting) or self.looked_up * BLOCK_SIZE < self.state.total)
+
+    def take(self) -> list[PendingCase]:
+        """Take out the cases of the next chunk."""
+        return [self.waiting.popleft() for _ in range(min(self.sizer.cases, len(self.waiting)))]
+
+    def update(self, state: JobState) -> None:
+        """Take over a newer state, and wake those who follow it."""
+        if state.revision > self.state.revision:
+            self.state = state
+        changed, self.changed = self.changed, asyncio.Event()
+        changed.set()
+
+
+@dataclass(slots=True)
+class CaseUpdates:
+    """New states of cases, by number; `again` are those to be tried once more."""
+
+    states: dict[int, CaseState] = field(default_factory=dict)
+    problems: dict[int, dict[str, Any]] = field(default_factory=dict)
+    outcomes: Counter[str] = field(default_factory=Counter)
+    """How the computed cases ended."""
+    again: list[PendingCase] = field(default_factory=list)
+    unavailable: bool = False
+    """No worker could take them."""
+
+    def fail(self, numbers: Sequence[int], error: Exception) -> None:
+        """Note that these cases, all alike, have no answer."""
+        self.states |= dict.fromkeys(numbers, CaseState.FAILED)
+        self.problems |= dict.fromkeys(numbers, case_problem(error))
+
+    def take(
+        self, numbers: Mapping[str, Sequence[int]], answers: Mapping[str, "asyncio.Future[Answered]"], state: CaseState
+    ) -> None:
+        """Note these answers: the first case of each key is in this state, its twins need no work."""
+        for key, future in answers.items():
+            error = future.exception() if future.done() and not future.cancelled() else ComputationCancelled()
+            if error is None:
+                self.states |= dict.fromkeys(numbers[key], CaseState.CACHED) | {numbers[key][0]: state}
+                if state is CaseState.DONE:
+                    self.outcomes[future.result()[0].outcome] += 1
+            elif isinstance(error, TEMPORARY) or not isinstance(error, Exception):
+                self.again.extend(PendingCase(number, key) for number in numbers[key])
+                self.unavailable |= not isinstance(error, ComputationCancelled)
+            else:
+                self.fail(numbers[key], error)
+
+
+class Scheduler:
+    """Hands out the cases of all jobs.
+
+    Parameters
+    ----------
+    queries
+        Computes the cases.
+    jobs
+        Keeps the jobs.
+    chunks
+        Permits for chunks in the executor, shared with inline batches.
+    begun
+        Permits for chunks that are being prepared, computed or kept.
+    rate, count
+        Count every case that is done.
+    """
+
+    def __init__(
+        self,
+        queries: QueryService,
+        jobs: JobStore,
+        chunks: PrioritySemaphore,
+        begun: PrioritySemaphore,
+        rate: Rate,
+        count: Count,
+    ) -> None:
+        self.active: dict[str, ActiveJob] = {}
+        self.unwritten: dict[str, JobState] = {}
+        """Jobs that have ended though it could not be written: the next start would go on with them."""
+        self._queries = queries
+        self._jobs = jobs
+        self._chunks = chunks
+        self._rate = rate
+        self._count = count
+        self._queue: FairQueue[ActiveJob] = FairQueue()
+        self._begun = begun
+        self._step: asyncio.Task[None] | None = None
+
+    def add(self, state: JobState) -> None:
+        """Take on a job."""
+        if not state.final:
+            self.active[state.id] = job = ActiveJob(state)
+            self._queue.add(state.owner, job)
+
+    async def run(self) -> None:
+        """Hand out cases until cancelled."""
+        while True:
+            job = await self._queue.next()
+            begun = await self._begun.acquire(urgent=False)
+            try:
+                permit = await self._chunks.acquire(urgent=False)
+            except asyncio.CancelledError:
+                begun.release()
+                raise
+            step = self._step = asyncio.create_task(self._advance(job, begun, permit))
+            self._belongs(job, step)
+            await asyncio.shield(step)
+
+    async def stop(self) -> None:
+        """Give up what is underway; the next start goes on with it. Call it when `run` has been cancelled."""
+        if self._step is not None:
+            await asyncio.wait([self._step])
+        await asyncio.gather(*(self.halt(job) for job in self.active.values()))
+        for job in self.active.values():
+            job.update(job.state)
+        await self.write_ends()
+
+    async def halt(self, job: ActiveJob) -> None:
+        """Hand out nothing more of the job, and give up what is computed for it."""
+        job.ending = True
+        self._queue.remove(job.state.owner, job)
+        while others := job.work - {asyncio.current_task()}:
+            for stop in list(job.stops):
+                stop()
+            await asyncio.wait(others, timeout=0.1)
+
+    async def end(self, job: ActiveJob, status: Status, problem: dict[str, Any] | None = None) -> JobState | None:
+        """End a job as it is, and all its work within a second; return it, unless it was deleted meanwhile."""
+        await self.halt(job)
+        try:
+            state = await self.thread(self._jobs.end, job.state.number, status, problem)
+        except JobGoneError:
+            self.active.pop(job.state.id, None)
+            job.update(job.state)
+            return None
+        except StorageError:
+            now, revision = datetime.now(UTC), job.state.revision + 1
+            state = replace(job.state, status=status, finished=now, problem=problem, revision=revision)
+            self.unwritten[state.id] = state
+        job.update(state)
+        self.active.pop(state.id, None)
+        return state
+
+    async def write_ends(self) -> None:
+        """Write what could not be written before, if it can be now."""
+        with suppress(StorageError):
+            for state in list(self.unwritten.values()):
+                with suppress(JobGoneError):
+                    await self.thread(self._jobs.end, state.number, state.status, state.problem)
+                self.unwritten.pop(state.id, None)
+
+    async def thread(self, function: Callable[..., Value], *arguments: Any) -> Value:
+        """Run what waits for the disk, or takes long, in a thread."""
+        return await run_sync(function, *arguments)
+
+    async def _advance(self, job: ActiveJob, begun: Permit, permit: Permit) -> None:
+        """Start the next chunk of the job, if it has one."""
+        cases: list[PendingCase] = []
+        try:
+            if not job.ending:
+                cases = await self._next(job)
+        except Exception as error:  # noqa: BLE001 (the other jobs go on)
+            await self._fail(job, error)
+        if job.ending or not cases:
+            permit.release()
+            begun.release()
+        else:
+            chunk = asyncio.create_task(self._run_chunk(job, cases, permit))
+            chunk.add_done_callback(lambda _: permit.release())
+            chunk.add_done_callback(lambda _: begun.release())
+            self._belongs(job, chunk)
+
+    def _belongs(self, job: ActiveJob, work: "asyncio.Task[None]") -> None:
+        """See that the job waits for this work, and is put where it belongs after."""
+
+        def ended(done: "asyncio.Task[None]") -> None:
+            job.work.discard(done)
+            self._settle(job)
+
+        job.work.add(work)
+        work.add_done_callback(ended)
+
+    def _settle(self, job: ActiveJob) -> None:
+        """Put the job where it belongs now."""
+        if job.left:
+            self._queue.add(job.state.owner, job, first=True)
+            return
+        self._queue.remove(job.state.owner, job)
+        if job.state.final and not job.work and not job.ending:
+            self.active.pop(job.state.id, None)
+
+    async def _next(self, job: ActiveJob) -> list[PendingCase]:
+        state = job.state
+        if not job.left:
+            return []
+        if state.versions != VERSIONS:
+            await self.thread(self._jobs.renew_keys, state.number)
+            job.state = replace(state, versions=VERSIONS)
+        if state.status == "accepted":
+            job.update(await self.thread(self._jobs.begin, state.number))
+        if not job.waiting:
+            unknown, cached, marked = await self.thread(self._look_up, state.number, job.looked_up)
+            job.looked_up += AHEAD
+            job.waiting.extend(unknown)
+            if marked is not None:
+                self._note(job, CaseUpdates(states=cached), marked)
+        return job.take()
+
+    def _look_up(self, job: int, first: int) -> tuple[list[PendingCase], dict[int, CaseState], JobState | None]:
+        """Mark what is in the cache of the next blocks; return the rest, and what was marked."""
+        waiting = [PendingCase(*case) for case in self._jobs.waiting(job, first, AHEAD)]
+        known = self._queries.cache.known([case.key for case in waiting])
+        if not known:
+            return waiting, {}, None
+        cached = {case.number: CaseState.CACHED for case in waiting if case.key in known}
+        return [case for case in waiting if case.key not in known], cached, self._jobs.mark(job, cached)
+
+    async def _run_chunk(self, job: ActiveJob, cases: Sequence[PendingCase], permit: Permit) -> None:
+        try:
+            numbers: dict[str, list[int]] = defaultdict(list)
+            for number, key in cases:
+                numbers[key].append(number)
+            requests, updates = await self.thread(self._requests, job, numbers)
+            if job.ending:
+                return
+            chunk = self._queries.begin(job.state.operation, requests, permit.release)
+            if not await self._stoppable(job, chunk.kept, chunk.stop, OVERLONG_SECONDS if len(requests) > 1 else None):
+                chunk.stop()
+                job.sizer.shrink(len(requests))
+                await asyncio.wait([chunk.kept])
+            if not chunk.running.cancelled() and chunk.running.exception() is None:
+                sizes = [len(future.result()[0].json) for future in chunk.own.values() if future.exception() is None]
+                job.sizer.note(chunk.seconds, sum(sizes))
+            updates.take(numbers, chunk.own, CaseState.DONE)
+            await self._mark(job, updates)
+            if chunk.shared:
+                waiting = asyncio.ensure_future(asyncio.wait(chunk.shared.values()))
+                await self._stoppable(job, waiting, waiting.cancel)
+                late = CaseUpdates()
+                late.take(numbers, chunk.shared, CaseState.CACHED)
+                await self._mark(job, late)
+        except Exception as error:  # noqa: BLE001 (the other jobs go on)
+            await self._fail(job, error)
+
+    def _requests(self, job: ActiveJob, numbers: Mapping[str, Sequence[int]]) -> tuple[list[KeyedRequest], CaseUpdates]:
+        """Return the stored requests of cases; other jobs may have answered some of them since."""
+        known = self._queries.cache.known(list(numbers))
+        updates = CaseUpdates(dict.fromkeys((n for key in known for n in numbers[key]), CaseState.CACHED))
+        first = {key: cases[0] for key, cases in numbers.items() if key not in known}
+        requests = self._jobs.requests(job.state.number, first.values())
+        return [KeyedRequest(key, requests[number]) for key, number in first.items()], updates
+
+    async def _stoppable(
+        self,
+        job: ActiveJob,
+        waiting: "asyncio.Future[Any]",
+        stop: Callable[[], object],
+        seconds: float | None = None,
+    ) -> bool:
+        """Wait for something that ends with the job; return whether it came in time."""
+        job.stops.add(stop)
+        done, _ = await asyncio.wait([waiting], timeout=seconds)
+        job.stops.discard(stop)
+        return bool(done)
+
+    async def _mark(self, job: ActiveJob, updates: CaseUpdates) -> None:
+        if updates.states:
+            state = await self.thread(self._jobs.mark, job.state.number, updates.states, updates.problems)
+            self._note(job, updates, state)
+        if updates.again and not job.ending:
+            if updates.unavailable:
+                pause = asyncio.ensure_future(asyncio.sleep(RETRY_SECONDS))
+                await self._stoppable(job, pause, pause.cancel)
+            job.waiting.extendleft(reversed(updates.again))
+
+    def _note(self, job: ActiveJob, updates: CaseUpdates, state: JobState) -> None:
+        """Count cases that have been marked, and pass the new state of their job on."""
+        operation = state.operation
+        self._rate.add(len(updates.states))
+        for outcome, count in updates.outcomes.items():
+            self._count(operation, outcome, "miss", count)
+        if cached := sum(state is CaseState.CACHED for state in updates.states.values()):
+            self._count(operation, STORED, "hit", cached)
+        for problem in updates.problems.values():
+            self._count(operation, problem_name(problem), "miss", 1)
+        job.update(state)
+
+    async def _fail(self, job: ActiveJob, error: Exception) -> None:
+        """End a job that cannot go on."""
+        if not job.ending:
+            log.error("job %s failed", job.state.id, exc_info=error)
+            await self.end(job, "failed", case_problem(error))
+
+
+def problem_name(problem: Mapping[str, Any]) -> str:
+    """Return the last part of the type of a problem, as it is counted."""
+    name: str = problem["type"].rpartition(":")[2]
+    return name

@@ -1,0 +1,131 @@
+"""What the service computes, each operation once: request, computation, answer, columns of its table.
+
+Workers, routes, jobs and the command line all go by this.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import solver
+from service.columns import SUMMARY, Column
+from service.schemas import (
+    CriticalAngleRequest,
+    DepthCalibrationRequest,
+    MotionCalibrationRequest,
+    ObliquityCalibrationRequest,
+    TrajectoryRequest,
+    critical_angle_answer,
+    depth_answer,
+    motion_answer,
+    obliquity_answer,
+    trajectory_answer,
+)
+from service.schemas.alternatives import alternative_requests
+from service.schemas.quantities import Part
+from solver.arrays import FloatArray
+from solver.calibration import fit_depth, fit_motion, fit_obliquity, penetration_depths, predict_motion
+
+Answer: TypeAlias = tuple[dict[str, Any], dict[str, FloatArray] | None]
+"""The JSON answer without its key, its version and the columns of its history; and those columns."""
+
+
+@dataclass(frozen=True, slots=True)
+class Operation:
+    """One kind of request.
+
+    Parameters
+    ----------
+    compute
+        Takes the canonical request as JSON, as a worker receives it. A function of a module, so that its name is all
+        that goes to the worker.
+    request
+        Model of the request. Its `arguments` raises ParameterError if values do not go together.
+    columns
+        The answer in one row.
+    cases
+        Returns what a request counts as against a quota.
+    """
+
+    compute: Callable[[bytes], Answer]
+    request: type[Part]
+    columns: tuple[Column, ...] = ()
+    cases: Callable[[Any], int] = lambda _: 1
+
+
+def compute_trajectory(request: bytes) -> Answer:
+    """Run one strike."""
+    return trajectory_answer(solver.simulate(**TrajectoryRequest.model_validate_json(request).arguments()))
+
+
+def compute_critical_angle(request: bytes) -> Answer:
+    """Find a critical angle and, if it has a history and there is such an angle, run the strike at it."""
+    arguments, sample_interval = CriticalAngleRequest.model_validate_json(request).arguments()
+    found = solver.critical_angle(**arguments)
+    if sample_interval is None or found.angle is None:
+        return critical_angle_answer(found, None)
+    del arguments["search"]
+    strike = {name: arguments.pop(name) for name in ("velocity", "angle_of_attack", "angular_velocity")}
+    impact = solver.Impact(oblique_angle=found.angle, **strike)
+    return critical_angle_answer(found, solver.simulate(**arguments, impact=impact, sample_interval=sample_interval))
+
+
+def compute_depth_calibration(request: bytes) -> Answer:
+    """Fit a strength factor to depths; predict them with each strength factor to compare."""
+    arguments, strength_factors, velocities = DepthCalibrationRequest.model_validate_json(request).arguments()
+    model = {name: arguments[name] for name in ("projectile", "target", "resistance")}
+    curves = [
+        (factor, velocities, penetration_depths(**model, velocities=velocities, strength_factor=factor))
+        for factor in strength_factors
+    ]
+    return depth_answer(fit_depth(**arguments), curves), None
+
+
+def compute_motion_calibration(request: bytes) -> Answer:
+    """Fit a strength factor to a motion; predict it with each strength factor to compare."""
+    arguments, strength_factors, times = MotionCalibrationRequest.model_validate_json(request).arguments()
+    model = {name: arguments[name] for name in ("projectile", "target", "resistance", "impact")}
+    compared = [(factor, predict_motion(**model, times=times, strength_factor=factor)) for factor in strength_factors]
+    return motion_answer(fit_motion(**arguments), compared), None
+
+
+def compute_obliquity_calibration(request: bytes) -> Answer:
+    """Fit a polynomial in the oblique angle to strength factors."""
+    return obliquity_answer(fit_obliquity(**ObliquityCalibrationRequest.model_validate_json(request).arguments())), None
+
+
+def cases_of_a_fit(_: Part) -> int:
+    """Return what a calibration counts as: it takes as long as so many cases."""
+    return 20
+
+
+def cases_of_a_query(request: Any) -> int:
+    """Return what a query counts as: with alternatives, each of them is a case too."""
+    return 1 + len(alternative_requests(request)) if request.alternatives else 1
+
+
+OPERATIONS: Mapping[str, Operation] = {
+    "trajectory": Operation(compute_trajectory, TrajectoryRequest, SUMMARY["trajectory"], cases_of_a_query),
+    "cra": Operation(compute_critical_angle, CriticalAngleRequest, SUMMARY["cra"], cases_of_a_query),
+    "calibration_depth": Operation(
+        compute_depth_calibration,
+        DepthCalibrationRequest,
+        SUMMARY["calibration_depth"],
+        cases_of_a_fit,
+    ),
+    "calibration_motion": Operation(
+        compute_motion_calibration,
+        MotionCalibrationRequest,
+        SUMMARY["calibration_motion"],
+        cases_of_a_fit,
+    ),
+    "calibration_obliquity": Operation(
+        compute_obliquity_calibration, ObliquityCalibrationRequest, cases=cases_of_a_fit
+    ),
+}
+
+
+def outcome_of(answer: Mapping[str, Any]) -> str:
+    """Return how a run or a search ended; a fit that has an answer was found."""
+    outcome: str = answer.get("outcome") or answer.get("status") or "fitted"
+    return outcome

@@ -1,0 +1,221 @@
+"""From a request to its record: look it up, share a computation in flight, compute it, keep it."""
+
+import asyncio
+import secrets
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+from anyio.to_thread import run_sync
+
+from service.backpressure import Rate
+from service.cache.cache import ResultCache
+from service.cache.hdf5 import Segment
+from service.cache.record import Record
+from service.cache_key import KeyedRequest
+from service.errors import ComputationCancelled, QueriesWaitingError
+from service.operations import Operation
+from service.workers.base import Call, CallResult, Executor
+from service.workers.compute import close_chunk, compute_case, compute_single
+
+CacheStatus: TypeAlias = Literal["hit", "miss"]
+Answered: TypeAlias = tuple[Record, CacheStatus]
+
+Count: TypeAlias = Callable[[str, str, str, int], None]
+"""Counts cases that are done: operation, outcome, `hit` or `miss`, number."""
+
+MAX_WAITING = 1000
+"""Single queries that may wait for a worker: at 10 ms each, a few seconds of work."""
+
+
+class QueryService:
+    """Answers requests.
+
+    Parameters
+    ----------
+    cache
+        Keeps the records.
+    executor
+        Computes them.
+    operations
+        What can be computed, by name.
+    max_waiting
+        Single queries that may wait for a worker.
+    count
+        Counts single queries that are answered.
+    """
+
+    def __init__(
+        self,
+        cache: ResultCache,
+        executor: Executor,
+        operations: Mapping[str, Operation],
+        *,
+        max_waiting: int = MAX_WAITING,
+        count: Count = lambda *_: None,
+    ) -> None:
+        self.cache = cache
+        self.executor = executor
+        self.operations = operations
+        self._max_waiting = max_waiting
+        self._count = count
+        self._rate = Rate()
+        self._in_flight: dict[str, asyncio.Future[Answered]] = {}
+
+    @property
+    def chunk_limit(self) -> int:
+        """Chunks that should be begun at the same time, now: some wait, so that no worker does."""
+        return self.executor.capacity + self.executor.prefetch
+
+    async def answer(self, operation: str, request: KeyedRequest) -> Answered:
+        """Return the record of the request, and whether it was there already.
+
+        Equal requests in flight share one computation. It belongs to none of them: it goes on when they have all left,
+        and its result is kept.
+
+        Raises
+        ------
+        QueriesWaitingError
+            If too many wait for a worker.
+        """
+        record = self.cache.recall(request.key)
+        if record is not None:
+            self._count(operation, record.outcome, "hit", 1)
+            return record, "hit"
+        while True:
+            found = self._in_flight.get(request.key)
+            shared = found is not None
+            if found is None:
+                found = asyncio.create_task(self._find(operation, request))
+                self._in_flight[request.key] = found
+                found.add_done_callback(lambda done: self._forget(request.key, done))
+            with suppress(ComputationCancelled):
+                answered = await asyncio.shield(found)
+                if shared or answered[1] == "hit":
+                    self._count(operation, answered[0].outcome, "hit", 1)
+                return answered
+
+    async def result(self, key: str) -> Record | None:
+        """Return the record of this key, if there is one."""
+        return self.cache.recall(key) or await run_sync(self.cache.get, key)
+
+    def begin(self, operation: str, cases: Sequence[KeyedRequest], computed: Callable[[], None]) -> "Chunk":
+        """Begin to compute a chunk of cases, no two alike, except those that are in flight already.
+
+        Parameters
+        ----------
+        computed
+            Called when the executor is done with the chunk, however it ended.
+        """
+        shared = {case.key: self._in_flight[case.key] for case in cases if case.key in self._in_flight}
+        own = [case for case in cases if case.key not in shared]
+        loop = asyncio.get_running_loop()
+        futures: dict[str, asyncio.Future[Answered]] = {case.key: loop.create_future() for case in own}
+        self._in_flight |= futures
+        compute, chunk = self.operations[operation].compute, secrets.token_hex(8)
+        calls: list[Call] = [(compute_case, (compute, operation, case.key, case.json, chunk)) for case in own]
+        if calls:
+            calls.append((close_chunk, (chunk,)))
+        running = asyncio.ensure_future(self.executor.run(calls))
+        running.add_done_callback(lambda _: computed())
+        kept = asyncio.create_task(self._keep(operation, own, futures, running))
+        return Chunk(futures, shared, running, kept)
+
+    async def _find(self, operation: str, request: KeyedRequest) -> Answered:
+        record = await run_sync(self.cache.get, request.key)
+        if record is not None:
+            return record, "hit"
+        queued = self.executor.queued
+        if queued >= self._max_waiting:
+            raise QueriesWaitingError(self._rate.seconds_for(queued))
+        compute = self.operations[operation].compute
+        json, outcome, segments = await self.executor.submit(
+            compute_single, compute, operation, request.key, request.json
+        )
+        self._rate.add(1)
+        self._count(operation, outcome, "miss", 1)
+        record = Record(request.key, operation, request.json, json=json, outcome=outcome)
+        return await run_sync(self.cache.put, record, segments), "miss"
+
+    async def _keep(
+        self,
+        operation: str,
+        own: Sequence[KeyedRequest],
+        futures: Mapping[str, asyncio.Future[Answered]],
+        running: "asyncio.Future[list[CallResult]]",
+    ) -> None:
+        """Wait for a chunk and keep its results, before anything that waits for them goes on."""
+        outcomes: Sequence[Record | Exception] = [ComputationCancelled()] * len(own)
+        try:
+            await asyncio.wait([running])
+            if not running.cancelled():
+                error = running.exception()
+                if isinstance(error, Exception):
+                    outcomes = [error] * len(own)
+                elif error is None:
+                    outcomes = await run_sync(self._put, operation, own, running.result())
+        except Exception as error:  # noqa: BLE001 (raised where the cases are waited for)
+            outcomes = [error] * len(own)
+        finally:
+            for (key, future), outcome in zip(futures.items(), outcomes, strict=True):
+                del self._in_flight[key]
+                if isinstance(outcome, Record):
+                    future.set_result((outcome, "miss"))
+                else:
+                    future.set_exception(outcome)
+                    future.exception()  # seen, even if nothing waits for it any more
+
+    def _put(
+        self, operation: str, own: Sequence[KeyedRequest], results: Sequence[CallResult]
+    ) -> list[Record | Exception]:
+        """Keep the results of a chunk in one file."""
+        outcomes: list[Record | Exception] = []
+        for case, result in zip(own, results, strict=False):
+            if result.error is not None:
+                outcomes.append(result.error)
+            else:
+                json, outcome = result.value
+                outcomes.append(Record(case.key, operation, case.json, json=json, outcome=outcome))
+        records = {outcome.key: outcome for outcome in outcomes if isinstance(outcome, Record)}
+        known = self.cache.known(list(records))  # another chunk may have kept some since they were looked up
+        segments: Sequence[Segment] = results[-1].value or () if results and results[-1].error is None else ()
+        missing = [record for key, record in records.items() if key not in known]
+        segments = [segment for segment in segments if all(key in records and key not in known for key in segment[0])]
+        records |= {record.key: record for record in self.cache.put_many(missing, segments)}
+        return [records[outcome.key] if isinstance(outcome, Record) else outcome for outcome in outcomes]
+
+    def _forget(self, key: str, task: "asyncio.Future[Answered]") -> None:
+        del self._in_flight[key]
+        if not task.cancelled():
+            task.exception()  # seen, even if nothing waits for it any more
+
+
+@dataclass(frozen=True, slots=True)
+class Chunk:
+    """Cases being computed.
+
+    Parameters
+    ----------
+    own, shared
+        Answers by key: those this chunk computes, and those of others it waits for. One that is given up raises
+        `ComputationCancelled`. To be waited for, never to be cancelled.
+    running
+        What the executor makes of the own ones.
+    kept
+        Ends when all own answers are there.
+    """
+
+    own: Mapping[str, "asyncio.Future[Answered]"]
+    shared: Mapping[str, "asyncio.Future[Answered]"]
+    running: "asyncio.Future[list[CallResult]]"
+    kept: "asyncio.Task[None]"
+
+    @property
+    def seconds(self) -> list[float]:
+        """Time that each own case took in its worker, once they are there."""
+        return [result.seconds for result in self.running.result()[: len(self.own)]]
+
+    def stop(self) -> None:
+        """Give up what the executor has not answered; what it has is kept."""
+        self.running.cancel()

@@ -1,0 +1,129 @@
+"""Content of files: bytes, lines, columns of numbers, and errors that name the line."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solver.arrays import FloatArray
+
+UTF16_MARKS = (b"\xff\xfe", b"\xfe\xff")
+
+
+class FileError(Exception):
+    """A file cannot be read, or its content is invalid.
+
+    Parameters
+    ----------
+    path
+        The file, as the caller named it.
+    reason
+        What is wrong.
+    line
+        Number of the line, from 1; None for the whole file, or if it has no lines.
+    """
+
+    def __init__(self, path: str | PathLike[str], reason: str, line: int | None = None) -> None:
+        super().__init__(path, reason, line)
+        self.path = path
+        self.reason = reason
+        self.line = line
+
+    def __str__(self) -> str:
+        position = f"{self.path}" if self.line is None else f"{self.path}:{self.line}"
+        return f"{position}: {self.reason}"
+
+
+def read_bytes(path: str | Path) -> bytes:
+    """Return the content of a file.
+
+    Raises
+    ------
+    FileError
+        If it cannot be read or is empty.
+    """
+    try:
+        content = Path(path).read_bytes()
+    except OSError as error:
+        raise FileError(path, error.strerror or str(error)) from None
+    if not content.strip(b"\xef\xbb\xbf \t\r\n\x00"):
+        raise FileError(path, "the file is empty")
+    return content
+
+
+def lines_of(path: str | Path, content: bytes, *, strict: bool = True) -> list[str]:
+    """Return the lines of a text file without line ends and byte order mark.
+
+    Parameters
+    ----------
+    strict
+        Raise an error where the text is not UTF-8; otherwise replace such characters, which titles of older files have.
+
+    Raises
+    ------
+    FileError
+        If the content is not text.
+    """
+    if content.startswith(UTF16_MARKS):
+        raise FileError(path, "the file is UTF-16; save it as UTF-8")
+    if b"\x00" in content:
+        raise FileError(
+            path, "not a text file: it holds zero bytes", content.count(b"\n", 0, content.index(b"\x00")) + 1
+        )
+    try:
+        text = content.decode("utf-8-sig", "strict" if strict else "replace")
+    except UnicodeDecodeError as error:
+        line = content.count(b"\n", 0, error.start) + 1
+        raise FileError(path, "not a UTF-8 text file", line) from None
+    return text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Readings:
+    """Columns of numbers read from a file.
+
+    Parameters
+    ----------
+    path
+        The file.
+    values
+        Columns of equal length, by quantity. [SI]
+    lines
+        Line of each row; None for binary files, whose errors name the row by its number.
+    """
+
+    path: str | PathLike[str]
+    values: Mapping[str, FloatArray]
+    lines: Sequence[int] | None = None
+
+    @property
+    def rows(self) -> int:
+        """Number of rows."""
+        return len(next(iter(self.values.values())))
+
+    def each_row(self) -> Iterator[dict[str, float]]:
+        """Yield the rows, each a value by quantity. [SI]"""
+        for row in range(self.rows):
+            yield {name: float(values[row]) for name, values in self.values.items()}
+
+    def error(self, row: int, reason: str) -> FileError:
+        """Return an error that names a row."""
+        if self.lines is None:
+            return FileError(self.path, f"state {row + 1}: {reason}")
+        return FileError(self.path, reason, self.lines[row])
+
+    def require(self, name: str, accepted: NDArray[np.bool_], requirement: str, unit: str) -> None:
+        """Raise an error for the first row whose value of a quantity is not accepted."""
+        rows = np.flatnonzero(~accepted)
+        if rows.size:
+            value = float(self.values[name][rows[0]])
+            raise self.error(int(rows[0]), f"{name} {requirement}, got {value:g} {unit}".rstrip())
+
+    def require_rows(self, least: int) -> None:
+        """Raise an error if there are fewer rows."""
+        if self.rows < least:
+            line = self.lines[-1] if self.lines else None
+            raise FileError(self.path, f"at least {least} rows are needed, the file has {self.rows}", line)

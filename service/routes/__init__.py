@@ -1,1 +1,0 @@
-"""A file per resource: parse, one call, reply."""

@@ -1,0 +1,167 @@
+"""The process pool: one worker process to a core, one call at a time in each.
+
+Each worker has its own thread and socket, and they share nothing: no queue, no lock. So a worker may be killed
+at any instant, also halfway through sending a result, and the only call it can take with it is the one it was on.
+The libraries looked at share a pipe among the workers: there one SIGKILL fails every task in flight
+(``concurrent.futures``, loky) or stops the pool for good (pebble).
+
+Calls come singly or in chunks. A worker is given a whole chunk and replies call by call, so that small calls cost
+little more than themselves, and it is known at any instant which call a worker is on.
+"""
+
+import asyncio
+import itertools
+import multiprocessing
+import os
+import threading
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future, wait
+from contextlib import suppress
+from typing import Any, TypeVar, TypeVarTuple
+
+from service.errors import ExecutorError, PoolUnavailableError
+from service.workers.base import Call, CallResult
+from service.workers.supervisor import CHUNK, END, PROBE, SINGLE, Task, TaskQueue, WorkerSupervisor
+
+Arguments = TypeVarTuple("Arguments")
+Result = TypeVar("Result")
+
+KILL_SECONDS = 0.5
+"""Kept back from the grace time to end workers that are still busy."""
+
+
+class ProcessPool:
+    """Runs functions in worker processes.
+
+    Parameters
+    ----------
+    workers
+        Number of processes.
+    task_seconds
+        Wall time one call may take; its worker is killed then, as nothing else interrupts compiled code.
+    preload
+        Modules that the main module of this process needs: each worker imports it anew.
+    """
+
+    prefetch = 1
+    """Chunks beyond one a worker that should wait here: the supervisors share them, so that one is enough."""
+    last_error = "no worker answered in time"
+    """Why a probe fails."""
+
+    def __init__(self, *, workers: int, task_seconds: float, preload: Sequence[str] = ()) -> None:
+        context = multiprocessing.get_context("forkserver")
+        context.set_forkserver_preload(["service.workers.preload", "service.workers.worker", *preload])
+        self._tasks = TaskQueue()
+        self._numbers = itertools.count()
+        self._unfinished: set[Future[Any]] = set()
+        self._stopping = False
+        self._closed = threading.Event()
+        self._supervisors = [WorkerSupervisor(context, self._tasks, self._closed, task_seconds) for _ in range(workers)]
+
+    @property
+    def worker_pids(self) -> list[int]:
+        """Process ids of the workers that are up."""
+        return [supervisor.worker.pid for supervisor in self._supervisors if supervisor.worker is not None]
+
+    @property
+    def restarts(self) -> int:
+        """Workers that had to be replaced."""
+        return sum(max(0, supervisor.starts - 1) for supervisor in self._supervisors)
+
+    @property
+    def queued(self) -> int:
+        """Calls submitted singly, probes among them, that wait for a worker."""
+        return self._tasks.urgent
+
+    @property
+    def capacity(self) -> int:
+        """Chunks that can run at the same time."""
+        return len(self._supervisors)
+
+    async def start(self) -> None:
+        """Bring every worker up, warm.
+
+        Raises
+        ------
+        PoolUnavailableError
+            If one could not be started.
+        """
+        for supervisor in self._supervisors:
+            supervisor.thread.start()
+        try:
+            await asyncio.gather(*(asyncio.wrap_future(supervisor.started) for supervisor in self._supervisors))
+        except BaseException:
+            await self.stop(0.0)
+            raise
+
+    async def submit(self, function: Callable[[*Arguments], Result], *arguments: *Arguments) -> Result:
+        """Run a picklable function in a worker and return what it returns, or raise what it raises.
+
+        Cancelled while it waits for a worker, it never runs; once running, it runs to its end.
+
+        Raises
+        ------
+        WorkerCrashedError, TaskTimeoutError, PoolUnavailableError
+            If the pool could not bring it to an end.
+        """
+        (finished,) = await asyncio.wrap_future(self._enqueue(SINGLE, [(function, arguments)]).future)
+        if finished.error is not None:
+            raise finished.error
+        result: Result = finished.value
+        return result
+
+    async def run(self, calls: Sequence[Call]) -> list[CallResult]:
+        """Run a chunk of calls one after the other in one worker, behind what is submitted singly.
+
+        A call that fails, takes too long or ends the worker twice says so in its place; the others are run all the
+        same. Cancelled while it waits, it never runs; once running, the call it is on ends or is ended within 0.5 s,
+        and those after it do not run.
+
+        Raises
+        ------
+        PoolUnavailableError
+            If no worker can be started or the pool is stopping.
+        """
+        if not calls:
+            return []
+        task = self._enqueue(CHUNK, calls)
+        try:
+            return await asyncio.wrap_future(task.future)
+        except asyncio.CancelledError:
+            task.cancelled = time.monotonic()
+            raise
+
+    async def probe(self, seconds: float) -> bool:
+        """Tell whether a worker answers within this time; overtakes all that waits, and chunks between two calls."""
+        with suppress(ExecutorError, TimeoutError):
+            task = self._enqueue(PROBE, [(os.getpid, ())])
+            (finished,) = await asyncio.wait_for(asyncio.wrap_future(task.future), seconds)
+            return finished.error is None
+        return False
+
+    async def stop(self, grace: float) -> None:
+        """Take no more work, let what there is finish, and have ended all workers within the grace time. [s]"""
+        self._stopping = True
+        await asyncio.to_thread(self._wind_down, time.monotonic() + grace)
+
+    def _enqueue(self, priority: int, calls: Sequence[Call]) -> Task:
+        if self._stopping:
+            raise PoolUnavailableError("the service is stopping")
+        task = Task(priority, next(self._numbers), calls)
+        self._unfinished.add(task.future)
+        task.future.add_done_callback(self._unfinished.discard)
+        self._tasks.put(task)
+        return task
+
+    def _wind_down(self, deadline: float) -> None:
+        wait(list(self._unfinished), timeout=max(0.0, deadline - KILL_SECONDS - time.monotonic()))
+        self._closed.set()
+        for supervisor in self._supervisors:
+            supervisor.kill_worker()
+            self._tasks.put(
+                Task(END, next(self._numbers))
+            )  # after the tasks left over, which the supervisors now refuse
+        for supervisor in self._supervisors:
+            if supervisor.thread.is_alive():
+                supervisor.thread.join(max(0.0, deadline - time.monotonic()))

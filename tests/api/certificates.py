@@ -1,0 +1,37 @@
+"""A certificate for this machine, made by openssl."""
+
+import shutil
+import ssl
+import subprocess
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """Files of a certificate of 127.0.0.1 that signs itself."""
+
+    certificate: Path
+    key: Path
+
+    @property
+    def settings(self) -> dict[str, str]:
+        """What makes a service use it."""
+        return {"tls_certificate": str(self.certificate), "tls_key": str(self.key)}
+
+    def trusted(self) -> ssl.SSLContext:
+        """What a client trusts it by."""
+        return ssl.create_default_context(cafile=str(self.certificate))
+
+
+def make_certificate(folder: Path) -> Certificate:
+    """Make one, or skip the test where there is no openssl."""
+    if shutil.which("openssl") is None:
+        pytest.skip("openssl makes the certificate")
+    made = Certificate(folder / "certificate.pem", folder / "key.pem")
+    command = ["openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "1", "-subj", "/CN=localhost"]
+    command += ["-addext", "subjectAltName=IP:127.0.0.1", "-keyout", str(made.key), "-out", str(made.certificate)]
+    subprocess.run(command, check=True, capture_output=True)
+    return made

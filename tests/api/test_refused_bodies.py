@@ -1,0 +1,360 @@
+"""A refusal reaches the client however much of the body is on its way: usual clients, a proxy, with and without TLS."""
+
+import json
+import shutil
+import socket
+import ssl
+import subprocess
+import time
+import urllib.error
+import urllib.request
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager, suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlsplit
+
+import httpx
+import pytest
+
+from tests.conftest import free_port
+
+from .certificates import make_certificate
+
+MEGABYTE = 1_000_000
+PATIENCE_S = 60.0
+JSON = {"Content-Type": "application/json"}
+
+
+@dataclass(frozen=True)
+class Refusal:
+    """A request that is answered before its body has been read."""
+
+    status: int
+    path: str = "/cra"
+    headers: dict[str, str] = field(default_factory=lambda: dict(JSON))
+
+
+TOO_LONG = Refusal(413)
+REFUSALS = [
+    TOO_LONG,
+    Refusal(403, headers=JSON | {"Sec-Fetch-Site": "cross-site"}),
+    Refusal(404, path="/nothing"),
+    Refusal(405, path="/livez"),
+    Refusal(415, headers={"Content-Type": "text/plain"}),
+    Refusal(421, headers=JSON | {"Host": "evil.example"}),
+    Refusal(431, headers=JSON | {f"X-{number}": "1" for number in range(150)}),
+]
+WITHOUT_FORBIDDEN_HEADERS = [refusal for refusal in REFUSALS if refusal.status in {404, 405, 413, 415}]
+
+
+@dataclass(frozen=True)
+class Server:
+    """Where the service is, and what is trusted if it speaks TLS."""
+
+    url: str
+    certificate: Path | None
+
+    def trusted(self) -> ssl.SSLContext:
+        return ssl.create_default_context(cafile=self.certificate)
+
+
+@contextmanager
+def served(
+    service_on: Callable[..., AbstractContextManager[Any]], folder: Path, kind: str, **settings: str
+) -> Iterator[Server]:
+    """A service, with TLS or without."""
+    if kind == "plain":
+        with service_on(folder, **settings) as service:
+            yield Server(service.url, None)
+        return
+    made = make_certificate(folder)
+    with service_on(folder, verify=made.trusted(), **made.settings, **settings) as service:
+        yield Server(service.url, made.certificate)
+
+
+@pytest.fixture(scope="module", params=["plain", "tls"])
+def server(
+    request: pytest.FixtureRequest,
+    service_on: Callable[..., AbstractContextManager[Any]],
+    tmp_path_factory: pytest.TempPathFactory,
+) -> Iterator[Server]:
+    folder = tmp_path_factory.mktemp("refusing")
+    with served(service_on, folder, request.param, discard_seconds=str(PATIENCE_S)) as found:
+        yield found
+
+
+@pytest.fixture(scope="module")
+def bodies(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """A folder with files of zeros, named by their megabytes."""
+    folder = tmp_path_factory.mktemp("bodies")
+    for size in (5, 50):
+        (folder / str(size)).write_bytes(bytes(size * MEGABYTE))
+    yield folder
+    shutil.rmtree(folder)
+
+
+Answer = tuple[int, dict[str, Any]]
+
+
+def by_urllib(server: Server, refusal: Refusal, body: Path) -> Answer:
+    """It sends everything before it reads, and asks for the connection to be closed."""
+    handlers = [urllib.request.ProxyHandler({}), urllib.request.HTTPSHandler(context=server.trusted())]
+    request = urllib.request.Request(server.url + refusal.path, body.read_bytes(), refusal.headers)  # noqa: S310
+    with pytest.raises(urllib.error.HTTPError) as refused:
+        urllib.request.build_opener(*handlers).open(request, timeout=PATIENCE_S)
+    with refused.value as answer:
+        return answer.code, json.loads(answer.read())
+
+
+def by_httpx(server: Server, refusal: Refusal, body: Path) -> Answer:
+    answer = httpx.post(
+        server.url + refusal.path,
+        content=body.read_bytes(),
+        headers=refusal.headers,
+        timeout=PATIENCE_S,
+        trust_env=False,
+        verify=server.trusted(),
+    )
+    return answer.status_code, answer.json()
+
+
+def by_httpx_in_chunks(server: Server, refusal: Refusal, body: Path) -> Answer:
+    with body.open("rb") as file, httpx.Client(trust_env=False, verify=server.trusted()) as client:
+        pieces = iter(lambda: file.read(65536), b"")
+        answer = client.post(server.url + refusal.path, content=pieces, headers=refusal.headers, timeout=PATIENCE_S)
+        return answer.status_code, answer.json()
+
+
+def by_curl(*options: str) -> Callable[[Server, Refusal, Path], Answer]:
+    def ask(server: Server, refusal: Refusal, body: Path) -> Answer:
+        program = shutil.which("curl")
+        if program is None:
+            pytest.skip("curl is not installed")
+        headers = [word for name, value in refusal.headers.items() for word in ("--header", f"{name}: {value}")]
+        trust = ["--cacert", str(server.certificate)] if server.certificate else []
+        command = [program, "--silent", "--show-error", "--noproxy", "*", "--max-time", str(PATIENCE_S), *options]
+        command += [*trust, *headers, "--data-binary", f"@{body}", "--write-out", "\n%{http_code}"]
+        done = subprocess.run([*command, server.url + refusal.path], capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr
+        content, _, status = done.stdout.rpartition("\n")
+        return int(status), json.loads(content)
+
+    return ask
+
+
+NODE = """
+const [url, headers, body] = process.argv.slice(1);
+const options = {method: "POST", headers: JSON.parse(headers), body: require("fs").readFileSync(body)};
+fetch(url, options).then(async (answer) => console.log(JSON.stringify([answer.status, await answer.json()])));
+"""
+
+
+def by_node(server: Server, refusal: Refusal, body: Path) -> Answer:
+    program = shutil.which("node")
+    if program is None:
+        pytest.skip("node is not installed")
+    trust = {"NODE_EXTRA_CA_CERTS": str(server.certificate)} if server.certificate else {}
+    command = [program, "-e", NODE, server.url + refusal.path, json.dumps(refusal.headers), str(body)]
+    done = subprocess.run(command, env=trust, capture_output=True, text=True, check=False, timeout=PATIENCE_S)
+    assert done.returncode == 0, done.stderr
+    status, content = json.loads(done.stdout)
+    return status, content
+
+
+CLIENTS: dict[str, Callable[[Server, Refusal, Path], Answer]] = {
+    "urllib": by_urllib,
+    "httpx": by_httpx,
+    "httpx in chunks": by_httpx_in_chunks,
+    "curl": by_curl(),
+    "curl that does not wait for 100": by_curl("--header", "Expect:"),
+    "curl with HTTP/1.0": by_curl("--http1.0", "--header", "Expect:"),
+    "node": by_node,
+}
+
+
+def check(answer: Answer, refusal: Refusal) -> None:
+    status, problem = answer
+    assert status == refusal.status
+    assert problem["status"] == refusal.status
+    assert problem["detail"]
+
+
+@pytest.mark.parametrize("refusal", REFUSALS, ids=lambda refusal: str(refusal.status))
+@pytest.mark.parametrize("client", ["urllib", "httpx", "curl with HTTP/1.0"])
+def test_every_refusal_of_a_large_body_is_read(server: Server, bodies: Path, client: str, refusal: Refusal) -> None:
+    for _ in range(3):
+        check(CLIENTS[client](server, refusal, bodies / "5"), refusal)
+
+
+@pytest.mark.parametrize("size", [5, 50])
+@pytest.mark.parametrize("client", CLIENTS)
+def test_every_client_reads_that_its_body_is_too_long(server: Server, bodies: Path, client: str, size: int) -> None:
+    for _ in range(3):
+        check(CLIENTS[client](server, TOO_LONG, bodies / str(size)), TOO_LONG)
+
+
+@pytest.mark.parametrize("refusal", WITHOUT_FORBIDDEN_HEADERS, ids=lambda refusal: str(refusal.status))
+def test_fetch_of_node_reads_every_refusal(server: Server, bodies: Path, refusal: Refusal) -> None:
+    check(by_node(server, refusal, bodies / "5"), refusal)
+
+
+NGINX = """
+daemon off;
+master_process off;
+{user}
+pid {folder}/pid;
+error_log stderr;
+events {{}}
+http {{
+    access_log off;
+    client_max_body_size 0;
+    client_body_temp_path {folder}/bodies;
+    proxy_temp_path {folder}/answers;
+    fastcgi_temp_path {folder}/unused;
+    uwsgi_temp_path {folder}/unused;
+    scgi_temp_path {folder}/unused;
+    server {{
+        listen 127.0.0.1:{port};
+        location / {{
+            proxy_pass {url};
+            {options}
+        }}
+    }}
+}}
+"""
+
+
+@pytest.fixture(params=["", "proxy_request_buffering off;", "proxy_http_version 1.1; proxy_request_buffering off;"])
+def behind_nginx(request: pytest.FixtureRequest, server: Server, tmp_path: Path) -> Iterator[Server]:
+    """The service behind nginx, with what it does by default or the body passed on as it comes."""
+    program = shutil.which("nginx", path="/usr/sbin:/usr/local/sbin:/usr/bin:/usr/local/bin")
+    if program is None:
+        pytest.skip("nginx is not installed")
+    port, user = free_port(), "user root;" if Path(tmp_path).owner() == "root" else ""
+    text = NGINX.format(folder=tmp_path, port=port, url=server.url, options=request.param, user=user)
+    (tmp_path / "nginx.conf").write_text(text)
+    command = [program, "-p", str(tmp_path), "-c", str(tmp_path / "nginx.conf"), "-e", "stderr"]
+    with (tmp_path / "log").open("wb") as log, subprocess.Popen(command, stderr=log) as process:
+        try:
+            deadline = time.monotonic() + PATIENCE_S
+            while time.monotonic() < deadline:
+                assert process.poll() is None, (tmp_path / "log").read_text()
+                with suppress(OSError), socket.create_connection(("127.0.0.1", port)):
+                    break
+                time.sleep(0.05)
+            yield Server(f"http://127.0.0.1:{port}", None)
+        finally:
+            process.terminate()
+
+
+@pytest.mark.parametrize("size", [5, 50])
+def test_proxy_passes_the_refusal_on(behind_nginx: Server, bodies: Path, size: int) -> None:
+    refusals = [TOO_LONG, Refusal(404, path="/nothing"), Refusal(415, headers={"Content-Type": "text/plain"})]
+    for refusal in refusals * 3:
+        check(by_httpx(behind_nginx, refusal, bodies / str(size)), refusal)
+
+
+def connect(server: Server) -> socket.socket:
+    end = socket.create_connection(("127.0.0.1", urlsplit(server.url).port or 0))
+    end.settimeout(PATIENCE_S)
+    return end if server.certificate is None else server.trusted().wrap_socket(end, server_hostname="127.0.0.1")
+
+
+def request(path: str, length: int, *more: str) -> bytes:
+    lines = [f"POST {path} HTTP/1.1", "Host: localhost", "Content-Type: application/json", f"Content-Length: {length}"]
+    return "\r\n".join([*lines, *more, "", ""]).encode()
+
+
+def sent_until_closed(end: socket.socket, piece: bytes, most: int, pause: float = 0.0) -> int:
+    """How much can be sent before the other side has gone; `most` if it never does."""
+    sent = 0
+    try:
+        while sent < most:
+            end.sendall(piece)
+            sent += len(piece)
+            time.sleep(pause)
+    except OSError:
+        pass
+    return sent
+
+
+def test_connection_that_is_kept_alive_is_good_for_the_next_request(server: Server) -> None:
+    with httpx.Client(base_url=server.url, trust_env=False, verify=server.trusted()) as client:
+        for _ in range(3):
+            refused = client.post("/cra", content=bytes(5 * MEGABYTE), headers=JSON, timeout=PATIENCE_S)
+            assert refused.status_code == 413
+            assert client.get("/livez").status_code == 200
+
+
+def test_refusal_ends_the_connection_for_reading_while_the_body_is_sent(server: Server) -> None:
+    if server.certificate is not None:
+        pytest.skip("TLS has no end in one direction alone")
+    with connect(server) as end:
+        end.sendall(request("/nothing", 1000, "Connection: close") + bytes(10))
+        answer = b"".join(iter(lambda: end.recv(65536), b""))
+        assert answer.split(b" ")[1] == b"404"
+        end.sendall(bytes(10))
+
+
+def test_request_behind_the_last_one_is_not_answered(server: Server) -> None:
+    with connect(server) as end:
+        end.sendall(request("/nothing", 100_000, "Connection: close") + bytes(1000))
+        head = end.recv(65536)
+        assert head.split(b" ")[1] == b"404"
+        end.sendall(bytes(99_000) + b"GET /livez HTTP/1.1\r\nHost: localhost\r\n\r\n")
+        rest = b""
+        with suppress(ConnectionResetError):
+            rest = b"".join(iter(lambda: end.recv(65536), b""))
+        assert b"HTTP/1.1" not in rest
+
+
+@pytest.fixture(scope="module", params=["plain", "tls"])
+def brief(
+    request: pytest.FixtureRequest,
+    service_on: Callable[..., AbstractContextManager[Any]],
+    tmp_path_factory: pytest.TempPathFactory,
+) -> Iterator[Server]:
+    """A service that discards no more than 1 MiB, in the usual time."""
+    folder = tmp_path_factory.mktemp("brief")
+    with served(service_on, folder, request.param, max_discarded_bytes=str(1 << 20)) as found:
+        yield found
+
+
+@pytest.mark.parametrize("header", ["Connection: close", "Connection: keep-alive"])
+def test_rest_of_a_body_is_not_read_for_long(brief: Server, header: str) -> None:
+    with connect(brief) as end:
+        end.sendall(request("/nothing", 10**9, header))
+        begun = time.monotonic()
+        sent_until_closed(end, bytes(100), most=100 * 1000, pause=0.02)
+        assert 1.0 < time.monotonic() - begun < 12.0
+
+
+@pytest.mark.parametrize("header", ["Connection: close", "Connection: keep-alive"])
+def test_no_more_than_the_limit_of_a_body_is_discarded(brief: Server, header: str) -> None:
+    with connect(brief) as end:
+        end.sendall(request("/nothing", 10**9, header))
+        assert sent_until_closed(end, bytes(65536), most=200 * MEGABYTE) < 50 * MEGABYTE  # some wait in the kernel
+
+
+def test_head_that_is_refused_is_bounded_too(brief: Server) -> None:
+    with connect(brief) as end:
+        end.sendall(b"GET /livez HTTP/1.1\r\n")
+        assert sent_until_closed(end, b"X-Fill: " + b"x" * 8000 + b"\r\n", most=200 * MEGABYTE) < 50 * MEGABYTE
+
+
+def test_connection_beyond_the_limit_reads_that_it_is_refused(
+    service_on: Callable[..., AbstractContextManager[Any]], tmp_path: Path
+) -> None:
+    with service_on(tmp_path, max_connections="20") as service:
+        server = Server(service.url, None)
+        held = [connect(server) for _ in range(20)]
+        try:
+            with connect(server) as end:
+                end.sendall(request("/cra", 5 * MEGABYTE, "Connection: close"))
+                end.sendall(bytes(5 * MEGABYTE))
+                assert end.recv(65536).split(b" ")[1] == b"503"
+        finally:
+            for each in held:
+                each.close()

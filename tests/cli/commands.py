@@ -1,0 +1,92 @@
+"""The command as a process, and the files it is given."""
+
+import json
+import os
+import pty
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from service.schemas.examples import PAPER
+
+ROOT = Path(__file__).parents[2]
+COMMAND = (sys.executable, "-W", "error", "-m", "service.cli")
+LIMIT_S = 120.0
+STRIKE_TOML = """
+[projectile]
+diameter_m = 0.08
+length_m = 0.53
+mass_kg = 13.0
+nose = { shape = "ogive", caliber_radius_head = 3.0 }
+
+[target]
+compressive_strength_pa = 39e6
+density_kg_m3 = 2250.0
+
+[impact]
+velocity_m_s = 238.0
+"""
+SETTINGS = ("RICOCHET_URL", "RICOCHET_DATA_DIR", "RICOCHET_API_KEY", "NO_COLOR", "FORCE_COLOR", "COLUMNS")
+"""Variables that a test sets itself or does without."""
+
+
+@dataclass(frozen=True)
+class Ended:
+    """What a command has printed, and how it has ended."""
+
+    status: int
+    out: str
+    err: str
+
+
+def environment(**settings: str) -> dict[str, str]:
+    """The environment without what the tests do not say; the package is found from any folder."""
+    kept = {name: value for name, value in os.environ.items() if name not in SETTINGS}
+    return kept | {"PYTHONPATH": str(ROOT), "NO_PROXY": "*"} | settings
+
+
+def run(folder: Path, *arguments: str, stdin: str | None = None, **settings: str) -> Ended:
+    """Run it in this folder with pipes for all it reads and prints."""
+    done = subprocess.run(
+        [*COMMAND, *arguments],
+        cwd=folder,
+        env=environment(**settings),
+        input=stdin,
+        stdin=subprocess.DEVNULL if stdin is None else None,
+        capture_output=True,
+        text=True,
+        timeout=LIMIT_S,
+        check=False,
+    )
+    return Ended(done.returncode, done.stdout, done.stderr)
+
+
+def run_on_terminal(folder: Path, *arguments: str, **settings: str) -> Ended:
+    """Run it on a new terminal; all it shows is in `out`."""
+    ours, theirs = pty.openpty()
+    settings = {"TERM": "xterm-256color", "COLUMNS": "160"} | settings
+    with subprocess.Popen(
+        [*COMMAND, *arguments], cwd=folder, env=environment(**settings), stdin=theirs, stdout=theirs, stderr=theirs
+    ) as process:
+        os.close(theirs)
+        shown = b""
+        try:
+            while piece := os.read(ours, 65536):
+                shown += piece
+        except OSError:
+            pass  # how Linux reports that no process has the terminal open
+        finally:
+            os.close(ours)
+        status = process.wait(LIMIT_S)
+    return Ended(status, shown.decode(errors="replace"), "")
+
+
+def case_at(velocity: float, **more: Any) -> dict[str, Any]:
+    """The paper's strike at another velocity."""
+    return PAPER | {"impact": {"velocity_m_s": velocity}} | more
+
+
+def write_cases(path: Path, *cases: dict[str, Any]) -> None:
+    path.write_text("".join(json.dumps(case) + "\n" for case in cases))

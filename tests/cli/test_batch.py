@@ -1,0 +1,272 @@
+"""`ricochet batch`, `sweep` and `jobs` as processes: in this process's own pool, and against a service."""
+
+import csv
+import json
+import os
+import signal
+import subprocess
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+
+from service import cli
+from service.schemas.examples import PAPER
+from tests.api.many import searches, slow_strikes
+from tests.cli.commands import COMMAND, LIMIT_S, case_at, environment, run, run_on_terminal, write_cases
+from tests.conftest import free_port
+
+UNSTARTED_S = 60.0
+
+
+def items_of(text: str) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in text.splitlines()]
+
+
+@pytest.fixture
+def served(live_url: str, monkeypatch: pytest.MonkeyPatch, folder: Path) -> Path:
+    """The folder, as that of this process, which asks the live service."""
+    monkeypatch.chdir(folder)
+    monkeypatch.setenv("RICOCHET_URL", live_url)
+    monkeypatch.setenv("NO_PROXY", "*")
+    return folder
+
+
+def test_batch_in_the_own_pool_is_that_of_a_service(folder: Path, live_url: str, client: httpx.Client) -> None:
+    """In the order of the file, byte for byte; one case that only the solver can refuse stops nothing."""
+    short = {**case_at(238.0)["projectile"], "length_m": 0.05}
+    cases = [*searches(5), case_at(238.0, projectile=short, custom_id="short"), *searches(5)]
+    write_cases(folder / "cases.jsonl", *cases)
+    local = run(folder, "batch", "cases.jsonl")
+    remote = run(folder, "batch", "-", "--url", live_url, stdin=(folder / "cases.jsonl").read_text())
+    assert (local.status, remote.status) == (3, 3), local.err + remote.err
+    assert "11 cases, 1 of them with a problem" in local.err
+    items = items_of(local.out)
+    assert [item["index"] for item in items] == list(range(11))
+    assert items[5]["custom_id"] == "short"
+    assert items[5]["problem"]["errors"][0]["pointer"] == "/projectile/length_m"
+    others = items_of(remote.out)
+    assert items[:5] + items[6:] == others[:5] + others[6:]
+    assert items[0]["result"] == client.post("/cra", json=cases[0]).json()
+
+
+def test_sweep_fills_a_table_and_draws_it(folder: Path) -> None:
+    axes = ["--axis", "impact.velocity_m_s=200:300:3", "--axis", "target.compressive_strength_pa=30e6,50e6"]
+    done = run(folder, "sweep", "strike.toml", *axes, "--data-dir", "kept", "-o", "angles.csv", "--plot", "map.svg")
+    assert (done.status, done.out) == (0, ""), done.err
+    assert "6 cases, 0 of them with a problem" in done.err
+    comment, *table = (folder / "angles.csv").read_text().splitlines()
+    assert json.loads(comment.removeprefix("# base: "))["projectile"] == PAPER["projectile"]
+    rows = list(csv.DictReader(table))
+    points = [(float(row["impact.velocity_m_s"]), float(row["target.compressive_strength_pa"])) for row in rows]
+    assert points == [(v, s) for v in (200.0, 250.0, 300.0) for s in (30e6, 50e6)]
+    for weak, strong in zip(rows[::2], rows[1::2], strict=True):
+        assert float(weak["critical_angle_deg"]) > float(strong["critical_angle_deg"])
+    assert "<!-- compressive strength [Pa] -->" in (folder / "map.svg").read_text()
+    assert run(folder, "cache", "stat", RICOCHET_DATA_DIR="kept").out.startswith("6 results")
+
+
+def test_table_of_a_batch_is_that_of_the_service(
+    served: Path, client: httpx.Client, capsys: pytest.CaptureFixture[str]
+) -> None:
+    cases = searches(3)
+    write_cases(served / "cases.jsonl", *cases)
+    job = client.post("/cra/batch", json={"cases": cases}, headers={"Prefer": "respond-async, wait=30"})
+    assert job.status_code == 200
+    assert cli.main(["batch", "cases.jsonl", "--csv"]) == 0
+    table = capsys.readouterr().out
+    newest = client.get("/jobs").json()["jobs"][0]["id"]
+    expected = client.get(f"/jobs/{newest}/results", headers={"Accept": "text/csv"}).text
+    assert table.splitlines() == expected.splitlines()
+
+
+def test_table_of_a_job_is_that_of_the_service(
+    served: Path, client: httpx.Client, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also over several pages: the header is printed once."""
+    monkeypatch.setattr("service.cli.client.PAGE_SIZE", 2)
+    axes = [{"field": "impact.velocity_m_s", "values": [238.0, 240.0, 242.0, 244.0, 246.0]}]
+    job = client.post("/cra/sweep", json={"base": case_at(238.0), "axes": axes}, headers={"Prefer": "respond-async"})
+    name = job.json()["id"]
+    assert cli.main(["jobs", "results", name, "--csv"]) == 0
+    table = client.get(f"/jobs/{name}/results", headers={"Accept": "text/csv"}).text
+    expected = table.replace("\r\n", "\n")
+    assert expected.splitlines()[1].startswith("index,impact.velocity_m_s,custom_id,")
+    assert capsys.readouterr().out == expected
+    assert cli.main(["jobs", "results", name, "-o", "results.csv"]) == 0
+    assert (served / "results.csv").read_text() == expected
+
+
+def test_terminal_gets_the_head_of_a_table_and_no_lines_of_json(folder: Path, live_url: str) -> None:
+    args = ["sweep", "strike.toml", "--axis", "impact.velocity_m_s=200:300:26", "--url", live_url]
+    args += ["--set", "search.tolerance_deg=1"]
+    shown = run_on_terminal(folder, *args)
+    assert shown.status == 0, shown.out
+    assert "│" in shown.out
+    assert "velocity m/s" in shown.out
+    assert "and 6 more; --csv or --json prints all" in shown.out
+    assert "computing" in shown.out  # the bar
+    assert '"index"' not in shown.out
+    piped = run(folder, *args)
+    assert len(items_of(piped.out)) == 26
+    assert (piped.status, piped.err) == (0, "")
+
+
+@pytest.mark.parametrize(
+    ("line", "reason"),
+    [
+        ('{"impact": 3}', "cases.jsonl:3: /projectile: Field required"),
+        ("oops", "cases.jsonl:3: not JSON"),
+        ("", "cases.jsonl:3: is empty"),
+        (json.dumps(case_at(-1.0)), "cases.jsonl:3: /impact/velocity_m_s: Input should be greater"),
+    ],
+)
+def test_wrong_line_is_named(served: Path, capsys: pytest.CaptureFixture[str], line: str, reason: str) -> None:
+    good = json.dumps(case_at(238.0))
+    (served / "cases.jsonl").write_text(f"{good}\n{good}\n{line}\n{good}\n")
+    assert cli.main(["batch", "cases.jsonl"]) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert reason in captured.err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "reason"),
+    [
+        ("--axis impact.speed=1,2", "--axis impact.speed=1,2: Extra inputs are not permitted"),
+        ("--axis projectile.nose.width=1,2", "nose.width=1,2: Extra inputs"),
+        ("--axis impact.velocity_m_s=300,-1", "--axis impact.velocity_m_s=300,-1: Input should be greater"),
+        ("--axis impact.velocity_m_s=300 --mass -1", "--mass: Input should be greater"),
+        ("--axis impact.velocity_m_s=1:2:100000 --axis projectile.mass_kg=1:2:100000", "points; 100,000 at most"),
+    ],
+)
+def test_wrong_sweep_is_named(served: Path, capsys: pytest.CaptureFixture[str], arguments: str, reason: str) -> None:
+    assert cli.main(["sweep", "strike.toml", *arguments.split()]) == 2
+    assert reason in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("axis", ["impact.velocity_m_s", "=1,2", "impact.velocity_m_s=1:2", "a.b=1:2:0", "a.b=x"])
+def test_axis_that_is_none_is_wrong_usage(served: Path, capsys: pytest.CaptureFixture[str], axis: str) -> None:
+    with pytest.raises(SystemExit) as ended:
+        cli.main(["sweep", "strike.toml", "--axis", axis])
+    assert ended.value.code == 2
+    assert "FIELD=START:STOP:COUNT" in capsys.readouterr().err
+
+
+def test_jobs_are_listed_shown_cancelled_and_deleted(
+    served: Path, client: httpx.Client, capsys: pytest.CaptureFixture[str]
+) -> None:
+    body = {"cases": slow_strikes(300)}
+    name = client.post("/trajectory/batch", json=body, headers={"Prefer": "respond-async"}).json()["id"]
+    assert cli.main(["jobs", "list"]) == 0
+    assert any(line.startswith(f"{name}  trajectory") for line in capsys.readouterr().out.splitlines())
+    assert cli.main(["jobs", "cancel", name]) == 0
+    assert "dismissed" in capsys.readouterr().out
+    assert cli.main(["jobs", "show", name, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["status"] == "dismissed"
+    assert cli.main(["jobs", "results", name]) == 1
+    assert "it was cancelled" in capsys.readouterr().err
+    assert cli.main(["jobs", "delete", name]) == 0
+    assert cli.main(["jobs", "show", name]) == 2
+    assert "there is no job with this id" in capsys.readouterr().err
+
+
+@pytest.fixture
+def interrupted(folder: Path) -> Iterator[Any]:
+    """Run the command in a new process group, and press Ctrl-C once it has printed something."""
+    started: list[subprocess.Popen[str]] = []
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # what runs in the background may ignore it
+
+    def interrupt(*arguments: str, **settings: str) -> tuple[int, str, str]:
+        with (folder / "err").open("w") as err, (folder / "out").open("w") as out:
+            process = subprocess.Popen(
+                [*COMMAND, *arguments],
+                cwd=folder,
+                env=environment(**settings),
+                stdout=out,
+                stderr=err,
+                text=True,
+                start_new_session=True,
+            )
+        started.append(process)
+        deadline = time.monotonic() + UNSTARTED_S
+        while not (folder / "out").stat().st_size:
+            assert time.monotonic() < deadline
+            assert process.poll() is None, (folder / "err").read_text()
+            time.sleep(0.05)
+        os.killpg(process.pid, signal.SIGINT)
+        status = process.wait(LIMIT_S)
+        return status, (folder / "out").read_text(), (folder / "err").read_text()
+
+    yield interrupt
+    signal.signal(signal.SIGINT, before)
+    for process in started:
+        process.kill()
+        process.wait()
+
+
+def test_interrupted_batch_goes_on_at_the_service(
+    folder: Path, live_url: str, client: httpx.Client, interrupted: Any
+) -> None:
+    write_cases(folder / "cases.jsonl", *slow_strikes(30))
+    status, out, err = interrupted("batch", "cases.jsonl", "--operation", "trajectory", "--url", live_url)
+    assert status == 130
+    assert "Traceback" not in err
+    begun = items_of(out)
+    assert 0 < len(begun) < 30
+    [hint, last] = err.splitlines()
+    assert last == "interrupted"
+    _, _, words = hint.partition("for its results: ricochet ")
+    done = run(folder, *words.split())
+    assert done.status == 0, done.err
+    items = items_of(done.out)
+    assert items[: len(begun)] == begun
+    assert [item["index"] for item in items] == list(range(30))
+
+
+def test_interrupted_batch_of_the_own_pool_leaves_nothing_running(folder: Path, interrupted: Any) -> None:
+    """What was finished is in the folder, which is free again: the same command takes it from there."""
+    write_cases(folder / "cases.jsonl", *slow_strikes(24))
+    args = ("batch", "cases.jsonl", "--operation", "trajectory", "--data-dir", "kept")
+    status, out, err = interrupted(*args)
+    assert status == 130
+    assert err.splitlines()[-1] == "interrupted"
+    assert "the same command continues from there" in err
+    assert "Traceback" not in err
+    count = int(run(folder, "cache", "verify", RICOCHET_DATA_DIR="kept").out.split()[0])
+    assert len(items_of(out)) <= count < 24
+
+
+def test_folder_of_a_running_service_is_refused(folder: Path, own_service: Any, tmp_path: Path) -> None:
+    write_cases(folder / "cases.jsonl", case_at(238.0))
+    done = run(folder, "batch", "cases.jsonl", "--data-dir", str(tmp_path / "data"))
+    assert (done.status, done.out) == (1, "")
+    assert "in use by another service; use that service with --url" in done.err
+    assert "Traceback" not in done.err
+
+
+def test_closed_pipe_ends_the_command_quietly(folder: Path, live_url: str) -> None:
+    write_cases(folder / "cases.jsonl", *searches(40))
+    command = [*COMMAND, "batch", "cases.jsonl", "--url", live_url]
+    with subprocess.Popen(
+        command, cwd=folder, env=environment(), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        process.stdout.close()
+        err = process.stderr.read()
+    assert process.returncode == 1
+    assert err == ""
+
+
+def test_missing_service_is_an_error(folder: Path) -> None:
+    write_cases(folder / "cases.jsonl", case_at(238.0))
+    address = f"http://127.0.0.1:{free_port()}"
+    for args in (["batch", "cases.jsonl"], ["jobs", "list"]):
+        done = run(folder, *args, "--url", address)
+        assert (done.status, done.out) == (1, "")
+        assert f"no service answers at {address}" in done.err
+    assert run(folder, "batch", "nothing.jsonl").status == 2

@@ -1,0 +1,258 @@
+"""`ricochet calibrate` as a person or a script uses it."""
+
+import csv
+import json
+import math
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from service import cli
+from service.schemas.examples import PAPER_AT_45
+from solver import Impact, critical_angle
+from solver.calibration import MotionHistory, predict_motion
+from solver.cases import PAPER_PROJECTILE, PAPER_TARGET
+from solver.resistance import ObliquityPolynomial, Resistance
+from tests.cli.commands import ROOT
+from tests.readers.dyna_files import write_binout, write_nodout, write_rbdout
+
+TABLE_1 = "mass_kg,velocity_m_s,depth_m,group\n12.923,238.1,0.30,slow\n12.900,275.7,0.38,slow\n"
+TABLE_1 += "12.910,314.0,0.45,fast\n12.914,369.5,0.53,fast\n"
+TABLE_2 = "oblique_angle_deg,strength_factor\n0,8.52\n15,8.25\n30,7.91\n45,6.48\n"
+PROJECTILE = ["--diameter", "0.08", "--length", "0.53", "--mass", "13", "--caliber-radius-head", "3"]
+CASE = [*PROJECTILE, "--compressive-strength", "39e6", "--density", "2250"]
+STRIKE = [*CASE, "--velocity", "238", "--oblique-angle", "30"]
+STRENGTH_FACTOR = 7.5
+
+Run = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture
+def run(capsys: pytest.CaptureFixture[str]) -> Run:
+    """Run the command; return its status and what it prints."""
+
+    def run(*arguments: str | Path) -> tuple[int, str, str]:
+        try:
+            status = cli.main(["calibrate", *map(str, arguments)])
+        except SystemExit as ended:
+            status = int(ended.code or 0)
+        return (status, *capsys.readouterr())
+
+    return run
+
+
+@pytest.fixture
+def tests_file(tmp_path: Path) -> Path:
+    path = tmp_path / "tests.csv"
+    path.write_text(TABLE_1)
+    return path
+
+
+@pytest.fixture(scope="module")
+def motion() -> MotionHistory:
+    return predict_motion(
+        projectile=PAPER_PROJECTILE,
+        target=PAPER_TARGET,
+        impact=Impact(velocity=238.0, oblique_angle=math.radians(30.0)),
+        strength_factor=STRENGTH_FACTOR,
+        times=np.linspace(0.0, 3e-3, 31),
+    )
+
+
+def write_history(path: Path, motion: MotionHistory) -> None:
+    columns = motion.columns
+    rows = zip(
+        motion.time, columns["depth_displacement"], columns["lateral_displacement"], columns["rotation"], strict=True
+    )
+    with path.open("w") as file:
+        file.write("T(ms);DX;DZ;RY\n")
+        for time, depth, lateral, rotation in rows:
+            file.write(f"{1e3 * time};{1e3 * lateral};{-1e3 * depth};{math.degrees(rotation)}\n")
+
+
+def answer_of(done: tuple[int, str, str]) -> dict[str, Any]:
+    status, out, err = done
+    assert status == 0, err
+    answer: dict[str, Any] = json.loads(out)
+    return answer
+
+
+def test_table_1_gives_the_published_order_of_strength(run: Run, tests_file: Path) -> None:
+    answer = answer_of(run("depth", tests_file, *CASE, "--json"))
+    assert answer["strength_factor"] == pytest.approx(8.38, abs=0.02)
+    shared = answer_of(run("depth", tests_file, *CASE, "--column", "mass=", "--json"))
+    assert shared["strength_factor"] == pytest.approx(8.44, abs=0.02)
+    low, high = answer["confidence_interval"]
+    assert low < answer["strength_factor"] < high
+    measured = [0.30, 0.38, 0.45, 0.53]
+    assert np.allclose(np.add(answer["predicted_depth_m"], answer["residuals"]), measured)
+
+
+def test_groups_and_curves_come_on_demand(run: Run, tests_file: Path, tmp_path: Path) -> None:
+    curves = tmp_path / "curves.csv"
+    args = ["depth", tests_file, *CASE, "--group", "--strength-factors", "7", "9", "--curves", curves]
+    answer = answer_of(run(*args, "--json"))
+    assert [group["group"] for group in answer["groups"]] == ["slow", "fast"]
+    assert [curve["strength_factor"] for curve in answer["curves"]] == [7.0, answer["strength_factor"], 9.0]
+    rows = list(csv.DictReader(curves.read_text().splitlines()))
+    assert len(rows) == sum(len(curve["depth_m"]) for curve in answer["curves"])
+    assert float(rows[0]["depth_m"]) == pytest.approx(answer["curves"][0]["depth_m"][0], rel=1e-6)
+
+
+def test_people_get_a_table(run: Run, tests_file: Path) -> None:
+    status, out, err = run("depth", tests_file, *CASE, "--group")
+    assert (status, "Traceback" in err) == (0, False)
+    for expected in ("velocity m/s", "369.5", "slow", "strength factor 8.3", "95% interval", "root mean square 28."):
+        assert expected in out
+
+
+def test_case_comes_from_the_body_of_a_request(run: Run, tests_file: Path, tmp_path: Path) -> None:
+    case = tmp_path / "case.json"
+    case.write_text(json.dumps(PAPER_AT_45))
+    flags = answer_of(run("depth", tests_file, *CASE, "--json"))
+    assert answer_of(run("depth", tests_file, "--case", case, "--json")) == flags
+    denser = answer_of(run("depth", tests_file, "--case", case, "--density", "2400", "--json"))
+    assert denser["strength_factor"] < flags["strength_factor"]
+
+
+def test_strength_factor_of_a_history_is_found_again(run: Run, motion: MotionHistory, tmp_path: Path) -> None:
+    history, written = tmp_path / "history.csv", tmp_path / "histories.csv"
+    write_history(history, motion)
+    columns = ["time=T(ms)", "depth=-DZ", "lateral=DX", "rotation=RY"]
+    units = ["displacement=mm", "rotation=deg"]
+    flags = [part for column in columns for part in ("--column", column)]
+    flags += [part for unit in units for part in ("--unit", unit)]
+    args = ["motion", history, *STRIKE, *flags, "--until", "2.5e-3", "--json", "--histories", written]
+    answer = answer_of(run(*args, "--strength-factors", "6"))
+    assert answer["strength_factor"] == pytest.approx(STRENGTH_FACTOR, rel=1e-3)
+    assert answer["oblique_angle_deg"] == 30.0
+    assert answer["predicted"]["time_s"][-1] == pytest.approx(2.5e-3)
+    assert answer["root_mean_square"].keys() == {"depth_displacement_m", "lateral_displacement_m", "rotation_deg"}
+    assert [each["strength_factor"] for each in answer["compared"]] == [6.0, answer["strength_factor"]]
+    rows = list(csv.DictReader(written.read_text().splitlines()))
+    assert float(rows[-1]["rotation_deg"]) == pytest.approx(answer["predicted"]["rotation_deg"][-1], rel=1e-6)
+
+
+@pytest.mark.parametrize("write", [write_rbdout, write_nodout, write_binout])
+def test_strength_factor_is_found_from_files_of_ls_dyna(
+    run: Run, motion: MotionHistory, tmp_path: Path, write: Callable[..., None]
+) -> None:
+    """The model runs in millimetres and milliseconds, its third axis points out of the target."""
+    depth, lateral, rotation = motion.columns.values()
+    zero = np.zeros_like(depth)
+    bodies = {2: np.column_stack([1e3 * lateral, zero, -1e3 * depth, zero, -rotation, zero])}
+    write(tmp_path / "file", 1e3 * motion.time, bodies)
+    axes = ["--axis", "depth=-z", "--axis", "lateral=x", "--axis", "rotation=-y"]
+    units = ["--unit", "time=ms", "--unit", "displacement=mm"]
+    answer = answer_of(run("motion", tmp_path / "file", *STRIKE, *axes, *units, "--weight", "rotation=0.5", "--json"))
+    assert answer["strength_factor"] == pytest.approx(STRENGTH_FACTOR, rel=1e-3)
+
+
+def test_table_2_gives_equation_9_as_a_request_takes_it(run: Run, tmp_path: Path) -> None:
+    (tmp_path / "points.csv").write_text(TABLE_2)
+    model = answer_of(run("obliquity", tmp_path / "points.csv", "--json"))["strength_factor_model"]
+    assert [round(value, digits) for value, digits in zip(model["coefficients"], (3, 4, 4), strict=True)] == [
+        8.469,
+        0.0149,
+        -0.0013,
+    ]
+    found = critical_angle(
+        projectile=PAPER_PROJECTILE,
+        target=PAPER_TARGET,
+        velocity=238.0,
+        resistance=Resistance(strength_factor=ObliquityPolynomial(coefficients=tuple(model["coefficients"]))),
+    )
+    assert found.angle is not None
+    assert math.degrees(found.angle) == pytest.approx(48.6, abs=0.1)
+    _, out, _ = run("obliquity", tmp_path / "points.csv")
+    assert json.loads(out.splitlines()[-1]) == model
+
+
+@pytest.mark.parametrize(
+    ("arguments", "reason"),
+    [
+        (["depth", "TESTS"], "--diameter is missing"),
+        (["depth", "TESTS", *CASE, "--diameter", "nan"], "--diameter: Input should be a finite number"),
+        (["depth", "TESTS", *CASE, "--caliber-radius-head", "0.1"], "--caliber-radius-head: Input should be greater"),
+        (["depth", "TESTS", *CASE, "--length", "0.05"], "--length: must be at least the length of the nose"),
+        (["depth", "TESTS", *CASE, "--confidence", "1"], "confidence_level: must be between 0 and 1"),
+        (["depth", "TESTS", *CASE, "--unit", "depth=m", "--unit", "depth=m"], "depth is given twice"),
+        (["depth", "TESTS", *CASE, "--unit", "speed=m/s"], "unknown quantity, known are velocity, depth, mass"),
+        (["depth", "TESTS", *CASE, "--unit", "depth"], "must be NAME=VALUE"),
+        (["depth", "TESTS", *CASE, "--unit", "depth=mm"], "tests.csv:1: depth is in m by the header"),
+        (["depth", "TESTS", *CASE, "--curves", "/no/folder/c.csv"], "No such file"),
+        (["depth", "nothing.csv", *CASE], "nothing.csv: No such file"),
+        (["depth", "TESTS", "--case", "nothing.json"], "nothing.json: No such file"),
+        (["motion", "TESTS", *CASE], "--velocity is missing"),
+        (["motion", "TESTS", *STRIKE, "--oblique-angle", "95"], "--oblique-angle: Input should be less than 90"),
+        (["motion", "TESTS", *STRIKE], "tests.csv:1: no column of time"),
+        (["motion", "TESTS", *STRIKE, "--axis", "depth=up"], "--axis: must be x, y or z"),
+        (["motion", "TESTS", *STRIKE, "--until", "never"], "must be greatest-depth or a time in seconds"),
+        (["motion", "TESTS", *STRIKE, "--weight", "depth=much"], "must be a number"),
+        (["obliquity", "TESTS"], "tests.csv:1: no column of oblique_angle"),
+    ],
+)
+def test_wrong_files_and_flags_end_with_status_2(run: Run, tests_file: Path, arguments: list[str], reason: str) -> None:
+    status, out, err = run(*(str(tests_file) if argument == "TESTS" else argument for argument in arguments))
+    assert (status, out) == (2, "")
+    assert reason in err
+
+
+@pytest.mark.parametrize(
+    ("content", "reason"),
+    [
+        ('{"projectile": {"diameter_m": "wide"}}', "case.json: /projectile/diameter_m: Input should be a valid number"),
+        ('{"target": {"density_kg_m3": 2250, "wet": true}}', "case.json: /target/wet: Extra inputs are not permitted"),
+        ('{"projectile": []}', "case.json: /projectile: "),
+        ('{"projectile":\n oops}', "case.json:2: not JSON"),
+        ("[]", "case.json: must be a JSON object"),
+    ],
+)
+def test_wrong_case_is_named_by_its_pointer(
+    run: Run, tests_file: Path, tmp_path: Path, content: str, reason: str
+) -> None:
+    case = tmp_path / "case.json"
+    case.write_text(content)
+    status, _, err = run("depth", tests_file, "--case", case)
+    assert status == 2
+    assert reason in err
+
+
+def test_tests_that_nothing_fits_end_with_status_1(run: Run, tests_file: Path) -> None:
+    tests_file.write_text("velocity_m_s,depth_m\n200,0.001\n300,0.001\n")
+    status, out, err = run("depth", tests_file, *CASE)
+    assert (status, out) == (1, "")
+    assert "must tell the strength factor" in err
+
+
+def test_too_few_points_are_an_error_that_names_the_file(run: Run, tmp_path: Path) -> None:
+    (tmp_path / "points.csv").write_text(TABLE_2)
+    status, _, err = run("obliquity", tmp_path / "points.csv", "--order", "4")
+    assert status == 2
+    assert "points.csv: points: must be at 5 or more different angles" in err
+
+
+def test_command_works_in_a_pipe(tests_file: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-W", "error", "-m", "service.cli", "calibrate", "depth", tests_file, *CASE, "--json"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (done.returncode, done.stdout.count("\n")) == (0, 1), done.stderr
+    assert json.loads(done.stdout)["strength_factor"] == pytest.approx(8.38, abs=0.02)
+    bad = subprocess.run(
+        [sys.executable, "-m", "service.cli", "calibrate", "depth", "nothing.csv", *CASE],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (bad.returncode, bad.stdout) == (2, "")
+    assert bad.stderr == "ricochet calibrate depth: nothing.csv: No such file or directory\n"

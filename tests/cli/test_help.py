@@ -1,0 +1,158 @@
+"""`--help` of every command: quick, and with examples that work."""
+
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import httpx
+import pytest
+
+from service import cli
+from service.cache.cache import ResultCache
+from tests.cli.commands import ROOT, case_at, run, write_cases
+
+ESCAPES = re.compile(r"\x1b\[[0-9;]*m")
+HEAVY = {
+    "numpy",
+    "scipy",
+    "numba",
+    "h5py",
+    "pydantic",
+    "fastapi",
+    "starlette",
+    "uvicorn",
+    "httpx",
+    "rich",
+    "matplotlib",
+}
+LIGHT = (
+    "trajectory",
+    "cra",
+    "batch",
+    "sweep",
+    "jobs",
+    "serve",
+    "keys",
+    "cache",
+    "reproduce",
+    "validate",
+    "openapi",
+    "version",
+)
+ACTIONS = {
+    "cache": ("stat", "verify", "rebuild", "evict"),
+    "keys": ("add", "list", "revoke"),
+    "jobs": ("list", "show", "results", "cancel", "delete"),
+    "calibrate": ("depth", "motion", "obliquity"),
+}
+ALL = [(command.name,) for command in cli.COMMANDS] + [
+    (name, action) for name, actions in ACTIONS.items() for action in actions
+]
+LOCAL = [words for words in ALL if words[0] in {"trajectory", "cra", "calibrate", "cache", "openapi", "version"}]
+SERVED = [words for words in ALL if words[0] in {"batch", "sweep", "jobs"}]
+"""`serve` is started by a fixture; `reproduce` and `validate` take a minute and are tested in tests/reports."""
+TESTS_CSV = "velocity_m_s,depth_m\n238.1,0.30\n275.7,0.38\n314.0,0.45\n369.5,0.53\n"
+POINTS_CSV = "oblique_angle_deg,strength_factor\n0,8.52\n15,8.25\n30,7.91\n45,6.48\n"
+
+
+def help_of(*words: str, capsys: pytest.CaptureFixture[str]) -> str:
+    with pytest.raises(SystemExit) as ended:
+        cli.main([*words, "--help"])
+    assert ended.value.code == 0
+    return ESCAPES.sub("", capsys.readouterr().out)
+
+
+def examples_of(text: str) -> list[list[str]]:
+    """Its examples, without `ricochet` and what a shell makes of the line."""
+    _, _, end = text.rpartition("example")
+    lines = [line for line in end.splitlines() if "ricochet " in line]
+    return [shlex.split(line.partition(" > ")[0])[1:] for line in lines if line.startswith("  ricochet ")]
+
+
+@pytest.mark.parametrize("words", [(), *((name,) for name in LIGHT)], ids=" ".join)
+def test_help_does_not_wait_for_the_libraries_of_the_solver(words: tuple[str, ...]) -> None:
+    program = f"import sys; from service.cli import main\ntry: main({[*words, '--help']})\nexcept SystemExit: pass\n"
+    program += "print(*(name for name in sys.modules if '.' not in name), file=sys.stderr)"
+    done = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert "usage: ricochet" in done.stdout
+    assert not HEAVY & set(done.stderr.split())
+
+
+@pytest.mark.parametrize("words", ALL, ids=" ".join)
+def test_help_ends_with_an_example_of_the_command(words: tuple[str, ...], capsys: pytest.CaptureFixture[str]) -> None:
+    text = help_of(*words, capsys=capsys)
+    assert f"ricochet {' '.join(words)}" in text[text.rindex("example") :]
+
+
+@pytest.mark.parametrize("words", LOCAL, ids=" ".join)
+def test_examples_of_the_help_work(
+    words: tuple[str, ...], folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(folder)
+    for name in ("RICOCHET_URL", "RICOCHET_DATA_DIR"):
+        monkeypatch.delenv(name, raising=False)
+    (folder / "tests.csv").write_text(TESTS_CSV)
+    (folder / "points.csv").write_text(POINTS_CSV)
+    with ResultCache(folder / "data", memory_bytes=0, disk_bytes=10**9):
+        pass  # the folder of a service before its first request
+    if words == ("calibrate", "motion"):
+        assert cli.main(["trajectory", "strike.toml", "--angle", "30", "--csv"]) == 0
+        (folder / "history.csv").write_text(motion_since_contact(capsys.readouterr().out))
+    examples = examples_of(help_of(*words, capsys=capsys))
+    assert examples
+    for example in examples:
+        assert cli.main(example) == 0, example
+        assert capsys.readouterr().out or (folder / "openapi" / "openapi.json").exists()
+
+
+@pytest.mark.parametrize("words", SERVED, ids=" ".join)
+def test_examples_of_the_help_work_with_a_service(
+    words: tuple[str, ...],
+    folder: Path,
+    live_url: str,
+    client: httpx.Client,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(folder)
+    monkeypatch.setenv("RICOCHET_URL", live_url)
+    monkeypatch.setenv("NO_PROXY", "*")
+    write_cases(folder / "cases.jsonl", case_at(238.0), case_at(240.0, custom_id="faster"))
+    examples = examples_of(help_of(*words, capsys=capsys))
+    assert examples
+    for example in examples:
+        body, prefer = {"cases": [case_at(238.0)]}, {"Prefer": "respond-async"}
+        job = client.post("/cra/batch", json=body, headers=prefer).json()
+        given = {"ID": job["id"], "http://127.0.0.1:8000": live_url}
+        assert cli.main([given.get(word, word) for word in example]) == 0, example
+        assert capsys.readouterr().err == "" or "-o" in example
+
+
+def motion_since_contact(table: str) -> str:
+    """The columns that a calibration takes, from those of a trajectory."""
+    _, *rows = (line.split(",") for line in table.splitlines())
+    first = float(rows[0][1])
+    lines = [f"{row[0]},{float(row[1]) - first},{row[2]}\n" for row in rows[::20]]
+    return "time_s,depth_displacement_m,lateral_displacement_m\n" + "".join(lines)
+
+
+def test_exit_statuses_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
+    text = help_of(capsys=capsys)
+    assert re.findall(r"^  (\d+)  ", text, re.MULTILINE) == ["0", "1", "2", "3", "130"]
+
+
+@pytest.mark.parametrize(
+    "words", [("nothing",), (), ("cra", "--velocty", "3"), ("sweep",), ("trajectory", "--ang", "3")]
+)
+def test_wrong_usage_ends_with_status_2(words: tuple[str, ...], capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        cli.main([*words])
+    assert ended.value.code == 2
+    assert "usage: ricochet" in capsys.readouterr().err
+
+
+def test_version_in_a_pipe_is_one_line(folder: Path) -> None:
+    done = run(folder, "version")
+    assert (done.status, done.out.count("\n"), done.err) == (0, 1, "")

@@ -1,0 +1,177 @@
+"""`ricochet serve`, `cache` and `version` as an operator uses them."""
+
+import os
+import pty
+import signal
+import subprocess
+import threading
+import time
+from importlib.metadata import version
+from pathlib import Path
+from typing import Protocol
+
+import httpx
+import pytest
+
+from service import cli
+from service.schemas.examples import PAPER_AT_45
+from service.settings import Settings
+from solver import ENGINE_VERSION
+from tests.cli.commands import COMMAND, LIMIT_S, environment, run
+from tests.conftest import free_port
+
+
+class Service(Protocol):
+    @property
+    def url(self) -> str: ...
+
+    @property
+    def process(self) -> subprocess.Popen[bytes]: ...
+
+
+def test_version_flag_prints_the_version_of_the_package(tmp_path: Path) -> None:
+    done = run(tmp_path, "--version")
+    assert (done.status, done.out, done.err) == (0, f"ricochet {version('ricochet')}\n", "")
+
+
+def test_version_names_the_engine(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["version"]) == 0
+    assert f"engine {ENGINE_VERSION}" in capsys.readouterr().out
+
+
+def test_settings_come_from_the_environment(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    for name, value in {"HOST": "0.0.0.0", "PORT": "9000", "DATA_DIR": str(tmp_path), "WORKERS": "3"}.items():  # noqa: S104
+        monkeypatch.setenv(f"RICOCHET_{name}", value)
+    settings = Settings()
+    assert (settings.host, settings.port, settings.data_dir, settings.workers) == ("0.0.0.0", 9000, tmp_path, 3)  # noqa: S104
+
+
+def test_defaults_run_on_this_machine_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("HOST", "PORT", "WORKERS"):
+        monkeypatch.delenv(f"RICOCHET_{name}", raising=False)
+    settings = Settings()
+    assert (settings.host, settings.port) == ("127.0.0.1", 8000)
+    assert settings.workers >= 1
+    assert all(field.description for field in Settings.model_fields.values())
+
+
+@pytest.mark.parametrize("stop", [signal.SIGTERM, signal.SIGINT])
+def test_running_query_is_answered_before_the_service_ends(own_service: Service, stop: signal.Signals) -> None:
+    url, process = own_service.url, own_service.process
+    body = PAPER_AT_45 | {"numerics": {"method": "panels", "panels": 100_000}}
+    answers: list[httpx.Response] = []
+    asking = threading.Thread(
+        target=lambda: answers.append(httpx.post(f"{url}/trajectory", json=body, timeout=30.0, trust_env=False))
+    )
+    asking.start()
+    time.sleep(0.3)
+    process.send_signal(stop)
+    assert process.wait(Settings().grace_seconds + 1) == 0
+    asking.join()
+    assert answers[0].status_code == 200
+
+
+def test_results_are_counted_verified_rebuilt_and_evicted(
+    own_service: Service, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The folder of the service is that of the fixture."""
+    monkeypatch.setenv("RICOCHET_DATA_DIR", str(tmp_path / "data"))
+    for oblique_angle_deg in (45.0, 46.0, 47.0):
+        body = PAPER_AT_45 | {"impact": PAPER_AT_45["impact"] | {"oblique_angle_deg": oblique_angle_deg}}
+        assert httpx.post(f"{own_service.url}/trajectory", json=body, trust_env=False).is_success
+    assert cli.main(["cache", "stat"]) == 0
+    assert capsys.readouterr().out.startswith("3 results, 3 files, ")
+    assert cli.main(["cache", "verify"]) == 1  # in use
+    assert "in use" in capsys.readouterr().err
+    own_service.process.terminate()
+    own_service.process.wait(20.0)
+    (tmp_path / "data" / "results" / "index.sqlite").unlink()
+    assert cli.main(["cache", "rebuild"]) == 0
+    assert capsys.readouterr().out.startswith("3 results, 3 files, ")
+    segment = next((tmp_path / "data" / "results" / "segments").rglob("*.h5"))
+    segment.write_bytes(segment.read_bytes()[:-100])
+    assert cli.main(["cache", "verify"]) == 1
+    assert f"damaged, set aside: {segment.stem}" in capsys.readouterr().out
+    assert cli.main(["cache", "verify"]) == 0
+    assert capsys.readouterr().out.startswith("2 results, 2 files, ")
+    assert cli.main(["cache", "evict", "--bytes", "1"]) == 0
+    assert capsys.readouterr().out == "0 results, 0 files, 0 bytes\n"
+
+
+def test_folder_without_results_is_an_error(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("RICOCHET_DATA_DIR", str(tmp_path))
+    assert cli.main(["cache", "stat"]) == 1
+    assert "there are no results" in capsys.readouterr().err
+
+
+def test_second_service_on_a_folder_is_refused(own_service: Service, tmp_path: Path) -> None:
+    done = run(tmp_path, "serve", RICOCHET_PORT="0", RICOCHET_DATA_DIR=str(tmp_path / "data"))
+    assert done.status == 3
+    assert done.err.splitlines()[-1].startswith("ricochet serve: ")
+    assert "in use by another service" in done.err
+    assert "Traceback" not in done.err
+
+
+def test_wrong_setting_is_named(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setenv("RICOCHET_WORKERS", "none")
+    with pytest.raises(SystemExit) as ended:
+        cli.main(["serve"])
+    assert ended.value.code == 2
+    assert "workers" in capsys.readouterr().err
+
+
+def test_port_in_use_is_one_sentence(live_url: str, tmp_path: Path) -> None:
+    port = str(httpx.URL(live_url).port)
+    done = run(tmp_path, "serve", RICOCHET_HOST="127.0.0.1", RICOCHET_PORT=port, RICOCHET_DATA_DIR="data")
+    assert (done.status, done.out) == (3, "")
+    assert done.err == f"ricochet serve: port {port} of 127.0.0.1 is in use; choose another with RICOCHET_PORT\n"
+    assert not (tmp_path / "data").exists()
+
+
+def test_address_of_another_machine_is_one_sentence(tmp_path: Path) -> None:
+    done = run(tmp_path, "serve", RICOCHET_HOST="192.0.2.1", RICOCHET_PORT="0", RICOCHET_ACCESS="open")
+    assert (done.status, done.err.count("\n")) == (3, 1)
+    assert done.err.startswith("ricochet serve: cannot listen on port 0 of 192.0.2.1: ")
+
+
+def test_terminal_gets_the_address_and_readable_log_lines(tmp_path: Path) -> None:
+    port = free_port()
+    settings = {"RICOCHET_PORT": str(port), "RICOCHET_DATA_DIR": "data", "RICOCHET_WORKERS": "1", "NO_COLOR": "1"}
+    ours, theirs = pty.openpty()
+    with subprocess.Popen(
+        [*COMMAND, "serve"], cwd=tmp_path, env=environment(**settings), stdin=theirs, stdout=theirs, stderr=theirs
+    ) as process:
+        os.close(theirs)
+        try:
+            shown = read_until(ours, f"on http://127.0.0.1:{port}")
+            httpx.get(f"http://127.0.0.1:{port}/livez", trust_env=False)
+            shown += read_until(ours, "path=/livez")
+            process.send_signal(signal.SIGINT)
+            shown += read_until(ours, None)
+        finally:
+            process.kill()
+            os.close(ours)
+    first, *others = shown.splitlines()
+    assert first == f"ricochet {version('ricochet')} on http://127.0.0.1:{port}"
+    assert process.returncode == 0, shown
+    [line] = [line for line in others if "path=/livez" in line]
+    assert "method=GET" in line
+    assert "status=200" in line
+    assert "{" not in shown
+    assert "uvicorn" not in shown.lower()
+
+
+def read_until(terminal: int, text: str | None) -> str:
+    """What a terminal shows until this text, or until the process ends."""
+    shown = b""
+    deadline = time.monotonic() + LIMIT_S
+    while text is None or text.encode() not in shown:
+        assert time.monotonic() < deadline, shown
+        try:
+            shown += os.read(terminal, 65536)
+        except OSError:  # the process has ended
+            assert text is None, shown
+            break
+    return shown.decode()

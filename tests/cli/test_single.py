@@ -1,0 +1,263 @@
+"""`ricochet trajectory` and `ricochet cra` as processes: in a pipe, on a terminal, local and against a service."""
+
+import csv
+import json
+import threading
+from collections.abc import Iterator
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from typing import Any, ClassVar
+
+import httpx
+import pytest
+
+from service import cli
+from service.cli.errors import RefusedError
+from service.schemas.examples import PAPER, PAPER_AT_45
+from tests.cli.commands import STRIKE_TOML, run, run_on_terminal
+from tests.conftest import free_port
+
+FLAGS = "--diameter 0.08 --length 0.53 --mass 13 --caliber-radius-head 3 --compressive-strength 39e6 --density 2250"
+
+
+def test_answer_of_the_process_is_that_of_the_service(folder: Path, client: httpx.Client) -> None:
+    """Byte for byte, key and version included."""
+    done = run(folder, "cra", "strike.toml", "--json")
+    assert (done.status, done.err) == (0, "")
+    assert done.out.encode() == client.post("/cra", json=PAPER).content + b"\n"
+
+
+def test_answer_of_a_service_is_printed_as_it_comes(folder: Path, client: httpx.Client, live_url: str) -> None:
+    done = run(folder, "trajectory", "strike.toml", "--angle", "45", "--json", RICOCHET_URL=live_url)
+    assert (done.status, done.err) == (0, "")
+    assert done.out.encode() == client.post("/trajectory", json=PAPER_AT_45).content + b"\n"
+
+
+def test_a_pipe_gets_aligned_text_and_a_terminal_a_table(folder: Path, live_url: str) -> None:
+    args = ["cra", "strike.toml", "--url", live_url]
+    piped, shown = run(folder, *args), run_on_terminal(folder, *args)
+    assert (piped.status, shown.status) == (0, 0)
+    assert "\x1b" not in piped.out + piped.err
+    assert "│" not in piped.out
+    assert "critical angle °  48.6" in piped.out
+    assert "warning: " in piped.err
+    assert "warning: " not in piped.out
+    assert "│" in shown.out
+    assert "critical angle ° │" in shown.out
+    widths = {len(line) for line in piped.out.splitlines() if line.endswith(("embedded", "ricochet"))}
+    assert len(widths) == 1
+
+
+def test_no_color_is_honoured(folder: Path, live_url: str) -> None:
+    shown = run_on_terminal(folder, "cra", "strike.toml", "--url", live_url, NO_COLOR="1")
+    assert shown.status == 0
+    assert "│" in shown.out
+    assert "\x1b[3" not in shown.out
+
+
+@pytest.fixture
+def here(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The folder, as that of this process, which asks no service."""
+    monkeypatch.chdir(folder)
+    monkeypatch.delenv("RICOCHET_URL", raising=False)
+    return folder
+
+
+def answer(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict[str, Any]:
+    assert cli.main([*arguments, "--json"]) == 0
+    content: dict[str, Any] = json.loads(capsys.readouterr().out)
+    return content
+
+
+def test_file_flags_and_stdin_say_the_same(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (here / "strike.json").write_text(json.dumps(PAPER))
+    expected = answer(capsys, "cra", "strike.toml")
+    assert answer(capsys, "cra", "strike.json") == expected
+    assert answer(capsys, "cra", "--velocity", "238", *FLAGS.split()) == expected
+    assert answer(capsys, "cra", "strike.toml", "--velocity", "300") != expected
+    piped = run(here, "cra", "-", "--json", stdin=json.dumps(PAPER))
+    assert json.loads(piped.out) == expected
+
+
+def test_any_field_can_be_set(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    plain = answer(capsys, "cra", "strike.toml", "--set", "resistance.free_surface.model=none")
+    assert plain["critical_angle_deg"] == pytest.approx(57.5, abs=0.1)
+    flat = answer(capsys, "trajectory", "strike.toml", "--angle", "30", "--set", 'projectile.nose={"shape": "flat"}')
+    assert flat["outcome"] in {"embedded", "ricochet"}
+
+
+@pytest.mark.parametrize(("command", "body"), [("cra", PAPER), ("trajectory", PAPER_AT_45)])
+def test_alternatives_here_are_those_of_the_service(
+    folder: Path, client: httpx.Client, live_url: str, command: str, body: dict[str, Any]
+) -> None:
+    args = [
+        command,
+        "strike.toml",
+        *(["--angle", "45"] if command == "trajectory" else []),
+        "--alternatives",
+        "--json",
+    ]
+    here, there = run(folder, *args), run(folder, *args, "--url", live_url)
+    expected = client.post(f"/{command}", json=body | {"alternatives": True}).content + b"\n"
+    assert (here.status, there.status) == (0, 0)
+    assert here.out.encode() == expected
+    assert there.out.encode() == expected
+
+
+def test_alternatives_are_a_table_with_their_range(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    found = answer(capsys, "cra", "strike.toml", "--alternatives")["alternatives"]
+    angles = [each["critical_angle_deg"] for each in found]
+    assert cli.main(["cra", "strike.toml", "--alternatives"]) == 0
+    text = capsys.readouterr().out
+    assert f"under other laws °  {min(angles):.5g} to {max(angles):.5g}" in text
+    assert all(each["fitted_to"] in text for each in found)
+    assert cli.main(["cra", "strike.toml", "--alternatives", "--csv"]) == 0
+    rows = list(csv.DictReader(capsys.readouterr().out.splitlines()))
+    assert [float(row["critical_angle_deg"]) for row in rows] == angles
+    assert [row["free_surface"] for row in rows] == [each["free_surface"] for each in found]
+
+
+def test_alternatives_without_an_answer_have_a_problem(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    args = ["--set", "search.lower_deg=87", "--set", "search.upper_deg=89"]
+    args += ["--set", 'resistance.strength_factor={"model": "constant", "value": 8.0}']
+    assert cli.main(["cra", "strike.toml", *args, "--alternatives", "--csv"]) == 0
+    for row in csv.DictReader(capsys.readouterr().out.splitlines()):
+        assert bool(row["status"]) is (row["strength_factor"] == "strength_power_law")
+        assert bool(row["problem"]) is not bool(row["status"])
+
+
+def test_motion_over_time_is_a_table(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    history = answer(capsys, "trajectory", "strike.toml", "--oblique-angle", "55")["history"]
+    assert cli.main(["trajectory", "strike.toml", "--oblique-angle", "55", "--csv"]) == 0
+    rows = list(csv.DictReader(capsys.readouterr().out.splitlines()))
+    assert [float(row["axis_angle_deg"]) for row in rows] == history["axis_angle_deg"]
+    assert rows[0].keys() == history.keys()
+
+
+def test_trials_are_a_table(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    trials = answer(capsys, "cra", "strike.toml")["iterations"]
+    assert cli.main(["cra", "strike.toml", "--csv"]) == 0
+    rows = list(csv.DictReader(capsys.readouterr().out.splitlines()))
+    assert [float(row["oblique_angle_deg"]) for row in rows] == [trial["oblique_angle_deg"] for trial in trials]
+
+
+@pytest.mark.parametrize(("name", "begin"), [("a.svg", b"<?xml"), ("a.png", b"\x89PNG"), ("a.pdf", b"%PDF")])
+def test_pictures_are_drawn(here: Path, capsys: pytest.CaptureFixture[str], name: str, begin: bytes) -> None:
+    for args in (["cra", "strike.toml"], ["trajectory", "strike.toml", "--angle", "50"]):
+        assert cli.main([*args, "--plot", name]) == 0
+        assert (here / name).read_bytes().startswith(begin)
+        (here / name).unlink()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "reason"),
+    [
+        ("cra", "--caliber-radius-head is missing"),
+        ("cra strike.toml --velocity nan", "--velocity: Input should be a finite number"),
+        ("cra strike.toml --velocity -3", "--velocity: Input should be greater than or equal to 0.1"),
+        ("cra strike.toml --set impact.speed=3", "--set impact.speed=3: Extra inputs are not permitted"),
+        ("cra strike.toml --set impact", "--set impact: must be FIELD=VALUE"),
+        ("cra strike.toml --set impact.velocity_m_s.x=3", "velocity_m_s is not an object"),
+        ("cra strike.toml --length 0.05", "--length: must be at least the length of the nose"),
+        ("cra nothing.toml", "nothing.toml: No such file"),
+        ("cra wrong.toml", "wrong.toml: not TOML: "),
+        ("cra dated.toml", "dated.toml: /projectile/mass_kg: Input should be a valid number"),
+        ("cra long.json", "long.json: Exceeds the limit"),
+        ("cra empty.json", "empty.json: the file is empty"),
+        ("cra odd.toml", "odd.toml: /projectile/mass_kg: Input should be a valid number"),
+        ("trajectory strike.toml", "strike.toml: /impact/oblique_angle_deg: Field required"),
+        ("trajectory strike.toml --angle 95", "--oblique-angle: Input should be less than 90"),
+        ("trajectory strike.toml --angle 45 --plot a.gif", "must end in .png, .svg, .pdf"),
+        ("trajectory strike.toml --angle 45 --plot no/a.svg", "the folder does not exist"),
+        ("trajectory strike.toml --angle 45 --csv --set output.history=false", "output.history is false"),
+    ],
+)
+def test_wrong_input_is_named_and_ends_with_status_2(
+    here: Path, capsys: pytest.CaptureFixture[str], arguments: str, reason: str
+) -> None:
+    (here / "wrong.toml").write_text("= 3")
+    (here / "odd.toml").write_text(STRIKE_TOML.replace("13.0", '"heavy"'))
+    (here / "dated.toml").write_text(STRIKE_TOML.replace("13.0", "2026-01-01"))
+    (here / "long.json").write_text("1" * 5000)
+    (here / "empty.json").write_text("\n")
+    assert cli.main(arguments.split()) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert reason in captured.err
+
+
+def test_a_service_names_what_is_wrong_likewise(
+    here: Path, live_url: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("NO_PROXY", "*")
+    for args in (["--velocity", "nan"], ["--length", "0.05"], ["--set", "impact.speed=3"]):
+        assert cli.main(["cra", "strike.toml", *args]) == 2
+        local = capsys.readouterr().err
+        assert cli.main(["cra", "strike.toml", *args, "--url", live_url]) == 2
+        assert capsys.readouterr().err == local
+
+
+@pytest.mark.parametrize(
+    ("kind", "status", "ended"),
+    [("step-limit", 422, 1), ("timeout", 422, 1), ("busy", 503, 1), ("invalid-request", 422, 2), ("", 413, 2)],
+)
+def test_problems_of_the_input_end_with_status_2_and_others_with_1(kind: str, status: int, ended: int) -> None:
+    problem = {"type": f"urn:ricochet:problem:{kind}", "title": "No", "detail": "why", "status": status}
+    error = RefusedError(problem)
+    assert (error.status, str(error)) == (ended, "No: why")
+
+
+class Moody(BaseHTTPRequestHandler):
+    """A service that is busy at first, then gone for a moment, and takes one key."""
+
+    moods: ClassVar[list[str]] = []
+
+    def do_POST(self) -> None:
+        self.rfile.read(int(self.headers["Content-Length"]))
+        mood = self.moods.pop(0)
+        if mood == "gone":
+            return
+        allowed = self.headers["Authorization"] == "Bearer secret"
+        self.send_response(503 if mood == "busy" else 200 if allowed else 401)
+        self.send_header("Retry-After", "0")
+        self.end_headers()
+        self.wfile.write(b'{"mood": "good"}')
+
+    def log_message(self, *_: object) -> None:
+        """Say nothing."""
+
+
+@pytest.fixture
+def moody_url() -> Iterator[str]:
+    with ThreadingHTTPServer(("127.0.0.1", 0), Moody) as server:
+        thread = threading.Thread(target=server.serve_forever)
+        thread.start()
+        yield f"http://127.0.0.1:{server.server_port}"
+        server.shutdown()
+        thread.join()
+
+
+def test_busy_service_is_asked_again_and_gets_the_key(folder: Path, moody_url: str) -> None:
+    Moody.moods = ["busy", "gone", "busy", "good"]
+    args = ["cra", "strike.toml", "--json", "--url", moody_url]
+    done = run(folder, *args, RICOCHET_API_KEY="secret")
+    assert (done.status, done.out, done.err) == (0, '{"mood": "good"}\n', "")
+    Moody.moods = ["good"]
+    refused = run(folder, *args, RICOCHET_API_KEY="other")
+    assert (refused.status, refused.out) == (1, "")
+    assert "401" in refused.err
+
+
+def test_no_service_ends_with_status_1(folder: Path) -> None:
+    address = f"http://127.0.0.1:{free_port()}"
+    done = run(folder, "cra", "strike.toml", "--url", address)
+    assert (done.status, done.out) == (1, "")
+    assert done.err.startswith(f"ricochet cra: no service answers at {address}: ")
+    assert run(folder, "cra", "strike.toml", "--url", "nowhere").status == 2
+
+
+def test_missing_matplotlib_is_found_before_the_computation(folder: Path) -> None:
+    (folder / "matplotlib.py").write_text("raise ModuleNotFoundError(name='matplotlib')")
+    done = run(folder, "cra", "strike.toml", "--plot", "a.svg")
+    assert (done.status, done.out) == (1, "")
+    assert "pip install 'ricochet[reports]'" in done.err

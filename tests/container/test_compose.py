@@ -1,0 +1,120 @@
+"""compose.yaml starts as its head says: without a key, for this machine alone, from the image that is built here."""
+
+import os
+import re
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from contextlib import AbstractContextManager, ExitStack
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+import yaml
+
+from service.access.keyring import KeyRing
+from service.cli.errors import CommandError
+from service.cli.serve import check_access
+from service.schemas.examples import PAPER
+from service.settings import Settings
+from tests.conftest import START_LIMIT_S, free_port
+
+from .dockerfile import ROOT, read
+
+TEXT = (ROOT / "compose.yaml").read_text(encoding="utf-8")
+
+
+def services(**variables: str) -> dict[str, dict[str, Any]]:
+    """The services, as an engine reads them with these variables set."""
+
+    def value(match: re.Match[str]) -> str:
+        return variables.get(match[1]) or match[2]
+
+    found: dict[str, dict[str, Any]] = yaml.safe_load(re.sub(r"\$\{(\w+):-([^}]*)\}", value, TEXT))["services"]
+    return found
+
+
+def settings_of(service: dict[str, Any], monkeypatch: pytest.MonkeyPatch, folder: Path) -> Settings:
+    """What the service reads in its container, but for the place of its data."""
+    environment = read()[-1].environment() | service["environment"] | {"RICOCHET_DATA_DIR": str(folder)}
+    for name, value in environment.items():
+        if name.startswith("RICOCHET_"):
+            assert name.removeprefix("RICOCHET_").lower() in Settings.model_fields
+            monkeypatch.setenv(name, value)
+    return Settings()
+
+
+def test_service_starts_on_an_empty_volume(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    settings = settings_of(services()["service"], monkeypatch, tmp_path)
+    assert not settings.on_loopback
+    check_access(settings, KeyRing(tmp_path, print))
+
+
+def test_service_takes_keys_if_it_is_told_to(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert "RICOCHET_ACCESS=keys docker compose up" in TEXT
+    settings = settings_of(services(RICOCHET_ACCESS="keys")["service"], monkeypatch, tmp_path)
+    with pytest.raises(CommandError):
+        check_access(settings, KeyRing(tmp_path, print))
+
+
+def test_nothing_is_published_beyond_this_machine() -> None:
+    published = [port for service in services().values() for port in service.get("ports", [])]
+    assert published == ["127.0.0.1:8000:8000"]
+    assert read()[-1].last("EXPOSE").text == "8000"
+
+
+def test_pages_under_other_names_reach_nothing(
+    tmp_path: Path, service_on: Callable[..., AbstractContextManager[Any]]
+) -> None:
+    given = services()["service"]["environment"]
+    settings = {"host": "0.0.0.0", "access": given["RICOCHET_ACCESS"], "allowed_hosts": given["RICOCHET_ALLOWED_HOSTS"]}  # noqa: S104
+    with service_on(tmp_path, **settings) as service:
+        statuses = [
+            httpx.get(f"{service.url}/jobs", headers={"Host": host}, trust_env=False).status_code
+            for host in ("localhost:8000", "127.0.0.1:8000", "evil.example")
+        ]
+    assert statuses == [200, 200, 421]
+
+
+def test_every_container_runs_the_image_that_is_built_here() -> None:
+    assert {service["image"] for service in services().values()} == {"ricochet:cluster"}
+    assert {service["pull_policy"] for service in services().values()} == {"never"}
+    (built,) = [service["build"] for service in services().values() if "build" in service]
+    assert (ROOT / built["context"] / "requirements" / f"{built['args']['REQUIREMENTS']}.txt").exists()
+
+
+def test_scheduler_and_workers_are_in_a_network_that_leads_nowhere() -> None:
+    networks = yaml.safe_load(TEXT)["networks"]
+    assert networks["cluster"]["internal"] is True
+    assert services()["scheduler"]["networks"] == services()["worker"]["networks"] == ["cluster"]
+
+
+@pytest.mark.system
+def test_its_commands_make_a_cluster_that_answers(
+    tmp_path: Path, service_on: Callable[..., AbstractContextManager[Any]]
+) -> None:
+    port = str(free_port())
+
+    def here(text: str) -> str:
+        replaced = text.replace("scheduler:8786", f"127.0.0.1:{port}").replace("8786", port)
+        return str(tmp_path) if replaced == "/tmp" else replaced  # noqa: S108
+
+    with ExitStack() as running:
+        for name in ("scheduler", "worker"):
+            program, *words = services()[name]["command"]
+            command = [str(Path(sys.executable).parent / program), *map(here, words)]
+            process = running.enter_context(subprocess.Popen(command, env=os.environ, stderr=subprocess.DEVNULL))
+            running.callback(process.wait)
+            running.callback(process.terminate)
+        given = services()["service"]["environment"]
+        settings = {name.removeprefix("RICOCHET_").lower(): here(value) for name, value in given.items()}
+        service = running.enter_context(service_on(tmp_path, **settings))
+        cases = [PAPER | {"impact": {"velocity_m_s": 200.0 + number}} for number in range(3)]
+        answer = httpx.post(f"{service.url}/cra/batch", json={"cases": cases}, timeout=60.0, trust_env=False)
+        assert [item["result"]["status"] for item in answer.json()["results"]] == ["converged"] * 3
+        deadline = time.monotonic() + START_LIMIT_S
+        while "ricochet_chunk_width 1.0" not in httpx.get(f"{service.url}/metrics", trust_env=False).text:
+            assert time.monotonic() < deadline
+            time.sleep(0.2)

@@ -1,0 +1,257 @@
+"""Where compiled code is kept: a damaged file, a folder that can only be read, a copy elsewhere, two at once.
+
+A package of two small functions, with the solver's own `compilation.py`, takes a second to compile; the solver takes a
+minute.
+"""
+
+import fcntl
+import json
+import os
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+import solver
+from solver import compilation
+
+FUNCTIONS = """
+from little.compilation import compiled, lean
+
+@lean
+def half(x):
+    return 0.5 * x
+
+@compiled
+def quarter(x):
+    return half(half(x))
+"""
+RUN = """
+import json, sys, time
+from pathlib import Path
+from numba.core import event
+with event.install_recorder("numba:compile") as recorder:
+    from little.functions import quarter
+    if len(sys.argv) > 1:
+        Path(sys.argv[1] + ".ready").touch()
+        while not Path(sys.argv[1]).exists():
+            time.sleep(0.001)
+    value = quarter(8.0)
+print(json.dumps([value, sum(event.is_start for _, event in recorder.buffer)]))
+"""
+START_S = 60.0
+
+
+class Little:
+    """The small package, with a home of its own for the user."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.package = folder / "little"
+        self.environment = {"PYTHONPATH": str(folder), "HOME": str(folder / "home"), "PATH": os.environ["PATH"]}
+
+    @property
+    def code(self) -> Path:
+        """The folder of the compiled code beside the sources."""
+        (found,) = (self.package / "__pycache__").glob("compiled-*")
+        return found
+
+    def start(self, *arguments: str) -> subprocess.Popen[str]:
+        command = [*bound_by_permissions(), sys.executable, "-W", "error", "-c", RUN, *arguments]
+        return subprocess.Popen(
+            command, env=self.environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=self.folder
+        )
+
+    def compiled(self) -> int:
+        """How many functions a start compiles; it has to compute right."""
+        return ended(self.start())
+
+
+def ended(process: subprocess.Popen[str]) -> int:
+    output, errors = process.communicate(timeout=START_S)
+    assert process.returncode == 0, errors
+    value, count = json.loads(output)
+    assert value == 2.0
+    return int(count)
+
+
+def bound_by_permissions() -> list[str]:
+    """Words before a command that make file permissions hold for root too."""
+    if os.geteuid() != 0:
+        return []
+    program = shutil.which("setpriv")
+    if program is None:
+        pytest.skip("root may write everywhere, and setpriv is not installed")
+    return [program, "--bounding-set=-dac_override,-dac_read_search", "--"]
+
+
+def set_writable(folder: Path, writable: bool) -> None:
+    for each in [folder, *folder.rglob("*")]:
+        each.chmod((0o755 if writable else 0o555) if each.is_dir() else (0o644 if writable else 0o444))
+
+
+def make_package(folder: Path) -> Little:
+    made = Little(folder)
+    made.package.mkdir()
+    (made.package / "__init__.py").touch()
+    shutil.copy(str(compilation.__file__), made.package / "compilation.py")
+    (made.package / "functions.py").write_text(FUNCTIONS)
+    return made
+
+
+@pytest.fixture
+def little(tmp_path: Path) -> Little:
+    """The package as it is installed."""
+    return make_package(tmp_path)
+
+
+@pytest.fixture(scope="module")
+def started(tmp_path_factory: pytest.TempPathFactory) -> Little:
+    """The package after its first start."""
+    made = make_package(tmp_path_factory.mktemp("started"))
+    assert made.compiled() == 2
+    return made
+
+
+@pytest.fixture
+def ready(tmp_path: Path, started: Little) -> Little:
+    """A copy of the package with its compiled code, with the dates of now."""
+    shutil.copytree(started.package, tmp_path / "little", copy_function=shutil.copy)
+    return Little(tmp_path)
+
+
+def test_code_is_compiled_once(started: Little) -> None:
+    assert started.compiled() == 0
+
+
+def test_code_is_found_in_a_copy_elsewhere(ready: Little) -> None:
+    assert ready.compiled() == 0
+
+
+def test_changed_source_is_compiled_anew(ready: Little) -> None:
+    (ready.package / "functions.py").write_text(FUNCTIONS + "\n# another text\n")
+    assert ready.compiled() == 2
+
+
+def test_folder_that_can_only_be_read_will_do(ready: Little) -> None:
+    set_writable(ready.package, False)
+    assert ready.compiled() == 0
+    assert not (ready.folder / "home").exists()
+
+
+def test_what_a_folder_lacks_goes_to_the_cache_of_the_user(little: Little) -> None:
+    set_writable(little.package, False)
+    assert little.compiled() == 2
+    assert little.compiled() == 0
+    assert list((little.folder / "home" / ".cache" / "ricochet").rglob("*.nbc"))
+
+
+def test_without_any_folder_it_is_compiled_at_each_start(little: Little) -> None:
+    (little.folder / "home").touch()
+    set_writable(little.package, False)
+    assert [little.compiled() for _ in range(2)] == [2, 2]
+
+
+def test_folder_that_is_named_is_used(little: Little) -> None:
+    named = little.folder / "named"
+    little.environment["NUMBA_CACHE_DIR"] = str(named)
+    assert little.compiled() == 2
+    assert list(named.rglob("*.nbc"))
+    set_writable(named, False)
+    assert little.compiled() == 0
+
+
+def flipped(position: float) -> Callable[[bytes], bytes]:
+    """Change one bit of a file."""
+
+    def flip(content: bytes) -> bytes:
+        place = int(position * (len(content) - 1))
+        return content[:place] + bytes([content[place] ^ 1]) + content[place + 1 :]
+
+    return flip
+
+
+DAMAGES: dict[str, Callable[[bytes], bytes]] = {
+    "empty": lambda content: b"",
+    "first half": lambda content: content[: len(content) // 2],
+    "last byte missing": lambda content: content[:-1],
+    "bit of the beginning": flipped(0.0),
+    "bit of the middle": flipped(0.5),
+    "bit of the end": flipped(1.0),
+}
+
+
+@pytest.mark.parametrize("suffix", [".nbi", ".nbc"])
+@pytest.mark.parametrize("damage", DAMAGES)
+def test_damaged_code_is_compiled_anew(little: Little, damage: str, suffix: str) -> None:
+    little.compiled()
+    files = [file for file in little.code.rglob("*") if file.suffix == suffix]
+    assert len(files) == 2
+    for file in files:
+        file.write_bytes(DAMAGES[damage](file.read_bytes()))
+    assert little.compiled() == 2
+    assert little.compiled() == 0
+
+
+def test_unreadable_code_is_compiled_anew(little: Little) -> None:
+    little.compiled()
+    for file in little.code.rglob("*.nb?"):
+        file.chmod(0)
+    assert little.compiled() == 2
+
+
+def test_two_processes_compile_once(little: Little) -> None:
+    begin = [little.folder / name for name in ("first", "second")]
+    processes = [little.start(str(name)) for name in begin]
+    deadline = time.monotonic() + START_S
+    while not all(Path(f"{name}.ready").exists() for name in begin):
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+    for name in begin:
+        name.touch()
+    assert sum(map(ended, processes)) == 2
+
+
+def test_process_that_never_ends_compiling_is_not_waited_for(little: Little) -> None:
+    source = little.package / "compilation.py"
+    assert "LOCK_SECONDS = 300.0" in source.read_text()
+    source.write_text(source.read_text().replace("LOCK_SECONDS = 300.0", "LOCK_SECONDS = 0.2"))
+    little.compiled()
+    for file in little.code.rglob("*.nb?"):
+        file.unlink()
+    held = os.open(little.code, os.O_RDONLY)
+    fcntl.flock(held, fcntl.LOCK_EX)
+    try:
+        assert little.compiled() == 2
+    finally:
+        os.close(held)
+
+
+def test_solver_is_found_in_a_copy_that_can_only_be_read(tmp_path: Path) -> None:
+    """As root installs it for others; what compiles here was compiled already."""
+    solver.warm_up()
+    source = Path(str(solver.__file__)).parent
+    (code,) = (folder for folder in compilation.FOLDERS if folder.exists())
+    ignored = shutil.ignore_patterns("__pycache__")
+    shutil.copytree(source, tmp_path / "solver", ignore=ignored, copy_function=shutil.copy)
+    shutil.copytree(code, tmp_path / "solver" / "__pycache__" / code.name)
+    set_writable(tmp_path / "solver", False)
+    script = (
+        "from numba.core import event\n"
+        "with event.install_recorder('numba:compile') as recorder:\n"
+        "    import solver; solver.warm_up()\n"
+        "print(solver.__file__, len(recorder.buffer))"
+    )
+    done = subprocess.run(
+        [*bound_by_permissions(), sys.executable, "-c", script],
+        env={"PYTHONPATH": str(tmp_path), "HOME": "/nonexistent"},
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd=tmp_path,
+    )
+    assert done.stdout.split() == [str(tmp_path / "solver" / "__init__.py"), "0"], done.stderr

@@ -1,0 +1,238 @@
+"""Look-up, sharing and storing, over a real pool and a real folder; a folder that is there shows a second run."""
+
+import asyncio
+import signal
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import orjson
+import pytest
+
+from service.cache.cache import NOT_CACHED, ResultCache
+from service.cache_key import KeyedRequest
+from service.errors import ComputationCancelled, QueriesWaitingError, WorkerCrashedError
+from service.operations import Answer, Operation
+from service.queries import QueryService
+from service.schemas.quantities import Part
+from service.workers.base import Executor
+from service.workers.process_pool import ProcessPool
+from tests.faults.data_folder import keys_of, segments
+
+pytestmark = [pytest.mark.anyio, pytest.mark.timeout(60)]
+
+
+@dataclass
+class Question:
+    folder: Path | str
+    number: int = 0
+
+    def canonical(self) -> dict[str, Any]:
+        return {"folder": str(self.folder), "number": self.number}
+
+
+def question(request: bytes) -> Question:
+    return Question(**orjson.loads(request))
+
+
+def once(request: bytes) -> Answer:
+    (Path(question(request).folder) / "ran").mkdir()
+    return {"number": question(request).number, "result": None, "warnings": []}, None
+
+
+def slow(request: bytes) -> Answer:
+    time.sleep(0.3)
+    return {"number": question(request).number, "result": None, "warnings": []}, None
+
+
+def deadly(_: bytes) -> Answer:
+    signal.raise_signal(signal.SIGKILL)
+    raise AssertionError
+
+
+def draw(request: bytes) -> Answer:
+    number = question(request).number
+    column = np.linspace(number, number + 1, 5000)
+    return {"number": number}, {f"column_{i}": column for i in range(12)}
+
+
+OPERATIONS = {
+    "once": Operation(compute=once, request=Part),
+    "slow": Operation(compute=slow, request=Part),
+    "deadly": Operation(compute=deadly, request=Part),
+    "trajectory": Operation(compute=draw, request=Part),
+}
+
+
+@pytest.fixture
+def engine(pool: ProcessPool, tmp_path: Path) -> QueryService:
+    return engine_on(tmp_path, pool)
+
+
+def engine_on(folder: Path, pool: Executor, max_waiting: int = 1000) -> QueryService:
+    cache = ResultCache(folder / "data", memory_bytes=100_000_000, disk_bytes=10**9)
+    return QueryService(cache, pool, OPERATIONS, max_waiting=max_waiting)
+
+
+async def test_equal_requests_underway_run_once(engine: QueryService, tmp_path: Path) -> None:
+    answers = await asyncio.gather(
+        *(engine.answer("once", KeyedRequest.of("once", Question(tmp_path))) for _ in range(20))
+    )
+    assert {status for _, status in answers} == {"miss"}
+    assert len({id(record) for record, _ in answers}) == 1
+
+
+async def test_second_request_is_a_hit_from_memory_and_after_a_restart_from_disk(
+    engine: QueryService, pool: ProcessPool, tmp_path: Path
+) -> None:
+    first, miss = await engine.answer("once", KeyedRequest.of("once", Question(tmp_path)))
+    second, hit = await engine.answer("once", KeyedRequest.of("once", Question(tmp_path)))
+    engine.cache.close()
+    restarted = engine_on(tmp_path, pool)
+    third, found = await restarted.answer("once", KeyedRequest.of("once", Question(tmp_path)))
+    assert (miss, hit, found) == ("miss", "hit", "hit")
+    assert first.json == second.json == third.json
+    assert (await restarted.result(first.key) or second).json == first.json
+    assert await restarted.result("0" * 64) is None
+
+
+async def test_asker_who_leaves_takes_nothing_from_those_who_wait(engine: QueryService, tmp_path: Path) -> None:
+    first = asyncio.ensure_future(engine.answer("slow", KeyedRequest.of("slow", Question(tmp_path))))
+    await asyncio.sleep(0.05)
+    second = asyncio.ensure_future(engine.answer("slow", KeyedRequest.of("slow", Question(tmp_path))))
+    await asyncio.sleep(0.05)
+    first.cancel()
+    record, _ = await second
+    assert record.answer["number"] == 0
+    assert first.cancelled()
+
+
+async def test_work_everyone_has_left_is_kept_for_who_comes_back(engine: QueryService, tmp_path: Path) -> None:
+    asker = asyncio.ensure_future(engine.answer("once", KeyedRequest.of("once", Question(tmp_path))))
+    await asyncio.sleep(0)
+    asker.cancel()
+    record, _ = await engine.answer(
+        "once", KeyedRequest.of("once", Question(tmp_path))
+    )  # a second run would raise FileExistsError
+    assert record.answer["result"] is None
+
+
+async def test_failure_reaches_all_who_wait_and_is_not_kept(engine: QueryService, tmp_path: Path) -> None:
+    (tmp_path / "ran").mkdir()
+    failures = await asyncio.gather(
+        *(engine.answer("once", KeyedRequest.of("once", Question(tmp_path))) for _ in range(3)), return_exceptions=True
+    )
+    assert [type(failure) for failure in failures] == [FileExistsError] * 3
+    (tmp_path / "ran").rmdir()
+    _, status = await engine.answer("once", KeyedRequest.of("once", Question(tmp_path)))
+    assert status == "miss"
+
+
+async def test_deadly_request_fails_and_those_beside_it_do_not(engine: QueryService, tmp_path: Path) -> None:
+    others = [
+        asyncio.ensure_future(engine.answer("slow", KeyedRequest.of("slow", Question(tmp_path, number))))
+        for number in range(6)
+    ]
+    with pytest.raises(WorkerCrashedError):
+        await engine.answer("deadly", KeyedRequest.of("deadly", Question(tmp_path)))
+    assert [record.answer["number"] for record, _ in await asyncio.gather(*others)] == list(range(6))
+
+
+async def test_without_a_folder_to_write_answers_come_with_a_warning(engine: QueryService, tmp_path: Path) -> None:
+    blocked = tmp_path / "blocked"
+    blocked.mkdir()
+    (blocked / "data").write_text("a file where the folder should be")
+    engine = engine_on(blocked, engine.executor)
+    record, status = await engine.answer("once", KeyedRequest.of("once", Question(tmp_path)))
+    assert (status, record.answer["warnings"][0]["code"]) == ("miss", NOT_CACHED)
+    _, status = await engine.answer("once", KeyedRequest.of("once", Question(tmp_path)))
+    assert status == "hit"
+
+
+def keyed(name: str, questions: list[Question]) -> list[KeyedRequest]:
+    return [KeyedRequest.of(name, question) for question in questions]
+
+
+async def test_chunk_computes_what_is_not_underway_and_shares_the_rest(engine: QueryService, tmp_path: Path) -> None:
+    (tmp_path / "failing" / "ran").mkdir(parents=True)
+    failing = Question(tmp_path / "failing", 1)
+    single = asyncio.ensure_future(engine.answer("once", KeyedRequest.of("once", Question(tmp_path))))
+    await asyncio.sleep(0)
+    left: list[int] = []
+    chunk = engine.begin("once", keyed("once", [Question(tmp_path), failing]), lambda: left.append(1))
+    other = engine.begin("once", keyed("once", [failing]), lambda: left.append(2))
+    assert [len(part) for part in (chunk.own, chunk.shared, other.own, other.shared)] == [1, 1, 0, 1]
+    record, _ = await single
+    assert (await chunk.shared[record.key])[0] is record
+    [failed] = chunk.own
+    for future in (chunk.own[failed], other.shared[failed]):
+        with pytest.raises(FileExistsError):
+            await future
+    await chunk.kept
+    assert sorted(left) == [1, 2]
+    assert engine.cache.known([record.key, failed]) == {record.key}
+
+
+async def test_single_query_outlives_the_chunk_it_waited_for(engine: QueryService, tmp_path: Path) -> None:
+    chunk = engine.begin("slow", keyed("slow", [Question(tmp_path, i) for i in range(8)]), lambda: None)
+    await asyncio.sleep(0.1)
+    single = asyncio.ensure_future(engine.answer("slow", KeyedRequest.of("slow", Question(tmp_path, 7))))
+    await asyncio.sleep(0.05)
+    chunk.stop()
+    record, status = await single
+    assert (record.answer["number"], status) == (7, "miss")
+    await chunk.kept
+    with pytest.raises(ComputationCancelled):
+        await chunk.own[record.key]
+
+
+async def test_no_more_single_queries_wait_than_may(pool: ProcessPool, tmp_path: Path) -> None:
+    engine = engine_on(tmp_path, pool, max_waiting=3)
+    await engine.answer("slow", KeyedRequest.of("slow", Question(tmp_path, 99)))
+    queries = [
+        asyncio.ensure_future(engine.answer("slow", KeyedRequest.of("slow", Question(tmp_path, i)))) for i in range(2)
+    ]
+    await asyncio.sleep(0.1)
+    queries += [
+        asyncio.ensure_future(engine.answer("slow", KeyedRequest.of("slow", Question(tmp_path, i))))
+        for i in range(2, 10)
+    ]
+    outcomes = await asyncio.gather(*queries, return_exceptions=True)
+    refused = [outcome for outcome in outcomes if isinstance(outcome, QueriesWaitingError)]
+    assert len(refused) == 5
+    assert all(1 <= error.retry_after < 60 for error in refused)
+    hit = await engine.answer("slow", KeyedRequest.of("slow", Question(tmp_path, 99)))
+    assert hit[1] == "hit"
+
+
+async def test_event_loop_stays_free_while_histories_are_made_and_kept(engine: QueryService, tmp_path: Path) -> None:
+    """The best of three: other programs on the machine make it wait too."""
+
+    async def longest_wait(first: int) -> float:
+        asked = (
+            engine.answer("trajectory", KeyedRequest.of("trajectory", Question(tmp_path, first + i)))
+            for i in range(100)
+        )
+        queries, longest = asyncio.gather(*asked), 0.0
+        while not queries.done():
+            before = time.monotonic()
+            await asyncio.sleep(0.005)
+            longest = max(longest, time.monotonic() - before)
+        assert all(len(record.json) > 1_000_000 for record, _ in await queries)
+        return longest
+
+    assert min([await longest_wait(first) for first in (0, 100, 200)]) < 0.1
+
+
+async def test_result_that_another_kept_after_the_look_up_is_not_kept_twice(
+    engine: QueryService, tmp_path: Path
+) -> None:
+    wanted = keyed("trajectory", [Question(tmp_path, number) for number in range(3)])
+    await engine.begin("trajectory", wanted[:2], lambda: None).kept
+    late = engine.begin("trajectory", wanted[1:], lambda: None)
+    await late.kept
+    answers = {key: future.result()[0].answer["number"] for key, future in late.own.items()}
+    assert answers == {case.key: number for number, case in enumerate(wanted) if number}
+    assert keys_of(segments(tmp_path / "data")) == {case.key: 1 for case in wanted}
