@@ -12,8 +12,8 @@ PYTEST := $(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder
 WARM_UP = echo "compiling the solver unless that was done, up to a minute ..." && $(BIN)/python -c "import solver; solver.warm_up()"
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo serve test test-system test-all check audit sbom format openapi docs bench accuracy stress cluster slider reproduce \
-	validate figures screenshots lock clean
+.PHONY: help setup demo serve test test-system test-all check audit sbom format openapi docs bench accuracy load call-path soak cluster \
+	slider reproduce validate figures screenshots lock clean
 
 help: ## list what can be made
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-11s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -79,20 +79,26 @@ openapi: setup ## write the contract, openapi/openapi.json
 docs: setup ## write the tables of docs/operating.md that the code says
 	$(BIN)/python docs/tables.py
 
-bench: setup ## measure the routes side by side, some minutes; ARGS="--quick" or ARGS="--full"
-	$(BIN)/python benchmarks/run.py $(ARGS)
+bench: setup ## measure the solver: routes, start, accuracy against time, two cores; ARGS="--quick"
+	@for script in routes startup work_precision scaling; do $(BIN)/python benchmarks/$$script.py $(ARGS) || exit; done
 
-accuracy: setup ## compare 200 random critical angles with converged ones, some minutes
+accuracy: setup ## compare random critical angles with converged ones, and with scans, some minutes
 	$(BIN)/python benchmarks/accuracy.py $(ARGS)
 
-stress: setup ## load and faults against real servers, ten minutes; ARGS="--quick" or ARGS="--full"
-	$(BIN)/python -m benchmarks.stress $(ARGS)
+load: setup ## measure what HTTP costs beside the bare solver, ten minutes; ARGS="--quick"
+	$(BIN)/python benchmarks/http_load.py $(ARGS)
 
-cluster: setup ## measure chunks on a Dask cluster beside the pool, some minutes; ARGS="--cases 2000"
-	$(BIN)/python -m benchmarks.cluster $(ARGS)
+call-path: setup ## count the files of service that a request touches
+	$(BIN)/python benchmarks/call_path.py $(ARGS)
+
+soak: setup ## load the service through kills and restarts, 20 minutes; ARGS="--minutes 2"
+	$(BIN)/python benchmarks/soak.py $(ARGS)
+
+cluster: setup ## compare a Dask cluster with the pool, two minutes; ARGS="--quick"
+	$(BIN)/python benchmarks/cluster.py $(ARGS)
 
 slider: setup ## measure a step of a slider in the page, in Chromium
-	$(BIN)/python -m benchmarks.page
+	$(BIN)/python benchmarks/slider.py $(ARGS)
 
 reproduce: setup ## compute the paper anew, into build/reproduce
 	@$(BIN)/ricochet reproduce $(ARGS)

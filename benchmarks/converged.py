@@ -18,7 +18,9 @@ OBLIQUE_ANGLE_DEG = 45.0
 DEPTH_TIMES = (5e-4, 1e-3, 2e-3, 3e-3)
 """When its depths are compared: whole multiples of the first, and before the projectile has stopped. [s]"""
 
-CONVERGED = Numerics(method="adaptive", relative_tolerance=LAST_TOLERANCE / 10.0, stations=24, points=8)
+CONVERGED = Numerics(method="adaptive", relative_tolerance=LAST_TOLERANCE / 30.0, stations=24, points=8)
+SCANNED = Numerics(method="adaptive", relative_tolerance=1e-6, stations=24, points=6)
+"""Of a trajectory whose outcome alone matters."""
 CONVERGED_SEARCH = Search(tolerance=math.radians(0.001))
 CONVERGED_PATH = Numerics(method="adaptive", relative_tolerance=TRAJECTORY_TOLERANCE / 10.0, stations=32, points=16)
 

@@ -1,7 +1,10 @@
-"""What the figures were measured on and with."""
+"""What the figures were measured on and with, and how they are printed."""
 
 import os
 import platform
+import statistics
+from collections.abc import Iterable, Sequence
+from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -10,7 +13,7 @@ from solver import ENGINE_VERSION
 
 
 def machine() -> dict[str, Any]:
-    """Processor, cores, memory and operating system, and how busy the machine was."""
+    """Processor, cores, memory, operating system and load of this machine."""
     return {
         "processor": _processor(),
         "cores": os.cpu_count(),
@@ -21,13 +24,45 @@ def machine() -> dict[str, Any]:
 
 
 def versions() -> dict[str, str]:
-    """Of Python, of the packages that decide the speed, and of the solver."""
+    """Versions of Python, of the packages that decide the speed, and of the solver."""
     packages = {name: version(name) for name in ("numpy", "numba", "llvmlite", "ricochet")}
     return {"python": platform.python_version()} | packages | {"engine": ENGINE_VERSION}
 
 
+def print_machine() -> None:
+    """Print date, machine and versions; called before anything is measured, so that the load is that of others."""
+    here = machine()
+    print(f"{datetime.now(UTC):%Y-%m-%d}, {here['processor']}, {here['cores']} cores, {here['memory_gb']} GB;")
+    print(f"{here['os']}; load average before {here['load_average_before']}.")
+    print(", ".join(f"{name} {number}" for name, number in versions().items()) + ".\n", flush=True)
+
+
+def print_table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
+    """Print a Markdown table."""
+    for row in (head, ["---"] * len(head), *rows):
+        print(f"| {' | '.join(map(str, row))} |")
+    print(flush=True)
+
+
+def spread(values: Sequence[float], unit: str = "") -> str:
+    """Median and, in brackets, extremes of repeated measurements."""
+    low, middle, high = (_digits(value) for value in (min(values), statistics.median(values), max(values)))
+    return f"{middle}{unit and f' {unit}'} ({low}-{high})"
+
+
+def time_spread(seconds: Sequence[float]) -> str:
+    """Median and extremes of times, in the unit that suits the median."""
+    median = statistics.median(seconds)
+    unit, scale = ("s", 1.0) if median >= 1.0 else ("ms", 1e3) if median >= 1e-3 else ("µs", 1e6)
+    return spread([scale * value for value in seconds], unit)
+
+
+def _digits(value: float) -> str:
+    return f"{value:,.0f}" if value >= 100.0 else f"{value:.3g}"
+
+
 def _processor() -> str:
-    """Name the processor gives itself; Linux alone tells it in a file."""
+    """Name of the processor; only Linux has it in a file."""
     listing = Path("/proc/cpuinfo")
     if listing.exists():
         for line in listing.read_text(encoding="utf-8").splitlines():

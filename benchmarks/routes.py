@@ -1,12 +1,21 @@
-"""The three ways side by side: the NumPy script, the same panels compiled, and the adaptive route.
+"""How much faster is the adaptive route than the paper's method in plain NumPy, and how far off is each?
 
-One repetition runs every contender once, in an order that turns, so that a slow spell of the machine meets them all.
+    python benchmarks/routes.py [--quick] [--repetitions 5]
+
+Contenders: `numpy_script.py` in its own process, the same panels compiled, and the adaptive route, for the critical
+angle of the paper's strike and for one trajectory at 45°. A repetition runs each of them once, in an order that
+rotates, so that a slow spell of the machine meets them all. Ratios are to the script in the same repetition. About a
+minute; `--quick` is one repetition.
 """
 
+import argparse
+import json
+import subprocess
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,133 +24,124 @@ from benchmarks.converged import (
     DEPTH_TIMES,
     OBLIQUE_ANGLE_DEG,
     References,
+    compute_references,
     degrees,
     paper_critical_angle,
     paper_trajectory,
     tip_depths,
 )
-from benchmarks.numpy_script import STEP as SCRIPT_STEP
-from benchmarks.startup import run_alone
-from benchmarks.timing import Timing, spread, summary, time_call
-from solver import CriticalAngle, Numerics, Search
+from benchmarks.machine import print_machine, print_table, spread, time_spread
+from benchmarks.numpy_script import STEP
+from benchmarks.timing import Timing, time_call
+from solver import CriticalAngle, Numerics, Search, warm_up
 from solver.search.critical_angle import PAPER_TERMINATION_TIME
 
 PAPER_PANELS = Numerics(method="panels", termination_time=PAPER_TERMINATION_TIME)
 """12,000 panels and steps of 0.01 ms, as the script has."""
+SCRIPT = Path(__file__).with_name("numpy_script.py")
 
 
 @dataclass(slots=True)
 class Contender:
-    """A call of the solver, and what was seen of it."""
+    """A call of the solver, its timings, and its last answer."""
 
     label: str
-    call: Callable[[], object]
+    call: Callable[[], Any]
     timings: list[Timing] = field(default_factory=list)
-    answer: object = None
-    """Of the last call."""
+    answer: Any = None
 
-    def repeat(self) -> None:
-        """Run and time it once more."""
-        self.timings.append(time_call(self._answer))
+    def run(self) -> None:
+        """Time one call."""
+        self.timings.append(time_call(self._call))
 
-    def _answer(self) -> None:
+    def _call(self) -> None:
         self.answer = self.call()
 
-    def result(self, yardstick: "Contender") -> dict[str, Any]:
-        """Times, and how many times faster it was than the yardstick in the same repetition."""
-        pairs = list(zip(yardstick.timings, self.timings, strict=True))
-        return {
-            "label": self.label,
-            **summary(self.timings),
-            "cpu_ratio": spread([slow.cpu / fast.cpu for slow, fast in pairs]),
-            "wall_ratio": spread([slow.wall / fast.wall for slow, fast in pairs]),
-        }
 
-
-@dataclass(slots=True)
 class Script(Contender):
-    """The NumPy script in a process of its own; `call` gives what it printed."""
+    """The NumPy script with an argument; it times itself."""
 
-    call: Callable[[], dict[str, Any]]
-    said: list[dict[str, Any]] = field(default_factory=list)
-
-    def repeat(self) -> None:
-        """Run it once more; it times itself."""
-        said = self.call()
-        self.said.append(said)
-        self.timings.append(Timing(said["cpu_s"], said["wall_s"]))
-
-    def result(self, yardstick: Contender) -> dict[str, Any]:
-        """Times, and the part of the CPU time that was the operating system's."""
-        result = super(Script, self).result(yardstick)
-        return result | {"system_s": spread([said["system_s"] for said in self.said])}
+    def run(self) -> None:
+        """Run it once; its answer is the JSON that it prints."""
+        done = subprocess.run([sys.executable, SCRIPT, *self.call()], capture_output=True, check=True)
+        self.answer = json.loads(done.stdout)
+        self.timings.append(Timing(self.answer["cpu_s"], self.answer["wall_s"]))
 
 
-def measure_routes(repetitions: int, references: References) -> dict[str, Any]:
-    """Times and errors of the critical angle and of one trajectory."""
-    script_angle = Script("NumPy script, secant to 1 %", partial(run_alone, "numpy_script.py"))
-    angles = {
-        "panels_secant": Contender(
-            "panels, same grid, secant to 1 %", partial(paper_critical_angle, search=Search(method="secant"))
-        ),
-        "adaptive_outcome": Contender("adaptive, outcome to 0.01°", paper_critical_angle),
-    }
-    script_path = Script("NumPy script", partial(run_alone, "numpy_script.py", f"{OBLIQUE_ANGLE_DEG:g}"))
-    paths = {
-        "panels": Contender(
-            "panels, same grid", partial(paper_trajectory, numerics=PAPER_PANELS, sample_interval=None)
-        ),
-        "adaptive": Contender("adaptive", partial(paper_trajectory, sample_interval=None)),
-        "adaptive_history": Contender("adaptive, with history", paper_trajectory),
-    }
-    order = [script_angle, *angles.values(), script_path, *paths.values()]
-    for repetition in range(repetitions):
-        print(f"routes: repetition {repetition + 1} of {repetitions}", file=sys.stderr)
-        for contender in order:
-            contender.repeat()
-        order = [*order[1:], order[0]]
-    return {
-        "angles": _angle_results(script_angle, angles, references),
-        "trajectories": _path_results(script_path, paths, references),
-    }
+def times(contender: Contender, script: Contender) -> list[str]:
+    """Columns of CPU time, wall time and CPU ratio."""
+    ratios = [slow.cpu / fast.cpu for slow, fast in zip(script.timings, contender.timings, strict=True)]
+    cpu, wall = ([getattr(timing, name) for timing in contender.timings] for name in Timing._fields)
+    return [contender.label, time_spread(cpu), time_spread(wall), spread(ratios)]
 
 
-def _angle_results(script: Script, contenders: dict[str, Contender], references: References) -> dict[str, Any]:
-    said = script.said[-1]
-    found = {"numpy_script": (said["angle_deg"], said["trajectories"])}
-    for name, contender in contenders.items():
+def print_angles(angles: list[Contender], references: References) -> None:
+    """Print times and errors of the critical angle; the secant searches are held to the angle that the paper seeks."""
+    rows = []
+    for contender in angles:
         answer = contender.answer
-        assert isinstance(answer, CriticalAngle)  # noqa: S101
-        found[name] = degrees(answer), len(answer.iterations)
-    results: dict[str, Any] = {}
-    for name, contender in {"numpy_script": script, **contenders}.items():
-        angle, trajectories = found[name]
-        own = references.by_outcome if name == "adaptive_outcome" else references.by_tip
-        results[name] = contender.result(script) | {
-            "angle_deg": angle,
-            "trajectories": trajectories,
-            "error_deg": abs(angle - references.by_outcome),
-            "error_of_own_criterion_deg": abs(angle - own),
-        }
-    return results
+        if isinstance(answer, CriticalAngle):
+            angle, trajectories = degrees(answer), len(answer.iterations)
+        else:
+            angle, trajectories = answer["angle_deg"], answer["trajectories"]
+        sought = references.by_outcome if contender is angles[-1] else references.by_tip
+        errors = (f"{abs(angle - reference):.3f}°" for reference in (references.by_outcome, sought))
+        rows.append([*times(contender, angles[0]), f"{angle:.3f}°", *errors, trajectories])
+    head = [
+        "critical angle",
+        "CPU time",
+        "wall time",
+        "CPU ratio",
+        "angle",
+        "error",
+        "of own criterion",
+        "trajectories",
+    ]
+    print_table(head, rows)
+    print(f"Converged, by outcome: {references.by_outcome:.4f}°; tip back at the face after 5 ms, the paper's ", end="")
+    print(f"criterion: {references.by_tip:.4f}°.")
+    print(f"CPU time of the script charged by the operating system: {angles[0].answer['system_s']:.2f} s.\n")
 
 
-def _path_results(script: Script, contenders: dict[str, Contender], references: References) -> dict[str, Any]:
-    steps = [round(time / SCRIPT_STEP) for time in DEPTH_TIMES]
+def print_trajectories(trajectories: list[Contender], references: References) -> None:
+    """Print times and errors of the depth of the nose tip."""
+    steps = [round(time / STEP) for time in DEPTH_TIMES]
     adaptive = tip_depths(Numerics())
-    depths = {
-        "numpy_script": np.array(script.said[-1]["tip_depth_m"])[steps],
-        "panels": tip_depths(PAPER_PANELS),
-        "adaptive": adaptive,
-        "adaptive_history": adaptive,
-    }
-    results: dict[str, Any] = {}
-    for name, contender in {"numpy_script": script, **contenders}.items():
-        errors = np.abs(depths[name] - references.tip_depths)
-        results[name] = contender.result(script) | {
-            "times_s": list(DEPTH_TIMES),
-            "tip_depth_m": depths[name].tolist(),
-            "error_m": errors.tolist(),
-            "greatest_error_m": float(errors.max()),
-        }
-    return results
+    depths = [np.array(trajectories[0].answer["tip_depth_m"])[steps], tip_depths(PAPER_PANELS), adaptive, adaptive]
+    rows = [
+        [*times(contender, trajectories[0]), f"{1e3 * np.abs(depth - references.tip_depths).max():.3f} mm"]
+        for contender, depth in zip(trajectories, depths, strict=True)
+    ]
+    print_table([f"trajectory at {OBLIQUE_ANGLE_DEG:g}°", "CPU time", "wall time", "CPU ratio", "greatest error"], rows)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description="Compare the routes with a NumPy script.")
+    parser.add_argument("--quick", action="store_true", help="one repetition")
+    parser.add_argument("--repetitions", type=int, default=5)
+    options = parser.parse_args()
+    print_machine()
+    warm_up()
+    angles = [
+        Script("NumPy script, secant to 1 %", list),
+        Contender("panels, same grid, secant to 1 %", partial(paper_critical_angle, search=Search(method="secant"))),
+        Contender("adaptive, outcome to 0.01°", paper_critical_angle),
+    ]
+    trajectories = [
+        Script("NumPy script", lambda: [f"{OBLIQUE_ANGLE_DEG:g}"]),
+        Contender("panels, same grid", partial(paper_trajectory, numerics=PAPER_PANELS, sample_interval=None)),
+        Contender("adaptive", partial(paper_trajectory, sample_interval=None)),
+        Contender("adaptive, with history", paper_trajectory),
+    ]
+    order = [*angles, *trajectories]
+    for _ in range(1 if options.quick else options.repetitions):
+        for contender in order:
+            contender.run()
+        order = [*order[1:], order[0]]
+    references = compute_references()
+    print_angles(angles, references)
+    print_trajectories(trajectories, references)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,80 +1,70 @@
-"""What a second core gives: two workers over one.
+"""What does a second core give: how many random strikes a second do two workers answer, against one?
 
-One, two and one worker go through the same strikes in turn, soon enough after one another that the machine's pace is
-much the same. What is lost has two causes, and controls tell them apart.
+    python benchmarks/scaling.py [--quick] [--cases 1000] [--turns 5]
 
-- Workers may wait: fewer than two cores were busy then. At the end of a batch one may be at a hard strike of a fifth of
-  a second, and the other has no more: there are so many strikes that this counts for little.
-- The same work may take more CPU time on two cores than on one. Threads of one process could be in each other's way;
-  processes that share nothing could not. Multiply-adds in the first-level cache share neither memory nor interpreter,
-  but need all of their core; a short loop in registers needs hardly any of it.
+One, two and one worker go through the same strikes, soon enough after one another that the machine's pace is much the
+same: threads of `critical_angle_many`, and processes. What is lost has two causes, which two controls tell apart.
+
+- Workers wait: fewer than two cores are busy. Near the end of a batch one may be at a hard strike of a fifth of a
+  second while the other has none left, which counts for little in many strikes.
+- The same work takes more CPU time on two cores than on one. Multiply-adds in the first-level cache share neither
+  memory nor interpreter, but need all of their core; a short loop in registers needs hardly any of it.
+
+About 25 s a turn for 1,000 cases; `--quick` is one turn of 20.
 """
 
-import sys
+import argparse
 import time
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor, wait
-from typing import Any
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor, wait
+from functools import partial
 
 import numpy as np
 from numba import njit
 
-from benchmarks.random_cases import random_cases
-from benchmarks.throughput import by_processes, by_threads, process_pool
-from benchmarks.timing import Timing, spread
+from benchmarks.batches import answer_or_error, answers_or_errors
+from benchmarks.machine import print_machine, print_table, spread, time_spread
+from benchmarks.random_cases import Case, Cases, one_by_one, random_cases
+from benchmarks.timing import Timing, process_pool
+from solver import warm_up
 
 SEED = 21
 PIECES = 100
 """Of the work in loops, handed out singly."""
 PIECE_SECONDS = 0.02
 
-
-def measure_scaling(*, strikes: int, turns: int) -> dict[str, Any]:
-    """For threads, processes and the two loops, spreads over the turns.
-
-    ``times_one``: wall time of one worker over that of two; ``cpu_ratio``: CPU time of two over that of one;
-    ``busy``: CPU time of two over their wall time, the cores that were kept busy.
-    """
-    cases = random_cases(strikes, SEED)
-    with process_pool(1) as one, process_pool(2) as two:
-        ways: dict[str, Callable[[int], float]] = {
-            "threads": lambda workers: by_threads(cases, threads=workers)[1],
-            "processes": lambda workers: by_processes(cases, pool=one if workers == 1 else two, workers=workers)[1],
-            "multiply_adds": _pieces(_multiply_adds),
-            "registers": _pieces(_in_registers),
-        }
-        seen: dict[str, list[tuple[Timing, Timing, Timing]]] = {name: [] for name in ways}
-        for turn in range(turns):
-            print(f"scaling: turn {turn + 1} of {turns}", file=sys.stderr)
-            for name, work in ways.items():
-                seen[name].append((_time(work, 1), _time(work, 2), _time(work, 1)))
-    found = {
-        name: {
-            "times_one": spread([0.5 * (before.wall + after.wall) / two.wall for before, two, after in rounds]),
-            "cpu_ratio": spread([two.cpu / (0.5 * (before.cpu + after.cpu)) for before, two, after in rounds]),
-            "busy": spread([two.cpu / two.wall for _, two, _ in rounds]),
-        }
-        for name, rounds in seen.items()
-    }
-    return {"strikes": strikes, **found}
+Work = Callable[[int], float]
+"""Takes the number of workers; returns the CPU time of other processes. [s]"""
 
 
-def _time(work: Callable[[int], float], workers: int) -> Timing:
-    """Of work that returns the CPU seconds of other processes."""
-    cpu, wall = time.process_time(), time.perf_counter()
-    elsewhere = work(workers)
-    return Timing(time.process_time() - cpu + elsewhere, time.perf_counter() - wall)
+def in_threads(cases: Cases, workers: int) -> float:
+    """Answer the cases in threads of the solver."""
+    answers_or_errors(cases, threads=workers)
+    return 0.0
 
 
-def _pieces(loop: Callable[[int], float]) -> Callable[[int], float]:
-    """Work in pieces of the same length, of a compiled loop with so many rounds."""
+def in_processes(cases: list[Case], pools: dict[int, ProcessPoolExecutor], workers: int) -> float:
+    """Answer the cases in processes, in pieces small enough to keep each of them busy."""
+    piece = max(1, min(16, len(cases) // (4 * workers)))
+    return sum(pools[workers].map(cpu_time_of, cases, chunksize=piece))
+
+
+def cpu_time_of(case: Case) -> float:
+    """CPU time of one case. [s]"""
+    begin = time.process_time()
+    answer_or_error(case)
+    return time.process_time() - begin
+
+
+def in_loops(loop: Callable[[int], float]) -> Work:
+    """Return work in pieces of `PIECE_SECONDS` of a compiled loop, in threads."""
     loop(1)
     begin = time.perf_counter()
     loop(1_000_000)
     rounds = round(1_000_000 * PIECE_SECONDS / (time.perf_counter() - begin))
 
-    def work(threads: int) -> float:
-        with ThreadPoolExecutor(threads) as pool:
+    def work(workers: int) -> float:
+        with ThreadPoolExecutor(workers) as pool:
             wait([pool.submit(loop, rounds) for _ in range(PIECES)])
         return 0.0
 
@@ -82,7 +72,8 @@ def _pieces(loop: Callable[[int], float]) -> Callable[[int], float]:
 
 
 @njit(nogil=True)
-def _in_registers(rounds: int) -> float:
+def registers(rounds: int) -> float:
+    """Loop over four numbers."""
     a, b, c, d = 1.0, 1.1, 1.2, 1.3
     for _ in range(rounds):
         a, b, c, d = 0.9 * a + 0.1, 0.8 * b + 0.2, 0.7 * c + 0.3, 0.6 * d + 0.4
@@ -90,9 +81,54 @@ def _in_registers(rounds: int) -> float:
 
 
 @njit(nogil=True, fastmath=True)
-def _multiply_adds(rounds: int) -> float:
+def multiply_adds(rounds: int) -> float:
+    """Loop over 4 kB."""
     numbers = np.ones(512)
     for _ in range(rounds):
         for i in range(numbers.size):
             numbers[i] = 0.999 * numbers[i] + 0.001
     return float(numbers[0])
+
+
+def measure(work: Work, workers: int) -> Timing:
+    """CPU time of all processes and wall time."""
+    cpu, wall = time.process_time(), time.perf_counter()
+    elsewhere = work(workers)
+    return Timing(time.process_time() - cpu + elsewhere, time.perf_counter() - wall)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description="Measure two workers against one.")
+    parser.add_argument("--quick", action="store_true", help="one turn of 20 cases")
+    parser.add_argument("--cases", type=int, default=1_000)
+    parser.add_argument("--turns", type=int, default=5)
+    options = parser.parse_args()
+    count, turns = (20, 1) if options.quick else (options.cases, options.turns)
+    print_machine()
+    warm_up()
+    cases = random_cases(count, SEED)
+    with process_pool(1) as one, process_pool(2) as two:
+        works: dict[str, Work] = {
+            "threads": partial(in_threads, cases),
+            "processes": partial(in_processes, list(one_by_one(cases)), {1: one, 2: two}),
+            "multiply-adds in the first-level cache": in_loops(multiply_adds),
+            "a short loop in registers": in_loops(registers),
+        }
+        seen = {
+            name: [(measure(work, 1), measure(work, 2), measure(work, 1)) for _ in range(turns)]
+            for name, work in works.items()
+        }
+    rows = []
+    for name, rounds in seen.items():
+        gain = [0.5 * (before.wall + after.wall) / both.wall for before, both, after in rounds]
+        cost = [both.cpu / (0.5 * (before.cpu + after.cpu)) for before, both, after in rounds]
+        busy = [both.cpu / both.wall for _, both, _ in rounds]
+        units = count if name in {"threads", "processes"} else PIECES
+        walls = [time_spread([round_[index].wall / units for round_ in rounds]) for index in (0, 1)]
+        rows.append([name, *walls, spread(gain), spread(cost), spread(busy)])
+    head = [f"{count:,} random strikes, or {PIECES} pieces", "a piece, one worker", "two workers"]
+    print_table([*head, "times as fast", "CPU time of two over one", "cores busy"], rows)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,39 +1,69 @@
-"""What a fresh process needs: time to its first answer, time to compile, memory."""
+"""What does a fresh process need until its first critical angle: time, time to compile, memory?
 
+    python benchmarks/startup.py [--quick] [--repetitions 5]
+
+Each repetition starts a process with the compiled code on disk. Without `--quick` one more starts with an empty cache
+and compiles everything, about 70 s.
+"""
+
+import argparse
 import json
 import os
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Mapping
-from pathlib import Path
-from typing import Any
 
-from benchmarks.timing import spread
+from benchmarks.machine import print_machine, print_table, spread, time_spread
+from solver import warm_up
 
-HERE = Path(__file__).parent
-
-
-def run_alone(script: str, *arguments: str, environment: Mapping[str, str] | None = None) -> dict[str, Any]:
-    """What a script of this folder prints as JSON, run in a process of its own."""
-    command = [sys.executable, str(HERE / script), *arguments]
-    done = subprocess.run(command, env=environment, capture_output=True, check=True)
-    answer: dict[str, Any] = json.loads(done.stdout)
-    return answer
-
-
-def measure_startup(repetitions: int, *, compiling: bool) -> dict[str, Any]:
-    """Start processes with the compiled code on disk and, if asked, one that must compile it first."""
-    starts = [_start() for _ in range(repetitions)]
-    found: dict[str, Any] = {name: spread([start[name] for start in starts]) for name in starts[0]}
-    if compiling:
-        with tempfile.TemporaryDirectory() as folder:
-            found["compiling_s"] = _start(os.environ | {"NUMBA_CACHE_DIR": folder})["process_s"]
-    return found
+FIRST_ANSWER = """
+import time
+begin = time.perf_counter()
+import json, os, resource, sys
+from solver import critical_angle
+from solver.cases import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY
+imported = time.perf_counter()
+critical_angle(projectile=PAPER_PROJECTILE, target=PAPER_TARGET, velocity=PAPER_VELOCITY)
+answered = time.perf_counter()
+try:
+    with open("/proc/self/statm") as file:
+        memory = int(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+except OSError:  # its peak, in bytes on a Mac
+    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
+print(json.dumps({"import": imported - begin, "answer": answered - imported, "memory": memory}))
+"""
 
 
-def _start(environment: Mapping[str, str] | None = None) -> dict[str, Any]:
+def start(**environment: str) -> dict[str, float]:
+    """Start a process, and return its times and, of the whole process, the wall time. [s, bytes]"""
     begin = time.perf_counter()
-    answer = run_alone("first_answer.py", environment=environment)
-    return answer | {"process_s": time.perf_counter() - begin}
+    command = [sys.executable, "-c", FIRST_ANSWER]
+    done = subprocess.run(command, env=os.environ | environment, capture_output=True, check=True)
+    times: dict[str, float] = json.loads(done.stdout)
+    return times | {"process": time.perf_counter() - begin}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description="Measure fresh processes.")
+    parser.add_argument("--quick", action="store_true", help="one repetition, and no compilation")
+    parser.add_argument("--repetitions", type=int, default=5)
+    options = parser.parse_args()
+    print_machine()
+    warm_up()
+    starts = [start() for _ in range(1 if options.quick else options.repetitions)]
+    rows = [
+        ["import of the solver", time_spread([each["import"] for each in starts])],
+        ["first critical angle", time_spread([each["answer"] for each in starts])],
+        ["whole process, interpreter included", time_spread([each["process"] for each in starts])],
+        ["resident memory after it", spread([each["memory"] / 1e6 for each in starts], "MB")],
+    ]
+    if not options.quick:
+        with tempfile.TemporaryDirectory() as folder:
+            compiling = start(NUMBA_CACHE_DIR=folder)["process"]
+        rows.append(["whole process when everything is compiled first", f"{compiling:.1f} s"])
+    print_table(["a fresh process", "median (lowest-highest)"], rows)
+
+
+if __name__ == "__main__":
+    main()

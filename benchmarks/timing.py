@@ -1,18 +1,20 @@
-"""CPU and wall time of calls, and what to say about many of them."""
+"""CPU and wall time of a call, and pools of processes that are ready to work."""
 
-import statistics
+import multiprocessing
+import os
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
+from typing import NamedTuple
+
+from solver import warm_up
 
 
-@dataclass(frozen=True, slots=True)
-class Timing:
-    """Of one call. [s]"""
+class Timing(NamedTuple):
+    """CPU time of all threads of the process that did the work, and wall time. [s]"""
 
     cpu: float
-    """Of every thread of the process that did the work."""
     wall: float
 
 
@@ -28,14 +30,16 @@ def time_call(call: Callable[[], object], *, at_least: float = 0.05) -> Timing:
             return Timing((time.process_time() - cpu) / calls, elapsed / calls)
 
 
-def spread(values: Sequence[float]) -> dict[str, Any]:
-    """Median, extremes and number of repeated measurements."""
-    return {"median": statistics.median(values), "lowest": min(values), "highest": max(values), "count": len(values)}
+@contextmanager
+def process_pool(workers: int) -> Iterator[ProcessPoolExecutor]:
+    """A pool whose processes have all started and loaded the compiled code."""
+    with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn"), initializer=warm_up) as pool:
+        seen: set[int] = set()
+        while len(seen) < workers:
+            seen |= set(pool.map(_process_id, range(2 * workers)))
+        yield pool
 
 
-def summary(timings: Sequence[Timing]) -> dict[str, Any]:
-    """Spread of the CPU and of the wall time of one call. [s]"""
-    return {
-        "cpu_s": spread([timing.cpu for timing in timings]),
-        "wall_s": spread([timing.wall for timing in timings]),
-    }
+def _process_id(_: int) -> int:
+    time.sleep(0.05)  # long enough for the other processes to take a share
+    return os.getpid()

@@ -8,7 +8,7 @@ from typing import Literal
 
 from playwright.sync_api import Browser, Page, expect
 
-from benchmarks.stress.servers import service
+from benchmarks.servers import service
 from tests.browser.chromium import executable, running_chromium
 
 ROOT = Path(__file__).parents[2]
@@ -72,7 +72,7 @@ def main() -> None:
     with service() as server, running_chromium() as browser:
         for width in SIZES:
             for theme in THEMES:
-                take(browser, f"http://127.0.0.1:{server.port}", width, theme)
+                take(browser, server.url, width, theme)
 
 
 if __name__ == "__main__":

@@ -29,7 +29,7 @@ def test_critical_angle_is_reopened_from_its_address(new_page: NewPage) -> None:
     other = new_page()
     other.goto(page.url)
     expect(other.locator("strong.angle").first).to_have_text(angle.inner_text())
-    assert angle.inner_text() != "48.55°"
+    assert angle.inner_text() != "48.63°"
 
 
 def test_map_is_reopened_from_its_address_without_being_run(new_page: NewPage) -> None:

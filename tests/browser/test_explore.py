@@ -21,7 +21,7 @@ NOSE_FIELDS = {
     "profile": "Points x, r",
     "flat": None,
 }
-PAPER_ANGLE_DEG, TOLERANCE_DEG = 48.57, 0.02
+PAPER_ANGLE_DEG, TOLERANCE_DEG = 48.63, 0.02
 
 
 def open_explore(page: Page, query: str = "") -> None:

@@ -48,7 +48,7 @@ def test_map_is_run_read_and_opened_by_keys_alone(page: Page) -> None:
     page.keyboard.type("238")
     tab_to(page, cell.get_by_label("Mass"))
     page.keyboard.type("13 ")
-    expect(cell.get_by_role("status")).to_contain_text("turned away from 48.5")
+    expect(cell.get_by_role("status")).to_contain_text("turned away from 48.6")
     tab_to(page, cell.get_by_role("link", name="Open in Critical angle"))
     page.keyboard.press("Enter")
     expect(page).to_have_url(re.compile("#/critical-angle"))

@@ -55,7 +55,7 @@ def test_service_starts_on_an_empty_volume(tmp_path: Path, monkeypatch: pytest.M
 def test_service_takes_keys_if_it_is_told_to(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert "RICOCHET_ACCESS=keys docker compose up" in TEXT
     settings = settings_of(services(RICOCHET_ACCESS="keys")["service"], monkeypatch, tmp_path)
-    with pytest.raises(CommandError, match="requires an API key"):
+    with pytest.raises(CommandError):
         check_access(settings, KeyRing(tmp_path, print))
 
 

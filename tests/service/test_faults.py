@@ -1,65 +1,16 @@
-"""Short forms of `benchmarks.stress.faults`: real servers that are killed, filled up and cancelled, over HTTP.
-
-And what was found with them, one by one.
-"""
+"""Faults of jobs that were found with `tests/faults`, one by one."""
 
 import asyncio
-import math
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from benchmarks.stress.faults_cancel import cancel_jobs
-from benchmarks.stress.faults_crashes import kill_servers, kill_workers
-from benchmarks.stress.faults_disk import fill_disks
-from benchmarks.stress.faults_found import Found
-from benchmarks.stress.faults_losses import lose_files
 from service.errors import StorageError
 from service.jobs.models import JobState
 from service.workers.process_pool import ProcessPool
 from tests.service.squares import accepted, all_results, cases, ended, running, squares, until_done
 
 pytestmark = pytest.mark.system
-needs_proc = pytest.mark.skipif(not Path("/proc/self/environ").exists(), reason="finds processes in /proc")
-LONG = pytest.param(50, marks=[pytest.mark.slow, pytest.mark.timeout(1200)])
-Hurt = Callable[[Path, int, float], Found]
-
-
-def hurt(fault: Hurt, folder: Path, rounds: int) -> None:
-    found = fault(folder, rounds, math.inf)
-    assert not found.faults
-    assert found.rounds >= rounds
-
-
-@needs_proc
-@pytest.mark.parametrize("rounds", [1, LONG])
-def test_server_killed_in_a_batch_answers_every_case_once_after_its_restart(rounds: int, tmp_path: Path) -> None:
-    hurt(kill_servers, tmp_path, rounds)
-
-
-@needs_proc
-@pytest.mark.parametrize("rounds", [1, LONG])
-def test_workers_killed_in_a_batch_cost_no_case(rounds: int, tmp_path: Path) -> None:
-    hurt(kill_workers, tmp_path, rounds)
-
-
-@needs_proc
-@pytest.mark.parametrize("rounds", [1, LONG])
-def test_full_disk_costs_no_answer_and_leaves_nothing(rounds: int, tmp_path: Path) -> None:
-    hurt(fill_disks, tmp_path, rounds)
-
-
-@needs_proc
-@pytest.mark.parametrize("rounds", [1, LONG])
-def test_jobs_end_within_a_second_whatever_they_are_on(rounds: int, tmp_path: Path) -> None:
-    hurt(cancel_jobs, tmp_path, rounds)
-
-
-@needs_proc
-@pytest.mark.parametrize("rounds", [2, LONG])
-def test_lost_files_cost_exactly_what_was_in_them(rounds: int, tmp_path: Path) -> None:
-    hurt(lose_files, tmp_path, rounds)
 
 
 async def half_done(folder: Path, pool: ProcessPool) -> JobState:

@@ -11,7 +11,6 @@ import numpy as np
 import orjson
 import pytest
 
-from benchmarks.stress.faults_folder import keys_of, segments
 from service.cache.cache import NOT_CACHED, ResultCache
 from service.cache_key import KeyedRequest
 from service.errors import ComputationCancelled, QueriesWaitingError, WorkerCrashedError
@@ -20,6 +19,7 @@ from service.queries import QueryService
 from service.schemas.quantities import Part
 from service.workers.base import Executor
 from service.workers.process_pool import ProcessPool
+from tests.faults.data_folder import keys_of, segments
 
 pytestmark = [pytest.mark.anyio, pytest.mark.timeout(60)]
 

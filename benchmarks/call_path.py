@@ -1,0 +1,178 @@
+"""How many files of `service` does a request touch in the server process, and does that process use the solver?
+
+    python benchmarks/call_path.py [--paths]
+
+Counts the files in which a function is called, by `sys.setprofile` on every thread of the server and its event loop,
+for a `POST /cra` that is not cached and for a job of three cases, from its submission to its results. Every request is
+made once before with other numbers, so nothing is imported or set up meanwhile, and then three times, of which the one
+with the fewest files counts: what the server does now and then is in the others. The path is printed file by file: each
+line a file, in the order of its first call, with how often control came to it from another file. `--paths` prints
+every switch. Files of `solver` are counted too: a server that leaves its objects to the workers calls none. Workers are
+other processes and are not counted. A few seconds.
+"""
+
+import argparse
+import json
+import os
+import signal
+import sys
+import tempfile
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from http.client import HTTPConnection
+from importlib.metadata import entry_points
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+from benchmarks.machine import print_machine, print_table
+from benchmarks.servers import START_SECONDS, free_port
+from solver.cases import PAPER_PROJECTILE, PAPER_TARGET
+
+ROOT = Path(__file__).parents[1]
+PACKAGES = (f"{ROOT}/service/", f"{ROOT}/solver/")
+JSONL = "application/jsonl"
+
+
+class Recorder:
+    """Records the files of both packages in which functions are called, while it is switched on."""
+
+    def __init__(self) -> None:
+        self.files: list[str] = []
+        self._on = False
+
+    def profile(self, frame: FrameType, event: str, _: object) -> None:
+        """Record a call, as a function of `sys.setprofile`; the regular tick of the server is left out."""
+        code = frame.f_code
+        if not self._on or event != "call" or code.co_name == "on_tick":
+            return
+        if code.co_filename.startswith(PACKAGES) and self.files[-1:] != [code.co_filename]:
+            self.files.append(code.co_filename)
+
+    @contextmanager
+    def recording(self) -> Iterator[None]:
+        """Record during the block, and forget what was recorded before."""
+        self.files.clear()
+        self._on = True
+        yield
+        self._on = False
+
+
+def case(number: int) -> dict[str, Any]:
+    """A case of its own number."""
+    return {
+        "projectile": {
+            "nose": {"shape": "ogive", "caliber_radius_head": 3.0},
+            "diameter_m": PAPER_PROJECTILE.diameter,
+            "length_m": PAPER_PROJECTILE.length,
+            "mass_kg": PAPER_PROJECTILE.mass,
+        },
+        "target": {
+            "compressive_strength_pa": PAPER_TARGET.compressive_strength,
+            "density_kg_m3": PAPER_TARGET.density,
+        },
+        "impact": {"velocity_m_s": 230.0 + number},
+    }
+
+
+def send(port: int, method: str, path: str, body: bytes = b"", **headers: str) -> bytes:
+    """Send a request; return the body of its answer."""
+    connection = HTTPConnection("127.0.0.1", port, timeout=60.0)
+    connection.request(method, path, body or None, {name.replace("_", "-"): value for name, value in headers.items()})
+    answer = connection.getresponse()
+    content = answer.read()
+    connection.close()
+    if answer.status >= 400:
+        raise RuntimeError(f"{method} {path} answered {answer.status}: {content!r}")
+    return content
+
+
+def query(port: int, number: int) -> None:
+    """Post a critical angle."""
+    send(port, "POST", "/cra", json.dumps(case(number)).encode(), Content_Type="application/json")
+
+
+def job(port: int, number: int) -> None:
+    """Submit a job of three cases, wait for its end without requests, and read its results."""
+    lines = b"\n".join(json.dumps(case(number + index)).encode() for index in range(3))
+    answer = send(port, "POST", "/cra/batch", lines, Content_Type=JSONL, Prefer="respond-async")
+    links = json.loads(answer)["links"]
+    time.sleep(1.0)
+    state = json.loads(send(port, "GET", links["self"]))
+    if state["status"] != "successful":
+        raise RuntimeError(f"the job is {state['status']}")
+    send(port, "GET", links["results"], Accept=JSONL)
+
+
+REQUESTS: dict[str, Callable[[int, int], None]] = {"cold POST /cra": query, "job of three cases": job}
+
+
+def measure(port: int, recorder: Recorder, found: dict[str, list[str]]) -> None:
+    """Wait for the server in this process, record each request, and end the server."""
+    try:
+        deadline = time.monotonic() + START_SECONDS
+        while True:
+            try:
+                send(port, "GET", "/readyz")
+                break
+            except (OSError, RuntimeError):
+                if time.monotonic() > deadline:
+                    raise
+                time.sleep(0.1)
+        for number, (name, request) in enumerate(REQUESTS.items(), 1):
+            request(port, 100 * number)
+            paths = []
+            for repetition in range(1, 4):
+                with recorder.recording():
+                    request(port, 100 * number + 10 * repetition)
+                paths.append([str(Path(file).relative_to(ROOT)) for file in recorder.files])
+            found[name] = min(paths, key=lambda path: len(set(path)))
+    finally:
+        os.kill(os.getpid(), signal.SIGTERM)
+
+
+def serve(recorder: Recorder) -> None:
+    """Run `ricochet serve` in this thread, profiled with every thread that it starts."""
+    [command] = entry_points(group="console_scripts", name="ricochet")
+    main = command.load()
+    threading.setprofile(recorder.profile)
+    sys.setprofile(recorder.profile)
+    try:
+        main(["serve"])
+    except SystemExit:
+        pass
+    finally:
+        sys.setprofile(None)
+        threading.setprofile(None)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description="Count the files that a request touches.")
+    parser.add_argument("--paths", action="store_true", help="print every switch from file to file")
+    options = parser.parse_args()
+    print_machine()
+    recorder, found, port = Recorder(), dict[str, list[str]](), free_port()
+    with tempfile.TemporaryDirectory() as folder:
+        settings = {"HOST": "127.0.0.1", "PORT": str(port), "DATA_DIR": folder, "WORKERS": "2", "LOG_LEVEL": "error"}
+        os.environ |= {f"RICOCHET_{name}": value for name, value in settings.items()}
+        client = threading.Thread(target=measure, args=(port, recorder, found))  # before profiling: not profiled
+        client.start()
+        serve(recorder)
+        client.join()
+    for name, path in found.items():
+        print(f"{name}:")
+        for file in path if options.paths else ():
+            print(f"    {file}")
+        print_table(["file", "entered"], Counter(path).items())
+    rows = []
+    for name, path in found.items():
+        of_service = {file for file in path if file.startswith("service/")}
+        rows.append([name, len(of_service), len(path) - 1, len(set(path) - of_service)])
+    print_table(["request", "files of service", "switches between files", "files of solver"], rows)
+
+
+if __name__ == "__main__":
+    main()

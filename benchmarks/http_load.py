@@ -1,0 +1,178 @@
+"""What does HTTP cost beside the bare solver?
+
+    python benchmarks/http_load.py [--cases 20000 2000] [--quick]
+
+1. Of the throughput of a bare process pool, how much does a batch of JSON lines keep? The pool is `solver` on as many
+   processes as the service has workers. It solves the same cases before and after the batch.
+2. How long does a case of the same batch take from the cache?
+3. How many requests a second does a known `/cra` get, against an empty FastAPI route under uvicorn?
+4. How slow is `/livez` at worst during the batches? A process polls it every 20 ms from beginning to end, so that bare
+   pool and batch share the cores with it alike.
+
+Client, service and workers share this machine. The cases are those of a study of one projectile: cheaper than random
+ones, so the share of the service counts for more. Ends in 1 if the angles of pool, batch and cache differ. About ten
+minutes; `--quick` takes 200 cases.
+"""
+
+import argparse
+import json
+import math
+import multiprocessing
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
+from http.client import HTTPConnection
+from multiprocessing.connection import Connection
+from pathlib import Path
+from statistics import mean, median
+
+from fastapi import FastAPI
+
+from benchmarks.batches import answer_or_error
+from benchmarks.clients import raw_request, requests_per_second, run_batch, to_request
+from benchmarks.machine import print_machine, print_table
+from benchmarks.random_cases import Case, one_by_one, study_cases
+from benchmarks.servers import Server, free_port, service
+from benchmarks.timing import process_pool
+from solver import RicochetError, warm_up
+
+WORKERS = 2
+CHUNK = 25
+"""Cases handed to a process of the bare pool at once."""
+CACHED_RUNS = 3
+POLL_SECONDS = 0.02
+RATE_SECONDS, QUICK_RATE_SECONDS, RATE_ROUNDS = 2.0, 0.3, 3
+
+
+def empty_app() -> FastAPI:
+    """The least that FastAPI does for a request."""
+    app = FastAPI(openapi_url=None)
+
+    @app.get("/empty")
+    async def empty() -> None:
+        return None
+
+    return app
+
+
+@contextmanager
+def empty_service() -> Iterator[Server]:
+    """The empty route, under uvicorn."""
+    port = free_port()
+    command = [sys.executable, "-m", "uvicorn", "--factory", "benchmarks.http_load:empty_app", "--port", str(port)]
+    with tempfile.TemporaryDirectory() as folder:
+        server = Server([*command, "--no-access-log"], port, Path(folder) / "log", {}, "/empty")
+        try:
+            server.start()
+            yield server
+        finally:
+            server.stop()
+
+
+def solve_bare(pool: ProcessPoolExecutor, cases: list[Case]) -> tuple[list[float | None], float]:
+    """Critical angles [°], None where there is none, and the wall time. [s]"""
+    begin = time.perf_counter()
+    answers = list(pool.map(answer_or_error, cases, chunksize=CHUNK))
+    seconds = time.perf_counter() - begin
+    angles = [None if isinstance(answer, RicochetError) else answer.angle for answer in answers]
+    return [None if angle is None else math.degrees(angle) for angle in angles], seconds
+
+
+def count_different(angles: list[float | None], results: list[bytes]) -> int:
+    """How many results of a batch have another critical angle, beyond the last digit of the conversion to degrees."""
+    found = [json.loads(line).get("result", {}).get("critical_angle_deg") for line in results]
+    return sum(not math.isclose(a or 0.0, b or 0.0, rel_tol=1e-15) for a, b in zip(angles, found, strict=True))
+
+
+def measure_batch(server: Server, pool: ProcessPoolExecutor, count: int, seed: int) -> tuple[list[str], int]:
+    """Run a batch of new cases beside the bare pool, and again from the cache; return a row and how many differ."""
+    cases = list(one_by_one(study_cases(count, seed)))
+    requests = [to_request(case) for case in cases]
+    angles, before = solve_bare(pool, cases)
+    batch = run_batch(server, "/cra/batch", requests)
+    _, after = solve_bare(pool, cases)
+    cached = [run_batch(server, "/cra/batch", requests) for _ in range(CACHED_RUNS)]
+    different = count_different(angles, batch.results)
+    different += sum(again.results != batch.results for again in cached)
+    bare, again = mean([before, after]), median([run.seconds for run in cached])
+    row = [f"{count:,}", f"{count / bare:.0f}/s", f"{count / batch.seconds:.0f}/s", f"{bare / batch.seconds:.1%}"]
+    row += [f"{1e3 * again / count:.3f} ms", str(batch.job["counts"]["failed"]), str(different)]
+    return row, different
+
+
+def measure_rates(server: Server, seconds: float) -> list[list[str]]:
+    """Rates of a known `/cra` and of an empty route, in turn; medians."""
+    [paper] = [to_request(case) for case in one_by_one(study_cases(1, 0))]
+    known = raw_request("POST", "/cra", json.dumps(paper).encode())
+    rows = []
+    with empty_service() as empty:
+        for connections in (1, 8):
+            rates: dict[int, list[float]] = {server.port: [], empty.port: []}
+            for _ in range(RATE_ROUNDS + 1):  # the first is not counted
+                for port, request in ((server.port, known), (empty.port, raw_request("GET", "/empty"))):
+                    rate = requests_per_second(port, request, connections=connections, seconds=seconds)
+                    rates[port].append(rate)
+            hot, bare = median(rates[server.port][1:]), median(rates[empty.port][1:])
+            rows.append([str(connections), f"{hot:,.0f}/s", f"{bare:,.0f}/s", f"{hot / bare:.0%}"])
+    return rows
+
+
+def poll(port: int, pipe: Connection) -> None:
+    """Request `/livez` every `POLL_SECONDS`; whenever the pipe asks, send the times since then. [s]"""
+    connection, times = HTTPConnection("127.0.0.1", port, timeout=60.0), list[float]()
+    while True:
+        begin = time.perf_counter()
+        connection.request("GET", "/livez")
+        connection.getresponse().read()
+        times.append(time.perf_counter() - begin)
+        if pipe.poll(POLL_SECONDS):
+            if not pipe.recv():
+                return
+            pipe.send(times)
+            times = []
+
+
+@contextmanager
+def polled(server: Server) -> Iterator[Connection]:
+    """Poll `/livez` in another process during the block."""
+    here, there = multiprocessing.Pipe()
+    process = multiprocessing.get_context("spawn").Process(target=poll, args=(server.port, there))
+    process.start()
+    try:
+        yield here
+    finally:
+        here.send(False)
+        process.join()
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description="Measure what HTTP costs beside the bare solver.")
+    parser.add_argument("--cases", type=int, nargs="+", default=[20_000, 2_000], help="sizes of the batches")
+    parser.add_argument("--quick", action="store_true", help="a batch of 200")
+    options = parser.parse_args()
+    print_machine()
+    warm_up()
+    rows, total = list[list[str]](), 0
+    with process_pool(WORKERS) as pool, service(workers=str(WORKERS)) as server:
+        with polled(server) as poller:
+            measure_batch(server, pool, 10 * CHUNK, 1)  # fills caches and starts what is started at first use
+            for number, count in enumerate([200] if options.quick else options.cases, 2):
+                poller.send(True)
+                poller.recv()
+                row, different = measure_batch(server, pool, count, number)
+                poller.send(True)
+                times = poller.recv()
+                rows.append([*row, f"{1e3 * max(times):.0f} ms of {len(times):,}"])
+                total += different
+        rates = measure_rates(server, QUICK_RATE_SECONDS if options.quick else RATE_SECONDS)
+    head = ["cases", "bare pool", "over HTTP", "share", "cached, a case", "failed", "different", "slowest /livez"]
+    print_table(head, rows)
+    print_table(["connections", "known /cra", "empty route", "share"], rates)
+    return 1 if total else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

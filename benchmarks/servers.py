@@ -1,0 +1,112 @@
+"""The service under measurement: `ricochet serve` on a free port of the loopback interface, with its data folder."""
+
+import os
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from http.client import HTTPConnection
+from pathlib import Path
+
+RICOCHET = Path(sys.executable).with_name("ricochet")
+START_SECONDS = 180.0
+"""The first start on a machine compiles the solver."""
+STOP_SECONDS = 20.0
+
+
+def free_port() -> int:
+    """A port that nothing listens on."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port: int = probe.getsockname()[1]
+    return port
+
+
+class Server:
+    """A process that serves HTTP on the loopback interface; started, killed and started again as often as needed.
+
+    Parameters
+    ----------
+    command
+        Its program and arguments.
+    port
+        Where it listens.
+    log
+        File of its output.
+    environment
+        Variables beside those of this process.
+    ready
+        Path that is answered with 200 once it is ready.
+    """
+
+    def __init__(
+        self, command: Sequence[str | Path], port: int, log: Path, environment: dict[str, str], ready: str
+    ) -> None:
+        self.port = port
+        self.log = log
+        self.url = f"http://127.0.0.1:{port}"
+        self._command, self._ready = command, ready
+        self._environment = os.environ | environment
+        self._process: subprocess.Popen[bytes] | None = None
+
+    @property
+    def pid(self) -> int:
+        """Process id."""
+        if self._process is None:
+            raise RuntimeError("the server is not started")
+        return self._process.pid
+
+    def start(self) -> None:
+        """Start it and wait until it is ready.
+
+        Raises
+        ------
+        RuntimeError
+            If it ends, or is not ready in time.
+        """
+        with self.log.open("ab") as log:
+            self._process = subprocess.Popen(self._command, env=self._environment, stdout=log, stderr=subprocess.STDOUT)
+        deadline = time.monotonic() + START_SECONDS
+        while self._process.poll() is None and time.monotonic() < deadline:
+            with suppress(OSError):
+                connection = HTTPConnection("127.0.0.1", self.port, timeout=START_SECONDS)
+                connection.request("GET", self._ready)
+                if connection.getresponse().status == 200:
+                    return
+            time.sleep(0.1)
+        raise RuntimeError(f"the server is not ready: {self.log.read_text(errors='replace')[-2000:]}")
+
+    def kill(self) -> None:
+        """End it by SIGKILL."""
+        if self._process is not None:
+            self._process.kill()
+            self._process.wait()
+
+    def stop(self) -> int:
+        """End it by SIGTERM; return its exit status."""
+        if self._process is None:
+            return 0
+        self._process.terminate()
+        return self._process.wait(STOP_SECONDS)
+
+
+@contextmanager
+def service(folder: Path | None = None, **settings: str) -> Iterator[Server]:
+    """The service with two workers and an empty data folder, or `folder`/data.
+
+    `settings` are RICOCHET_... variables in lower case, without the prefix.
+    """
+    with tempfile.TemporaryDirectory() as temporary:
+        folder, port = folder or Path(temporary), free_port()
+        names = {"host": "127.0.0.1", "port": str(port), "data_dir": str(folder / "data"), "workers": "2"}
+        names |= {"log_level": "warning"} | settings
+        environment = {f"RICOCHET_{name.upper()}": value for name, value in names.items()}
+        server = Server([RICOCHET, "serve"], port, folder / "log", environment, "/readyz")
+        try:
+            server.start()
+            yield server
+        finally:
+            server.stop()

@@ -1,0 +1,272 @@
+"""Attacks on a service that requires keys, and what another owner notices of each.
+
+An attacker sends a few hundred requests a second, or holds as many connections as it can: enough to disturb, not enough
+to use up the cores that it shares with the service.
+"""
+
+import json
+import socket
+import threading
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from dataclasses import dataclass, field
+from http.client import HTTPConnection
+from itertools import count
+from statistics import quantiles
+from urllib.parse import urlsplit
+
+from service.schemas.examples import PAPER, PAPER_AT_45
+
+BODY = json.dumps(PAPER).encode()
+PAUSE = 0.005
+"""Between two requests of an attacker, or of the other owner. [s]"""
+DRIP_SECONDS = 0.5
+HELD = 200
+"""Connections that an attacker opens."""
+FEWEST = 20
+"""Queries behind a percentile."""
+CASES = 5_000
+"""Of the job whose events an attacker follows."""
+REFUSED = frozenset({0, 400, 401, 403, 404, 405, 408, 413, 415, 421, 429, 431, 503})
+"""Statuses of requests that did not get in; 0 if the connection was closed."""
+UNKNOWN_TOKEN = "ricochet_00000000_" + "a" * 43
+JSON = b"Content-Type: application/json"
+
+fresh = count(1)
+"""Makes cases differ."""
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """Address of the service."""
+
+    port: int
+
+    @staticmethod
+    def of(url: str) -> "Target":
+        """The service at this URL."""
+        return Target(urlsplit(url).port or 80)
+
+    def connect(self, seconds: float = 20.0) -> socket.socket:
+        """Open a connection."""
+        return socket.create_connection(("127.0.0.1", self.port), timeout=seconds)
+
+    def send(self, line: bytes, *headers: bytes, body: bytes = b"") -> tuple[int, bytes]:
+        """Send a request exactly as given; return the status, 0 if there is none, and the raw answer."""
+        head = [line, *([] if any(h.startswith(b"Host") for h in headers) else [b"Host: localhost"]), *headers]
+        head += [b"Connection: close", *([b"Content-Length: %d" % len(body)] if body else [])]
+        with self.connect() as connection:
+            parts: list[bytes] = []
+            with suppress(ConnectionError):
+                connection.sendall(b"\r\n".join(head) + b"\r\n\r\n" + body)
+            with suppress(ConnectionError):
+                while part := connection.recv(65536):
+                    parts.append(part)
+        answer = b"".join(parts)
+        words = answer.split(b" ", 2)
+        return (int(words[1]) if len(words) > 1 else 0), answer
+
+
+@dataclass(slots=True)
+class Attacker:
+    """State of an attack: a valid key of its own, its connections, and the statuses it received."""
+
+    target: Target
+    token: str
+    held: list[socket.socket] = field(default_factory=list)
+    statuses: list[int] = field(default_factory=list)
+    job: str = ""
+    dripped: float = 0.0
+
+    @property
+    def authorization(self) -> bytes:
+        """The header with its key."""
+        return f"Authorization: Bearer {self.token}".encode()
+
+    def send(self, line: bytes, *headers: bytes, body: bytes = b"") -> None:
+        """Send a request and record its status."""
+        with suppress(OSError):
+            self.statuses.append(self.target.send(line, *headers, body=body)[0])
+
+    def hold(self, start: bytes) -> None:
+        """Open a connection, send this and keep it open."""
+        if len(self.held) < HELD:
+            with suppress(OSError):
+                connection = self.target.connect()
+                self.held.append(connection)
+                connection.sendall(start)
+
+    def drip(self, drop: bytes) -> None:
+        """Send a few bytes on every open connection every `DRIP_SECONDS`."""
+        if time.monotonic() - self.dripped < DRIP_SECONDS:
+            return
+        self.dripped = time.monotonic()
+        for connection in self.held:
+            with suppress(OSError):
+                connection.sendall(drop)
+
+
+def no_key(attacker: Attacker) -> None:
+    """Send no key."""
+    attacker.send(b"POST /cra HTTP/1.1", JSON, body=BODY)
+
+
+def wrong_key(attacker: Attacker) -> None:
+    """Send a made-up key."""
+    attacker.send(b"GET /jobs HTTP/1.1", b"Authorization: Bearer " + UNKNOWN_TOKEN.encode())
+
+
+def key_in_address(attacker: Attacker) -> None:
+    """Send a valid key in the query string."""
+    attacker.send(f"GET /jobs?access_token={attacker.token} HTTP/1.1".encode())
+
+
+def jobs_of_others(attacker: Attacker) -> None:
+    """Guess the ids of jobs."""
+    attacker.send(b"GET /jobs/%016x/results HTTP/1.1" % time.monotonic_ns(), attacker.authorization)
+
+
+def path_tricks(attacker: Attacker) -> None:
+    """Reach a protected path through an open one."""
+    attacker.send(b"GET /docs/assets/..%2f..%2fjobs HTTP/1.1")
+
+
+def long_heads(attacker: Attacker) -> None:
+    """Send many headers."""
+    attacker.send(b"GET /livez HTTP/1.1", *(b"X-%d: %b" % (number, b"x" * 100) for number in range(500)))
+
+
+def long_bodies(attacker: Attacker) -> None:
+    """Send far more than the limit, with a valid key."""
+    attacker.send(b"POST /cra HTTP/1.1", JSON, attacker.authorization, body=b" " * 1_000_000)
+
+
+def bombs(attacker: Attacker) -> None:
+    """Send a compressed body, with a valid key."""
+    gzip = b"Content-Encoding: gzip"
+    attacker.send(b"POST /cra HTTP/1.1", JSON, attacker.authorization, gzip, body=b"\x1f\x8b" + b"\0" * 9000)
+
+
+def forms(attacker: Attacker) -> None:
+    """Post as a page of another site does, with a valid key."""
+    headers = (b"Content-Type: text/plain", b"Origin: https://evil.example", attacker.authorization)
+    attacker.send(b"POST /cra HTTP/1.1", *headers, body=BODY)
+
+
+def slow_heads(attacker: Attacker) -> None:
+    """Hold connections whose heads never end."""
+    attacker.hold(b"GET /livez HTTP/1.1\r\nHost: localhost\r\nX-Slow: ")
+    attacker.drip(b"x")
+
+
+def slow_bodies(attacker: Attacker) -> None:
+    """Hold requests whose bodies never end, with a valid key."""
+    head = b"POST /cra HTTP/1.1\r\nHost: localhost\r\n" + JSON + b"\r\nContent-Length: 5000\r\n"
+    attacker.hold(head + attacker.authorization + b"\r\n\r\n")
+    attacker.drip(b" ")
+
+
+def event_streams(attacker: Attacker) -> None:
+    """Open event streams of the attacker's job and never read them."""
+    line = f"GET {attacker.job}/events HTTP/1.1\r\nHost: localhost\r\n"
+    attacker.hold(line.encode() + attacker.authorization + b"\r\n\r\n")
+
+
+def submit_job(attacker: Attacker) -> str:
+    """Submit a job of the attacker's; return its path."""
+    impacts = [{"velocity_m_s": 200.0 + 1e-6 * next(fresh), "oblique_angle_deg": 45.0} for _ in range(CASES)]
+    body = b"".join(json.dumps(PAPER_AT_45 | {"impact": impact}).encode() + b"\n" for impact in impacts)
+    headers = (b"Content-Type: application/jsonl", b"Prefer: respond-async", attacker.authorization)
+    _, answer = attacker.target.send(b"POST /trajectory/batch HTTP/1.1", *headers, body=body)
+    path: str = json.loads(answer.partition(b"\r\n\r\n")[2])["links"]["self"]
+    return path
+
+
+Attack = Callable[[Attacker], None]
+"""Called again and again."""
+ATTACKS: tuple[Attack, ...] = (
+    no_key,
+    wrong_key,
+    key_in_address,
+    jobs_of_others,
+    path_tricks,
+    long_heads,
+    long_bodies,
+    bombs,
+    forms,
+    slow_heads,
+    slow_bodies,
+    event_streams,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Effect:
+    """What another owner noticed of an attack.
+
+    Parameters
+    ----------
+    before, during
+        95th percentile of the time of a query. [s]
+    let_in
+        Statuses that show that the attack got in.
+    requests
+        Requests sent and connections held by the attacker.
+    """
+
+    before: float
+    during: float
+    let_in: list[int]
+    requests: int
+
+
+def effect_of(attack: Attack, target: Target, token: str, attacker_token: str, *, seconds: float) -> Effect:
+    """Query as another owner before and during an attack."""
+    attacker, stop = Attacker(target, attacker_token), threading.Event()
+    if attack is event_streams:  # its job takes its share of the workers whether its events are followed or not
+        attacker.job = submit_job(attacker)
+
+    def go_on() -> None:
+        while not stop.wait(PAUSE):
+            attack(attacker)
+
+    before = percentile(query(target, token, seconds))
+    with ThreadPoolExecutor(1) as thread:
+        attacking = thread.submit(go_on)
+        try:
+            during = percentile(query(target, token, seconds))
+        finally:
+            stop.set()
+        attacking.result()
+    for connection in attacker.held:
+        connection.close()
+    if attacker.job:
+        target.send(f"DELETE {attacker.job} HTTP/1.1".encode(), attacker.authorization)
+    let_in = sorted(set(attacker.statuses) - REFUSED)
+    return Effect(before, during, let_in, len(attacker.statuses) + len(attacker.held))
+
+
+def query(target: Target, token: str, seconds: float) -> list[float]:
+    """Request critical angles for this long, known and new ones in turn; return the time of each. [s]"""
+    connection = HTTPConnection("127.0.0.1", target.port, timeout=60.0)
+    headers = {"Content-Type": "application/json", "Authorization": f"Bearer {token}"}
+    times: list[float] = []
+    deadline = time.perf_counter() + seconds
+    while time.perf_counter() < deadline or len(times) < FEWEST:
+        impact = {"velocity_m_s": 200.0 + 1e-6 * next(fresh)} if len(times) % 2 else PAPER["impact"]
+        begin = time.perf_counter()
+        connection.request("POST", "/cra", json.dumps(PAPER | {"impact": impact}), headers)
+        answer = connection.getresponse()
+        answer.read()
+        times.append(time.perf_counter() - begin)
+        assert answer.status == 200
+        time.sleep(PAUSE)
+    connection.close()
+    return times
+
+
+def percentile(times: list[float]) -> float:
+    """95th percentile."""
+    return quantiles(times, n=20)[-1]

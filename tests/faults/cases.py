@@ -1,0 +1,46 @@
+"""Cases by number: cheap searches, and trajectories that take milliseconds or seconds."""
+
+import json
+import time
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+from service.schemas.examples import PAPER, PAPER_AT_45
+
+ROUGH = {"lower_deg": 40.0, "upper_deg": 80.0, "tolerance_deg": 1.0}
+"""A search of a few milliseconds."""
+STEP_M_S = 1e-3
+"""Difference in velocity between two cases."""
+PIECES = 10
+PIECE_PAUSE_SECONDS = 0.01
+
+
+def searches(count: int, first: int = 0) -> list[dict[str, Any]]:
+    """Searches for the critical angle; the same numbers give the same cases."""
+    return [
+        PAPER | {"impact": {"velocity_m_s": 240.0 + STEP_M_S * number}, "search": ROUGH}
+        for number in range(first, first + count)
+    ]
+
+
+def trajectories(count: int, first: int = 0, *, slow: bool) -> list[dict[str, Any]]:
+    """Trajectories of some milliseconds or, slow, of about 2 s each."""
+    numerics = {"method": "panels"} | ({"panels": 100_000, "time_step_s": 5e-6} if slow else {"panels": 1000})
+    return [
+        PAPER_AT_45
+        | {"impact": {"velocity_m_s": 240.0 + STEP_M_S * number, "oblique_angle_deg": 50.0}, "numerics": numerics}
+        for number in range(first, first + count)
+    ]
+
+
+def jsonl(cases: Sequence[dict[str, Any]]) -> bytes:
+    """A JSONL body."""
+    return b"".join(json.dumps(case).encode() + b"\n" for case in cases)
+
+
+def slowly(body: bytes) -> Iterator[bytes]:
+    """Yield the body in pieces with pauses, as over a slow connection."""
+    size = -(-len(body) // PIECES)
+    for start in range(0, len(body), size):
+        yield body[start : start + size]
+        time.sleep(PIECE_PAUSE_SECONDS)

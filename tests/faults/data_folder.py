@@ -1,0 +1,61 @@
+"""The files that a service leaves in its data folder."""
+
+import sqlite3
+from collections import Counter
+from contextlib import closing
+from dataclasses import dataclass
+from io import BytesIO
+from pathlib import Path
+
+import h5py
+
+SEGMENTS = Path("results", "segments")
+INDEX = Path("results", "index.sqlite")
+JOBS = Path("jobs.sqlite")
+EXPECTED = {"lock"} | {f"{path}{end}" for path in (INDEX, JOBS) for end in ("", "-wal", "-shm")}
+
+
+@dataclass(frozen=True, slots=True)
+class Segment:
+    """A file of results; equal if it is the same file, unchanged."""
+
+    path: Path
+    inode: int
+    modified_ns: int
+    keys: tuple[str, ...]
+
+
+def segments(data: Path) -> dict[Path, Segment]:
+    """All files of results, by path; each is complete at any instant."""
+    found = {}
+    for path in sorted((data / SEGMENTS).rglob("*.h5")):
+        status = path.stat()
+        with h5py.File(BytesIO(path.read_bytes())) as file:
+            keys = tuple(key.decode() for key in file["summary"]["key"])
+        found[path] = Segment(path, status.st_ino, status.st_mtime_ns, keys)
+    return found
+
+
+def keys_of(stored: dict[Path, Segment]) -> Counter[str]:
+    """How often each result is stored."""
+    return Counter(key for segment in stored.values() for key in segment.keys)
+
+
+def faults_of(data: Path, indexed: str) -> list[str]:
+    """What is wrong with the folder of a service that has started and finished its jobs.
+
+    `indexed` is the output of `ricochet cache stat`: how many results and files the index lists.
+    """
+    stored = segments(data)
+    faults = []
+    if not indexed.startswith(f"{keys_of(stored).total()} results, {len(stored)} files,"):
+        faults.append(f"{keys_of(stored).total()} results in {len(stored)} files, but the index has {indexed}")
+    faults += [f"stored {count} times: {key}" for key, count in keys_of(stored).items() if count > 1]
+    expected = EXPECTED | {str(path.relative_to(data)) for path in stored}
+    files = {str(path.relative_to(data)) for path in data.rglob("*") if path.is_file()}
+    faults += [f"stray file {name}" for name in sorted(files - expected)]
+    for name in (INDEX, JOBS):
+        with closing(sqlite3.connect(f"{(data / name).resolve().as_uri()}?mode=ro", uri=True, timeout=10.0)) as file:
+            for check in ("PRAGMA integrity_check", "PRAGMA foreign_key_check"):
+                faults += [f"{name}: {row}" for row in file.execute(check) if row != ("ok",)]
+    return faults

@@ -1,0 +1,174 @@
+"""A service that is killed, stopped and started again on the same data folder, and observed over HTTP."""
+
+import os
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import httpx
+
+from .data_folder import faults_of
+from .processes import kill, processes_of, workers_of
+
+ROOT = Path(__file__).parents[2]
+RICOCHET = Path(sys.executable).with_name("ricochet")
+START_SECONDS = 120.0
+"""The first start on a machine compiles the solver."""
+STOP_SECONDS = 20.0
+JOB_SECONDS = 120.0
+JSONL = "application/jsonl"
+UNFINISHED = {"accepted", "running"}
+
+
+class RestartableServer:
+    """`ricochet serve` with two workers. A context manager, which leaves no process behind.
+
+    Parameters
+    ----------
+    folder
+        Holds the log and, without `data`, the data folder.
+    data
+        Data folder.
+    **settings
+        RICOCHET_... variables, in lower case and without the prefix.
+    """
+
+    def __init__(self, folder: Path, *, data: Path | None = None, **settings: str) -> None:
+        self.data = data or folder / "data"
+        self.log = folder / "log"
+        folder.mkdir(parents=True, exist_ok=True)
+        with socket.socket() as probe:
+            probe.bind(("127.0.0.1", 0))
+            port: int = probe.getsockname()[1]
+        names = {"host": "127.0.0.1", "port": str(port), "data_dir": str(self.data), "workers": "2"}
+        names |= {"log_level": "warning"} | settings
+        self.environment = os.environ | {f"RICOCHET_{name.upper()}": value for name, value in names.items()}
+        self._process: subprocess.Popen[bytes] | None = None
+        self.client = httpx.Client(base_url=f"http://127.0.0.1:{port}", timeout=60.0, trust_env=False)
+
+    def __enter__(self) -> "RestartableServer":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, where: TracebackType | None
+    ) -> None:
+        self.client.close()
+        self.kill()
+        for process in processes_of(self.data):
+            kill(process)
+
+    @property
+    def pid(self) -> int:
+        """Process id of the server."""
+        assert self._process is not None
+        return self._process.pid
+
+    def spawn(self) -> None:
+        """Start the server without waiting for it."""
+        with self.log.open("ab") as log:
+            self._process = subprocess.Popen(
+                [RICOCHET, "serve"], cwd=ROOT, env=self.environment, stdout=log, stderr=subprocess.STDOUT
+            )
+
+    def start(self) -> None:
+        """Start the server and wait until it is ready."""
+        self.spawn()
+        self.wait_until("/readyz")
+
+    def wait_until(self, path: str) -> None:
+        """Wait until this path is answered with success."""
+        deadline = time.monotonic() + START_SECONDS
+        while time.monotonic() < deadline:
+            assert self._process is not None
+            assert self._process.poll() is None, self.log.read_text(errors="replace")[-2000:]
+            with suppress(httpx.TransportError):
+                if self.client.get(path).is_success:
+                    return
+            time.sleep(0.02)
+        raise TimeoutError(path)
+
+    def kill(self) -> None:
+        """End the server process by SIGKILL; its workers are left to themselves."""
+        if self._process is not None:
+            self._process.kill()
+            self._process.wait()
+
+    def stop(self) -> None:
+        """End the server by SIGTERM and require a clean exit."""
+        assert self._process is not None
+        self._process.terminate()
+        assert self._process.wait(STOP_SECONDS) == 0, self.log.read_text(errors="replace")[-2000:]
+
+    def command(self, *arguments: str) -> str:
+        """Run a `ricochet` command with the settings of this service; return what it prints."""
+        return subprocess.run(
+            [RICOCHET, *arguments], cwd=ROOT, env=self.environment, capture_output=True, text=True, check=True
+        ).stdout
+
+    def workers(self) -> list[int]:
+        """Process ids of the workers."""
+        return workers_of(self.data, self.pid)
+
+    def orphans(self, seconds: float) -> list[int]:
+        """Processes of a killed server that are still there after this time."""
+        deadline = time.monotonic() + seconds
+        while (left := processes_of(self.data)) and time.monotonic() < deadline:
+            time.sleep(0.01)
+        return left
+
+    def submit(self, body: bytes | Iterator[bytes], token: str = "", path: str = "/cra/batch") -> dict[str, Any]:
+        """Send a JSONL batch with an optional idempotency key; return its job."""
+        headers = {"Content-Type": JSONL, "Prefer": "respond-async"} | ({"Idempotency-Key": token} if token else {})
+        job: dict[str, Any] = self.client.post(path, content=body, headers=headers).raise_for_status().json()
+        return job
+
+    def job(self, job: dict[str, Any]) -> dict[str, Any]:
+        """The job as it is now."""
+        state: dict[str, Any] = self.client.get(job["links"]["self"]).raise_for_status().json()
+        return state
+
+    def jobs(self) -> list[dict[str, Any]]:
+        """The latest jobs, newest first."""
+        jobs: list[dict[str, Any]] = self.client.get("/jobs").raise_for_status().json()["jobs"]
+        return jobs
+
+    def finished(self, job: dict[str, Any]) -> dict[str, Any]:
+        """The job at its end, or as it is after `JOB_SECONDS`."""
+        deadline = time.monotonic() + JOB_SECONDS
+        while job["status"] in UNFINISHED and time.monotonic() < deadline:
+            time.sleep(0.03)
+            job = self.job(job)
+        return job
+
+    def until_done(self, job: dict[str, Any], count: int) -> dict[str, Any]:
+        """The job once this many of its cases are done, or it has ended."""
+        while job["status"] in UNFINISHED and job["counts"]["done"] < count:
+            time.sleep(0.01)
+            job = self.job(job)
+        return job
+
+    def results(self, job: dict[str, Any]) -> list[bytes]:
+        """Results that are ready, a line of JSON each."""
+        answer = self.client.get(job["links"]["results"], headers={"Accept": JSONL}).raise_for_status()
+        return answer.content.splitlines()
+
+    def computed(self) -> int:
+        """Cases computed, not read from the cache, since the server started, by its metrics."""
+        lines = self.client.get("/metrics").raise_for_status().text.splitlines()
+        misses = [line for line in lines if line.startswith("ricochet_cases_total") and 'cache="miss"' in line]
+        return round(sum(float(line.rpartition(" ")[2]) for line in misses))
+
+    def folder_faults(self) -> list[str]:
+        """What is wrong with the data folder, by its files and its index."""
+        return faults_of(self.data, self.command("cache", "stat"))
+
+    def logged_errors(self) -> list[str]:
+        """Lines of the log that report a failure of the service itself."""
+        lines = self.log.read_text(errors="replace").splitlines()
+        return [line for line in lines if "Traceback" in line or '"level": "error"' in line]

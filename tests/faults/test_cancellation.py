@@ -1,0 +1,106 @@
+"""Jobs are cancelled and deleted at random instants, also during cases that take seconds each."""
+
+import random
+import time
+from pathlib import Path
+from typing import Any
+
+import orjson
+import pytest
+
+from .cases import jsonl, searches, trajectories
+from .processes import busy
+from .server import RestartableServer
+
+pytestmark = [
+    pytest.mark.system,
+    pytest.mark.skipif(not Path("/proc/self/environ").exists(), reason="finds processes in /proc"),
+]
+MOST_SECONDS = 1.0
+"""For a cancellation to take effect."""
+SLOW_CASES = 40
+"""Each of them takes longer than `MOST_SECONDS`."""
+CHEAP_CASES = 200
+LATEST_SECONDS = {"slow": 1.5, "cheap": 0.4}
+KINDS = (("slow", "cancel"), ("cheap", "delete"), ("cheap", "cancel"), ("slow", "delete"))
+
+
+@pytest.mark.parametrize("rounds", [len(KINDS), pytest.param(50, marks=[pytest.mark.slow, pytest.mark.timeout(1200)])])
+def test_jobs_end_within_a_second_whatever_they_compute(rounds: int, tmp_path: Path) -> None:
+    instants = random.Random(0)  # noqa: S311
+    kept: list[tuple[dict[str, Any], list[bytes]]] = []
+    with RestartableServer(tmp_path) as server:
+        server.start()
+        for number in range(rounds):
+            cases, action = KINDS[number % len(KINDS)]
+            job = submit(server, cases, number)
+            time.sleep(instants.uniform(0.0, LATEST_SECONDS[cases]))
+            begin, workers = time.monotonic(), server.workers()
+            if action == "delete":
+                delete(server, job)
+            else:
+                kept.append(cancel(server, job))
+            time.sleep(max(0.0, begin + MOST_SECONDS - time.monotonic()))
+            assert not busy(workers), f"workers go on with {cases} cases after {action}"
+            [case] = trajectories(1, 1_000_000 + number, slow=False)
+            assert server.client.post("/trajectory", json=case).is_success
+        server.kill()
+        server.start()
+        for job, results in kept:
+            assert server.job(job) == job, "a cancelled job changed with a restart"
+            assert server.results(job) == results
+        assert server.folder_faults() == []
+        assert server.logged_errors() == []
+
+
+def test_finished_job_is_not_changed_by_a_cancellation_and_is_deleted_once(tmp_path: Path) -> None:
+    with RestartableServer(tmp_path) as server:
+        server.start()
+        job = server.finished(server.submit(jsonl(searches(20))))
+        assert job["status"] == "successful"
+        answer = server.client.post(job["links"]["cancel"])
+        assert (answer.status_code, answer.json()) == (200, job)
+        assert [server.client.delete(job["links"]["self"]).status_code for _ in range(2)] == [204, 404]
+
+
+def submit(server: RestartableServer, cases: str, number: int) -> dict[str, Any]:
+    """Submit the job of a round; before slow cases come a few that are not."""
+    if cases == "slow":
+        first = SLOW_CASES * number
+        body = trajectories(4, first, slow=False) + trajectories(SLOW_CASES, first, slow=True)
+        return server.submit(jsonl(body), path="/trajectory/batch")
+    return server.submit(jsonl(searches(CHEAP_CASES, first=CHEAP_CASES * number)))
+
+
+def cancel(server: RestartableServer, job: dict[str, Any]) -> tuple[dict[str, Any], list[bytes]]:
+    """Cancel a job twice; return it with its results."""
+    begin = time.monotonic()
+    answer = server.client.post(job["links"]["cancel"])
+    assert time.monotonic() - begin < MOST_SECONDS
+    assert answer.status_code == 200
+    ended = answer.json()
+    finished = ended["counts"]["done"] == ended["counts"]["total"]
+    assert ended["status"] == ("successful" if finished else "dismissed")
+    assert server.job(job) == ended
+    again = server.client.post(job["links"]["cancel"])
+    assert (again.status_code, again.json()) == (200, ended)
+    results = server.results(job)
+    indices = [orjson.loads(line)["index"] for line in results]
+    assert len(results) == ended["counts"]["done"]
+    assert indices == sorted(set(indices))
+    assert all(b'"result":' in line for line in results)
+    time.sleep(0.1)
+    assert server.job(job) == ended, "the job went on after its cancellation"
+    return ended, results
+
+
+def delete(server: RestartableServer, job: dict[str, Any]) -> None:
+    """Delete a job twice."""
+    client, links = server.client, job["links"]
+    begin = time.monotonic()
+    assert client.delete(links["self"]).status_code == 204
+    assert time.monotonic() - begin < MOST_SECONDS
+    statuses = [client.delete(links["self"]).status_code, client.post(links["cancel"]).status_code]
+    statuses += [client.get(links[name]).status_code for name in ("self", "results", "events")]
+    assert set(statuses) == {404}
+    assert all(other["id"] != job["id"] for other in server.jobs())

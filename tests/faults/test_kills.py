@@ -1,0 +1,114 @@
+"""The server is killed at random instants of a batch, or its workers are: no case is lost or computed twice."""
+
+import random
+import threading
+import time
+from contextlib import suppress
+from pathlib import Path
+
+import httpx
+import pytest
+
+from .cases import jsonl, searches, slowly
+from .data_folder import keys_of, segments
+from .processes import kill
+from .server import UNFINISHED, RestartableServer
+
+pytestmark = [
+    pytest.mark.system,
+    pytest.mark.skipif(not Path("/proc/self/environ").exists(), reason="finds processes in /proc"),
+]
+LONG = pytest.param(50, marks=[pytest.mark.slow, pytest.mark.timeout(1200)])
+CASES = 200
+"""In a batch: about a second of work."""
+ORPHAN_SECONDS = 2.0
+"""In which workers notice that their server is gone."""
+WORKER_PAUSE_SECONDS = 0.3
+"""Between two kills; starting a worker takes longer."""
+INSTANTS = {"while cases are computed": 0.1, "while the body is sent": 0.12, "right after the 202": 0.05}
+"""Latest instant of the kill: since a random number of cases were done, the first byte, the answer. [s]"""
+RESTART_SECONDS = 1.5
+"""In which a starting server is killed again."""
+
+
+@pytest.mark.parametrize("rounds", [3, LONG])
+def test_server_killed_during_a_batch_answers_every_case_once_after_its_restart(rounds: int, tmp_path: Path) -> None:
+    instants = random.Random(0)  # noqa: S311
+    with RestartableServer(tmp_path / "undisturbed") as undisturbed, RestartableServer(tmp_path / "killed") as server:
+        undisturbed.start()
+        server.start()
+        for number in range(rounds):
+            body = jsonl(searches(CASES, first=number * CASES))
+            kill_during_batch(server, body, number, instants)
+            leave_partial_files(server.data)
+            assert not server.orphans(ORPHAN_SECONDS)
+            if number % 5 == 4:
+                server.spawn()
+                time.sleep(instants.uniform(0.0, RESTART_SECONDS))
+                server.kill()
+                assert not server.orphans(ORPHAN_SECONDS)
+            before = segments(server.data)
+            kept = keys_of(before).total() - number * CASES
+            server.start()
+            job = server.finished(server.submit(body, token=str(number)))
+            expected = undisturbed.finished(undisturbed.submit(body))
+            assert job["status"] == "successful"
+            assert [job["counts"][name] for name in ("total", "done", "failed")] == [CASES, CASES, 0]
+            jobs = server.jobs()
+            assert jobs[0]["id"] == job["id"]
+            assert len(jobs) == number + 1, "the batch became more than one job"
+            assert server.results(job) == undisturbed.results(expected)
+            assert before.items() <= segments(server.data).items(), "a finished chunk was written again"
+            assert server.computed() == CASES - kept
+            assert server.folder_faults() == []
+        assert server.logged_errors() == []
+
+
+def kill_during_batch(server: RestartableServer, body: bytes, number: int, instants: random.Random) -> None:
+    """Submit a batch, with the round's number as its idempotency key, and kill the server meanwhile."""
+    kind = list(INSTANTS)[number % len(INSTANTS)]
+    delay = instants.uniform(0.0, INSTANTS[kind])
+    if kind == "while the body is sent":
+        timer = threading.Timer(delay, server.kill)
+        timer.start()
+        with suppress(httpx.HTTPError):
+            server.submit(slowly(body), token=str(number))
+        timer.join()
+        return
+    job = server.submit(body, token=str(number))
+    if kind == "while cases are computed":
+        server.until_done(job, instants.randrange(1, CASES))
+    time.sleep(delay)
+    server.kill()
+
+
+def leave_partial_files(data: Path) -> None:
+    """Write what a crash at the worst instant leaves behind."""
+    for name in ("results/.partial/1-1", "downloads/half"):
+        path = data / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(b"half")
+
+
+@pytest.mark.parametrize("kills", [2, LONG])
+def test_workers_killed_during_batches_cost_no_case(kills: int, tmp_path: Path) -> None:
+    instants, killed, batches = random.Random(0), 0, 0  # noqa: S311
+    with RestartableServer(tmp_path) as server:
+        server.start()
+        while killed < kills:
+            job = server.submit(jsonl(searches(CASES, first=batches * CASES)))
+            batches += 1
+            while killed < kills and server.job(job)["status"] in UNFINISHED:
+                if workers := server.workers():
+                    killed += kill(instants.choice(workers))
+                time.sleep(instants.uniform(WORKER_PAUSE_SECONDS, 2.0 * WORKER_PAUSE_SECONDS))
+            job = server.finished(job)
+            assert job["status"] == "successful"
+            assert [job["counts"][name] for name in ("done", "failed", "cached")] == [CASES, 0, 0]
+            results = server.results(job)
+            assert len(results) == CASES
+            assert all(b'"result":' in line for line in results)
+        assert server.folder_faults() == []
+        server.stop()
+        assert not server.orphans(ORPHAN_SECONDS)
+        assert server.logged_errors() == []

@@ -1,0 +1,134 @@
+"""Files are lost or damaged while the service is stopped: what is left is found, and only what is lost is computed."""
+
+import os
+import random
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from .cases import jsonl, searches
+from .data_folder import INDEX, JOBS, Segment, segments
+from .server import RestartableServer
+
+pytestmark = [
+    pytest.mark.system,
+    pytest.mark.skipif(not Path("/proc/self/environ").exists(), reason="finds processes in /proc"),
+]
+CASES = 200
+Loss = Callable[[RestartableServer, random.Random], int]
+"""Loses or damages a file; returns how many results are lost by it."""
+
+
+def lose_index(server: RestartableServer, choice: random.Random) -> int:
+    """Remove the index; its log may stay behind."""
+    return _remove(server.data / INDEX, choice)
+
+
+def lose_jobs(server: RestartableServer, choice: random.Random) -> int:
+    """Remove the database of jobs; its log may stay behind."""
+    return _remove(server.data / JOBS, choice)
+
+
+def rebuild_index(server: RestartableServer, choice: random.Random) -> int:
+    """Remove the index and rebuild it by command."""
+    _remove(server.data / INDEX, choice)
+    server.command("cache", "rebuild")
+    return 0
+
+
+def damage_index(server: RestartableServer, choice: random.Random) -> int:
+    """Overwrite a page of the index."""
+    return _overwrite(server.data / INDEX, choice, 4096)
+
+
+def damage_jobs(server: RestartableServer, choice: random.Random) -> int:
+    """Overwrite half of the database of jobs."""
+    return _overwrite(server.data / JOBS, choice, (server.data / JOBS).stat().st_size // 2)
+
+
+def truncate_segment(server: RestartableServer, choice: random.Random) -> int:
+    """Cut off the end of a file of results."""
+    segment = _any_segment(server, choice)
+    os.truncate(segment.path, choice.randrange(segment.path.stat().st_size))
+    return len(segment.keys)
+
+
+def flip_bit(server: RestartableServer, choice: random.Random) -> int:
+    """Change one bit of a file of results, but not its size or time."""
+    segment = _any_segment(server, choice)
+    status, content = segment.path.stat(), bytearray(segment.path.read_bytes())
+    content[choice.randrange(len(content))] ^= 1 << choice.randrange(8)
+    segment.path.write_bytes(content)
+    os.utime(segment.path, ns=(status.st_atime_ns, status.st_mtime_ns))
+    return len(segment.keys)
+
+
+def lose_segment(server: RestartableServer, choice: random.Random) -> int:
+    """Remove a file of results."""
+    segment = _any_segment(server, choice)
+    segment.path.unlink()
+    return len(segment.keys)
+
+
+LOSSES: tuple[Loss, ...] = (
+    lose_index,
+    truncate_segment,
+    flip_bit,
+    lose_jobs,
+    rebuild_index,
+    lose_segment,
+    damage_index,
+    damage_jobs,
+)
+
+
+@pytest.mark.parametrize("rounds", [len(LOSSES), pytest.param(50, marks=[pytest.mark.slow, pytest.mark.timeout(1200)])])
+def test_lost_files_cost_exactly_what_was_in_them(rounds: int, tmp_path: Path) -> None:
+    choice, body = random.Random(0), jsonl(searches(CASES))  # noqa: S311
+    with RestartableServer(tmp_path) as server:
+        server.start()
+        job = server.finished(server.submit(body))
+        assert job["status"] == "successful"
+        expected = server.results(job)
+        for number in range(rounds):
+            lose = LOSSES[number % len(LOSSES)]
+            if number % 2:
+                server.kill()
+            else:
+                server.stop()
+            lost = lose(server, choice)
+            server.start()
+            status = server.client.get(job["links"]["self"]).status_code
+            assert status == (404 if lose in {lose_jobs, damage_jobs} else 200), lose
+            if status == 200 and number % 3 == 0:  # reading the results computes what is lost
+                assert server.results(job) == expected, lose
+            again = server.finished(server.submit(body))
+            assert again["status"] == "successful", lose
+            assert server.results(again) == expected, lose
+            assert server.computed() == lost, lose
+            shutil.rmtree(server.data / "damaged", ignore_errors=True)
+            assert server.folder_faults() == [], lose
+            job = again
+        assert server.logged_errors() == []
+
+
+def _any_segment(server: RestartableServer, choice: random.Random) -> Segment:
+    return choice.choice(list(segments(server.data).values()))
+
+
+def _remove(path: Path, choice: random.Random) -> int:
+    path.unlink()
+    for end in ("-wal", "-shm"):
+        if choice.random() < 0.5:
+            Path(f"{path}{end}").unlink(missing_ok=True)
+    return 0
+
+
+def _overwrite(path: Path, choice: random.Random, count: int) -> int:
+    content = bytearray(path.read_bytes())
+    start = choice.randrange(max(1, len(content) - count))
+    content[start : start + count] = choice.randbytes(count)
+    path.write_bytes(content)
+    return 0
