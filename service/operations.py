@@ -4,7 +4,7 @@ Workers, routes, jobs and the command line all go by this.
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
 
 import solver
@@ -25,6 +25,8 @@ from service.schemas.alternatives import alternative_requests
 from service.schemas.quantities import Part
 from solver.arrays import FloatArray
 from solver.calibration import fit_decay_laws, fit_depth, fit_obliquity, penetration_depths, predict_motion
+from solver.numerics import SEARCH_STATIONS
+from solver.search.levels import LAST_POINTS, LAST_STATIONS, LAST_TOLERANCE
 
 Answer: TypeAlias = tuple[dict[str, Any], dict[str, FloatArray] | None]
 """The JSON answer without its key, its version and the columns of its history; and those columns."""
@@ -58,6 +60,13 @@ def compute_trajectory(request: bytes) -> Answer:
     return trajectory_answer(solver.simulate(**TrajectoryRequest.model_validate_json(request).arguments()))
 
 
+DECIDING_SETTINGS: tuple[dict[str, Any], ...] = (
+    {"stations": SEARCH_STATIONS},
+    {"relative_tolerance": LAST_TOLERANCE, "stations": LAST_STATIONS, "points": LAST_POINTS},
+)
+"""Settings of the two levels of a search that decide on its angle."""
+
+
 def compute_critical_angle(request: bytes) -> Answer:
     """Find a critical angle and, if it has a history and there is such an angle, run the strike at it."""
     arguments, sample_interval = CriticalAngleRequest.model_validate_json(request).arguments()
@@ -67,7 +76,14 @@ def compute_critical_angle(request: bytes) -> Answer:
     del arguments["search"]
     strike = {name: arguments.pop(name) for name in ("velocity", "angle_of_attack", "angular_velocity")}
     impact = solver.Impact(oblique_angle=found.angle, **strike)
-    return critical_angle_answer(found, solver.simulate(**arguments, impact=impact, sample_interval=sample_interval))
+    numerics, trajectory = arguments.pop("numerics"), None
+    for settings in DECIDING_SETTINGS:  # just as much energy is left as must be: other settings may find a little less
+        trajectory = solver.simulate(
+            **arguments, impact=impact, numerics=replace(numerics, **settings), sample_interval=sample_interval
+        )
+        if trajectory.outcome is solver.Outcome.RICOCHET or numerics.method == "panels":
+            break
+    return critical_angle_answer(found, trajectory)
 
 
 def compute_depth_calibration(request: bytes) -> Answer:

@@ -10,6 +10,8 @@ Method: TypeAlias = Literal["adaptive", "panels"]
 
 TERMINATION_TIME = 0.05
 """Far beyond the few milliseconds a usual strike takes. [s]"""
+LONGEST_TERMINATION_TIME = 1.0
+"""The most that a run is given by default. [s]"""
 TRANSITS = 20.0
 """Times a projectile could travel its length until it is given up: 999 of 1,000 turned away leave sooner. [1]"""
 TRAJECTORY_TOLERANCE, SEARCH_TOLERANCE = 3e-7, 3e-4
@@ -29,7 +31,7 @@ class Numerics:
         elements and fixed step. Left open, it is adaptive, or panels in the searches of the paper.
     termination_time
         When a run is given up undecided. Left open, 50 ms or, where that is longer, the time to travel 20 lengths of
-        the projectile; 50 ms on the panel route, 5 ms in the searches of the paper. [s]
+        the projectile, at most 1 s; 50 ms on the panel route, 5 ms in the searches of the paper. [s]
     panels, time_step
         Surface elements and step of the panel route. [1, s]
     relative_tolerance
@@ -88,7 +90,9 @@ class Numerics:
 
 def usual_termination_time(*, length: float, velocity: float, method: Method = "adaptive") -> float:
     """Termination time of a run that is given none, for a projectile of this length and velocity. [s]"""
-    return TERMINATION_TIME if method == "panels" else max(TERMINATION_TIME, TRANSITS * length / velocity)
+    if method == "panels":
+        return TERMINATION_TIME
+    return min(max(TERMINATION_TIME, TRANSITS * length / velocity), LONGEST_TERMINATION_TIME)
 
 
 USUAL = Numerics()

@@ -94,14 +94,14 @@ def test_what_is_known_already_is_not_computed_again(client: httpx.Client) -> No
 
 
 def test_law_without_an_answer_has_a_problem_and_the_others_their_angles(client: httpx.Client) -> None:
-    body = strike(238.0, search={"upper_deg": 88.0})
+    body = strike(238.0, search={"lower_deg": 87.0, "upper_deg": 88.0})
     body["resistance"] = {"strength_factor": {"model": "constant", "value": 8.0}}
     answer = client.post("/cra", json=body | {"alternatives": True}).raise_for_status().json()
     CriticalAngleAnswer.model_validate(answer)
     for each in answer["alternatives"]:
         if each["strength_factor"] == "strength_power_law":
-            assert "critical_angle_deg" in each
-        else:  # eq. 9 is below zero at 88°
+            assert each["status"] == "always_ricochet"
+        else:  # eq. 9 is below zero beyond 86.6°
             assert "status" not in each
             assert each["problem"]["errors"][0]["pointer"] == "/resistance/strength_factor"
             assert each["problem"]["instance"] == "/cra"
@@ -141,7 +141,7 @@ def test_equal_requests_at_once_share_their_work(live_url: str) -> None:
 
 
 def test_case_that_is_wrong_is_refused_whole(client: httpx.Client) -> None:
-    body = strike(238.0, alternatives=True) | {"search": {"upper_deg": 88.0}}
+    body = strike(238.0, alternatives=True) | {"search": {"lower_deg": 87.0, "upper_deg": 88.0}}
     found = problem_of(client.post("/cra", json=body), 422)
     assert [error.pointer for error in found.errors] == ["/resistance/strength_factor"]
 
