@@ -54,8 +54,8 @@ class Numerics(Part):
                 le=1.0,
                 description=f"When a run is given up undecided. When not given, {TERMINATION_TIME:g} or, if that is "
                 f"longer, the time to travel {TRANSITS:g} lengths of the projectile, at most 1; {TERMINATION_TIME:g} "
-                f"for `panels`, {PAPER_TERMINATION_TIME:g} in the searches `bisection` and `secant`. [s] A strike takes "
-                "milliseconds.",
+                f"for `panels`, {PAPER_TERMINATION_TIME:g} in the searches `bisection` and `secant`. [s] A strike "
+                "takes milliseconds.",
             ),
         ]
         | MISSING
