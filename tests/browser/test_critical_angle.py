@@ -61,7 +61,7 @@ def test_paper_case_converges_on_its_angle_with_what_happens_around_it(page: Pag
 def test_distance_from_the_angle_is_in_the_address_and_reopened(page: Page, new_page: Callable[..., Page]) -> None:
     open_view(page)
     page.get_by_label("Distance from the critical angle").select_option("2°")
-    picture = re.compile(r"46\.5\d°: embedded.*50\.5\d°: turned away")
+    picture = re.compile(r"46\.6\d°: embedded.*50\.6\d°: turned away")
     expect(page.get_by_role("img", name=picture)).to_be_visible()
     expect(page).to_have_url(re.compile("offset_deg=2"))
     other = new_page()
