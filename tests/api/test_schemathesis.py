@@ -31,6 +31,8 @@ def test_service_keeps_its_contract_whatever_it_receives(
     # A request may fit the schema and still be of no use: a nose longer than its body is refused with a 422.
     command += ["--checks", "all", "--exclude-checks", "positive_data_acceptance"]
     command += ["--continue-on-failure", "--no-color", paths, "^/calibration/"]
+    if paths == "--include-path-regex":  # no answer of these leads to another
+        command += ["--phases", "examples,coverage,fuzzing"]
     environment = os.environ | {"NO_PROXY": "*"}
     done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr

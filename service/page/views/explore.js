@@ -101,7 +101,10 @@ class Explore {
 
   tellWarnings(some) {
     Object.assign(this.warnings, some);
-    this.parts.warnings.replaceChildren(...tellWarnings(this.warnings.run, this.warnings.angle));
+    const { run, angle } = this.warnings;
+    const assumed = angle.some(({ code }) => code === "mass_properties_assumed"); // which says more than that of the run
+    const rest = run.filter(({ code }) => !(assumed && code === "mass_properties_assumed"));
+    this.parts.warnings.replaceChildren(...tellWarnings(rest, angle));
   }
 
   readdress() {
