@@ -38,6 +38,8 @@ MORE_INERTIA = 1.02
 """Ratio of moments of inertia of which the effect is computed."""
 SMOOTH = 0.1
 """Bend of the strength factor between two trials, over its mean, up to which likewise."""
+KEEPS = 0.5
+"""Ratio of the strength factors at two trials that retain the projectile, down to which likewise."""
 
 
 class Found(NamedTuple):
@@ -57,11 +59,15 @@ def _is_smooth(left: FloatArray, right: FloatArray, strength: FloatArray) -> boo
     """Whether there is no need to look between two trials.
 
     Both are clear and end alike, and nothing that depends on the angle beside its sine and cosine varies much: the
-    strength factor half way is close to the mean of theirs.
+    strength factor half way is close to the mean of theirs. Where it falls far, a projectile may be retained at small
+    angles since they are small, and at large ones since nothing resists it there.
     """
     if turned_away(left) != turned_away(right) or min(abs(left[MARGIN]), abs(right[MARGIN])) <= CLEAR:
         return False
-    mean = 0.5 * (strength_at(left[ANGLE], strength) + strength_at(right[ANGLE], strength))
+    first, last = strength_at(left[ANGLE], strength), strength_at(right[ANGLE], strength)
+    if not turned_away(left) and min(first, last) < KEEPS * max(first, last):
+        return False
+    mean = 0.5 * (first + last)
     return abs(strength_at(0.5 * (left[ANGLE] + right[ANGLE]), strength) - mean) <= SMOOTH * mean
 
 

@@ -203,6 +203,18 @@ def test_search_ends_where_equation_9_falls_to_zero(method: str) -> None:
     assert "not at 88°" in warning.detail
 
 
+def test_band_below_a_vanishing_strength_factor_is_found() -> None:
+    """Turned away from 49.3° to 64.0°; beyond, hardly anything resists, and the projectile sinks in."""
+    falling = ObliquityPolynomial(coefficients=(8.5084, -0.061243, -0.00091189))  # zero at 68.75°
+    resistance = Resistance(free_surface=MohrCoulomb(), strength_factor=falling)
+    found = critical_angle(
+        projectile=PAPER_PROJECTILE, target=PAPER_TARGET, velocity=PAPER_VELOCITY, resistance=resistance
+    )
+    assert found.angle is not None
+    assert math.degrees(found.angle) == pytest.approx(49.3, abs=0.1)
+    assert any(math.degrees(crossing) == pytest.approx(64.0, abs=0.1) for crossing in found.other_crossings)
+
+
 def test_strength_factor_that_is_zero_over_the_whole_range_is_named() -> None:
     with pytest.raises(ParameterError, match=r"greater than 0 at the initial oblique angle of 87") as caught:
         find(lower=87.0, upper=88.0)
