@@ -17,12 +17,13 @@ from solver.search.refine import MOST_TRIALS, is_same_change, refine
 from solver.search.trials import (
     ANGLE,
     MARGIN,
+    SearchState,
     TrialInputs,
-    TrialWorkspace,
     attempt,
     failed,
+    has_failed,
     has_strength,
-    make_trial_workspace,
+    make_trial_table,
     strength_at,
     turned_away,
     undecided,
@@ -72,45 +73,34 @@ def _is_smooth(left: FloatArray, right: FloatArray, strength: FloatArray) -> boo
 
 
 @compiled
-def _scan(
-    angles: FloatArray,
-    inputs: TrialInputs,
-    model: Model,
-    level: Level,
-    asked: Level,
-    workspace: TrialWorkspace,
-    count: int,
-) -> tuple[IntArray, int]:
-    """Try every fourth angle, then every second and every one, but not where there is no need to look.
+def _scan(angles: FloatArray, level: Level, search: SearchState) -> IntArray:
+    """Try every sixteenth angle, then every eighth and so on, but not where there is no need to look.
 
     Returns
     -------
-    tuple
-        The numbers of the trials in the order of their angles, and the number of the next. If one could not be
-        integrated, it is the last.
+    array
+        The numbers of the trials in the order of their angles. Not all, if one could not be integrated.
     """
-    trials, numbers, last = workspace.trials, np.full(angles.size, -1), angles.size - 1
+    trials, numbers, last = search.table.rows, np.full(angles.size, -1), angles.size - 1
     for stride in (16, 8, 4, 2, 1):
         for i in range(angles.size):
             if numbers[i] >= 0 or (i % stride != 0 and i != last):
                 continue
             if stride < 16:
-                before = i - stride
-                after = min(i + stride, last)
-                if numbers[before] < 0 or numbers[after] < 0:
+                before, after = numbers[i - stride], numbers[min(i + stride, last)]
+                if before < 0 or after < 0:
                     continue
-                left, right = trials[numbers[before]], trials[numbers[after]]
+                left, right = trials[before], trials[after]
                 if stride < 4 and turned_away(left) != turned_away(right):
                     continue
-                if _is_smooth(left, right, inputs.strength):
+                if _is_smooth(left, right, search.inputs.strength):
                     continue
-            count = attempt(angles[i], inputs, model, level, workspace, count)
-            if not level.fine and abs(trials[count - 1, MARGIN]) < UNSURE * inputs.retention:
-                count = attempt(angles[i], inputs, model, asked, workspace, count)
-            numbers[i] = count - 1
-            if failed(trials[count - 1]):
-                return numbers[:0], count
-    return numbers[numbers >= 0], count
+            numbers[i] = attempt(angles[i], level, search)
+            if not level.fine and abs(trials[numbers[i], MARGIN]) < UNSURE * search.inputs.retention:
+                numbers[i] = attempt(angles[i], search.levels[ASKED], search)
+            if has_failed(search):
+                return numbers[:0]
+    return numbers[numbers >= 0]
 
 
 @lean
@@ -126,35 +116,30 @@ def _lead(lowest: FloatArray, highest: FloatArray, trials: FloatArray, brackets:
 
 
 @lean
-def _energy_left(
-    angle: float, inputs: TrialInputs, model: Model, level: Level, workspace: TrialWorkspace, count: int
-) -> float:
+def _energy_left(angle: float, level: Level, search: SearchState) -> float:
     """Share of the energy left at an angle; 0 where less than a tenth of the retention energy is left."""
-    attempt(angle, inputs, model, level, workspace, count)
-    trial = workspace.trials[count]
-    left = trial[MARGIN] + inputs.retention
+    trial = search.table.rows[attempt(angle, level, search)]
+    search.table.count[0] -= 1  # not a trial of the search
+    left = trial[MARGIN] + search.inputs.retention
     return 0.0 if failed(trial) or undecided(trial) or left < 0.0 else left
 
 
 @compiled
-def _nearby_energies(
-    angle: float, inputs: TrialInputs, model: Model, level: Level, workspace: TrialWorkspace, count: int
-) -> FloatArray:
+def _nearby_energies(angle: float, level: Level, search: SearchState) -> FloatArray:
     """Shares of the energy left near a critical angle; see `Found`.
 
     The energy left grows ever more slowly with the angle. So where it is twice the retention energy half a degree
     above, nothing is left half a degree below, and no trial is needed.
     """
-    body, below, above = model.body, angle - HALF_DEGREE, angle + HALF_DEGREE
-    nearby = np.array([0.0, _energy_left(above, inputs, model, level, workspace, count), math.nan])
+    inputs, model, below, above = search.inputs, search.model, angle - HALF_DEGREE, angle + HALF_DEGREE
+    nearby = np.array([0.0, _energy_left(above, level, search), math.nan])
     if nearby[1] < 2.0 * inputs.retention and below >= 0.0:
-        nearby[0] = _energy_left(below, inputs, model, level, workspace, count)
+        nearby[0] = _energy_left(below, level, search)
     if inputs.vary_inertia:
-        inertia = MORE_INERTIA * body.moment_of_inertia
-        heavier = Model(
-            Body(body.outline, body.corners, body.tip, body.mass, inertia), model.law, model.quadrature, model.panels
-        )
-        nearby[2] = _energy_left(above, inputs, heavier, level, workspace, count)
+        body, inertia = model.body, MORE_INERTIA * model.body.moment_of_inertia
+        heavier = Body(body.outline, body.corners, body.tip, body.mass, inertia)
+        varied = Model(heavier, model.law, model.quadrature, model.panels)
+        nearby[2] = _energy_left(above, level, SearchState(inputs, varied, search.levels, search.table))
     return nearby
 
 
@@ -165,38 +150,41 @@ def search_outcome(angles: FloatArray, inputs: TrialInputs, model: Model, levels
     If a trial could not be integrated, or the strength factor is not above zero at one of the angles, that trial is the
     last of the table, and there are no brackets.
     """
-    workspace = make_trial_workspace(MOST_TRIALS + 8 * angles.size)  # with what a scan and its changes may add
-    trials, brackets = workspace.trials, np.zeros((angles.size, 2), np.int64)
-    count = changes = earlier = 0
+    table = make_trial_table(MOST_TRIALS + 8 * angles.size)  # with what a scan and its changes may add
+    search, trials, brackets = (
+        SearchState(inputs, model, levels, table),
+        table.rows,
+        np.zeros((angles.size, 2), np.int64),
+    )
+    changes = earlier = 0
+    nearby = np.full(3, np.nan)
     for angle in angles:
         if not has_strength(angle, inputs.strength):
-            count = attempt(angle, inputs, model, levels[ROUGH], workspace, count)
-            return Found(trials[:count], brackets[:0], np.full(3, np.nan))
+            attempt(angle, levels[ROUGH], search)
+            return Found(trials[: table.count[0]], brackets[:0], nearby)
     panels = model.panels.area.size > 0  # as many at every level
     first = ASKED if panels else ROUGH
     for scan in range(2):  # without a change, or if one is missing, the scan is repeated, more finely
-        numbers, count = _scan(angles, inputs, model, levels[first], levels[ASKED], workspace, count)
+        numbers = _scan(angles, levels[first], search)
         for i in range(numbers.size - 1):
             if turned_away(trials[numbers[i]]) == turned_away(trials[numbers[i + 1]]):
                 continue
-            left, right, count = refine(numbers[i], numbers[i + 1], first, inputs, model, levels, workspace, count)
-            if failed(trials[count - 1]):
+            left, right = refine(numbers[i], numbers[i + 1], first, search)
+            if has_failed(search):
                 break
             known = changes > 0 and is_same_change(brackets[changes - 1], right, trials, levels[ASKED])
             if left != right and not known:
                 brackets[changes, 0], brackets[changes, 1] = left, right
                 changes += 1
-        if failed(trials[count - 1]):
-            return Found(trials[:count], brackets[:0], np.full(3, np.nan))
+        if has_failed(search):
+            return Found(trials[: table.count[0]], brackets[:0], nearby)
         lowest, highest = trials[numbers[0]], trials[numbers[numbers.size - 1]]
         if panels or scan == 1 or (changes > 0 and _lead(lowest, highest, trials, brackets[:changes])):
             break
         earlier, changes, first = changes, 0, ASKED
     brackets = brackets[: changes if changes > 0 else earlier]
-    nearby = np.full(3, np.nan)
     for i in range(brackets.shape[0]):
         if turned_away(trials[brackets[i, 1]]):
-            level = levels[ASKED if panels else MIDDLE]
-            nearby = _nearby_energies(trials[brackets[i, 1], ANGLE], inputs, model, level, workspace, count)
+            nearby = _nearby_energies(trials[brackets[i, 1], ANGLE], levels[ASKED if panels else MIDDLE], search)
             break
-    return Found(trials[:count], brackets, nearby)
+    return Found(trials[: table.count[0]], brackets, nearby)

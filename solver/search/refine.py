@@ -8,16 +8,15 @@ import math
 
 from solver.arrays import FloatArray, IntArray
 from solver.compilation import compiled, lean
-from solver.motion import Model
-from solver.search.levels import ASKED, LAST, MIDDLE, Level, Levels, is_finer
+from solver.search.levels import ASKED, LAST, MIDDLE, Level, is_finer
 from solver.search.trials import (
     ANGLE,
     FINE,
     MARGIN,
-    TrialInputs,
-    TrialWorkspace,
+    SearchState,
     attempt,
     failed,
+    has_failed,
     turned_away,
     undecided,
 )
@@ -58,64 +57,53 @@ def _growth(left: int, right: int, trials: FloatArray) -> float:
 
 
 @compiled
-def _bracket(
-    left: int, right: int, inputs: TrialInputs, model: Model, level: Level, workspace: TrialWorkspace, count: int
-) -> tuple[int, int, int]:
+def _bracket(left: int, right: int, level: Level, search: SearchState) -> tuple[int, int]:
     """Find the change between two trials of a rougher level again, in strides that follow the margin.
 
     Returns
     -------
-    tuple of three integers
-        The trials on its two sides, and the number of the next trial. The sides are the same if it is not in the range.
+    tuple of two integers
+        The trials on its two sides; the same one if it is not in the range.
     """
-    trials, rising = workspace.trials, turned_away(workspace.trials[right])
+    trials, count = search.table.rows, search.table.count[0]
+    rising, longest = turned_away(trials[right]), level.stride
     lowest, highest = trials[:count, ANGLE].min(), trials[:count, ANGLE].max()
     slope = (trials[right, MARGIN] - trials[left, MARGIN]) / (trials[right, ANGLE] - trials[left, ANGLE])
-    angle, longest = _place(left, right, trials), level.stride
-    new, count = count, attempt(angle, inputs, model, level, workspace, count)
-    while count < MOST_TRIALS and lowest < angle < highest and not failed(trials[new]):
+    angle = _place(left, right, trials)
+    new = attempt(angle, level, search)
+    while new < MOST_TRIALS and lowest < angle < highest and not failed(trials[new]):
         beyond = turned_away(trials[new]) == rising
         stride = min(abs(trials[new, MARGIN] / slope) + KEEP_OFF * level.tolerance, longest)
         angle = max(angle - stride, lowest) if beyond else min(angle + stride, highest)
-        last, new, count = new, count, attempt(angle, inputs, model, level, workspace, count)
+        last, new = new, attempt(angle, level, search)
         if (turned_away(trials[new]) == rising) != beyond:
-            return (new, last, count) if beyond else (last, new, count)
+            return (new, last) if beyond else (last, new)
         secant = (trials[new, MARGIN] - trials[last, MARGIN]) / (trials[new, ANGLE] - trials[last, ANGLE])
         slope = secant if secant * slope > 0.0 else 0.25 * slope
         longest = GROWTH * stride
-    return new, new, count
+    return new, new
 
 
 @compiled
-def _narrow(
-    left: int,
-    right: int,
-    inputs: TrialInputs,
-    model: Model,
-    level: Level,
-    workspace: TrialWorkspace,
-    count: int,
-    patience: int,
-) -> tuple[int, int, int]:
+def _narrow(left: int, right: int, level: Level, search: SearchState) -> tuple[int, int]:
     """Narrow the change between two trials to the tolerance of the level; return as above.
-
-    A `patience` of 0 bisects.
 
     Notes
     -----
     Regula falsi on the margin. The margin of an end that stays is halved (the Illinois rule), each trial keeps off the
-    ends, and after as many trials as there is patience for, which together did not halve the bracket, the next does.
+    ends, and where `PATIENCE` trials together did not halve the bracket, the next does.
     """
-    trials, rising, tolerance = workspace.trials, turned_away(workspace.trials[right]), level.tolerance
+    trials, tolerance = search.table.rows, level.tolerance
+    rising = turned_away(trials[right])
     margin_left, margin_right = trials[left, MARGIN], trials[right, MARGIN]
-    goal, more = math.inf, patience
-    while count < MOST_TRIALS and not failed(trials[count - 1]):
+    goal, more = math.inf, PATIENCE
+    while search.table.count[0] < MOST_TRIALS and not has_failed(search):
         a, b = trials[left, ANGLE], trials[right, ANGLE]
         width = b - a
         if width <= tolerance:
             break
         if width <= goal:
-            goal, more = 0.5 * width, patience
+            goal, more = 0.5 * width, PATIENCE
         if more == 0:
             angle, goal = 0.5 * (a + b), math.inf
         else:
@@ -123,31 +111,23 @@ def _narrow(
             keep_off = min(KEEP_OFF * tolerance, 0.25 * width)
             angle = (a * margin_right - b * margin_left) / (margin_right - margin_left)
             angle = min(max(angle, a + keep_off), b - keep_off)
-        new, count = count, attempt(angle, inputs, model, level, workspace, count)
+        new = attempt(angle, level, search)
         if turned_away(trials[new]) == rising:
             right, margin_right, margin_left = new, trials[new, MARGIN], 0.5 * margin_left
         else:
             left, margin_left, margin_right = new, trials[new, MARGIN], 0.5 * margin_right
-    return left, right, count
+    return left, right
 
 
 @compiled
-def refine(
-    left: int,
-    right: int,
-    first: int,
-    inputs: TrialInputs,
-    model: Model,
-    levels: Levels,
-    workspace: TrialWorkspace,
-    count: int,
-) -> tuple[int, int, int]:
+def refine(left: int, right: int, first: int, search: SearchState) -> tuple[int, int]:
     """Narrow a change that the first of these levels has found, level by level; return as above.
 
     The last level is for a change that the two before do not place alike, or where the margin grows slowly, and for one
     beside a trial that was in motion at the termination time.
     """
-    trials, place, shift, begun = workspace.trials, math.nan, math.nan, count
+    trials, levels, place, shift = search.table.rows, search.levels, math.nan, math.nan
+    begun = count = search.table.count[0]
     for k in range(first, LAST + 1):
         if k == LAST:
             decided_by_time = undecided(trials[left]) or undecided(trials[right])
@@ -157,15 +137,16 @@ def refine(
             trials[begun:count, FINE] = 0.0  # these only showed where to look
         begun = count
         if k > first:
-            left, right, count = _bracket(left, right, inputs, model, levels[k], workspace, count)
+            left, right = _bracket(left, right, levels[k], search)
         if left == right:
             break
-        left, right, count = _narrow(left, right, inputs, model, levels[k], workspace, count, PATIENCE)
-        if failed(trials[count - 1]) or model.panels.area.size > 0:
+        left, right = _narrow(left, right, levels[k], search)
+        count = search.table.count[0]
+        if failed(trials[count - 1]) or search.model.panels.area.size > 0:
             break
         earlier, place = place, _place(left, right, trials)
         shift = abs(place - earlier) if k > MIDDLE else math.nan
-    return left, right, count
+    return left, right
 
 
 @lean

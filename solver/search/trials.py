@@ -6,13 +6,13 @@ from typing import NamedTuple
 import numpy as np
 
 from solver.adaptive import integrate_adaptive
-from solver.arrays import FloatArray
+from solver.arrays import FloatArray, IntArray
 from solver.compilation import compiled, lean
 from solver.events import Run, Termination, Thresholds, tip_depth
 from solver.fixed_step import integrate_fixed
 from solver.motion import STEP_WIDTH, Model, Workspace, kinetic_energy, make_workspace, start_state
 from solver.rosenbrock import Linearisation, make_linearisation
-from solver.search.levels import Level
+from solver.search.levels import Level, Levels
 from solver.surface_integration import Law
 
 ANGLE, POSITION, END, MARGIN, FINE = range(5)
@@ -45,19 +45,32 @@ class TrialInputs(NamedTuple):
     """Whether to compute what a moment of inertia that was not given does to the angle."""
 
 
-class TrialWorkspace(NamedTuple):
-    """TrialWorkspace for one trial, and the table of trials."""
+class TrialTable(NamedTuple):
+    """All trials of a search, and the room to compute one more."""
 
+    rows: FloatArray
+    """(n, 5), columns as above; those after the last trial are empty."""
+    count: IntArray
+    """(1,) number of trials."""
     work: Workspace
     linear: Linearisation
     steps: FloatArray
-    trials: FloatArray
+
+
+class SearchState(NamedTuple):
+    """What the parts of a search share."""
+
+    inputs: TrialInputs
+    model: Model
+    levels: Levels
+    table: TrialTable
 
 
 @compiled
-def make_trial_workspace(trials: int) -> TrialWorkspace:
-    """Empty workspace for so many."""
-    return TrialWorkspace(make_workspace(), make_linearisation(), np.empty((1, STEP_WIDTH)), np.zeros((trials, 5)))
+def make_trial_table(size: int) -> TrialTable:
+    """Empty table with room for so many trials."""
+    rows, count = np.zeros((size, 5)), np.zeros(1, np.int64)
+    return TrialTable(rows, count, make_workspace(), make_linearisation(), np.empty((1, STEP_WIDTH)))
 
 
 @lean
@@ -90,15 +103,15 @@ def _margin(run: Run, model: Model, energy: float, retention: float) -> float:
 
 
 @compiled
-def attempt(
-    oblique_angle: float, inputs: TrialInputs, model: Model, level: Level, workspace: TrialWorkspace, count: int
-) -> int:
-    """Run one trial and write it into the table, as number `count`; return the number of the next."""
-    row = workspace.trials[count]
+def attempt(oblique_angle: float, level: Level, search: SearchState) -> int:
+    """Run one trial and append it to the table; return its number."""
+    inputs, model, table = search.inputs, search.model, search.table
+    number = table.count[0]
+    row, table.count[0] = table.rows[number], number + 1
     row[ANGLE], row[FINE] = oblique_angle, 1.0 if level.fine else 0.0
     if not has_strength(oblique_angle, inputs.strength):
         row[END] = NO_STRENGTH
-        return count + 1
+        return number
     law = Law(
         strength_at(oblique_angle, inputs.strength) * inputs.compressive_strength,
         model.law.dynamic_density,
@@ -111,17 +124,10 @@ def attempt(
     floor = ENERGY_FLOOR * inputs.retention
     thresholds = Thresholds(floor, floor)
     if model.panels.area.size > 0:
-        run = integrate_fixed(start, present, inputs.end_time, thresholds, inputs.time_step, workspace.steps)
+        run = integrate_fixed(start, present, inputs.end_time, thresholds, inputs.time_step, table.steps)
     else:
         run = integrate_adaptive(
-            start,
-            present,
-            inputs.end_time,
-            thresholds,
-            level.accuracy,
-            workspace.steps,
-            workspace.work,
-            workspace.linear,
+            start, present, inputs.end_time, thresholds, level.accuracy, table.steps, table.work, table.linear
         )
     row[POSITION], row[END] = tip_depth(run.state, model.body), run.end.value
     energy = kinetic_energy(run.state, model.body) / kinetic_energy(start, model.body)
@@ -130,7 +136,7 @@ def attempt(
     if not np.isfinite(run.state).all():
         row[END] = NOT_FINITE
     row[MARGIN] = _margin(run, model, energy, inputs.retention)
-    return count + 1
+    return number
 
 
 @lean
@@ -149,3 +155,9 @@ def undecided(trial: FloatArray) -> bool:
 def turned_away(trial: FloatArray) -> bool:
     """Whether a trial left through the face."""
     return bool(trial[END] == EXIT)
+
+
+@lean
+def has_failed(search: SearchState) -> bool:
+    """Whether the last trial has failed."""
+    return failed(search.table.rows[search.table.count[0] - 1])
