@@ -1,8 +1,9 @@
 """How the solver's functions are compiled, and where the compiled code is kept.
 
 numba keeps compiled code on disk by the path, date and size of the file a function stands in, and does not see that a
-function it calls, in another file, has changed. The solver's code is kept by the text of the whole package instead:
-changed code is compiled anew, an installation that is copied, moved or checked out again is not.
+function it calls, in another file, has changed. The solver's code is kept instead by the text of every module that has
+compiled functions, and of all that these import: changed code is compiled anew, an installation that is copied, moved
+or checked out again is not.
 
 A folder that can only be read will do if the code is in it; what it lacks goes to the user's cache, or is compiled at
 each start. Every file ends with its SHA-256, and what does not match is compiled anew: a flipped bit in machine code
@@ -13,6 +14,7 @@ import fcntl
 import hashlib
 import io
 import os
+import re
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -25,16 +27,34 @@ from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataC
 from numba.core.compiler_lock import global_compiler_lock
 
 PACKAGE = Path(__file__).parent
+IMPORT = re.compile(rf"^\s*from {__package__}([.\w]*) import (\([^)]*\)|.*)$", re.MULTILINE)
 LOCK_SECONDS = 300.0
 """How long another process may compile before this one does the same: longer than all of the solver takes."""
 DIGEST_BYTES = hashlib.sha256().digest_size
 
 
 def _source_digest() -> str:
+    texts = {source.relative_to(PACKAGE).as_posix(): source.read_bytes() for source in PACKAGE.rglob("*.py")}
+    imports = {name: set(_imported(text)) & texts.keys() for name, text in texts.items()}
+    waiting = [name for name in imports if "compilation.py" in imports[name]]
+    wanted: set[str] = set()
+    while waiting:
+        wanted.add(name := waiting.pop())
+        waiting += imports[name] - wanted
     digest = hashlib.sha256()
-    for source in sorted(PACKAGE.rglob("*.py")):
-        digest.update(source.relative_to(PACKAGE).as_posix().encode() + b"\0" + source.read_bytes() + b"\0")
+    for name in sorted(wanted):
+        digest.update(name.encode() + b"\0" + texts[name] + b"\0")
     return digest.hexdigest()[:16]
+
+
+def _imported(text: bytes) -> Iterator[str]:
+    """Paths that the imports of a module may stand for: those of modules, or of names in packages."""
+    for module, names in IMPORT.findall(text.decode()):
+        path = module.replace(".", "/").lstrip("/")
+        yield f"{path}.py"
+        yield f"{path}/__init__.py".lstrip("/")
+        for name in re.findall(r"\w+", names):
+            yield f"{path}/{name}.py".lstrip("/")
 
 
 def cache_folders() -> list[Path]:

@@ -19,12 +19,18 @@ import pytest
 import solver
 from solver import compilation
 
+CONSTANTS = """
+HALF = 0.5
+"""
 FUNCTIONS = """
 from little.compilation import compiled, lean
+from little.constants import (
+    HALF,
+)
 
 @lean
 def half(x):
-    return 0.5 * x
+    return HALF * x
 
 @compiled
 def quarter(x):
@@ -99,6 +105,7 @@ def make_package(folder: Path) -> Little:
     made.package.mkdir()
     (made.package / "__init__.py").touch()
     shutil.copy(str(compilation.__file__), made.package / "compilation.py")
+    (made.package / "constants.py").write_text(CONSTANTS)
     (made.package / "functions.py").write_text(FUNCTIONS)
     return made
 
@@ -135,6 +142,17 @@ def test_code_is_found_in_a_copy_elsewhere(ready: Little) -> None:
 def test_changed_source_is_compiled_anew(ready: Little) -> None:
     (ready.package / "functions.py").write_text(FUNCTIONS + "\n# another text\n")
     assert ready.compiled() == 2
+
+
+def test_source_imported_by_a_compiled_one_counts_too(ready: Little) -> None:
+    (ready.package / "constants.py").write_text(CONSTANTS + "\n# another text\n")
+    assert ready.compiled() == 2
+
+
+def test_other_sources_do_not_count(ready: Little) -> None:
+    (ready.package / "report.py").write_text("from little.functions import quarter\n")
+    (ready.package / "__init__.py").write_text("# another text\n")
+    assert ready.compiled() == 0
 
 
 def test_folder_that_can_only_be_read_will_do(ready: Little) -> None:
