@@ -3,6 +3,7 @@
 from solver.alternatives import Alternative, alternative_resistances, alternatives
 from solver.columns import columns, to_dataframe
 from solver.errors import IntegrationError, ParameterError, RicochetError, StepLimitError
+from solver.formulas import FormulaResult, OutOfRange, cea_edf_limit_speed, formulas
 from solver.free_surface import ElasticPlastic, MohrCoulomb, NoFreeSurface, decay_factor
 from solver.impact import Impact
 from solver.many import critical_angle_many, simulate_many
@@ -37,6 +38,7 @@ __all__ = [
     "CriticalAngle",
     "ElasticPlastic",
     "Flat",
+    "FormulaResult",
     "Impact",
     "IntegrationError",
     "MassProperties",
@@ -47,6 +49,7 @@ __all__ = [
     "Numerics",
     "ObliquityPolynomial",
     "Ogive",
+    "OutOfRange",
     "Outcome",
     "ParameterError",
     "Profile",
@@ -65,12 +68,14 @@ __all__ = [
     "Trial",
     "alternative_resistances",
     "alternatives",
+    "cea_edf_limit_speed",
     "closed_form_depth",
     "columns",
     "concrete_youngs_modulus",
     "critical_angle",
     "critical_angle_many",
     "decay_factor",
+    "formulas",
     "mass_properties",
     "simulate",
     "simulate_many",

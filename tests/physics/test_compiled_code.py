@@ -49,7 +49,7 @@ with event.install_recorder("numba:compile") as recorder:
     value = quarter(8.0)
 print(json.dumps([value, sum(event.is_start for _, event in recorder.buffer)]))
 """
-START_S = 60.0
+START_S = 300.0
 
 
 class Little:

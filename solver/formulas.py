@@ -1,0 +1,422 @@
+"""The empirical formulas of the field for a hard projectile on a concrete wall, each with its source and its range.
+
+Every formula answers for a wall struck by a rigid projectile: how deep it goes into thick concrete, below which
+thickness the back of the wall scabs, and below which it is perforated. They are fitted to different tests and differ by
+half and more; that spread is what they are good for beside a model. None has an angle: as is common practice, and
+nothing better, an oblique strike counts with the normal component of its velocity.
+"""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+from solver.errors import ParameterError
+from solver.impact import Impact
+from solver.penetration import nose_factor
+from solver.projectile import Projectile
+from solver.resistance import StrengthPowerLaw
+from solver.target import Target
+from solver.validation import require_positive
+
+NoseClass: TypeAlias = Literal["flat", "hemispherical", "blunt", "sharp"]
+NDRC_NOSE: Mapping[NoseClass, float] = {"flat": 0.72, "hemispherical": 0.84, "blunt": 1.0, "sharp": 1.14}
+HUGHES_NOSE: Mapping[NoseClass, float] = {"flat": 1.0, "hemispherical": 1.12, "blunt": 1.26, "sharp": 1.39}
+NDRC_CONSTANT = 3.8e-5
+"""In SI units; converted exactly, the form in US units has 3.8034e-5, 0.1 % more."""
+SCABBING_MARGIN, PERFORATION_MARGIN = 1.1, 1.2
+"""Factors on the limit thicknesses that DOE-STD-3014-2006 asks of a design. [1]"""
+
+
+@dataclass(frozen=True, slots=True)
+class OutOfRange:
+    """An input, or a result, outside the range of a formula."""
+
+    field: str
+    """Name of the input, or of the result."""
+    detail: str
+    """The range, and what was given."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FormulaResult:
+    """Answer of one formula; None where it has nothing to say."""
+
+    formula: str
+    penetration_depth: float | None = None
+    """Into concrete that is thick enough. [m]"""
+    scabbing_thickness: float | None = None
+    """Least thickness of a wall whose back does not scab. [m]"""
+    perforation_thickness: float | None = None
+    """Least thickness of a wall that is not perforated. [m]"""
+    out_of_range: tuple[OutOfRange, ...] = ()
+    """What the formula was not fitted to; empty within its range."""
+    source: str
+    """Authors and year."""
+    verified: bool
+    """Whether its constants were compared with an original or a standard; the others come from secondary sources."""
+
+    @property
+    def in_range(self) -> bool:
+        """Whether every input and result lies within the range of the formula."""
+        return not self.out_of_range
+
+
+def nose_class(projectile: Projectile) -> NoseClass:
+    """Class of the nose in the sense of the formulas, from its length over its diameter.
+
+    Notes
+    -----
+    The formulas name classes without measures. Here a nose without length is flat, up to half a diameter it is
+    hemispherical, up to one diameter blunt, and beyond sharp.
+    """
+    ratio = _nose_ratio(projectile)
+    if ratio == 0.0:
+        return "flat"
+    if ratio <= 0.5 + 1e-9:
+        return "hemispherical"
+    return "blunt" if ratio <= 1.0 else "sharp"
+
+
+def modified_ndrc(*, projectile: Projectile, target: Target, impact: Impact) -> FormulaResult:
+    """Penetration, scabbing and perforation by the modified NDRC formula.
+
+    Notes
+    -----
+    NDRC (1946) with the limits of Kennedy (1976), as in DOE-STD-3014-2006, appendix C:
+    ``G = 3.8e-5 N M / (d sqrt(f'c)) (V/d)^1.8`` in SI units, ``x/d = 2 sqrt(G)`` up to G = 1 and ``G + 1`` beyond. The
+    form in US units, converted, is 0.1 % larger.
+    """
+    return _by_ndrc_limits(
+        "modified_ndrc",
+        projectile,
+        _ndrc_depth(_ndrc_impact(projectile, target, impact)),
+        source="NDRC 1946; Kennedy 1976; DOE-STD-3014-2006, appendix C",
+        verified=True,
+    )
+
+
+def kar(*, projectile: Projectile, target: Target, impact: Impact, stiffness_ratio: float = 1.0) -> FormulaResult:
+    """Kar's extension of the NDRC formula to projectiles less stiff than steel.
+
+    Parameters
+    ----------
+    stiffness_ratio
+        Young's modulus of the projectile over that of steel; 1 gives the modified NDRC formula. [1]
+
+    Notes
+    -----
+    Kar (1978): NDRC's G times ``(E/E_steel)^1.25``. The size of the aggregate, which Kar adds to the limit thicknesses,
+    is left out. Constants not compared with the original.
+    """
+    require_positive("stiffness_ratio", stiffness_ratio)
+    depth = _ndrc_depth(_ndrc_impact(projectile, target, impact) * stiffness_ratio**1.25)
+    return _by_ndrc_limits("kar", projectile, depth, source="Kar 1978", verified=False)
+
+
+def degen(*, projectile: Projectile, target: Target, impact: Impact) -> FormulaResult:
+    """Perforation by Degen's formula, with the depth of the modified NDRC formula.
+
+    Notes
+    -----
+    Degen (1980), as in DOE-STD-3014-2006, appendix C: ``e/d = 2.2 X - 0.3 X²`` up to X = x/d = 1.52, and
+    ``0.69 + 1.29 X`` beyond, for e/d from 2.65 to 18.
+    """
+    d, ratio = projectile.diameter, _ndrc_depth(_ndrc_impact(projectile, target, impact))
+    thickness = 2.2 * ratio - 0.3 * ratio**2 if ratio < 1.52 else 0.69 + 1.29 * ratio
+    return FormulaResult(
+        formula="degen",
+        penetration_depth=ratio * d,
+        perforation_thickness=thickness * d,
+        out_of_range=_outside("perforation_thickness", thickness, 0.0, 18.0, "diameters"),
+        source="Degen 1980; DOE-STD-3014-2006, appendix C",
+        verified=True,
+    )
+
+
+def ace(*, projectile: Projectile, target: Target, impact: Impact) -> FormulaResult:
+    """Penetration and perforation by the formula of the U.S. Army Corps of Engineers.
+
+    Notes
+    -----
+    ACE (1946): ``x/d = 3.5e-4 / sqrt(f'c) (M/d³) d^0.215 V^1.5 + 0.5`` and ``e/d = 1.32 + 1.24 x/d`` for x/d from 1.35
+    to 13.5. Two secondary sources agree.
+    """
+    d, v = projectile.diameter, _normal_velocity(impact)
+    ratio = 3.5e-4 / math.sqrt(target.compressive_strength) * (projectile.mass / d**3) * d**0.215 * v**1.5 + 0.5
+    return FormulaResult(
+        formula="ace",
+        penetration_depth=ratio * d,
+        perforation_thickness=(1.32 + 1.24 * ratio) * d,
+        out_of_range=_outside("penetration_depth", ratio, 1.35, 13.5, "diameters"),
+        source="U.S. Army Corps of Engineers 1946, after Chelapati, Kennedy and Wall 1972",
+        verified=False,
+    )
+
+
+def brl(*, projectile: Projectile, target: Target, impact: Impact) -> FormulaResult:
+    """Penetration and perforation by the formula of the Ballistic Research Laboratory.
+
+    Notes
+    -----
+    BRL (1941): ``x/d = 1.33e-3 / sqrt(f'c) (M/d³) d^0.2 V^1.33`` and ``e = 1.3 x``. Two secondary sources agree;
+    neither gives a range.
+    """
+    d, v = projectile.diameter, _normal_velocity(impact)
+    depth = d * 1.33e-3 / math.sqrt(target.compressive_strength) * (projectile.mass / d**3) * d**0.2 * v**1.33
+    return FormulaResult(
+        formula="brl",
+        penetration_depth=depth,
+        perforation_thickness=1.3 * depth,
+        source="Ballistic Research Laboratory 1941, after Chelapati, Kennedy and Wall 1972",
+        verified=False,
+    )
+
+
+def chang(*, projectile: Projectile, target: Target, impact: Impact) -> FormulaResult:
+    """Scabbing and perforation by Chang's formulas.
+
+    Notes
+    -----
+    Chang (1981), for flat noses: ``e/d = (61/V)^0.25 (M V² / (d³ f'c))^0.5`` and
+    ``h/d = 1.84 (61/V)^0.13 (M V² / (d³ f'c))^0.4``, from tests at 16 to 312 m/s with 0.11 to 343 kg and 5 to 30 cm on
+    concrete of 23 to 46 MPa. Constants not compared with the original.
+    """
+    d, v, strength = projectile.diameter, _normal_velocity(impact), target.compressive_strength
+    energy = projectile.mass * v**2 / (d**3 * strength)
+    return FormulaResult(
+        formula="chang",
+        scabbing_thickness=1.84 * (61.0 / v) ** 0.13 * energy**0.4 * d,
+        perforation_thickness=(61.0 / v) ** 0.25 * math.sqrt(energy) * d,
+        out_of_range=_outside("impact.velocity", v, 16.0, 312.0, "m/s along the normal")
+        + _outside("projectile.mass", projectile.mass, 0.11, 343.0, "kg")
+        + _outside("projectile.diameter", 1e3 * d, 50.0, 300.0, "mm")
+        + _outside("target.compressive_strength", 1e-6 * strength, 23.0, 46.0, "MPa"),
+        source="Chang 1981",
+        verified=False,
+    )
+
+
+def cea_edf(*, projectile: Projectile, target: Target, impact: Impact) -> FormulaResult:
+    """Perforation by the formula of CEA and EDF, for flat noses.
+
+    Notes
+    -----
+    Berriaud et al. (1978): ``e = 0.82 M^0.5 V^0.75 / (ρ^0.125 f'c^0.375 d^0.5)``, from tests at 20 to 200 m/s.
+    `cea_edf_limit_speed` is its inverse to 0.2 %. Constants not compared with the original.
+    """
+    v = _normal_velocity(impact)
+    thickness = (
+        0.82
+        * math.sqrt(projectile.mass / projectile.diameter)
+        * v**0.75
+        / (target.density**0.125 * target.compressive_strength**0.375)
+    )
+    return FormulaResult(
+        formula="cea_edf",
+        perforation_thickness=thickness,
+        out_of_range=_outside("impact.velocity", v, 20.0, 200.0, "m/s along the normal"),
+        source="Berriaud et al. 1978",
+        verified=False,
+    )
+
+
+def cea_edf_limit_speed(*, projectile: Projectile, target: Target, thickness: float) -> float:
+    """Least speed along the normal that perforates a wall, by the formula of CEA and EDF. [m/s]
+
+    Parameters
+    ----------
+    thickness
+        Of the wall. [m]
+
+    Notes
+    -----
+    ``V = 1.3 ρ^(1/6) f'c^0.5 (d H² / M)^(2/3)``, fitted from 20 to 200 m/s; see `cea_edf`.
+    """
+    require_positive("thickness", thickness)
+    slenderness = projectile.diameter * thickness**2 / projectile.mass
+    strength = math.sqrt(target.compressive_strength)
+    return 1.3 * math.pow(target.density, 1.0 / 6.0) * strength * math.pow(slenderness, 2.0 / 3.0)
+
+
+def ukaea(*, projectile: Projectile, target: Target, impact: Impact) -> FormulaResult:
+    """Penetration and scabbing by Barr's formula for the UKAEA, made for the slow strikes of plant safety.
+
+    Notes
+    -----
+    Barr (1990), with NDRC's G: ``x/d = 0.275 - sqrt(0.0756 - G)`` up to G = 0.0726, ``sqrt(4 G - 0.242)`` up to 1.0605
+    and ``G + 0.9395`` beyond; ``h/d = 5.3 G^0.33``. For 25 to 300 m/s, 22 to 44 MPa and M/d³ from 5,000 to
+    200,000 kg/m³. Constants not compared with the original.
+    """
+    d, g = projectile.diameter, _ndrc_impact(projectile, target, impact)
+    if g <= 0.0726:
+        ratio = 0.275 - math.sqrt(0.0756 - g)
+    elif g < 1.0605:
+        ratio = math.sqrt(4.0 * g - 0.242)
+    else:
+        ratio = g + 0.9395
+    return FormulaResult(
+        formula="ukaea",
+        penetration_depth=ratio * d,
+        scabbing_thickness=5.3 * g**0.33 * d,
+        out_of_range=_outside("impact.velocity", _normal_velocity(impact), 25.0, 300.0, "m/s along the normal")
+        + _outside("target.compressive_strength", 1e-6 * target.compressive_strength, 22.0, 44.0, "MPa")
+        + _outside("projectile.mass", projectile.mass / d**3, 5e3, 2e5, "kg/m³ over the cube of the diameter"),
+        source="Barr 1990 (UKAEA)",
+        verified=False,
+    )
+
+
+def hughes(
+    *, projectile: Projectile, target: Target, impact: Impact, tensile_strength: float | None = None
+) -> FormulaResult:
+    """Penetration, scabbing and perforation by Hughes' formula.
+
+    Parameters
+    ----------
+    tensile_strength
+        f_t of the concrete; 0.3 MPa (f'c/MPa)^(2/3), as in the fib Model Code 2010, when not given. [Pa]
+
+    Notes
+    -----
+    Hughes (1984): ``x/d = 0.19 N I / (1 + 12.3 ln(1 + 0.03 I))`` with ``I = M V² / (d³ f_t)``; ``e/d = 3.6 X`` below
+    X = x/d = 0.7 and ``1.58 X + 1.4`` beyond, ``h/d = 5 X`` and ``1.74 X + 2.3``. Constants not compared with the
+    original.
+    """
+    if tensile_strength is None:
+        tensile_strength = 0.3e6 * (target.compressive_strength / 1e6) ** (2.0 / 3.0)
+    require_positive("tensile_strength", tensile_strength)
+    d = projectile.diameter
+    energy = projectile.mass * _normal_velocity(impact) ** 2 / (d**3 * tensile_strength)
+    ratio = 0.19 * HUGHES_NOSE[nose_class(projectile)] * energy / (1.0 + 12.3 * math.log1p(0.03 * energy))
+    return FormulaResult(
+        formula="hughes",
+        penetration_depth=ratio * d,
+        scabbing_thickness=(5.0 * ratio if ratio < 0.7 else 1.74 * ratio + 2.3) * d,
+        perforation_thickness=(3.6 * ratio if ratio < 0.7 else 1.58 * ratio + 1.4) * d,
+        source="Hughes 1984",
+        verified=False,
+    )
+
+
+def li_chen(
+    *, projectile: Projectile, target: Target, impact: Impact, strength_factor: float | None = None
+) -> FormulaResult:
+    """Penetration by Li and Chen's formula, with the shallow branch.
+
+    Parameters
+    ----------
+    strength_factor
+        S; 82.6 (f'c/MPa)^-0.544 when not given. [1]
+
+    Notes
+    -----
+    Li and Chen (2003): ``I = M V² / (S d³ f'c)``, ``N = M / (N* ρ d³)`` and a crater of ``k = 0.707 + h/d`` diameters,
+    h the length of the nose. ``x/d = sqrt(4 k I / π (1 + k π / (4 N)) / (1 + I / N))`` up to I = π k / 4, and
+    ``2 N / π ln((1 + I / N) / (1 + k π / (4 N))) + k`` beyond. With k = 2 the latter is `closed_form_depth`.
+    """
+    if strength_factor is None:
+        (strength_factor,) = StrengthPowerLaw().polynomial(target=target, projectile=projectile)
+    require_positive("strength_factor", strength_factor)
+    d, mass = projectile.diameter, projectile.mass
+    energy = mass * _normal_velocity(impact) ** 2 / (strength_factor * d**3 * target.compressive_strength)
+    slenderness = mass / (nose_factor(projectile) * target.density * d**3)
+    crater = 0.707 + _nose_ratio(projectile)
+    entry = 1.0 + crater * math.pi / (4.0 * slenderness)
+    if energy <= math.pi * crater / 4.0:
+        ratio = math.sqrt(4.0 * crater * energy / math.pi * entry / (1.0 + energy / slenderness))
+    else:
+        ratio = 2.0 / math.pi * slenderness * math.log((1.0 + energy / slenderness) / entry) + crater
+    return FormulaResult(
+        formula="li_chen",
+        penetration_depth=ratio * d,
+        out_of_range=_outside("penetration_depth", ratio, 0.5, math.inf, "diameters"),
+        source="Li and Chen 2003",
+        verified=True,
+    )
+
+
+Formula: TypeAlias = Callable[..., FormulaResult]
+FORMULAS: tuple[Formula, ...] = (modified_ndrc, degen, cea_edf, ukaea, chang, hughes, kar, ace, brl, li_chen)
+
+
+def formulas(*, projectile: Projectile, target: Target, impact: Impact) -> tuple[FormulaResult, ...]:
+    """Return the answers of all formulas for one strike.
+
+    Parameters
+    ----------
+    projectile, target, impact
+        What strikes, what is struck, and how. Only the normal component of the velocity counts.
+
+    Returns
+    -------
+    tuple of FormulaResult
+        One for each formula, inside its range or not.
+
+    Raises
+    ------
+    ParameterError
+        If the strike has no velocity along the normal.
+
+    Examples
+    --------
+    >>> from solver import Impact, Ogive, Projectile, Target, formulas
+    >>> projectile = Projectile(nose=Ogive(caliber_radius_head=3.0), diameter=0.08, length=0.53, mass=13.0)
+    >>> target = Target(compressive_strength=39e6, density=2250.0)
+    >>> for answer in formulas(projectile=projectile, target=target, impact=Impact(velocity=238.0, oblique_angle=0.0)):
+    ...     if answer.perforation_thickness is not None and answer.verified:
+    ...         print(answer.formula, round(answer.perforation_thickness, 3), answer.in_range)
+    modified_ndrc 0.405 True
+    degen 0.366 True
+    """
+    return tuple(formula(projectile=projectile, target=target, impact=impact) for formula in FORMULAS)
+
+
+def _normal_velocity(impact: Impact) -> float:
+    normal = impact.velocity * math.cos(impact.oblique_angle)
+    if normal <= 0.0:
+        raise ParameterError("impact.oblique_angle", "must leave a velocity along the normal for the formulas")
+    return normal
+
+
+def _nose_ratio(projectile: Projectile) -> float:
+    """Length of the nose over the diameter. [1]"""
+    return projectile.nose.length(projectile.radius) / projectile.diameter
+
+
+def _ndrc_impact(projectile: Projectile, target: Target, impact: Impact) -> float:
+    """G of the NDRC formula. [1]"""
+    d, nose = projectile.diameter, NDRC_NOSE[nose_class(projectile)]
+    rate = math.pow(_normal_velocity(impact) / d, 1.8)
+    return NDRC_CONSTANT * nose * projectile.mass / (d * math.sqrt(target.compressive_strength)) * rate
+
+
+def _ndrc_depth(g: float) -> float:
+    """Penetration over the diameter, from G. [1]"""
+    return 2.0 * math.sqrt(g) if g <= 1.0 else g + 1.0
+
+
+def _by_ndrc_limits(
+    formula: str, projectile: Projectile, ratio: float, *, source: str, verified: bool
+) -> FormulaResult:
+    """Limit thicknesses from the penetration over the diameter (Kennedy 1976)."""
+    d = projectile.diameter
+    scabbing = 7.91 * ratio - 5.06 * ratio**2 if ratio <= 0.65 else 2.12 + 1.36 * ratio
+    perforation = 3.19 * ratio - 0.718 * ratio**2 if ratio <= 1.35 else 1.32 + 1.24 * ratio
+    return FormulaResult(
+        formula=formula,
+        penetration_depth=ratio * d,
+        scabbing_thickness=scabbing * d,
+        perforation_thickness=perforation * d,
+        out_of_range=_outside("perforation_thickness", perforation, 3.0, 18.0, "diameters")
+        + _outside("scabbing_thickness", scabbing, 3.0, 18.0, "diameters"),
+        source=source,
+        verified=verified,
+    )
+
+
+def _outside(field: str, value: float, lowest: float, highest: float, unit: str) -> tuple[OutOfRange, ...]:
+    if lowest <= value <= highest:
+        return ()
+    bounds = f"at least {lowest:g}" if math.isinf(highest) else f"from {lowest:g} to {highest:g}"
+    return (OutOfRange(field, f"fitted {bounds} {unit}, here {value:.3g}"),)
