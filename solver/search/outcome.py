@@ -119,7 +119,7 @@ def _lead(lowest: FloatArray, highest: FloatArray, trials: FloatArray, brackets:
 def _energy_left(angle: float, level: Level, search: SearchState) -> float:
     """Share of the energy left at an angle; 0 where less than a tenth of the retention energy is left."""
     trial = search.table.rows[attempt(angle, level, search)]
-    search.table.count[0] -= 1  # not a trial of the search
+    search.table.filled[0] -= 1  # not a trial of the search
     left = trial[MARGIN] + search.inputs.retention
     return 0.0 if failed(trial) or undecided(trial) or left < 0.0 else left
 
@@ -161,7 +161,7 @@ def search_outcome(angles: FloatArray, inputs: TrialInputs, model: Model, levels
     for angle in angles:
         if not has_strength(angle, inputs.strength):
             attempt(angle, levels[ROUGH], search)
-            return Found(trials[: table.count[0]], brackets[:0], nearby)
+            return Found(trials[: table.filled[0]], brackets[:0], nearby)
     panels = model.panels.area.size > 0  # as many at every level
     first = ASKED if panels else ROUGH
     for scan in range(2):  # without a change, or if one is missing, the scan is repeated, more finely
@@ -177,7 +177,7 @@ def search_outcome(angles: FloatArray, inputs: TrialInputs, model: Model, levels
                 brackets[changes, 0], brackets[changes, 1] = left, right
                 changes += 1
         if has_failed(search):
-            return Found(trials[: table.count[0]], brackets[:0], nearby)
+            return Found(trials[: table.filled[0]], brackets[:0], nearby)
         lowest, highest = trials[numbers[0]], trials[numbers[numbers.size - 1]]
         if panels or scan == 1 or (changes > 0 and _lead(lowest, highest, trials, brackets[:changes])):
             break
@@ -187,4 +187,4 @@ def search_outcome(angles: FloatArray, inputs: TrialInputs, model: Model, levels
         if turned_away(trials[brackets[i, 1]]):
             nearby = _nearby_energies(trials[brackets[i, 1], ANGLE], levels[ASKED if panels else MIDDLE], search)
             break
-    return Found(trials[: table.count[0]], brackets, nearby)
+    return Found(trials[: table.filled[0]], brackets, nearby)

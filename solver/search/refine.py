@@ -65,7 +65,7 @@ def _bracket(left: int, right: int, level: Level, search: SearchState) -> tuple[
     tuple of two integers
         The trials on its two sides; the same one if it is not in the range.
     """
-    trials, count = search.table.rows, search.table.count[0]
+    trials, count = search.table.rows, search.table.filled[0]
     rising, longest = turned_away(trials[right]), level.stride
     lowest, highest = trials[:count, ANGLE].min(), trials[:count, ANGLE].max()
     slope = (trials[right, MARGIN] - trials[left, MARGIN]) / (trials[right, ANGLE] - trials[left, ANGLE])
@@ -97,7 +97,7 @@ def _narrow(left: int, right: int, level: Level, search: SearchState) -> tuple[i
     rising = turned_away(trials[right])
     margin_left, margin_right = trials[left, MARGIN], trials[right, MARGIN]
     goal, more = math.inf, PATIENCE
-    while search.table.count[0] < MOST_TRIALS and not has_failed(search):
+    while search.table.filled[0] < MOST_TRIALS and not has_failed(search):
         a, b = trials[left, ANGLE], trials[right, ANGLE]
         width = b - a
         if width <= tolerance:
@@ -127,7 +127,7 @@ def refine(left: int, right: int, first: int, search: SearchState) -> tuple[int,
     beside a trial that was in motion at the termination time.
     """
     trials, levels, place, shift = search.table.rows, search.levels, math.nan, math.nan
-    begun = count = search.table.count[0]
+    begun = count = search.table.filled[0]
     for k in range(first, LAST + 1):
         if k == LAST:
             decided_by_time = undecided(trials[left]) or undecided(trials[right])
@@ -141,7 +141,7 @@ def refine(left: int, right: int, first: int, search: SearchState) -> tuple[int,
         if left == right:
             break
         left, right = _narrow(left, right, levels[k], search)
-        count = search.table.count[0]
+        count = search.table.filled[0]
         if failed(trials[count - 1]) or search.model.panels.area.size > 0:
             break
         earlier, place = place, _place(left, right, trials)

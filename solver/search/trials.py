@@ -50,7 +50,7 @@ class TrialTable(NamedTuple):
 
     rows: FloatArray
     """(n, 5), columns as above; those after the last trial are empty."""
-    count: IntArray
+    filled: IntArray
     """(1,) number of trials."""
     work: Workspace
     linear: Linearisation
@@ -106,8 +106,8 @@ def _margin(run: Run, model: Model, energy: float, retention: float) -> float:
 def attempt(oblique_angle: float, level: Level, search: SearchState) -> int:
     """Run one trial and append it to the table; return its number."""
     inputs, model, table = search.inputs, search.model, search.table
-    number = table.count[0]
-    row, table.count[0] = table.rows[number], number + 1
+    number = int(table.filled[0])
+    row, table.filled[0] = table.rows[number], number + 1
     row[ANGLE], row[FINE] = oblique_angle, 1.0 if level.fine else 0.0
     if not has_strength(oblique_angle, inputs.strength):
         row[END] = NO_STRENGTH
@@ -160,4 +160,4 @@ def turned_away(trial: FloatArray) -> bool:
 @lean
 def has_failed(search: SearchState) -> bool:
     """Whether the last trial has failed."""
-    return failed(search.table.rows[search.table.count[0] - 1])
+    return failed(search.table.rows[search.table.filled[0] - 1])
