@@ -13,12 +13,13 @@ from fastapi import APIRouter, Header, HTTPException, Path, Request, Response
 from service.api.contract import Responses, problems
 from service.api.headers import choose, matches
 from service.api.services import services_of
+from service.auth.dependencies import READ
 from service.cache.hdf5 import to_hdf5
 from service.cache.record import Record
 from service.cache.tables import residuals_of
 from service.schemas import Result
 
-router = APIRouter(tags=["results"])
+router = APIRouter(tags=["results"], dependencies=[READ])
 
 
 def to_csv(record: Record) -> bytes:

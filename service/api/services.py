@@ -7,12 +7,12 @@ from anyio import CapacityLimiter
 from fastapi import Request
 from opentelemetry.trace import TracerProvider
 
-from service.access.audit import AuditLog
-from service.access.keyring import KeyRing
-from service.access.places import Queries, Streams
-from service.access.usage import Usages
 from service.api.body import KnownBodies
 from service.api.metrics import Metrics
+from service.auth.api_keys import ApiKeyStore
+from service.auth.audit import AuditLog
+from service.auth.dependencies import ConcurrencyLimit
+from service.auth.quotas import QuotaStore
 from service.cache.cache import ResultCache
 from service.jobs.manager import JobManager
 from service.queries import QueryService
@@ -34,11 +34,11 @@ class Services:
 
     settings: Settings
     metrics: Metrics
-    keys: KeyRing
-    usages: Usages
+    keys: ApiKeyStore
+    quotas: QuotaStore
     audit: AuditLog
-    streams: Streams
-    owner_queries: Queries
+    streams: ConcurrencyLimit
+    owner_queries: ConcurrencyLimit
     bodies: KnownBodies
     traces: TracerProvider | None
 

@@ -17,8 +17,8 @@ import uvicorn
 from fastapi import FastAPI
 from httpx import HTTPTransport
 
-from service.access.connection import Connection
 from service.api.app import STOP_SECONDS, create_app
+from service.api.connection import Connection
 from service.cli.arguments import read_settings
 from service.cli.client import Client, connect
 from service.cli.errors import FAILED, CommandError
