@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from http import HTTPStatus
 from typing import Any, ClassVar, Self
 
-from service.schemas.pointers import pointer_of_location, pointer_of_parameter
+from service.schemas.problems import pointer_of_location, pointer_of_parameter
 from solver import IntegrationError, ParameterError, StepLimitError
 
 log = logging.getLogger(__name__)

@@ -18,7 +18,7 @@ from service.api import batches, health, jobs, metrics, page, queries, results, 
 from service.api.body import KnownBodies
 from service.api.connection import BodyTimeoutMiddleware
 from service.api.contract import problems
-from service.api.serializers import DOWNLOADS
+from service.api.results import DOWNLOADS
 from service.api.services import READING_THREADS, Services, executor_for
 from service.auth.api_keys import ApiKeyStore
 from service.auth.audit import AuditLog
@@ -26,12 +26,11 @@ from service.auth.dependencies import ConcurrencyLimit, authorize_unrouted
 from service.auth.middleware import AuthMiddleware
 from service.auth.quotas import QuotaStore
 from service.cache.cache import ResultCache
-from service.cache_key import SCHEMA_VERSION
 from service.errors import OwnerQueriesError, OwnerStreamsError, StreamsFullError
 from service.jobs.manager import JobManager
 from service.jobs.store import JobStore
 from service.logs import RequestLog
-from service.operations import OPERATIONS
+from service.operations import OPERATIONS, SCHEMA_VERSION
 from service.problems import MEDIA_TYPE, install_problem_handlers
 from service.queries import QueryService
 from service.schemas import (

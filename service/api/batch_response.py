@@ -13,9 +13,8 @@ from fastapi import Depends, Header, HTTPException, Request, Response
 from fastapi.responses import StreamingResponse
 
 from service.api.batch_body import BatchBody
-from service.api.body import JSON, JSONL
-from service.api.headers import Preference, choose, read_preference
-from service.api.serializers import CSV, as_array, as_csv, as_lines, csv_head, csv_rows, to_item, to_lines
+from service.api.body import JSON, JSONL, Preference, choose, read_preference
+from service.api.results import CSV, as_array, as_csv, as_lines, csv_head, csv_rows, to_item, to_lines
 from service.api.services import services_of
 from service.auth.dependencies import context_in
 from service.jobs.manager import JobManager

@@ -13,10 +13,9 @@ from fastapi.responses import StreamingResponse
 from fastapi.sse import EventSourceResponse, ServerSentEvent
 
 from service.api.batch_response import closing, job_json, job_response, retry_after, to_job, until
-from service.api.body import JSON, JSONL
+from service.api.body import JSON, JSONL, choose
 from service.api.contract import RETRY_LATER, Responses, problems
-from service.api.headers import choose
-from service.api.serializers import CSV, HDF5, as_array, as_csv, as_lines, hdf5_response
+from service.api.results import CSV, HDF5, as_array, as_csv, as_lines, hdf5_response
 from service.api.services import services_of
 from service.auth.dependencies import ReadContext, RunContext
 from service.jobs.manager import JobManager

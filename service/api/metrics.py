@@ -19,9 +19,9 @@ from prometheus_client import (
 from service.api.contract import problems
 from service.auth.dependencies import READ
 from service.cache.cache import ResultCache
-from service.cache_key import SCHEMA_VERSION
 from service.jobs.manager import JobManager
 from service.jobs.models import JobState, Status
+from service.operations import SCHEMA_VERSION
 from service.workers.base import Executor
 from solver import ENGINE_VERSION
 

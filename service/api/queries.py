@@ -14,13 +14,11 @@ from service.api.body import JSON, KnownBody, next_turn, parse_json, read_body, 
 from service.api.contract import COMPUTED, one_body
 from service.api.services import Services, services_of
 from service.auth.dependencies import RUN, RequestContext, context_in
-from service.backpressure import check_work
-from service.cache_key import KeyedRequest
 from service.errors import InvalidBodyError, ProblemType, problem_of, validation_errors
 from service.jobs.scheduler import problem_name
 from service.logs import BEGUN
-from service.operations import OPERATIONS
-from service.queries import Answered, CacheStatus
+from service.operations import OPERATIONS, KeyedRequest
+from service.queries import Answered, CacheStatus, check_work
 from service.schemas import (
     CriticalAngleAnswer,
     CriticalAngleRequest,
@@ -34,7 +32,7 @@ from service.schemas import (
     TrajectoryRequest,
 )
 from service.schemas.alternatives import alternative_requests, answered_alternative, with_alternatives
-from service.schemas.pointers import json_pointer
+from service.schemas.problems import json_pointer
 
 MAX_FIELDS = 20
 """Fields of an object of a calibration, which has half as many: listing a million errors would take a second."""

@@ -18,8 +18,7 @@ from service.jobs.manager import JobManager
 from service.queries import QueryService
 from service.settings import Settings
 from service.workers.base import Executor
-from service.workers.in_thread import InThreadExecutor
-from service.workers.process_pool import ProcessPool
+from service.workers.process_pool import InThreadExecutor, ProcessPool
 
 READING_THREADS = 1
 """Threads that validate cases: more would only take the interpreter lock from the event loop more often."""

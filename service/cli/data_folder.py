@@ -6,8 +6,7 @@ from datetime import UTC, datetime
 from typing import TYPE_CHECKING
 
 from service.auth.api_keys import SCOPES
-from service.cli.arguments import add_actions, examples, read_settings
-from service.cli.errors import FAILED, CommandError
+from service.cli.arguments import FAILED, CommandError, add_actions, examples, read_settings
 
 if TYPE_CHECKING:
     from service.auth.api_keys import ApiKey

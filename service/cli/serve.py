@@ -11,8 +11,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from service.cli.arguments import examples, read_settings
-from service.cli.errors import FAILED, CommandError
+from service.cli.arguments import FAILED, CommandError, examples, read_settings
 
 if TYPE_CHECKING:
     from service.auth.api_keys import ApiKeyStore

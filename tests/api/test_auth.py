@@ -27,7 +27,7 @@ from service.auth.api_keys import (
     revoke_key,
 )
 from service.auth.quotas import STEP, WINDOW, Quota, QuotaStore
-from service.cli.errors import CommandError
+from service.cli.arguments import CommandError
 from service.cli.serve import check_access
 from service.errors import QuotaError
 from service.jobs.store import JobStore

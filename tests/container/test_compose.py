@@ -15,7 +15,7 @@ import pytest
 import yaml
 
 from service.auth.api_keys import ApiKeyStore
-from service.cli.errors import CommandError
+from service.cli.arguments import CommandError
 from service.cli.serve import check_access
 from service.schemas.examples import PAPER
 from service.settings import Settings

@@ -6,10 +6,10 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 
 from service.cache.cache import ResultCache
-from service.cache_key import KeyedRequest
 from service.jobs.manager import JobManager
 from service.jobs.models import Case, CaseResult, JobState
 from service.jobs.store import JobStore
+from service.operations import KeyedRequest
 from service.queries import QueryService
 from service.workers.base import Executor
 from tests.service.questions import SQUARE, Question

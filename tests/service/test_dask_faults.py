@@ -17,8 +17,8 @@ import pytest
 from distributed import Client
 from pydantic import ValidationError
 
+from service.dask.cluster import UnfitWorkerError, differences, run_chunk, versions
 from service.dask.executor import DaskExecutor
-from service.dask.plugin import UnfitWorkerError, differences, run_chunk, versions
 from service.errors import WorkerCrashedError
 from service.schemas.examples import PAPER
 from service.settings import Settings

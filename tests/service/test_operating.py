@@ -9,8 +9,7 @@ from pathlib import Path
 import pytest
 
 from service.jobs import store
-from service.workers.in_thread import InThreadExecutor
-from service.workers.process_pool import ProcessPool
+from service.workers.process_pool import InThreadExecutor, ProcessPool
 from solver import ENGINE_VERSION
 from tests.service.questions import runs
 from tests.service.squares import accepted, all_results, cases, collect, ended, running, squares, until_done
@@ -29,7 +28,7 @@ def log(tmp_path: Path) -> Path:
 
 def downgrade(monkeypatch: pytest.MonkeyPatch) -> None:
     """Have the service be that of an earlier engine."""
-    monkeypatch.setattr("service.cache_key.ENGINE_VERSION", EARLIER)
+    monkeypatch.setattr("service.operations.ENGINE_VERSION", EARLIER)
     monkeypatch.setattr("service.cache.record.ENGINE_VERSION", EARLIER)
     monkeypatch.setattr(store, "VERSIONS", f"{EARLIER} 1")
     monkeypatch.setattr("service.jobs.scheduler.VERSIONS", f"{EARLIER} 1")
