@@ -20,7 +20,7 @@ from service.errors import MAX_ERRORS, InvalidBodyError, field_errors, validatio
 from service.jobs.models import Case, Sweep
 from service.operations import KeyedRequest
 from service.queries import check_work
-from service.schemas.jobs import MOST_LINES, Cases
+from service.schemas.batches import MOST_LINES, Cases
 from service.schemas.requests import CriticalAngleBase, TrajectoryFields
 from service.schemas.sweeps import AxisError, Grid, Outline
 from service.workers.worker import check_requests

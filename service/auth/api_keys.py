@@ -319,6 +319,7 @@ def _insert(folder: Path, keys: list[dict[str, Any]], quotas: list[tuple[str, in
         fcntl.flock(lock, fcntl.LOCK_EX)
         is_new = not (folder / FILE).exists() or (folder / OLD_FILE).exists()
         open_private(folder / FILE, "ab").close()
+        (folder / FILE).chmod(0o600)  # also one that an interrupted migration or a restore has left
         with _readable(), connected(folder) as connection:
             connection.execute("BEGIN IMMEDIATE")
             if is_new:  # an empty file is damaged otherwise

@@ -1,6 +1,15 @@
 """Requests and answers as the contract has them; the only place that converts degrees."""
 
 from service.schemas.answers import CriticalAngleAnswer, TrajectoryAnswer
+from service.schemas.batches import (
+    CriticalAngleBatch,
+    CriticalAngleCase,
+    CriticalAngleResults,
+    TrajectoryBase,
+    TrajectoryBatch,
+    TrajectoryCase,
+    TrajectoryResults,
+)
 from service.schemas.building import critical_angle_answer, trajectory_answer
 from service.schemas.calibration import (
     DepthCalibrationAnswer,
@@ -13,19 +22,7 @@ from service.schemas.calibration import (
     motion_answer,
     obliquity_answer,
 )
-from service.schemas.jobs import (
-    CriticalAngleBatch,
-    CriticalAngleCase,
-    CriticalAngleResults,
-    Job,
-    JobResults,
-    Jobs,
-    Result,
-    TrajectoryBase,
-    TrajectoryBatch,
-    TrajectoryCase,
-    TrajectoryResults,
-)
+from service.schemas.jobs import Job, JobResults, Jobs, Result
 from service.schemas.requests import CriticalAngleBase, CriticalAngleRequest, TrajectoryRequest
 from service.schemas.sweeps import CriticalAngleSweep, TrajectorySweep
 

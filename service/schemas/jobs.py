@@ -1,138 +1,18 @@
-"""Batches and jobs: requests of many cases, and the state and results of a job."""
+"""Jobs and results of any operation, as the contract has them."""
 
 from enum import StrEnum
 from typing import Annotated, Any
 
-from pydantic import MISSING, AwareDatetime, Field, StringConstraints
+from pydantic import MISSING, AwareDatetime, Field
 from typing_extensions import TypeAliasType
 
-from service.schemas.answers import FOUND, RUN, VERSIONED, CriticalAngleAnswer, TrajectoryAnswer
+from service.schemas.answers import FOUND, VERSIONED, CriticalAngleAnswer, TrajectoryAnswer
+from service.schemas.batches import Item
 from service.schemas.calibration import DepthCalibrationAnswer, MotionCalibrationAnswer, ObliquityCalibrationAnswer
-from service.schemas.examples import PAPER, PAPER_AT_45
-from service.schemas.problems import INVALID, Problem
-from service.schemas.quantities import Count, Flag, Num, Part, with_examples
-from service.schemas.requests import CriticalAngleBase, TrajectoryFields, TrajectoryOutput
+from service.schemas.examples import PAPER
+from service.schemas.problems import Problem
+from service.schemas.quantities import Count, Part, with_examples
 from service.schemas.sweeps import EVEN, LISTED, Axis
-
-MOST_CASES = 1_000
-"""Of a JSON batch, which is parsed in one piece."""
-MOST_LINES = 100_000
-"""Of a JSONL batch, and points of a sweep."""
-
-CustomId = Annotated[
-    str,
-    StringConstraints(strict=True, min_length=1, max_length=128),
-    Field(description="Given back with the result. It need not be unique, though it serves better if it is."),
-]
-Index = Annotated[Count, Field(ge=0, description="Of the case in the request, from 0.")]
-
-
-class BatchOutput(TrajectoryOutput):
-    """What the answer to a trajectory among many holds."""
-
-    model_config = with_examples({"history": True, "sample_interval_s": 1e-4})
-
-    history: Annotated[
-        Flag, Field(description="Whether to give the motion over time; not among many, unless asked for.")
-    ] = False
-
-
-class TrajectoryBase(TrajectoryFields):
-    """One strike among many: as a single one, but without a history unless asked for."""
-
-    model_config = with_examples(PAPER_AT_45)
-
-    output: Annotated[BatchOutput, Field(default_factory=BatchOutput)]
-
-
-class TrajectoryCase(TrajectoryBase):
-    """A case of a batch of trajectories."""
-
-    model_config = with_examples(PAPER_AT_45 | {"custom_id": "shot-1"})
-
-    custom_id: CustomId | MISSING = MISSING
-
-    def canonical(self) -> dict[str, Any]:
-        """Return the resolved request as JSON data, as the same case gives it alone."""
-        return self.resolved().model_dump(mode="json", exclude={"custom_id"})
-
-
-class CriticalAngleCase(CriticalAngleBase):
-    """A case of a batch of critical angles."""
-
-    model_config = with_examples(PAPER | {"custom_id": "paper"})
-
-    custom_id: CustomId | MISSING = MISSING
-
-    def canonical(self) -> dict[str, Any]:
-        """Return the resolved request as JSON data, as the same case gives it alone."""
-        return self.resolved().model_dump(mode="json", exclude={"custom_id"})
-
-
-class TrajectoryBatch(Part):
-    """Trajectories to compute."""
-
-    model_config = with_examples({"cases": [PAPER_AT_45, PAPER_AT_45 | {"custom_id": "again"}]})
-
-    cases: Annotated[list[TrajectoryCase], Field(min_length=1, max_length=MOST_CASES)]
-
-
-class CriticalAngleBatch(Part):
-    """Critical angles to find."""
-
-    model_config = with_examples({"cases": [PAPER, PAPER | {"custom_id": "again"}]})
-
-    cases: Annotated[list[CriticalAngleCase], Field(min_length=1, max_length=MOST_CASES)]
-
-
-class Cases(Part):
-    """A batch before its cases are looked at."""
-
-    cases: Annotated[list[Any], Field(min_length=1, max_length=MOST_CASES)]
-
-
-class Item(Part):
-    """What became of one case: its result, or the problem that kept it from having one."""
-
-    index: Index
-    custom_id: CustomId | MISSING = MISSING
-    point: (
-        Annotated[dict[str, Num], Field(description="Of a sweep: the values of its axes, by their fields.")] | MISSING
-    ) = MISSING
-    problem: Annotated[Problem, Field(description="Why there is no result.")] | MISSING = MISSING
-
-
-class TrajectoryItem(Item):
-    """What became of one trajectory: its result, or the problem that kept it from having one."""
-
-    model_config = with_examples({"index": 0, "custom_id": "shot-1", "result": RUN | VERSIONED})
-
-    result: TrajectoryAnswer | MISSING = MISSING
-
-
-class CriticalAngleItem(Item):
-    """What became of one critical angle: its result, or the problem that kept it from having one."""
-
-    model_config = with_examples({"index": 0, "result": FOUND | VERSIONED}, {"index": 1, "problem": INVALID})
-
-    result: CriticalAngleAnswer | MISSING = MISSING
-
-
-class TrajectoryResults(Part):
-    """Trajectories, in the order of the request."""
-
-    model_config = with_examples({"results": [{"index": 0, "result": RUN | VERSIONED}]})
-
-    results: list[TrajectoryItem]
-
-
-class CriticalAngleResults(Part):
-    """Critical angles, in the order of the request."""
-
-    model_config = with_examples({"results": [{"index": 0, "result": FOUND | VERSIONED}]})
-
-    results: list[CriticalAngleItem]
-
 
 ID = "0123456789abcdef0123456789abcdef"
 COUNTS = {"total": 200, "done": 120, "cached": 20, "failed": 1}

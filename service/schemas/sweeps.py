@@ -9,8 +9,8 @@ from typing import Annotated, Any, Self
 from pydantic import MISSING, BaseModel, Field, StringConstraints, model_validator
 from pydantic_core import PydanticCustomError
 
+from service.schemas.batches import MOST_LINES, TrajectoryBase
 from service.schemas.examples import PAPER, PAPER_AT_45
-from service.schemas.jobs import MOST_LINES, TrajectoryBase
 from service.schemas.quantities import WHOLE, Count, Num, Part, with_examples
 from service.schemas.requests import CriticalAngleBase
 
