@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import MISSING, Field, StringConstraints
 
 from service.schemas.answers import VERSIONED, EngineVersion, Key, ModelWarning
-from service.schemas.building import warnings_told
+from service.schemas.building import warning_texts
 from service.schemas.calibration.shared import (
     Calibration,
     FittedStrength,
@@ -181,7 +181,7 @@ def depth_answer(fit: DepthFit, curves: Sequence[tuple[float, FloatArray, FloatA
             {"strength_factor": factor, "velocity_m_s": velocities.tolist(), "depth_m": depths.tolist()}
             for factor, velocities, depths in curves
         ]
-    return answer | {"warnings": warnings_told(fit.warnings)}
+    return answer | {"warnings": warning_texts(fit.warnings)}
 
 
 MOST_POINTS = 1000
@@ -283,5 +283,5 @@ def obliquity_answer(fit: ObliquityFit) -> dict[str, Any]:
     return polynomial | {
         "residuals": fit.residuals.tolist(),
         "strength_factor_model": {"model": "obliquity_polynomial"} | polynomial,
-        "warnings": warnings_told(fit.warnings),
+        "warnings": warning_texts(fit.warnings),
     }
