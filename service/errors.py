@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from http import HTTPStatus
 from typing import Any, ClassVar, Self
 
-from service.schemas.pointers import pointer_of_location, pointer_of_parameter
+from service.schemas.problems import pointer_of_location, pointer_of_parameter
 from solver import IntegrationError, ParameterError, StepLimitError
 
 log = logging.getLogger(__name__)
@@ -18,6 +18,8 @@ MAX_ERRORS = 100
 """Errors listed in one problem: a body may be wrong in ten thousand places, and nobody reads on."""
 RETRY_SECONDS = 5
 """When to try again a service that starts, stops or has lost its workers; a worker starts in about 1 s."""
+QUERIES_PER_SECOND = 100
+"""Single queries that a service answers, about."""
 
 
 class ServiceError(Exception):
@@ -109,10 +111,13 @@ class QueriesWaitingError(QueueFullError):
 
 
 class OwnerQueriesError(QueueFullError):
-    """More single queries of one owner would wait or run than may."""
+    """More single queries of one owner would wait or run than this limit."""
 
     type = "urn:ricochet:problem:owner-busy"
     title = "Too many queries of this owner are waiting"
+
+    def __init__(self, limit: int) -> None:
+        super().__init__(max(1, limit // QUERIES_PER_SECOND))
 
 
 class QuotaError(ServiceError):
@@ -130,16 +135,16 @@ class QuotaError(ServiceError):
 
     status = HTTPStatus.TOO_MANY_REQUESTS
     type = "urn:ricochet:problem:quota"
-    title = "The key has asked for too many cases"
+    title = "The quota of the key is used up"
 
     def __init__(self, most: int, count: int, retry_after: int) -> None:
-        more = "" if count <= most else "; ask for fewer at a time"
-        super().__init__(f"{count:,} cases are more than this key may ask for now: it has {most:,} an hour{more}")
+        more = "" if count <= most else "; request fewer at a time"
+        super().__init__(f"{count:,} cases exceed what is left of the {most:,} an hour of this key{more}")
         self.retry_after = retry_after
 
 
 class OwnerStreamsError(ServiceError):
-    """An owner has as many event streams open as one may."""
+    """An owner has as many event streams open as this limit."""
 
     status = HTTPStatus.TOO_MANY_REQUESTS
     type = "urn:ricochet:problem:owner-streams"
@@ -147,9 +152,12 @@ class OwnerStreamsError(ServiceError):
     retry_after = 30
     """Until one of them is likely to have ended. [s]"""
 
+    def __init__(self, limit: int) -> None:
+        super().__init__(f"{limit} event streams are open; end one, or read the job itself")
+
 
 class StreamsFullError(OwnerStreamsError):
-    """As many event streams are open as may be."""
+    """As many event streams are open as this limit."""
 
     status = HTTPStatus.SERVICE_UNAVAILABLE
     type = "urn:ricochet:problem:streams-full"

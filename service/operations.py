@@ -1,11 +1,11 @@
-"""What the service computes, each operation once: request, computation, answer, columns of its table.
+"""What the service computes, each operation once: request, computation, answer, columns and key of its result."""
 
-Workers, routes, jobs and the command line all go by this.
-"""
-
+import hashlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, TypeAlias
+from typing import Any, Protocol, TypeAlias
+
+import orjson
 
 import solver
 from service.columns import SUMMARY, Column
@@ -23,10 +23,74 @@ from service.schemas import (
 )
 from service.schemas.alternatives import alternative_requests
 from service.schemas.quantities import Part
+from solver import ENGINE_VERSION
 from solver.arrays import FloatArray
 from solver.calibration import fit_decay_laws, fit_depth, fit_obliquity, penetration_depths, predict_motion
 from solver.numerics import SEARCH_STATIONS
 from solver.search.levels import LAST_POINTS, LAST_STATIONS, LAST_TOLERANCE
+
+SCHEMA_VERSION = "1"
+"""Raised whenever the meaning of a request or an answer changes: results kept under another version are not used."""
+
+
+class Request(Protocol):
+    """A validated request."""
+
+    def canonical(self) -> dict[str, Any]:
+        """Return every field as JSON data, defaults filled in."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class KeyedRequest:
+    """A canonical request as JSON, and the key of its result."""
+
+    key: str
+    json: bytes
+
+    @classmethod
+    def of(cls, operation: str, request: Request) -> "KeyedRequest":
+        """Return the canonical form of a validated request with its key."""
+        canonical = request.canonical()
+        return cls(result_key(operation, canonical), orjson.dumps(canonical))
+
+
+def result_key(operation: str, request: dict[str, Any]) -> str:
+    """Key of the result of a request.
+
+    Parameters
+    ----------
+    operation
+        Name of the operation, such as ``"cra"``.
+    request
+        Canonical request: validated, every default filled in.
+
+    Returns
+    -------
+    str
+        SHA-256, hexadecimal. The order of the fields does not matter, nor 1 or 1.0, nor the sign of a zero; anything
+        else does, to the last bit of a number.
+    """
+    content = {
+        "operation": operation,
+        "request": _plain(request),
+        "engine_version": ENGINE_VERSION,
+        "schema_version": SCHEMA_VERSION,
+    }
+    return hashlib.sha256(orjson.dumps(content, option=orjson.OPT_SORT_KEYS)).hexdigest()
+
+
+def _plain(value: Any) -> Any:
+    """Replace numbers by floats, each of which has one text, and -0.0 by 0.0."""
+    kind = type(value)
+    if kind is float or kind is int:
+        return float(value) + 0.0
+    if kind is dict:
+        return {name: _plain(item) for name, item in value.items()}
+    if kind is list:
+        return [_plain(item) for item in value]
+    return value
+
 
 Answer: TypeAlias = tuple[dict[str, Any], dict[str, FloatArray] | None]
 """The JSON answer without its key, its version and the columns of its history; and those columns."""

@@ -84,7 +84,7 @@ def service_on() -> Callable[..., AbstractContextManager[Service]]:
 
 
 @pytest.fixture
-def own_service(tmp_path: Path) -> Iterator[Service]:
+def dedicated_service(tmp_path: Path) -> Iterator[Service]:
     """A service that the test may end."""
     with running_service(tmp_path) as service:
         yield service

@@ -14,23 +14,23 @@ from starlette.middleware.cors import CORSMiddleware
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from service import heap
-from service.access.audit import AuditLog
-from service.access.gate import Gate
-from service.access.keyring import KeyRing
-from service.access.places import Queries, Streams
-from service.access.rules import scope_for
-from service.access.usage import Usages
 from service.api import batches, health, jobs, metrics, page, queries, results, telemetry
 from service.api.body import KnownBodies
+from service.api.connection import BodyTimeoutMiddleware
 from service.api.contract import problems
-from service.api.serializers import DOWNLOADS
+from service.api.results import DOWNLOADS
 from service.api.services import READING_THREADS, Services, executor_for
+from service.auth.api_keys import ApiKeyStore
+from service.auth.audit import AuditLog
+from service.auth.dependencies import ConcurrencyLimit, authorize_unrouted
+from service.auth.middleware import AuthMiddleware
+from service.auth.quotas import QuotaStore
 from service.cache.cache import ResultCache
-from service.cache_key import SCHEMA_VERSION
+from service.errors import OwnerQueriesError, OwnerStreamsError, StreamsFullError
 from service.jobs.manager import JobManager
 from service.jobs.store import JobStore
 from service.logs import RequestLog
-from service.operations import OPERATIONS
+from service.operations import OPERATIONS, SCHEMA_VERSION
 from service.problems import MEDIA_TYPE, install_problem_handlers
 from service.queries import QueryService
 from service.schemas import (
@@ -72,12 +72,6 @@ BODIES = (
     ObliquityCalibrationRequest,
 )
 """Models of the bodies that routes read piece by piece, which FastAPI does not get to see."""
-KEY = {
-    "type": "http",
-    "scheme": "bearer",
-    "description": "A key of `ricochet keys add`, where the service asks for one. Reading takes the scope `read`, all "
-    "else `run`; with `admin`, the jobs of all owners are there.",
-}
 CORS: dict[str, Any] = {
     "allow_methods": ["GET", "HEAD", "POST", "DELETE"],
     "allow_headers": ["Authorization", "Content-Type", "Idempotency-Key", "If-None-Match", "Last-Event-ID", "Prefer"],
@@ -96,10 +90,9 @@ class Application(FastAPI):
         if self.openapi_schema is None:
             contract = super().openapi()
             declare_bodies(contract["components"]["schemas"])
-            contract["components"]["securitySchemes"] = {"key": KEY}
-            for path, operations in contract["paths"].items():
-                for method, operation in operations.items():
-                    declare_access(method, path, operation)
+            for operations in contract["paths"].values():
+                for operation in operations.values():
+                    declare_access(operation)
                     declare_problems(operation["responses"])
                     declare_events(operation["responses"])
         return super().openapi()
@@ -108,10 +101,10 @@ class Application(FastAPI):
         """Return the application with its middleware; all of it outside of FastAPI's, to see answers to failures."""
         services: Services = self.state.services
         settings = services.settings
-        inner: ASGIApp = HeadMiddleware(super().build_middleware_stack())
+        inner: ASGIApp = BodyTimeoutMiddleware(HeadMiddleware(super().build_middleware_stack()), settings)
         if services.traces is not None:
             inner = telemetry.LinkedTrace(inner)
-        inner = Gate(inner, settings, services.keys, services.usages, services.audit)
+        inner = AuthMiddleware(inner, settings, services.keys, services.quotas, services.audit)
         if settings.cors_origins:
             inner = CORSMiddleware(inner, settings.cors_origins, **CORS)
         return RequestLog(inner, services.metrics.observe, settings.log_level)
@@ -154,11 +147,11 @@ def declare_bodies(schemas: dict[str, Any]) -> None:
         schemas.setdefault(name, schema)
 
 
-def declare_access(method: str, path: str, operation: dict[str, Any]) -> None:
-    """Declare that an operation may take a key, and how it is refused without one."""
-    if scope_for(method.upper(), path) is None:
+def declare_access(operation: dict[str, Any]) -> None:
+    """Declare that a key is optional, as a service may be open, and how an operation is refused without one."""
+    if "security" not in operation:
         return
-    operation["security"] = [{}, {"key": []}]
+    operation["security"].insert(0, {})
     refused = problems(400, 401, 403, *([408] if "requestBody" in operation else []))
     for status, response in refused.items():
         declared = {name: value for name, value in response.items() if name != "model"}
@@ -208,17 +201,18 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     app.state.services = Services(
         settings=settings,
         metrics=metrics.Metrics(),
-        keys=KeyRing(settings.data_dir, log.error, settings.audit_log),
-        usages=Usages(settings.data_dir),
+        keys=ApiKeyStore(settings.data_dir, log.error, settings.audit_log),
+        quotas=QuotaStore(settings.data_dir),
         audit=AuditLog(settings.audit_log),
-        streams=Streams(settings.max_streams, settings.max_owner_streams),
-        owner_queries=Queries(settings.max_owner_queries),
+        streams=ConcurrencyLimit(settings.max_owner_streams, OwnerStreamsError, settings.max_streams, StreamsFullError),
+        owner_queries=ConcurrencyLimit(settings.max_owner_queries, OwnerQueriesError),
         bodies=KnownBodies(settings.memory_cache_bytes),
         traces=traces,
     )
     install_problem_handlers(app)
     for resource in RESOURCES:
         app.include_router(resource.router)
+    app.router.default = authorize_unrouted
     app.mount("/docs/assets", page.DOCS_ASSETS)
     app.mount("/page", page.ASSETS)
     return app
@@ -235,7 +229,7 @@ async def lifespan(app: FastAPI) -> AsyncIterator[None]:
     async with AsyncExitStack() as stack:
         services.audit.open()
         stack.callback(services.audit.close)
-        await stack.enter_async_context(services.usages.kept())
+        await stack.enter_async_context(services.quotas.saved_regularly())
         await stack.enter_async_context(heap.kept_small())
         if services.traces is not None:
             stack.push_async_callback(telemetry.finish, services.traces, TRACES_SECONDS)

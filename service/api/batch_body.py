@@ -16,14 +16,14 @@ from pydantic_core import to_json
 
 from service.api.body import JSON, JSONL, parse_json, read_body, require_type, stream_up_to
 from service.api.services import Services, services_of
-from service.backpressure import check_work
-from service.cache_key import KeyedRequest
 from service.errors import MAX_ERRORS, InvalidBodyError, field_errors, validation_errors
 from service.jobs.models import Case, Sweep
+from service.operations import KeyedRequest
+from service.queries import check_work
 from service.schemas.batches import MOST_LINES, Cases
 from service.schemas.requests import CriticalAngleBase, TrajectoryFields
 from service.schemas.sweeps import AxisError, Grid, Outline
-from service.workers.compute import check_requests
+from service.workers.worker import check_requests
 from solver import ParameterError
 
 CASES_AT_ONCE = 200

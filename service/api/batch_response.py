@@ -12,12 +12,11 @@ from anyio import CancelScope
 from fastapi import Depends, Header, HTTPException, Request, Response
 from fastapi.responses import StreamingResponse
 
-from service.access.visit import visit_in
 from service.api.batch_body import BatchBody
-from service.api.body import JSON, JSONL
-from service.api.headers import Preference, choose, read_preference
-from service.api.serializers import CSV, as_array, as_csv, as_lines, csv_head, csv_rows, to_item, to_lines
+from service.api.body import JSON, JSONL, Preference, choose, read_preference
+from service.api.results import CSV, as_array, as_csv, as_lines, csv_head, csv_rows, to_item, to_lines
 from service.api.services import services_of
+from service.auth.dependencies import context_in
 from service.jobs.manager import JobManager
 from service.jobs.models import Case, CaseResult, Idempotency, JobState, Sweep
 
@@ -83,7 +82,7 @@ class BatchResponse:
         self._token = idempotency_key
         services = services_of(request)
         self._jobs, self._settings, self._stopping = services.jobs, services.settings, services.stopping
-        self._context = visit_in(request.scope)
+        self._context = context_in(request.scope)
 
     async def to(self, body: BatchBody) -> Response:
         """Return the results, or the job that will have them. What is refused does not count against the key."""
@@ -106,7 +105,7 @@ class BatchResponse:
 
     async def _accept(self, cases: AsyncIterator[list[Case]], body: BatchBody) -> JobState:
         idempotency = Idempotency(self._token, body.digest) if self._token else None
-        owner = self._context.caller.owner
+        owner = self._context.principal.owner
         state, new = await self._jobs.accept(
             self.operation, cases, owner=owner, idempotency=idempotency, sweep=body.sweep
         )

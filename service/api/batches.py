@@ -5,6 +5,7 @@ from fastapi import APIRouter, Request, Response
 from service.api.batch_body import BatchReader
 from service.api.batch_response import BatchResponse, IdempotencyKey, WantedPreference
 from service.api.contract import MANY, many_bodies, one_body
+from service.auth.dependencies import RUN
 from service.schemas import (
     CriticalAngleBase,
     CriticalAngleBatch,
@@ -18,7 +19,7 @@ from service.schemas import (
     TrajectorySweep,
 )
 
-router = APIRouter()
+router = APIRouter(dependencies=[RUN])
 
 
 @router.post(

@@ -11,7 +11,7 @@ from pydantic import Field
 
 from service.api.contract import problems
 from service.api.services import services_of
-from service.cache_key import SCHEMA_VERSION
+from service.operations import SCHEMA_VERSION
 from service.schemas.quantities import Part, with_examples
 from solver import ENGINE_VERSION
 

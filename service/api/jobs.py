@@ -12,13 +12,12 @@ from fastapi import APIRouter, Depends, Header, HTTPException, Path, Query, Requ
 from fastapi.responses import StreamingResponse
 from fastapi.sse import EventSourceResponse, ServerSentEvent
 
-from service.access.visit import AskedVisit
 from service.api.batch_response import closing, job_json, job_response, retry_after, to_job, until
-from service.api.body import JSON, JSONL
+from service.api.body import JSON, JSONL, choose
 from service.api.contract import RETRY_LATER, Responses, problems
-from service.api.headers import choose
-from service.api.serializers import CSV, HDF5, as_array, as_csv, as_lines, hdf5_response
+from service.api.results import CSV, HDF5, as_array, as_csv, as_lines, hdf5_response
 from service.api.services import services_of
+from service.auth.dependencies import ReadContext, RunContext
 from service.jobs.manager import JobManager
 from service.jobs.models import CaseResult, JobState
 from service.schemas import Job, JobResults, Jobs
@@ -38,9 +37,9 @@ async def manager_of(request: Request) -> JobManager:
     return services_of(request).jobs
 
 
-async def event_stream(request: Request, visit: AskedVisit) -> AsyncIterator[None]:
+async def event_stream(request: Request, context: ReadContext) -> AsyncIterator[None]:
     """Count an event stream as open while a request lasts."""
-    with services_of(request).streams.held(visit.caller.owner):
+    with services_of(request).streams.held(context.principal.owner):
         yield
 
 
@@ -48,9 +47,9 @@ CurrentManager = Annotated[JobManager, Depends(manager_of)]
 JobId = Annotated[str, Path(description="Of the job.", max_length=200)]
 
 
-async def job_of(job_id: JobId, jobs: CurrentManager, visit: AskedVisit) -> JobState:
+async def job_of(job_id: JobId, jobs: CurrentManager, context: ReadContext) -> JobState:
     """Return the requested job; that of another owner is not there."""
-    return known(await jobs.job(job_id, visit.caller.sees))
+    return known(await jobs.job(job_id, context.principal.visible_owner))
 
 
 def known(state: JobState | None) -> JobState:
@@ -97,11 +96,11 @@ LastEventId = Annotated[
 @router.get("/jobs", response_model=Jobs, response_description="The jobs.", responses=problems(422, 500, 507))
 async def list_jobs(
     jobs: CurrentManager,
-    visit: AskedVisit,
+    context: ReadContext,
     limit: Annotated[int, Query(ge=1, le=MOST_ROWS, description="Jobs to give.")] = 100,
 ) -> Response:
     """List the jobs of the owner, the newest first; with the scope `admin`, those of all."""
-    states = await jobs.jobs(visit.caller.sees)
+    states = await jobs.jobs(context.principal.visible_owner)
     content = orjson.dumps({"jobs": [to_job(state) for state in states[:limit]]}, option=orjson.OPT_UTC_Z)
     return Response(content, media_type=JSON)
 
@@ -209,14 +208,14 @@ async def follow_job(
     request: Request,
     job: RequestedJob,
     jobs: CurrentManager,
-    visit: AskedVisit,
+    context: ReadContext,
     last_event_id: LastEventId = "",
 ) -> AsyncIterator[ServerSentEvent]:
     """Send a job whenever it changes, until it has ended. A job that has ended is sent once."""
     keys = services_of(request).keys
     async with aclosing(until(services_of(request).stopping, jobs.changes(job.id))) as changes:
         async for state in changes:
-            if visit.caller.key and not keys.holds(visit.caller.key):
+            if context.principal.key and not keys.holds(context.principal.key):
                 return  # revoked meanwhile
             if state.final or str(state.revision) != last_event_id:
                 yield ServerSentEvent(raw_data=job_json(state).decode(), id=str(state.revision))
@@ -228,10 +227,10 @@ async def follow_job(
     response_description="The job.",
     responses=problems(404, 422, 500, 507),
 )
-async def cancel_job(job_id: JobId, jobs: CurrentManager, visit: AskedVisit) -> Response:
+async def cancel_job(job_id: JobId, jobs: CurrentManager, context: RunContext) -> Response:
     """End a job; what is ready of its results stays until it expires. A job that has ended stays as it is."""
-    state = known(await jobs.cancel(job_id, visit.caller.sees))
-    visit.job = state.id
+    state = known(await jobs.cancel(job_id, context.principal.visible_owner))
+    context.job = state.id
     return job_response(state)
 
 
@@ -241,8 +240,8 @@ async def cancel_job(job_id: JobId, jobs: CurrentManager, visit: AskedVisit) -> 
     response_description="The job is gone.",
     responses=problems(404, 422, 500, 507),
 )
-async def delete_job(job_id: JobId, jobs: CurrentManager, visit: AskedVisit) -> None:
+async def delete_job(job_id: JobId, jobs: CurrentManager, context: RunContext) -> None:
     """Cancel a job and forget it; its results stay, by their keys, as long as there is room."""
-    if not await jobs.delete(job_id, visit.caller.sees):
+    if not await jobs.delete(job_id, context.principal.visible_owner):
         known(None)
-    visit.job = job_id
+    context.job = job_id

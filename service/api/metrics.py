@@ -17,14 +17,15 @@ from prometheus_client import (
 )
 
 from service.api.contract import problems
+from service.auth.dependencies import READ
 from service.cache.cache import ResultCache
-from service.cache_key import SCHEMA_VERSION
 from service.jobs.manager import JobManager
 from service.jobs.models import JobState, Status
+from service.operations import SCHEMA_VERSION
 from service.workers.base import Executor
 from solver import ENGINE_VERSION
 
-router = APIRouter(tags=["health"])
+router = APIRouter(tags=["health"], dependencies=[READ])
 
 SECONDS = (0.0005, 0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 10.0, 30.0, 60.0)
 """Bounds of the histogram: a cached answer takes well under a millisecond, the longest query a minute."""

@@ -10,17 +10,15 @@ from anyio.to_thread import run_sync
 from fastapi import APIRouter, Request, Response
 from pydantic import ValidationError
 
-from service.access.visit import Visit, visit_in
 from service.api.body import JSON, KnownBody, next_turn, parse_json, read_body, require_type
 from service.api.contract import COMPUTED, one_body
 from service.api.services import Services, services_of
-from service.backpressure import check_work
-from service.cache_key import KeyedRequest
+from service.auth.dependencies import RUN, RequestContext, context_in
 from service.errors import InvalidBodyError, ProblemType, problem_of, validation_errors
 from service.jobs.scheduler import problem_name
 from service.logs import BEGUN
-from service.operations import OPERATIONS
-from service.queries import Answered, CacheStatus
+from service.operations import OPERATIONS, KeyedRequest
+from service.queries import Answered, CacheStatus, check_work
 from service.schemas import (
     CriticalAngleAnswer,
     CriticalAngleRequest,
@@ -34,12 +32,12 @@ from service.schemas import (
     TrajectoryRequest,
 )
 from service.schemas.alternatives import alternative_requests, answered_alternative, with_alternatives
-from service.schemas.pointers import json_pointer
+from service.schemas.problems import json_pointer
 
 MAX_FIELDS = 20
 """Fields of an object of a calibration, which has half as many: listing a million errors would take a second."""
 
-router = APIRouter()
+router = APIRouter(dependencies=[RUN])
 
 
 @router.post(
@@ -125,7 +123,7 @@ async def answer(request: Request, operation: str, *, long: bool = False) -> Res
     services, path, begun = services_of(request), request.scope["path"], request.scope[BEGUN]
     require_type(request, JSON)
     body = await read_body(request, services.settings.max_batch_bytes if long else services.settings.max_body_bytes)
-    context = visit_in(request.scope)
+    context = context_in(request.scope)
     known = services.bodies.find(path, body)
     record = None if known is None else services.cache.recall(known.key)
     if known is not None and record is not None:
@@ -157,7 +155,7 @@ async def computed_with_alternatives(
     request: Request, operation: str, case: Any, query: KeyedRequest
 ) -> tuple[bytes, CacheStatus]:
     """Return the answer with those under other laws, each a case of cache and executor like any other."""
-    services, context = services_of(request), visit_in(request.scope)
+    services, context = services_of(request), context_in(request.scope)
 
     async def attempt(laws: dict[str, Any], other: Any) -> tuple[dict[str, Any], CacheStatus]:
         try:
@@ -176,10 +174,10 @@ async def computed_with_alternatives(
     return content, "hit" if all(each == "hit" for each in (status, *(each for _, each in found))) else "miss"
 
 
-async def computed(services: Services, context: Visit, operation: str, query: KeyedRequest) -> Answered:
+async def computed(services: Services, context: RequestContext, operation: str, query: KeyedRequest) -> Answered:
     """Return the record of a request, and whether it was there; count what has none."""
     try:
-        with services.owner_queries.held(context.caller.owner) if context.caller.key else nullcontext():
+        with services.owner_queries.held(context.principal.owner) if context.principal.key else nullcontext():
             return await services.queries.answer(operation, query)
     except Exception as error:
         services.metrics.count(operation, problem_name(problem_of(error)), "miss", 1)

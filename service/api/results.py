@@ -1,24 +1,184 @@
-"""Results by their key: as JSON, as a table, as the file they are kept in."""
+"""Results: many as JSON, JSON lines, CSV or HDF5, and the route of one by its key."""
 
 import csv
 import hashlib
 import io
-from collections.abc import Callable
+import itertools
+import os
+from collections.abc import AsyncGenerator, AsyncIterator, Callable, Iterable, Iterator
 from http import HTTPStatus
-from typing import Annotated
+from io import BufferedReader
+from pathlib import Path
+from secrets import token_hex
+from typing import Annotated, Any
 
+import orjson
+from anyio import CancelScope
 from anyio.to_thread import run_sync
-from fastapi import APIRouter, Header, HTTPException, Path, Request, Response
+from fastapi import APIRouter, Header, HTTPException, Request, Response
+from fastapi import Path as PathParameter
+from fastapi.responses import StreamingResponse
 
+from service.api.body import choose, matches
 from service.api.contract import Responses, problems
-from service.api.headers import choose, matches
 from service.api.services import services_of
-from service.cache.hdf5 import to_hdf5
+from service.auth.dependencies import READ
+from service.cache.hdf5 import BatchFile, to_hdf5
 from service.cache.record import Record
 from service.cache.tables import residuals_of
+from service.columns import csv_header, csv_row
+from service.errors import StorageError
+from service.jobs.models import CaseResult, JobState, Sweep
 from service.schemas import Result
 
-router = APIRouter(tags=["results"])
+CSV = "text/csv"
+HDF5 = "application/x-hdf5"
+DOWNLOADS = "downloads"
+"""Folder of files being written to be sent, in the data folder. Emptied at the start of the service."""
+JSON_PIECE = 128 * 1024
+"""JSON sent at once. [bytes]"""
+FILE_PIECE = 256 * 1024
+"""Likewise of a file. [bytes]"""
+
+
+def to_item(result: CaseResult, instance: str, sweep: Sweep | None) -> bytes:
+    """Return the JSON of a result; a problem gets this path as its instance."""
+    head: dict[str, Any] = {"index": result.number}
+    if result.custom_id is not None:
+        head["custom_id"] = result.custom_id
+    if sweep is not None:
+        head["point"] = dict(zip(sweep.fields, sweep.point(result.number), strict=True))
+    if result.record is None:
+        return orjson.dumps({**head, "problem": {**(result.problem or {}), "instance": instance}})
+    return b'%b,"result":%b}' % (orjson.dumps(head)[:-1], result.record.json)
+
+
+def to_lines(results: Iterable[CaseResult], instance: str, sweep: Sweep | None) -> bytes:
+    """Return the results as JSON lines."""
+    return b"".join(to_item(result, instance, sweep) + b"\n" for result in results)
+
+
+async def as_lines(blocks: AsyncIterator[list[CaseResult]], instance: str, sweep: Sweep | None) -> AsyncIterator[bytes]:
+    """Yield results as JSON lines, some at a time."""
+    async for results in blocks:
+        for part in in_pieces(to_item(result, instance, sweep) + b"\n" for result in results):
+            yield part
+
+
+async def as_array(
+    blocks: AsyncIterator[list[CaseResult]],
+    instance: str,
+    sweep: Sweep | None,
+    end: Callable[[], bytes] = lambda: b"",
+) -> AsyncIterator[bytes]:
+    """Yield results as one JSON object, some at a time; `end` returns what stands in it after them."""
+    separators = itertools.chain([b'{"results":['], itertools.repeat(b","))
+    async for results in blocks:
+        for part in in_pieces(next(separators) + to_item(result, instance, sweep) for result in results):
+            yield part
+    yield next(separators).replace(b",", b"") + b"]" + end() + b"}"
+
+
+def in_pieces(items: Iterable[bytes]) -> Iterator[bytes]:
+    """Yield items together: a piece costs as much as some items to send, and a large one holds up others."""
+    piece: list[bytes] = []
+    size = 0
+    for item in items:
+        piece.append(item)
+        size += len(item)
+        if size > JSON_PIECE:
+            yield b"".join(piece)
+            piece, size = [], 0
+    if piece:
+        yield b"".join(piece)
+
+
+def csv_head(operation: str, sweep: Sweep | None) -> bytes:
+    """Return what stands before the rows: the base of a sweep as a comment, the names of the columns."""
+    if sweep is None:
+        return _rows([csv_header(operation)])
+    return b"# base: %b\r\n" % orjson.dumps(sweep.request["base"]) + _rows([csv_header(operation, sweep.fields)])
+
+
+def csv_rows(results: Iterable[CaseResult], operation: str, sweep: Sweep | None) -> bytes:
+    """Return the rows of these results."""
+    return _rows(_row(result, operation, sweep) for result in results)
+
+
+async def as_csv(blocks: AsyncIterator[list[CaseResult]], operation: str, sweep: Sweep | None) -> AsyncIterator[bytes]:
+    """Yield the table of the summaries."""
+    yield csv_head(operation, sweep)
+    async for results in blocks:
+        yield await run_sync(csv_rows, results, operation, sweep)
+
+
+def _row(result: CaseResult, operation: str, sweep: Sweep | None) -> list[Any]:
+    item: dict[str, Any] = {"index": result.number, "custom_id": result.custom_id, "problem": result.problem}
+    if result.record is not None:
+        item["result"] = {**result.record.answer, "key": result.record.key}
+    return csv_row(operation, item, sweep.point(result.number) if sweep else ())
+
+
+def _rows(rows: Iterable[list[Any]]) -> bytes:
+    text = io.StringIO()
+    csv.writer(text).writerows(rows)
+    return text.getvalue().encode()
+
+
+async def hdf5_response(
+    data_dir: Path, job: JobState, blocks: AsyncGenerator[list[CaseResult], None], sweep: Sweep | None
+) -> StreamingResponse:
+    """Return a file with all the results, which is gone from the disk before it is sent."""
+    file = await write_hdf5(data_dir / DOWNLOADS / token_hex(16), job.operation, blocks, sweep)
+    length = await run_sync(file.seek, 0, 2)
+    headers = {
+        "Content-Length": str(length),
+        "Content-Disposition": f'attachment; filename="{job.id}.h5"',
+        "Vary": "Accept",
+    }
+    return StreamingResponse(file_pieces(file), media_type=HDF5, headers=headers)
+
+
+async def write_hdf5(
+    path: Path, operation: str, blocks: AsyncGenerator[list[CaseResult], None], sweep: Sweep | None
+) -> BufferedReader:
+    """Write the results, block by block; return the file, open, without a name on the disk any more.
+
+    Raises
+    ------
+    StorageError
+        If the disk has no room for it.
+    """
+    axes = sweep.fields if sweep else ()
+    base = orjson.dumps(sweep.request["base"]).decode() if sweep else ""
+    try:
+        await run_sync(lambda: path.parent.mkdir(parents=True, exist_ok=True))
+        with await run_sync(lambda: BatchFile(path, operation, axes=axes, base=base)) as batch:
+            async for results in blocks:
+                points = [sweep.point(result.number) for result in results] if sweep else []
+                await run_sync(batch.write, results, points)
+            await run_sync(batch.finish)  # compresses what is left and reads the whole file for its hash
+        return await run_sync(path.open, "rb")
+    except OSError as error:  # the message of HDF5 holds the path
+        why = os.strerror(error.errno) if error.errno else "the disk refuses it"
+        raise StorageError(f"the file cannot be written: {why}") from error
+    finally:
+        with CancelScope(shield=True):
+            await blocks.aclose()
+            await run_sync(lambda: path.unlink(missing_ok=True))
+
+
+async def file_pieces(file: BufferedReader) -> AsyncIterator[bytes]:
+    """Yield the content of a file."""
+    try:
+        await run_sync(file.seek, 0)
+        while piece := await run_sync(file.read, FILE_PIECE):
+            yield piece
+    finally:
+        file.close()
+
+
+router = APIRouter(tags=["results"], dependencies=[READ])
 
 
 def to_csv(record: Record) -> bytes:
@@ -64,7 +224,7 @@ KEY = {"pattern": "^[0-9a-f]{64}$"}
 @router.get("/results/{key}", response_model=Result, responses=DECLARED)
 async def get_result(
     request: Request,
-    key: Annotated[str, Path(description="Of an answer.", json_schema_extra=KEY)],
+    key: Annotated[str, PathParameter(description="Of an answer.", json_schema_extra=KEY)],
     if_none_match: Annotated[str, Header(alias="If-None-Match", description="Entity tags the client has.")] = "",
 ) -> Response:
     """Give the result with this key: JSON, CSV or HDF5 (all of it).

@@ -7,19 +7,18 @@ from anyio import CapacityLimiter
 from fastapi import Request
 from opentelemetry.trace import TracerProvider
 
-from service.access.audit import AuditLog
-from service.access.keyring import KeyRing
-from service.access.places import Queries, Streams
-from service.access.usage import Usages
 from service.api.body import KnownBodies
 from service.api.metrics import Metrics
+from service.auth.api_keys import ApiKeyStore
+from service.auth.audit import AuditLog
+from service.auth.dependencies import ConcurrencyLimit
+from service.auth.quotas import QuotaStore
 from service.cache.cache import ResultCache
 from service.jobs.manager import JobManager
 from service.queries import QueryService
 from service.settings import Settings
 from service.workers.base import Executor
-from service.workers.in_thread import InThreadExecutor
-from service.workers.process_pool import ProcessPool
+from service.workers.process_pool import InThreadExecutor, ProcessPool
 
 READING_THREADS = 1
 """Threads that validate cases: more would only take the interpreter lock from the event loop more often."""
@@ -34,11 +33,11 @@ class Services:
 
     settings: Settings
     metrics: Metrics
-    keys: KeyRing
-    usages: Usages
+    keys: ApiKeyStore
+    quotas: QuotaStore
     audit: AuditLog
-    streams: Streams
-    owner_queries: Queries
+    streams: ConcurrencyLimit
+    owner_queries: ConcurrencyLimit
     bodies: KnownBodies
     traces: TracerProvider | None
 

@@ -23,9 +23,21 @@ import h5py
 import numpy as np
 import orjson
 
-from service.cache.chunks import HDF5, Stream, memory_file, read_single, write_attribute
 from service.cache.record import Record
-from service.cache.tables import Table, histories_of, history_of, residual_table, summary_of, table_of, trials_of
+from service.cache.tables import (
+    HDF5,
+    Stream,
+    Table,
+    histories_of,
+    history_of,
+    memory_file,
+    read_single,
+    residual_table,
+    summary_of,
+    table_of,
+    trials_of,
+    write_attribute,
+)
 from service.columns import CASE, MOTION, NUMBERING, RESIDUALS, TRIALS, Column, summary_columns
 
 BLOCK = 512

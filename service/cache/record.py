@@ -8,8 +8,7 @@ import numpy as np
 import numpy.typing as npt
 import orjson
 
-from service.cache_key import SCHEMA_VERSION
-from service.operations import outcome_of
+from service.operations import SCHEMA_VERSION, outcome_of
 from solver import ENGINE_VERSION
 
 FloatColumns = dict[str, npt.NDArray[np.float64]]

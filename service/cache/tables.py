@@ -1,11 +1,17 @@
-"""Results as tables: NumPy arrays with the columns of `service.columns`."""
+"""Tables of a segment: columns of numbers for the histories, trials and residuals of results, in compressed chunks."""
 
+import itertools
 import math
+import threading
+import zlib
 from collections.abc import Iterable, Mapping, Sequence
+from functools import lru_cache
 from typing import Any
 
+import h5py
 import numpy as np
 import numpy.typing as npt
+from h5py import h5a, h5d, h5f, h5p, h5s, h5t
 
 from service.cache.record import FloatColumns, Record
 from service.columns import CASE, IDENTITY, RESIDUALS, RUN, TRIALS, Column, summarize
@@ -136,3 +142,147 @@ def _joined(columns: Mapping[str, Table], length: int) -> Table:
     for name, column in columns.items():
         table[name] = column
     return table
+
+
+HDF5 = threading.RLock()
+"""Held while a file is open: the HDF5 library is not made for threads. h5py has a lock itself, which should
+do; but a server once ended with its memory damaged, for a cause that was not found, and this one costs little."""
+LEVEL = 3
+"""Compression level: the next ones take twice the time for a tenth less."""
+
+MEMORY_STEP = 64 * 1024
+"""By which a file in memory grows. [bytes]"""
+FORMAT = h5f.LIBVER_V110
+"""HDF5 1.10, of 2016: a file of one result takes half as much as in the older formats."""
+
+datatype = lru_cache(maxsize=256)(lambda dtype: h5t.py_create(dtype, logical=True))
+"""HDF5 type of a NumPy one; making it takes as long as all the rest of a dataset."""
+numpy_type = lru_cache(maxsize=256)(lambda encoded: h5t.decode(encoded).dtype)
+"""NumPy type of an HDF5 one, in the code of HDF5; likewise."""
+numbers = itertools.count()
+
+
+class Stream:
+    """A dataset of one dimension that grows; not there at all if it stays empty.
+
+    Parameters
+    ----------
+    file
+        Where it goes.
+    name, description
+        Of the dataset.
+    columns
+        What is known of the columns, if it is a table.
+    chunk_bytes
+        Largest chunk; None for a single one, of whatever size.
+    """
+
+    def __init__(
+        self, file: h5py.File, name: str, description: str, *, columns: Sequence[Column], chunk_bytes: int | None
+    ) -> None:
+        self._file = file
+        self._name = name
+        self._description = description
+        self._columns = {column.name: column for column in columns}
+        self._chunk_bytes = chunk_bytes
+        self._chunk = 0
+        self._waiting: list[Table] = []
+        self._length = 0
+        self._dataset: h5d.DatasetID | None = None
+
+    def append(self, rows: Table) -> None:
+        """Add rows; chunks that they fill are written."""
+        if not len(rows):
+            return
+        self._waiting.append(rows)
+        if self._chunk_bytes is None or sum(part.nbytes for part in self._waiting) <= self._chunk_bytes:
+            return
+        waiting, chunk = np.concatenate(self._waiting), max(1, self._chunk_bytes // rows.itemsize)
+        whole = len(waiting) // chunk * chunk
+        for start in range(0, whole, chunk):
+            self._write(waiting[start : start + chunk])
+        self._waiting = [waiting[whole:].copy()]
+
+    def finish(self) -> None:
+        """Write what is left."""
+        if sum(map(len, self._waiting)):
+            self._write(np.concatenate(self._waiting))
+
+    def _write(self, rows: Table) -> None:
+        """Write a chunk: the last may be shorter, and is filled up as HDF5 wants it."""
+        if self._dataset is None:
+            self._dataset = self._create(rows)
+            self._chunk = len(rows)
+        start, missing = self._length, self._chunk - len(rows)
+        self._length += len(rows)
+        if start:
+            self._dataset.set_extent((self._length,))
+        if missing:
+            rows = np.concatenate([rows, np.zeros(missing, rows.dtype)])
+        self._dataset.write_direct_chunk((start,), _packed(rows))
+
+    def _create(self, rows: Table) -> h5d.DatasetID:
+        layout = h5p.create(h5p.DATASET_CREATE)
+        layout.set_chunk(rows.shape)
+        layout.set_fill_time(h5d.FILL_TIME_NEVER)
+        layout.set_obj_track_times(False)
+        if rows.itemsize > 1:
+            layout.set_shuffle()
+        layout.set_deflate(LEVEL)
+        space = h5s.create_simple(rows.shape, rows.shape if self._chunk_bytes is None else (h5s.UNLIMITED,))
+        dataset = h5d.create(self._file.id, self._name.encode(), datatype(rows.dtype), space, layout)
+        write_attribute(dataset, "description", self._description)
+        if rows.dtype.names:
+            columns = [self._columns.get(name) or Column(name, "") for name in rows.dtype.names]
+            write_attribute(dataset, "column_units", *(column.unit for column in columns))
+            write_attribute(dataset, "column_descriptions", *(column.description for column in columns))
+        return dataset
+
+
+def write_attribute(owner: h5py.h5g.GroupID | h5d.DatasetID, name: str, *texts: str) -> None:
+    """Give an object of the file an attribute, a text or several."""
+    array, kind, space = prepared(texts)
+    h5a.create(owner, name.encode(), kind, space).write(array)
+
+
+@lru_cache(maxsize=256)
+def prepared(texts: tuple[str, ...]) -> tuple[Table, h5t.TypeID, h5s.SpaceID]:
+    """Texts as HDF5 wants them: of one length, with their type and extent."""
+    array = np.array(texts, "S") if len(texts) > 1 else np.array(texts[0], "S")
+    return array, h5t.py_create(array.dtype), h5s.create_simple(array.shape) if array.shape else h5s.create(h5s.SCALAR)
+
+
+def memory_file(image: bytes | None = None) -> h5py.File:
+    """Open a file in memory, with this content or empty."""
+    access = h5p.create(h5p.FILE_ACCESS)
+    access.set_fapl_core(MEMORY_STEP, False)
+    access.set_fclose_degree(h5f.CLOSE_STRONG)
+    access.set_libver_bounds(FORMAT, FORMAT)
+    name = f"results in memory {next(numbers)}".encode()  # HDF5 refuses two open files of one name
+    if image is None:
+        creation = h5p.create(h5p.FILE_CREATE)
+        creation.set_obj_track_times(False)  # the same content, the same bytes
+        return h5py.File(h5f.create(name, h5f.ACC_EXCL, creation, access))
+    access.set_file_image(image)
+    return h5py.File(h5f.open(name, h5f.ACC_RDWR, fapl=access))
+
+
+def read_single(file: h5py.File, name: str) -> Table:
+    """All of a dataset that is a single chunk.
+
+    Raises
+    ------
+    KeyError
+        If there is none of this name.
+    """
+    dataset = h5d.open(file.id, name.encode())
+    dtype = numpy_type(dataset.get_type().encode())
+    _, chunk = dataset.read_direct_chunk((0,))
+    planes = np.frombuffer(zlib.decompress(chunk), np.uint8).reshape(dtype.itemsize, -1)
+    return np.ascontiguousarray(planes.T).reshape(-1).view(dtype)
+
+
+def _packed(rows: Table) -> bytes:
+    """Shuffle and compress as HDF5 does: the first bytes of all rows, then the second ones, and so on."""
+    planes = np.ascontiguousarray(rows).view(np.uint8).reshape(len(rows), rows.itemsize).T
+    return zlib.compress(np.ascontiguousarray(planes).data, LEVEL)

@@ -11,8 +11,7 @@ import sys
 from importlib import import_module
 from typing import Any, NamedTuple
 
-from service.cli.arguments import Formatter, examples
-from service.cli.errors import EXIT_STATUSES, FAILED, INTERRUPTED, CommandError, UsageError
+from service.cli.arguments import EXIT_STATUSES, FAILED, INTERRUPTED, CommandError, Formatter, UsageError, examples
 
 
 class Command(NamedTuple):

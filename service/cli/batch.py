@@ -9,6 +9,9 @@ from typing import Any, NamedTuple
 from service.cli.arguments import (
     BODY,
     IMPACT,
+    CommandError,
+    RefusedError,
+    UsageError,
     add_case,
     add_data_dir,
     add_formats,
@@ -18,7 +21,6 @@ from service.cli.arguments import (
     add_url,
     examples,
 )
-from service.cli.errors import CommandError, RefusedError, UsageError
 from service.cli.jobs import BatchRequest, run_batch
 from service.cli.request_body import STDIN, RequestBody, read_body
 from service.cli.writers import Writer

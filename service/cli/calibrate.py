@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from service.cli.arguments import BODY, IMPACT, Formatter, examples
+from service.cli.arguments import BODY, FAILED, IMPACT, WRONG, CommandError, Formatter, examples
 from service.cli.calibration_input import (
     GREATEST_DEPTH,
     DepthCase,
@@ -25,7 +25,6 @@ from service.cli.calibration_input import (
     by_quantity,
     case_arguments,
 )
-from service.cli.errors import FAILED, WRONG, CommandError
 from service.readers import (
     DEPTH_TESTS,
     MOTION,

@@ -10,12 +10,11 @@ from typing import Annotated, Any
 from pydantic import Field, ValidationError
 
 import solver
-from service.cli.arguments import BODY, IMPACT, Flag, add_numbers, examples
-from service.cli.errors import CommandError
+from service.cli.arguments import BODY, IMPACT, CommandError, Flag, add_numbers, examples
 from service.cli.request_body import read_body
 from service.readers import DEPTH_TESTS, MOTION, OBLIQUITY_POINTS, Quantity
 from service.schemas.numerics import Method, Numerics
-from service.schemas.pointers import pointer_of_location, pointer_of_parameter
+from service.schemas.problems import pointer_of_location, pointer_of_parameter
 from service.schemas.projectile import Projectile
 from service.schemas.quantities import Part
 from service.schemas.resistance import Resistance

@@ -11,7 +11,7 @@ from urllib.parse import quote
 import httpx
 import orjson
 
-from service.cli.errors import FAILED, CommandError, RefusedError
+from service.cli.arguments import FAILED, CommandError, RefusedError
 
 API_KEY = "RICOCHET_API_KEY"
 """Variable with the API key; a flag would show in the process list."""

@@ -5,12 +5,11 @@ import sys
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING
 
-from service.access.key import SCOPES
-from service.cli.arguments import add_actions, examples, read_settings
-from service.cli.errors import FAILED, CommandError
+from service.auth.api_keys import SCOPES
+from service.cli.arguments import FAILED, CommandError, add_actions, examples, read_settings
 
 if TYPE_CHECKING:
-    from service.access.key import Key
+    from service.auth.api_keys import ApiKey
 
 KEY_ACTIONS = (
     (
@@ -60,8 +59,7 @@ def run_keys(args: argparse.Namespace) -> int:
     CommandError
         If the keys cannot be read or written, or there is no such key.
     """
-    from service.access.key import make_key
-    from service.access.keyring import KeysUnreadableError, add_key, read_keys, revoke_key
+    from service.auth.api_keys import KeysUnreadableError, add_key, make_key, read_keys, revoke_key
 
     folder = read_settings().data_dir
     try:
@@ -81,7 +79,7 @@ def run_keys(args: argparse.Namespace) -> int:
     return 0
 
 
-def _line(key: "Key") -> str:
+def _line(key: "ApiKey") -> str:
     limit = "no limit" if key.cases_per_hour is None else f"{key.cases_per_hour:,} cases an hour"
     if key.revoked is not None:
         state = f"revoked {_date(key.revoked)}"

@@ -11,8 +11,17 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple, TextIO
 from uuid import uuid4
 
-from service.cli.arguments import URL, add_actions, add_formats, add_output, add_url, examples
-from service.cli.errors import FAILED, CommandError, problem_text
+from service.cli.arguments import (
+    FAILED,
+    URL,
+    CommandError,
+    add_actions,
+    add_formats,
+    add_output,
+    add_url,
+    examples,
+    problem_text,
+)
 from service.cli.writers import (
     Counts,
     Item,

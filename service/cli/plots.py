@@ -6,7 +6,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from service.cli.errors import FAILED, CommandError
+from service.cli.arguments import FAILED, CommandError
 from service.cli.writers import Item, heading
 
 if TYPE_CHECKING:

@@ -6,8 +6,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from service.cli.arguments import examples
-from service.cli.errors import FAILED, CommandError
+from service.cli.arguments import FAILED, CommandError, examples
 
 EXTRA = frozenset({"jinja2", "markupsafe", "matplotlib"})
 """Packages of the extra `reports`."""

@@ -9,8 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from service.cli.arguments import Flag
-from service.cli.errors import CommandError, RefusedError
+from service.cli.arguments import CommandError, Flag, RefusedError
 
 STDIN = "-"
 

@@ -11,11 +11,10 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from service.cli.arguments import examples, read_settings
-from service.cli.errors import FAILED, CommandError
+from service.cli.arguments import FAILED, CommandError, examples, read_settings
 
 if TYPE_CHECKING:
-    from service.access.keyring import KeyRing
+    from service.auth.api_keys import ApiKeyStore
     from service.settings import Settings
 
 NOT_STARTED = 3
@@ -45,9 +44,9 @@ def run_serve(_: argparse.Namespace) -> int:
     settings = read_settings()
     asyncio.run(check_address(settings.host, settings.port))
 
-    from service.access.keyring import KeysUnreadableError
     from service.api.app import create_app
     from service.api.telemetry import MissingExtraError
+    from service.auth.api_keys import KeysUnreadableError
     from service.cli.server import Server
     from service.errors import ExecutorError, FolderInUseError
     from service.logs import configure
@@ -92,13 +91,13 @@ async def check_address(host: str, port: int) -> None:
     server.close()
 
 
-def check_access(settings: "Settings", keys: "KeyRing") -> None:
+def check_access(settings: "Settings", keys: "ApiKeyStore") -> None:
     """Check that the service has API keys or is meant to be open.
 
     Raises
     ------
     CommandError
-        If keys are required and there is no valid one, or the file of keys has been lost.
+        If keys are required and there is no valid one, or their file has been lost.
     """
     if settings.access == "open":
         if not settings.on_loopback:
@@ -106,7 +105,7 @@ def check_access(settings: "Settings", keys: "KeyRing") -> None:
         return
     if keys.lost:
         raise CommandError(
-            f"keys.json is missing from {settings.data_dir}, but {keys.lost} shows that there were keys: restore it "
+            f"auth.sqlite is missing from {settings.data_dir}, but {keys.lost} shows that there were keys: restore it "
             "from a backup, add new keys with `ricochet keys add --owner NAME`, or set RICOCHET_ACCESS=open to admit "
             "everyone",
             NOT_STARTED,

@@ -17,11 +17,10 @@ import uvicorn
 from fastapi import FastAPI
 from httpx import HTTPTransport
 
-from service.access.connection import Connection
 from service.api.app import STOP_SECONDS, create_app
-from service.cli.arguments import read_settings
+from service.api.connection import Connection
+from service.cli.arguments import FAILED, CommandError, read_settings
 from service.cli.client import Client, connect
-from service.cli.errors import FAILED, CommandError
 from service.cli.writers import progress
 from service.errors import ExecutorError, FolderInUseError
 from service.settings import Settings

@@ -12,7 +12,9 @@ from service.cli.arguments import (
     BODY,
     IMPACT,
     VELOCITY,
+    CommandError,
     Flag,
+    RefusedError,
     add_alternatives,
     add_case,
     add_formats,
@@ -20,7 +22,6 @@ from service.cli.arguments import (
     add_url,
     examples,
 )
-from service.cli.errors import CommandError, RefusedError
 from service.cli.request_body import RequestBody, read_body
 from service.cli.writers import heading, print_table, print_values, print_warnings
 
@@ -137,9 +138,8 @@ def compute_locally(name: str, body: dict[str, Any]) -> bytes:
     from pydantic import ValidationError
 
     from service.cache.record import Record
-    from service.cache_key import KeyedRequest
     from service.errors import InvalidBodyError, problem_of, validation_errors
-    from service.operations import OPERATIONS
+    from service.operations import OPERATIONS, KeyedRequest
     from service.schemas.alternatives import alternative_requests, answered_alternative, with_alternatives
     from solver import RicochetError
 

@@ -8,7 +8,7 @@ from typing import Any, Protocol, TextIO, TypeAlias
 
 import orjson
 
-from service.cli.errors import FAILED, SOME_FAILED, CommandError, problem_text
+from service.cli.arguments import FAILED, SOME_FAILED, CommandError, problem_text
 from service.columns import summarize
 
 Item: TypeAlias = Mapping[str, Any]

@@ -15,8 +15,7 @@ from typing import Any, TypeVar, TypeVarTuple
 
 from distributed import Future, KilledWorker
 
-from service.dask.cluster import Cluster, in_time
-from service.dask.plugin import run_chunk, versions
+from service.dask.cluster import Cluster, in_time, run_chunk, versions
 from service.errors import PoolUnavailableError, WorkerCrashedError
 from service.workers.base import Call, CallResult
 from service.workers.process_pool import ProcessPool

@@ -9,15 +9,13 @@ from typing import Any, TypeVar
 from anyio import CancelScope
 from anyio.to_thread import run_sync
 
-from service.backpressure import Rate
 from service.errors import IdempotencyBusyError, IdempotencyConflictError, QueueFullError, StorageError
 from service.jobs.fairness import PrioritySemaphore
-from service.jobs.inline import InlineBatch
 from service.jobs.models import BLOCK_SIZE, Case, CaseBlock, CaseResult, Idempotency, JobState, Sweep
-from service.jobs.results import ResultReader
+from service.jobs.results import InlineBatch, ResultReader
 from service.jobs.scheduler import Scheduler, problem_name
 from service.jobs.store import JobStore
-from service.queries import Count, QueryService
+from service.queries import Count, QueryService, Rate
 
 CHUNKS_KEPT = 2
 """Beside those in the pool, being made or kept: this bounds the memory they take."""

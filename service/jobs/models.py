@@ -13,7 +13,7 @@ from typing import Any, Literal, NamedTuple, TypeAlias
 import orjson
 
 from service.cache.record import Record
-from service.cache_key import KeyedRequest
+from service.operations import KeyedRequest
 
 Status: TypeAlias = Literal["accepted", "running", "successful", "failed", "dismissed"]
 FINAL = frozenset({"successful", "failed", "dismissed"})

@@ -15,8 +15,6 @@ from typing import Any, NamedTuple, TypeVar
 
 from anyio.to_thread import run_sync
 
-from service.backpressure import Rate
-from service.cache_key import KeyedRequest
 from service.errors import (
     ComputationCancelled,
     JobGoneError,
@@ -28,7 +26,8 @@ from service.errors import (
 from service.jobs.fairness import ChunkSizer, FairQueue, Permit, PrioritySemaphore
 from service.jobs.models import BLOCK_SIZE, CaseState, JobState, Status
 from service.jobs.store import VERSIONS, JobStore
-from service.queries import Answered, Count, QueryService
+from service.operations import KeyedRequest
+from service.queries import Answered, Count, QueryService, Rate
 
 AHEAD = 10
 """Blocks of cases looked up in the cache at once: what is there is marked without a chunk being made of it."""

@@ -17,7 +17,6 @@ from typing import Any
 
 import orjson
 
-from service.cache_key import SCHEMA_VERSION, result_key
 from service.errors import JobGoneError
 from service.jobs.database import Database
 from service.jobs.models import (
@@ -35,6 +34,7 @@ from service.jobs.models import (
     split_keys,
     split_requests,
 )
+from service.operations import SCHEMA_VERSION, result_key
 from solver import ENGINE_VERSION
 
 DAY = 86_400.0  # [s]

@@ -18,8 +18,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from service.readers.axes import States, select
 from service.readers.files import FileError, read_bytes
+from service.readers.units import States, select
 
 STATE = re.compile(r"/(?P<database>rbdout|nodout)/d(?P<state>\d+)/time")
 DISPLACEMENTS = {

@@ -16,8 +16,8 @@ from pathlib import Path
 
 import numpy as np
 
-from service.readers.axes import States, select
 from service.readers.files import FileError
+from service.readers.units import States, select
 
 NUMBER = re.compile(r"[+-]?\d+\.\d*(?:[EeDd][+-]?\d+|[+-]\d{3})?")
 BARE_EXPONENT = re.compile(r"(?<=[\d.])([+-]\d{3})$")

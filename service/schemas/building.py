@@ -36,7 +36,7 @@ def trajectory_answer(trajectory: solver.Trajectory) -> tuple[dict[str, Any], Co
         "final": final | {"axis_angle_deg": degrees(trajectory.final.axis_angle)},
         "maximum_depth_m": trajectory.maximum_depth,
         "strength_factor": trajectory.strength_factor,
-        "warnings": warnings_told(trajectory.warnings),
+        "warnings": warning_texts(trajectory.warnings),
     }
     return answer, None if trajectory.history is None else _columns(trajectory.history)
 
@@ -70,7 +70,7 @@ def critical_angle_answer(
     history = None
     if trajectory is not None:
         answer["trajectory"], history = trajectory_answer(trajectory)
-    return answer | {"warnings": warnings_told(found.warnings)}, history
+    return answer | {"warnings": warning_texts(found.warnings)}, history
 
 
 def _columns(history: solver.Motion[FloatArray]) -> Columns:
@@ -78,6 +78,6 @@ def _columns(history: solver.Motion[FloatArray]) -> Columns:
     return columns | {"axis_angle_deg": np.degrees(history.axis_angle)}
 
 
-def warnings_told(warnings: tuple[solver.ModelWarning, ...]) -> list[dict[str, str]]:
+def warning_texts(warnings: tuple[solver.ModelWarning, ...]) -> list[dict[str, str]]:
     """Return warnings as they are told."""
     return [{"code": warning.code, "detail": warning.detail} for warning in warnings]

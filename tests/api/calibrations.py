@@ -6,8 +6,7 @@ from typing import Any
 import httpx
 import numpy as np
 
-from service.schemas.calibration.depth import TABLE_1
-from service.schemas.calibration.obliquity import TABLE_2
+from service.schemas.calibration.depth import TABLE_1, TABLE_2
 from service.schemas.examples import PAPER
 
 BODY = {"projectile": PAPER["projectile"], "target": PAPER["target"]}

@@ -8,8 +8,7 @@ from typing import Any
 
 import httpx
 
-from service.access.key import make_key
-from service.access.keyring import LOOK_SECONDS, add_key
+from service.auth.api_keys import RELOAD_SECONDS, add_key, make_key
 
 
 def key_in(folder: Path, owner: str, *scopes: str, **more: Any) -> str:
@@ -39,12 +38,12 @@ class Guarded:
             clients.enter_context(holder(url, key_in(folder, owner, *scopes)))
             for owner, scopes in {"anna": (), "bert": (), "chief": ("admin",)}.items()
         )
-        time.sleep(2 * LOOK_SECONDS)
+        time.sleep(2 * RELOAD_SECONDS)
 
     def with_key(self, owner: str, *scopes: str, **more: Any) -> httpx.Client:
         """A client with a key of its own, known to the service from now on."""
         token = key_in(self.folder, owner, *scopes, **more)
-        time.sleep(2 * LOOK_SECONDS)
+        time.sleep(2 * RELOAD_SECONDS)
         return holder(self.url, token)
 
 

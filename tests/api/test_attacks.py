@@ -10,8 +10,7 @@ from typing import Any
 import httpx
 import pytest
 
-from service.access.key import make_key
-from service.access.keyring import LOOK_SECONDS
+from service.auth.api_keys import RELOAD_SECONDS, make_key
 from service.schemas.examples import PAPER
 
 from .attacks import ATTACKS, Attack, Target, effect_of
@@ -170,7 +169,7 @@ def test_compressed_body_is_not_unpacked(guarded: Guarded, coding: str) -> None:
 def test_others_hardly_notice(guarded: Guarded, attack: Attack) -> None:
     token = guarded.anna.headers["Authorization"].removeprefix("Bearer ")
     mallory = key_in(guarded.folder, "mallory")
-    time.sleep(2 * LOOK_SECONDS)
+    time.sleep(2 * RELOAD_SECONDS)
     target = Target.of(guarded.url)
     effect = effect_of(attack, target, token, mallory, seconds=0.5)
     assert effect.during <= max(MOST_TIMES * effect.before, effect.before + MOST_MORE_S), effect

@@ -11,7 +11,7 @@ import httpx
 import pytest
 from pydantic import TypeAdapter
 
-from service.cache_key import SCHEMA_VERSION
+from service.operations import SCHEMA_VERSION
 from service.schemas import CriticalAngleAnswer, Result, TrajectoryAnswer
 from service.schemas.examples import HEMISPHERE, PAPER, PAPER_AT_45
 from solver import ENGINE_VERSION

@@ -8,7 +8,7 @@ from typing import Any
 import httpx
 import pytest
 
-from service.access.headers import POLICY, secured
+from service.auth.middleware import POLICY, secured
 from service.schemas.examples import PAPER
 from service.settings import Settings
 

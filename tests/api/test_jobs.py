@@ -198,17 +198,17 @@ def test_deleted_job_is_gone_and_its_results_stay(client: httpx.Client) -> None:
 
 
 @pytest.mark.timeout(120)
-def test_service_stops_in_time_though_somebody_listens(own_service: Service) -> None:
+def test_service_stops_in_time_though_somebody_listens(dedicated_service: Service) -> None:
     """The fixture sees to it that it ends well, with a job half done and somebody following it."""
-    with httpx.Client(base_url=own_service.url, timeout=30.0, trust_env=False) as client:
+    with httpx.Client(base_url=dedicated_service.url, timeout=30.0, trust_env=False) as client:
         job = client.post("/trajectory/batch", json={"cases": slow_strikes(200)}, headers=ASYNC).json()
     listening = threading.Thread(
-        target=lambda: httpx.get(own_service.url + job["links"]["events"], timeout=30.0, trust_env=False)
+        target=lambda: httpx.get(dedicated_service.url + job["links"]["events"], timeout=30.0, trust_env=False)
     )
     listening.start()
     time.sleep(1.0)
-    own_service.process.terminate()  # type: ignore[attr-defined]
+    dedicated_service.process.terminate()  # type: ignore[attr-defined]
     before = time.monotonic()
-    assert own_service.process.wait(10.0) == 0  # type: ignore[attr-defined]
+    assert dedicated_service.process.wait(10.0) == 0  # type: ignore[attr-defined]
     assert time.monotonic() - before < 5.0
     listening.join()

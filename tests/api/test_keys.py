@@ -12,7 +12,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from service.api.app import create_app
-from service.cache_key import result_key
+from service.operations import result_key
 from service.schemas import CriticalAngleRequest, TrajectoryRequest
 from service.schemas.examples import PAPER
 from service.schemas.quantities import degrees
@@ -169,7 +169,7 @@ def test_operation_and_versions_are_part_of_the_key(monkeypatch: pytest.MonkeyPa
     assert result_key("trajectory", {"a": 1.0}) != key
     for version in ("ENGINE_VERSION", "SCHEMA_VERSION"):
         with monkeypatch.context() as patch:
-            patch.setattr(f"service.cache_key.{version}", "another")
+            patch.setattr(f"service.operations.{version}", "another")
             assert result_key("cra", {"a": 1.0}) != key
 
 
@@ -193,8 +193,8 @@ PINNED = PAPER | {
 
 def test_keys_are_those_of_earlier_releases(monkeypatch: pytest.MonkeyPatch) -> None:
     """A change here makes every result ever kept unreachable: raise a version on purpose instead."""
-    monkeypatch.setattr("service.cache_key.ENGINE_VERSION", "pinned")
-    monkeypatch.setattr("service.cache_key.SCHEMA_VERSION", "pinned")
+    monkeypatch.setattr("service.operations.ENGINE_VERSION", "pinned")
+    monkeypatch.setattr("service.operations.SCHEMA_VERSION", "pinned")
     plain = {"b": [1, -0.0, 0.1], "a": {"x": True, "y": "text"}}
     assert result_key("cra", plain) == "5f5498632e6d1553421c0d9445b4fa1c6f38e9e475617186e1895e417f57385d"
     asked = CriticalAngleRequest.model_validate(PINNED).canonical()

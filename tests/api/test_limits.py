@@ -11,7 +11,7 @@ from urllib.parse import urlsplit
 import httpx
 import pytest
 
-from service.access.places import Queries
+from service.auth.dependencies import ConcurrencyLimit
 from service.errors import OwnerQueriesError
 from service.schemas.examples import PAPER, PAPER_AT_45
 
@@ -280,7 +280,7 @@ def test_connections_are_limited_and_those_in_use_go_on(tight_url: str) -> None:
 
 
 def test_single_queries_of_an_owner_are_limited() -> None:
-    queries = Queries(2)
+    queries = ConcurrencyLimit(2, OwnerQueriesError)
     with queries.held("anna"), queries.held("anna"), queries.held("bert"):
         refused = queries.held("anna")
         with pytest.raises(OwnerQueriesError):

@@ -29,9 +29,9 @@ def metrics(client: httpx.Client) -> dict[tuple[str, ...], float]:
 
 
 @pytest.fixture
-def own_client(own_service: Any) -> Iterator[httpx.Client]:
+def own_client(dedicated_service: Any) -> Iterator[httpx.Client]:
     """Of a service that nobody else asks: jobs that other tests have left may still run."""
-    with httpx.Client(base_url=own_service.url, timeout=60.0, trust_env=False) as session:
+    with httpx.Client(base_url=dedicated_service.url, timeout=60.0, trust_env=False) as session:
         yield session
 
 

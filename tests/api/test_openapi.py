@@ -12,7 +12,7 @@ import pytest
 from service import cli
 from service.api.app import create_app
 from service.cli import serve
-from service.schemas.pointers import TAGGED
+from service.schemas.problems import TAGGED
 
 COMMITTED = Path(__file__).parents[2] / "openapi" / "openapi.json"
 CONTRACT: dict[str, Any] = create_app().openapi()

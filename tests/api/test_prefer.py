@@ -2,7 +2,7 @@
 
 import pytest
 
-from service.api.headers import Preference, read_preference
+from service.api.body import Preference, read_preference
 
 
 @pytest.mark.parametrize(

@@ -240,7 +240,7 @@ def test_interrupted_batch_of_the_own_pool_leaves_nothing_running(folder: Path, 
     assert len(items_of(out)) <= count < 24
 
 
-def test_folder_of_a_running_service_is_refused(folder: Path, own_service: Any, tmp_path: Path) -> None:
+def test_folder_of_a_running_service_is_refused(folder: Path, dedicated_service: Any, tmp_path: Path) -> None:
     write_cases(folder / "cases.jsonl", case_at(238.0))
     done = run(folder, "batch", "cases.jsonl", "--data-dir", str(tmp_path / "data"))
     assert (done.status, done.out) == (1, "")

@@ -56,8 +56,8 @@ def test_defaults_run_on_this_machine_alone(monkeypatch: pytest.MonkeyPatch) -> 
 
 
 @pytest.mark.parametrize("stop", [signal.SIGTERM, signal.SIGINT])
-def test_running_query_is_answered_before_the_service_ends(own_service: Service, stop: signal.Signals) -> None:
-    url, process = own_service.url, own_service.process
+def test_running_query_is_answered_before_the_service_ends(dedicated_service: Service, stop: signal.Signals) -> None:
+    url, process = dedicated_service.url, dedicated_service.process
     body = PAPER_AT_45 | {"numerics": {"method": "panels", "panels": 100_000}}
     answers: list[httpx.Response] = []
     asking = threading.Thread(
@@ -72,19 +72,19 @@ def test_running_query_is_answered_before_the_service_ends(own_service: Service,
 
 
 def test_results_are_counted_verified_rebuilt_and_evicted(
-    own_service: Service, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    dedicated_service: Service, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The folder of the service is that of the fixture."""
     monkeypatch.setenv("RICOCHET_DATA_DIR", str(tmp_path / "data"))
     for oblique_angle_deg in (45.0, 46.0, 47.0):
         body = PAPER_AT_45 | {"impact": PAPER_AT_45["impact"] | {"oblique_angle_deg": oblique_angle_deg}}
-        assert httpx.post(f"{own_service.url}/trajectory", json=body, trust_env=False).is_success
+        assert httpx.post(f"{dedicated_service.url}/trajectory", json=body, trust_env=False).is_success
     assert cli.main(["cache", "stat"]) == 0
     assert capsys.readouterr().out.startswith("3 results, 3 files, ")
     assert cli.main(["cache", "verify"]) == 1  # in use
     assert "in use" in capsys.readouterr().err
-    own_service.process.terminate()
-    own_service.process.wait(20.0)
+    dedicated_service.process.terminate()
+    dedicated_service.process.wait(20.0)
     (tmp_path / "data" / "results" / "index.sqlite").unlink()
     assert cli.main(["cache", "rebuild"]) == 0
     assert capsys.readouterr().out.startswith("3 results, 3 files, ")
@@ -106,7 +106,7 @@ def test_folder_without_results_is_an_error(
     assert "there are no results" in capsys.readouterr().err
 
 
-def test_second_service_on_a_folder_is_refused(own_service: Service, tmp_path: Path) -> None:
+def test_second_service_on_a_folder_is_refused(dedicated_service: Service, tmp_path: Path) -> None:
     done = run(tmp_path, "serve", RICOCHET_PORT="0", RICOCHET_DATA_DIR=str(tmp_path / "data"))
     assert done.status == 3
     assert done.err.splitlines()[-1].startswith("ricochet serve: ")

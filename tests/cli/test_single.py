@@ -12,7 +12,7 @@ import httpx
 import pytest
 
 from service import cli
-from service.cli.errors import RefusedError
+from service.cli.arguments import RefusedError
 from service.schemas.examples import PAPER, PAPER_AT_45
 from tests.cli.commands import STRIKE_TOML, run, run_on_terminal
 from tests.conftest import free_port

@@ -14,8 +14,8 @@ import httpx
 import pytest
 import yaml
 
-from service.access.keyring import KeyRing
-from service.cli.errors import CommandError
+from service.auth.api_keys import ApiKeyStore
+from service.cli.arguments import CommandError
 from service.cli.serve import check_access
 from service.schemas.examples import PAPER
 from service.settings import Settings
@@ -49,14 +49,14 @@ def settings_of(service: dict[str, Any], monkeypatch: pytest.MonkeyPatch, folder
 def test_service_starts_on_an_empty_volume(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     settings = settings_of(services()["service"], monkeypatch, tmp_path)
     assert not settings.on_loopback
-    check_access(settings, KeyRing(tmp_path, print))
+    check_access(settings, ApiKeyStore(tmp_path, print))
 
 
 def test_service_takes_keys_if_it_is_told_to(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert "RICOCHET_ACCESS=keys docker compose up" in TEXT
     settings = settings_of(services(RICOCHET_ACCESS="keys")["service"], monkeypatch, tmp_path)
     with pytest.raises(CommandError):
-        check_access(settings, KeyRing(tmp_path, print))
+        check_access(settings, ApiKeyStore(tmp_path, print))
 
 
 def test_nothing_is_published_beyond_this_machine() -> None:

@@ -10,8 +10,7 @@ from service.reports.contents import Section
 from service.reports.finite_elements import account
 from service.reports.finite_elements.calibration import LAWS, PAPER_ANGLES, Calibration, calibrations
 from service.reports.finite_elements.comparison import compare
-from service.reports.finite_elements.endings import bracket, ending
-from service.reports.finite_elements.prediction import CHOSEN, TO_45, Predictions, predictions
+from service.reports.finite_elements.prediction import CHOSEN, TO_45, Predictions, bracket, ending, predictions
 from service.reports.paper.strike import time_of_deepest_tip
 from service.reports.reference import MESHES, Mesh, finite_element_run, finite_element_runs
 from solver import mass_properties

@@ -7,7 +7,7 @@ import pytest
 
 from service.reports import style
 from service.reports.validation.assessment import Assessment, assess
-from service.reports.validation.predictions import TRAJECTORY, trajectory_depth
+from service.reports.validation.predictions import OUTLIER_ROW, TRAJECTORY, trajectory_depth
 from service.reports.validation.size_law import (
     LARGE,
     REFERENCE_DIAMETER,
@@ -23,7 +23,6 @@ from service.reports.validation.size_law import (
     trends,
 )
 from service.reports.validation.size_law_section import size_law_section
-from service.reports.validation.strikes import OUTLIER_ROW
 from solver import PublishedTests
 
 

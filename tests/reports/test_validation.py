@@ -11,7 +11,6 @@ from service.reports.contents import Section
 from service.reports.reference import penetration_tests, table_2
 from service.reports.validation.assessment import Assessment, assess, every, of_diameter, of_group, of_series
 from service.reports.validation.crater import crater_differences
-from service.reports.validation.listing import tests_section as listing_section
 from service.reports.validation.predictions import (
     ALL_MODELS,
     CLOSED_FORM,
@@ -19,17 +18,21 @@ from service.reports.validation.predictions import (
     FACTOR_MODELS,
     LEFT_OUT,
     METHODS,
+    OUTLIER_ROW,
     POWER_LAW,
     TRAJECTORY,
+    Strike,
     crater_depth,
     depth_curve,
     fit_factor,
+    grades,
     leave_one_out,
+    strikes,
     trajectory_depth,
 )
 from service.reports.validation.ratios import ratios_section
 from service.reports.validation.sections import parts
-from service.reports.validation.strikes import OUTLIER_ROW, Strike, grades, strikes
+from service.reports.validation.sections import tests_section as listing_section
 from solver import ConstantStrengthFactor, solid_properties
 from solver.calibration import DepthTest, fit_depth
 

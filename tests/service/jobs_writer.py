@@ -7,9 +7,9 @@ import sys
 import time
 from pathlib import Path
 
-from service.cache_key import KeyedRequest
 from service.jobs.models import BLOCK_SIZE, Case, CaseBlock, CaseState
 from service.jobs.store import JobStore
+from service.operations import KeyedRequest
 from tests.service.questions import PROBLEM, Question
 
 CASES = 450

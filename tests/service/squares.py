@@ -1,4 +1,4 @@
-"""A runner that squares numbers, over a real pool and a real folder."""
+"""A job manager that squares numbers, over a real pool and a real folder."""
 
 import asyncio
 from collections.abc import AsyncIterator, Iterable, Sequence
@@ -6,10 +6,10 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 
 from service.cache.cache import ResultCache
-from service.cache_key import KeyedRequest
 from service.jobs.manager import JobManager
 from service.jobs.models import Case, CaseResult, JobState
 from service.jobs.store import JobStore
+from service.operations import KeyedRequest
 from service.queries import QueryService
 from service.workers.base import Executor
 from tests.service.questions import SQUARE, Question
@@ -20,12 +20,12 @@ async def running(folder: Path, executor: Executor, max_queued_cases: int = 100_
     with ResultCache(folder / "data", memory_bytes=50_000_000, disk_bytes=10**9) as cache:
         queries = QueryService(cache, executor, {"square": SQUARE})
         jobs = JobStore(folder / "data", job_days=7.0)
-        runner = JobManager(queries, jobs, max_queued_cases=max_queued_cases)
-        await runner.start()
+        manager = JobManager(queries, jobs, max_queued_cases=max_queued_cases)
+        await manager.start()
         try:
-            yield runner
+            yield manager
         finally:
-            await runner.stop()
+            await manager.stop()
 
 
 def case(question: Question, custom_id: str | None = None) -> Case:
@@ -41,34 +41,34 @@ async def sliced(whole: Sequence[Case], size: int = 200) -> AsyncIterator[Sequen
         yield whole[i : i + size]
 
 
-async def accepted(runner: JobManager, whole: Sequence[Case], owner: str = "local") -> JobState:
-    state, new = await runner.accept("square", sliced(whole), owner=owner)
+async def accepted(manager: JobManager, whole: Sequence[Case], owner: str = "local") -> JobState:
+    state, new = await manager.accept("square", sliced(whole), owner=owner)
     assert new
     assert state.status == "accepted"
     return state
 
 
-async def follow(runner: JobManager, job: JobState) -> JobState:
+async def follow(manager: JobManager, job: JobState) -> JobState:
     state = job
-    async for state in runner.changes(job.id):  # noqa: B007
+    async for state in manager.changes(job.id):  # noqa: B007
         pass
     return state
 
 
-async def ended(runner: JobManager, job: JobState) -> JobState:
-    state = await follow(runner, job)
+async def ended(manager: JobManager, job: JobState) -> JobState:
+    state = await follow(manager, job)
     assert state.final
     return state
 
 
-async def until_done(runner: JobManager, job: JobState, count: int) -> None:
-    while ((await runner.job(job.id)) or job).done < count:  # noqa: ASYNC110 (there may be no change left to wait for)
+async def until_done(manager: JobManager, job: JobState, count: int) -> None:
+    while ((await manager.job(job.id)) or job).done < count:  # noqa: ASYNC110 (there may be no change left to wait for)
         await asyncio.sleep(0.02)
 
 
-async def all_results(runner: JobManager, job: JobState, start: int = 0, limit: int | None = None) -> list[CaseResult]:
+async def all_results(manager: JobManager, job: JobState, start: int = 0, limit: int | None = None) -> list[CaseResult]:
     found = []
-    async for results in runner.results(job.id, start=start, limit=limit):
+    async for results in manager.results(job.id, start=start, limit=limit):
         assert 0 < len(results) <= 200
         found += results
     return found
@@ -78,5 +78,5 @@ def squares(results: Sequence[CaseResult]) -> list[float]:
     return [result.record.answer["square"] for result in results if result.record is not None]
 
 
-async def collect(runner: JobManager, whole: Sequence[Case]) -> list[CaseResult]:
-    return [result async for result in runner.run_now("square", whole)]
+async def collect(manager: JobManager, whole: Sequence[Case]) -> list[CaseResult]:
+    return [result async for result in manager.run_now("square", whole)]

@@ -13,8 +13,8 @@ from service.cache.cache import ResultCache
 from service.errors import StorageError
 from service.jobs.store import JobStore
 from service.workers.process_pool import ProcessPool
+from tests.service.job_manager_process import CASES
 from tests.service.questions import Question, runs
-from tests.service.runner_process import CASES
 from tests.service.squares import accepted, all_results, case, cases, collect, ended, running, squares, until_done
 
 pytestmark = [pytest.mark.anyio, pytest.mark.timeout(120)]
@@ -41,7 +41,7 @@ async def test_killed_at_any_instant_every_case_is_answered_once_and_nothing_kep
 ) -> None:
     (tmp_path / "log").mkdir()
     instants = random.Random(kills)  # noqa: S311
-    command = [sys.executable, "-m", "tests.service.runner_process", str(tmp_path)]
+    command = [sys.executable, "-m", "tests.service.job_manager_process", str(tmp_path)]
     kept, before = set[float](), dict[float, int]()
     for _ in range(kills):
         with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE) as process:  # noqa: ASYNC220
@@ -50,10 +50,10 @@ async def test_killed_at_any_instant_every_case_is_answered_once_and_nothing_kep
             await asyncio.sleep(instants.uniform(0.0, 2.0 * SECONDS / kills))
             process.kill()
         kept, before = stored(tmp_path), runs(tmp_path / "log")
-    async with running(tmp_path, pool) as runner:
-        [job] = await runner.jobs() or [await accepted(runner, cases(range(CASES), tmp_path / "log", seconds=0.01))]
-        state = await ended(runner, job)
-        results = await all_results(runner, job)
+    async with running(tmp_path, pool) as manager:
+        [job] = await manager.jobs() or [await accepted(manager, cases(range(CASES), tmp_path / "log", seconds=0.01))]
+        state = await ended(manager, job)
+        results = await all_results(manager, job)
     assert (state.status, state.total, state.done, state.failed) == ("successful", CASES, CASES, 0)
     assert [result.number for result in results] == list(range(CASES))
     assert squares(results) == [i**2 for i in range(CASES)]
@@ -66,45 +66,45 @@ async def test_killed_at_any_instant_every_case_is_answered_once_and_nothing_kep
 async def test_job_on_a_full_disk_fails_with_a_reason_and_goes_on_at_the_next_start(
     pool: ProcessPool, tmp_path: Path
 ) -> None:
-    async with running(tmp_path, pool) as runner:
-        job = await accepted(runner, cases(range(400), seconds=0.005))
-        await until_done(runner, job, 4)
+    async with running(tmp_path, pool) as manager:
+        job = await accepted(manager, cases(range(400), seconds=0.005))
+        await until_done(manager, job, 4)
         soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
         resource.setrlimit(resource.RLIMIT_FSIZE, (4096, hard))
         try:
-            state = await ended(runner, job)
+            state = await ended(manager, job)
             with pytest.raises(StorageError):
-                await accepted(runner, cases(range(1000)))
+                await accepted(manager, cases(range(1000)))
             assert state.status == "failed"
             assert state.problem is not None
             assert state.problem["type"] == "urn:ricochet:problem:storage-full"
             assert str(tmp_path) not in str(state.problem)
-            assert await runner.job(job.id) == state
-            assert await runner.jobs() == [state]
-            assert len(squares(await all_results(runner, job))) == state.done > 0
-            assert squares(await collect(runner, cases([5000]))) == [5000**2]
+            assert await manager.job(job.id) == state
+            assert await manager.jobs() == [state]
+            assert len(squares(await all_results(manager, job))) == state.done > 0
+            assert squares(await collect(manager, cases([5000]))) == [5000**2]
         finally:
             resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
-        assert (await ended(runner, await accepted(runner, cases(range(5000, 5010))))).done == 10
-        runner._scheduler.unwritten.clear()  # as if it had been killed now
-    async with running(tmp_path, pool) as runner:
-        assert (await ended(runner, job)).status == "successful"
-        assert squares(await all_results(runner, job)) == [i**2 for i in range(400)]
+        assert (await ended(manager, await accepted(manager, cases(range(5000, 5010))))).done == 10
+        manager._scheduler.unwritten.clear()  # as if it had been killed now
+    async with running(tmp_path, pool) as manager:
+        assert (await ended(manager, job)).status == "successful"
+        assert squares(await all_results(manager, job)) == [i**2 for i in range(400)]
 
 
 async def test_end_that_could_not_be_written_is_written_when_there_is_room(pool: ProcessPool, tmp_path: Path) -> None:
-    async with running(tmp_path, pool) as runner:
-        job = await accepted(runner, [case(Question(i, seconds=0.01)) for i in range(400)])
-        await until_done(runner, job, 4)
+    async with running(tmp_path, pool) as manager:
+        job = await accepted(manager, [case(Question(i, seconds=0.01)) for i in range(400)])
+        await until_done(manager, job, 4)
         soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
         resource.setrlimit(resource.RLIMIT_FSIZE, (4096, hard))
         try:
-            cancelled = await runner.cancel(job.id)
+            cancelled = await manager.cancel(job.id)
         finally:
             resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
         assert cancelled is not None
-    async with running(tmp_path, pool) as runner:
-        state = await runner.job(job.id)
+    async with running(tmp_path, pool) as manager:
+        state = await manager.job(job.id)
         assert state is not None
         assert state.status == cancelled.status == "dismissed"
         assert state.done == cancelled.done

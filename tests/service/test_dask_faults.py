@@ -17,8 +17,8 @@ import pytest
 from distributed import Client
 from pydantic import ValidationError
 
+from service.dask.cluster import UnfitWorkerError, differences, run_chunk, versions
 from service.dask.executor import DaskExecutor
-from service.dask.plugin import UnfitWorkerError, differences, run_chunk, versions
 from service.errors import WorkerCrashedError
 from service.schemas.examples import PAPER
 from service.settings import Settings
@@ -90,14 +90,14 @@ async def grandparents(executor: DaskExecutor, count: int) -> set[int]:
 
 
 async def test_worker_killed_amid_a_batch_costs_no_case(executor: DaskExecutor, tmp_path: Path) -> None:
-    async with running(tmp_path, executor) as runner:
-        job = await accepted(runner, cases(range(300), seconds=0.02))
-        await until_done(runner, job, 40)
+    async with running(tmp_path, executor) as manager:
+        job = await accepted(manager, cases(range(300), seconds=0.02))
+        await until_done(manager, job, 40)
         victim, *_ = (await workers_of(executor)).values()
         os.kill(victim, signal.SIGKILL)
-        state = await ended(runner, job)
+        state = await ended(manager, job)
         assert (state.status, state.done, state.failed) == ("successful", 300, 0)
-        assert squares(await all_results(runner, job)) == [number**2 for number in range(300)]
+        assert squares(await all_results(manager, job)) == [number**2 for number in range(300)]
     await until(lambda: executor.cluster.capacity == 2)
     assert victim not in (await workers_of(executor)).values()
 
@@ -105,18 +105,18 @@ async def test_worker_killed_amid_a_batch_costs_no_case(executor: DaskExecutor, 
 async def test_scheduler_killed_and_started_again_costs_no_case(
     executor: DaskExecutor, cluster: DaskCluster, tmp_path: Path
 ) -> None:
-    async with running(tmp_path, executor) as runner:
-        job = await accepted(runner, cases(range(300), seconds=0.02))
-        await until_done(runner, job, 40)
+    async with running(tmp_path, executor) as manager:
+        job = await accepted(manager, cases(range(300), seconds=0.02))
+        await until_done(manager, job, 40)
         cluster.kill_scheduler()
         await asyncio.sleep(0.5)
-        state = await runner.job(job.id)
+        state = await manager.job(job.id)
         assert state is not None
         assert state.status == "running"
         await asyncio.to_thread(cluster.start_scheduler)
-        state = await ended(runner, job)
+        state = await ended(manager, job)
         assert (state.status, state.done, state.failed) == ("successful", 300, 0)
-        assert squares(await all_results(runner, job)) == [number**2 for number in range(300)]
+        assert squares(await all_results(manager, job)) == [number**2 for number in range(300)]
     await until(lambda: executor.cluster.capacity == 2)
     assert await executor.probe(10.0)
     assert await grandparents(executor, 8) <= set((await workers_of(executor)).values())

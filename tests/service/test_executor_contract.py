@@ -21,10 +21,8 @@ from service.operations import compute_critical_angle, compute_trajectory
 from service.schemas import CriticalAngleRequest, TrajectoryRequest
 from service.schemas.examples import PAPER, PAPER_AT_45
 from service.workers.base import Call, Executor
-from service.workers.compute import compute_case, compute_single
-from service.workers.in_thread import InThreadExecutor
-from service.workers.process_pool import ProcessPool
-from service.workers.worker import answer, dumps, loads
+from service.workers.process_pool import InThreadExecutor, ProcessPool
+from service.workers.worker import answer, compute_case, compute_single, dumps, loads
 from tests.service.dask_cluster import DaskCluster, dask_cluster
 
 pytestmark = [pytest.mark.anyio, pytest.mark.timeout(120)]

@@ -14,9 +14,9 @@ pytestmark = pytest.mark.system
 
 
 async def half_done(folder: Path, pool: ProcessPool) -> JobState:
-    async with running(folder, pool) as runner:
-        job = await accepted(runner, cases(range(400), seconds=0.005))
-        await until_done(runner, job, 20)
+    async with running(folder, pool) as manager:
+        job = await accepted(manager, cases(range(400), seconds=0.005))
+        await until_done(manager, job, 20)
     return job
 
 
@@ -26,15 +26,15 @@ async def test_jobs_that_could_not_be_read_at_the_start_go_on_once_they_can(pool
     file, elsewhere = tmp_path / "data" / "jobs.sqlite", tmp_path / "jobs.sqlite"
     file.replace(elsewhere)
     file.mkdir()
-    async with running(tmp_path, pool) as runner:
+    async with running(tmp_path, pool) as manager:
         with pytest.raises(StorageError):
-            await accepted(runner, cases(range(1000, 1010)))
+            await accepted(manager, cases(range(1000, 1010)))
         file.rmdir()
         elsewhere.replace(file)
-        other = await accepted(runner, cases(range(1000, 1010)))
-        assert (await ended(runner, other)).done == 10
-        assert (await ended(runner, job)).status == "successful"
-        assert squares(await all_results(runner, job)) == [i**2 for i in range(400)]
+        other = await accepted(manager, cases(range(1000, 1010)))
+        assert (await ended(manager, other)).done == 10
+        assert (await ended(manager, job)).status == "successful"
+        assert squares(await all_results(manager, job)) == [i**2 for i in range(400)]
 
 
 @pytest.mark.anyio
@@ -43,9 +43,9 @@ async def test_jobs_damaged_anywhere_are_set_aside_and_their_results_stay(pool: 
     file = tmp_path / "data" / "jobs.sqlite"
     content = file.read_bytes()
     file.write_bytes(content[:4096] + b"\xff" * 4096 + content[8192:])
-    async with running(tmp_path, pool) as runner:
-        assert await runner.job(job.id) is None
-        again = await ended(runner, await accepted(runner, cases(range(400), seconds=0.005)))
+    async with running(tmp_path, pool) as manager:
+        assert await manager.job(job.id) is None
+        again = await ended(manager, await accepted(manager, cases(range(400), seconds=0.005)))
         assert (again.status, again.done) == ("successful", 400)
         assert again.cached >= 20
     assert any(path.name.startswith("jobs-") for path in (tmp_path / "data" / "damaged").iterdir())
@@ -54,16 +54,16 @@ async def test_jobs_damaged_anywhere_are_set_aside_and_their_results_stay(pool: 
 @pytest.mark.anyio
 @pytest.mark.parametrize("pause", [0.0, 0.001, 0.005])
 async def test_job_deleted_while_it_is_cancelled_is_gone(pause: float, pool: ProcessPool, tmp_path: Path) -> None:
-    async with running(tmp_path, pool) as runner:
+    async with running(tmp_path, pool) as manager:
         for _ in range(5):
-            job = await accepted(runner, cases(range(400), seconds=0.005))
-            await until_done(runner, job, 4)
+            job = await accepted(manager, cases(range(400), seconds=0.005))
+            await until_done(manager, job, 4)
 
             async def later(name: str = job.id) -> None:
                 await asyncio.sleep(pause)
-                await runner.cancel(name)
+                await manager.cancel(name)
 
-            deleted, *_ = await asyncio.gather(runner.delete(job.id), later(), later())
+            deleted, *_ = await asyncio.gather(manager.delete(job.id), later(), later())
             assert deleted
-            assert await runner.job(job.id) is None
-            assert await runner.jobs() == []
+            assert await manager.job(job.id) is None
+            assert await manager.jobs() == []

@@ -12,7 +12,6 @@ from pathlib import Path
 import orjson
 import pytest
 
-from service.cache_key import result_key
 from service.errors import StorageError
 from service.jobs import store as module
 from service.jobs.models import (
@@ -28,6 +27,7 @@ from service.jobs.models import (
     split_requests,
 )
 from service.jobs.store import JobStore
+from service.operations import result_key
 from tests.service.questions import PROBLEM, Question
 from tests.service.squares import case
 
@@ -167,7 +167,7 @@ def test_token_leads_to_its_job_and_only_its_owner(tmp_path: Path) -> None:
 def test_job_of_an_earlier_engine_gets_the_keys_of_this_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     store = store_in(tmp_path)
     with monkeypatch.context() as earlier:
-        earlier.setattr("service.cache_key.ENGINE_VERSION", "0")
+        earlier.setattr("service.operations.ENGINE_VERSION", "0")
         earlier.setattr(module, "VERSIONS", "0 0")
         job = stored_job(store)
         old = [row.key for row in store.rows(job.number, 0, 450)]

@@ -9,8 +9,7 @@ from pathlib import Path
 import pytest
 
 from service.jobs import store
-from service.workers.in_thread import InThreadExecutor
-from service.workers.process_pool import ProcessPool
+from service.workers.process_pool import InThreadExecutor, ProcessPool
 from solver import ENGINE_VERSION
 from tests.service.questions import runs
 from tests.service.squares import accepted, all_results, cases, collect, ended, running, squares, until_done
@@ -29,7 +28,7 @@ def log(tmp_path: Path) -> Path:
 
 def downgrade(monkeypatch: pytest.MonkeyPatch) -> None:
     """Have the service be that of an earlier engine."""
-    monkeypatch.setattr("service.cache_key.ENGINE_VERSION", EARLIER)
+    monkeypatch.setattr("service.operations.ENGINE_VERSION", EARLIER)
     monkeypatch.setattr("service.cache.record.ENGINE_VERSION", EARLIER)
     monkeypatch.setattr(store, "VERSIONS", f"{EARLIER} 1")
     monkeypatch.setattr("service.jobs.scheduler.VERSIONS", f"{EARLIER} 1")
@@ -50,15 +49,15 @@ async def test_upgrade_answers_no_query_with_a_result_of_the_older_engine_and_ke
 ) -> None:
     with monkeypatch.context() as earlier:
         downgrade(earlier)
-        async with in_thread() as executor, running(tmp_path, executor) as runner:
-            old = [result.record for result in await collect(runner, cases(range(20), log))]
-    async with running(tmp_path, pool) as runner:
-        new = [result.record for result in await collect(runner, cases(range(20), log))]
+        async with in_thread() as executor, running(tmp_path, executor) as manager:
+            old = [result.record for result in await collect(manager, cases(range(20), log))]
+    async with running(tmp_path, pool) as manager:
+        new = [result.record for result in await collect(manager, cases(range(20), log))]
         assert {record.engine_version for record in new if record} == {ENGINE_VERSION}
         assert runs(log) == dict.fromkeys(range(20), 2)
         for record in old:
             assert record is not None
-            kept = runner._queries.cache.get(record.key)
+            kept = manager._queries.cache.get(record.key)
             assert kept is not None
             assert (kept.engine_version, kept.json) == (EARLIER, record.json)
 
@@ -68,12 +67,12 @@ async def test_job_that_an_upgrade_interrupts_ends_with_results_of_one_engine(
 ) -> None:
     with monkeypatch.context() as earlier:
         downgrade(earlier)
-        async with in_thread() as executor, running(tmp_path, executor) as runner:
-            job = await accepted(runner, cases(range(300), seconds=0.005))
-            await until_done(runner, job, 20)
-    async with running(tmp_path, pool) as runner:
-        state = await ended(runner, job)
-        results = await all_results(runner, job)
+        async with in_thread() as executor, running(tmp_path, executor) as manager:
+            job = await accepted(manager, cases(range(300), seconds=0.005))
+            await until_done(manager, job, 20)
+    async with running(tmp_path, pool) as manager:
+        state = await ended(manager, job)
+        results = await all_results(manager, job)
     assert (state.status, state.done) == ("successful", 300)
     assert squares(results) == [i**2 for i in range(300)]
     assert {result.record.engine_version for result in results if result.record} == {ENGINE_VERSION}
@@ -84,15 +83,15 @@ async def test_job_that_had_ended_keeps_the_results_it_had_after_an_upgrade(
 ) -> None:
     with monkeypatch.context() as earlier:
         downgrade(earlier)
-        async with in_thread() as executor, running(tmp_path, executor) as runner:
-            job = await accepted(runner, cases(range(50)))
-            await ended(runner, job)
-    async with running(tmp_path, pool) as runner:
-        kept = await all_results(runner, job)
+        async with in_thread() as executor, running(tmp_path, executor) as manager:
+            job = await accepted(manager, cases(range(50)))
+            await ended(manager, job)
+    async with running(tmp_path, pool) as manager:
+        kept = await all_results(manager, job)
         assert {result.record.engine_version for result in kept if result.record} == {EARLIER}
     shutil.rmtree(tmp_path / "data" / "results")
-    async with running(tmp_path, pool) as runner:
-        again = await all_results(runner, job)
+    async with running(tmp_path, pool) as manager:
+        again = await all_results(manager, job)
     assert {result.record.engine_version for result in again if result.record} == {ENGINE_VERSION}
     assert squares(again) == squares(kept) == [i**2 for i in range(50)]
 
@@ -100,13 +99,13 @@ async def test_job_that_had_ended_keeps_the_results_it_had_after_an_upgrade(
 async def test_case_marked_done_whose_segment_the_power_cut_took_is_computed_again(
     pool: ProcessPool, tmp_path: Path, log: Path
 ) -> None:
-    async with running(tmp_path, pool) as runner:
-        job = await accepted(runner, cases(range(100), log))
-        await ended(runner, job)
+    async with running(tmp_path, pool) as manager:
+        job = await accepted(manager, cases(range(100), log))
+        await ended(manager, job)
     for number, path in enumerate(sorted((tmp_path / "data" / "results" / "segments").rglob("*.h5"))):
         path.write_bytes(b"" if number % 2 else path.read_bytes()[:4096] + bytes(4096))  # blocks that were not written
-    async with running(tmp_path, pool) as runner:
-        assert squares(await all_results(runner, job)) == [i**2 for i in range(100)]
+    async with running(tmp_path, pool) as manager:
+        assert squares(await all_results(manager, job)) == [i**2 for i in range(100)]
     assert runs(log) == dict.fromkeys(range(100), 2)
 
 
@@ -115,16 +114,16 @@ async def test_clock_set_back_or_forward_changes_when_ended_jobs_go_and_nothing_
     jump: float, pool: ProcessPool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     real = time.time
-    async with running(tmp_path, pool) as runner:
-        before = await accepted(runner, cases(range(100)))
-        await ended(runner, before)
-        under_way = await accepted(runner, cases(range(1000, 1300), seconds=0.002))
-        await until_done(runner, under_way, 10)
+    async with running(tmp_path, pool) as manager:
+        before = await accepted(manager, cases(range(100)))
+        await ended(manager, before)
+        under_way = await accepted(manager, cases(range(1000, 1300), seconds=0.002))
+        await until_done(manager, under_way, 10)
         monkeypatch.setattr("time.time", lambda: real() + jump)
-        state = await ended(runner, under_way)
+        state = await ended(manager, under_way)
         assert (state.status, state.done) == ("successful", 300)
-        assert squares(await all_results(runner, under_way)) == [i**2 for i in range(1000, 1300)]
-    async with running(tmp_path, pool) as runner:  # which looks for jobs that have expired
-        assert (await runner.job(before.id) is None) == (jump > 0)
-        assert await runner.job(under_way.id) is not None
-        assert [result.cached for result in await collect(runner, cases(range(100)))] == [True] * 100
+        assert squares(await all_results(manager, under_way)) == [i**2 for i in range(1000, 1300)]
+    async with running(tmp_path, pool) as manager:  # which looks for jobs that have expired
+        assert (await manager.job(before.id) is None) == (jump > 0)
+        assert await manager.job(under_way.id) is not None
+        assert [result.cached for result in await collect(manager, cases(range(100)))] == [True] * 100

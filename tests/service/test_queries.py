@@ -12,9 +12,8 @@ import orjson
 import pytest
 
 from service.cache.cache import NOT_CACHED, ResultCache
-from service.cache_key import KeyedRequest
 from service.errors import ComputationCancelled, QueriesWaitingError, WorkerCrashedError
-from service.operations import Answer, Operation
+from service.operations import Answer, KeyedRequest, Operation
 from service.queries import QueryService
 from service.schemas.quantities import Part
 from service.workers.base import Executor

@@ -4,8 +4,15 @@ import math
 from collections.abc import Mapping
 
 from service.reports.finite_elements.calibration import LAW_NAMES, LAWS, PAPER_ANGLES, Calibration
-from service.reports.finite_elements.endings import RETAINED, ending, modelled_outcome
-from service.reports.finite_elements.prediction import LATER, TO_45, Prediction, Predictions
+from service.reports.finite_elements.prediction import (
+    LATER,
+    RETAINED,
+    TO_45,
+    Prediction,
+    Predictions,
+    ending,
+    modelled_outcome,
+)
 from service.reports.reference import MESHES, Mesh, equation_9, finite_element_run, finite_element_runs
 from solver import Outcome
 from solver.calibration import Estimate, MotionHistory

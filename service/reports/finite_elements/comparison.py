@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 
 from service.reports.contents import Comparison, Section, Table, Tell
-from service.reports.finite_elements import endings, figures
+from service.reports.finite_elements import figures, prediction
 from service.reports.finite_elements.account import outcomes, paragraphs, short, with_extrapolation
 from service.reports.finite_elements.calibration import ALONE, LAW_NAMES, LAWS, Calibration, calibrations, overall
 from service.reports.finite_elements.prediction import CHOSEN, TO_45, Prediction, Predictions, predictions
@@ -31,14 +31,14 @@ def compare(found: Mapping[Mesh, Calibration], tell: Tell) -> Section:
     """Return the comparison from what was fitted."""
     tell("finite elements: critical angles")
     predicted = predictions(found)
-    ends = {mesh: endings.bracket(finite_element_runs(mesh)) for mesh in MESHES}
+    ends = {mesh: prediction.bracket(finite_element_runs(mesh)) for mesh in MESHES}
     tell("finite elements: figures")
     return Section(
         title="Finite elements of the same strike",
         text=paragraphs(found, predicted, ends),
         comparisons=tuple(_comparisons(found, predicted, ends)),
         tables=(
-            endings.table([run for mesh in MESHES for run in finite_element_runs(mesh)]),
+            prediction.table([run for mesh in MESHES for run in finite_element_runs(mesh)]),
             _laws(found),
             _fits(found),
             _quantities(found),
@@ -192,7 +192,7 @@ def _outcomes(found: Mapping[Mesh, Calibration]) -> Table:
     rows: list[Sequence[object]] = []
     for calibration in found.values():
         for run in calibration.runs:
-            away = [endings.ending(run).turned_away, *(outcomes(calibration, law)[run.degrees] for law in LAWS)]
+            away = [prediction.ending(run).turned_away, *(outcomes(calibration, law)[run.degrees] for law in LAWS)]
             rows.append((run.name, *("turned away" if each else "retained" for each in away)))
     return Table(
         name="finite-elements-outcomes",

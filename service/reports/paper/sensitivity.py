@@ -9,7 +9,7 @@ import numpy as np
 
 from service.reports import style
 from service.reports.contents import Comparison, Figure, Section, Table, Tell, paragraphs
-from service.reports.paper.histories import LABELS, Curve, column, draw_histories, history_columns
+from service.reports.paper.motion import LABELS, Curve, column, draw_histories, history_columns
 from service.reports.paper.strike import THREADS, motion_of, paper_strike
 from solver import Numerics, Resistance, strength_factor
 from solver.calibration import MotionHistory, predict_motion

@@ -12,12 +12,13 @@ from service.reports.validation.predictions import (
     METHODS,
     TRAJECTORY,
     Prediction,
+    Strike,
     depth_curve,
     exact_factor,
     fit_factor,
     predict,
+    strikes,
 )
-from service.reports.validation.strikes import Strike, strikes
 from solver.arrays import FloatArray
 
 BAND = 0.2

@@ -9,10 +9,8 @@ import numpy as np
 from service.reports import style
 from service.reports.contents import Figure, Section, Table
 from service.reports.validation.assessment import Assessment, percent
-from service.reports.validation.figures import MARKS
-from service.reports.validation.predictions import CLOSED_FORM, POWER_LAW, TRAJECTORY
-from service.reports.validation.ratios import SERIES, agreement_1994
-from service.reports.validation.strikes import Strike
+from service.reports.validation.predictions import CLOSED_FORM, POWER_LAW, TRAJECTORY, Strike
+from service.reports.validation.ratios import MARKS, SERIES, agreement_1994
 from solver import Projectile, solid_properties
 from solver.arrays import FloatArray
 

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from service.reports.validation.assessment import Assessment
-from service.reports.validation.predictions import trajectory_depth
-from service.reports.validation.strikes import Strike
+from service.reports.validation.predictions import Strike, trajectory_depth
 from solver import Resistance, StrengthPowerLaw, strength_factor
 from solver.arrays import FloatArray
 

@@ -9,8 +9,8 @@ from matplotlib.ticker import FuncFormatter, NullFormatter
 from service.reports import style
 from service.reports.contents import Comparison, Figure, Section, Table
 from service.reports.validation.assessment import Assessment, agreement, percent
-from service.reports.validation.figures import COLORS, MARKS
 from service.reports.validation.predictions import CONSTANT, POWER_LAW, TRAJECTORY
+from service.reports.validation.ratios import COLORS, MARKS
 from service.reports.validation.size_law import (
     LARGE,
     RIGID_UP_TO,

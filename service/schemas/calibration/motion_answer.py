@@ -7,7 +7,7 @@ import numpy as np
 from pydantic import MISSING, Field
 
 from service.schemas.answers import VERSIONED, WARNING, EngineVersion, Key, ModelWarning
-from service.schemas.building import warnings_told
+from service.schemas.building import warning_texts
 from service.schemas.calibration.motion import AT_30, COMPARED_ROWS
 from service.schemas.calibration.shared import (
     ConfidenceInterval,
@@ -210,7 +210,7 @@ def motion_answer(
         "normalized_root_mean_square": requested.normalized_root_mean_square,
         "decay_laws": [_decay_law(name, fit, several=several) for name, fit in fits.laws.items()],
         "best_decay_law": fits.best,
-        "warnings": warnings_told(fits.warnings),
+        "warnings": warning_texts(fits.warnings),
     }
 
 

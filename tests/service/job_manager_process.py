@@ -16,12 +16,12 @@ CASES = 300
 async def main(folder: Path) -> None:
     pool = ProcessPool(workers=2, task_seconds=60.0)
     await pool.start()
-    async with running(folder, pool) as runner:
+    async with running(folder, pool) as manager:
         print("started", flush=True)  # noqa: T201
-        if not await runner.jobs():
-            await accepted(runner, cases(range(CASES), folder / "log", seconds=0.01))
-        for job in await runner.jobs():
-            await ended(runner, job)
+        if not await manager.jobs():
+            await accepted(manager, cases(range(CASES), folder / "log", seconds=0.01))
+        for job in await manager.jobs():
+            await ended(manager, job)
     await pool.stop(1.0)
 
 

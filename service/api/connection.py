@@ -14,16 +14,19 @@ from http import HTTPStatus
 from typing import Any
 
 import orjson
+from fastapi import HTTPException
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from uvicorn._types import ASGI3Application
 from uvicorn.config import Config
 from uvicorn.protocols.http.httptools_impl import STATUS_LINE, HttpToolsProtocol, RequestResponseCycle
 from uvicorn.server import ServerState
 
-from service.access.arrival import CYCLE
-from service.access.headers import secured
+from service.auth.middleware import secured
 from service.errors import ProblemType
 from service.settings import Limits
 
+CYCLE = "ricochet.cycle"
+"""Key in the scope of a request: the server's state of it, such as whether there is more of its body."""
 OVERFLOW = 1.1
 """Connections that may be open while one beyond the limit is refused in full, as a multiple of the limit."""
 
@@ -268,3 +271,63 @@ class Connection(HttpToolsProtocol):
 
     def _length(self) -> int:
         return len(self.url) + sum(len(name) + len(value) + 4 for name, value in self.headers)
+
+
+class BodyTimeout:
+    """Receives a request as long as its body comes fast enough; only time spent waiting for it counts.
+
+    Parameters
+    ----------
+    receive
+        The server's.
+    seconds
+        Time to wait in all, beside what the body takes at the slowest rate. [s]
+    slowest
+        Rate. [bytes/s]
+    """
+
+    __slots__ = ("_left", "_receive", "_slowest", "_whole")
+
+    def __init__(self, receive: Receive, seconds: float, slowest: float) -> None:
+        self._receive = receive
+        self._left = seconds
+        self._slowest = slowest
+        self._whole = False
+
+    async def __call__(self) -> Message:
+        """Receive the next message.
+
+        Raises
+        ------
+        HTTPException
+            408 if it comes too late.
+        """
+        if self._whole:
+            return await self._receive()
+        now = asyncio.get_running_loop().time
+        begun = now()
+        try:
+            async with asyncio.timeout(self._left):
+                message = await self._receive()
+        except TimeoutError:
+            raise HTTPException(
+                HTTPStatus.REQUEST_TIMEOUT, "the body comes too slowly", headers={"Connection": "close"}
+            ) from None
+        self._left += len(message.get("body", b"")) / self._slowest - (now() - begun)
+        self._whole = not message.get("more_body", False)
+        return message
+
+
+class BodyTimeoutMiddleware:
+    """Middleware that gives up bodies that come too slowly."""
+
+    def __init__(self, app: ASGIApp, limits: Limits) -> None:
+        self._app = app
+        self._limits = limits
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer a request."""
+        cycle = scope.pop(CYCLE, None)
+        if scope["type"] == "http" and (cycle is None or cycle.more_body):  # else nothing is waited for
+            receive = BodyTimeout(receive, self._limits.body_seconds, self._limits.slowest_bytes_per_second)
+        await self._app(scope, receive, send)

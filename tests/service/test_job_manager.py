@@ -35,7 +35,7 @@ pytestmark = [pytest.mark.anyio, pytest.mark.timeout(60)]
 
 
 @pytest.fixture
-async def runner(pool: ProcessPool, tmp_path: Path) -> AsyncIterator[JobManager]:
+async def manager(pool: ProcessPool, tmp_path: Path) -> AsyncIterator[JobManager]:
     async with running(tmp_path, pool) as running_runner:
         yield running_runner
 
@@ -48,59 +48,61 @@ def log(tmp_path: Path) -> Path:
     return folder
 
 
-async def test_every_case_of_a_job_is_answered_in_order_under_its_name(runner: JobManager, log: Path) -> None:
-    job = await accepted(runner, cases(range(450), log))
-    state = await ended(runner, job)
+async def test_every_case_of_a_job_is_answered_in_order_under_its_name(manager: JobManager, log: Path) -> None:
+    job = await accepted(manager, cases(range(450), log))
+    state = await ended(manager, job)
     assert (state.status, state.total, state.done, state.cached, state.failed) == ("successful", 450, 450, 0, 0)
     assert state.started is not None
     assert state.finished is not None
     assert state.created <= state.started <= state.finished
-    results = await all_results(runner, job)
+    results = await all_results(manager, job)
     assert [result.number for result in results] == list(range(450))
     assert [result.custom_id for result in results] == [f"case {i}" for i in range(450)]
     assert squares(results) == [i**2 for i in range(450)]
     assert runs(log) == dict.fromkeys(range(450), 1)
-    assert [result.number for result in await all_results(runner, job, start=190, limit=33)] == list(range(190, 223))
-    assert (runner.queued_cases, runner.running_chunks) == (0, 0)
-    assert runner.rate > 0.0
+    assert [result.number for result in await all_results(manager, job, start=190, limit=33)] == list(range(190, 223))
+    assert (manager.queued_cases, manager.running_chunks) == (0, 0)
+    assert manager.rate > 0.0
 
 
-async def test_batch_sent_again_is_all_cached(runner: JobManager, log: Path) -> None:
-    first = await accepted(runner, cases(range(450), log))
-    await ended(runner, first)
-    again = await accepted(runner, cases(range(100, 700), log))
-    state = await ended(runner, again)
+async def test_batch_sent_again_is_all_cached(manager: JobManager, log: Path) -> None:
+    first = await accepted(manager, cases(range(450), log))
+    await ended(manager, first)
+    again = await accepted(manager, cases(range(100, 700), log))
+    state = await ended(manager, again)
     assert (state.done, state.cached) == (600, 350)
     assert runs(log) == dict.fromkeys(range(700), 1)
-    results = await all_results(runner, again)
+    results = await all_results(manager, again)
     assert [result.cached for result in results] == [True] * 350 + [False] * 250
     assert squares(results) == [i**2 for i in range(100, 700)]
 
 
-async def test_equal_cases_run_once_wherever_they_are(runner: JobManager, log: Path) -> None:
+async def test_equal_cases_run_once_wherever_they_are(manager: JobManager, log: Path) -> None:
     twins = cases([1, 2, 1, 3, 1], log, seconds=0.2)
-    jobs = [await accepted(runner, twins, owner) for owner in ("one", "two")]
+    jobs = [await accepted(manager, twins, owner) for owner in ("one", "two")]
     await asyncio.sleep(0.05)
-    single, small = await asyncio.gather(runner._queries.answer("square", twins[0].request), collect(runner, twins[:2]))
-    states = [await ended(runner, job) for job in jobs]
+    single, small = await asyncio.gather(
+        manager._queries.answer("square", twins[0].request), collect(manager, twins[:2])
+    )
+    states = [await ended(manager, job) for job in jobs]
     assert runs(log) == {1: 1, 2: 1, 3: 1}
     assert single[0].answer["square"] == 1
     assert sorted(squares(small)) == [1, 4]
     assert [state.done for state in states] == [5, 5]
     assert sum(state.total - state.cached for state in states) == 3
     for job in jobs:
-        assert squares(await all_results(runner, job)) == [1, 4, 1, 9, 1]
+        assert squares(await all_results(manager, job)) == [1, 4, 1, 9, 1]
 
 
-async def test_case_that_cannot_be_answered_is_a_result_with_a_problem(runner: JobManager, log: Path) -> None:
+async def test_case_that_cannot_be_answered_is_a_result_with_a_problem(manager: JobManager, log: Path) -> None:
     whole = cases(range(30), log)
     for number, how in {3: "wrong", 7: "deadly", 11: "broken", 15: "refused"}.items():
         whole[number] = case(Question(number, str(log), how))
-    job = await accepted(runner, whole)
-    state = await ended(runner, job)
-    small = sorted(await collect(runner, whole), key=lambda result: result.number)
+    job = await accepted(manager, whole)
+    state = await ended(manager, job)
+    small = sorted(await collect(manager, whole), key=lambda result: result.number)
     assert (state.status, state.done, state.failed) == ("successful", 30, 4)
-    for results in (await all_results(runner, job), small):
+    for results in (await all_results(manager, job), small):
         assert squares(results) == [i**2 for i in range(30) if i not in {3, 7, 11, 15}]
         problems = {result.number: result.problem for result in results if result.problem is not None}
         assert {number: problem["type"].rpartition(":")[2] for number, problem in problems.items()} == {
@@ -115,108 +117,108 @@ async def test_case_that_cannot_be_answered_is_a_result_with_a_problem(runner: J
         assert "secret" not in str(problems[11])
 
 
-async def test_cancel_takes_effect_at_once_and_leaves_what_is_there(runner: JobManager, log: Path) -> None:
-    job = await accepted(runner, cases(range(8), log, seconds=0.05) + cases(range(8, 60), log, seconds=3.0))
-    await until_done(runner, job, 4)
+async def test_cancel_takes_effect_at_once_and_leaves_what_is_there(manager: JobManager, log: Path) -> None:
+    job = await accepted(manager, cases(range(8), log, seconds=0.05) + cases(range(8, 60), log, seconds=3.0))
+    await until_done(manager, job, 4)
     began = time.monotonic()
-    state = await runner.cancel(job.id)
+    state = await manager.cancel(job.id)
     assert state is not None
     assert time.monotonic() - began < 1.0
     assert state.status == "dismissed"
     assert state.expires is not None
     assert 4 <= state.done <= 8
-    assert len(squares(await all_results(runner, job))) == state.done
-    assert await runner.cancel(job.id) == await runner.job(job.id) == state
+    assert len(squares(await all_results(manager, job))) == state.done
+    assert await manager.cancel(job.id) == await manager.job(job.id) == state
     await asyncio.sleep(1.0)
     count = len(runs(log))
     await asyncio.sleep(1.0)
     assert len(runs(log)) == count < 15
-    assert runner.queued_cases == 0
-    assert squares(await collect(runner, cases([77]))) == [77**2]  # the pool is free
+    assert manager.queued_cases == 0
+    assert squares(await collect(manager, cases([77]))) == [77**2]  # the pool is free
 
 
 async def test_cases_that_turn_out_slow_are_shared_out_anew(
-    runner: JobManager, log: Path, monkeypatch: pytest.MonkeyPatch
+    manager: JobManager, log: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("service.jobs.scheduler.OVERLONG_SECONDS", 0.5)
-    job = await accepted(runner, cases(range(100), seconds=0.001) + cases(range(100, 120), log, seconds=0.4))
+    job = await accepted(manager, cases(range(100), seconds=0.001) + cases(range(100, 120), log, seconds=0.4))
     began = time.monotonic()
-    assert (await ended(runner, job)).done == 120
+    assert (await ended(manager, job)).done == 120
     assert time.monotonic() - began < 7.0  # one worker alone takes 8 s
     assert max(runs(log).values()) <= 6
 
 
-async def test_finished_job_stays_as_it_is_when_cancelled_and_goes_when_deleted(runner: JobManager) -> None:
-    job = await accepted(runner, cases(range(3)))
-    state = await ended(runner, job)
-    assert await runner.cancel(job.id) == state
-    assert await runner.cancel(job.id, "someone else") is None
-    assert not await runner.delete(job.id, "someone else")
-    assert await runner.jobs() == [state]
-    assert await runner.delete(job.id)
-    assert not await runner.delete(job.id)
-    assert await runner.cancel(job.id) is await runner.job(job.id) is None
-    assert await runner.jobs() == []
-    assert await all_results(runner, job) == []
-    assert [state async for state in runner.changes(job.id)] == []
+async def test_finished_job_stays_as_it_is_when_cancelled_and_goes_when_deleted(manager: JobManager) -> None:
+    job = await accepted(manager, cases(range(3)))
+    state = await ended(manager, job)
+    assert await manager.cancel(job.id) == state
+    assert await manager.cancel(job.id, "someone else") is None
+    assert not await manager.delete(job.id, "someone else")
+    assert await manager.jobs() == [state]
+    assert await manager.delete(job.id)
+    assert not await manager.delete(job.id)
+    assert await manager.cancel(job.id) is await manager.job(job.id) is None
+    assert await manager.jobs() == []
+    assert await all_results(manager, job) == []
+    assert [state async for state in manager.changes(job.id)] == []
 
 
-async def test_running_job_can_be_deleted(runner: JobManager) -> None:
-    job = await accepted(runner, cases(range(10), seconds=3.0))
-    followed = asyncio.ensure_future(ended(runner, job))
+async def test_running_job_can_be_deleted(manager: JobManager) -> None:
+    job = await accepted(manager, cases(range(10), seconds=3.0))
+    followed = asyncio.ensure_future(ended(manager, job))
     await asyncio.sleep(0.3)
     began = time.monotonic()
-    assert await runner.delete(job.id)
+    assert await manager.delete(job.id)
     assert time.monotonic() - began < 1.0
-    assert await runner.jobs() == []
+    assert await manager.jobs() == []
     with pytest.raises(AssertionError):  # it never heard of an end: there is no job any more
         await asyncio.wait_for(followed, 2.0)
 
 
-async def test_small_work_is_answered_as_it_finishes_and_goes_before_jobs(runner: JobManager) -> None:
-    job = await accepted(runner, cases(range(100), seconds=0.1))
+async def test_small_work_is_answered_as_it_finishes_and_goes_before_jobs(manager: JobManager) -> None:
+    job = await accepted(manager, cases(range(100), seconds=0.1))
     await asyncio.sleep(1.0)
     whole = cases([500, 501]) + cases([502], seconds=0.6)
     times: dict[float, float] = {}
     began = time.monotonic()
-    async for result in runner.run_now("square", whole):
+    async for result in manager.run_now("square", whole):
         times[result.number] = time.monotonic() - began
     assert times[0] < 0.9
     assert times[2] < 1.8
-    state = await runner.job(job.id)
+    state = await manager.job(job.id)
     assert state is not None
     assert state.done < 70
-    assert [result.cached async for result in runner.run_now("square", whole)] == [True] * 3
+    assert [result.cached async for result in manager.run_now("square", whole)] == [True] * 3
 
 
-async def test_small_work_that_is_closed_stops(runner: JobManager, log: Path) -> None:
-    async with aclosing(runner.run_now("square", cases(range(100), log, seconds=0.1))) as results:
+async def test_small_work_that_is_closed_stops(manager: JobManager, log: Path) -> None:
+    async with aclosing(manager.run_now("square", cases(range(100), log, seconds=0.1))) as results:
         await anext(results)
-        assert runner.queued_cases == 99
-    assert runner.queued_cases == 0
+        assert manager.queued_cases == 99
+    assert manager.queued_cases == 0
     await asyncio.sleep(0.5)
     count = len(runs(log))
     await asyncio.sleep(0.5)
     assert len(runs(log)) == count < 50
 
 
-async def test_owners_take_turns(runner: JobManager) -> None:
-    first = await accepted(runner, cases(range(200), seconds=0.05), "one")
-    second = await accepted(runner, cases(range(200, 400), seconds=0.05), "one")
+async def test_owners_take_turns(manager: JobManager) -> None:
+    first = await accepted(manager, cases(range(200), seconds=0.05), "one")
+    second = await accepted(manager, cases(range(200, 400), seconds=0.05), "one")
     await asyncio.sleep(0.5)
-    other = await accepted(runner, cases(range(400, 420), seconds=0.05), "two")
-    await ended(runner, other)
-    states = [await runner.job(job.id, "one") for job in (first, second)]
+    other = await accepted(manager, cases(range(400, 420), seconds=0.05), "two")
+    await ended(manager, other)
+    states = [await manager.job(job.id, "one") for job in (first, second)]
     assert [state.status for state in states if state] == ["running", "accepted"]
     assert states[0] is not None
     assert 0 < states[0].done < 120
-    assert [state.id for state in await runner.jobs("one")] == [second.id, first.id]
+    assert [state.id for state in await manager.jobs("one")] == [second.id, first.id]
 
 
-async def test_request_sent_again_is_the_same_job(runner: JobManager) -> None:
+async def test_request_sent_again_is_the_same_job(manager: JobManager) -> None:
     whole = cases(range(3))
-    job, new = await runner.accept("square", sliced(whole), idempotency=Idempotency("key", "digest"))
-    same, again = await runner.accept("square", sliced(whole), idempotency=Idempotency("key", "digest"))
+    job, new = await manager.accept("square", sliced(whole), idempotency=Idempotency("key", "digest"))
+    same, again = await manager.accept("square", sliced(whole), idempotency=Idempotency("key", "digest"))
     read = []
 
     async def reading() -> AsyncIterator[Sequence[Case]]:
@@ -225,18 +227,18 @@ async def test_request_sent_again_is_the_same_job(runner: JobManager) -> None:
             yield part
 
     late = Idempotency("key", lambda: "digest" if len(read) == 3 else "too early")
-    third, _ = await runner.accept("square", reading(), idempotency=late)
+    third, _ = await manager.accept("square", reading(), idempotency=late)
     assert (new, again) == (True, False)
     assert job.id == same.id == third.id
     with pytest.raises(IdempotencyConflictError):
-        await runner.accept("square", sliced(whole), idempotency=Idempotency("key", "other"))
-    other, new = await runner.accept("square", sliced(whole), owner="b", idempotency=Idempotency("key", "other"))
+        await manager.accept("square", sliced(whole), idempotency=Idempotency("key", "other"))
+    other, new = await manager.accept("square", sliced(whole), owner="b", idempotency=Idempotency("key", "other"))
     assert new
-    assert len(await runner.jobs()) == 1
-    await ended(runner, other)
+    assert len(await manager.jobs()) == 1
+    await ended(manager, other)
 
 
-async def test_request_still_being_received_is_busy_and_invisible(runner: JobManager) -> None:
+async def test_request_still_being_received_is_busy_and_invisible(manager: JobManager) -> None:
     go_on = asyncio.Event()
 
     async def halting() -> AsyncIterator[Sequence[Case]]:
@@ -244,52 +246,52 @@ async def test_request_still_being_received_is_busy_and_invisible(runner: JobMan
         await go_on.wait()
         yield cases(range(200, 300))
 
-    receiving = asyncio.ensure_future(runner.accept("square", halting(), idempotency=Idempotency("key", "digest")))
+    receiving = asyncio.ensure_future(manager.accept("square", halting(), idempotency=Idempotency("key", "digest")))
     await asyncio.sleep(0.2)
-    assert await runner.jobs() == []
-    assert runner.queued_cases == 200
+    assert await manager.jobs() == []
+    assert manager.queued_cases == 200
     with pytest.raises(IdempotencyBusyError):
-        await runner.accept("square", sliced([]), idempotency=Idempotency("key", "digest"))
+        await manager.accept("square", sliced([]), idempotency=Idempotency("key", "digest"))
     go_on.set()
     job, _ = await receiving
-    assert (await ended(runner, job)).done == 300
+    assert (await ended(manager, job)).done == 300
 
 
 @pytest.mark.parametrize("leaves", [ValueError("line 201 is wrong"), asyncio.CancelledError()], ids=["error", "left"])
-async def test_request_that_breaks_off_leaves_nothing(runner: JobManager, leaves: BaseException) -> None:
+async def test_request_that_breaks_off_leaves_nothing(manager: JobManager, leaves: BaseException) -> None:
     async def breaking() -> AsyncIterator[Sequence[Case]]:
         yield cases(range(200))
         raise leaves
 
     for _ in range(2):
         with pytest.raises(type(leaves)):
-            await runner.accept("square", breaking(), idempotency=Idempotency("key", "digest"))
-    assert await runner.jobs() == []
-    assert runner.queued_cases == 0
-    with runner._jobs._database.reading() as database:
+            await manager.accept("square", breaking(), idempotency=Idempotency("key", "digest"))
+    assert await manager.jobs() == []
+    assert manager.queued_cases == 0
+    with manager._jobs._database.reading() as database:
         assert database.execute("SELECT count(*) FROM jobs").fetchone() == (0,)
         assert database.execute("SELECT count(*) FROM slices").fetchone() == (0,)
 
 
 async def test_more_cases_than_may_wait_are_refused_with_a_time(pool: ProcessPool, tmp_path: Path) -> None:
-    async with running(tmp_path, pool, max_queued_cases=500) as runner:
-        job = await accepted(runner, cases(range(300), seconds=0.05))
+    async with running(tmp_path, pool, max_queued_cases=500) as manager:
+        job = await accepted(manager, cases(range(300), seconds=0.05))
         await asyncio.sleep(0.6)
         with pytest.raises(QueueFullError) as caught:
-            await runner.accept("square", sliced(cases(range(1000, 1400))))
+            await manager.accept("square", sliced(cases(range(1000, 1400))))
         assert 1 <= caught.value.retry_after < 60
         with pytest.raises(QueueFullError):
-            runner.run_now("square", cases(range(400)))
-        assert len(await runner.jobs()) == 1
-        await runner.cancel(job.id)
-        await accepted(runner, cases(range(400)))
+            manager.run_now("square", cases(range(400)))
+        assert len(await manager.jobs()) == 1
+        await manager.cancel(job.id)
+        await accepted(manager, cases(range(400)))
 
 
-async def test_results_are_readable_while_the_job_runs(runner: JobManager) -> None:
-    job = await accepted(runner, cases(range(10)) + cases(range(10, 60), seconds=0.05))
+async def test_results_are_readable_while_the_job_runs(manager: JobManager) -> None:
+    job = await accepted(manager, cases(range(10)) + cases(range(10, 60), seconds=0.05))
     found: list[CaseResult] = []
     while len(found) < 60:
-        new = await all_results(runner, job, start=len(found))
+        new = await all_results(manager, job, start=len(found))
         assert [result.number for result in new] == list(range(len(found), len(found) + len(new)))
         found += new
         await asyncio.sleep(0.1)
@@ -297,13 +299,13 @@ async def test_results_are_readable_while_the_job_runs(runner: JobManager) -> No
 
 
 async def test_what_the_cache_has_lost_is_computed_again_as_it_is_read(
-    runner: JobManager, pool: ProcessPool, tmp_path: Path, log: Path
+    manager: JobManager, pool: ProcessPool, tmp_path: Path, log: Path
 ) -> None:
-    job = await accepted(runner, cases(range(250), log))
-    before = await ended(runner, job)
-    results = await all_results(runner, job)
-    await runner.stop()
-    runner._queries.cache.close()
+    job = await accepted(manager, cases(range(250), log))
+    before = await ended(manager, job)
+    results = await all_results(manager, job)
+    await manager.stop()
+    manager._queries.cache.close()
     shutil.rmtree(tmp_path / "data" / "results")
     async with running(tmp_path, pool) as other:
         again = await all_results(other, job, start=10)
@@ -319,37 +321,37 @@ async def test_what_the_cache_has_lost_is_computed_again_as_it_is_read(
         assert await other.job(job.id) == before
 
 
-async def test_changes_come_at_most_five_times_a_second_and_end_with_the_job(runner: JobManager) -> None:
-    job = await accepted(runner, cases(range(150), seconds=0.02))
+async def test_changes_come_at_most_five_times_a_second_and_end_with_the_job(manager: JobManager) -> None:
+    job = await accepted(manager, cases(range(150), seconds=0.02))
     began = time.monotonic()
-    states = [state async for state in runner.changes(job.id)]
+    states = [state async for state in manager.changes(job.id)]
     seconds = time.monotonic() - began
     assert 3 < len(states) < 5 * seconds + 3
     assert [state.revision for state in states] == sorted({state.revision for state in states})
     assert [state.final for state in states] == [False] * (len(states) - 1) + [True]
-    assert [state async for state in runner.changes(job.id)] == states[-1:]
+    assert [state async for state in manager.changes(job.id)] == states[-1:]
 
 
 async def test_service_that_stops_goes_on_at_the_next_start(pool: ProcessPool, tmp_path: Path, log: Path) -> None:
-    async with running(tmp_path, pool) as runner:
-        job = await accepted(runner, cases(range(100), log, seconds=0.02))
-        following = asyncio.ensure_future(follow(runner, job))
+    async with running(tmp_path, pool) as manager:
+        job = await accepted(manager, cases(range(100), log, seconds=0.02))
+        following = asyncio.ensure_future(follow(manager, job))
         await asyncio.sleep(0.8)
         began = time.monotonic()
     assert time.monotonic() - began < 1.0
     left = await following
     assert not left.final
     assert left.done > 10
-    async with running(tmp_path, pool) as runner:
-        state = await ended(runner, job)
+    async with running(tmp_path, pool) as manager:
+        state = await ended(manager, job)
         assert (state.status, state.done, state.id) == ("successful", 100, job.id)
-        assert squares(await all_results(runner, job)) == [i**2 for i in range(100)]
+        assert squares(await all_results(manager, job)) == [i**2 for i in range(100)]
     assert list(runs(log).values()).count(1) >= left.done  # the others ran when it stopped
 
 
-async def test_workers_killed_again_and_again_cost_no_case(runner: JobManager, pool: ProcessPool) -> None:
-    job = await accepted(runner, cases(range(400), seconds=0.01))
-    following = asyncio.ensure_future(ended(runner, job))
+async def test_workers_killed_again_and_again_cost_no_case(manager: JobManager, pool: ProcessPool) -> None:
+    job = await accepted(manager, cases(range(400), seconds=0.01))
+    following = asyncio.ensure_future(ended(manager, job))
     chance = random.Random(0)  # noqa: S311
     for _ in range(6):
         await asyncio.sleep(chance.uniform(0.3, 0.6))
@@ -357,14 +359,14 @@ async def test_workers_killed_again_and_again_cost_no_case(runner: JobManager, p
             os.kill(pid, signal.SIGKILL)
     state = await following
     assert (state.status, state.done, state.failed) == ("successful", 400, 0)
-    assert squares(await all_results(runner, job)) == [i**2 for i in range(400)]
+    assert squares(await all_results(manager, job)) == [i**2 for i in range(400)]
 
 
 async def test_without_a_folder_small_work_is_done_and_jobs_are_refused(pool: ProcessPool, tmp_path: Path) -> None:
     (tmp_path / "data").write_text("a file")
-    async with running(tmp_path, pool) as runner:
-        assert sorted(squares(await collect(runner, cases(range(5))))) == [0, 1, 4, 9, 16]
+    async with running(tmp_path, pool) as manager:
+        assert sorted(squares(await collect(manager, cases(range(5))))) == [0, 1, 4, 9, 16]
         with pytest.raises(StorageError):
-            await runner.accept("square", sliced(cases(range(5))))
+            await manager.accept("square", sliced(cases(range(5))))
         (tmp_path / "data").unlink()
-        assert (await ended(runner, await accepted(runner, cases(range(5))))).done == 5
+        assert (await ended(manager, await accepted(manager, cases(range(5))))).done == 5

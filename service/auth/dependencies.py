@@ -1,0 +1,205 @@
+"""Authorization by FastAPI's means: who sends a request, what its key permits, and what it may hold while it lasts."""
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from http import HTTPStatus
+from typing import Annotated
+
+from fastapi import Depends, HTTPException, Request, Security
+from fastapi.security import HTTPAuthorizationCredentials, HTTPBearer, SecurityScopes
+from starlette.types import Receive, Send
+from starlette.types import Scope as RequestScope
+
+from service.auth.api_keys import LOCAL, SCOPES, ApiKey, ApiKeyStore
+from service.auth.quotas import Quota, QuotaStore
+from service.errors import ServiceError
+
+CONTEXT = "ricochet.context"
+"""Key of the context in the scope of a request."""
+CHALLENGE = {"WWW-Authenticate": "Bearer"}
+INVALID_TOKEN = {"WWW-Authenticate": 'Bearer error="invalid_token"'}
+
+bearer = HTTPBearer(
+    scheme_name="key",
+    description="A key of `ricochet keys add`, where the service requires one. A key with the scope `admin` has all "
+    "scopes, and sees the jobs of all owners.",
+    auto_error=False,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Principal:
+    """The sender of a request.
+
+    Parameters
+    ----------
+    owner
+        Owner of the jobs that are made.
+    key
+        None where no key is required.
+    quota
+        Quota of the key.
+    """
+
+    owner: str
+    key: ApiKey | None = None
+    quota: Quota | None = None
+
+    @property
+    def visible_owner(self) -> str | None:
+        """Owner whose jobs are visible; None for those of all."""
+        return None if self.key is None or self.key.may(SCOPES[-1]) else self.owner
+
+
+ANONYMOUS = Principal(LOCAL)
+
+
+class RequestContext:
+    """Principal and quota use of one request; one object in the scope of each.
+
+    Parameters
+    ----------
+    keys, quotas
+        Of the data folder.
+    key_required
+        Whether the request needs a key unless its route is public.
+    """
+
+    __slots__ = ("_keys", "_quotas", "cases", "job", "key_required", "principal")
+
+    def __init__(self, keys: ApiKeyStore, quotas: QuotaStore, *, key_required: bool) -> None:
+        self._keys = keys
+        self._quotas = quotas
+        self.key_required = key_required
+        self.principal = ANONYMOUS
+        self.cases = 0
+        """Cases counted against the quota."""
+        self.job = ""
+        """Id of the job that was made or ended."""
+
+    def authorize(self, token: str | None, scopes: Iterable[str]) -> None:
+        """Identify the principal, and check that its key has these scopes.
+
+        Raises
+        ------
+        HTTPException
+            401 without a valid key, 403 if it lacks a scope.
+        """
+        if not self.key_required:
+            return
+        if token is None:
+            detail = "an API key is required: `Authorization: Bearer ...`"
+            raise HTTPException(HTTPStatus.UNAUTHORIZED, detail, headers=CHALLENGE)
+        key = self._keys.find(token.strip())
+        if key is None:
+            raise HTTPException(HTTPStatus.UNAUTHORIZED, "invalid or expired API key", headers=INVALID_TOKEN)
+        for scope in scopes:
+            if not key.may(scope):
+                raise HTTPException(HTTPStatus.FORBIDDEN, f"the API key lacks the scope `{scope}`")
+        self.principal = Principal(key.owner, key, self._quotas.quota(key.id, key.cases_per_hour))
+
+    def take(self, count: int) -> None:
+        """Count cases.
+
+        Raises
+        ------
+        QuotaError
+            If the key has fewer left.
+        """
+        if self.principal.quota is not None:
+            self.principal.quota.take(count)
+        self.cases += count
+
+    def give_back(self) -> None:
+        """Count nothing of this request: it was refused, or had been counted before."""
+        if self.principal.quota is not None:
+            self.principal.quota.give_back(self.cases)
+        self.cases = 0
+
+
+def context_in(scope: RequestScope) -> RequestContext:
+    """Return the context in the scope of a request."""
+    context: RequestContext = scope[CONTEXT]
+    return context
+
+
+async def authorize(
+    request: Request,
+    required: SecurityScopes,
+    credentials: Annotated[HTTPAuthorizationCredentials | None, Depends(bearer)],
+) -> RequestContext:
+    """Return the context of a request whose key has the scopes of its route.
+
+    Raises
+    ------
+    HTTPException
+        401 without a valid key, 403 if it lacks a scope.
+    """
+    context = context_in(request.scope)
+    context.authorize(None if credentials is None else credentials.credentials, required.scopes)
+    return context
+
+
+async def authorize_unrouted(scope: RequestScope, _: Receive, __: Send) -> None:
+    """Refuse a path without a route: with 401 or 403 like the routes, so that only public paths need no key.
+
+    Raises
+    ------
+    HTTPException
+        404, or as `authorize`.
+    """
+    request = Request(scope)
+    required = SecurityScopes(["read" if scope["method"] == "GET" else "run"])
+    await authorize(request, required, await bearer(request))
+    raise HTTPException(HTTPStatus.NOT_FOUND)
+
+
+READ, RUN = Security(authorize, scopes=["read"]), Security(authorize, scopes=["run"])
+ReadContext = Annotated[RequestContext, READ]
+RunContext = Annotated[RequestContext, RUN]
+
+
+class ConcurrencyLimit:
+    """Bounds what requests hold while they last, of each owner and in all.
+
+    Parameters
+    ----------
+    per_owner, total
+        Most at once; `total` is None if there is no such limit.
+    owner_error, total_error
+        Make the error from the limit that is reached.
+    """
+
+    def __init__(
+        self,
+        per_owner: int,
+        owner_error: Callable[[int], ServiceError],
+        total: int | None = None,
+        total_error: Callable[[int], ServiceError] | None = None,
+    ) -> None:
+        self._per_owner, self._owner_error = per_owner, owner_error
+        self._total, self._total_error = total, total_error
+        self._held: Counter[str] = Counter()
+
+    @contextmanager
+    def held(self, owner: str) -> Iterator[None]:
+        """Hold one during the block.
+
+        Raises
+        ------
+        ServiceError
+            If a limit is reached.
+        """
+        if self._held[owner] >= self._per_owner:
+            raise self._owner_error(self._per_owner)
+        if self._total is not None and self._total_error is not None and self._held.total() >= self._total:
+            raise self._total_error(self._total)
+        self._held[owner] += 1
+        try:
+            yield
+        finally:
+            self._held[owner] -= 1
+            if not self._held[owner]:
+                del self._held[owner]

@@ -1,0 +1,140 @@
+"""Quotas: how many cases each key has requested within the last hour, also over a restart."""
+
+import asyncio
+import math
+import sqlite3
+import time
+from collections import deque
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager, suppress
+from pathlib import Path
+
+from anyio import to_thread
+
+from service.auth.api_keys import connected
+from service.errors import QuotaError
+
+WINDOW = 3600
+"""Time that counts. [s]"""
+STEP = 60
+"""Cases requested within this time are one entry, and leave the window together. [s]"""
+SAVE_SECONDS = 10
+"""Between two times that counts are written. [s]"""
+
+
+class Quota:
+    """Cases of one key within the last hour.
+
+    Parameters
+    ----------
+    most
+        Most cases within the window; None if there is no limit.
+    entries
+        Earlier counts: when each began, in seconds since 1970, and its cases.
+    """
+
+    def __init__(self, most: int | None, entries: list[tuple[int, int]] | None = None) -> None:
+        self.most = most
+        now = time.time()
+        self.entries = deque((began, count) for began, count in entries or () if began <= now)
+        self._count = sum(count for _, count in self.entries)
+
+    def take(self, count: int) -> None:
+        """Count cases.
+
+        Raises
+        ------
+        QuotaError
+            If they are more than are left; none is counted then.
+        """
+        now = time.time()
+        self._forget(now)
+        if self.most is not None and self._count + count > self.most:
+            raise QuotaError(self.most, count, self._seconds_until(count, now))
+        began = int(now) // STEP * STEP
+        if self.entries and self.entries[-1][0] >= began:
+            began, before = self.entries.pop()
+            count_here = before + count
+        else:
+            count_here = count
+        self.entries.append((began, count_here))
+        self._count += count
+
+    def give_back(self, count: int) -> None:
+        """Take back cases that were refused after all, the latest first."""
+        while count > 0 and self.entries:
+            began, here = self.entries.pop()
+            if here > count:
+                self.entries.append((began, here - count))
+            self._count -= min(here, count)
+            count -= here
+
+    def _seconds_until(self, count: int, now: float) -> int:
+        """Return the time until so many more are allowed; if they never are, until the window is empty. [s]"""
+        left = self._count
+        for began, here in self.entries:
+            left -= here
+            if left + count <= (self.most or 0):
+                return max(1, math.ceil(began + STEP + WINDOW - now))
+        last = self.entries[-1][0] + STEP + WINDOW - now if self.entries else WINDOW
+        return max(1, math.ceil(last))
+
+    def _forget(self, now: float) -> None:
+        while self.entries and self.entries[0][0] + STEP + WINDOW <= now:
+            self._count -= self.entries.popleft()[1]
+
+
+class QuotaStore:
+    """The quotas of all keys, saved in `auth.sqlite`. A crash loses the counts since they were last saved.
+
+    Parameters
+    ----------
+    folder
+        Data folder of the service.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._quotas: dict[str, Quota] = {}
+        self._earlier: dict[str, list[tuple[int, int]]] = {}
+        self._saved: list[tuple[str, int, int]] = []
+        with suppress(sqlite3.Error), connected(folder) as connection:  # one hour's counts: no reason not to start
+            for row in connection.execute("SELECT * FROM quotas ORDER BY began"):
+                self._earlier.setdefault(row["key"], []).append((row["began"], row["cases"]))
+
+    def quota(self, key_id: str, most: int | None) -> Quota:
+        """Return the quota of the key with this id."""
+        found = self._quotas.get(key_id)
+        if found is None:
+            found = self._quotas[key_id] = Quota(most, self._earlier.get(key_id))
+        found.most = most
+        return found
+
+    @asynccontextmanager
+    async def saved_regularly(self) -> AsyncIterator[None]:
+        """Save the counts every few seconds during the block, and at its end."""
+        saving = asyncio.create_task(self._save_regularly())
+        try:
+            yield
+        finally:
+            saving.cancel()
+            await self.save()
+
+    async def save(self) -> None:
+        """Save the counts, if there are any; a disk that does not take them is ignored."""
+        counts = self._earlier | {key_id: list(quota.entries) for key_id, quota in self._quotas.items()}
+        rows = [(key_id, began, cases) for key_id, entries in counts.items() for began, cases in entries]
+        if self._quotas and rows != self._saved:
+            with suppress(sqlite3.Error):
+                await to_thread.run_sync(self._write, rows)
+
+    async def _save_regularly(self) -> None:
+        while True:
+            await asyncio.sleep(SAVE_SECONDS)
+            await self.save()
+
+    def _write(self, rows: list[tuple[str, int, int]]) -> None:
+        with connected(self._folder) as connection:
+            connection.execute("DELETE FROM quotas")
+            connection.executemany("INSERT INTO quotas VALUES (?, ?, ?)", rows)
+        self._saved = rows
