@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 
-TAGGED = frozenset({"nose", "strength_factor"})
+TAGGED = frozenset({"distribution", "nose", "strength_factor"})
 """Fields of several shapes. Where pydantic tells a place inside one of them, it names the shape after the field."""
 
 PLACES = {"velocity": "impact.velocity", "sample_interval": "output.sample_interval"}
@@ -38,7 +38,7 @@ UNITS = {
 }
 """What the contract adds to the names of the solver."""
 
-UNITLESS = frozenset({"weights"})
+UNITLESS = frozenset({"distribution", "weights"})
 """Parts whose numbers are named after quantities, but have no units."""
 
 

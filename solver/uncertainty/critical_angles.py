@@ -359,11 +359,14 @@ def _saltelli(
         (inputs, n) at the first set with one input of the second.
     """
     size = own.size
+    mixed = np.concatenate((mixed, own[None]))  # an input without effect: SciPy drops the axis of a single one
 
     def indices(rows: npt.NDArray[np.int64], axis: int) -> FloatArray:  # the resamples are SciPy's many outputs
         rows = np.atleast_2d(np.moveaxis(rows, axis, -1)).astype(np.int64)
         found = stats.sobol_indices(func={"f_A": own[rows], "f_B": other[rows], "f_AB": mixed[:, rows]}, n=size)
-        both = np.stack([np.reshape(each, (len(rows), -1)) for each in (found.first_order, found.total_order)])
+        both = np.stack([np.reshape(each, (len(rows), -1)) for each in (found.first_order, found.total_order)])[
+            ..., :-1
+        ]
         return np.moveaxis(both, 1, -1)
 
     value = indices(np.arange(size), -1)[..., 0]
