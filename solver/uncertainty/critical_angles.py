@@ -379,13 +379,11 @@ def _saltelli(
         method="percentile",
         rng=np.random.default_rng([sampling.seed, 3]),
     ).confidence_interval
-    return [
-        (
-            Estimate(float(value[0, i]), float(spread.low[0, i]), float(spread.high[0, i])),
-            Estimate(float(value[1, i]), float(spread.low[1, i]), float(spread.high[1, i])),
-        )
-        for i in range(value.shape[1])
-    ]
+    low, high = np.asarray(spread.low), np.asarray(spread.high)
+    first, total = (
+        [Estimate(*map(float, each)) for each in zip(value[row], low[row], high[row], strict=True)] for row in (0, 1)
+    )
+    return list(zip(first, total, strict=True))
 
 
 class _Tables:

@@ -128,7 +128,7 @@ class TruncatedNormal:
         lower, upper = self._bounds
         below, above = float(ndtr(lower)), float(ndtr(-upper))
         z = ndtri(below + u * (1.0 - below - above))
-        return np.clip(np.asarray(z, float), lower, upper)
+        return np.asarray(np.clip(z, lower, upper), float)
 
     def value(self, z: FloatArray) -> FloatArray:
         """Return the input so many standard deviations from the mean."""
@@ -195,7 +195,7 @@ class Lognormal:
     def value(self, z: FloatArray) -> FloatArray:
         """Return the input whose logarithm is so many standard deviations from its mean."""
         middle, deviation = self._logarithm
-        return np.exp(middle + deviation * z)
+        return np.asarray(np.exp(middle + deviation * z), float)
 
     def quadrature(self) -> tuple[FloatArray, FloatArray]:
         """Return nodes and weights of a mean."""

@@ -97,7 +97,7 @@ def scrambled(seed: int, dimensions: int, count: int, stream: int = 0) -> FloatA
 def share_half_width(by_scrambling: FloatArray, sampling: Sampling, samples: int) -> FloatArray:
     """Half width of the interval of shares from their values in each scrambling, along the first axis."""
     variance = by_scrambling.var(axis=0, ddof=1) / SCRAMBLINGS
-    return sampling.student_quantile * np.sqrt(variance + (UNSEEN / samples) ** 2)
+    return np.asarray(sampling.student_quantile * np.sqrt(variance + (UNSEEN / samples) ** 2), float)
 
 
 def jackknifed(value: float, without: FloatArray, sampling: Sampling) -> Estimate:

@@ -176,7 +176,8 @@ def _moments(terms: FloatArray, support: npt.NDArray[np.bool_], missed: float, s
         return Estimate(value, max(lower, value - half), min(upper, value + half))
 
     safe = np.where(variances > 0.0, variances, 1.0)
-    first, total = [], []
+    first: list[Estimate] = []
+    total: list[Estimate] = []
     for column in range(support.shape[1]):
         alone = support[:, column] & (support.sum(axis=1) == 1)
         for estimates, mask in ((first, alone), (total, support[:, column])):

@@ -1,10 +1,13 @@
 """Functions with known indices and quantiles, in place of the solver."""
 
 import math
+from collections.abc import Callable, Sequence
+from typing import Any, Protocol
 
 import numpy as np
 from scipy import stats
 
+from solver.arrays import FloatArray
 from solver.uncertainty import AngleStudy, AngleUncertainty, Crossings, Estimate, Normal, Sampling, Uncertain, Uniform
 from solver.uncertainty.results import LEVELS
 
@@ -22,11 +25,11 @@ class Linear:
     first_order = total = slopes**2 / (slopes**2).sum()
     tolerance = ROUNDING
 
-    def __call__(self, x):
-        return x @ self.slopes + self.mean
+    def __call__(self, x: FloatArray) -> FloatArray:
+        return np.asarray(x @ self.slopes + self.mean, float)
 
-    def share(self, y):
-        return stats.norm.cdf(y, self.mean, self.deviation)
+    def share(self, y: FloatArray) -> FloatArray:
+        return np.asarray(stats.norm.cdf(y, self.mean, self.deviation), float)
 
 
 class Ishigami:
@@ -44,25 +47,37 @@ class Ishigami:
     total = np.array([alone + together, second, together]) / variance
     tolerance = 2e-4  # of the table below
 
-    def __init__(self):
+    def __init__(self) -> None:
         x = math.pi * (2.0 * stats.qmc.Sobol(3, rng=5).random(2**18) - 1.0)
         self._sorted = np.sort(self(x))
 
-    def __call__(self, x):
-        return np.sin(x[:, 0]) * (1.0 + self.b * x[:, 2] ** 4) + self.a * np.sin(x[:, 1]) ** 2
+    def __call__(self, x: FloatArray) -> FloatArray:
+        return np.asarray(np.sin(x[:, 0]) * (1.0 + self.b * x[:, 2] ** 4) + self.a * np.sin(x[:, 1]) ** 2, float)
 
-    def share(self, y):
-        return np.searchsorted(self._sorted, y, side="right") / self._sorted.size
+    def share(self, y: FloatArray) -> FloatArray:
+        return np.asarray(np.searchsorted(self._sorted, y, side="right") / self._sorted.size, float)
 
 
-def run(function, *, sensitivity: bool = True, distributions=None, **sampling) -> AngleUncertainty:
+class Function(Protocol):
+    """A function of inputs with some distributions, and the values at which its distribution is looked at."""
+
+    distributions: Any
+    grid: FloatArray
+
+    def __call__(self, x: FloatArray) -> FloatArray: ...
+
+
+def run(function: Function, *, sensitivity: bool = True, **sampling: Any) -> AngleUncertainty:
     """Study of a function whose value is the critical angle."""
-    inputs = [Uncertain(f"x.{i}", each) for i, each in enumerate(distributions or function.distributions)]
+    inputs = [Uncertain(f"x.{i}", each) for i, each in enumerate(function.distributions)]
     study = AngleStudy(inputs, function.grid, Sampling(**sampling), sensitivity=sensitivity, bounds=(-1e3, 1e3))
-    return answer_of(study, lambda points: [Crossings((float(y),)) for y in function(np.array(points, float))])
+    answer: AngleUncertainty = answer_of(
+        study, lambda points: [Crossings((float(y),)) for y in function(np.array(points, float))]
+    )
+    return answer
 
 
-def answer_of(study, evaluate):
+def answer_of(study: Any, evaluate: Callable[[Sequence[Any]], Sequence[Any]]) -> Any:
     """Answer of a study, its batches computed by a function."""
     steps = study.steps()
     batch = next(steps)
@@ -73,7 +88,13 @@ def answer_of(study, evaluate):
             return end.value
 
 
-def misses(function, answer: AngleUncertainty) -> list[str]:
+def known(estimate: Estimate | None) -> Estimate:
+    """The estimate, which must be there."""
+    assert estimate is not None
+    return estimate
+
+
+def misses(function: Any, answer: AngleUncertainty) -> list[str]:
     """Names of what is outside its interval."""
     assert answer.mean is not None
     assert answer.standard_deviation is not None

@@ -1,4 +1,5 @@
 from collections import Counter
+from typing import Any
 
 import pytest
 
@@ -13,7 +14,7 @@ MOST_MISSES = 7
 @pytest.mark.parametrize(
     ("function", "method"), [(Linear(), "auto"), (Linear(), "direct"), (Ishigami(), "auto")], ids=str
 )
-def test_true_values_are_within_their_intervals(function, method):
+def test_true_values_are_within_their_intervals(function: Any, method: str) -> None:
     found: Counter[str] = Counter()
     for seed in range(SEEDS):
         answer = run(function, seed=seed, method=method)
