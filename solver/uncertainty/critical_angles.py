@@ -7,7 +7,6 @@ from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
-from scipy import stats
 
 from solver.arrays import FloatArray
 from solver.errors import ParameterError
@@ -358,6 +357,8 @@ def _saltelli(
     mixed
         (inputs, n) at the first set with one input of the second.
     """
+    from scipy import stats  # noqa: PLC0415 (takes long to import, also where nothing is sampled)
+
     size = own.size
     mixed = np.concatenate((mixed, own[None]))  # an input without effect: SciPy drops the axis of a single one
 

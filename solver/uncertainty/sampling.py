@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from scipy import stats
+from scipy.special import ndtri, stdtrit
 
 from solver.arrays import FloatArray
 from solver.validation import require, require_between
@@ -55,7 +55,7 @@ class Sampling:
     @property
     def normal_quantile(self) -> float:
         """Standard errors of the half width of an interval."""
-        return float(stats.norm.ppf(0.5 + 0.5 * self.confidence))
+        return float(ndtri(0.5 + 0.5 * self.confidence))
 
     @property
     def student_quantile(self) -> float:
@@ -64,7 +64,7 @@ class Sampling:
         Their means are not quite normal: with half the risk, true values are found within their intervals as often as
         the confidence says (`tests/uncertainty/test_coverage.py`).
         """
-        return float(stats.t.ppf(0.75 + 0.25 * self.confidence, SCRAMBLINGS - 1))
+        return float(stdtrit(SCRAMBLINGS - 1, 0.75 + 0.25 * self.confidence))
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,6 +85,8 @@ def scrambled(seed: int, dimensions: int, count: int, stream: int = 0) -> FloatA
 
     The first points of a scrambling are the same whatever their count.
     """
+    from scipy import stats  # noqa: PLC0415 (takes long to import, also where nothing is sampled)
+
     points = np.empty((SCRAMBLINGS, count, dimensions))
     for number in range(SCRAMBLINGS):
         generator = np.random.default_rng([seed, stream, number])
