@@ -74,6 +74,13 @@ ESTIMATE = (
     Column("confidence_low", "lower end of the confidence interval of the strength factor"),
     Column("confidence_high", "upper end of it"),
 )
+SAMPLED = (
+    Column("samples", "in all", "<i8"),
+    Column("samples_failed", "of them, those that could not be computed", "<i8"),
+    Column("samples_outside", "of them, those outside what the contract takes", "<i8"),
+    Column("converged", "whether every interval is within the half width wanted", "?"),
+)
+OUTCOMES = ("ricochet", "embedded", "in_motion")
 SUMMARY: Mapping[str, tuple[Column, ...]] = {
     "trajectory": (
         Column("outcome", "how the run ended", "S32"),
@@ -100,6 +107,13 @@ SUMMARY: Mapping[str, tuple[Column, ...]] = {
         Column("normalized_root_mean_square", "of the residuals, each quantity over its span"),
         Column("best_decay_law", "that fits best", "S32"),
     ),
+    "cra_uncertainty": (
+        Column("mean_deg", "mean of the critical angle"),
+        Column("standard_deviation_deg", "of the critical angle"),
+        Column("method", "surrogate or direct", "S32"),
+        *SAMPLED,
+    ),
+    "trajectory_uncertainty": (*(Column(name, f"probability of {name}") for name in OUTCOMES), *SAMPLED),
 }
 """The answer in one row, by operation."""
 WARNINGS = Column("warnings", "codes of the warnings, with spaces between", "S512")
@@ -136,8 +150,14 @@ RESIDUALS = (
     *(Column(name, f"{text}, as given") for name, text in QUANTITIES.items()),
     *(Column(f"predicted_{name}", "with the strength factor that fits best") for name in QUANTITIES),
     *(Column(f"residual_{name}", "given minus predicted") for name in QUANTITIES),
+    Column("quantity", "what a row is of: the probability of an outcome, or a quantile", "S64"),
+    Column("level", "of the quantile"),
+    Column("ricochet_probability", "at the oblique angle"),
+    Column("value", "probability, or quantile in the unit of the quantity"),
+    Column("lower", "end of its interval"),
+    Column("upper", "end of its interval"),
 )
-"""Columns of the residuals of all calibrations; each has some of these."""
+"""Columns of the residuals of all calibrations, and of the curves of studies of uncertainty; each has some of these."""
 
 
 def summary_columns(operation: str) -> tuple[Column, ...]:
@@ -153,6 +173,9 @@ def summarize(answer: Mapping[str, Any]) -> dict[str, Any]:
         row["bracket_low_deg"], row["bracket_high_deg"] = min(bracket), max(bracket)
     if interval := answer.get("confidence_interval"):
         row["confidence_low"], row["confidence_high"] = interval
+    angle = answer.get("critical_angle", {})
+    row |= {name: angle[name]["value"] for name in ("mean_deg", "standard_deviation_deg") if name in angle}
+    row |= {each["outcome"]: each["value"] for each in answer.get("outcomes", ())}
     row["warnings"] = " ".join(dict.fromkeys(warning["code"] for warning in answer.get("warnings", ())))
     return row
 

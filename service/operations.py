@@ -1,33 +1,42 @@
 """What the service computes, each operation once: request, computation, answer, columns and key of its result."""
 
 import hashlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Protocol, TypeAlias
 
 import orjson
+from pydantic import ValidationError
 
 import solver
 from service.columns import SUMMARY, Column
 from service.schemas import (
+    CriticalAngleBase,
     CriticalAngleRequest,
+    CriticalAngleUncertaintyRequest,
     DepthCalibrationRequest,
     MotionCalibrationRequest,
     ObliquityCalibrationRequest,
     TrajectoryRequest,
+    TrajectoryUncertaintyRequest,
     critical_angle_answer,
+    critical_angle_uncertainty_answer,
     depth_answer,
     motion_answer,
     obliquity_answer,
     trajectory_answer,
+    trajectory_uncertainty_answer,
 )
 from service.schemas.alternatives import alternative_requests
 from service.schemas.quantities import Part
+from service.schemas.requests import Case, TrajectoryFields
+from service.schemas.uncertainty import UncertainCase, crossings_in, ending_in, with_values
 from solver import ENGINE_VERSION
 from solver.arrays import FloatArray
 from solver.calibration import fit_decay_laws, fit_depth, fit_obliquity, penetration_depths, predict_motion
 from solver.numerics import SEARCH_STATIONS
 from solver.search.levels import LAST_POINTS, LAST_STATIONS, LAST_TOLERANCE
+from solver.uncertainty import Crossings, Ending
 
 SCHEMA_VERSION = "1"
 """Raised whenever the meaning of a request or an answer changes: results kept under another version are not used."""
@@ -185,6 +194,102 @@ def compute_obliquity_calibration(request: bytes) -> Answer:
     return obliquity_answer(fit_obliquity(**ObliquityCalibrationRequest.model_validate_json(request).arguments())), None
 
 
+@dataclass(frozen=True, slots=True)
+class StudyOperation:
+    """How a study of uncertainty computes its samples: each is a request of another operation.
+
+    Parameters
+    ----------
+    sample
+        That operation.
+    model
+        Its request among many.
+    finding
+        Returns what the study keeps of an answer.
+    failed, outside
+        What it keeps of a sample that could not be computed, or is outside what the contract takes.
+    answer
+        Returns the answer of the study as JSON data.
+    """
+
+    sample: str
+    model: type[Case]
+    finding: Callable[[Mapping[str, Any]], Any]
+    failed: Any
+    outside: Any
+    answer: Callable[[Any], dict[str, Any]]
+
+    def base(self, request: Any) -> Case:
+        """Return the request that the samples differ from."""
+        return self.model.model_validate(request.base)
+
+    def requests(self, request: Any, points: Sequence[Sequence[Any]]) -> list[KeyedRequest | None]:
+        """Return the request of every sample; None for one outside what the contract takes."""
+        base, fields = request.base, [each.field for each in request.uncertain]
+        found: list[KeyedRequest | None] = []
+        for point in points:
+            try:
+                case: Any = self.model.model_validate(with_values(base, fields, point))
+                found.append(KeyedRequest.of(self.sample, case))
+            except (ValidationError, solver.ParameterError):
+                found.append(None)
+        return found
+
+
+UNCERTAIN: Mapping[str, StudyOperation] = {
+    "cra_uncertainty": StudyOperation(
+        "cra",
+        CriticalAngleBase,
+        crossings_in,
+        Crossings(problem="failed"),
+        Crossings(problem="outside"),
+        critical_angle_uncertainty_answer,
+    ),
+    "trajectory_uncertainty": StudyOperation(
+        "trajectory",
+        TrajectoryFields,
+        ending_in,
+        Ending(problem="failed"),
+        Ending(problem="outside"),
+        trajectory_uncertainty_answer,
+    ),
+}
+"""Studies of uncertainty, by operation."""
+
+
+def compute_critical_angle_uncertainty(request: bytes) -> Answer:
+    """Sample critical angles, one after the other."""
+    return _study("cra_uncertainty", CriticalAngleUncertaintyRequest.model_validate_json(request)), None
+
+
+def compute_trajectory_uncertainty(request: bytes) -> Answer:
+    """Sample runs, one after the other."""
+    return _study("trajectory_uncertainty", TrajectoryUncertaintyRequest.model_validate_json(request)), None
+
+
+def _study(operation: str, request: CriticalAngleUncertaintyRequest | TrajectoryUncertaintyRequest) -> dict[str, Any]:
+    study: Any = UNCERTAIN[operation]
+    compute = OPERATIONS[study.sample].compute
+
+    def evaluate(sample: KeyedRequest | None) -> Any:
+        if sample is None:
+            return study.outside
+        try:
+            return study.finding(compute(sample.json)[0])
+        except solver.RicochetError as error:
+            return study.outside if isinstance(error, solver.ParameterError) else study.failed
+
+    steps: Any = request.study().steps()
+    batch = next(steps)
+    while True:
+        found = [evaluate(sample) for sample in study.requests(request, batch.points)]
+        try:
+            batch = steps.send(found)
+        except StopIteration as end:
+            answer: dict[str, Any] = study.answer(end.value)
+            return answer
+
+
 def cases_of_a_fit(_: Part) -> int:
     """Return what a calibration counts as: it takes as long as so many cases."""
     return 20
@@ -193,6 +298,11 @@ def cases_of_a_fit(_: Part) -> int:
 def cases_of_motions(request: MotionCalibrationRequest) -> int:
     """Return what a calibration by motion counts as: a fit of each run with each of three decay laws."""
     return 3 * request.run_count * cases_of_a_fit(request)
+
+
+def cases_of_a_study(request: UncertainCase) -> int:
+    """Return what a study counts as at most."""
+    return request.sampling.max_samples
 
 
 def cases_of_a_query(request: Any) -> int:
@@ -218,10 +328,24 @@ OPERATIONS: Mapping[str, Operation] = {
     "calibration_obliquity": Operation(
         compute_obliquity_calibration, ObliquityCalibrationRequest, cases=cases_of_a_fit
     ),
+    "cra_uncertainty": Operation(
+        compute_critical_angle_uncertainty,
+        CriticalAngleUncertaintyRequest,
+        SUMMARY["cra_uncertainty"],
+        cases_of_a_study,
+    ),
+    "trajectory_uncertainty": Operation(
+        compute_trajectory_uncertainty,
+        TrajectoryUncertaintyRequest,
+        SUMMARY["trajectory_uncertainty"],
+        cases_of_a_study,
+    ),
 }
 
 
 def outcome_of(answer: Mapping[str, Any]) -> str:
-    """Return how a run or a search ended; a fit that has an answer was found."""
+    """Return how a run, a search or a study ended; a fit that has an answer was found."""
+    if "converged" in answer:
+        return "converged" if answer["converged"] else "not_converged"
     outcome: str = answer.get("outcome") or answer.get("status") or "fitted"
     return outcome

@@ -55,8 +55,13 @@ def trials_of(records: Sequence[Record | None], first: int) -> Table:
 
 
 def residuals_of(record: Record) -> dict[str, list[Any]]:
-    """Return what a calibration was given, what it predicts and what is left, by column; of other results nothing."""
+    """Return what a calibration was given, what it predicts and what is left, by column; of other results nothing.
+
+    Of a study of uncertainty, the probability over the angle, or probabilities and quantiles.
+    """
     kind = record.operation
+    if kind.endswith("_uncertainty"):
+        return _estimates(record.answer)
     if not kind.startswith("calibration_"):
         return {}
     answer = record.answer
@@ -75,6 +80,16 @@ def residuals_of(record: Record) -> dict[str, list[Any]]:
             [_motion(run["history"], fit) for run, fit in zip(record.request["runs"], answer["runs"], strict=True)]
         )
     return _motion(record.request["history"], answer)
+
+
+def _estimates(answer: Mapping[str, Any]) -> dict[str, list[Any]]:
+    """Return the curve of probabilities; of one strike its probabilities and quantiles, one below the other."""
+    if "probability" in answer:
+        return dict(answer["probability"])
+    rows = [{"quantity": each["outcome"], "level": math.nan, **each} for each in answer["outcomes"]]
+    for name in ("maximum_depth_m", "exit_speed_m_s", "exit_angle_deg"):
+        rows += [{"quantity": name, **each} for each in answer.get(name, ())]
+    return {name: [row[name] for row in rows] for name in ("quantity", "level", "value", "lower", "upper")}
 
 
 def _motion(history: Mapping[str, Any], fit: Mapping[str, Any]) -> dict[str, list[Any]]:

@@ -25,6 +25,14 @@ from service.schemas.calibration import (
 from service.schemas.jobs import Job, JobResults, Jobs, Result
 from service.schemas.requests import CriticalAngleBase, CriticalAngleRequest, TrajectoryRequest
 from service.schemas.sweeps import CriticalAngleSweep, TrajectorySweep
+from service.schemas.uncertainty import (
+    CriticalAngleUncertaintyAnswer,
+    CriticalAngleUncertaintyRequest,
+    TrajectoryUncertaintyAnswer,
+    TrajectoryUncertaintyRequest,
+    critical_angle_uncertainty_answer,
+    trajectory_uncertainty_answer,
+)
 
 __all__ = [
     "CriticalAngleAnswer",
@@ -34,6 +42,8 @@ __all__ = [
     "CriticalAngleRequest",
     "CriticalAngleResults",
     "CriticalAngleSweep",
+    "CriticalAngleUncertaintyAnswer",
+    "CriticalAngleUncertaintyRequest",
     "DepthCalibrationAnswer",
     "DepthCalibrationRequest",
     "Job",
@@ -51,9 +61,13 @@ __all__ = [
     "TrajectoryRequest",
     "TrajectoryResults",
     "TrajectorySweep",
+    "TrajectoryUncertaintyAnswer",
+    "TrajectoryUncertaintyRequest",
     "critical_angle_answer",
+    "critical_angle_uncertainty_answer",
     "depth_answer",
     "motion_answer",
     "obliquity_answer",
     "trajectory_answer",
+    "trajectory_uncertainty_answer",
 ]

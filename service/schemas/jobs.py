@@ -13,6 +13,7 @@ from service.schemas.examples import PAPER
 from service.schemas.problems import Problem
 from service.schemas.quantities import Count, Part, with_examples
 from service.schemas.sweeps import EVEN, LISTED, Axis
+from service.schemas.uncertainty import CriticalAngleUncertaintyAnswer, TrajectoryUncertaintyAnswer
 
 ID = "0123456789abcdef0123456789abcdef"
 COUNTS = {"total": 200, "done": 120, "cached": 20, "failed": 1}
@@ -39,7 +40,9 @@ Result = TypeAliasType(
         | CriticalAngleAnswer
         | DepthCalibrationAnswer
         | MotionCalibrationAnswer
-        | ObliquityCalibrationAnswer,
+        | ObliquityCalibrationAnswer
+        | CriticalAngleUncertaintyAnswer
+        | TrajectoryUncertaintyAnswer,
         Field(description="Any answer."),
     ],
 )

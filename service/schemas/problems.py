@@ -7,7 +7,7 @@ from pydantic import Field
 
 from service.schemas.quantities import Part, with_examples
 
-TAGGED = frozenset({"nose", "strength_factor"})
+TAGGED = frozenset({"distribution", "nose", "strength_factor"})
 """Fields of several shapes. Where pydantic tells a place inside one of them, it names the shape after the field."""
 
 PLACES = {"velocity": "impact.velocity", "sample_interval": "output.sample_interval"}
@@ -43,7 +43,7 @@ UNITS = {
 }
 """What the contract adds to the names of the solver."""
 
-UNITLESS = frozenset({"weights"})
+UNITLESS = frozenset({"distribution", "weights"})
 """Parts whose numbers are named after quantities, but have no units."""
 
 

@@ -1,0 +1,172 @@
+"""`ricochet uncertainty`: how sure a critical angle, or the outcome of one strike, is."""
+
+import argparse
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from service.cli.arguments import BODY, IMPACT, add_case, add_formats, add_plot, add_url, examples
+from service.cli.errors import CommandError, RefusedError
+from service.cli.plots import check_plot, figure_file
+from service.cli.request_body import RequestBody, read_body
+from service.cli.single import compute_locally, print_csv, print_json
+from service.cli.writers import cell, heading, print_table, print_values, print_warnings
+
+PARAMETERS = {
+    "normal": ("mean", "standard_deviation"),
+    "truncated_normal": ("mean", "standard_deviation", "lower", "upper"),
+    "lognormal": ("median", "dispersion"),
+    "uniform": ("lower", "upper"),
+    "triangular": ("lower", "mode", "upper"),
+}
+"""Numbers of a distribution on the command line, in order."""
+WIDE = (7.0, 4.0)
+"""Figure size. [in]"""
+
+
+def add_uncertainty(parser: argparse.ArgumentParser) -> None:
+    """Define `ricochet uncertainty`."""
+    parser.description = (
+        "Estimate the probability of ricochet over the oblique angle, and what the critical angle is sensitive to; "
+        "with --angle, the probability of each outcome of that strike."
+    )
+    parser.epilog = examples(
+        "ricochet uncertainty strike.toml --uncertain impact.velocity_m_s=normal:238:2.4",
+        "ricochet uncertainty strike.toml --angle 50 --uncertain resistance.strength_residual=lognormal:1:0.1",
+    )
+    add_case(parser, (*IMPACT, *BODY))
+    parser.add_argument(
+        "--uncertain",
+        action="append",
+        default=[],
+        metavar="FIELD=TYPE:...",
+        help="scatter of a field: normal:MEAN:DEVIATION, truncated_normal:MEAN:DEVIATION:LOWER:UPPER, "
+        "lognormal:MEDIAN:DISPERSION, uniform:LOWER:UPPER, triangular:LOWER:MODE:UPPER, or "
+        "discrete:VALUE@WEIGHT:VALUE@WEIGHT...; adds to [[uncertain]] tables of the file",
+    )
+    add_formats(parser, json="print the answer as the service sends it", csv="print the probabilities")
+    add_plot(parser, "the probability of ricochet with its interval")
+    add_url(parser)
+    parser.set_defaults(run=run_uncertainty)
+
+
+def run_uncertainty(args: argparse.Namespace) -> int:
+    """Estimate and print."""
+    body = read_body(args.case, args, (*IMPACT, *BODY))
+    for text in args.uncertain:
+        body.content.setdefault("uncertain", []).append(uncertain_input(text))
+    strike = "oblique_angle_deg" in body.content.get("impact", {})
+    if args.plot:
+        if strike:
+            raise CommandError("--plot: there is a curve to plot without --angle only")
+        check_plot(args.plot)
+    text = answer_of("trajectory" if strike else "cra", body, args.url)
+    answer: dict[str, Any] = json.loads(text)
+    if args.plot:
+        plot_probability(args.plot, answer["probability"])
+    if args.json:
+        print_json(text)
+    elif args.csv:
+        print_csv(outcomes_of(answer) if strike else answer["probability"])
+    else:
+        print_answer(answer)
+    return 0
+
+
+def uncertain_input(text: str) -> dict[str, Any]:
+    """Return the input that a flag describes.
+
+    Raises
+    ------
+    CommandError
+        If it does not.
+    """
+    field, equals, rest = text.partition("=")
+    kind, *numbers = rest.split(":")
+    if equals and kind == "discrete" and numbers:
+        pairs = [each.partition("@") for each in numbers]
+        found: dict[str, Any] = {"type": kind, "values": [_number(value, text) for value, _, _ in pairs]}
+        if any(weight for _, _, weight in pairs):
+            found["weights"] = [_number(weight, text) for _, _, weight in pairs]
+        return {"field": field, "distribution": found}
+    names = PARAMETERS.get(kind, ())
+    if not equals or not names or len(names) != len(numbers):
+        raise CommandError(f"--uncertain {text}: must be FIELD=TYPE:..., such as impact.velocity_m_s=normal:238:2.4")
+    values = {name: _number(number, text) for name, number in zip(names, numbers, strict=True) if number}
+    return {"field": field, "distribution": {"type": kind, **values}}
+
+
+def _number(word: str, text: str) -> float | str:
+    try:
+        return float(word)
+    except ValueError:
+        if not word:
+            raise CommandError(f"--uncertain {text}: a value is missing") from None
+        return word  # the name of a model, or what validation refuses
+
+
+def answer_of(operation: str, body: RequestBody, url: str | None) -> bytes:
+    """Return the answer as JSON.
+
+    Raises
+    ------
+    CommandError
+        If there is none; it names the field that is invalid.
+    """
+    try:
+        if url:
+            from service.cli.client import connect
+
+            with connect(url) as client:
+                return client.compute(f"{operation}/uncertainty", body.content)
+        return compute_locally(f"{operation}_uncertainty", body.content)
+    except RefusedError as error:
+        raise body.explain(error) from None
+
+
+def print_answer(answer: Mapping[str, Any]) -> None:
+    """Print estimates, sensitivities and how they were sampled."""
+    if "outcomes" in answer:
+        columns = outcomes_of(answer)
+        print_table([heading(name) for name in columns], list(zip(*columns.values(), strict=True)))
+    else:
+        angle = answer["critical_angle"]
+        names = ("mean_deg", "standard_deviation_deg", "share_without_angle")
+        rows = [[heading(name), *_interval(angle[name])] for name in names if name in angle]
+        rows += [[f"{100.0 * each['level']:g} % quantile °", *_interval(each)] for each in angle["quantiles"]]
+        print_table(["critical angle", "", "from", "to"], rows)
+        if "sensitivity" in answer:
+            print()
+            print_table(["input", "first order", "total", "swing °"], [_shares(each) for each in answer["sensitivity"]])
+    half_width = answer["convergence"]["half_width"][-1]
+    sampled = {"samples": answer["samples"], "half width": half_width, "converged": str(answer["converged"]).lower()}
+    if "method" in answer:
+        sampled["method"] = answer["method"]
+    print()
+    print_values(sampled)
+    print_warnings(answer["warnings"])
+
+
+def outcomes_of(answer: Mapping[str, Any]) -> Mapping[str, Sequence[Any]]:
+    """Return the probabilities of the outcomes as columns."""
+    return {name: [each[name] for each in answer["outcomes"]] for name in ("outcome", "value", "lower", "upper")}
+
+
+def _interval(estimate: Mapping[str, float]) -> list[float]:
+    return [estimate["value"], estimate["lower"], estimate["upper"]]
+
+
+def _shares(sensitivity: Mapping[str, Any]) -> list[str]:
+    shares = [cell(sensitivity[name]["value"]) if name in sensitivity else "" for name in ("first_order", "total")]
+    angles = [each["critical_angle_deg"] for each in sensitivity["swing"] if "critical_angle_deg" in each]
+    return [sensitivity["field"], *shares, " to ".join(f"{angle:.4g}" for angle in angles)]
+
+
+def plot_probability(path: Path, curve: Mapping[str, Sequence[float]]) -> None:
+    """Plot the probability of ricochet with its interval."""
+    with figure_file(path, WIDE) as (_, panel):
+        angles = curve["oblique_angle_deg"]
+        panel.fill_between(angles, curve["lower"], curve["upper"], color="#123f73", alpha=0.25, linewidth=0.0)
+        panel.plot(angles, curve["ricochet_probability"], color="#123f73")
+        panel.set(xlabel="oblique angle from the normal [°]", ylabel="probability of ricochet", ylim=(0.0, 1.0))

@@ -1,0 +1,151 @@
+"""`/cra/uncertainty` and `/trajectory/uncertainty`: how sure an angle and an outcome are."""
+
+import csv
+import io
+import math
+from typing import Any
+
+import h5py
+import httpx
+import numpy as np
+import pytest
+
+from service.schemas import CriticalAngleUncertaintyAnswer, TrajectoryUncertaintyAnswer
+from service.schemas.examples import PAPER
+from solver import ElasticPlastic, MohrCoulomb
+from solver.cases import PAPER_PROJECTILE, PAPER_TARGET
+from solver.uncertainty import Discrete, Normal, Sampling, Uncertain, critical_angle_uncertainty
+
+SPEED = {"field": "impact.velocity_m_s", "distribution": {"type": "normal", "mean": 238.0, "standard_deviation": 2.4}}
+ATTACK = {
+    "field": "impact.angle_of_attack_deg",
+    "distribution": {"type": "normal", "mean": 0.0, "standard_deviation": 1.0},
+}
+DECAY = {
+    "field": "resistance.free_surface.model",
+    "distribution": {"type": "discrete", "values": ["elastic_plastic", "mohr_coulomb"], "weights": [0.8, 0.2]},
+}
+BODY: dict[str, Any] = PAPER | {
+    "uncertain": [ATTACK, DECAY],
+    "oblique_angles_deg": {"start": 30, "stop": 70, "count": 81},
+    "sampling": {"half_width": 0.03, "confidence": 0.95, "max_samples": 4096, "seed": 7},
+}
+STRIKE: dict[str, Any] = PAPER | {
+    "impact": {"velocity_m_s": 238.0, "oblique_angle_deg": 48.7},
+    "uncertain": [SPEED],
+    "sampling": {"half_width": 0.05, "max_samples": 1024},
+}
+
+
+def test_curve_is_that_of_the_solver(client: httpx.Client) -> None:
+    response = client.post("/cra/uncertainty", json=BODY)
+    assert response.status_code == 200, response.text
+    CriticalAngleUncertaintyAnswer.model_validate(response.json())
+    answer = response.json()
+    models = Discrete(values=[ElasticPlastic(), MohrCoulomb()], weights=[0.8, 0.2])
+    same = critical_angle_uncertainty(
+        projectile=PAPER_PROJECTILE,
+        target=PAPER_TARGET,
+        velocity=238.0,
+        uncertain=[
+            Uncertain("impact.angle_of_attack", Normal(mean=0.0, standard_deviation=math.radians(1.0))),
+            Uncertain("resistance.free_surface", models),
+        ],
+        oblique_angles=np.radians(np.linspace(30.0, 70.0, 81)),
+        sampling=Sampling(half_width=0.03, max_samples=4096, seed=7),
+    )
+    np.testing.assert_allclose(answer["probability"]["ricochet_probability"], same.probability, atol=1e-4)
+    assert answer["method"] == same.method
+    assert answer["samples"] == same.samples
+    assert [each["field"] for each in answer["sensitivity"]] == [ATTACK["field"], DECAY["field"]]
+    assert answer["sensitivity"][1]["swing"][0]["value"] == "elastic_plastic"
+    quantiles = {each["level"]: each["value"] for each in answer["critical_angle"]["quantiles"]}
+    assert quantiles[0.5] == pytest.approx(math.degrees(dict(same.quantiles)[0.5].value), abs=0.02)
+
+
+def test_second_request_is_a_hit_and_its_samples_are_cases_of_the_cache(client: httpx.Client) -> None:
+    first = client.post("/cra/uncertainty", json=BODY)
+    again = client.post("/cra/uncertainty", json=BODY)
+    assert again.headers["Cache-Status"] == "ricochet; hit"
+    assert again.content == first.content
+    assert client.get(f"/results/{first.json()['key']}").json() == first.json()
+
+
+def test_result_is_given_as_a_table_and_a_file(client: httpx.Client) -> None:
+    answer = client.post("/cra/uncertainty", json=BODY).json()
+    text = client.get(f"/results/{answer['key']}", headers={"Accept": "text/csv"}).text
+    names, *rows = csv.reader(io.StringIO(text))
+    assert names == ["oblique_angle_deg", "ricochet_probability", "lower", "upper"]
+    assert [float(row[1]) for row in rows] == answer["probability"]["ricochet_probability"]
+    content = client.get(f"/results/{answer['key']}", headers={"Accept": "application/x-hdf5"}).content
+    with h5py.File(io.BytesIO(content)) as file:
+        assert file["residuals"]["upper"].tolist() == answer["probability"]["upper"]
+        assert file["summary"]["samples"].tolist() == [answer["samples"]]
+
+
+def test_outcome_of_one_strike(client: httpx.Client) -> None:
+    response = client.post("/trajectory/uncertainty", json=STRIKE)
+    assert response.status_code == 200, response.text
+    TrajectoryUncertaintyAnswer.model_validate(response.json())
+    answer = response.json()
+    shares = {each["outcome"]: each["value"] for each in answer["outcomes"]}
+    assert 0.1 < shares["ricochet"] < 0.9
+    assert sum(shares.values()) == pytest.approx(1.0)
+    text = client.get(f"/results/{answer['key']}", headers={"Accept": "text/csv"}).text
+    assert text.splitlines()[0] == "quantity,level,value,lower,upper"
+
+
+def test_samples_outside_the_contract_are_counted(client: httpx.Client) -> None:
+    density = {
+        "field": "target.density_kg_m3",
+        "distribution": {"type": "normal", "mean": 2250.0, "standard_deviation": 1500.0},
+    }
+    body = BODY | {"uncertain": [density], "sensitivity": False, "sampling": {"max_samples": 256}}
+    answer = client.post("/cra/uncertainty", json=body).json()
+    assert 10 < answer["samples_outside"] < 40
+    assert answer["warnings"][0]["code"] == "samples_outside"
+    assert not answer["converged"]
+
+
+def changed(**distribution: Any) -> dict[str, Any]:
+    return SPEED | {"distribution": SPEED["distribution"] | distribution}  # type: ignore[operator]
+
+
+REFUSED: list[tuple[list[dict[str, Any]], str, str]] = [
+    ([changed(standard_deviation=-1.0)], "/uncertain/0/distribution/standard_deviation", "greater than 0"),
+    ([changed(mean="fast")], "/uncertain/0/distribution/mean", "number"),
+    ([SPEED, SPEED], "/uncertain/1/field", "another input"),
+    ([SPEED | {"field": "impact.speed"}], "/uncertain/0/field", "is not there"),
+    ([SPEED | {"field": "projectile.nose"}], "/uncertain/0/field", "is no number"),
+    ([DECAY, DECAY | {"field": "target.density_kg_m3"}], "/uncertain/1/distribution/values", "must be numbers"),
+    (
+        [DECAY | {"distribution": {"type": "discrete", "values": ["a", "b"], "weights": [0.8, 0.3]}}],
+        "/uncertain/0/distribution/weights",
+        "must sum to 1, got 1.1",
+    ),
+    (
+        [DECAY | {"distribution": {"type": "discrete", "values": ["elastic_plastic", "cubic"]}}],
+        "/uncertain/0/distribution/values/1",
+        "'cubic' is no model",
+    ),
+    (
+        [
+            {
+                **SPEED,
+                "distribution": {"type": "truncated_normal", "mean": 238.0, "standard_deviation": 2.0, "lower": 240},
+            }
+        ],
+        "/uncertain/0/distribution/lower",
+        "below the mean, 238",
+    ),
+]
+
+
+@pytest.mark.parametrize(("uncertain", "pointer", "detail"), REFUSED)
+def test_bad_inputs_are_refused_with_their_place(
+    client: httpx.Client, uncertain: list[dict[str, Any]], pointer: str, detail: str
+) -> None:
+    response = client.post("/cra/uncertainty", json=BODY | {"uncertain": uncertain})
+    assert response.status_code == 422
+    assert pointer in [each["pointer"] for each in response.json()["errors"]]
+    assert detail in response.text

@@ -1,0 +1,82 @@
+"""`ricochet uncertainty`: scatter from flags and from the file, estimates as text, table, JSON and picture."""
+
+import json
+from pathlib import Path
+
+import pytest
+from service.cli.errors import CommandError
+
+from service import cli
+from service.cli.uncertainty import uncertain_input
+from tests.cli.commands import STRIKE_TOML, run
+
+TABLES = """
+[[uncertain]]
+field = "impact.angle_of_attack_deg"
+distribution = { type = "normal", mean = 0.0, standard_deviation = 1.0 }
+
+[sampling]
+half_width = 0.05
+seed = 3
+"""
+
+
+@pytest.fixture
+def strike(folder: Path) -> Path:
+    path = folder / "scatter.toml"
+    path.write_text(STRIKE_TOML + TABLES)
+    return path
+
+
+def test_estimates_of_file_and_flag(strike: Path, folder: Path) -> None:
+    flag = "resistance.free_surface.model=discrete:elastic_plastic@0.8:mohr_coulomb@0.2"
+    done = run(folder, "uncertainty", strike.name, "--uncertain", flag, "--plot", "curve.svg")
+    assert (done.status, done.err) == (0, ""), done.err
+    assert "50 % quantile" in done.out
+    assert "impact.angle_of_attack_deg" in done.out
+    assert "resistance.free_surface.model" in done.out
+    assert "surrogate" in done.out
+    assert (folder / "curve.svg").read_text().startswith("<?xml")
+
+
+def test_answer_is_printed_as_json_and_as_a_table(
+    strike: Path, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.main(["uncertainty", str(strike), "--json"]) == 0
+    answer = json.loads(capsys.readouterr().out)
+    assert cli.main(["uncertainty", str(strike), "--csv"]) == 0
+    names, *rows = capsys.readouterr().out.splitlines()
+    assert names == "oblique_angle_deg,ricochet_probability,lower,upper"
+    assert [float(row.split(",")[1]) for row in rows] == answer["probability"]["ricochet_probability"]
+
+
+def test_strike_at_an_angle_has_probabilities_of_outcomes(strike: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["uncertainty", str(strike), "--angle", "60", "--csv"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0] == "outcome,value,lower,upper"
+    assert lines[1].startswith("ricochet,1.0,")
+
+
+def test_short_forms_of_distributions() -> None:
+    assert uncertain_input("a.b=normal:238:2.4") == {
+        "field": "a.b",
+        "distribution": {"type": "normal", "mean": 238.0, "standard_deviation": 2.4},
+    }
+    assert uncertain_input("a=truncated_normal:1:2::3")["distribution"] == {
+        "type": "truncated_normal",
+        "mean": 1.0,
+        "standard_deviation": 2.0,
+        "upper": 3.0,
+    }
+    assert uncertain_input("a=discrete:1:2")["distribution"] == {"type": "discrete", "values": [1.0, 2.0]}
+
+
+@pytest.mark.parametrize("text", ["a", "a=", "a=normal", "a=normal:1", "a=cubic:1:2", "a=discrete", "a=discrete:"])
+def test_wrong_forms_are_refused(text: str) -> None:
+    with pytest.raises(CommandError, match="--uncertain"):
+        uncertain_input(text)
+
+
+def test_bad_distribution_is_named(strike: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["uncertainty", str(strike), "--uncertain", "impact.velocity_m_s=normal:238:-1"]) != 0
+    assert "/uncertain/1/distribution/standard_deviation: must be greater than 0" in capsys.readouterr().err
