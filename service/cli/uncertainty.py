@@ -6,8 +6,17 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from service.cli.arguments import BODY, IMPACT, add_case, add_formats, add_plot, add_url, examples
-from service.cli.errors import CommandError, RefusedError
+from service.cli.arguments import (
+    BODY,
+    IMPACT,
+    CommandError,
+    RefusedError,
+    add_case,
+    add_formats,
+    add_plot,
+    add_url,
+    examples,
+)
 from service.cli.plots import check_plot, figure_file
 from service.cli.request_body import RequestBody, read_body
 from service.cli.single import compute_locally, print_csv, print_json

@@ -10,7 +10,7 @@ from pydantic_core import PydanticCustomError
 from typing_extensions import TypeAliasType
 
 from service.schemas.answers import VERSIONED, WARNING, EngineVersion, Key, ModelWarning
-from service.schemas.building import warnings_told
+from service.schemas.building import warning_texts
 from service.schemas.examples import PAPER, PAPER_AT_45
 from service.schemas.numerics import Search
 from service.schemas.quantities import WHOLE, Count, Flag, Num, Part, degrees, with_examples
@@ -616,7 +616,7 @@ def _sampled(found: AngleUncertainty | TrajectoryUncertainty) -> dict[str, Any]:
         "samples_failed": found.failed,
         "samples_outside": found.outside,
         "seed": found.seed,
-        "warnings": warnings_told(found.warnings),
+        "warnings": warning_texts(found.warnings),
     }
 
 

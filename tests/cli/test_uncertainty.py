@@ -4,9 +4,9 @@ import json
 from pathlib import Path
 
 import pytest
-from service.cli.errors import CommandError
 
 from service import cli
+from service.cli.arguments import CommandError
 from service.cli.uncertainty import uncertain_input
 from tests.cli.commands import STRIKE_TOML, run
 
