@@ -30,9 +30,15 @@ LOCK_SECONDS = 300.0
 DIGEST_BYTES = hashlib.sha256().digest_size
 
 
+NEVER_COMPILED = PACKAGE / "uncertainty"
+"""No compiled function imports from it: changes in there cost no compilation."""
+
+
 def _source_digest() -> str:
     digest = hashlib.sha256()
     for source in sorted(PACKAGE.rglob("*.py")):
+        if NEVER_COMPILED in source.parents:
+            continue
         digest.update(source.relative_to(PACKAGE).as_posix().encode() + b"\0" + source.read_bytes() + b"\0")
     return digest.hexdigest()[:16]
 

@@ -1,0 +1,52 @@
+"""How sure an angle is: uncertain inputs, the probability of ricochet, and what the critical angle is sensitive to."""
+
+from solver.uncertainty.critical_angles import AngleStudy, Batch
+from solver.uncertainty.distributions import (
+    Discrete,
+    Distribution,
+    Lognormal,
+    Normal,
+    Triangular,
+    TruncatedNormal,
+    Uniform,
+)
+from solver.uncertainty.inputs import RESIDUAL, Uncertain, scaled
+from solver.uncertainty.results import (
+    AngleUncertainty,
+    Change,
+    Crossings,
+    Round,
+    Sensitivity,
+    TrajectoryUncertainty,
+)
+from solver.uncertainty.sampling import Estimate, Sampling
+from solver.uncertainty.strikes import critical_angle_uncertainty, trajectory_uncertainty
+from solver.uncertainty.trajectories import Ending, TrajectoryBatch, TrajectoryStudy
+
+__all__ = [
+    "RESIDUAL",
+    "AngleStudy",
+    "AngleUncertainty",
+    "Batch",
+    "Change",
+    "Crossings",
+    "Discrete",
+    "Distribution",
+    "Ending",
+    "Estimate",
+    "Lognormal",
+    "Normal",
+    "Round",
+    "Sampling",
+    "Sensitivity",
+    "TrajectoryBatch",
+    "TrajectoryStudy",
+    "TrajectoryUncertainty",
+    "Triangular",
+    "TruncatedNormal",
+    "Uncertain",
+    "Uniform",
+    "critical_angle_uncertainty",
+    "scaled",
+    "trajectory_uncertainty",
+]

@@ -1,0 +1,477 @@
+"""Probability of ricochet over the oblique angle, and sensitivities of the critical angle."""
+
+import math
+from collections.abc import Generator, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from solver.arrays import FloatArray
+from solver.errors import ParameterError
+from solver.uncertainty.design import Design, Point
+from solver.uncertainty.inputs import Uncertain, check_inputs
+from solver.uncertainty.results import LEVELS, AngleUncertainty, Change, Crossings, Round, Sensitivity
+from solver.uncertainty.sampling import (
+    FIRST_POINTS,
+    SCRAMBLINGS,
+    Estimate,
+    Sampling,
+    jackknifed,
+    quantile_estimate,
+    scrambled,
+    share_estimate,
+    share_half_width,
+)
+from solver.uncertainty.surrogate import Expansion, Moments, expansion_moments, fit_expansion
+from solver.validation import require
+from solver.warnings import ModelWarning
+
+SURROGATE_ERROR = math.radians(0.1)
+"""Root mean square error at held-out points up to which the surrogate is used. [rad]"""
+SURROGATE_POINTS = 4096
+"""Of each scrambling at which the surrogate is evaluated."""
+RESAMPLES, BATCH = 499, 50
+FEWEST_BASE_SAMPLES = 64
+"""For Sobol indices by the direct method."""
+SENSITIVITY_SAMPLES = 4096
+"""Base samples for them at most: their intervals are then some hundredths wide."""
+MOST_ANGLES = 2001
+
+
+@dataclass(frozen=True, slots=True)
+class Batch:
+    """Points to compute, in any order and in parts of any size.
+
+    Parameters
+    ----------
+    points
+        Values of the inputs, in their order.
+    so_far
+        The answer from what was computed before; None in the first batch.
+    """
+
+    points: list[Point]
+    so_far: AngleUncertainty | None
+
+
+Steps = Generator[Batch, Sequence[Crossings], AngleUncertainty]
+
+
+class AngleStudy:
+    """Samples critical angles until the probability of ricochet is known well enough.
+
+    Parameters
+    ----------
+    uncertain
+        Independent inputs.
+    oblique_angles
+        At which the probability is wanted, rising. [rad]
+    sampling
+        Accuracy, budget, seed.
+    sensitivity
+        Whether to compute Sobol indices.
+    bounds
+        Of the search: in the indices, a sample without an angle counts as one end of it. [rad]
+
+    Notes
+    -----
+    `steps` computes nothing of a strike itself: it yields points and is sent their results, in the order of the points.
+
+    Examples
+    --------
+    >>> steps = study.steps()
+    >>> batch = next(steps)
+    >>> batch = steps.send([evaluate(point) for point in batch.points])  # and so on until StopIteration
+    """
+
+    def __init__(
+        self,
+        uncertain: Sequence[Uncertain],
+        oblique_angles: FloatArray,
+        sampling: Sampling,
+        *,
+        sensitivity: bool = True,
+        bounds: tuple[float, float] = (math.radians(5.0), math.radians(85.0)),
+    ) -> None:
+        check_inputs(uncertain)
+        angles = np.asarray(oblique_angles, float)
+        fits = angles.ndim == 1 and 1 <= angles.size <= MOST_ANGLES
+        require(fits, "oblique_angles", f"must hold 1 to {MOST_ANGLES} angles")
+        rising = bool(np.isfinite(angles).all() and (np.diff(angles) > 0.0).all())
+        require(rising, "oblique_angles", "must be finite and rise")
+        self.design = Design(uncertain, sampling)
+        self.angles = angles
+        self.sampling = sampling
+        self.sensitivity = sensitivity
+        self.bounds = bounds
+
+    def steps(self) -> Steps:
+        """Yield batches, take their results, return the answer."""
+        sampling, design = self.sampling, self.design
+        swing = design.swing_points() if self.sensitivity else []
+        tables = _Tables(design, self.angles)
+        history: list[Round] = []
+        answer: AngleUncertainty | None = None
+        count, points = 0, FIRST_POINTS
+        extra = [point for _, point in swing]
+        reserve = self._reserve()
+        while True:
+            new = design.unit(points)[:, count:points, : len(design.uncertain)]
+            wanted = design.points(new.reshape(-1, new.shape[-1]))
+            results = yield Batch(extra + wanted, answer)
+            if extra:
+                tables.swing = [
+                    (i, Change(point[i], None if math.isnan(each.angle) else each.angle))
+                    for (i, point), each in zip(swing, results[: len(extra)], strict=True)
+                ]
+            tables.add(results[len(extra) :], points - count, others=results[: len(extra)])
+            extra, count = [], points
+            answer = self._answer(tables, history)
+            history = list(answer.convergence)
+            following = tables.samples + SCRAMBLINGS * count * design.alternatives
+            if answer.converged or following + reserve > sampling.max_samples:
+                break
+            points = 2 * count
+        if self.sensitivity and answer.method == "direct":
+            answer = yield from self._indices(tables, answer)
+        return answer
+
+    def _reserve(self) -> int:
+        """Samples kept for indices by the direct method."""
+        if not self.sensitivity:
+            return 0
+        wanted = 4 * FEWEST_BASE_SAMPLES * (len(self.design.uncertain) + 1)
+        return min(wanted, self.sampling.max_samples // 2)
+
+    def _answer(self, tables: "_Tables", history: Sequence[Round]) -> AngleUncertainty:
+        expansion = None if self.sampling.method == "direct" else self._expansion(tables)
+        usable = expansion is not None and float(expansion.errors.max()) <= SURROGATE_ERROR
+        answer = self._by_surrogate(tables, expansion) if expansion and usable else self._direct(tables)
+        error = None if expansion is None else float(expansion.errors.max())
+        half = float((0.5 * (answer.upper - answer.lower)).max())
+        return replace(
+            answer,
+            surrogate_error=error,
+            convergence=(*history, Round(tables.samples, half)),
+            converged=half <= self.sampling.half_width,
+            warnings=_warnings(tables, answer),
+        )
+
+    def _expansion(self, tables: "_Tables") -> Expansion | None:
+        """Return the fit of the critical angle, if every sample has one and no other change of outcome."""
+        design = self.design
+        if not tables.simple or (design.discrete and not design.enumerated) or not design.continuous:
+            return None
+        unit = design.unit(tables.count)[:, : tables.count, : len(design.uncertain)]
+        values = tables.critical.reshape(-1, design.alternatives)
+        return fit_expansion(
+            design.continuous_inputs(), design.standard(unit).reshape(-1, len(design.continuous)), values
+        )
+
+    def _by_surrogate(self, tables: "_Tables", expansion: Expansion) -> AngleUncertainty:
+        design, sampling = self.design, self.sampling
+        unit = scrambled(sampling.seed, len(design.uncertain), SURROGATE_POINTS, stream=1)
+        predicted = np.stack([expansion.at(design.standard(each)) for each in unit])
+        shift = sampling.normal_quantile * expansion.errors
+        count = predicted[..., 0].size
+        shares = []
+        for by in (0.0, -1.0, 1.0):
+            parts = np.sort(predicted - by * shift, axis=1)
+            counts = np.array(
+                [
+                    [np.searchsorted(part[:, k], self.angles, side="right") for k in range(design.alternatives)]
+                    for part in parts
+                ]
+            )
+            shares.append(np.einsum("k,rka->ra", design.weights, counts / SURROGATE_POINTS))
+        middle, low, high = (each.mean(axis=0) for each in shares)
+        half = share_half_width(shares[0], sampling, count)
+        moments = expansion_moments(expansion, design.choice_weights, sampling)
+        weights = np.broadcast_to(design.weights / SURROGATE_POINTS, predicted.shape)
+        flat, weights = predicted.reshape(SCRAMBLINGS, -1), weights.reshape(SCRAMBLINGS, -1)
+        shifts = np.broadcast_to(shift, predicted.shape).reshape(SCRAMBLINGS, -1)
+        unseen = share_estimate(np.zeros(SCRAMBLINGS), sampling, tables.samples)
+        return self._assemble(
+            tables,
+            curve=(middle, np.clip(low - half, 0.0, 1.0), np.clip(high + half, 0.0, 1.0)),
+            moments=(moments.mean, moments.standard_deviation),
+            quantiles=tuple((level, quantile_estimate(flat, weights, level, sampling, shifts)) for level in LEVELS),
+            without=unseen,
+            order=expansion.basis.order,
+            indices=self._surrogate_indices(moments),
+        )
+
+    def _direct(self, tables: "_Tables") -> AngleUncertainty:
+        sampling = self.sampling
+        shares, unknown = tables.turned_away, tables.unknown
+        half = share_half_width(shares, sampling, tables.base_samples)
+        probability, doubt = shares.mean(axis=0), unknown.mean()
+        angles, weights = tables.critical, tables.weights
+        found = ~np.isnan(angles)
+        moments: tuple[Estimate | None, Estimate | None] = (None, None)
+        quantiles: tuple[tuple[float, Estimate], ...] = ()
+        if found.any():
+            values = np.where(found, angles, 0.0).reshape(SCRAMBLINGS, -1)
+            shared = np.where(found, weights, 0.0).reshape(SCRAMBLINGS, -1)
+            moments = _moments(values, shared, sampling)
+            quantiles = tuple((level, quantile_estimate(values, shared, level, sampling)) for level in LEVELS)
+        without = np.where(found, 0.0, weights).reshape(SCRAMBLINGS, -1).sum(axis=1)
+        return self._assemble(
+            tables,
+            curve=(
+                probability,
+                np.clip(probability - half, 0.0, 1.0),
+                np.clip(probability + doubt + half, 0.0, 1.0),
+            ),
+            moments=moments,
+            quantiles=quantiles,
+            without=share_estimate(without, sampling, tables.base_samples),
+            order=None,
+            indices=[(None, None)] * len(self.design.uncertain),
+        )
+
+    def _assemble(
+        self,
+        tables: "_Tables",
+        *,
+        curve: tuple[FloatArray, FloatArray, FloatArray],
+        moments: tuple[Estimate | None, Estimate | None],
+        quantiles: tuple[tuple[float, Estimate], ...],
+        without: Estimate,
+        order: int | None,
+        indices: Sequence[tuple[Estimate | None, Estimate | None]],
+    ) -> AngleUncertainty:
+        method: Literal["surrogate", "direct"] = "direct" if order is None else "surrogate"
+        return AngleUncertainty(
+            oblique_angles=self.angles,
+            probability=curve[0],
+            lower=curve[1],
+            upper=curve[2],
+            mean=moments[0],
+            standard_deviation=moments[1],
+            quantiles=quantiles,
+            share_without=without,
+            sensitivity=self._sensitivities(tables, indices),
+            convergence=(),
+            converged=False,
+            method=method,
+            order=order,
+            surrogate_error=None,
+            samples=tables.samples,
+            failed=tables.failed,
+            outside=tables.outside,
+            seed=self.sampling.seed,
+        )
+
+    def _sensitivities(
+        self, tables: "_Tables", indices: Sequence[tuple[Estimate | None, Estimate | None]]
+    ) -> tuple[Sensitivity, ...]:
+        if not self.sensitivity:
+            return ()
+        return tuple(
+            Sensitivity(each.field, first, total, tuple(change for number, change in tables.swing if number == i))
+            for i, (each, (first, total)) in enumerate(zip(self.design.uncertain, indices, strict=True))
+        )
+
+    def _surrogate_indices(self, moments: Moments) -> list[tuple[Estimate, Estimate]]:
+        order = [*self.design.continuous, *self.design.discrete]
+        found = {i: (moments.first_order[place], moments.total[place]) for place, i in enumerate(order)}
+        return [found[i] for i in range(len(order))]
+
+    def _indices(self, tables: "_Tables", answer: AngleUncertainty) -> Steps:
+        """Indices by Saltelli's design: beside the samples of before, a second set and their crossings."""
+        design, sampling = self.design, self.sampling
+        inputs, count = len(design.uncertain), tables.count
+        left = sampling.max_samples - tables.samples
+        while count * SCRAMBLINGS * (inputs + 1) > left or count * SCRAMBLINGS > SENSITIVITY_SAMPLES:
+            count //= 2
+        size = count * SCRAMBLINGS
+        if size < FEWEST_BASE_SAMPLES:
+            warning = ModelWarning(
+                "no_indices", f"the budget of {sampling.max_samples} samples leaves too few for sensitivity indices"
+            )
+            return replace(answer, warnings=(*answer.warnings, warning))
+        unit = design.unit(tables.count)[:, :count]
+        first, second = (unit[..., part : part + inputs].reshape(size, inputs) for part in (0, inputs))
+        wanted = design.sampled(second)
+        for i in range(inputs):
+            mixed = first.copy()
+            mixed[:, i] = second[:, i]
+            wanted += design.sampled(mixed)
+        results = yield Batch(wanted, answer)
+        tables.count_problems(results)
+        found = np.array([self._in_range(each) for each in results]).reshape(inputs + 1, size)
+        places = design.alternative_at(first)
+        base = tables.found[:, :count].reshape(size, -1)
+        own = np.array([self._in_range(each[place]) for each, place in zip(base, places, strict=True)])
+        keep = ~(np.isnan(found).any(axis=0) | np.isnan(own))
+        counted = replace(answer, samples=tables.samples, failed=tables.failed, outside=tables.outside)
+        warnings = _warnings(tables, counted)
+        if not keep.all():
+            warning = ModelWarning(
+                "no_indices", f"{int((~keep).sum())} of {size} base samples have no outcome: there are no indices"
+            )
+            return replace(counted, warnings=(*warnings, warning))
+        estimates = _saltelli(own, found[0], found[1:], sampling)
+        return replace(counted, sensitivity=self._sensitivities(tables, estimates), warnings=warnings)
+
+    def _in_range(self, found: Crossings) -> float:
+        """Return the critical angle; without one, the end of the range that it is beyond. NaN without an outcome."""
+        if found.problem:
+            return math.nan
+        if not math.isnan(found.angle):
+            return found.angle
+        return self.bounds[0] if found.starts_turned_away else self.bounds[1]
+
+
+def _moments(values: FloatArray, weights: FloatArray, sampling: Sampling) -> tuple[Estimate | None, Estimate | None]:
+    """Mean and standard deviation of (scramblings, n) values."""
+    totals = weights.sum(axis=1)
+    centre = float((weights * values).sum() / totals.sum())
+    first = (weights * (values - centre)).sum(axis=1)
+    second = (weights * (values - centre) ** 2).sum(axis=1)
+
+    def moments(total: FloatArray, one: FloatArray, two: FloatArray) -> tuple[FloatArray, FloatArray]:
+        mean = one / total
+        return centre + mean, np.sqrt(np.maximum(two / total - mean**2, 0.0))
+
+    mean, deviation = moments(totals.sum(), first.sum(), second.sum())
+    rest = totals.sum() - totals
+    if not (rest > 0.0).all():  # all of them in one scrambling: nothing is left to compare
+        return None, None
+    means, deviations = moments(rest, first.sum() - first, second.sum() - second)
+    return jackknifed(float(mean), means, sampling), jackknifed(float(deviation), deviations, sampling)
+
+
+def _saltelli(
+    own: FloatArray, other: FloatArray, mixed: FloatArray, sampling: Sampling
+) -> list[tuple[Estimate, Estimate]]:
+    """Sobol indices with bootstrap intervals.
+
+    Parameters
+    ----------
+    own, other
+        (n,) values at the two sets of samples.
+    mixed
+        (inputs, n) at the first set with one input of the second.
+    """
+    from scipy import stats  # noqa: PLC0415 (takes long to import, also where nothing is sampled)
+
+    size = own.size
+    mixed = np.concatenate((mixed, own[None]))  # an input without effect: SciPy drops the axis of a single one
+
+    def indices(rows: npt.NDArray[np.int64], axis: int) -> FloatArray:  # the resamples are SciPy's many outputs
+        rows = np.atleast_2d(np.moveaxis(rows, axis, -1)).astype(np.int64)
+        found = stats.sobol_indices(func={"f_A": own[rows], "f_B": other[rows], "f_AB": mixed[:, rows]}, n=size)
+        both = np.stack([np.reshape(each, (len(rows), -1)) for each in (found.first_order, found.total_order)])[
+            ..., :-1
+        ]
+        return np.moveaxis(both, 1, -1)
+
+    value = indices(np.arange(size), -1)[..., 0]
+    spread = stats.bootstrap(
+        (np.arange(size),),
+        indices,
+        n_resamples=RESAMPLES,
+        batch=BATCH,
+        confidence_level=sampling.confidence,
+        method="percentile",
+        rng=np.random.default_rng([sampling.seed, 3]),
+    ).confidence_interval
+    low, high = np.asarray(spread.low), np.asarray(spread.high)
+    first, total = (
+        [Estimate(*map(float, each)) for each in zip(value[row], low[row], high[row], strict=True)] for row in (0, 1)
+    )
+    return list(zip(first, total, strict=True))
+
+
+class _Tables:
+    """Results of a study, as arrays that grow by rounds.
+
+    Parameters
+    ----------
+    design
+        Its points.
+    angles
+        Oblique angles. [rad]
+    """
+
+    def __init__(self, design: Design, angles: FloatArray) -> None:
+        self._design = design
+        self._angles = angles
+        self.found: npt.NDArray[np.object_] = np.empty((SCRAMBLINGS, 0, design.alternatives), object)
+        """(scramblings, count, alternatives) results."""
+        self.samples = self.failed = self.outside = 0
+        self.swing: list[tuple[int, Change]] = []
+
+    def add(self, results: Sequence[Crossings], count: int, others: Sequence[Crossings] = ()) -> None:
+        """Add a round of so many points of each scrambling; of `others`, only the number counts."""
+        if len(results) != SCRAMBLINGS * count * self._design.alternatives:
+            raise ParameterError("results", "must be one for each point")
+        self.count_problems([*results, *others])
+        new = np.empty(len(results), object)
+        for number, each in enumerate(results):  # a tuple each, which a slice would take apart
+            new[number] = each
+        self.found = np.concatenate((self.found, new.reshape(SCRAMBLINGS, count, -1)), axis=1)
+        self.critical = np.array([each.angle for each in self.found.ravel()]).reshape(self.found.shape)
+        self.simple = all(each.simple for each in self.found.ravel())
+        self._count_outcomes()
+
+    def count_problems(self, results: Sequence[Crossings]) -> None:
+        """Count samples, and those without an outcome."""
+        self.samples += len(results)
+        self.failed += sum(each.problem == "failed" for each in results)
+        self.outside += sum(each.problem == "outside" for each in results)
+
+    @property
+    def count(self) -> int:
+        """Points of each scrambling."""
+        return int(self.found.shape[1])
+
+    @property
+    def base_samples(self) -> int:
+        """Points of all scramblings."""
+        return SCRAMBLINGS * self.count
+
+    @property
+    def weights(self) -> FloatArray:
+        """(scramblings, count, alternatives) weights, which sum to 1 in each scrambling."""
+        return np.broadcast_to(self._design.weights / self.count, self.found.shape)
+
+    def _count_outcomes(self) -> None:
+        """Set `turned_away`, (scramblings, angles) shares, and `unknown`, (scramblings,) shares without an outcome."""
+        self.turned_away = np.zeros((SCRAMBLINGS, self._angles.size))
+        self.unknown = np.zeros(SCRAMBLINGS)
+        for (number, _, alternative), each in np.ndenumerate(self.found):
+            weight = self._design.weights[alternative] / self.count
+            if each.problem:
+                self.unknown[number] += weight
+                continue
+            if each.starts_turned_away:
+                self.turned_away[number] += weight
+            for place, angle in enumerate(each.angles):
+                sign = 1.0 if (place % 2 == 0) != each.starts_turned_away else -1.0
+                self.turned_away[number, np.searchsorted(self._angles, angle) :] += sign * weight
+
+
+def _warnings(tables: _Tables, answer: AngleUncertainty) -> tuple[ModelWarning, ...]:
+    """Warnings of samples without an outcome or an angle."""
+    found = []
+    if tables.outside:
+        detail = (
+            f"{tables.outside} of {tables.samples} samples are outside what the model accepts: a distribution reaches "
+            "too far. They count as not known: the upper end of each interval is as if all were turned away"
+        )
+        found.append(ModelWarning("samples_outside", detail))
+    if tables.failed:
+        detail = f"{tables.failed} of {tables.samples} samples could not be computed; they count as not known"
+        found.append(ModelWarning("samples_failed", detail))
+    if answer.share_without.value > 0.0 and answer.mean is not None:
+        detail = (
+            f"{100.0 * answer.share_without.value:.3g} % of the samples have no critical angle: mean, standard "
+            "deviation and quantiles are of the others"
+        )
+        found.append(ModelWarning("samples_without_angle", detail))
+    return tuple(found)

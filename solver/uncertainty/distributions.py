@@ -1,0 +1,320 @@
+"""Distributions of uncertain inputs, from the parameters that engineers have."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar, Protocol, TypeAlias
+
+import numpy as np
+from numpy.polynomial.hermite_e import hermegauss
+from numpy.polynomial.legendre import leggauss
+from scipy.special import ndtr, ndtri
+
+from solver.arrays import FloatArray
+from solver.validation import require, require_finite, require_positive
+
+FIELD = "distribution"
+NODES = 48
+"""Of a quadrature: exact for the squares of every polynomial in use with a smooth density."""
+FAR = 9.0
+"""Standard deviations beyond which a normal density counts for nothing. [1]"""
+WEIGHTS_SUM = 1e-9
+"""Difference from 1 that weights may sum up to."""
+
+
+class Continuous(Protocol):
+    """A distribution of a number, as a function of a standard variable in which polynomials are made."""
+
+    def standard(self, u: FloatArray) -> FloatArray:
+        """Return the standard variable at these probabilities, between 0 and 1."""
+
+    def value(self, z: FloatArray) -> FloatArray:
+        """Return the input at these values of the standard variable."""
+
+    def quadrature(self) -> tuple[FloatArray, FloatArray]:
+        """Return nodes and weights, which sum to 1, of the mean over the standard variable."""
+
+
+def _spread(mean: float, deviation: float | None, variation: float | None) -> float:
+    """Return the standard deviation, given by itself or as a coefficient of variation."""
+    given = (deviation is None) + (variation is None) == 1
+    require(given, f"{FIELD}.standard_deviation", "must be given, or else coefficient_of_variation, but not both")
+    if deviation is not None:
+        require_positive(f"{FIELD}.standard_deviation", deviation)
+        return deviation
+    assert variation is not None  # noqa: S101 (one of both)
+    require_positive(f"{FIELD}.coefficient_of_variation", variation)
+    require(mean != 0.0, f"{FIELD}.coefficient_of_variation", "needs a mean other than 0; give standard_deviation")
+    return variation * abs(mean)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Normal:
+    """Normal distribution.
+
+    Parameters
+    ----------
+    mean
+        In the unit of the field.
+    standard_deviation, coefficient_of_variation
+        One of them: in the unit of the field, or as a fraction of the mean.
+    """
+
+    name: ClassVar[str] = "normal"
+    mean: float
+    standard_deviation: float | None = None
+    coefficient_of_variation: float | None = None
+
+    def __post_init__(self) -> None:
+        require_finite(f"{FIELD}.mean", self.mean)
+        _spread(self.mean, self.standard_deviation, self.coefficient_of_variation)
+
+    def standard(self, u: FloatArray) -> FloatArray:
+        """Return standard deviations from the mean at these probabilities."""
+        return np.asarray(ndtri(u), float)
+
+    def value(self, z: FloatArray) -> FloatArray:
+        """Return the input so many standard deviations from the mean."""
+        return self.mean + _spread(self.mean, self.standard_deviation, self.coefficient_of_variation) * z
+
+    def quadrature(self) -> tuple[FloatArray, FloatArray]:
+        """Return nodes and weights of a mean."""
+        return _hermite()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TruncatedNormal:
+    """Normal distribution cut off at one or two bounds.
+
+    Parameters
+    ----------
+    mean, standard_deviation, coefficient_of_variation
+        Of the normal distribution before it is cut off.
+    lower, upper
+        Bounds, at least one of them, with the mean between them.
+    """
+
+    name: ClassVar[str] = "truncated_normal"
+    mean: float
+    standard_deviation: float | None = None
+    coefficient_of_variation: float | None = None
+    lower: float | None = None
+    upper: float | None = None
+
+    def __post_init__(self) -> None:
+        require_finite(f"{FIELD}.mean", self.mean)
+        _spread(self.mean, self.standard_deviation, self.coefficient_of_variation)
+        require(not (self.lower is None and self.upper is None), f"{FIELD}.lower", "must be given, or else upper")
+        if self.lower is not None:
+            require_finite(f"{FIELD}.lower", self.lower)
+            require(self.lower < self.mean, f"{FIELD}.lower", f"must be below the mean, {self.mean:g}")
+        if self.upper is not None:
+            require_finite(f"{FIELD}.upper", self.upper)
+            require(self.upper > self.mean, f"{FIELD}.upper", f"must be above the mean, {self.mean:g}")
+
+    @property
+    def _deviation(self) -> float:
+        return _spread(self.mean, self.standard_deviation, self.coefficient_of_variation)
+
+    @property
+    def _bounds(self) -> tuple[float, float]:
+        """Bounds in standard deviations from the mean."""
+        lower = -math.inf if self.lower is None else (self.lower - self.mean) / self._deviation
+        upper = math.inf if self.upper is None else (self.upper - self.mean) / self._deviation
+        return lower, upper
+
+    def standard(self, u: FloatArray) -> FloatArray:
+        """Return standard deviations from the mean at these probabilities."""
+        lower, upper = self._bounds
+        below, above = float(ndtr(lower)), float(ndtr(-upper))
+        z = ndtri(below + u * (1.0 - below - above))
+        return np.asarray(np.clip(z, lower, upper), float)
+
+    def value(self, z: FloatArray) -> FloatArray:
+        """Return the input so many standard deviations from the mean."""
+        return self.mean + self._deviation * z
+
+    def quadrature(self) -> tuple[FloatArray, FloatArray]:
+        """Return nodes and weights of a mean."""
+        lower, upper = self._bounds
+        x, w = leggauss(2 * NODES)
+        lower, upper = max(lower, -FAR), min(upper, FAR)
+        z = 0.5 * (lower + upper) + 0.5 * (upper - lower) * x
+        weights = w * np.exp(-0.5 * z * z)
+        return z, weights / weights.sum()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Lognormal:
+    """Distribution of a number whose logarithm is normal.
+
+    Parameters
+    ----------
+    median, dispersion
+        Dispersion is the standard deviation of the natural logarithm. [1]
+    mean, standard_deviation, coefficient_of_variation
+        Instead of both: mean of the number itself, with one of the others.
+    """
+
+    name: ClassVar[str] = "lognormal"
+    median: float | None = None
+    dispersion: float | None = None
+    mean: float | None = None
+    standard_deviation: float | None = None
+    coefficient_of_variation: float | None = None
+
+    def __post_init__(self) -> None:
+        by_mean = (self.mean, self.standard_deviation, self.coefficient_of_variation)
+        if self.median is not None:
+            require(not any(each is not None for each in by_mean), f"{FIELD}.mean", "must not be given with median")
+            require_positive(f"{FIELD}.median", self.median)
+            require(self.dispersion is not None, f"{FIELD}.dispersion", "must be given with median")
+            assert self.dispersion is not None  # noqa: S101 (just required)
+            require_positive(f"{FIELD}.dispersion", self.dispersion)
+            return
+        require(self.dispersion is None, f"{FIELD}.median", "must be given with dispersion")
+        require(self.mean is not None, f"{FIELD}.median", "must be given with dispersion, or else mean")
+        assert self.mean is not None  # noqa: S101 (just required)
+        require_positive(f"{FIELD}.mean", self.mean)
+        _spread(self.mean, self.standard_deviation, self.coefficient_of_variation)
+
+    @property
+    def _logarithm(self) -> tuple[float, float]:
+        """Mean and standard deviation of the logarithm."""
+        if self.median is not None and self.dispersion is not None:
+            return math.log(self.median), self.dispersion
+        mean = self.mean or math.nan
+        variation = _spread(mean, self.standard_deviation, self.coefficient_of_variation) / mean
+        variance = math.log1p(variation * variation)
+        return math.log(mean) - 0.5 * variance, math.sqrt(variance)
+
+    def standard(self, u: FloatArray) -> FloatArray:
+        """Return standard deviations of the logarithm at these probabilities."""
+        return np.asarray(ndtri(u), float)
+
+    def value(self, z: FloatArray) -> FloatArray:
+        """Return the input whose logarithm is so many standard deviations from its mean."""
+        middle, deviation = self._logarithm
+        return np.asarray(np.exp(middle + deviation * z), float)
+
+    def quadrature(self) -> tuple[FloatArray, FloatArray]:
+        """Return nodes and weights of a mean."""
+        return _hermite()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Uniform:
+    """Every value between two bounds is as likely."""
+
+    name: ClassVar[str] = "uniform"
+    lower: float
+    upper: float
+
+    def __post_init__(self) -> None:
+        require_finite(f"{FIELD}.lower", self.lower)
+        require_finite(f"{FIELD}.upper", self.upper)
+        require(self.upper > self.lower, f"{FIELD}.upper", f"must be above the lower bound, {self.lower:g}")
+
+    def standard(self, u: FloatArray) -> FloatArray:
+        """Return the place between the bounds, from -1 to 1."""
+        return 2.0 * u - 1.0
+
+    def value(self, z: FloatArray) -> FloatArray:
+        """Return the input at these places."""
+        return 0.5 * (self.lower + self.upper) + 0.5 * (self.upper - self.lower) * z
+
+    def quadrature(self) -> tuple[FloatArray, FloatArray]:
+        """Return nodes and weights of a mean."""
+        x, w = leggauss(NODES)
+        return x, 0.5 * w
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Triangular:
+    """A density that rises from the lower bound to the mode and falls to the upper bound."""
+
+    name: ClassVar[str] = "triangular"
+    lower: float
+    mode: float
+    upper: float
+
+    def __post_init__(self) -> None:
+        for name in ("lower", "mode", "upper"):
+            require_finite(f"{FIELD}.{name}", getattr(self, name))
+        require(self.upper > self.lower, f"{FIELD}.upper", f"must be above the lower bound, {self.lower:g}")
+        inside = self.lower <= self.mode <= self.upper
+        require(inside, f"{FIELD}.mode", f"must be between the bounds, {self.lower:g} and {self.upper:g}")
+
+    @property
+    def _peak(self) -> float:
+        return (self.mode - self.lower) / (self.upper - self.lower)
+
+    def standard(self, u: FloatArray) -> FloatArray:
+        """Return the place between the bounds, from 0 to 1."""
+        peak = self._peak
+        rising, falling = np.sqrt(u * peak), 1.0 - np.sqrt((1.0 - u) * (1.0 - peak))
+        return np.where(u < peak, rising, falling)
+
+    def value(self, z: FloatArray) -> FloatArray:
+        """Return the input at these places."""
+        return self.lower + (self.upper - self.lower) * z
+
+    def quadrature(self) -> tuple[FloatArray, FloatArray]:
+        """Return nodes and weights of a mean."""
+        peak, (x, w) = self._peak, leggauss(NODES)
+        x, w = 0.5 * (1.0 + x), 0.5 * w
+        nodes = np.concatenate((peak * x, 1.0 - (1.0 - peak) * x))
+        return nodes, np.concatenate((peak * w * 2.0 * x, (1.0 - peak) * w * 2.0 * x))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Discrete:
+    """Some values, each with its weight: numbers, or models.
+
+    Parameters
+    ----------
+    values
+        Each once.
+    weights
+        Their probabilities, which sum to 1; all the same when not given.
+    """
+
+    name: ClassVar[str] = "discrete"
+    values: Sequence[Any]
+    weights: Sequence[float] | None = None
+
+    def __post_init__(self) -> None:
+        require(len(self.values) >= 1, f"{FIELD}.values", "must hold at least one value")
+        twice = next((i for i, value in enumerate(self.values) if value in list(self.values[:i])), None)
+        require(twice is None, f"{FIELD}.values.{twice}", "must not repeat a value")
+        if self.weights is None:
+            return
+        same = len(self.weights) == len(self.values)
+        require(same, f"{FIELD}.weights", f"must be as many as values, {len(self.values)}, got {len(self.weights)}")
+        for index, weight in enumerate(self.weights):
+            require_positive(f"{FIELD}.weights.{index}", weight)
+        total = math.fsum(self.weights)
+        require(abs(total - 1.0) <= WEIGHTS_SUM, f"{FIELD}.weights", f"must sum to 1, got {total:.12g}")
+
+    @property
+    def probabilities(self) -> tuple[float, ...]:
+        """Weights of the values."""
+        return tuple(self.weights or (1.0 / len(self.values),) * len(self.values))
+
+    @property
+    def likeliest(self) -> int:
+        """Place of the value with the largest weight, of the first of several."""
+        return int(np.argmax(self.probabilities))
+
+    def places(self, u: FloatArray) -> np.ndarray[Any, np.dtype[np.int64]]:
+        """Return places of values at these probabilities."""
+        steps = np.cumsum(self.probabilities)[:-1]
+        return np.searchsorted(steps, u, side="right").astype(np.int64)
+
+
+Distribution: TypeAlias = Normal | TruncatedNormal | Lognormal | Uniform | Triangular | Discrete
+
+
+def _hermite() -> tuple[FloatArray, FloatArray]:
+    x, w = hermegauss(NODES)
+    return x, w / w.sum()

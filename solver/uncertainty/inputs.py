@@ -1,0 +1,152 @@
+"""Uncertain inputs of a strike by the names of the solver."""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, is_dataclass, replace
+from typing import Any
+
+from solver.errors import ParameterError
+from solver.impact import Impact
+from solver.numerics import USUAL, Numerics
+from solver.projectile import Projectile
+from solver.resistance import (
+    EQUATION_9,
+    ConstantStrengthFactor,
+    ObliquityPolynomial,
+    PublishedTests,
+    Resistance,
+    StrengthFactor,
+)
+from solver.target import Target
+from solver.uncertainty.distributions import Discrete, Distribution
+from solver.validation import require, require_positive
+
+RESIDUAL = "resistance.strength_residual"
+"""Field of a factor on S, whatever the law of S: the part of its scatter that no input of the law explains."""
+MOST_INPUTS = 24
+
+
+@dataclass(frozen=True, slots=True)
+class Uncertain:
+    """An input and its distribution, independent of the others.
+
+    Parameters
+    ----------
+    field
+        Dotted name, as in ``impact.velocity``, ``target.compressive_strength``, ``projectile.mass``,
+        ``numerics.retention_energy_fraction``; a model of its own with discrete values, as in
+        ``resistance.free_surface``; or ``resistance.strength_residual``, a factor on the strength factor.
+    distribution
+        In the unit of the field.
+    """
+
+    field: str
+    distribution: Distribution
+
+
+def check_inputs(uncertain: Sequence[Uncertain]) -> None:
+    """Refuse no input, too many of them, and the same field twice."""
+    require(1 <= len(uncertain) <= MOST_INPUTS, "uncertain", f"must hold 1 to {MOST_INPUTS} inputs")
+    for index, (field, count) in enumerate(Counter(each.field for each in uncertain).items()):
+        if count > 1:
+            later = [i for i, each in enumerate(uncertain) if each.field == field][1]
+            raise ParameterError(f"uncertain.{later}.field", f"{field!r} is the field of another input, {index}")
+
+
+def scaled(model: StrengthFactor, factor: float) -> StrengthFactor:
+    """Return a strength factor model with all its values multiplied."""
+    require_positive(RESIDUAL, factor)
+    if isinstance(model, ConstantStrengthFactor):
+        return replace(model, value=factor * model.value)
+    if isinstance(model, ObliquityPolynomial):
+        return ObliquityPolynomial(coefficients=tuple(factor * each for each in model.coefficients))
+    if isinstance(model, PublishedTests):
+        model = replace(model.law, obliquity_shape=model.obliquity_shape)
+    return replace(model, coefficient=factor * model.coefficient)
+
+
+class Strike:
+    """One strike, of which samples differ in the uncertain inputs.
+
+    Parameters
+    ----------
+    parts
+        ``projectile``, ``target``, ``impact``, ``resistance``, ``numerics``.
+    uncertain
+        Inputs.
+
+    Raises
+    ------
+    ParameterError
+        If a field is no number of the strike.
+    """
+
+    def __init__(self, parts: Mapping[str, Any], uncertain: Sequence[Uncertain]) -> None:
+        check_inputs(uncertain)
+        self._parts = dict(parts)
+        self._paths = [each.field.split(".") for each in uncertain]
+        for index, each in enumerate(uncertain):
+            self._check(index, each)
+
+    def sample(self, values: Sequence[Any]) -> dict[str, Any]:
+        """Return the parts with these values of the inputs.
+
+        Raises
+        ------
+        ParameterError
+            If a value is outside what the model accepts.
+        """
+        parts, residual = dict(self._parts), None
+        for (name, *path), value in sorted(zip(self._paths, values, strict=True), key=lambda each: len(each[0])):
+            if ".".join((name, *path)) == RESIDUAL:
+                residual = value
+            else:
+                parts[name] = _put(parts[name], path, value)
+        if residual is not None:
+            resistance = parts["resistance"]
+            parts["resistance"] = replace(resistance, strength_factor=scaled(resistance.strength_factor, residual))
+        return parts
+
+    def _check(self, index: int, uncertain: Uncertain) -> None:
+        field = f"uncertain.{index}.field"
+        if uncertain.field == RESIDUAL:
+            return
+        part: Any = self._parts
+        for name in self._paths[index]:
+            holder = part if isinstance(part, Mapping) else None
+            known = (
+                list(holder) if holder is not None else [each.name for each in fields(part)] if is_part(part) else []
+            )
+            require(name in known, field, f"{uncertain.field!r} is not there: known are {', '.join(known) or 'none'}")
+            part = holder[name] if holder is not None else getattr(part, name)
+        discrete = isinstance(uncertain.distribution, Discrete)
+        number = part is None or (isinstance(part, float | int) and not isinstance(part, bool))
+        require(number or (discrete and len(self._paths[index]) > 1), field, f"{uncertain.field!r} is no number")
+
+
+def is_part(value: Any) -> bool:
+    """Whether it is an object with fields."""
+    return is_dataclass(value) and not isinstance(value, type)
+
+
+def strike_parts(
+    impact: Impact,
+    projectile: Projectile,
+    target: Target,
+    resistance: Resistance | None,
+    numerics: Numerics | None,
+) -> dict[str, Any]:
+    """Return the parts of a strike, those not given filled in."""
+    return {
+        "projectile": projectile,
+        "target": target,
+        "impact": impact,
+        "resistance": resistance or EQUATION_9,
+        "numerics": numerics or USUAL,
+    }
+
+
+def _put(part: Any, path: Sequence[str], value: Any) -> Any:
+    """Return a copy of a part with this value there."""
+    name, *rest = path
+    return replace(part, **{name: _put(getattr(part, name), rest, value) if rest else value})

@@ -1,0 +1,180 @@
+"""Answers of a study of uncertainty."""
+
+from dataclasses import dataclass, field
+from html import escape
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+
+from solver.arrays import FloatArray
+from solver.errors import ParameterError, RicochetError
+from solver.frame import Columns, dataframe
+from solver.search.types import CriticalAngle, SearchStatus
+from solver.uncertainty.sampling import Estimate
+from solver.warnings import ModelWarning
+
+LEVELS = (0.025, 0.05, 0.25, 0.5, 0.75, 0.95, 0.975)
+"""Of the quantiles in an answer."""
+
+Problem = Literal["", "failed", "outside"]
+"""Why a sample has no outcome: it could not be computed, or is outside what the model accepts."""
+
+
+class Crossings(NamedTuple):
+    """What a study keeps of one search."""
+
+    angles: tuple[float, ...] = ()
+    """At which the outcome changes, in order. [rad]"""
+    starts_turned_away: bool = False
+    """Whether the projectile is turned away below the first of them."""
+    problem: Problem = ""
+
+    @classmethod
+    def of(cls, found: CriticalAngle | RicochetError) -> "Crossings":
+        """Return what to keep of an answer of `critical_angle`."""
+        if isinstance(found, RicochetError):
+            return cls(problem="outside" if isinstance(found, ParameterError) else "failed")
+        if found.status is SearchStatus.NOT_CONVERGED:
+            return cls(problem="failed")
+        if found.angle is None:
+            return cls(tuple(sorted(found.other_crossings)), found.status is SearchStatus.ALWAYS_RICOCHET)
+        angles = sorted((found.angle, *found.other_crossings))
+        return cls(tuple(angles), angles.index(found.angle) % 2 == 1)
+
+    @property
+    def angle(self) -> float:
+        """Critical angle; NaN without one. [rad]"""
+        first = 1 if self.starts_turned_away else 0
+        return self.angles[first] if len(self.angles) > first else float("nan")
+
+    @property
+    def simple(self) -> bool:
+        """Whether there is one change of outcome and no more, from retained to turned away."""
+        return not self.problem and len(self.angles) == 1 and not self.starts_turned_away
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """Critical angle with one input changed and the others at their median, or likeliest value."""
+
+    value: Any
+    """Of the input."""
+    angle: float | None
+    """None without one. [rad]"""
+
+
+@dataclass(frozen=True, slots=True)
+class Sensitivity:
+    """Share of one input in the variance of the critical angle, and what the input alone changes."""
+
+    field: str
+    first_order: Estimate | None
+    total: Estimate | None
+    """Indices of Sobol; None where the budget left no samples for them."""
+    swing: tuple[Change, ...]
+    """At the 5 % and 95 % quantiles of the input, or at each of its discrete values."""
+
+
+@dataclass(frozen=True, slots=True)
+class Round:
+    """One entry of the history of a study."""
+
+    samples: int
+    half_width: float
+    """Largest of all intervals of a probability. [1]"""
+
+
+@dataclass(frozen=True, slots=True, repr=False)
+class AngleUncertainty:
+    """Probability of ricochet over the oblique angle, and the critical angle as a distribution."""
+
+    oblique_angles: FloatArray
+    """[rad]"""
+    probability: FloatArray
+    """Of being turned away, at each of them."""
+    lower: FloatArray
+    upper: FloatArray
+    """Its interval."""
+    mean: Estimate | None
+    standard_deviation: Estimate | None
+    """Of the critical angle among the samples that have one; None if none has. [rad]"""
+    quantiles: tuple[tuple[float, Estimate], ...]
+    """Likewise, as probability and angle. [1, rad]"""
+    share_without: Estimate
+    """Share of samples without a critical angle in the range. [1]"""
+    sensitivity: tuple[Sensitivity, ...]
+    convergence: tuple[Round, ...]
+    converged: bool
+    """Whether every interval is within the half width wanted."""
+    method: Literal["surrogate", "direct"]
+    order: int | None
+    """Of the polynomials of the surrogate."""
+    surrogate_error: float | None
+    """Root mean square of its error at held-out points, also where it was too large for use. [rad]"""
+    samples: int
+    """Searches in all."""
+    failed: int
+    outside: int
+    """Of them, those that could not be computed, and those outside what the model accepts."""
+    seed: int
+    warnings: tuple[ModelWarning, ...] = field(default=())
+
+    def columns(self) -> Columns:
+        """Return the curve as arrays by name, angles in radians."""
+        return {
+            "oblique_angle": self.oblique_angles,
+            "probability": self.probability,
+            "lower": self.lower,
+            "upper": self.upper,
+        }
+
+    def to_dataframe(self) -> Any:
+        """Return the curve as a ``pandas.DataFrame``, which has to be installed."""
+        return dataframe(self.columns())
+
+    def __repr__(self) -> str:
+        if self.mean is None or self.standard_deviation is None:
+            return f"<AngleUncertainty: no critical angle in {self.samples} samples>"
+        middle, deviation = np.degrees((self.mean.value, self.standard_deviation.value))
+        levels = dict(self.quantiles)
+        low, high = (np.degrees(levels[level].value) for level in (LEVELS[0], LEVELS[-1]))
+        return (
+            f"<AngleUncertainty: {middle:.2f}° ± {deviation:.2f}° ({low:.1f}° to {high:.1f}°), "
+            f"{self.samples} samples, {self.method}>"
+        )
+
+    def _repr_html_(self) -> str:
+        rows = "".join(
+            f"<tr><td>{escape(each.field)}</td><td>{_share(each.first_order)}</td><td>{_share(each.total)}</td></tr>"
+            for each in self.sensitivity
+        )
+        table = f"<table><tr><th>input</th><th>first order</th><th>total</th></tr>{rows}</table>" if rows else ""
+        return f"<p>{escape(repr(self)[1:-1])}</p>{table}"
+
+
+def _share(estimate: Estimate | None) -> str:
+    return "" if estimate is None else f"{estimate.value:.2f} ({estimate.lower:.2f} to {estimate.upper:.2f})"
+
+
+@dataclass(frozen=True, slots=True, repr=False)
+class TrajectoryUncertainty:
+    """Probability of each outcome of one strike, and how deep and how fast it ends."""
+
+    outcomes: tuple[tuple[str, Estimate], ...]
+    """Probability of ``ricochet``, ``embedded``, ``in_motion``."""
+    maximum_depth: tuple[tuple[float, Estimate], ...]
+    """Quantiles over all runs. [1, m]"""
+    exit_speed: tuple[tuple[float, Estimate], ...]
+    exit_angle: tuple[tuple[float, Estimate], ...]
+    """Quantiles over those turned away; the angle of their velocity from the outward normal. [1, m/s or rad]"""
+    convergence: tuple[Round, ...]
+    converged: bool
+    samples: int
+    failed: int
+    outside: int
+    seed: int
+    warnings: tuple[ModelWarning, ...] = field(default=())
+
+    def __repr__(self) -> str:
+        shares = ", ".join(f"{name} {estimate.value:.3f}" for name, estimate in self.outcomes)
+        return f"<TrajectoryUncertainty: {shares}, {self.samples} samples>"

@@ -1,0 +1,219 @@
+"""Polynomial chaos: a smooth function of independent inputs as a sum of orthonormal polynomials.
+
+References
+----------
+Xiu, D., Karniadakis, G. E. (2002), SIAM J. Sci. Comput. 24, 619-644; indices from the coefficients: Sudret, B. (2008),
+Reliab. Eng. Syst. Saf. 93, 964-979.
+"""
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from solver.arrays import FloatArray
+from solver.uncertainty.distributions import Continuous
+from solver.uncertainty.sampling import Estimate, Sampling
+
+ORDERS = (1, 2, 3, 4, 5)
+POINTS_PER_TERM = 2
+"""Points of a fit, at least: three inputs more would otherwise be fitted through every point."""
+DRAWS = 400
+"""Of the coefficients within their errors, for the intervals of what is computed from them."""
+ROUNDING = 1e-12
+"""Half width of an interval at least, over the value. [1]"""
+
+
+class Basis:
+    """Products of orthonormal polynomials, one for each input, up to a total order.
+
+    Parameters
+    ----------
+    inputs
+        Their distributions.
+    order
+        Highest total order.
+    """
+
+    def __init__(self, inputs: Sequence[Continuous], order: int) -> None:
+        self.order = order
+        self.terms = np.array(
+            [powers for powers in itertools.product(range(order + 1), repeat=len(inputs)) if sum(powers) <= order],
+            dtype=np.int64,
+        ).reshape(-1, len(inputs))
+        self._polynomials = [_orthonormal(*each.quadrature(), order) for each in inputs]
+
+    def at(self, z: FloatArray) -> FloatArray:
+        """Return (n, terms) products at (n, inputs) standard variables."""
+        values = np.ones((len(z), len(self.terms)))
+        for column, polynomials in enumerate(self._polynomials):
+            powers = np.vander(z[:, column], self.order + 1, increasing=True) @ polynomials
+            values *= powers[:, self.terms[:, column]]
+        return values
+
+
+def term_count(inputs: int, order: int) -> int:
+    """Return the number of terms of a basis."""
+    return math.comb(inputs + order, order)
+
+
+def _orthonormal(nodes: FloatArray, weights: FloatArray, order: int) -> FloatArray:
+    """Coefficients, a column for each order, of the polynomials orthonormal under this quadrature."""
+    powers = np.vander(nodes, order + 1, increasing=True)
+    _, triangle = np.linalg.qr(np.sqrt(weights)[:, None] * powers)
+    inverse = np.linalg.inv(triangle)
+    return np.asarray(inverse * np.sign(np.diagonal(triangle)), float)
+
+
+@dataclass(frozen=True, slots=True)
+class Expansion:
+    """Least-squares fit of one function for each alternative, at the same points.
+
+    Parameters
+    ----------
+    basis
+        Of the continuous inputs.
+    coefficients
+        (alternatives, terms).
+    scatter
+        (alternatives, terms, terms) square roots of their covariances.
+    errors
+        (alternatives,) root mean square error at points that each fit had not seen, every point held out in turn.
+    """
+
+    basis: Basis
+    coefficients: FloatArray
+    scatter: FloatArray
+    errors: FloatArray
+
+    def at(self, z: FloatArray) -> FloatArray:
+        """Return (n, alternatives) values at (n, inputs) standard variables."""
+        return np.asarray(self.basis.at(z) @ self.coefficients.T, float)
+
+
+def fit_expansion(inputs: Sequence[Continuous], z: FloatArray, values: FloatArray) -> Expansion | None:
+    """Return the fit with the smallest error at held-out points; None if there are too few points.
+
+    Parameters
+    ----------
+    z
+        (n, inputs) standard variables.
+    values
+        (n, alternatives).
+    """
+    fits = [
+        _fit(Basis(inputs, order), z, values)
+        for order in ORDERS
+        if POINTS_PER_TERM * term_count(len(inputs), order) <= len(z)
+    ]
+    return min(fits, key=lambda fit: float(fit.errors.max()), default=None)
+
+
+def _fit(basis: Basis, z: FloatArray, values: FloatArray) -> Expansion:
+    matrix = basis.at(z)
+    orthogonal, triangle = np.linalg.qr(matrix)
+    inverse = np.linalg.inv(triangle)
+    coefficients = inverse @ (orthogonal.T @ values)
+    leverage = (orthogonal**2).sum(axis=1)
+    held_out = (values - matrix @ coefficients) / np.maximum(1.0 - leverage, 1e-9)[:, None]
+    errors = np.sqrt((held_out**2).mean(axis=0))
+    return Expansion(basis, coefficients.T, errors[:, None, None] * inverse, errors)
+
+
+@dataclass(frozen=True, slots=True)
+class Moments:
+    """What the coefficients of an expansion give directly."""
+
+    mean: Estimate
+    standard_deviation: Estimate
+    first_order: tuple[Estimate, ...]
+    total: tuple[Estimate, ...]
+    """Indices of the continuous inputs, then of the discrete ones."""
+
+
+def expansion_moments(expansion: Expansion, weights: Sequence[Sequence[float]], sampling: Sampling) -> Moments:
+    """Return mean, standard deviation and Sobol indices, each with its interval.
+
+    Parameters
+    ----------
+    weights
+        Of the values of each discrete input; the alternatives are every combination, the last input fastest.
+    """
+    joint, supports = _discrete_basis(weights)
+    continuous = expansion.basis.terms > 0
+    support = np.concatenate(
+        (
+            np.repeat(continuous[None], len(supports), axis=0),
+            np.repeat(supports[:, None], len(continuous), axis=1),
+        ),
+        axis=2,
+    ).reshape(-1, continuous.shape[1] + supports.shape[1])
+    generator = np.random.default_rng([sampling.seed, 2])
+    draws = generator.standard_normal((DRAWS, *expansion.coefficients.shape))
+    scattered = expansion.coefficients + np.einsum("ktu,dku->dkt", expansion.scatter, draws)
+    every = np.concatenate((expansion.coefficients[None], scattered))
+    terms = np.einsum("kq,dkt->dqt", joint, every).reshape(len(every), -1)
+    missed = float(_product(weights) @ expansion.errors**2)
+    return _moments(terms, support, missed, sampling)
+
+
+def _moments(terms: FloatArray, support: npt.NDArray[np.bool_], missed: float, sampling: Sampling) -> Moments:
+    """Moments of the coefficients in the first row, with intervals from the scatter of the others."""
+    varying = support.any(axis=1)
+    squares = terms**2
+    variances = squares[:, varying].sum(axis=1)
+    variance = float(variances[0])
+    fraction = missed / variance if variance > 0.0 else 0.0
+    deviation = math.sqrt(variance)
+    quantile = sampling.normal_quantile
+
+    def estimate(values: FloatArray, extra: float, lower: float, upper: float) -> Estimate:
+        value = float(values[0])
+        half = quantile * float(np.std(values[1:])) + extra + ROUNDING * max(1.0, abs(value))
+        return Estimate(value, max(lower, value - half), min(upper, value + half))
+
+    safe = np.where(variances > 0.0, variances, 1.0)
+    first: list[Estimate] = []
+    total: list[Estimate] = []
+    for column in range(support.shape[1]):
+        alone = support[:, column] & (support.sum(axis=1) == 1)
+        for estimates, mask in ((first, alone), (total, support[:, column])):
+            estimates.append(estimate(squares[:, mask].sum(axis=1) / safe, fraction, 0.0, 1.0))
+    constant = terms[:, ~varying][:, 0]
+    return Moments(
+        mean=estimate(constant, 0.0, -math.inf, math.inf),
+        standard_deviation=estimate(np.sqrt(variances), math.sqrt(variance + missed) - deviation, 0.0, math.inf),
+        first_order=tuple(first),
+        total=tuple(total),
+    )
+
+
+def _product(weights: Sequence[Sequence[float]]) -> FloatArray:
+    """Weights of the combinations."""
+    return np.array([math.prod(each) for each in itertools.product(*weights)])
+
+
+def _discrete_basis(weights: Sequence[Sequence[float]]) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
+    """Orthonormal functions of the discrete inputs.
+
+    Returns
+    -------
+    tuple
+        (combinations, functions) from values at the combinations to coefficients, and (functions, inputs) which inputs
+        each function varies with.
+    """
+    joint, supports = np.ones((1, 1)), np.zeros((1, 0), bool)
+    for each in weights:
+        roots = np.sqrt(np.array(each))
+        size = roots.size
+        full = np.eye(size)
+        full[:, 0] = roots
+        orthogonal, triangle = np.linalg.qr(full)
+        orthogonal = orthogonal * np.sign(np.diagonal(triangle))
+        joint = np.kron(joint, orthogonal * roots[:, None])
+        varies = np.arange(size) > 0
+        supports = np.concatenate((np.repeat(supports, size, axis=0), np.tile(varies, len(supports))[:, None]), axis=1)
+    return joint, supports

@@ -1,0 +1,158 @@
+"""Probability of each outcome of one strike at a given angle, and quantiles of how it ends."""
+
+import math
+from collections.abc import Generator, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from solver.arrays import FloatArray
+from solver.errors import ParameterError, RicochetError
+from solver.prepared import Outcome
+from solver.trajectory import Trajectory
+from solver.uncertainty.design import Design, Point
+from solver.uncertainty.inputs import Uncertain, check_inputs
+from solver.uncertainty.results import LEVELS, Problem, Round, TrajectoryUncertainty
+from solver.uncertainty.sampling import (
+    FIRST_POINTS,
+    SCRAMBLINGS,
+    Estimate,
+    Sampling,
+    quantile_estimate,
+    share_half_width,
+)
+from solver.warnings import ModelWarning
+
+
+class Ending(NamedTuple):
+    """What a study keeps of one run."""
+
+    outcome: str = ""
+    maximum_depth: float = math.nan
+    """[m]"""
+    exit_speed: float = math.nan
+    """[m/s]"""
+    exit_angle: float = math.nan
+    """Of the velocity from the outward normal. [rad]"""
+    problem: Problem = ""
+
+    @classmethod
+    def of(cls, found: Trajectory | RicochetError) -> "Ending":
+        """Return what to keep of an answer of `simulate`."""
+        if isinstance(found, RicochetError):
+            return cls(problem="outside" if isinstance(found, ParameterError) else "failed")
+        final = found.final
+        return cls.from_motion(found.outcome.value, found.maximum_depth, final.depth_velocity, final.lateral_velocity)
+
+    @classmethod
+    def from_motion(
+        cls, outcome: str, maximum_depth: float, depth_velocity: float, lateral_velocity: float
+    ) -> "Ending":
+        """Return an ending from the velocity of the centre of gravity, which counts if it was turned away."""
+        if outcome != Outcome.RICOCHET.value:
+            return cls(outcome, maximum_depth)
+        angle = math.atan2(lateral_velocity, -depth_velocity)
+        return cls(outcome, maximum_depth, math.hypot(depth_velocity, lateral_velocity), angle)
+
+
+@dataclass(frozen=True, slots=True)
+class TrajectoryBatch:
+    """Points to compute; `so_far` is the answer from what was computed before."""
+
+    points: list[Point]
+    so_far: TrajectoryUncertainty | None
+
+
+TrajectorySteps = Generator[TrajectoryBatch, Sequence[Ending], TrajectoryUncertainty]
+
+
+class TrajectoryStudy:
+    """Samples runs until the probability of each outcome is known well enough.
+
+    Parameters
+    ----------
+    uncertain
+        Independent inputs.
+    sampling
+        Accuracy, budget, seed.
+
+    Notes
+    -----
+    As `AngleStudy`. Outcomes jump with the inputs, so there is no surrogate.
+    """
+
+    def __init__(self, uncertain: Sequence[Uncertain], sampling: Sampling) -> None:
+        check_inputs(uncertain)
+        self.design = Design(uncertain, sampling)
+        self.sampling = sampling
+
+    def steps(self) -> TrajectorySteps:
+        """Yield batches, take their results, return the answer."""
+        design, inputs = self.design, len(self.design.uncertain)
+        found: list[list[Ending]] = [[] for _ in range(SCRAMBLINGS)]
+        history: list[Round] = []
+        answer: TrajectoryUncertainty | None = None
+        count, points = 0, FIRST_POINTS
+        while True:
+            new = design.unit(points)[:, count:points, :inputs].reshape(-1, inputs)
+            results = yield TrajectoryBatch(design.points(new), answer)
+            share = (points - count) * design.alternatives
+            if len(results) != SCRAMBLINGS * share:
+                raise ParameterError("results", "must be one for each point")
+            for number, row in enumerate(found):
+                row.extend(results[number * share : (number + 1) * share])
+            count, points = points, 2 * points
+            answer = self._answer(found, count, history)
+            history = list(answer.convergence)
+            following = 2 * SCRAMBLINGS * count * design.alternatives
+            if answer.converged or following > self.sampling.max_samples:
+                return answer
+
+    def _answer(self, found: list[list[Ending]], count: int, history: Sequence[Round]) -> TrajectoryUncertainty:
+        sampling, base = self.sampling, SCRAMBLINGS * count
+        weights = np.tile(self.design.weights / count, (SCRAMBLINGS, count))
+        outcomes = np.array([[each.outcome for each in row] for row in found])
+        unknown = float(np.where(outcomes == "", weights, 0.0).sum() / SCRAMBLINGS)
+        shares, widest = [], 0.0
+        for outcome in Outcome:
+            by_scrambling = np.where(outcomes == outcome.value, weights, 0.0).sum(axis=1)
+            value, half = float(by_scrambling.mean()), float(share_half_width(by_scrambling, sampling, base))
+            estimate = Estimate(value, max(0.0, value - half), min(1.0, value + unknown + half))
+            widest = max(widest, 0.5 * (estimate.upper - estimate.lower))
+            shares.append((outcome.value, estimate))
+        samples = base * self.design.alternatives
+        problems = [each.problem for row in found for each in row]
+        failed, outside = problems.count("failed"), problems.count("outside")
+        return TrajectoryUncertainty(
+            outcomes=tuple(shares),
+            maximum_depth=self._quantiles([[each.maximum_depth for each in row] for row in found], weights),
+            exit_speed=self._quantiles([[each.exit_speed for each in row] for row in found], weights),
+            exit_angle=self._quantiles([[each.exit_angle for each in row] for row in found], weights),
+            convergence=(*history, Round(samples, widest)),
+            converged=widest <= sampling.half_width,
+            samples=samples,
+            failed=failed,
+            outside=outside,
+            seed=sampling.seed,
+            warnings=_warnings(samples, failed, outside),
+        )
+
+    def _quantiles(self, rows: list[list[float]], weights: FloatArray) -> tuple[tuple[float, Estimate], ...]:
+        values = np.array(rows)
+        known = ~np.isnan(values)
+        if not known.any():
+            return ()
+        values, shared = np.where(known, values, 0.0), np.where(known, weights, 0.0)
+        return tuple((level, quantile_estimate(values, shared, level, self.sampling)) for level in LEVELS)
+
+
+def _warnings(samples: int, failed: int, outside: int) -> tuple[ModelWarning, ...]:
+    found = []
+    if outside:
+        detail = f"{outside} of {samples} samples are outside what the model accepts; they count as not known"
+        found.append(ModelWarning("samples_outside", detail))
+    if failed:
+        detail = f"{failed} of {samples} samples could not be computed; they count as not known"
+        found.append(ModelWarning("samples_failed", detail))
+    return tuple(found)

@@ -1,0 +1,122 @@
+"""Functions with known indices and quantiles, in place of the solver."""
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any, Protocol
+
+import numpy as np
+from scipy import stats
+
+from solver.arrays import FloatArray
+from solver.uncertainty import AngleStudy, AngleUncertainty, Crossings, Estimate, Normal, Sampling, Uncertain, Uniform
+from solver.uncertainty.results import LEVELS
+
+ROUNDING = 1e-9
+
+
+class Linear:
+    """A sum of normal inputs."""
+
+    slopes = np.array([1.0, 2.0, 3.0])
+    distributions = (Normal(mean=0.0, standard_deviation=1.0),) * 3
+    grid = np.linspace(-6.0, 16.0, 23)
+    mean = 5.0
+    deviation = float(np.sqrt((slopes**2).sum()))
+    first_order = total = slopes**2 / (slopes**2).sum()
+    tolerance = ROUNDING
+
+    def __call__(self, x: FloatArray) -> FloatArray:
+        return np.asarray(x @ self.slopes + self.mean, float)
+
+    def share(self, y: FloatArray) -> FloatArray:
+        return np.asarray(stats.norm.cdf(y, self.mean, self.deviation), float)
+
+
+class Ishigami:
+    """Ishigami and Homma (1990), with a = 7 and b = 0.1."""
+
+    a, b = 7.0, 0.1
+    distributions = (Uniform(lower=-math.pi, upper=math.pi),) * 3
+    grid = np.linspace(-9.0, 16.0, 26)
+    mean = a / 2.0
+    alone, second = 0.5 * (1.0 + b * math.pi**4 / 5.0) ** 2, a**2 / 8.0
+    together = b**2 * math.pi**8 * (1.0 / 18.0 - 1.0 / 50.0)
+    variance = alone + second + together
+    deviation = math.sqrt(variance)
+    first_order = np.array([alone, second, 0.0]) / variance
+    total = np.array([alone + together, second, together]) / variance
+    tolerance = 2e-4  # of the table below
+
+    def __init__(self) -> None:
+        x = math.pi * (2.0 * stats.qmc.Sobol(3, rng=5).random(2**18) - 1.0)
+        self._sorted = np.sort(self(x))
+
+    def __call__(self, x: FloatArray) -> FloatArray:
+        return np.asarray(np.sin(x[:, 0]) * (1.0 + self.b * x[:, 2] ** 4) + self.a * np.sin(x[:, 1]) ** 2, float)
+
+    def share(self, y: FloatArray) -> FloatArray:
+        return np.asarray(np.searchsorted(self._sorted, y, side="right") / self._sorted.size, float)
+
+
+class Function(Protocol):
+    """A function of inputs with some distributions, and the values at which its distribution is looked at."""
+
+    distributions: Any
+    grid: FloatArray
+
+    def __call__(self, x: FloatArray) -> FloatArray: ...
+
+
+def run(function: Function, *, sensitivity: bool = True, **sampling: Any) -> AngleUncertainty:
+    """Study of a function whose value is the critical angle."""
+    inputs = [Uncertain(f"x.{i}", each) for i, each in enumerate(function.distributions)]
+    study = AngleStudy(inputs, function.grid, Sampling(**sampling), sensitivity=sensitivity, bounds=(-1e3, 1e3))
+    answer: AngleUncertainty = answer_of(
+        study, lambda points: [Crossings((float(y),)) for y in function(np.array(points, float))]
+    )
+    return answer
+
+
+def answer_of(study: Any, evaluate: Callable[[Sequence[Any]], Sequence[Any]]) -> Any:
+    """Answer of a study, its batches computed by a function."""
+    steps = study.steps()
+    batch = next(steps)
+    while True:
+        try:
+            batch = steps.send(evaluate(batch.points))
+        except StopIteration as end:
+            return end.value
+
+
+def known(estimate: Estimate | None) -> Estimate:
+    """The estimate, which must be there."""
+    assert estimate is not None
+    return estimate
+
+
+def misses(function: Any, answer: AngleUncertainty) -> list[str]:
+    """Names of what is outside its interval."""
+    assert answer.mean is not None
+    assert answer.standard_deviation is not None
+    tolerance = function.tolerance
+
+    def outside(estimate: Estimate, lowest: float, highest: float) -> bool:
+        return not estimate.lower - tolerance <= highest or not lowest <= estimate.upper + tolerance
+
+    found = {
+        "mean": outside(answer.mean, function.mean, function.mean),
+        "standard deviation": outside(answer.standard_deviation, function.deviation, function.deviation),
+    }
+    for level, estimate in answer.quantiles:  # within its interval: the share there is on both sides of the level
+        low, high = function.share(np.array([estimate.lower - tolerance, estimate.upper + tolerance]))
+        found[f"quantile {level}"] = not low - tolerance <= level <= high + tolerance
+    for i, each in enumerate(answer.sensitivity):
+        assert each.first_order is not None
+        assert each.total is not None
+        found[f"first order {i}"] = outside(each.first_order, function.first_order[i], function.first_order[i])
+        found[f"total {i}"] = outside(each.total, function.total[i], function.total[i])
+    shares = function.share(function.grid)
+    wrong = (shares < answer.lower - tolerance) | (shares > answer.upper + tolerance)
+    found |= {f"share at {y:g}": bool(each) for y, each in zip(function.grid, wrong, strict=True)}
+    assert len(LEVELS) == len(answer.quantiles)
+    return [name for name, missed in found.items() if missed]

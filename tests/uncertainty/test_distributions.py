@@ -1,0 +1,73 @@
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from solver import ParameterError
+from solver.uncertainty import Discrete, Lognormal, Normal, Triangular, TruncatedNormal, Uniform
+
+U = np.linspace(0.001, 0.999, 41)
+
+SAME = [
+    (Normal(mean=238.0, coefficient_of_variation=0.01), stats.norm(238.0, 2.38)),
+    (Lognormal(median=39e6, dispersion=0.12), stats.lognorm(0.12, scale=39e6)),
+    (TruncatedNormal(mean=2.0, standard_deviation=1.0, lower=0.0), stats.truncnorm(-2.0, np.inf, 2.0, 1.0)),
+    (TruncatedNormal(mean=2.0, standard_deviation=1.0, lower=1.5, upper=4.0), stats.truncnorm(-0.5, 2.0, 2.0, 1.0)),
+    (Uniform(lower=-1.0, upper=3.0), stats.uniform(-1.0, 4.0)),
+    (Triangular(lower=1.0, mode=2.0, upper=5.0), stats.triang(0.25, 1.0, 4.0)),
+]
+
+
+@pytest.mark.parametrize(("distribution", "reference"), SAME)
+def test_quantiles_and_moments_are_those_of_scipy(distribution: Any, reference: Any) -> None:
+    np.testing.assert_allclose(distribution.value(distribution.standard(U)), reference.ppf(U), rtol=1e-9, atol=1e-9)
+    nodes, weights = distribution.quadrature()
+    values = distribution.value(nodes)
+    mean = weights @ values
+    assert weights.sum() == pytest.approx(1.0, rel=1e-12)
+    assert mean == pytest.approx(reference.mean(), rel=1e-9)
+    assert math.sqrt(weights @ (values - mean) ** 2) == pytest.approx(reference.std(), rel=1e-7)
+
+
+def test_lognormal_is_given_by_its_mean_too() -> None:
+    distribution = Lognormal(mean=39e6, coefficient_of_variation=0.12)
+    nodes, weights = distribution.quadrature()
+    values = distribution.value(nodes)
+    assert weights @ values == pytest.approx(39e6)
+    assert math.sqrt(weights @ (values - 39e6) ** 2) == pytest.approx(0.12 * 39e6)
+
+
+def test_discrete_values_come_up_as_often_as_they_weigh() -> None:
+    places = Discrete(values=["a", "b", "c"], weights=[0.5, 0.2, 0.3]).places((np.arange(1000) + 0.5) / 1000)
+    assert np.bincount(places).tolist() == [500, 200, 300]
+
+
+BAD = [
+    (Normal, {"mean": 1.0, "standard_deviation": -1.0}, "standard_deviation", "greater than 0"),
+    (Normal, {"mean": math.nan, "standard_deviation": 1.0}, "mean", "finite"),
+    (Normal, {"mean": 1.0}, "standard_deviation", "coefficient_of_variation"),
+    (Normal, {"mean": 1.0, "standard_deviation": 1.0, "coefficient_of_variation": 1.0}, "standard_deviation", "both"),
+    (Normal, {"mean": 0.0, "coefficient_of_variation": 0.1}, "coefficient_of_variation", "mean other than 0"),
+    (Lognormal, {"median": 39e6, "dispersion": -0.1}, "dispersion", "greater than 0"),
+    (Lognormal, {"median": 39e6}, "dispersion", "with median"),
+    (Lognormal, {"mean": -1.0, "standard_deviation": 1.0}, "mean", "greater than 0"),
+    (TruncatedNormal, {"mean": 1.0, "standard_deviation": 1.0, "lower": 2.0}, "lower", "below the mean, 1"),
+    (TruncatedNormal, {"mean": 1.0, "standard_deviation": 1.0, "upper": 0.5}, "upper", "above the mean, 1"),
+    (TruncatedNormal, {"mean": 1.0, "standard_deviation": 1.0}, "lower", "upper"),
+    (Uniform, {"lower": 2.0, "upper": 1.0}, "upper", "above the lower bound, 2"),
+    (Triangular, {"lower": 0.0, "mode": 2.0, "upper": 1.0}, "mode", "between the bounds, 0 and 1"),
+    (Discrete, {"values": [1.0, 2.0], "weights": [0.5, 0.6]}, "weights", "sum to 1, got 1.1"),
+    (Discrete, {"values": [1.0, 2.0], "weights": [1.0]}, "weights", "as many as values, 2, got 1"),
+    (Discrete, {"values": [1.0, 2.0], "weights": [1.5, -0.5]}, "weights.1", "greater than 0"),
+    (Discrete, {"values": [1.0, 1.0]}, "values.1", "repeat"),
+]
+
+
+@pytest.mark.parametrize(("kind", "parameters", "field", "requirement"), BAD)
+def test_bad_parameters_are_named(kind: Any, parameters: dict[str, Any], field: str, requirement: str) -> None:
+    with pytest.raises(ParameterError) as error:
+        kind(**parameters)
+    assert error.value.field == f"distribution.{field}"
+    assert requirement in error.value.requirement

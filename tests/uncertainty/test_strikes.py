@@ -1,0 +1,144 @@
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from solver import (
+    ElasticPlastic,
+    MohrCoulomb,
+    ParameterError,
+    PublishedTests,
+    critical_angle,
+    simulate,
+    strength_factor,
+)
+from solver.cases import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY, paper_impact
+from solver.resistance import EQUATION_9
+from solver.uncertainty import (
+    RESIDUAL,
+    Discrete,
+    Lognormal,
+    Normal,
+    Sampling,
+    Uncertain,
+    Uniform,
+    critical_angle_uncertainty,
+    scaled,
+    trajectory_uncertainty,
+)
+from tests.uncertainty.functions import known
+
+PAPER: dict[str, Any] = {"projectile": PAPER_PROJECTILE, "target": PAPER_TARGET, "velocity": PAPER_VELOCITY}
+SPEED = Uncertain("impact.velocity", Normal(mean=238.0, coefficient_of_variation=0.01))
+STRENGTH = Uncertain("target.compressive_strength", Lognormal(median=39e6, dispersion=0.12))
+DENSITY = Uncertain("target.density", Normal(mean=2250.0, coefficient_of_variation=0.02))
+MASS = Uncertain("projectile.mass", Normal(mean=13.0, coefficient_of_variation=0.005))
+ATTACK = Uncertain("impact.angle_of_attack", Normal(mean=0.0, standard_deviation=math.radians(1.0)))
+SCATTER = [SPEED, STRENGTH, DENSITY, MASS, ATTACK]
+ANGLES = np.radians(np.linspace(30.0, 70.0, 81))
+
+
+def test_one_input_gives_the_angles_at_its_quantiles() -> None:
+    answer = critical_angle_uncertainty(**PAPER, uncertain=[ATTACK], oblique_angles=ANGLES)
+    assert answer.method == "surrogate"
+    assert answer.converged
+    for level, estimate in answer.quantiles:
+        attack = math.radians(stats.norm.ppf(1.0 - level))  # the angle falls with the angle of attack
+        exact = critical_angle(**PAPER, angle_of_attack=attack).angle
+        assert estimate.value == pytest.approx(exact, abs=math.radians(0.05))
+    below = answer.probability[answer.quantiles[0][1].value > ANGLES]
+    assert (np.diff(answer.probability) >= 0.0).all()
+    assert (below <= 0.03).all()
+    assert "surrogate" in repr(answer)
+    assert len(repr(answer)) < 100
+    assert "impact.angle_of_attack" in answer._repr_html_()
+
+
+def test_models_and_scatter_are_seen_side_by_side() -> None:
+    models = Uncertain(
+        "resistance.free_surface", Discrete(values=[ElasticPlastic(), MohrCoulomb()], weights=[0.8, 0.2])
+    )
+    answer = critical_angle_uncertainty(
+        **PAPER, uncertain=[ATTACK, models], sampling=Sampling(half_width=0.05), oblique_angles=ANGLES
+    )
+    elastic, mohr = (change.angle for change in answer.sensitivity[1].swing)
+    assert elastic == critical_angle(**PAPER).angle
+    assert mohr == critical_angle(**PAPER, resistance=replace(EQUATION_9, free_surface=MohrCoulomb())).angle
+    attack, model = (known(each.total).value for each in answer.sensitivity)
+    assert model > attack
+
+
+@pytest.mark.parametrize("law", [EQUATION_9.strength_factor, PublishedTests()])
+def test_residual_multiplies_the_strength_factor(law: Any) -> None:
+    for angle in (0.0, 0.7):
+        values = [
+            strength_factor(
+                resistance=replace(EQUATION_9, strength_factor=each),
+                oblique_angle=angle,
+                target=PAPER_TARGET,
+                projectile=PAPER_PROJECTILE,
+            )
+            for each in (law, scaled(law, 1.1))
+        ]
+        assert values[1] == pytest.approx(1.1 * values[0])
+
+
+def test_residual_scatters_the_angle() -> None:
+    residual = Uncertain(RESIDUAL, Lognormal(median=1.0, dispersion=0.1))
+    answer = critical_angle_uncertainty(**PAPER, uncertain=[residual], oblique_angles=ANGLES)
+    low, high = (change.angle for change in answer.sensitivity[0].swing)
+    assert low is not None
+    assert high is not None
+    assert high < low  # stiffer concrete turns away at smaller angles from the normal
+
+
+def test_samples_outside_the_model_are_counted() -> None:
+    wide = Uncertain("target.density", Normal(mean=2250.0, standard_deviation=1500.0))
+    answer = critical_angle_uncertainty(
+        **PAPER, uncertain=[wide], oblique_angles=ANGLES, sampling=Sampling(max_samples=256), sensitivity=False
+    )
+    share = stats.norm.cdf(-1.5)
+    assert answer.outside == pytest.approx(256 * share, abs=3)
+    assert answer.upper[0] >= 0.9 * share
+    assert "samples_outside" in {warning.code for warning in answer.warnings}
+
+
+def test_outcome_of_the_papers_strike_near_its_angle() -> None:
+    answer = trajectory_uncertainty(
+        projectile=PAPER_PROJECTILE,
+        target=PAPER_TARGET,
+        impact=paper_impact(oblique_angle_degrees=48.7),
+        uncertain=[ATTACK],
+        sampling=Sampling(half_width=0.05),
+    )
+    shares = dict(answer.outcomes)
+    assert 0.3 < shares["ricochet"].value < 0.7
+    assert shares["ricochet"].value + shares["embedded"].value == pytest.approx(1.0)
+    middle = simulate(
+        projectile=PAPER_PROJECTILE,
+        target=PAPER_TARGET,
+        impact=paper_impact(oblique_angle_degrees=48.7),
+        sample_interval=None,
+    )
+    assert dict(answer.maximum_depth)[0.5].value == pytest.approx(middle.maximum_depth, rel=0.02)
+    assert answer.exit_speed[0][1].value > 20.0
+
+
+@pytest.mark.parametrize(
+    ("field", "requirement"),
+    [
+        ("impact.speed", "is not there: known are velocity"),
+        ("target", "is no number"),
+        ("projectile.nose", "is no number"),
+        ("weather", "is not there"),
+        ("impact.oblique_angle", "what a search varies"),
+    ],
+)
+def test_field_that_is_no_number_is_refused(field: str, requirement: str) -> None:
+    uncertain = [Uncertain(field, Uniform(lower=1.0, upper=2.0))]
+    with pytest.raises(ParameterError, match=requirement) as error:
+        critical_angle_uncertainty(**PAPER, uncertain=uncertain)
+    assert error.value.field == "uncertain.0.field"

@@ -1,0 +1,189 @@
+import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+import pytest
+
+from solver import ParameterError
+from solver.arrays import FloatArray
+from solver.uncertainty import (
+    AngleStudy,
+    Crossings,
+    Discrete,
+    Ending,
+    Normal,
+    Sampling,
+    TrajectoryStudy,
+    Uncertain,
+    Uniform,
+)
+from tests.uncertainty.functions import Ishigami, Linear, answer_of, known, misses, run
+
+EDGE = [Uncertain("x", Uniform(lower=0.0, upper=1.0))]
+GRID = np.linspace(0.0, 1.0, 11)
+
+
+def test_smooth_function_is_answered_by_the_surrogate_exactly() -> None:
+    answer = run(Linear(), seed=3)
+    assert answer.method == "surrogate"
+    assert answer.surrogate_error == pytest.approx(0.0, abs=1e-12)
+    assert known(answer.mean).value == pytest.approx(5.0)
+    assert known(answer.standard_deviation).value == pytest.approx(math.sqrt(14.0))
+    assert [known(each.total).value for each in answer.sensitivity] == pytest.approx([1 / 14, 4 / 14, 9 / 14])
+    assert misses(Linear(), answer) == []
+
+
+def test_rough_function_is_sampled_directly() -> None:
+    function = Ishigami()
+    answer = run(function, seed=1)
+    assert answer.method == "direct"
+    assert answer.converged
+    assert answer.surrogate_error is not None
+    assert answer.surrogate_error > math.radians(0.1)
+    assert len(misses(function, answer)) <= 3  # of 41, each at 95 %
+
+
+def test_history_ends_within_the_half_width_or_the_budget() -> None:
+    answer = run(Ishigami(), half_width=0.02, sensitivity=False)
+    widths = [each.half_width for each in answer.convergence]
+    assert answer.converged
+    assert widths[-1] <= 0.02 < widths[-2]
+    assert answer.convergence[-1].samples == answer.samples
+    poor = run(Ishigami(), half_width=1e-3, max_samples=1024, sensitivity=False)
+    assert not poor.converged
+    assert poor.samples == 1024
+    assert (poor.upper - poor.lower).max() > 2e-3
+
+
+def test_answer_depends_on_the_seed_alone() -> None:
+    first, second, other = (run(Ishigami(), seed=seed) for seed in (4, 4, 5))
+    assert repr(first.quantiles) == repr(second.quantiles)
+    assert first.probability.tobytes() == second.probability.tobytes()
+    assert [each.total for each in first.sensitivity] == [each.total for each in second.sensitivity]
+    assert first.probability.tobytes() != other.probability.tobytes()
+
+
+def test_more_samples_begin_with_the_same_ones() -> None:
+    def points(budget: int) -> list[tuple[float, ...]]:
+        found: list[tuple[float, ...]] = []
+
+        def evaluate(batch: Sequence[Any]) -> list[Crossings]:
+            found.extend(batch)
+            return [Crossings((float(y),)) for y in Ishigami()(np.array(batch, float))]
+
+        inputs = [Uncertain(f"x.{i}", each) for i, each in enumerate(Ishigami.distributions)]
+        sampling = Sampling(max_samples=budget, half_width=1e-3)
+        answer_of(AngleStudy(inputs, Ishigami.grid, sampling, sensitivity=False), evaluate)
+        return found
+
+    few, many = points(512), points(2048)
+    assert len(few) == 512
+    assert many[:512] == few
+
+
+def test_alternatives_are_an_input_of_their_own() -> None:
+    """y = x + z with x uniform over [-1, 1] and z 0 or 3, weights 0.8 and 0.2: Var x = 1/3, Var z = 1.44."""
+
+    class Sum:
+        grid = np.linspace(-2.0, 5.0, 29)
+        distributions = (Uniform(lower=-1.0, upper=1.0), Discrete(values=[0.0, 3.0], weights=[0.8, 0.2]))
+
+        def __call__(self, x: FloatArray) -> FloatArray:
+            return np.asarray(x.sum(axis=1), float)
+
+    exact = np.array([1 / 3, 1.44]) / (1 / 3 + 1.44)
+    share = 0.8 * np.clip((Sum.grid + 1) / 2, 0, 1) + 0.2 * np.clip((Sum.grid - 2) / 2, 0, 1)
+    for method in ("auto", "direct"):
+        answer = run(Sum(), method=method)
+        assert answer.method == ("surrogate" if method == "auto" else "direct")
+        for each, value in zip(answer.sensitivity, exact, strict=True):
+            first, total = known(each.first_order), known(each.total)
+            assert first.lower <= first.value <= first.upper
+            assert first.value == pytest.approx(value, abs=1e-9 if method == "auto" else 0.2)
+            assert total.value == pytest.approx(value, abs=1e-9 if method == "auto" else 0.2)
+        assert (answer.lower <= share + 1e-9).all()
+        assert (share <= answer.upper + 1e-9).all()
+        assert [change.value for change in answer.sensitivity[1].swing] == [0.0, 3.0]
+        assert [change.angle for change in answer.sensitivity[1].swing] == pytest.approx([0.0, 3.0])
+
+
+def outcome(crossings: Callable[[float], Crossings]) -> Callable[[Sequence[Any]], list[Crossings]]:
+    return lambda points: [crossings(x) for (x,) in points]
+
+
+def test_every_sample_counts_by_its_outcome_at_each_angle() -> None:
+    def crossings(x: float) -> Crossings:
+        if x < 0.25:
+            return Crossings()  # never turned away
+        if x < 0.5:
+            return Crossings(starts_turned_away=True)  # always
+        if x < 0.75:
+            return Crossings((0.25, 0.45, 0.65))  # turned away in a band, and beyond
+        return Crossings((0.35, 0.55), starts_turned_away=True)  # retained in a band
+
+    answer = answer_of(AngleStudy(EDGE, GRID, Sampling(half_width=0.05)), outcome(crossings))
+    band = np.where(((GRID >= 0.25) & (GRID < 0.45)) | (GRID >= 0.65), 0.25, 0.0)
+    retained = np.where((GRID >= 0.35) & (GRID < 0.55), 0.0, 0.25)
+    assert answer.method == "direct"
+    assert (np.abs(answer.probability - (0.25 + band + retained)) < 0.02).all()
+    assert answer.share_without.value == pytest.approx(0.5, abs=0.02)
+    assert {change.angle for change in answer.sensitivity[0].swing} <= {None, 0.55}
+    assert "samples_without_angle" in {warning.code for warning in answer.warnings}
+    assert np.isfinite(answer.lower).all()
+
+
+@pytest.mark.parametrize(("crossings", "share"), [(Crossings(), 0.0), (Crossings(starts_turned_away=True), 1.0)])
+def test_no_angle_at_all_is_an_answer(crossings: Crossings, share: float) -> None:
+    answer = answer_of(AngleStudy(EDGE, GRID, Sampling(half_width=0.05)), outcome(lambda _: crossings))
+    assert answer.probability.tolist() == [share] * GRID.size
+    assert answer.mean is None
+    assert answer.quantiles == ()
+    assert answer.share_without.value == 1.0
+    assert "no critical angle" in repr(answer)
+
+
+def test_samples_without_an_outcome_widen_the_interval() -> None:
+    def crossings(x: float) -> Crossings:
+        return Crossings(problem="failed" if x < 0.05 else "outside") if x < 0.125 else Crossings((0.5,))
+
+    answer = answer_of(AngleStudy(EDGE, GRID, Sampling(half_width=0.01, max_samples=1024)), outcome(crossings))
+    assert not answer.converged
+    assert answer.outside + answer.failed == pytest.approx(0.125 * answer.samples, rel=0.1)
+    assert answer.probability[-1] == pytest.approx(0.875, abs=0.02)
+    assert answer.lower[0] == 0.0
+    assert answer.upper[0] >= 0.11
+    assert answer.upper[-1] >= 0.98
+    assert {"samples_outside", "samples_failed", "no_indices"} <= {warning.code for warning in answer.warnings}
+
+
+def test_outcomes_of_a_strike_and_quantiles_of_how_it_ends() -> None:
+    """Turned away for x above 0.25, at a speed of 100 x; the depth is x."""
+    inputs = [Uncertain("x", Uniform(lower=0.0, upper=1.0))]
+
+    def ending(x: float) -> Ending:
+        return Ending.from_motion("ricochet" if x > 0.25 else "embedded", x, -60.0 * x, 80.0 * x)
+
+    answer = answer_of(
+        TrajectoryStudy(inputs, Sampling(half_width=0.02)), lambda points: [ending(x) for (x,) in points]
+    )
+    shares = dict(answer.outcomes)
+    assert answer.converged
+    assert shares["ricochet"].lower <= 0.75 <= shares["ricochet"].upper
+    assert shares["in_motion"].value == 0.0
+    depth, speed, angle = (dict(each)[0.5] for each in (answer.maximum_depth, answer.exit_speed, answer.exit_angle))
+    assert depth.lower <= 0.5 <= depth.upper
+    assert speed.lower <= 62.5 <= speed.upper
+    assert angle.value == pytest.approx(math.atan2(80.0, 60.0))
+
+
+def test_wrong_sampling_is_refused() -> None:
+    with pytest.raises(ParameterError, match=r"sampling\.half_width"):
+        Sampling(half_width=0.0)
+    with pytest.raises(ParameterError, match=r"sampling\.max_samples"):
+        Sampling(max_samples=10)
+    with pytest.raises(ParameterError, match="oblique_angles"):
+        AngleStudy(EDGE, np.array([0.5, 0.4]), Sampling())
+    twice = [Uncertain("x", Normal(mean=0.0, standard_deviation=1.0))] * 2
+    with pytest.raises(ParameterError, match=r"uncertain\.1\.field"):
+        AngleStudy(twice, GRID, Sampling())
