@@ -68,12 +68,10 @@ async def estimate(request: Request, operation: str) -> Response:
     context = context_in(request.scope)
     if not body:
         raise InvalidBodyError([{"pointer": "", "detail": "Field required"}])
-    known = services.bodies.find(path, body)
+    known, study = services.bodies.find(path, body), None
     if known is None:
-        await next_turn(services.parsing)
-        case = validated(parse_json(body, services.settings.max_body_depth), operation, services)
-        query = KeyedRequest.of(operation, case)
-        known = KnownBody(query.key, 1)
+        study = await read_study(services, body, operation)
+        known = KnownBody(study[1].key, 1)
         services.bodies.remember(path, body, known)
     read = time.perf_counter()
     record = await services.queries.result(known.key)
@@ -81,8 +79,7 @@ async def estimate(request: Request, operation: str) -> Response:
         context.take(known.cases)
         services.metrics.count(operation, record.outcome, "hit", 1)
         return reply(record.json, "hit", f"total;dur={1e3 * (time.perf_counter() - begun):.2f}")
-    case = validated(parse_json(body, services.settings.max_body_depth), operation, services)
-    query = KeyedRequest.of(operation, case)
+    case, query = study or await read_study(services, body, operation)
     with services.owner_queries.held(context.principal.owner) if context.principal.key else nullcontext():
         answer = await run_study(services, context, UNCERTAIN[operation], case)
     record = Record(query.key, operation, query.json, answer)
@@ -91,6 +88,13 @@ async def estimate(request: Request, operation: str) -> Response:
     now = time.perf_counter()
     timing = f"validate;dur={1e3 * (read - begun):.2f}, compute;dur={1e3 * (now - read):.2f}"
     return reply(record.json, "miss", f"{timing}, total;dur={1e3 * (now - begun):.2f}")
+
+
+async def read_study(services: Services, body: bytes, operation: str) -> tuple[Any, KeyedRequest]:
+    """Return the validated request, and its canonical form with its key."""
+    await next_turn(services.parsing)
+    case = validated(parse_json(body, services.settings.max_body_depth), operation, services)
+    return case, KeyedRequest.of(operation, case)
 
 
 async def run_study(
