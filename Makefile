@@ -9,7 +9,7 @@ COMPILE := $(BIN)/uv pip compile --universal --python-version 3.11 --fork-strate
 # In the order of the files: the default begins with those of many tests, and ends with one that takes a minute.
 PYTEST := $(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder
 # Else all that the tests start would compile it at the same time.
-WARM_UP = echo "compiling the solver unless that was done, up to a minute ..." && $(BIN)/python -c "import solver; solver.warm_up()"
+WARM_UP = echo "compiling the solver unless that was done, one to three minutes ..." && $(BIN)/python -c "import solver; solver.warm_up()"
 
 .DEFAULT_GOAL := help
 .PHONY: help setup demo serve test test-system test-all check audit sbom format openapi docs bench accuracy load call-path soak cluster \

@@ -22,13 +22,14 @@ from pathlib import Path
 from typing import Any, BinaryIO, TypeVar, cast
 
 from llvmlite.binding import get_host_cpu_name
-from numba import config, njit
+from numba import config, njit, typeof
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile, _CacheLocator
 from numba.core.compiler_lock import global_compiler_lock
+from numba.extending import intrinsic
 
 PACKAGE = Path(__file__).parent
 IMPORT = re.compile(rf"^\s*from {__package__}([.\w]*) import (\([^)]*\)|.*)$", re.MULTILINE)
-LOCK_SECONDS = 300.0
+LOCK_SECONDS = 900.0
 """How long another process may compile before this one does the same: longer than all of the solver takes."""
 DIGEST_BYTES = hashlib.sha256().digest_size
 
@@ -226,14 +227,63 @@ def _decorator(**options: Any) -> Callable[[Function], Function]:
     return compile_and_keep
 
 
-compiled = _decorator()
-"""Decorator of compiled functions that Python calls or that allocate; they release the interpreter lock."""
-lean = _decorator(_nrt=False)
-"""Of the inner functions, which allocate nothing: without it every array they are handed is counted in and out."""
-inlined = _decorator(_nrt=False, forceinline=True)
-"""Of an inner function whose many arguments, flattened, would cost as much to hand over as a tenth of its work."""
-exact = _decorator(_nrt=False, fastmath={"contract", "nsz"})
+INNER = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+"""Without code that converts arguments from Python: for nested tuples of arrays it takes longer to compile than the
+function, in each of its callers again."""
+
+compiled = _decorator(no_cfunc_wrapper=True)
+"""Decorator of compiled functions that Python calls; they release the interpreter lock."""
+inner = _decorator(**INNER)
+"""Of functions that only compiled code calls, and that allocate."""
+lean = _decorator(_nrt=False, **INNER)
+"""Of those that allocate nothing: without it every array they are handed is counted in and out."""
+inlined = _decorator(_nrt=False, forceinline=True, **INNER)
+"""Of a lean function whose many arguments, flattened, would cost as much to hand over as a tenth of its work."""
+exact = _decorator(_nrt=False, fastmath={"contract", "nsz"}, **INNER)
 """Of polynomials and quotients inside loops over vectors. Reassociation must not reach them: the compiler would spread
 the division over every term."""
-vectorised = _decorator(_nrt=False, fastmath={"contract", "nsz", "arcp", "reassoc"})
+vectorised = _decorator(_nrt=False, fastmath={"contract", "nsz", "arcp", "reassoc"}, **INNER)
 """Of loops over vectors; only sums that may be reordered can use vector registers."""
+
+
+def address_of(function: Callable[..., object], *arguments: object) -> Any:
+    """Return the address of an inner function for arguments of these types, compiled or loaded if need be."""
+    if config.DISABLE_JIT:  # type: ignore[attr-defined]
+        return function
+    signature = tuple(typeof(argument) for argument in arguments)
+    dispatcher = cast(Any, function)
+    dispatcher.compile(signature)
+    result = dispatcher.overloads[signature]
+    return result.library.get_pointer_to_function(result.fndesc.llvm_func_name)
+
+
+def keep_types(function: Callable[..., object]) -> None:
+    """Let a function that calls an address take no other types than so far, for which the address is not made."""
+    if not config.DISABLE_JIT:  # type: ignore[attr-defined]
+        cast(Any, function).disable_compile()
+
+
+@intrinsic
+def _call(_typing: Any, address: Any, arguments: Any, example: Any) -> tuple[Any, Callable[..., Any]]:
+    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        convention, types = context.call_conv, signature.args[1].types
+        kind = convention.get_function_type(signature.return_type, types).as_pointer()
+        unpacked = [builder.extract_value(values[1], i) for i in range(len(types))]
+        status, result = convention.call_function(
+            builder, builder.inttoptr(values[0], kind), signature.return_type, types, unpacked
+        )
+        with builder.if_then(status.is_error, likely=False):
+            convention.return_status_propagate(builder, status)
+        return result
+
+    return example(address, arguments, example), generate
+
+
+def _call_in_python(address: Callable[..., object], arguments: tuple[object, ...], _: object) -> object:
+    return address(*arguments)
+
+
+call_address: Any = _call_in_python if config.DISABLE_JIT else _call  # type: ignore[attr-defined]
+"""Call the compiled function at an address with a tuple of arguments, of the types the address was made for; the third
+argument is an example of its result. The caller is compiled without the function: else all of the integrator would be
+optimised again in each function of a search."""

@@ -7,7 +7,7 @@ from solver.trajectory import simulate
 
 
 def warm_up() -> None:
-    """Run both routes once; takes up to a minute on a new machine, a fraction of a second after."""
+    """Run both routes once; takes one to three minutes on a new machine, a fraction of a second after."""
     for method in ("adaptive", "panels"):
         simulate(
             projectile=PAPER_PROJECTILE,

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from solver.arrays import FloatArray, IntArray
-from solver.compilation import compiled, lean
+from solver.compilation import address_of, compiled, keep_types, lean
 from solver.motion import Model
 from solver.search.levels import ASKED, MIDDLE, ROUGH, Level, Levels
 from solver.search.refine import MOST_TRIALS, is_same_change, refine
@@ -24,6 +24,7 @@ from solver.search.trials import (
     has_failed,
     has_strength,
     make_trial_table,
+    run_trial,
     strength_at,
     turned_away,
     undecided,
@@ -72,16 +73,23 @@ def _is_smooth(left: FloatArray, right: FloatArray, strength: FloatArray) -> boo
     return abs(strength_at(0.5 * (left[ANGLE] + right[ANGLE]), strength) - mean) <= SMOOTH * mean
 
 
-@compiled
-def _scan(angles: FloatArray, level: Level, search: SearchState) -> IntArray:
+@lean
+def _scan(angles: FloatArray, level: Level, search: SearchState, numbers: IntArray) -> int:
     """Try every sixteenth angle, then every eighth and so on, but not where there is no need to look.
+
+    Parameters
+    ----------
+    numbers
+        (n,) as many as angles; the first of them become the numbers of the trials in the order of their angles.
 
     Returns
     -------
-    array
-        The numbers of the trials in the order of their angles. Not all, if one could not be integrated.
+    int
+        How many there are; 0 if one could not be integrated.
     """
-    trials, numbers, last = search.table.rows, np.full(angles.size, -1), angles.size - 1
+    trials, last = search.table.rows, angles.size - 1
+    for i in range(angles.size):
+        numbers[i] = -1
     for stride in (16, 8, 4, 2, 1):
         for i in range(angles.size):
             if numbers[i] >= 0 or (i % stride != 0 and i != last):
@@ -99,8 +107,13 @@ def _scan(angles: FloatArray, level: Level, search: SearchState) -> IntArray:
             if not level.fine and abs(trials[numbers[i], MARGIN]) < UNSURE * search.inputs.retention:
                 numbers[i] = attempt(angles[i], search.levels[ASKED], search)
             if has_failed(search):
-                return numbers[:0]
-    return numbers[numbers >= 0]
+                return 0
+    count = 0
+    for i in range(angles.size):
+        if numbers[i] >= 0:
+            numbers[count] = numbers[i]
+            count += 1
+    return count
 
 
 @lean
@@ -124,49 +137,74 @@ def _energy_left(angle: float, level: Level, search: SearchState) -> float:
     return 0.0 if failed(trial) or undecided(trial) or left < 0.0 else left
 
 
-@compiled
-def _nearby_energies(angle: float, level: Level, search: SearchState) -> FloatArray:
-    """Shares of the energy left near a critical angle; see `Found`.
+@lean
+def _look_nearby(angle: float, level: Level, search: SearchState, nearby: FloatArray) -> None:
+    """Write the shares of the energy left near a critical angle; see `Found`.
 
     The energy left grows ever more slowly with the angle. So where it is twice the retention energy half a degree
     above, nothing is left half a degree below, and no trial is needed.
     """
     inputs, model, below, above = search.inputs, search.model, angle - HALF_DEGREE, angle + HALF_DEGREE
-    nearby = np.array([0.0, _energy_left(above, level, search), math.nan])
+    nearby[0], nearby[1] = 0.0, _energy_left(above, level, search)
     if nearby[1] < 2.0 * inputs.retention and below >= 0.0:
         nearby[0] = _energy_left(below, level, search)
     if inputs.vary_inertia:
         body, inertia = model.body, MORE_INERTIA * model.body.moment_of_inertia
         heavier = Body(body.outline, body.corners, body.tip, body.mass, inertia)
         varied = Model(heavier, model.law, model.quadrature, model.panels)
-        nearby[2] = _energy_left(above, level, SearchState(inputs, varied, search.levels, search.table))
-    return nearby
+        nearby[2] = _energy_left(
+            above, level, SearchState(inputs, varied, search.levels, search.table, search.run_trial)
+        )
 
 
-@compiled
+_addresses: list[int] = []
+"""Of `run_trial`, from the first search on."""
+
+
 def search_outcome(angles: FloatArray, inputs: TrialInputs, model: Model, levels: Levels) -> Found:
     """Scan `angles`, which rise, then narrow every change of outcome level by level.
 
     If a trial could not be integrated, or the strength factor is not above zero at one of the angles, that trial is the
     last of the table, and there are no brackets.
     """
+    if _addresses:
+        return _search(angles, inputs, model, levels, _addresses[0])
+    state = SearchState(inputs, model, levels, make_trial_table(1), 0)
+    address = address_of(run_trial, 0.0, levels[ROUGH], state)
+    found = _search(angles, inputs, model, levels, address)
+    keep_types(_search)
+    _addresses.append(address)
+    return found
+
+
+@compiled
+def _search(angles: FloatArray, inputs: TrialInputs, model: Model, levels: Levels, address: int) -> Found:
     table = make_trial_table(MOST_TRIALS + 8 * angles.size)  # with what a scan and its changes may add
-    search, trials, brackets = (
-        SearchState(inputs, model, levels, table),
-        table.rows,
-        np.zeros((angles.size, 2), np.int64),
-    )
-    changes = earlier = 0
+    search = SearchState(inputs, model, levels, table, address)
+    numbers, brackets = np.empty(angles.size, np.int64), np.empty((angles.size, 2), np.int64)
     nearby = np.full(3, np.nan)
-    for angle in angles:
-        if not has_strength(angle, inputs.strength):
-            attempt(angle, levels[ROUGH], search)
-            return Found(trials[: table.filled[0]], brackets[:0], nearby)
-    panels = model.panels.area.size > 0  # as many at every level
-    first = ASKED if panels else ROUGH
+    changes = _find_changes(angles, search, numbers, brackets)
+    panels = model.panels.area.size > 0
+    for i in range(changes):
+        if turned_away(table.rows[brackets[i, 1]]):
+            _look_nearby(table.rows[brackets[i, 1], ANGLE], levels[ASKED if panels else MIDDLE], search, nearby)
+            break
+    return Found(table.rows[: table.filled[0]], brackets[:changes], nearby)
+
+
+@lean
+def _find_changes(angles: FloatArray, search: SearchState, numbers: IntArray, brackets: IntArray) -> int:
+    """Write the brackets of the changes of outcome, see `Found`; return how many there are, 0 if a trial has failed."""
+    inputs, levels, trials = search.inputs, search.levels, search.table.rows
+    for i in range(angles.size):
+        if not has_strength(angles[i], inputs.strength):
+            attempt(angles[i], levels[ROUGH], search)
+            return 0
+    panels = search.model.panels.area.size > 0  # as many at every level
+    first, changes, earlier = ASKED if panels else ROUGH, 0, 0
     for scan in range(2):  # without a change, or if one is missing, the scan is repeated, more finely
-        numbers = _scan(angles, levels[first], search)
-        for i in range(numbers.size - 1):
+        count = _scan(angles, levels[first], search, numbers)
+        for i in range(count - 1):
             if turned_away(trials[numbers[i]]) == turned_away(trials[numbers[i + 1]]):
                 continue
             left, right = refine(numbers[i], numbers[i + 1], first, search)
@@ -177,14 +215,9 @@ def search_outcome(angles: FloatArray, inputs: TrialInputs, model: Model, levels
                 brackets[changes, 0], brackets[changes, 1] = left, right
                 changes += 1
         if has_failed(search):
-            return Found(trials[: table.filled[0]], brackets[:0], nearby)
-        lowest, highest = trials[numbers[0]], trials[numbers[numbers.size - 1]]
+            return 0
+        lowest, highest = trials[numbers[0]], trials[numbers[count - 1]]
         if panels or scan == 1 or (changes > 0 and _lead(lowest, highest, trials, brackets[:changes])):
             break
         earlier, changes, first = changes, 0, ASKED
-    brackets = brackets[: changes if changes > 0 else earlier]
-    for i in range(brackets.shape[0]):
-        if turned_away(trials[brackets[i, 1]]):
-            nearby = _nearby_energies(trials[brackets[i, 1], ANGLE], levels[ASKED if panels else MIDDLE], search)
-            break
-    return Found(trials[: table.filled[0]], brackets, nearby)
+    return changes if changes > 0 else earlier

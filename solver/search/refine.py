@@ -7,7 +7,7 @@ change again from where the one before has placed it; where they do not agree, t
 import math
 
 from solver.arrays import FloatArray, IntArray
-from solver.compilation import compiled, lean
+from solver.compilation import lean
 from solver.search.levels import ASKED, LAST, MIDDLE, Level, is_finer
 from solver.search.trials import (
     ANGLE,
@@ -56,7 +56,7 @@ def _growth(left: int, right: int, trials: FloatArray) -> float:
     return growth
 
 
-@compiled
+@lean
 def _bracket(left: int, right: int, level: Level, search: SearchState) -> tuple[int, int]:
     """Find the change between two trials of a rougher level again, in strides that follow the margin.
 
@@ -67,7 +67,9 @@ def _bracket(left: int, right: int, level: Level, search: SearchState) -> tuple[
     """
     trials, count = search.table.rows, search.table.filled[0]
     rising, longest = turned_away(trials[right]), level.stride
-    lowest, highest = trials[:count, ANGLE].min(), trials[:count, ANGLE].max()
+    lowest, highest = math.inf, -math.inf
+    for k in range(count):
+        lowest, highest = min(lowest, trials[k, ANGLE]), max(highest, trials[k, ANGLE])
     slope = (trials[right, MARGIN] - trials[left, MARGIN]) / (trials[right, ANGLE] - trials[left, ANGLE])
     angle = _place(left, right, trials)
     new = attempt(angle, level, search)
@@ -84,7 +86,7 @@ def _bracket(left: int, right: int, level: Level, search: SearchState) -> tuple[
     return new, new
 
 
-@compiled
+@lean
 def _narrow(left: int, right: int, level: Level, search: SearchState) -> tuple[int, int]:
     """Narrow the change between two trials to the tolerance of the level; return as above.
 
@@ -119,7 +121,7 @@ def _narrow(left: int, right: int, level: Level, search: SearchState) -> tuple[i
     return left, right
 
 
-@compiled
+@lean
 def refine(left: int, right: int, first: int, search: SearchState) -> tuple[int, int]:
     """Narrow a change that the first of these levels has found, level by level; return as above.
 

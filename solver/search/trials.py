@@ -7,7 +7,7 @@ import numpy as np
 
 from solver.adaptive import integrate_adaptive
 from solver.arrays import FloatArray, IntArray
-from solver.compilation import compiled, lean
+from solver.compilation import call_address, compiled, inner, lean
 from solver.events import Run, Termination, Thresholds, tip_depth
 from solver.fixed_step import integrate_fixed
 from solver.motion import STEP_WIDTH, Model, Workspace, kinetic_energy, make_workspace, start_state
@@ -64,6 +64,8 @@ class SearchState(NamedTuple):
     model: Model
     levels: Levels
     table: TrialTable
+    run_trial: int
+    """Address of the function."""
 
 
 @compiled
@@ -102,9 +104,15 @@ def _margin(run: Run, model: Model, energy: float, retention: float) -> float:
     return -retention - depth * depth
 
 
-@compiled
+@lean
 def attempt(oblique_angle: float, level: Level, search: SearchState) -> int:
     """Run one trial and append it to the table; return its number."""
+    return int(call_address(search.run_trial, (oblique_angle, level, search), 0))
+
+
+@inner
+def run_trial(oblique_angle: float, level: Level, search: SearchState) -> int:
+    """Do the work of `attempt`."""
     inputs, model, table = search.inputs, search.model, search.table
     number = int(table.filled[0])
     row, table.filled[0] = table.rows[number], number + 1

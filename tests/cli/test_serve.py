@@ -136,6 +136,25 @@ def test_address_of_another_machine_is_one_sentence(tmp_path: Path) -> None:
     assert done.err.startswith("ricochet serve: cannot listen on port 0 of 192.0.2.1: ")
 
 
+def test_service_that_is_still_compiling_ends_on_sigterm(tmp_path: Path) -> None:
+    empty = {"NUMBA_CACHE_DIR": str(tmp_path / "compiled"), "XDG_CACHE_HOME": str(tmp_path / "user")}
+    settings = {"RICOCHET_PORT": str(free_port()), "RICOCHET_DATA_DIR": "data", "RICOCHET_WORKERS": "1"}
+    with subprocess.Popen(
+        [*COMMAND, "serve"], cwd=tmp_path, env=environment(**empty, **settings), stderr=subprocess.PIPE
+    ) as process:
+        try:
+            deadline = time.monotonic() + LIMIT_S
+            while not list(tmp_path.glob("compiled/*/*.nbi")):  # the first functions are compiled
+                assert time.monotonic() < deadline
+                assert process.poll() is None
+                time.sleep(0.1)
+            process.send_signal(signal.SIGTERM)
+            process.wait(10.0)  # a fraction of what is left to compile
+        finally:
+            process.kill()
+    assert process.returncode == 0
+
+
 def test_terminal_gets_the_address_and_readable_log_lines(tmp_path: Path) -> None:
     port = free_port()
     settings = {"RICOCHET_PORT": str(port), "RICOCHET_DATA_DIR": "data", "RICOCHET_WORKERS": "1", "NO_COLOR": "1"}
