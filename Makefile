@@ -11,6 +11,9 @@ PYTEST := $(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder
 # Else all that the tests start would compile it at the same time.
 WARM_UP = echo "compiling the solver unless that was done, one to three minutes ..." && $(BIN)/python -c "import solver; solver.warm_up()"
 
+# Bytecode is kept, whatever the environment says: a process that compiles all it imports takes three times as long to start.
+export PYTHONDONTWRITEBYTECODE :=
+
 .DEFAULT_GOAL := help
 .PHONY: help setup demo serve test test-system test-all check audit sbom format openapi docs bench accuracy load call-path soak cluster \
 	slider reproduce validate figures screenshots lock clean

@@ -156,8 +156,16 @@ RESIDUALS = (
     Column("value", "probability, or quantile in the unit of the quantity"),
     Column("lower", "end of its interval"),
     Column("upper", "end of its interval"),
+    Column("formula", "as the answer names it", "S64"),
+    Column("penetration_depth_m", "into concrete that is thick enough"),
+    Column("scabbing_thickness_m", "least thickness of a wall whose back does not scab"),
+    Column("perforation_thickness_m", "least thickness of a wall that is not perforated"),
+    Column("in_range", "whether the strike is in the range of the formula", "S8"),
+    Column("verified", "whether the constants were compared with an original", "S8"),
+    Column("source", "authors and year", "S128"),
 )
-"""Columns of the residuals of all calibrations, and of the curves of studies of uncertainty; each has some of these."""
+"""Columns of the residuals of all calibrations, of the curves of studies of uncertainty and of the formulas; each has
+some of these."""
 
 
 def summary_columns(operation: str) -> tuple[Column, ...]:

@@ -15,6 +15,7 @@ from service.schemas import (
     CriticalAngleRequest,
     CriticalAngleUncertaintyRequest,
     DepthCalibrationRequest,
+    FormulasRequest,
     MotionCalibrationRequest,
     ObliquityCalibrationRequest,
     TrajectoryRequest,
@@ -22,6 +23,7 @@ from service.schemas import (
     critical_angle_answer,
     critical_angle_uncertainty_answer,
     depth_answer,
+    formulas_answer,
     motion_answer,
     obliquity_answer,
     trajectory_answer,
@@ -194,6 +196,11 @@ def compute_obliquity_calibration(request: bytes) -> Answer:
     return obliquity_answer(fit_obliquity(**ObliquityCalibrationRequest.model_validate_json(request).arguments())), None
 
 
+def compute_formulas(request: bytes) -> Answer:
+    """Evaluate the empirical formulas."""
+    return formulas_answer(FormulasRequest.model_validate_json(request)), None
+
+
 @dataclass(frozen=True, slots=True)
 class StudyOperation:
     """How a study of uncertainty computes its samples: each is a request of another operation.
@@ -328,6 +335,7 @@ OPERATIONS: Mapping[str, Operation] = {
     "calibration_obliquity": Operation(
         compute_obliquity_calibration, ObliquityCalibrationRequest, cases=cases_of_a_fit
     ),
+    "formulas": Operation(compute_formulas, FormulasRequest),
     "cra_uncertainty": Operation(
         compute_critical_angle_uncertainty,
         CriticalAngleUncertaintyRequest,
@@ -344,7 +352,9 @@ OPERATIONS: Mapping[str, Operation] = {
 
 
 def outcome_of(answer: Mapping[str, Any]) -> str:
-    """Return how a run, a search or a study ended; a fit that has an answer was found."""
+    """Return how a run, a search or a study ended; a fit that has an answer was found, and so were formulas."""
+    if "formulas" in answer:
+        return "evaluated"
     if "converged" in answer:
         return "converged" if answer["converged"] else "not_converged"
     outcome: str = answer.get("outcome") or answer.get("status") or "fitted"

@@ -15,8 +15,16 @@ import httpx
 import pytest
 
 ROOT = Path(__file__).parents[1]
-START_LIMIT_S = 120.0  # the first start on a machine compiles the solver
+START_LIMIT_S = 600.0  # the first start on a machine compiles the solver
 STOP_LIMIT_S = 20.0
+DEADLINE = float(os.environ.get("RICOCHET_TEST_DEADLINE", "inf"))
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup() -> None:
+    """Skip what is left at a time in seconds of `date +%s`: CI has half an hour, on however slow a machine."""
+    if time.time() > DEADLINE:
+        pytest.skip("RICOCHET_TEST_DEADLINE is over")
 
 
 @pytest.fixture(scope="session")

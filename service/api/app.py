@@ -39,6 +39,7 @@ from service.schemas import (
     CriticalAngleSweep,
     CriticalAngleUncertaintyRequest,
     DepthCalibrationRequest,
+    FormulasRequest,
     MotionCalibrationRequest,
     ObliquityCalibrationRequest,
     TrajectoryBatch,
@@ -73,6 +74,7 @@ BODIES = (
     DepthCalibrationRequest,
     MotionCalibrationRequest,
     ObliquityCalibrationRequest,
+    FormulasRequest,
     CriticalAngleUncertaintyRequest,
     TrajectoryUncertaintyRequest,
 )

@@ -1,4 +1,4 @@
-"""Single queries: one trajectory, one critical angle, one calibration."""
+"""Single queries: one trajectory, one critical angle, one calibration, the formulas for one strike."""
 
 import asyncio
 import time
@@ -24,6 +24,8 @@ from service.schemas import (
     CriticalAngleRequest,
     DepthCalibrationAnswer,
     DepthCalibrationRequest,
+    FormulasAnswer,
+    FormulasRequest,
     MotionCalibrationAnswer,
     MotionCalibrationRequest,
     ObliquityCalibrationAnswer,
@@ -110,6 +112,22 @@ async def calibrate_over_obliquity(request: Request) -> Response:
     The answer holds it in the form in which a `resistance` takes it, so that `/cra` gives its angle a standard error.
     """
     return await answer(request, "calibration_obliquity", long=True)
+
+
+@router.post(
+    "/formulas",
+    response_model=FormulasAnswer,
+    responses=COMPUTED,
+    openapi_extra=one_body(FormulasRequest),
+    tags=["formulas"],
+)
+async def evaluate_formulas(request: Request) -> Response:
+    """Evaluate the empirical formulas of the field: penetration depth, scabbing and perforation thickness.
+
+    Each says whether the strike is in the range it was fitted to. An oblique strike counts with the component of its
+    velocity along the normal.
+    """
+    return await answer(request, "formulas")
 
 
 async def answer(request: Request, operation: str, *, long: bool = False) -> Response:

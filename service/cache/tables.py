@@ -57,13 +57,13 @@ def trials_of(records: Sequence[Record | None], first: int) -> Table:
 def residuals_of(record: Record) -> dict[str, list[Any]]:
     """Return what a calibration was given, what it predicts and what is left, by column; of other results nothing.
 
-    Of a study of uncertainty, the probability over the angle, or probabilities and quantiles.
+    Of a study of uncertainty, the probability over the angle, or probabilities and quantiles; of the formulas, all.
     """
     kind = record.operation
     if kind.endswith("_uncertainty"):
         return _estimates(record.answer)
     if not kind.startswith("calibration_"):
-        return {}
+        return formula_columns(record.answer) if kind == "formulas" else {}
     answer = record.answer
     if kind == "calibration_depth":
         tests = record.request["tests"]
@@ -80,6 +80,16 @@ def residuals_of(record: Record) -> dict[str, list[Any]]:
             [_motion(run["history"], fit) for run, fit in zip(record.request["runs"], answer["runs"], strict=True)]
         )
     return _motion(record.request["history"], answer)
+
+
+def formula_columns(answer: Mapping[str, Any]) -> dict[str, list[Any]]:
+    """Return the answers of the formulas by column; NaN where one has none."""
+    limits = ("penetration_depth_m", "scabbing_thickness_m", "perforation_thickness_m")
+    rows = [dict.fromkeys(limits, math.nan) | row for row in answer["formulas"]]
+    columns = {name: [row[name] for row in rows] for name in ("formula", *limits)}
+    columns["in_range"] = ["yes" if row["in_range"] else "no" for row in rows]
+    columns["verified"] = ["yes" if row["verified"] else "no" for row in rows]
+    return columns | {"source": [row["source"] for row in rows]}
 
 
 def _estimates(answer: Mapping[str, Any]) -> dict[str, list[Any]]:

@@ -26,6 +26,7 @@ COMMANDS = (
     Command("trajectory", "motion of one impact", "service.cli.single"),
     Command("cra", "critical ricochet angle of one impact", "service.cli.single"),
     Command("uncertainty", "how sure an angle or an outcome is", "service.cli.uncertainty"),
+    Command("formulas", "penetration and least thickness by the formulas of the field", "service.cli.formulas"),
     Command("batch", "many cases from a file", "service.cli.batch"),
     Command("sweep", "one case over ranges of up to four of its fields", "service.cli.batch"),
     Command("jobs", "list, follow and cancel the jobs of a service", "service.cli.jobs"),

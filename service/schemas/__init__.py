@@ -22,6 +22,7 @@ from service.schemas.calibration import (
     motion_answer,
     obliquity_answer,
 )
+from service.schemas.formulas import FormulasAnswer, FormulasRequest, formulas_answer
 from service.schemas.jobs import Job, JobResults, Jobs, Result
 from service.schemas.requests import CriticalAngleBase, CriticalAngleRequest, TrajectoryRequest
 from service.schemas.sweeps import CriticalAngleSweep, TrajectorySweep
@@ -46,6 +47,8 @@ __all__ = [
     "CriticalAngleUncertaintyRequest",
     "DepthCalibrationAnswer",
     "DepthCalibrationRequest",
+    "FormulasAnswer",
+    "FormulasRequest",
     "Job",
     "JobResults",
     "Jobs",
@@ -66,6 +69,7 @@ __all__ = [
     "critical_angle_answer",
     "critical_angle_uncertainty_answer",
     "depth_answer",
+    "formulas_answer",
     "motion_answer",
     "obliquity_answer",
     "trajectory_answer",

@@ -40,6 +40,9 @@ UNITS = {
     "depth_displacement": "m",
     "lateral_displacement": "m",
     "rotation": "deg",
+    "penetration_depth": "m",
+    "scabbing_thickness": "m",
+    "perforation_thickness": "m",
 }
 """What the contract adds to the names of the solver."""
 

@@ -1,0 +1,80 @@
+"""`ricochet formulas`: the empirical formulas of the field for one strike."""
+
+import argparse
+import json
+from collections.abc import Mapping
+from typing import Any
+
+from service.cli.arguments import BODY, IMPACT, RefusedError, add_case, add_formats, add_url, examples
+from service.cli.request_body import read_body
+from service.cli.single import compute_locally, print_csv, print_json
+from service.cli.writers import heading, print_table, print_values
+
+FLAGS = (*IMPACT, *BODY)
+PARTS = ("projectile", "target", "impact")
+LIMITS = ("penetration_depth_m", "scabbing_thickness_m", "perforation_thickness_m")
+
+
+def add_formulas(parser: argparse.ArgumentParser) -> None:
+    """Define `ricochet formulas`."""
+    parser.description = (
+        "Evaluate the empirical formulas of the field: how deep a projectile goes into thick concrete, and the least "
+        "thickness of a wall that does not scab, and that is not perforated. Each formula says whether the strike is "
+        "in the range it was fitted to. An oblique strike counts with the component of its velocity along the normal. "
+        "Other parts of a file than projectile, target and impact are left out."
+    )
+    parser.epilog = examples("ricochet formulas strike.toml", "ricochet formulas strike.toml --velocity 60 --csv")
+    add_case(parser, FLAGS)
+    add_formats(parser, json="print the answer as the service sends it", csv="print the table")
+    add_url(parser)
+    parser.set_defaults(run=run_formulas)
+
+
+def run_formulas(args: argparse.Namespace) -> int:
+    """Evaluate and print."""
+    body = read_body(args.case, args, FLAGS)
+    content = {name: part for name, part in body.content.items() if name in PARTS}
+    try:
+        if args.url:
+            from service.cli.client import connect
+
+            with connect(args.url) as client:
+                text = client.compute("formulas", content)
+        else:
+            text = compute_locally("formulas", content)
+    except RefusedError as error:
+        raise body.explain(error) from None
+    answer: dict[str, Any] = json.loads(text)
+    if args.json:
+        print_json(text)
+    elif args.csv:
+        columns = ("formula", *LIMITS, "in_range", "verified", "source")
+        print_csv({name: [row.get(name, "") for row in answer["formulas"]] for name in columns})
+    else:
+        print_formulas(answer)
+    return 0
+
+
+def print_formulas(answer: Mapping[str, Any]) -> None:
+    """Print the table, what is out of range, and how far those in range differ."""
+    rows = [
+        [row["formula"], *(row.get(name, "") for name in LIMITS), _marks(row), row["source"]]
+        for row in answer["formulas"]
+    ]
+    print_table(["formula", *map(heading, LIMITS), "", "source"], rows)
+    print()
+    for row in answer["formulas"]:
+        for each in row["out_of_range"]:
+            print(f"* {row['formula']}: {each['pointer']}: {each['detail']}")
+    print("+ constants from secondary sources, not compared with an original\n")
+    values = {}
+    for name in ("penetration_depth", "scabbing_thickness", "perforation_thickness"):
+        if spread := answer.get(f"{name}_spread"):
+            label = f"{name.replace('_', ' ')}, {spread['formulas']} in range m"
+            values[label] = f"{spread['lowest']:.4g} to {spread['highest']:.4g}"
+    margins = f"{answer['scabbing_margin']:g} on scabbing, {answer['perforation_margin']:g} on perforation"
+    print_values(values | {"margins of a design, DOE-STD-3014-2006": margins, "nose class": answer["nose_class"]})
+
+
+def _marks(row: Mapping[str, Any]) -> str:
+    return ("" if row["in_range"] else "*") + ("" if row["verified"] else "+")

@@ -1,0 +1,174 @@
+"""The empirical formulas of the field: request and answer as the contract has them."""
+
+from typing import Annotated, Any
+
+from pydantic import MISSING, Field
+
+import solver
+from service.schemas.answers import EngineVersion, Key
+from service.schemas.examples import PAPER
+from service.schemas.problems import pointer_of_parameter
+from service.schemas.projectile import Projectile
+from service.schemas.quantities import Num, Part, with_examples
+from service.schemas.strike import STRIKE, Impact, Target
+from solver.formulas import PERFORATION_MARGIN, SCABBING_MARGIN, FormulaResult, formulas, nose_class
+
+LIMITS = ("penetration_depth", "scabbing_thickness", "perforation_thickness")
+"""What formulas give."""
+REQUEST = {name: PAPER[name] for name in ("projectile", "target")} | {"impact": STRIKE}
+NOT_FITTED = {"pointer": "/impact/velocity_m_s", "detail": "fitted from 20 to 200 m/s along the normal, here 238"}
+ROW = {
+    "formula": "modified_ndrc",
+    "penetration_depth_m": 0.2412,
+    "scabbing_thickness_m": 0.4976,
+    "perforation_thickness_m": 0.4047,
+    "in_range": True,
+    "out_of_range": [],
+    "verified": True,
+    "source": "NDRC 1946; Kennedy 1976; DOE-STD-3014-2006, appendix C",
+}
+SPREAD = {"lowest": 0.3457, "highest": 0.5335, "formulas": 7}
+
+
+class FormulaImpact(Impact):
+    """The motion at first contact; only the component of the velocity along the normal counts."""
+
+    model_config = with_examples(STRIKE)
+
+    oblique_angle_deg: Annotated[
+        Num,
+        Field(
+            ge=0.0,
+            lt=90.0,
+            description="From the inward normal of the face to the velocity. Formulas have no angle: as is common "
+            "practice, and nothing better, the component of the velocity along the normal takes its place. [°]",
+        ),
+    ] = 0.0
+
+
+class FormulasRequest(Part):
+    """One strike, for all formulas."""
+
+    model_config = with_examples(REQUEST)
+
+    projectile: Projectile
+    target: Target
+    impact: FormulaImpact
+
+    def canonical(self) -> dict[str, Any]:
+        """Return every field as JSON data, defaults filled in."""
+        return self.model_dump(mode="json")
+
+    def arguments(self) -> dict[str, Any]:
+        """Return the arguments of `solver.formulas`."""
+        return {
+            "projectile": self.projectile.to_solver(),
+            "target": self.target.to_solver(),
+            "impact": self.impact.to_solver(),
+        }
+
+
+class NotFitted(Part):
+    """An input, or a result, outside the range that a formula was fitted to."""
+
+    model_config = with_examples(NOT_FITTED)
+
+    pointer: Annotated[str, Field(description="JSON pointer of the input in the request, or of the result in the row.")]
+    detail: Annotated[str, Field(description="The range, and the value here.")]
+
+
+class FormulaRow(Part):
+    """Answer of one formula; absent where it has none."""
+
+    model_config = with_examples(ROW)
+
+    formula: Annotated[str, Field(description="Stable, for programs.")]
+    penetration_depth_m: Annotated[Num, Field(description="Into concrete that is thick enough. [m]")] | MISSING = (
+        MISSING
+    )
+    scabbing_thickness_m: (
+        Annotated[Num, Field(description="Least thickness of a wall whose back does not scab, without a margin. [m]")]
+        | MISSING
+    ) = MISSING
+    perforation_thickness_m: (
+        Annotated[Num, Field(description="Least thickness of a wall that is not perforated, without a margin. [m]")]
+        | MISSING
+    ) = MISSING
+    in_range: Annotated[bool, Field(description="Whether `out_of_range` is empty.")]
+    out_of_range: list[NotFitted]
+    verified: Annotated[
+        bool,
+        Field(
+            description="Whether the constants were compared with an original or a standard; those of the other "
+            "formulas come from secondary sources."
+        ),
+    ]
+    source: Annotated[str, Field(description="Authors and year.")]
+
+
+class FormulaSpread(Part):
+    """The lowest and the highest answer of the formulas that are in range."""
+
+    model_config = with_examples(SPREAD)
+
+    lowest: Annotated[Num, Field(description="[m]")]
+    highest: Annotated[Num, Field(description="[m]")]
+    formulas: Annotated[int, Field(description="In range, with an answer.")]
+
+
+class FormulasAnswer(Part):
+    """Answer of every formula, and how far they differ."""
+
+    formulas: list[FormulaRow]
+    penetration_depth_spread: FormulaSpread | MISSING = MISSING
+    scabbing_thickness_spread: FormulaSpread | MISSING = MISSING
+    perforation_thickness_spread: FormulaSpread | MISSING = MISSING
+    nose_class: Annotated[
+        str, Field(description="In the sense of the formulas, from the length of the nose: flat to sharp.")
+    ]
+    scabbing_margin: Annotated[
+        Num, Field(description="Factor on a scabbing thickness that DOE-STD-3014-2006 asks of a design. [1]")
+    ]
+    perforation_margin: Annotated[
+        Num, Field(description="Factor on a perforation thickness that DOE-STD-3014-2006 asks of a design. [1]")
+    ]
+    key: Key
+    engine_version: EngineVersion
+
+
+def formulas_answer(request: FormulasRequest) -> dict[str, Any]:
+    """Return the answer without its key and version.
+
+    Raises
+    ------
+    ParameterError
+        If the strike has no velocity along the normal.
+    """
+    arguments = request.arguments()
+    found = formulas(**arguments)
+    spreads = {f"{name}_spread": spread for name in LIMITS if (spread := _spread(found, name))}
+    return {
+        "formulas": [_row(result) for result in found],
+        **spreads,
+        "nose_class": nose_class(arguments["projectile"]),
+        "scabbing_margin": SCABBING_MARGIN,
+        "perforation_margin": PERFORATION_MARGIN,
+    }
+
+
+def _row(result: FormulaResult) -> dict[str, Any]:
+    values = {f"{name}_m": value for name in LIMITS if (value := getattr(result, name)) is not None}
+    outside = [{"pointer": pointer_of_parameter(each.field), "detail": each.detail} for each in result.out_of_range]
+    return {
+        "formula": result.formula,
+        **values,
+        "in_range": result.in_range,
+        "out_of_range": outside,
+        "verified": result.verified,
+        "source": result.source,
+    }
+
+
+def _spread(found: tuple[solver.FormulaResult, ...], name: str) -> dict[str, Any] | None:
+    values = [value for each in found if each.in_range and (value := getattr(each, name)) is not None]
+    return {"lowest": min(values), "highest": max(values), "formulas": len(values)} if values else None
