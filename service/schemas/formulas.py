@@ -5,7 +5,7 @@ from typing import Annotated, Any
 from pydantic import MISSING, Field
 
 import solver
-from service.schemas.answers import EngineVersion, Key
+from service.schemas.answers import VERSIONED, EngineVersion, Key
 from service.schemas.examples import PAPER
 from service.schemas.problems import pointer_of_parameter
 from service.schemas.projectile import Projectile
@@ -118,6 +118,17 @@ class FormulaSpread(Part):
 
 class FormulasAnswer(Part):
     """Answer of every formula, and how far they differ."""
+
+    model_config = with_examples(
+        {
+            "formulas": [ROW],
+            "perforation_thickness_spread": SPREAD,
+            "nose_class": "sharp",
+            "scabbing_margin": SCABBING_MARGIN,
+            "perforation_margin": PERFORATION_MARGIN,
+        }
+        | VERSIONED
+    )
 
     formulas: list[FormulaRow]
     penetration_depth_spread: FormulaSpread | MISSING = MISSING

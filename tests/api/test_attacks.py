@@ -20,6 +20,7 @@ from .refused import TEXT, problem_of
 
 BODY = json.dumps(PAPER).encode()
 MOST_TIMES, MOST_MORE_S = 5.0, 2.0
+BUSY_S = 0.3  # a query takes some milliseconds
 """Of the time others wait; generous, as the tests share their cores."""
 
 
@@ -172,10 +173,12 @@ def test_others_hardly_notice(guarded: Guarded, attack: Attack) -> None:
     time.sleep(2 * RELOAD_SECONDS)
     target = Target.of(guarded.url)
     effect = effect_of(attack, target, token, mallory, seconds=0.5)
-    assert effect.during <= max(MOST_TIMES * effect.before, effect.before + MOST_MORE_S), effect
     assert effect.requests > 0
     assert not effect.let_in, effect
     assert guarded.anna.get("/readyz").status_code == 200
+    if effect.before > BUSY_S:
+        pytest.skip(f"too busy a machine to compare: {effect.before:.2f} s before the attack")
+    assert effect.during <= max(MOST_TIMES * effect.before, effect.before + MOST_MORE_S), effect
 
 
 def test_after_all_of_it_the_answers_are_right(guarded: Guarded) -> None:

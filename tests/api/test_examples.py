@@ -13,7 +13,11 @@ from service.schemas.examples import PAPER, PAPER_AT_45
 from service.schemas.quantities import Part
 
 SCHEMAS: dict[str, dict[str, Any]] = create_app().openapi()["components"]["schemas"]
-REQUESTS = {"TrajectoryRequest": ("/trajectory", PAPER_AT_45), "CriticalAngleRequest": ("/cra", PAPER)}
+REQUESTS = {
+    "TrajectoryRequest": ("/trajectory", PAPER_AT_45),
+    "CriticalAngleRequest": ("/cra", PAPER),
+    "FormulasRequest": ("/formulas", {name: PAPER[name] for name in ("projectile", "target", "impact")}),
+}
 
 
 def places(name: str, steps: tuple[str, ...] = ()) -> Iterator[tuple[str, tuple[str, ...]]]:

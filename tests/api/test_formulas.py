@@ -1,0 +1,114 @@
+"""`/formulas`: the empirical formulas of the field, each with its range."""
+
+import csv
+import io
+import math
+from typing import Any
+
+import h5py
+import httpx
+import pytest
+
+from service.schemas import FormulasAnswer
+from service.schemas.examples import PAPER
+from solver import Impact, formulas
+from solver.cases import PAPER_PROJECTILE, PAPER_TARGET
+
+BODY: dict[str, Any] = {name: PAPER[name] for name in ("projectile", "target")} | {"impact": {"velocity_m_s": 238.0}}
+FORRESTAL: dict[str, Any] = {
+    "projectile": {
+        "nose": {"shape": "ogive", "caliber_radius_head": 2.0},
+        "diameter_m": 0.0269,
+        "length_m": 0.2427,
+        "mass_kg": 0.906,
+    },
+    "target": {"compressive_strength_pa": 35.2e6, "density_kg_m3": 2370.0},
+    "impact": {"velocity_m_s": 277.0},
+}
+"""Forrestal, Altman, Cargile and Hanchak (1994)."""
+
+
+def rows_of(answer: dict[str, Any]) -> dict[str, dict[str, Any]]:
+    return {row["formula"]: row for row in answer["formulas"]}
+
+
+def test_rows_are_those_of_the_solver(client: httpx.Client) -> None:
+    response = client.post("/formulas", json=BODY)
+    assert response.status_code == 200, response.text
+    FormulasAnswer.model_validate(response.json())
+    rows = rows_of(response.json())
+    impact = Impact(velocity=238.0, oblique_angle=0.0)
+    for result in formulas(projectile=PAPER_PROJECTILE, target=PAPER_TARGET, impact=impact):
+        row = rows.pop(result.formula)
+        for name in ("penetration_depth", "scabbing_thickness", "perforation_thickness"):
+            assert row.get(f"{name}_m") == getattr(result, name)
+        assert (row["in_range"], row["verified"], row["source"]) == (result.in_range, result.verified, result.source)
+    assert not rows
+
+
+def test_worked_value(client: httpx.Client) -> None:
+    rows = rows_of(client.post("/formulas", json=FORRESTAL).json())
+    assert rows["modified_ndrc"]["penetration_depth_m"] / 0.0269 == pytest.approx(5.11, abs=0.01)
+
+
+def test_what_is_out_of_range_is_answered_and_points_at_the_field(client: httpx.Client) -> None:
+    row = rows_of(client.post("/formulas", json=BODY).json())["cea_edf"]
+    assert row["perforation_thickness_m"] > 0.0
+    assert not row["in_range"]
+    assert row["out_of_range"] == [
+        {"pointer": "/impact/velocity_m_s", "detail": "fitted from 20 to 200 m/s along the normal, here 238"}
+    ]
+
+
+def test_spread_is_over_the_formulas_in_range(client: httpx.Client) -> None:
+    answer = client.post("/formulas", json=BODY).json()
+    found = [
+        row["perforation_thickness_m"]
+        for row in answer["formulas"]
+        if row["in_range"] and "perforation_thickness_m" in row
+    ]
+    assert answer["perforation_thickness_spread"] == {
+        "lowest": min(found),
+        "highest": max(found),
+        "formulas": len(found),
+    }
+    assert len(found) < sum("perforation_thickness_m" in row for row in answer["formulas"])
+
+
+def test_oblique_strike_counts_with_its_normal_component(client: httpx.Client) -> None:
+    oblique = BODY | {"impact": {"velocity_m_s": 238.0, "oblique_angle_deg": 60.0}}
+    half = BODY | {"impact": {"velocity_m_s": 119.0}}
+    first, second = (rows_of(client.post("/formulas", json=body).json()) for body in (oblique, half))
+    for name, row in first.items():
+        assert row.get("perforation_thickness_m", 0.0) == pytest.approx(
+            second[name].get("perforation_thickness_m", 0.0)
+        )
+
+
+def test_result_is_kept_as_json_csv_and_hdf5(client: httpx.Client) -> None:
+    answer = client.post("/formulas", json=BODY).json()
+    assert client.post("/formulas", json=BODY).headers["Cache-Status"] == "ricochet; hit"
+    address = f"/results/{answer['key']}"
+    assert client.get(address).json() == answer
+    table = list(csv.DictReader(io.StringIO(client.get(address, headers={"Accept": "text/csv"}).text)))
+    assert [row["formula"] for row in table] == [row["formula"] for row in answer["formulas"]]
+    assert math.isnan(float(table[1]["scabbing_thickness_m"]))
+    assert table[2]["in_range"] == "no"
+    file = io.BytesIO(client.get(address, headers={"Accept": "application/x-hdf5"}).content)
+    with h5py.File(file) as content:
+        assert any("residuals" in name for name in content)
+
+
+@pytest.mark.parametrize(
+    ("change", "pointer"),
+    [
+        ({"impact": {"velocity_m_s": -1.0}}, "/impact/velocity_m_s"),
+        ({"impact": {"velocity_m_s": 238.0, "oblique_angle_deg": 90.0}}, "/impact/oblique_angle_deg"),
+        ({"impact": {}}, "/impact/velocity_m_s"),
+        ({"resistance": {}}, "/resistance"),
+    ],
+)
+def test_wrong_field_is_named(client: httpx.Client, change: dict[str, Any], pointer: str) -> None:
+    response = client.post("/formulas", json=BODY | change)
+    assert response.status_code == 422
+    assert [error["pointer"] for error in response.json()["errors"]] == [pointer]

@@ -1,0 +1,44 @@
+"""`ricochet formulas`: a table, JSON and CSV, the same from a service."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from service import cli
+from tests.cli.commands import run
+
+
+def test_table_tells_apart_what_is_in_range(folder: Path) -> None:
+    done = run(folder, "formulas", "strike.toml")
+    assert (done.status, done.err) == (0, ""), done.err
+    lines = {line.split()[0]: line for line in done.out.splitlines() if line.strip()}
+    assert "*+" in lines["cea_edf"]
+    assert "*" not in lines["modified_ndrc"]
+    assert "* cea_edf: /impact/velocity_m_s: fitted from 20 to 200 m/s along the normal, here 238" in done.out
+    assert "1.2 on perforation" in done.out
+
+
+def test_service_gives_the_same_answer(folder: Path, live_url: str) -> None:
+    local, remote = (run(folder, "formulas", "strike.toml", "--json", *at) for at in ((), ("--url", live_url)))
+    assert local.status == remote.status == 0, remote.err
+    assert json.loads(local.out) == json.loads(remote.out)
+
+
+def test_csv_has_a_row_for_each_formula(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["formulas", str(folder / "strike.toml"), "--csv"]) == 0
+    names, *rows = capsys.readouterr().out.splitlines()
+    assert names.startswith("formula,penetration_depth_m,scabbing_thickness_m,perforation_thickness_m,in_range")
+    assert len(rows) == 10
+
+
+def test_wrong_flag_is_named(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["formulas", str(folder / "strike.toml"), "--angle", "95"]) == 2
+    assert "--oblique-angle" in capsys.readouterr().err or "--angle" in capsys.readouterr().err
+
+
+def test_other_parts_of_a_file_are_left_out(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = folder / "search.toml"
+    path.write_text((folder / "strike.toml").read_text() + "\n[search]\ntolerance_deg = 0.1\n")
+    assert cli.main(["formulas", str(path)]) == 0
+    assert "modified_ndrc" in capsys.readouterr().out
