@@ -33,7 +33,7 @@ def metrics_table() -> str:
     """Return the metrics: name, labels, what is counted."""
     registry = Metrics().registry
     rows = []
-    for collector in registry._collector_to_names:  # noqa: SLF001 (it tells the labels nowhere else)
+    for collector in registry._collector_to_names:  # noqa: SLF001 (the labels are nowhere else)
         (family,) = collector.collect()
         name = family.name + {"counter": "_total", "info": "_info"}.get(family.type, "")
         labels = ", ".join(f"`{label}`" for label in getattr(collector, "_labelnames", ()))

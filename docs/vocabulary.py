@@ -1,4 +1,7 @@
-"""Check that no name that has been replaced comes back: in code, tests and documents. `make check` runs it."""
+"""Check that no name or phrase that has been replaced comes back. `make check` runs it.
+
+Names in code, tests and documents; phrases in the solver, the service and the documents.
+"""
 
 import re
 import subprocess
@@ -24,9 +27,19 @@ REPLACED = {
     "service.access": "service.auth",
     "warnings_told": "warning_texts",
 }
+PHRASES = {
+    "told": "given, called with, named",
+    "tells": "gives, shows, says",
+    "asked for": "requested",
+    "whoever": "the caller, the owner",
+    "of its own": "separate",
+    '"""Of ': "the quantity, then `of`",
+}
+WORDED = ("solver/", "service/", "docs/", "README.md", "CONTRIBUTING.md", "examples/")
 SUFFIXES = (".py", ".md", ".js", ".toml", ".yaml")
 EXEMPT = {"CHANGELOG.md", "docs/vocabulary.py"}
 PATTERN = re.compile(r"(?<![\w])(" + "|".join(map(re.escape, REPLACED)) + r")(?![\w])")
+PHRASE = re.compile("|".join(rf"(?<!\w){re.escape(phrase)}(?!\w)" for phrase in PHRASES))
 
 
 def main() -> int:
@@ -38,6 +51,9 @@ def main() -> int:
         for number, line in enumerate(Path(name).read_text(encoding="utf-8").splitlines(), 1):
             for match in PATTERN.finditer(line):
                 print(f"{name}:{number}: `{match[1]}` is now `{REPLACED[match[1]]}`")
+                found += 1
+            for match in PHRASE.finditer(line) if name.startswith(WORDED) else ():
+                print(f"{name}:{number}: `{match[0]}`: {PHRASES[match[0]]}")
                 found += 1
     return 1 if found else 0
 

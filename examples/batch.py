@@ -64,7 +64,7 @@ def results(client: httpx.Client, job: dict[str, Any]) -> Iterator[dict[str, Any
         query = {"cursor": page["next"]} if "next" in page else None
 
 
-def told(item: dict[str, Any]) -> str:
+def described(item: dict[str, Any]) -> str:
     """Cell of the table: the angle, or why there is none."""
     if "problem" in item:
         return str(item["problem"]["title"])
@@ -86,7 +86,7 @@ def main() -> None:
             print(f"{status}: {counts['done']} of {counts['total']}, {counts['cached']} of them from the cache")
         if status != "successful":
             sys.exit(f"the job ended as {status}")
-        cells = [told(item) for item in results(client, job)]
+        cells = [described(item) for item in results(client, job)]
     print("\ncritical ricochet angle from the normal [°]\n")
     print("        " + "".join(f"{strength / 1e6:8.0f} MPa" for strength in STRENGTHS_PA))
     for row, velocity in enumerate(VELOCITIES_M_S):

@@ -48,23 +48,23 @@ def free_port() -> int:
 def wait_until_ready(client: httpx.Client, process: subprocess.Popen[bytes]) -> float:
     """Poll /readyz, telling the reader why it may take a while; return the seconds it took."""
     begin = time.monotonic()
-    told = False
+    announced = False
     while (elapsed := time.monotonic() - begin) < START_LIMIT_S:
         if process.poll() is not None:
             raise DemoError(f"the service ended by itself with code {process.returncode}")
         try:
             if client.get("/readyz").status_code == httpx.codes.OK:
-                if told:
+                if announced:
                     print(flush=True)
                 return elapsed
         except httpx.TransportError:
             pass  # not listening yet
-        if elapsed > COMPILING_AFTER_S and not told:
+        if elapsed > COMPILING_AFTER_S and not announced:
             print("compiling the solver, needed once on a machine, one to three minutes ", end="", flush=True)
-            told = True
-        elif told:
+            announced = True
+        elif announced:
             print(".", end="", flush=True)
-        time.sleep(1.0 if told else 0.1)
+        time.sleep(1.0 if announced else 0.1)
     raise DemoError(f"the service was not ready after {START_LIMIT_S:.0f} s")
 
 
@@ -99,7 +99,7 @@ def service(log: Path, data: Path) -> Iterator[httpx.Client]:
 
 
 def post(client: httpx.Client, path: str, body: dict[str, Any], *, cached: bool) -> tuple[dict[str, Any], float]:
-    """Answer to `body` and the milliseconds it took; it must come from the cache or not, as told."""
+    """Answer to `body` and the milliseconds it took; it must come from the cache or not, as given."""
     begin = time.perf_counter()
     response = client.post(path, json=body)
     elapsed = (time.perf_counter() - begin) * 1e3

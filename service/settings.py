@@ -13,7 +13,7 @@ LOOPBACK = frozenset({"127.0.0.1", "::1", "localhost"})
 Names: TypeAlias = Annotated[
     tuple[str, ...],
     NoDecode,
-    BeforeValidator(lambda told: [name.strip() for name in told.split(",")] if isinstance(told, str) else told),
+    BeforeValidator(lambda text: [name.strip() for name in text.split(",")] if isinstance(text, str) else text),
 ]
 """Told with commas between them."""
 
@@ -101,7 +101,7 @@ class Limits(BaseSettings):
         Field(
             ge=8,
             description="Open connections. Each takes a file descriptor, of which a process usually has 1,024, and "
-            "some 10 kB; those beyond are told to come back.",
+            "some 10 kB; those beyond are answered 503.",
         ),
     ] = 800
     max_streams: Annotated[
@@ -119,7 +119,7 @@ class Limits(BaseSettings):
         int,
         Field(
             ge=1,
-            description="Single queries of one owner that may wait for a worker or run, where keys are asked for: half "
+            description="Single queries of one owner that may wait for a worker or run, where keys are required: half "
             "a second to some seconds of work, and the others need not wait behind more.",
         ),
     ] = 100
@@ -156,7 +156,7 @@ class Settings(Limits):
         ),
     ] = ()
     metrics_open: Annotated[
-        bool, Field(description="Whether `/metrics` is told without a key: it holds counts, no case.")
+        bool, Field(description="Whether `/metrics` is open without a key: it holds counts, no case.")
     ] = False
     audit_log: Annotated[
         Path | None,

@@ -234,16 +234,16 @@ function, in each of its callers again."""
 compiled = _decorator(no_cfunc_wrapper=True)
 """Decorator of compiled functions that Python calls; they release the interpreter lock."""
 inner = _decorator(**INNER)
-"""Of functions that only compiled code calls, and that allocate."""
+"""Decorator of functions that only compiled code calls, and that allocate."""
 lean = _decorator(_nrt=False, **INNER)
-"""Of those that allocate nothing: without it every array they are handed is counted in and out."""
+"""Decorator of those that allocate nothing: without it every array they are handed is counted in and out."""
 inlined = _decorator(_nrt=False, forceinline=True, **INNER)
-"""Of a lean function whose many arguments, flattened, would cost as much to hand over as a tenth of its work."""
+"""Decorator of a lean function whose many arguments would cost as much to hand over as a tenth of its work."""
 exact = _decorator(_nrt=False, fastmath={"contract", "nsz"}, **INNER)
-"""Of polynomials and quotients inside loops over vectors. Reassociation must not reach them: the compiler would spread
-the division over every term."""
+"""Decorator of polynomials and quotients in loops over vectors. Reassociation must not reach them: the compiler would
+spread the division over every term."""
 vectorised = _decorator(_nrt=False, fastmath={"contract", "nsz", "arcp", "reassoc"}, **INNER)
-"""Of loops over vectors; only sums that may be reordered can use vector registers."""
+"""Decorator of loops over vectors; only sums that may be reordered can use vector registers."""
 
 
 def address_of(function: Callable[..., object], *arguments: object) -> Any:

@@ -12,7 +12,7 @@ from solver.surface import Body, deepest_offset
 REST_FRACTION = 1e-4
 """Kinetic energy at rest, over its initial value."""
 HALVINGS = 24
-"""Of a step, to find the instant of an event: to 1e-7 of the step."""
+"""Bisections of a step, to find the instant of an event: to 1e-7 of the step."""
 RELEASE_HALVINGS = 12
 """Likewise for a release, where each takes an evaluation: next to nothing presses there any more."""
 
@@ -46,7 +46,7 @@ class Run(NamedTuple):
 
     end: Termination
     time: float
-    """Of the event that ended the run. [s]"""
+    """Time of the event that ended the run. [s]"""
     state: FloatArray
     """(6,) at that time."""
     maximum_tip_depth: float
@@ -54,7 +54,7 @@ class Run(NamedTuple):
     steps: int
     """Rows of the step table that are filled."""
     evaluations: int
-    """Of force and moment."""
+    """Evaluations of force and moment."""
     energy_gain: float
     """Largest gain of kinetic energy over one step, relative to the initial energy; a true motion has none."""
 

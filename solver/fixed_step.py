@@ -48,7 +48,7 @@ def integrate_fixed(
 
     A fixed step cannot follow the end of the motion: it overshoots rest and then gains energy, which no true motion
     does. A step that gains energy while the load could stop the projectile within one step is taken for rest, if little
-    energy is left; with more, the step is too long for the strike, which the gain reported tells.
+    energy is left; with more, the step is too long for the strike, which the reported gain shows.
 
     Parameters
     ----------

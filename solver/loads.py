@@ -121,7 +121,7 @@ def accelerate_by_gauss(
             count = cut(cuts, piece, motion)
             for stretch in range(count):
                 begin, end = cuts[stretch], cuts[stretch + 1]
-                middle = ring_at(piece, 0.5 * (begin + end))  # tells whether the stretch is loaded
+                middle = ring_at(piece, 0.5 * (begin + end))  # loaded if the stretch is
                 if not is_loaded(middle, motion):
                     continue
                 short = end - begin < SHORT * (cuts[count] - cuts[0])

@@ -135,7 +135,7 @@ def _plain(value: Any) -> Any:
 
 
 def _run(function: Callable[[dict[str, Any]], Answer], cases: Cases, threads: int) -> Iterator[Answer | RicochetError]:
-    """Answers in order; on threads, some ahead of whoever fetches them."""
+    """Answers in order; on threads, some ahead of the caller."""
 
     def answer(case: dict[str, Any]) -> Answer | RicochetError:
         try:

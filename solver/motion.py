@@ -103,7 +103,7 @@ def load(state: FloatArray, model: Model, scratch: Scratch, out: FloatArray) -> 
 
 @lean
 def kinetic_energy(state: FloatArray, body: Body) -> float:
-    """Of translation and rotation. [J]"""
+    """Energy of translation and rotation. [J]"""
     translation = body.mass * (state[3] ** 2 + state[4] ** 2)
     return 0.5 * float(translation + body.moment_of_inertia * state[5] ** 2)
 

@@ -70,7 +70,7 @@ class Projectile:
 
     @property
     def radius(self) -> float:
-        """Of the shank. [m]"""
+        """Radius of the shank. [m]"""
         return self.diameter / 2.0
 
     @property
@@ -141,7 +141,7 @@ def mass_properties(projectile: Projectile) -> MassProperties:
     Notes
     -----
     A moment of inertia that is not given is the homogeneous solid's about its own centroid, also when the centre
-    of gravity is given: the two are told apart in the warnings of a run.
+    of gravity is given: the two differ in the warnings of a run.
     """
     solid = solid_properties(projectile)
     center, inertia = projectile.center_of_gravity, projectile.moment_of_inertia

@@ -58,7 +58,8 @@ class ObliquityPolynomial:
     coefficients
         From the constant term upwards. [1, 1/°, 1/°², ...]
     covariance
-        Of the coefficients, if known: a search then tells the standard error of its angle. [products of their units]
+        Covariance of the coefficients, if known: a search then gives the standard error of its angle.
+        [products of their units]
 
     Notes
     -----
@@ -198,7 +199,7 @@ class PublishedTests:
         coefficient=6.55, exponent=-0.31, reference_strength=39e6, diameter_exponent=-0.42, reference_diameter=0.0762
     )
     coefficient_of_variation: ClassVar[float] = 0.16
-    """Of predicted over measured depth, for tests that the law was not fitted to. [1]"""
+    """Scatter of predicted over measured depth, for tests that the law was not fitted to. [1]"""
     compressive_strengths: ClassVar[tuple[float, float]] = (23e6, 108.3e6)
     """Least and greatest of the tests. [Pa]"""
     diameters: ClassVar[tuple[float, float]] = (0.0203, 0.0762)

@@ -26,7 +26,7 @@ STAGE_WEIGHTS = np.array(
         [4.524708207373116, 4.163528788597648],
     ]
 )
-"""The last stage is at the state of the one before, and needs no evaluation of its own."""
+"""The last stage is at the state of the one before, and needs no further evaluation."""
 COUPLINGS = np.array(
     [
         [0.0, 0.0, 0.0, 0.0],
@@ -40,7 +40,7 @@ COUPLINGS = np.array(
 the change of the rates from start to end, which it is solved for, the other stages cancel to order 3."""
 WEIGHTS = np.array([3.957503746640777, 4.624892388363313, 0.6174772638750108, 1.282612945269037])
 ERROR_WEIGHTS = np.array([2.302155402932996, 3.073634485392623, -0.8732808018045032, -1.282612945269037])
-"""Of the difference of the pair."""
+"""Weights of the difference of the pair."""
 EVALUATIONS = 2
 """For one attempt of a step, without its end."""
 DIFFERENCE = 1e-7

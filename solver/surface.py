@@ -13,7 +13,7 @@ from solver.projectile import MassProperties, Projectile
 from solver.validation import require
 
 LINE, ARC = 0.0, 1.0
-"""First column of an outline row, which tells the kind of the piece."""
+"""First column of an outline row, the kind of the piece."""
 
 FLAT = 1e-100
 """Cosine of α on a face across the axis, whose normal meets the axis nowhere: small enough for an infinite distance."""
@@ -55,7 +55,7 @@ class Panels(NamedTuple):
     wall: FloatArray
     """Distance from the axis along the normal, r / cos α. [m]"""
     area: FloatArray
-    """Of the element and of its mirror image together. [m²]"""
+    """Area of the element and its mirror image together. [m²]"""
 
 
 NO_PANELS = Panels(*(np.empty(0) for _ in Panels._fields))

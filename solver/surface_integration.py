@@ -45,7 +45,7 @@ to the force along the axis, and that of the stress times c to the force across 
 a decay begin, as β - π/2, and how far they reach; and the two integrals, to which the sums over the arcs add."""
 ROW_COUNT = 27
 SPAN = np.uint64(CAPACITY)
-"""From the row where arcs begin to the one that tells how far they reach."""
+"""From the row where arcs begin to the one with their ends."""
 HALF_TURN = math.pi / 2.0
 
 Load = tuple[float, float, float]
@@ -142,7 +142,7 @@ def _place_ring(rows: FloatArray, i: int) -> tuple[float, float, float, float]:
 
 @exact
 def _motion(rows: FloatArray, i: int) -> Motion:
-    """Of the body that a ring is of."""
+    """Motion of the body that a ring is part of."""
     return (
         rows[DEPTH + i], rows[COSINE + i], rows[SINE + i], rows[FORWARD + i], rows[SIDEWAYS + i], rows[SPIN + i],
     )  # fmt: skip
@@ -229,7 +229,7 @@ def _sum_arcs(rows: FloatArray, end: np.uint64, deep: bool, points: FloatArray, 
 
 @vectorised
 def _sum_inertial_arcs(rows: FloatArray, end: np.uint64, deep: bool, points: FloatArray, law: Law) -> None:
-    """The same for a decay with inertia: a loop of its own, since the other takes half its time without."""
+    """The same for a decay with inertia: a separate loop, since the other takes half its time without."""
     begin = DEEP_BEGIN if deep else NEAR_BEGIN
     for j in range(points.shape[0]):
         node, weight = points[j, 0], points[j, 1]

@@ -22,7 +22,7 @@ from solver.validation import require_positive
 from solver.warnings import ModelWarning
 
 SAMPLE_INTERVAL = 1e-5
-"""Of a history unless said otherwise. [s]"""
+"""Interval of a history unless said otherwise. [s]"""
 MOST_SAMPLES = 1_000_000
 ENERGY_GAIN_TOLERATED = 1e-6
 """Over the initial energy; rounding of the panel route stays far below."""
@@ -45,9 +45,9 @@ class Motion(Generic[Value]):
     axis_angle: Value
     """From the inward normal; grows as the nose turns toward the face. [rad]"""
     depth_velocity: Value
-    """Of the centre of gravity. [m/s]"""
+    """Velocity of the centre of gravity. [m/s]"""
     lateral_velocity: Value
-    """Of the centre of gravity. [m/s]"""
+    """Velocity of the centre of gravity. [m/s]"""
     angular_velocity: Value
     """[rad/s]"""
     depth_force: Value
@@ -57,7 +57,7 @@ class Motion(Generic[Value]):
     moment: Value
     """Resistance, about the centre of gravity. [N m]"""
     kinetic_energy: Value
-    """Of translation and rotation. [J]"""
+    """Energy of translation and rotation. [J]"""
 
     def columns(self) -> Columns:
         """Return the quantities as arrays by name; one instant as arrays of one value."""
@@ -76,7 +76,7 @@ class Trajectory:
     final: Motion[float]
     """At the event that ended the run."""
     history: Motion[FloatArray] | None
-    """At even intervals and at that event; None if not asked for."""
+    """At even intervals and at that event; None if not requested."""
     maximum_depth: float
     """Greatest depth of the nose tip. [m]"""
     strength_factor: float

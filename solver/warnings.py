@@ -183,7 +183,7 @@ def decided_by_time(*, termination_time: float) -> ModelWarning:
     return ModelWarning(
         "undecided",
         "next to a change of outcome, a trial was still loaded or moving in at the termination time, "
-        f"{termination_time:g} s: that change tells what leaves by then, moves with that time, and is less certain "
+        f"{termination_time:g} s: that change separates what leaves by then, moves with that time, and is less certain "
         "than its bracket is wide",
     )
 
@@ -273,5 +273,5 @@ def shallow_tests(*, depths: Sequence[float], diameter: float) -> tuple[ModelWar
 def group_of_one(name: str) -> ModelWarning:
     """Warning of a group of tests that gets no fit."""
     return ModelWarning(
-        "group_of_one", f"group {name} has one test, which leaves no scatter to judge by: it has no fit of its own"
+        "group_of_one", f"group {name} has one test, which leaves no scatter to judge by: it is not fitted by itself"
     )

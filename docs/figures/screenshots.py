@@ -1,4 +1,4 @@
-"""Take pictures of the page: every view, wide and narrow, light and dark, of a service of its own.
+"""Take pictures of the page: every view, wide and narrow, light and dark, of a service that it starts.
 
 They go to build/screenshots; those that the README shows, to docs/figures.
 """

@@ -35,7 +35,7 @@ async def compute_trajectories(
     """Compute the motion of many projectiles: up to 1,000 as JSON, up to 100,000 as JSON lines.
 
     Histories are given only if a case asks for its own. A case that is no request refuses the whole batch, and the
-    problem tells which: `/cases/17/...` in JSON, counted from 0; the line in JSONL, counted from 1 in words and from 0
+    problem names it: `/cases/17/...` in JSON, counted from 0; the line in JSONL, counted from 1 in words and from 0
     in the pointer. What only the solver can tell of a line is the problem of that case alone.
     """
     response = BatchResponse(request, "trajectory", preference, idempotency_key)
@@ -54,7 +54,7 @@ async def find_critical_angles(
 ) -> Response:
     """Find many critical angles: up to 1,000 as JSON, up to 100,000 as JSON lines.
 
-    A case that is no request refuses the whole batch, and the problem tells which: `/cases/17/...` in JSON, counted
+    A case that is no request refuses the whole batch, and the problem names it: `/cases/17/...` in JSON, counted
     from 0; the line in JSONL, counted from 1 in words and from 0 in the pointer. What only the solver can tell of a
     line is the problem of that case alone.
     """

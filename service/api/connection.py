@@ -70,7 +70,7 @@ class Connection(HttpToolsProtocol):
         """Since when a head is waited for."""
         self._in_head = False
         self._head_bytes = 0
-        """Of the head, without the piece that is being read."""
+        """Bytes of the head, without the piece that is being read."""
         self._piece_bytes = 0
         self._unread: tuple[float, int] | None = None
         """Since when the client has been looked at as it reads, and what it had not read then."""

@@ -52,7 +52,7 @@ PROBLEMS: Responses = {
     },
     403: {"description": "The key is not good for this, or the page of another site asks."},
     408: {"description": "The body comes too slowly."},
-    429: {"description": "Too many cases wait, or were asked for with this key.", "headers": RETRY_AFTER},
+    429: {"description": "Too many cases wait, or were requested with this key.", "headers": RETRY_AFTER},
     500: {"description": "The service failed."},
     503: {"description": "The service is not ready, or has no worker for the query.", "headers": RETRY_AFTER},
     507: {"description": "Nothing can be stored now."},
@@ -79,7 +79,7 @@ MANY: Responses = {
         },
         "headers": {
             "Cache-Status": {
-                "description": "`ricochet; hit` if nothing had to be computed; not told of JSON lines (RFC 9211).",
+                "description": "`ricochet; hit` if nothing had to be computed; not given for JSON lines (RFC 9211).",
                 "schema": {"type": "string"},
             },
             "Preference-Applied": {"description": "RFC 7240.", "schema": {"type": "string"}},

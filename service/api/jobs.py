@@ -69,7 +69,7 @@ RequestedJob = Annotated[JobState, Depends(job_of)]
 Cursor = Annotated[str, Query(max_length=20, description="`next` of the page before; empty for the first.")]
 Limit = Annotated[
     int,
-    Query(ge=1, le=MOST_ROWS, description="Results of a page. The other forms give all that is ready unless told."),
+    Query(ge=1, le=MOST_ROWS, description="Results of a page. The other forms give all that is ready unless limited."),
 ]
 
 RESULTS: Responses = {

@@ -52,7 +52,7 @@ router = APIRouter(dependencies=[RUN])
 async def find_critical_angle(request: Request) -> Response:
     """Find the smallest oblique angle, from the normal, at which a projectile is turned away.
 
-    That there is none in the range is an answer too, and told by its `status`.
+    That there is none in the range is an answer too; its `status` says so.
     """
     return await answer(request, "cra")
 

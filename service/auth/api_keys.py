@@ -28,7 +28,7 @@ LOCAL = "local"
 """Owner of jobs made without a key."""
 
 PREFIX = "ricochet_"
-"""Of a token: tools that search repositories and logs for secrets can find it."""
+"""Prefix of a token: tools that search repositories and logs for secrets can find it."""
 ID_BYTES, SECRET_BYTES = 4, 32
 TOKEN = re.compile(PREFIX + r"([0-9a-f]{8})_[A-Za-z0-9_-]{43}")
 UNKNOWN_DIGEST = "0" * 64

@@ -35,7 +35,7 @@ UNIQUE_HEADERS = frozenset(
 
 Pairs = list[tuple[bytes, bytes]]
 POLICY = b"default-src 'none'; frame-ancestors 'none'"
-"""Of answers that are no pages, if a browser shows one all the same. Pages have their own policy."""
+"""Content policy of answers that are no pages, if a browser shows one all the same. Pages have their own policy."""
 ALWAYS: Pairs = [
     (b"x-content-type-options", b"nosniff"),
     (b"referrer-policy", b"no-referrer"),

@@ -69,7 +69,7 @@ class Server(uvicorn.Server):
         )
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
-        """Start, unless told to exit before that is done.
+        """Start, unless a signal to exit comes before that is done.
 
         All objects made so far are excluded from garbage collection, which would take 80 ms each time.
         """

@@ -9,7 +9,7 @@ const LEAST_MS = 250;
 let pending;
 let replaced = -LEAST_MS;
 
-/** Return the case that a query tells of; what cannot be read is left as in the paper's case. */
+/** Return the case of a query; what cannot be read is left as in the paper's case. */
 export function readCase(query) {
   let values = paperCase();
   const given = [...caseOf(query)];
@@ -26,7 +26,7 @@ export function readCase(query) {
   return values;
 }
 
-/** Return the query that tells of a case. */
+/** Return the query of a case. */
 export function caseQuery(values) {
   const query = new URLSearchParams();
   const usual = paperCase();
@@ -63,12 +63,12 @@ export function replaceAddress(view, query) {
   else replace();
 }
 
-/** Return what of a query tells of the case: that goes along from view to view. */
+/** Return the part of a query with the case, which goes along from view to view. */
 export function caseOf(query) {
   return new URLSearchParams([...query].filter(([path]) => PARTS.includes(path.split(".")[0])));
 }
 
-/** Return the view and the query that an address (`location.hash`) tells of. */
+/** Return the view and the query that an address (`location.hash`) names. */
 export function readAddress(hash) {
   const [path, query = ""] = hash.replace(/^#\/?/, "").split("?");
   return { view: path, query: new URLSearchParams(query) };

@@ -1,4 +1,4 @@
-// A case is a plain object like a request; fields are told by dotted paths.
+// A case is a plain object like a request; fields are named by dotted paths.
 
 /** Return the value at a path; undefined if it is not there. */
 export function valueAt(values, path) {

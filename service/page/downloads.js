@@ -10,7 +10,7 @@ const FORMS = {
 };
 
 /**
- * Return buttons that download what is ready of a job. Not links: the form is asked for by a header, as is the key.
+ * Return buttons that download what is ready of a job. Not links: the form is requested by a header, as is the key.
  *
  * @param {string} id of the job
  * @param {(error: Error) => void} onError

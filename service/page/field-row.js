@@ -11,7 +11,7 @@ import { shownNumber, shownValue } from "./fields.js";
  *
  * @param {object} field of fields.js
  * @param {object} values the case
- * @param {{accept: (value: any) => void, refuse: (problem: string) => void}} told told of each change
+ * @param {{accept: (value: any) => void, refuse: (problem: string) => void}} listener called on each change
  * @returns {{field: object, root: HTMLElement, input: HTMLElement, problem: HTMLElement, described: string}}
  */
 export function buildRow(field, values, { accept, refuse }) {

@@ -12,7 +12,7 @@ import { GROUPS, isThere } from "./fields.js";
  * @param {HTMLElement} root
  * @param {{case: object, onChange: (values: object, path: string) => void, include?: string[],
  *   without?: string[], open?: string[]}} options
- *   `onChange` is told of a case only if all its fields are in their bounds; `include` names the groups of fields.js,
+ *   `onChange` is called with a case only if all its fields are in their bounds; `include` names the groups of fields.js,
  *   all if none, `without` fields to leave out by their paths; `open` the groups that are not folded at first
  * @returns {{setCase: (values: object) => void, showProblems: (problem: Problem) => string, currentCase: () => object}}
  *   `showProblems` puts what the service says of a case at the fields it points to, and returns the rest

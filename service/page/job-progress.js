@@ -2,7 +2,7 @@
 
 import { ask, isAbort } from "./service.js";
 
-const PAGE = 1000; // results asked for at once
+const PAGE = 1000; // results requested at once
 const PAUSE_MS = 1000; // before a broken stream is opened anew
 const MOST_TRIES = 5;
 
@@ -35,7 +35,7 @@ export async function submit(path, body, signal) {
 /**
  * Yield a job as it is and whenever it changes, until it has ended.
  *
- * Server-sent events tell of it, read with fetch because an EventSource sends no key; while they fail it is asked for.
+ * Server-sent events report it, read with fetch because an EventSource sends no key; while they fail it is polled.
  *
  * @throws {Problem} if the service does not know the job
  */

@@ -4,7 +4,7 @@ import { downloadButtons, shortId } from "./downloads.js";
 import { element } from "./elements.js";
 import { isFinal } from "./job-progress.js";
 
-/** The columns; the table may show a row as a card, where each cell tells its name. */
+/** The columns; the table may show a row as a card, where each cell has its name. */
 export const COLUMNS = ["Job", "Asked for", "Status", "Progress", "Created", "Finished", "Expires", "Results", "Actions"];
 const OPERATIONS = { cra: "critical angles", trajectory: "trajectories" };
 const STATUSES = {

@@ -1,4 +1,4 @@
-// While values keep changing, at most one request runs, and the latest value is asked for next.
+// While values keep changing, at most one request runs, and the latest value is requested next.
 
 import { say } from "./elements.js";
 import { isAbort } from "./service.js";
@@ -11,8 +11,8 @@ let slow = 0; // how many are waited for that long
  * Return a function that runs `work(value, signal)` for the latest value it was called with.
  *
  * @param {(value: any, signal: AbortSignal) => Promise<void>} work
- * @param {(error: Error) => void} onError told of failures, not of requests given up
- * @returns {((value: any) => void) & {stop: () => void, isBehind: () => boolean}} `isBehind` tells whether a newer
+ * @param {(error: Error) => void} onError called on failures, not on requests given up
+ * @returns {((value: any) => void) & {stop: () => void, isBehind: () => boolean}} `isBehind` returns whether a newer
  *   value waits, so that what only matters at rest can be left out
  */
 export function latest(work, onError) {

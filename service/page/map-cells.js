@@ -2,7 +2,7 @@
 
 import { csvOf } from "./plots.js";
 
-/** Ways to end that are told apart on a map, with the mark each has there. */
+/** Ways to end that differ on a map, with the mark each has there. */
 export const ENDINGS = {
   cra: {
     no_ricochet: { label: "never turned away", symbol: "x-thin" },

@@ -11,8 +11,8 @@ const SIDES = { x: "Across", y: "Up" };
  * Build the form of a map.
  *
  * @param {HTMLElement} root
- * @param {object} map as `readMap` tells of it
- * @param {(map: object|undefined) => void} onChange told of the map, or of nothing while a field is out of its bounds
+ * @param {object} map as `readMap` returns it
+ * @param {(map: object|undefined) => void} onChange called with the map, or with nothing while a field is out of its bounds
  * @returns {{setCase: (values: object) => void, showProblem: (problem: Problem) => void}}
  */
 export function buildMapForm(root, map, onChange) {
@@ -86,13 +86,13 @@ function axisFields(side, map, onChange) {
   };
   const check = (current) => {
     const other = current[side === "x" ? "y" : "x"];
-    const told = problemOf(current[side], other, current.values);
-    tell(told?.text ?? "");
+    const found = problemOf(current[side], other, current.values);
+    tell(found?.text ?? "");
     inputs.forEach((input, i) => {
-      input.setAttribute("aria-invalid", told?.parts.includes(i) ?? false);
+      input.setAttribute("aria-invalid", found?.parts.includes(i) ?? false);
       input.setAttribute("aria-describedby", problem.id);
     });
-    return !told;
+    return !found;
   };
 
   let { values } = map;

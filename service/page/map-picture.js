@@ -18,7 +18,7 @@ export class MapPicture {
 
   /**
    * @param {HTMLElement} root
-   * @param {(place: {column: number, row: number}, cell: object) => void} onPick told of a cell that is clicked
+   * @param {(place: {column: number, row: number}, cell: object) => void} onPick called with a cell that is clicked
    */
   constructor(root, onPick) {
     this.onPick = onPick;

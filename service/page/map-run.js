@@ -9,7 +9,7 @@ const REDRAW_MS = 300;
  * Follow the job of a map.
  *
  * @param {object} map with its job
- * @param {{onProgress: (job: object) => void, onCells: (cells: object[]) => Promise<void>}} listeners told whenever the
+ * @param {{onProgress: (job: object) => void, onCells: (cells: object[]) => Promise<void>}} listeners called whenever the
  *   job has changed, and of the cells, row by row, whenever there are more; those without a result are missing
  * @param {AbortSignal} signal
  * @returns {Promise<object>} the job at its end

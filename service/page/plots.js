@@ -88,7 +88,7 @@ function setStylesByObject() {
 
 function frame(root) {
   const plot = element("div.drawing", { role: "img" });
-  const download = (text, told, act) => element("button", { type: "button", "aria-label": told, onclick: act }, text);
+  const download = (text, label, act) => element("button", { type: "button", "aria-label": label, onclick: act }, text);
   root.classList.add("plot");
   root.append(
     plot,

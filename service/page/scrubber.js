@@ -9,7 +9,7 @@ const STEPS = 6; // for those who want no motion
  * Build the controls.
  *
  * @param {HTMLElement} root
- * @param {(row: number) => void} onMove told of the row of the history to show
+ * @param {(row: number) => void} onMove called with the row of the history to show
  * @returns {{setTimes: (times: number[], row: number) => void, move: (row: number) => void, stop: () => void}}
  */
 export function buildScrubber(root, onMove) {

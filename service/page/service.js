@@ -34,7 +34,7 @@ export function authorization() {
  *
  * @param {string} path
  * @param {{method?: string, body?: object, headers?: object, signal?: AbortSignal, as?: "data"|"blob"|"stream"}} options
- *   `body` is sent as JSON, by POST unless said otherwise; `as` tells what `data` shall be: JSON or text, a Blob, or
+ *   `body` is sent as JSON, by POST unless said otherwise; `as` is what `data` shall be: JSON or text, a Blob, or
  *   the stream of the body.
  * @returns {Promise<{status: number, headers: Headers, data: any}>}
  * @throws {Problem} for a status from 400 on, or if there is no answer (status 0)
@@ -66,9 +66,9 @@ async function reach(path, request) {
 
 async function problemOf(response) {
   if (response.status === 401) keyNeeds.dispatchEvent(new Event("needed"));
-  const told = await response.json().catch(() => ({ title: response.statusText }));
+  const problem = await response.json().catch(() => ({ title: response.statusText }));
   const retryAfter = Number(response.headers.get("Retry-After")) || undefined;
-  return new Problem({ ...told, status: response.status }, retryAfter);
+  return new Problem({ ...problem, status: response.status }, retryAfter);
 }
 
 async function contentOf(response, as) {

@@ -66,7 +66,7 @@ function movingTrace(run, row, range) {
   return { ...trace, name: "moving", fillcolor, line: { color: colour("text"), width: 2.5 } };
 }
 
-/** The path as a line, which tells of every instant. */
+/** The path as a line through every instant. */
 function pathTrace({ run: { history, path }, name }, index) {
   return {
     x: path.lateral,

@@ -54,7 +54,7 @@ export function tellRun(run) {
   ];
 }
 
-/** Return a paragraph that tells what a search found. */
+/** Return a paragraph on what a search found. */
 export function tellAngle(found) {
   const range = rangeShown(found);
   if (found.critical_angle_deg === undefined) {

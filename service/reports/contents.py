@@ -47,7 +47,7 @@ class Figure:
     """A drawing and the numbers in it."""
 
     name: str
-    """Of its files."""
+    """Name of its files, without suffix."""
     caption: str
     figure: Drawing
     data: Mapping[str, Column]
@@ -59,7 +59,7 @@ class Table:
     """Rows under named columns."""
 
     name: str
-    """Of its file."""
+    """Name of its file, without suffix."""
     caption: str
     columns: Sequence[str]
     rows: Sequence[Sequence[object]]
@@ -87,7 +87,7 @@ def stack(name: str, series: Mapping[str, Mapping[str, Column]]) -> dict[str, li
     Parameters
     ----------
     name
-        Of the column that tells the series apart.
+        Name of the column that separates the series.
     series
         Columns of each series; within one all are equally long. A column that a series lacks stays empty there.
 

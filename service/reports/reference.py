@@ -13,7 +13,7 @@ from solver.arrays import FloatArray
 
 Mesh: TypeAlias = Literal["coarse", "fine"]
 MESHES: Final[tuple[Mesh, ...]] = ("coarse", "fine")
-"""Of the finite element runs: cubes of 10 mm and of 7.5 mm where the target is struck."""
+"""Elements of the finite element runs: cubes of 10 mm and of 7.5 mm where the target is struck."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -57,7 +57,7 @@ class PenetrationTest:
     compressive_strength: float
     """[Pa]"""
     density: float
-    """Of the concrete. [kg/m³]"""
+    """Density of the concrete. [kg/m³]"""
     target_diameter: float
     """[m]"""
     velocity: float
@@ -85,7 +85,7 @@ class FiniteElementRun:
     time: FloatArray
     """[s]"""
     depth_displacement: FloatArray
-    """Of the centre of gravity. [m]"""
+    """Displacement of the centre of gravity. [m]"""
     lateral_displacement: FloatArray
     """Likewise. [m]"""
     rotation: FloatArray

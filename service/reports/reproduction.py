@@ -45,6 +45,6 @@ COUNT: Final = len(SECTIONS)
 
 
 def sections(tell: Tell) -> Iterator[Section]:
-    """Yield the sections one by one, each computed when it is asked for."""
+    """Yield the sections one by one, each computed when it is needed."""
     for section in SECTIONS:
         yield section(tell)

@@ -34,7 +34,7 @@ SETTINGS: dict[Any, Any] = {
     "savefig.dpi": 150,
 }
 WIDTH = 8.0
-"""Of a figure that fills the column of the page. [in]"""
+"""Size of a figure that fills the column of the page. [in]"""
 
 TEST, FINITE_ELEMENT, MODEL, PAPER = "#c8102e", "#d95f00", "#123f73", "#1d7a46"
 """Measured, finite elements, this model, printed in the paper."""

@@ -124,7 +124,7 @@ class Trajectory(Part):
     final: Annotated[MotionState, Field(description="At the event that ended the run.")]
     maximum_depth_m: Annotated[Num, Field(description="Greatest depth of the nose tip. [m]")]
     strength_factor: Annotated[Num, Field(description="In use, at this oblique angle. [1]")]
-    history: Annotated[MotionHistory, Field(description="If asked for.")] | MISSING = MISSING
+    history: Annotated[MotionHistory, Field(description="If requested.")] | MISSING = MISSING
     warnings: list[ModelWarning]
 
 
@@ -229,7 +229,7 @@ class CriticalAngleAnswer(Part):
     other_crossings_deg: Annotated[
         list[Num], Field(description="Other angles of the range at which the outcome changes, either way. [°]")
     ]
-    trajectory: Annotated[Trajectory, Field(description="At the critical angle, if asked for.")] | MISSING = MISSING
+    trajectory: Annotated[Trajectory, Field(description="At the critical angle, if requested.")] | MISSING = MISSING
     alternatives: Annotated[list[CriticalAngleAlternative], Field(description="If wanted.")] | MISSING = MISSING
     warnings: list[ModelWarning]
     key: Key

@@ -11,9 +11,9 @@ from service.schemas.quantities import Count, Flag, Num, Part, with_examples
 from service.schemas.requests import CriticalAngleBase, TrajectoryFields, TrajectoryOutput
 
 MOST_CASES = 1_000
-"""Of a JSON batch, which is parsed in one piece."""
+"""Cases of a JSON batch, which is parsed in one piece."""
 MOST_LINES = 100_000
-"""Of a JSONL batch, and points of a sweep."""
+"""Cases of a JSONL batch, and points of a sweep."""
 
 CustomId = Annotated[
     str,
@@ -29,12 +29,12 @@ class BatchOutput(TrajectoryOutput):
     model_config = with_examples({"history": True, "sample_interval_s": 1e-4})
 
     history: Annotated[
-        Flag, Field(description="Whether to give the motion over time; not among many, unless asked for.")
+        Flag, Field(description="Whether to give the motion over time; not among many, unless requested.")
     ] = False
 
 
 class TrajectoryBase(TrajectoryFields):
-    """One strike among many: as a single one, but without a history unless asked for."""
+    """One strike among many: as a single one, but without a history unless requested."""
 
     model_config = with_examples(PAPER_AT_45)
 

@@ -79,5 +79,5 @@ def _columns(history: solver.Motion[FloatArray]) -> Columns:
 
 
 def warning_texts(warnings: tuple[solver.ModelWarning, ...]) -> list[dict[str, str]]:
-    """Return warnings as they are told."""
+    """Return warnings as the contract has them."""
     return [{"code": warning.code, "detail": warning.detail} for warning in warnings]

@@ -8,7 +8,7 @@ from pydantic import Field
 from service.schemas.quantities import Part, with_examples
 
 TAGGED = frozenset({"distribution", "nose", "strength_factor"})
-"""Fields of several shapes. Where pydantic tells a place inside one of them, it names the shape after the field."""
+"""Fields of several shapes. In a place inside one of them, pydantic names the shape after the field."""
 
 PLACES = {"velocity": "impact.velocity", "sample_interval": "output.sample_interval"}
 """Arguments of the solver that are elsewhere in a request."""
@@ -56,7 +56,7 @@ def json_pointer(steps: Iterable[str | int]) -> str:
 
 
 def pointer_of_location(location: Iterable[str | int]) -> str:
-    """Pointer of a place as pydantic tells it."""
+    """Pointer of a location of pydantic."""
     steps: list[str | int] = []
     in_tagged = False
     for step in location:

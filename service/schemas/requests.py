@@ -18,7 +18,7 @@ from solver.search.critical_angle import PAPER_TERMINATION_TIME
 from solver.trajectory import SAMPLE_INTERVAL
 
 MOST_ROWS = 20_000
-"""Of a history: some 4 MB of JSON, far finer than any plot shows."""
+"""Rows of a history: some 4 MB of JSON, far finer than any plot shows."""
 
 SampleInterval = Annotated[
     Num,
@@ -35,7 +35,7 @@ Alternatives = Annotated[
     Flag,
     Field(
         description="Whether to add the answers under other laws: each decay near the face with each strength factor. "
-        "Each is a case like any other, and is kept under a key of its own."
+        "Each is a case like any other, and is kept under a separate key."
     ),
 ]
 

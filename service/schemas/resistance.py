@@ -58,7 +58,7 @@ class ConstantStrengthFactor(Part):
 
 
 class ObliquityPolynomial(Part):
-    """Polynomial in the initial oblique angle in degrees. Must be above zero at every angle asked for."""
+    """Polynomial in the initial oblique angle in degrees. Must be above zero at every angle of the request."""
 
     model_config = with_examples(OBLIQUITY, UNCERTAIN)
 

@@ -22,7 +22,7 @@ AxisNumber = Annotated[Num, Field(ge=-1e300, le=1e300)]
 
 
 class Axis(Part):
-    """A field and the values it takes: those listed, or as many as asked for at even distances, both ends included."""
+    """A field and the values it takes: those listed, or a number of them at even distances, both ends included."""
 
     model_config = with_examples(EVEN, LISTED)
 

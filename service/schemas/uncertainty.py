@@ -331,10 +331,10 @@ def _with_residual(request: Mapping[str, Any], factor: float) -> dict[str, Any]:
     resistance = Resistance.model_validate(request.get("resistance", {}))
     law = scaled(resistance.to_solver().strength_factor, factor)
     content: dict[str, Any] = {"model": law.name}
-    for name, told in LAW_FIELDS.items():
+    for name, field in LAW_FIELDS.items():
         if hasattr(law, name):
             value = getattr(law, name)
-            content[told] = list(value) if isinstance(value, tuple) else value
+            content[field] = list(value) if isinstance(value, tuple) else value
     return {**request, "resistance": {**request.get("resistance", {}), "strength_factor": content}}
 
 

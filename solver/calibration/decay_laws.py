@@ -25,7 +25,7 @@ class DecayLawFits:
     laws: Mapping[str, MotionsFit | None]
     """By the name of the law; None for one with which the motions leave the strength factor open."""
     warnings: tuple[ModelWarning, ...]
-    """Of the requested law, and whether another fits better."""
+    """Warnings of the requested law, and whether another fits better."""
 
     @property
     def best(self) -> str:

@@ -31,7 +31,7 @@ from solver.warnings import ModelWarning
 FIRST_LOOK = 9
 """Strength factors tried before the fit: depth falls with S, so there is one minimum, or nearly."""
 FIRST_TESTS = 20
-"""Of many tests, about so many are looked at for that."""
+"""Tests, of many, that are computed for that."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -69,7 +69,7 @@ class DepthFit:
     residuals: FloatArray
     """(n,) measured minus predicted. [m]"""
     root_mean_square: float
-    """Of the residuals, weighted. [m]"""
+    """Root mean square of the residuals, weighted. [m]"""
     groups: Mapping[str, "DepthFit"]
     """One fit for each group of two tests or more; empty if the tests have no groups."""
     warnings: tuple[ModelWarning, ...]

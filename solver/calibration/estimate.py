@@ -20,12 +20,12 @@ BOUND_MARGIN = 1e-3
 LOG_STEP = 1e-3
 """Step of the difference quotients in ln S, far above the errors of a run."""
 FIT_TOLERANCE = 1e-6
-"""Of ln S, when a fit ends."""
+"""Change of ln S below which a fit ends."""
 MOST_STEPS = 50
 ROUGHLY = 1e-3
 """Width in ln S to which a valley is searched before the fit itself."""
 SMALLEST_SLOPE = 1e-30
-"""Of the residuals over ln S, below which its square is lost."""
+"""Slope of the residuals over ln S, below which its square is lost."""
 REFINED = 3
 """Valleys of a first look that are refined before the deepest is taken."""
 
@@ -50,7 +50,7 @@ class Estimate:
     confidence_level: float
     """Share of such intervals that hold the true value. [1]"""
     degrees_of_freedom: float
-    """Of that distribution. [1]"""
+    """Degrees of freedom of that distribution. [1]"""
 
 
 def build_estimate(

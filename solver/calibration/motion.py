@@ -35,11 +35,11 @@ from solver.warnings import ModelWarning
 FIT_TOLERANCE = 1e-6
 """Relative tolerance of the runs of a fit, unless said otherwise: right to micrometres and thousandths of a degree."""
 ROUGH = Numerics(relative_tolerance=1e-3, stations=5, points=3)
-"""Of the first look: to a tenth of a millimetre, in a fraction of the time."""
+"""Settings of the first look: to a tenth of a millimetre, in a fraction of the time."""
 FIRST_LOOK = 41
 """Strength factors tried before the fit, 12 % apart: the outcome can flip with S, and each has its own minimum."""
 SMALLEST_SPAN = 1e-3
-"""Of a quantity, over the length of the body or a radian: one that hardly changes must not weigh without bound."""
+"""Least span of a quantity, over body length or a radian: one that hardly changes must not weigh without bound."""
 FEWEST_SAMPLES = 2.0
 """Independent samples that a quantity counts at least, however alike neighbours err."""
 RIVAL = 1.5
@@ -77,9 +77,9 @@ class MotionFit:
     residuals: MotionHistory
     """Given minus predicted, of the quantities that were given."""
     root_mean_square: Mapping[str, float]
-    """Of the residuals, by quantity. [m, m, rad]"""
+    """Root mean square of the residuals, by quantity. [m, m, rad]"""
     normalized_root_mean_square: float
-    """Of the residuals over the spans of their quantities, all that are fitted together, weighted. [1]"""
+    """Root mean square of all residuals that are fitted, over the spans of their quantities, weighted. [1]"""
     r_squared: Mapping[str, float]
     """Share of its variance that the prediction explains, by quantity; absent for one that never changes. [1]"""
     warnings: tuple[ModelWarning, ...]
@@ -91,7 +91,7 @@ class MotionsFit:
 
     free_surface: FreeSurface
     estimate: Estimate
-    """Of the common strength factor."""
+    """Estimate of the common strength factor."""
     normalized_root_mean_square: float
     """At the common S: root of the mean of the squares of the runs. [1]"""
     runs: tuple[MotionFit, ...]

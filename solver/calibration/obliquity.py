@@ -44,7 +44,7 @@ class ObliquityFit:
     coefficients: tuple[float, ...]
     """From the constant term upwards. [1, 1/°, 1/°², ...]"""
     covariance: tuple[tuple[float, ...], ...] | None
-    """Of the coefficients; None if there are as many as points, and the points have no standard errors."""
+    """Covariance of the coefficients; None if there are as many as points, and the points have no standard errors."""
     residuals: FloatArray
     """(n,) given minus fitted. [1]"""
     degrees_of_freedom: int
@@ -139,7 +139,7 @@ def _warnings(*, chi_square: float, degrees_of_freedom: int, known: bool) -> tup
         return (
             ModelWarning(
                 "covariance_unknown",
-                "as many coefficients as points, and no standard errors: nothing tells how well they are known",
+                "as many coefficients as points, and no standard errors: nothing shows how well they are known",
             ),
         )
     if known and degrees_of_freedom > 0 and float(chdtrc(degrees_of_freedom, chi_square)) < UNLIKELY:

@@ -36,7 +36,7 @@ class Strike:
         )
 
     def columns(self, strength_factor: float) -> dict[str, FloatArray]:
-        """The three quantities at the times asked for."""
+        """The three quantities at these times."""
         law = replace(self.prepared.resistance, strength_factor=ConstantStrengthFactor(value=strength_factor))
         prepared = replace(self.prepared, resistance=law)
         run, steps = integrate(

@@ -233,7 +233,7 @@ def _search_outcome(prepared: PreparedCase, impact: Impact, search: Search) -> t
     )
     found = search_outcome(_scan(search), inputs, prepared.model, levels)
     rows = found.trials.tolist()
-    if rows[-1][END] == Termination.NO_STRENGTH:  # raises, and tells what the model gives
+    if rows[-1][END] == Termination.NO_STRENGTH:  # raises, with what the model gives
         prepared.strength_factor_at(rows[-1][ANGLE])
     check_end(rows[-1][END], numerics.termination_time)
     trials = tuple(Trial(angle, position, OUTCOMES[end], fine > 0.0) for angle, position, end, _, fine in rows)

@@ -27,7 +27,7 @@ class Level(NamedTuple):
     tolerance: float
     """Width of the bracket. [rad]"""
     fine: bool
-    """As asked for, or finer."""
+    """As requested, or finer."""
 
 
 Levels = tuple[Level, Level, Level, Level]
@@ -55,7 +55,7 @@ MIDDLE_LEVEL = Level(
 
 @lru_cache  # the cases of a study share one
 def search_levels(*, relative_tolerance: float, stations: int, points: int, tolerance: float) -> Levels:
-    """All of them, for what was asked for: its settings, and the width of its bracket. [rad]"""
+    """All of them, for the requested settings and width of the bracket. [rad]"""
     asked = Level(
         quadrature=build_quadrature(stations=stations, points=points),
         accuracy=Accuracy(relative_tolerance, LARGEST_STEP),

@@ -158,7 +158,7 @@ def _look_nearby(angle: float, level: Level, search: SearchState, nearby: FloatA
 
 
 _addresses: list[int] = []
-"""Of `run_trial`, from the first search on."""
+"""Address of `run_trial`, from the first search on."""
 
 
 def search_outcome(angles: FloatArray, inputs: TrialInputs, model: Model, levels: Levels) -> Found:

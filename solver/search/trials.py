@@ -17,7 +17,7 @@ from solver.surface_integration import Law
 
 ANGLE, POSITION, END, MARGIN, FINE = range(5)
 """Columns of the table of trials: oblique angle, final depth of the nose tip, a value of `Termination`, how clearly the
-projectile was turned away (above zero) or not, and whether the trial was as fine as asked for. [rad, m, 1, 1, 1]"""
+projectile was turned away (above zero) or not, and whether the trial was as fine as requested. [rad, m, 1, 1, 1]"""
 TIME, RETAINED, EXIT = Termination.TIME.value, Termination.RETAINED.value, Termination.EXIT.value
 STEP_LIMIT, NOT_FINITE = Termination.STEP_LIMIT.value, Termination.NOT_FINITE.value
 NO_STRENGTH = Termination.NO_STRENGTH.value
@@ -38,7 +38,7 @@ class TrialInputs(NamedTuple):
     compressive_strength: float
     end_time: float
     time_step: float
-    """Of the route of panels."""
+    """Time step of the route of panels. [s]"""
     retention: float
     """Share of the initial kinetic energy with which a projectile must leave."""
     vary_inertia: bool

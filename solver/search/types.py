@@ -91,7 +91,7 @@ class Trial:
     """Depth of the nose tip at the end of the run, or at the termination time in the searches of the paper. [m]"""
     outcome: Outcome
     fine: bool = True
-    """Whether it was computed as finely as asked for, or finer where that left a doubt. The others only show a
+    """Whether it was computed as finely as requested, or finer where that left a doubt. The others only show a
     search by outcome where to look: they are rougher, and may be wrong within a degree of the critical angle."""
 
 
@@ -110,7 +110,7 @@ class CriticalAngle:
     """Other angles in the range at which the outcome changes, either way. [rad]"""
     warnings: tuple[ModelWarning, ...]
     standard_error: float | None = None
-    """Of the angle, from the covariance of the strength factor; None without one. [rad]"""
+    """Standard error of the angle, from the covariance of the strength factor; None without one. [rad]"""
     energy_fraction_below: float | None = None
     energy_fraction_above: float | None = None
     """Share of the initial kinetic energy left half a degree below and above the angle, 0 if it is less than a tenth of

@@ -31,7 +31,7 @@ from solver.warnings import ModelWarning
 SURROGATE_ERROR = math.radians(0.1)
 """Root mean square error at held-out points up to which the surrogate is used. [rad]"""
 SURROGATE_POINTS = 4096
-"""Of each scrambling at which the surrogate is evaluated."""
+"""Points of each scrambling at which the surrogate is evaluated."""
 RESAMPLES, BATCH = 499, 50
 FEWEST_BASE_SAMPLES = 64
 """For Sobol indices by the direct method."""

@@ -15,7 +15,7 @@ from solver.validation import require, require_finite, require_positive
 
 FIELD = "distribution"
 NODES = 48
-"""Of a quadrature: exact for the squares of every polynomial in use with a smooth density."""
+"""Nodes of a quadrature: exact for the squares of every polynomial in use with a smooth density."""
 FAR = 9.0
 """Standard deviations beyond which a normal density counts for nothing. [1]"""
 WEIGHTS_SUM = 1e-9

@@ -34,7 +34,7 @@ class Uncertain:
     ----------
     field
         Dotted name, as in ``impact.velocity``, ``target.compressive_strength``, ``projectile.mass``,
-        ``numerics.retention_energy_fraction``; a model of its own with discrete values, as in
+        ``numerics.retention_energy_fraction``; a model with discrete values, as in
         ``resistance.free_surface``; or ``resistance.strength_residual``, a factor on the strength factor.
     distribution
         In the unit of the field.

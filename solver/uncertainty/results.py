@@ -14,7 +14,7 @@ from solver.uncertainty.sampling import Estimate
 from solver.warnings import ModelWarning
 
 LEVELS = (0.025, 0.05, 0.25, 0.5, 0.75, 0.95, 0.975)
-"""Of the quantiles in an answer."""
+"""Probabilities of the quantiles in an answer."""
 
 Problem = Literal["", "failed", "outside"]
 """Why a sample has no outcome: it could not be computed, or is outside what the model accepts."""
@@ -58,7 +58,7 @@ class Change:
     """Critical angle with one input changed and the others at their median, or likeliest value."""
 
     value: Any
-    """Of the input."""
+    """Value of the input."""
     angle: float | None
     """None without one. [rad]"""
 
@@ -91,13 +91,13 @@ class AngleUncertainty:
     oblique_angles: FloatArray
     """[rad]"""
     probability: FloatArray
-    """Of being turned away, at each of them."""
+    """Probability of being turned away, at each of them."""
     lower: FloatArray
     upper: FloatArray
     """Its interval."""
     mean: Estimate | None
     standard_deviation: Estimate | None
-    """Of the critical angle among the samples that have one; None if none has. [rad]"""
+    """Mean and standard deviation of the critical angle among the samples that have one; None if none has. [rad]"""
     quantiles: tuple[tuple[float, Estimate], ...]
     """Likewise, as probability and angle. [1, rad]"""
     share_without: Estimate
@@ -108,14 +108,14 @@ class AngleUncertainty:
     """Whether every interval is within the half width wanted."""
     method: Literal["surrogate", "direct"]
     order: int | None
-    """Of the polynomials of the surrogate."""
+    """Highest order of the polynomials of the surrogate."""
     surrogate_error: float | None
     """Root mean square of its error at held-out points, also where it was too large for use. [rad]"""
     samples: int
     """Searches in all."""
     failed: int
     outside: int
-    """Of them, those that could not be computed, and those outside what the model accepts."""
+    """Samples that could not be computed, and those outside what the model accepts."""
     seed: int
     warnings: tuple[ModelWarning, ...] = field(default=())
 

@@ -13,7 +13,7 @@ from solver.validation import require, require_between
 SCRAMBLINGS = 16
 """Independent randomisations of one Sobol sequence: their scatter is the error of their mean."""
 FIRST_POINTS = 16
-"""Of each scrambling in the first round; every round doubles them."""
+"""Points of each scrambling in the first round; every round doubles them."""
 MOST_SAMPLES = 1_048_576
 HALF_BIN = 2.0**-31
 """SciPy's Sobol points have 30 bits: the middle of the cell keeps 0 away."""

@@ -22,7 +22,7 @@ ORDERS = (1, 2, 3, 4, 5)
 POINTS_PER_TERM = 2
 """Points of a fit, at least: three inputs more would otherwise be fitted through every point."""
 DRAWS = 400
-"""Of the coefficients within their errors, for the intervals of what is computed from them."""
+"""Samples of the coefficients within their errors, for the intervals of what is computed from them."""
 ROUNDING = 1e-12
 """Half width of an interval at least, over the value. [1]"""
 

@@ -34,7 +34,7 @@ class Ending(NamedTuple):
     exit_speed: float = math.nan
     """[m/s]"""
     exit_angle: float = math.nan
-    """Of the velocity from the outward normal. [rad]"""
+    """Angle of the velocity from the outward normal. [rad]"""
     problem: Problem = ""
 
     @classmethod

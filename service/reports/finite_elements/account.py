@@ -186,7 +186,7 @@ def _polynomial(found: Calibration, predicted: Predictions) -> str:
 
 
 def _angles(predicted: Predictions, brackets: Mapping[Mesh, tuple[float, float]]) -> str:
-    told = [
+    parts = [
         f"{_answer(predicted.chosen(law, mesh))} by {LAW_NAMES[law]} decay, "
         f"{placed(predicted.chosen(law, mesh), *brackets[mesh])}"
         for mesh in MESHES
@@ -195,7 +195,8 @@ def _angles(predicted: Predictions, brackets: Mapping[Mesh, tuple[float, float]]
     (low, high), (fine_low, fine_high) = brackets["coarse"], brackets["fine"]
     return (
         f"**Critical angle with S from all runs of a mesh.** Coarse mesh, finite elements between {low:g}° and "
-        f"{high:g}°: {told[0]}; {told[1]}. Fine mesh, between {fine_low:g}° and {fine_high:g}°: {told[2]}; {told[3]}. "
+        f"{high:g}°: {parts[0]}; {parts[1]}. Fine mesh, between {fine_low:g}° and {fine_high:g}°: {parts[2]}; "
+        f"{parts[3]}. "
         f"With the paper's eq. 9, fitted to other finite elements up to 45° and extrapolated, the elastic-plastic law "
         f"gives {_answer(predicted.paper)}."
     )

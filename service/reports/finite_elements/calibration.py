@@ -56,7 +56,7 @@ class Calibration:
     alone: Mapping[str, Mapping[float, Mapping[str, Estimate | None]]]
     """By law and oblique angle: S from each quantity by itself; None where it leaves S open. [°]"""
     cpu_seconds: float
-    """Of `fits`."""
+    """Processor time of `fits`. [s]"""
 
     def own(self, law: str, *, later: bool = False) -> dict[float, MotionFit]:
         """Fit of each run by itself with a law, by oblique angle; without those that leave S open. [°]"""

@@ -39,9 +39,9 @@ class Ending:
     tip_depth: float
     """[m]"""
     tip_velocity: float
-    """Of the nose tip along the inward normal. [m/s]"""
+    """Velocity of the nose tip along the inward normal. [m/s]"""
     center_velocity: float
-    """Of the centre of gravity along the inward normal. [m/s]"""
+    """Velocity of the centre of gravity along the inward normal. [m/s]"""
     energy_share: float
     """Kinetic energy over the initial one. [1]"""
 
@@ -136,7 +136,7 @@ NEAR = "constant, mean of 45° to 50°"
 TO_45 = "second order, up to 45°"
 PAPER = "the paper's eq. 9"
 SCAN = math.radians(0.3)
-"""Of a search: where S falls to zero, projectiles are turned away over a range that a wider scan can miss. [rad]"""
+"""Scan interval: where S falls to zero, projectiles are turned away over a range that a wider scan can miss. [rad]"""
 NEAR_ANGLES = (45.0, 48.0, 50.0)
 """[°]"""
 

@@ -19,7 +19,7 @@ VELOCITIES = np.linspace(200.0, 400.0, 41)
 PRINTED_DEPTH = 0.005
 """Half of the last digit of a depth in Table 1. [m]"""
 FIRED_DIAMETER = 0.0762
-"""Of the projectiles behind Table 1. [m]"""
+"""Diameter of the projectiles behind Table 1. [m]"""
 
 
 def section(tell: Tell) -> Section:

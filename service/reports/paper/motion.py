@@ -22,9 +22,9 @@ LABELS = {
     "depth_displacement": "depth displacement [m]",
     "rotation": "rotation [°]",
 }
-"""Of each quantity as it is shown."""
+"""Label of each quantity."""
 END = 5e-3
-"""Of the paper's oblique runs. [s]"""
+"""Duration of the paper's oblique runs. [s]"""
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,7 +22,7 @@ from service.reports.validation.predictions import (
 from solver.arrays import FloatArray
 
 BAND = 0.2
-"""Of the lines in the figures, on either side. [1]"""
+"""Distance of the lines in the figures, on either side. [1]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -50,7 +50,7 @@ def agreement(ratios: FloatArray) -> Agreement:
 
 
 Choice: TypeAlias = Callable[[Strike], bool]
-"""Of tests."""
+"""Choice of tests."""
 
 
 def every(_: Strike) -> bool:

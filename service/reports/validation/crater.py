@@ -29,7 +29,7 @@ class CraterDifference:
     """Without inertia, at every speed and strength. [m]"""
     strikes: Sequence[Strike]
     differences: FloatArray
-    """Of each test. [m]"""
+    """Differences of each test. [m]"""
 
     @property
     def extent(self) -> str:
@@ -164,6 +164,6 @@ def _figure(differences: Sequence[CraterDifference]) -> Figure:
     axes.legend(ncols=3, loc="center right")
     caption = (
         f"Depth of the closed form less that of the trajectory model over velocity, S = {POWER_LAW}. Lines: "
-        "without inertia, where the nose alone tells it."
+        "without inertia, where the nose alone sets it."
     )
     return Figure(name="crater", caption=caption, figure=figure, data=data)

@@ -29,7 +29,7 @@ from solver.warnings import input_warnings
 
 OUTLIER_ROW = 55
 LIKELY_VELOCITY = 690.0
-"""Of that test, if its 590 m/s are a slip. [m/s]"""
+"""Velocity of that test, if its 590 m/s are a slip. [m/s]"""
 STEEL_DENSITY = 7850.0
 """[kg/m³]"""
 NEXT_GRADE = 1.25
@@ -100,7 +100,7 @@ def _projectile(test: PenetrationTest) -> Projectile:
 FIT_RANGE = (3.0, 15.0)
 """Strength factors among which the best is sought. [1]"""
 CURVE_DEGREE = 6
-"""Of the polynomial that stands for depth over S while fitting: true to 10⁻⁶ of the depth."""
+"""Order of the polynomial that stands for depth over S while fitting: true to 10⁻⁶ of the depth."""
 
 DepthCurve: TypeAlias = Callable[[float], float]
 """Depth of the nose tip by strength factor. [m]"""

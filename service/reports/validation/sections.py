@@ -113,7 +113,7 @@ def _tests_table(assessment: Assessment) -> Table:
 
 
 LARGE_DIAMETER = 0.0762
-"""Of the largest projectiles. [m]"""
+"""Diameter of the largest projectiles. [m]"""
 
 
 def limits_section(assessment: Assessment) -> Section:
@@ -223,7 +223,7 @@ def sections(tell: Tell) -> Iterator[Section]:
     Parameters
     ----------
     tell
-        Is told what comes next.
+        Called with what comes next.
 
     Yields
     ------

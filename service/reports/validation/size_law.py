@@ -30,7 +30,7 @@ class SizeLaw:
 
     model: StrengthPowerLaw
     standard_errors: tuple[float, ...]
-    """Of ln c, a and, with the diameter, b."""
+    """Standard errors of ln c, a and, with the diameter, b."""
 
     def factor(self, strike: Strike) -> float:
         """Strength factor of a test. [1]"""
@@ -80,13 +80,13 @@ class LeftOut:
 
     name: str
     places: Sequence[int]
-    """Of the tests among all."""
+    """Indices of the tests among all."""
     law: SizeLaw
     diameter: bool
     ratios: FloatArray
     """Predicted over measured depth. [1]"""
     slow: FloatArray
-    """Of those up to 900 m/s. [1]"""
+    """Scatter of those up to 900 m/s. [1]"""
 
 
 def leave_out(assessment: Assessment, *, diameter: bool) -> list[LeftOut]:
@@ -135,7 +135,7 @@ class Trend:
     exponent: float
     standard_error: float
     change: float
-    """Of the ratio from the least value of the variable to the greatest. [1]"""
+    """Change of the ratio from the least value of the variable to the greatest. [1]"""
 
 
 def trend(values: FloatArray, ratios: FloatArray) -> Trend:

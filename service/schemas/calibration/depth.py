@@ -45,7 +45,7 @@ TABLE_1 = [
     {"velocity_m_s": 314.0, "depth_m": 0.45, "mass_kg": 12.910},
     {"velocity_m_s": 369.5, "depth_m": 0.53, "mass_kg": 12.914},
 ]
-"""Of the paper."""
+"""Values of the paper."""
 
 Group = Annotated[str, StringConstraints(strict=True, min_length=1, max_length=128)]
 
@@ -62,7 +62,7 @@ class DepthTest(Part):
     ) = MISSING
     weight: Annotated[Num, Field(ge=1e-6, le=1e6, description="Of the squared residual, relative. [1]")] = 1.0
     group: (
-        Annotated[Group, Field(description="Gets a strength factor of its own, beside that of all tests.")] | MISSING
+        Annotated[Group, Field(description="Gets a separate strength factor, beside that of all tests.")] | MISSING
     ) = MISSING
 
     def to_solver(self) -> SolverTest:
@@ -189,7 +189,7 @@ TABLE_2 = [
     {"oblique_angle_deg": angle, "strength_factor": factor}
     for angle, factor in ((0.0, 8.52), (15.0, 8.25), (30.0, 7.91), (45.0, 6.48))
 ]
-"""Of the paper."""
+"""Values of the paper."""
 
 
 class ObliquityPoint(Part):

@@ -15,7 +15,7 @@ from solver.calibration import MotionHistory, MotionRun, Weights
 from solver.errors import ParameterError
 
 COMPARED_ROWS = 1000
-"""Of a motion that is only compared: a curve needs no more."""
+"""Rows of a motion that is only compared: a curve needs no more."""
 MOST_RUNS = 20
 
 AT_30: dict[str, Any] = {

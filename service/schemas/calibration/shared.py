@@ -22,7 +22,7 @@ ConfidenceInterval = Annotated[
     Field(
         min_length=2,
         max_length=2,
-        description="Lower and upper end, at the confidence level asked for, by Student's distribution. [1]",
+        description="Lower and upper end, at the requested confidence level, by Student's distribution. [1]",
     ),
 ]
 Residuals = Annotated[list[Num], Field(description="Given minus predicted, in the order of the request.")]
@@ -88,7 +88,7 @@ class FittedStrength(Part):
 
 
 def estimate_told(estimate: Estimate) -> dict[str, Any]:
-    """Return an estimate as it is told."""
+    """Return an estimate as the contract has it."""
     return {
         "strength_factor": estimate.strength_factor,
         "standard_error": estimate.standard_error,
