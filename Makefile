@@ -27,7 +27,7 @@ setup: .venv/.locked .venv/.installed ## build .venv from the lock, with everyth
 	@test -n "$(PYTHON)" || { echo "no Python 3.11 to 3.14 found; name one: make PYTHON=/path/to/python3"; exit 1; }
 	@echo "building .venv with $$($(PYTHON) --version), about a minute ..."
 	@$(PYTHON) -m venv --clear .venv
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile --require-hashes \
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile --no-deps --require-hashes \
 		--only-binary :all: -r $(DEV)
 	@touch $@
 

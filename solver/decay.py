@@ -68,7 +68,7 @@ def build_decay(model: FreeSurface, target: Target) -> Decay:
     if isinstance(model, NoFreeSurface):
         none, nothing = np.zeros(DEGREE + 1), np.zeros(SHELL_DEGREE + 1)
         return Decay(0.0, 1.0, 0.0, 0.0, Near(0.0, none, none), Deep(nothing, nothing))
-    corner = model.plastic_ratio(target)
+    corner = float(model.plastic_ratio(target))
     pivot = math.sqrt(corner)
     edge = (pivot - 1.0) / (pivot + 1.0)
     near = (1.0 - edge * NODES) / (1.0 + edge * NODES) / pivot

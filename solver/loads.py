@@ -61,9 +61,9 @@ class Scratch(NamedTuple):
 def build_law(*, resistance: Resistance, target: Target, strength_factor: float, ramp_velocity: float) -> Law:
     """Resistance of `target` with the strength factor of one strike."""
     return Law(
-        static_stress=strength_factor * target.compressive_strength,
-        dynamic_density=resistance.inertia_factor * target.density,
-        ramp_velocity=ramp_velocity,
+        static_stress=float(strength_factor * target.compressive_strength),
+        dynamic_density=float(resistance.inertia_factor * target.density),
+        ramp_velocity=float(ramp_velocity),
         smooth_ramp=True,
         decay=build_decay(resistance.free_surface, target),
     )

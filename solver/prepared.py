@@ -94,16 +94,16 @@ def integrate(
     Unless given, the thresholds are the retention energy of the case and rest.
     """
     numerics, start = prepared.numerics, initial_state(impact, model.body)
-    end_time = numerics.termination_time
+    end_time = float(numerics.termination_time)
     if thresholds is None:
-        thresholds = Thresholds(numerics.retention_energy_fraction, REST_FRACTION)
+        thresholds = Thresholds(float(numerics.retention_energy_fraction), REST_FRACTION)
     if numerics.method == "panels":
         steps = np.empty((numerics.fixed_steps + 1 if keep_steps else 1, STEP_WIDTH))
-        run = integrate_fixed(start, model, end_time, thresholds, numerics.time_step, steps)
+        run = integrate_fixed(start, model, end_time, thresholds, float(numerics.time_step), steps)
     else:
         steps = np.empty((STEP_LIMIT if keep_steps else 1, STEP_WIDTH))
         work, linear = make_workspace(), make_linearisation()
-        accuracy = Accuracy(numerics.relative_tolerance, LARGEST_STEP)
+        accuracy = Accuracy(float(numerics.relative_tolerance), LARGEST_STEP)
         run = integrate_adaptive(start, model, end_time, thresholds, accuracy, steps, work, linear)
     check_end(run.end if np.isfinite(run.state).all() else Termination.NOT_FINITE, run.time)
     return run, steps[: run.steps]
@@ -111,7 +111,8 @@ def integrate(
 
 def initial_state(impact: Impact, body: Body) -> FloatArray:
     """State at first contact, when the deepest point of the surface touches the face."""
-    return start_state(body, impact.velocity, impact.oblique_angle, impact.angle_of_attack, impact.angular_velocity)
+    speeds = (impact.velocity, impact.oblique_angle, impact.angle_of_attack, impact.angular_velocity)
+    return start_state(body, *map(float, speeds))
 
 
 OUTCOMES: dict[float, Outcome] = {

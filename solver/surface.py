@@ -79,7 +79,8 @@ def build_body(projectile: Projectile, properties: MassProperties) -> Body:
             for angle in (piece.angle_start, piece.angle_end):
                 x, r = piece.x_center - piece.radius * math.sin(angle), piece.r_center + piece.radius * math.cos(angle)
                 corners.append((center - x, r))
-    return Body(np.array(rows), np.array(corners), center, properties.mass, properties.moment_of_inertia)
+    numbers = (center, properties.mass, properties.moment_of_inertia)
+    return Body(np.array(rows, float), np.array(corners, float), *map(float, numbers))  # 13 would be another type
 
 
 @compiled

@@ -76,4 +76,4 @@ document.querySelector("nav").addEventListener("click", ({ target }) => {
 });
 addEventListener("hashchange", show);
 show();
-tellVersions().catch(() => {}); // the view tells what is wrong
+tellVersions().catch(() => {}); // the view shows what is wrong

@@ -5,7 +5,7 @@ import { angleRequest, trajectoryRequest, withValue } from "./case.js";
 import { paperCase } from "./contract.js";
 import { fieldAt } from "./fields.js";
 
-/** What a map may show, and how its cases are asked for. */
+/** What a map may show, and how its cases are requested. */
 export const OPERATIONS = {
   cra: { label: "Critical angle", path: "cra/sweep" },
   trajectory: { label: "Outcome at an angle", path: "trajectory/sweep" },
@@ -17,7 +17,7 @@ const USUAL = {
 };
 
 /**
- * Return the map that a query tells of.
+ * Return the map of a query.
  *
  * @param {URLSearchParams} query
  * @returns {{values: object, operation: "cra"|"trajectory", x: Axis, y: Axis, job: string}} `values` is the case that
@@ -45,7 +45,7 @@ export function mapOfJob({ id, operation, request }) {
   return { values, operation, x, y, job: id };
 }
 
-/** Return the query that tells of a map. */
+/** Return the query of a map. */
 export function mapQuery({ values, operation, x, y, job }) {
   const query = new URLSearchParams({ operation, x: writeAxis(x), y: writeAxis(y) });
   if (job) query.set("job", job);
@@ -53,7 +53,7 @@ export function mapQuery({ values, operation, x, y, job }) {
   return query;
 }
 
-/** Return where the sweep is asked for, and its body: row by row, from left to right. */
+/** Return the path of the sweep, and its body: row by row, from left to right. */
 export function sweepRequest({ values, operation, x, y }) {
   const base = operation === "cra" ? angleRequest(values) : trajectoryRequest(values);
   return { path: OPERATIONS[operation].path, body: { base, axes: [y, x] } };

@@ -10,6 +10,7 @@ from service.schemas.answers import FOUND, VERSIONED, CriticalAngleAnswer, Traje
 from service.schemas.batches import Item
 from service.schemas.calibration import DepthCalibrationAnswer, MotionCalibrationAnswer, ObliquityCalibrationAnswer
 from service.schemas.examples import PAPER
+from service.schemas.formulas import FormulasAnswer
 from service.schemas.problems import Problem
 from service.schemas.quantities import Count, Part, with_examples
 from service.schemas.sweeps import EVEN, LISTED, Axis
@@ -41,6 +42,7 @@ Result = TypeAliasType(
         | DepthCalibrationAnswer
         | MotionCalibrationAnswer
         | ObliquityCalibrationAnswer
+        | FormulasAnswer
         | CriticalAngleUncertaintyAnswer
         | TrajectoryUncertaintyAnswer,
         Field(description="Any answer."),

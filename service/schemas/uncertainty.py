@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from enum import StrEnum
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
@@ -18,7 +19,7 @@ from service.schemas.requests import Case, CriticalAngleBase, TrajectoryFields
 from service.schemas.resistance import Resistance
 from service.schemas.strike import Impact, Strike
 from service.schemas.sweeps import check_field, put
-from solver import ParameterError
+from solver import Outcome, ParameterError
 from solver.arrays import FloatArray
 from solver.uncertainty import (
     RESIDUAL,
@@ -149,13 +150,22 @@ class TriangularDistribution(Part):
 Name = Annotated[str, StringConstraints(strict=True, min_length=1, max_length=100)]
 
 
+DiscreteValues = TypeAliasType(
+    "DiscreteValues",
+    Annotated[
+        list[Finite] | list[Name], Field(min_length=1, max_length=100, description="Numbers, or names of models.")
+    ],
+)
+"""What a discrete distribution chooses from."""
+
+
 class DiscreteDistribution(Part):
     """Some values, each with its weight: numbers, or names of models."""
 
     model_config = with_examples(DECAYS)
 
     type: Literal["discrete"]
-    values: Annotated[list[Finite] | list[Name], Field(min_length=1, max_length=100)]
+    values: DiscreteValues
     weights: (
         Annotated[
             list[Finite],
@@ -224,6 +234,13 @@ class AngleRange(Part):
         return np.radians(np.linspace(self.start, self.stop, self.count))
 
 
+class SamplingMethod(StrEnum):
+    """How samples are used."""
+
+    AUTO = "auto"
+    DIRECT = "direct"
+
+
 class SamplingSettings(Part):
     """How much is sampled."""
 
@@ -240,9 +257,9 @@ class SamplingSettings(Part):
         SAMPLING.seed
     )
     method: Annotated[
-        Literal["auto", "direct"],
+        SamplingMethod,
         Field(description="`auto` uses the surrogate where it passes its check, `direct` never."),
-    ] = "auto"
+    ] = SamplingMethod.AUTO
 
     def to_solver(self) -> Sampling:
         """Return the solver's settings."""
@@ -476,12 +493,18 @@ class CriticalAngleDistribution(Part):
     share_without_angle: Annotated[EstimateAnswer, Field(description="Of all samples with an outcome.")]
 
 
+InputValue = TypeAliasType("InputValue", Annotated[Num | str, Field(description="A number, or the name of a model.")])
+"""Value of an input."""
+
+
 class SwingAnswer(Part):
     """Critical angle with one input changed and the others at their median or likeliest value."""
 
     model_config = with_examples({"value": 234.1, "critical_angle_deg": 48.5})
 
-    value: Annotated[Num | str, Field(description="Of the input: its 5 % and 95 % quantiles, or each discrete value.")]
+    value: Annotated[
+        InputValue, Field(description="Value of the input: its 5 % and 95 % quantiles, or each discrete value.")
+    ]
     critical_angle_deg: Annotated[Num, Field(description="If there is one. [°]")] | MISSING = MISSING
 
 
@@ -534,6 +557,13 @@ SAMPLED = {
 }
 
 
+class UncertaintyMethod(StrEnum):
+    """How probabilities were computed."""
+
+    SURROGATE = "surrogate"
+    DIRECT = "direct"
+
+
 class CriticalAngleUncertaintyAnswer(UncertaintyAnswer):
     """How sure a critical angle is."""
 
@@ -558,7 +588,7 @@ class CriticalAngleUncertaintyAnswer(UncertaintyAnswer):
     critical_angle: CriticalAngleDistribution
     sensitivity: Annotated[list[SensitivityAnswer], Field(description="If wanted.")] | MISSING = MISSING
     method: Annotated[
-        Literal["surrogate", "direct"],
+        UncertaintyMethod,
         Field(
             description="`surrogate`: a polynomial chaos of the angle; `direct`: outcomes of randomised Sobol points."
         ),
@@ -575,7 +605,7 @@ class OutcomeProbability(EstimateAnswer):
 
     model_config = with_examples({"outcome": "ricochet"} | ESTIMATE)
 
-    outcome: Literal["ricochet", "embedded", "in_motion"]
+    outcome: Outcome
 
 
 class TrajectoryUncertaintyAnswer(UncertaintyAnswer):

@@ -213,16 +213,16 @@ def _search_outcome(prepared: PreparedCase, impact: Impact, search: Search) -> t
     """Scan the range, then narrow every change of outcome."""
     numerics, target = prepared.numerics, prepared.target
     inputs = TrialInputs(
-        velocity=impact.velocity,
-        angle_of_attack=impact.angle_of_attack,
-        angular_velocity=impact.angular_velocity,
+        velocity=float(impact.velocity),
+        angle_of_attack=float(impact.angle_of_attack),
+        angular_velocity=float(impact.angular_velocity),
         strength=np.array(
-            prepared.resistance.strength_factor.polynomial(target=target, projectile=prepared.projectile)
+            prepared.resistance.strength_factor.polynomial(target=target, projectile=prepared.projectile), float
         ),
-        compressive_strength=target.compressive_strength,
-        end_time=numerics.termination_time,
-        time_step=numerics.time_step,
-        retention=numerics.retention_energy_fraction,
+        compressive_strength=float(target.compressive_strength),
+        end_time=float(numerics.termination_time),
+        time_step=float(numerics.time_step),
+        retention=float(numerics.retention_energy_fraction),
         vary_inertia=prepared.projectile.moment_of_inertia is None,
     )
     levels = search_levels(

@@ -58,16 +58,16 @@ def search_levels(*, relative_tolerance: float, stations: int, points: int, tole
     """All of them, for the requested settings and width of the bracket. [rad]"""
     asked = Level(
         quadrature=build_quadrature(stations=stations, points=points),
-        accuracy=Accuracy(relative_tolerance, LARGEST_STEP),
+        accuracy=Accuracy(float(relative_tolerance), LARGEST_STEP),
         ramp_fraction=RAMP_FRACTION,
         smooth_ramp=True,
         stride=math.radians(0.1),
-        tolerance=tolerance,
+        tolerance=float(tolerance),
         fine=True,
     )
     last = asked._replace(
         quadrature=build_quadrature(stations=max(stations, LAST_STATIONS), points=max(points, LAST_POINTS)),
-        accuracy=Accuracy(min(relative_tolerance, LAST_TOLERANCE), LARGEST_STEP),
+        accuracy=Accuracy(float(min(relative_tolerance, LAST_TOLERANCE)), LARGEST_STEP),
     )
     return ROUGH_LEVEL, MIDDLE_LEVEL, asked, last
 

@@ -5,6 +5,7 @@ then narrowed by itself, and together they must lead from one end of the range t
 """
 
 import math
+import threading
 from typing import NamedTuple
 
 import numpy as np
@@ -159,6 +160,7 @@ def _look_nearby(angle: float, level: Level, search: SearchState, nearby: FloatA
 
 _addresses: list[int] = []
 """Address of `run_trial`, from the first search on."""
+_first = threading.Lock()
 
 
 def search_outcome(angles: FloatArray, inputs: TrialInputs, model: Model, levels: Levels) -> Found:
@@ -167,14 +169,14 @@ def search_outcome(angles: FloatArray, inputs: TrialInputs, model: Model, levels
     If a trial could not be integrated, or the strength factor is not above zero at one of the angles, that trial is the
     last of the table, and there are no brackets.
     """
-    if _addresses:
-        return _search(angles, inputs, model, levels, _addresses[0])
-    state = SearchState(inputs, model, levels, make_trial_table(1), 0)
-    address = address_of(run_trial, 0.0, levels[ROUGH], state)
-    found = _search(angles, inputs, model, levels, address)
-    keep_types(_search)
-    _addresses.append(address)
-    return found
+    with _first:
+        if not _addresses:
+            state = SearchState(inputs, model, levels, make_trial_table(1), 0)
+            address = address_of(run_trial, 0.0, levels[ROUGH], state)
+            address_of(_search, angles, inputs, model, levels, 0)  # compiles or loads it
+            keep_types(_search)
+            _addresses.append(address)
+    return _search(angles, inputs, model, levels, _addresses[0])
 
 
 @compiled

@@ -305,6 +305,22 @@ def test_retention_energy_beyond_its_bounds_is_named(share: float) -> None:
     assert caught.value.field == "numerics.retention_energy_fraction"
 
 
+@pytest.mark.parametrize(
+    "whole",
+    [
+        {"velocity": 238},
+        {"angle_of_attack": 0, "angular_velocity": 0},
+        {"projectile": replace(PAPER_PROJECTILE, mass=13)},
+        {"target": replace(PAPER_TARGET, compressive_strength=39_000_000, density=2250)},
+        {"velocity": np.float32(238.0)},
+    ],
+    ids=["speed", "attack", "mass", "target", "single precision"],
+)
+def test_whole_numbers_give_the_angle_of_floats(whole: dict[str, Any]) -> None:
+    usual: dict[str, Any] = {"projectile": PAPER_PROJECTILE, "target": PAPER_TARGET, "velocity": 238.0}
+    assert critical_angle(**usual | whole).angle == critical_angle(**usual).angle
+
+
 def test_slow_strikes_have_the_angles_of_an_independent_program() -> None:
     """Midpoint panels and steps of 1 µs, 1 % of the energy; by rules of two thresholds the last was 16.4°."""
     for velocity, strength, angle in ((80.0, 39e6, 43.33), (100.0, 39e6, 44.00), (150.0, 50e6, 44.10)):
