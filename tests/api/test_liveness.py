@@ -45,6 +45,7 @@ async def keep_busy(url: str) -> set[int]:
     return {answer.status_code for answer in answers}
 
 
+@pytest.mark.slow  # a time, which only a quiet machine keeps
 @pytest.mark.timeout(180)
 def test_no_liveness_answer_is_late_while_two_hundred_queries_run(live_url: str) -> None:
     command = [sys.executable, str(POLLER), str(urlsplit(live_url).port)]
