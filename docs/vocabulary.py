@@ -33,7 +33,7 @@ PHRASES = {
     "asked for": "requested",
     "whoever": "the caller, the owner",
     "of its own": "separate",
-    '"""Of ': "the quantity, then `of`",
+    '"""Of': "the quantity, then `of`",
 }
 WORDED = ("solver/", "service/", "docs/", "README.md", "CONTRIBUTING.md", "examples/")
 SUFFIXES = (".py", ".md", ".js", ".toml", ".yaml")

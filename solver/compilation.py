@@ -25,6 +25,7 @@ from llvmlite.binding import get_host_cpu_name
 from numba import config, njit, typeof
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile, _CacheLocator
 from numba.core.compiler_lock import global_compiler_lock
+from numba.core.errors import TypingError
 from numba.extending import intrinsic
 
 PACKAGE = Path(__file__).parent
@@ -246,11 +247,16 @@ vectorised = _decorator(_nrt=False, fastmath={"contract", "nsz", "arcp", "reasso
 """Decorator of loops over vectors; only sums that may be reordered can use vector registers."""
 
 
+_addressed: set[tuple[object, ...]] = set()
+"""Types of arguments for which an address was made."""
+
+
 def address_of(function: Callable[..., object], *arguments: object) -> Any:
     """Return the address of an inner function for arguments of these types, compiled or loaded if need be."""
     if config.DISABLE_JIT:  # type: ignore[attr-defined]
         return function
     signature = tuple(typeof(argument) for argument in arguments)
+    _addressed.add(signature)
     dispatcher = cast(Any, function)
     dispatcher.compile(signature)
     result = dispatcher.overloads[signature]
@@ -276,6 +282,8 @@ def _call(_typing: Any, address: Any, arguments: Any, example: Any) -> tuple[Any
             convention.return_status_propagate(builder, status)
         return result
 
+    if tuple(arguments.types) not in _addressed:  # the function would read them as something else
+        raise TypingError(f"no address was made for arguments of the types {arguments.types}")
     return example(address, arguments, example), generate
 
 

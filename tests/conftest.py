@@ -16,7 +16,7 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 ROOT = Path(__file__).parents[1]
-START_LIMIT_S = 600.0  # the first start on a machine compiles the solver
+START_LIMIT_S = 240.0  # the first start on a machine compiles the solver
 STOP_LIMIT_S = 20.0
 settings.register_profile("any machine", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("any machine")

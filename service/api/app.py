@@ -70,7 +70,6 @@ BODIES = (
     CriticalAngleBatch,
     TrajectorySweep,
     CriticalAngleSweep,
-    CriticalAngleUncertaintyRequest,
     DepthCalibrationRequest,
     MotionCalibrationRequest,
     ObliquityCalibrationRequest,

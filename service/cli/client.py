@@ -70,7 +70,7 @@ class Client:
     def compute(self, operation: str, body: dict[str, Any]) -> bytes:
         """Return the answer to one case, as JSON."""
         content = dumps(body)
-        return self._send("POST", f"/{operation}", lambda: content, {"Content-Type": JSON}).content
+        return self._send("POST", f"/{operation.replace('_', '/')}", lambda: content, {"Content-Type": JSON}).content
 
     def submit(self, path: str, content: Content, media_type: str, token: str) -> dict[str, Any]:
         """Submit many cases as a job and return it; repeated with the same token, the request makes no second job."""

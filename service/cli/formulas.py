@@ -5,13 +5,13 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
-from service.cli.arguments import BODY, IMPACT, RefusedError, add_case, add_formats, add_url, examples
+from service.cli.arguments import BODY, IMPACT, add_case, add_formats, add_url, examples
 from service.cli.request_body import read_body
-from service.cli.single import compute_locally, print_csv, print_json
+from service.cli.single import answer_of, print_csv, print_json
 from service.cli.writers import heading, print_table, print_values
 
 FLAGS = (*IMPACT, *BODY)
-PARTS = ("projectile", "target", "impact")
+PARTS = {"projectile", "target", "impact"}
 LIMITS = ("penetration_depth_m", "scabbing_thickness_m", "perforation_thickness_m")
 
 
@@ -33,23 +33,16 @@ def add_formulas(parser: argparse.ArgumentParser) -> None:
 def run_formulas(args: argparse.Namespace) -> int:
     """Evaluate and print."""
     body = read_body(args.case, args, FLAGS)
-    content = {name: part for name, part in body.content.items() if name in PARTS}
-    try:
-        if args.url:
-            from service.cli.client import connect
-
-            with connect(args.url) as client:
-                text = client.compute("formulas", content)
-        else:
-            text = compute_locally("formulas", content)
-    except RefusedError as error:
-        raise body.explain(error) from None
+    for name in body.content.keys() - PARTS:
+        del body.content[name]
+    text = answer_of("formulas", body, args.url)
     answer: dict[str, Any] = json.loads(text)
     if args.json:
         print_json(text)
     elif args.csv:
-        columns = ("formula", *LIMITS, "in_range", "verified", "source")
-        print_csv({name: [row.get(name, "") for row in answer["formulas"]] for name in columns})
+        from service.cache.tables import formula_columns
+
+        print_csv(formula_columns(answer))
     else:
         print_formulas(answer)
     return 0

@@ -116,13 +116,24 @@ def answer_one(operation: str, args: argparse.Namespace, flags: Sequence[Flag]) 
         from service.cli.plots import check_plot
 
         check_plot(args.plot)
+    return body, answer_of(operation, body, args.url)
+
+
+def answer_of(operation: str, body: RequestBody, url: str | None) -> bytes:
+    """Return the answer as JSON, of the service at this address or computed in this process.
+
+    Raises
+    ------
+    CommandError
+        If there is none; it names the flag or the field of the file that is invalid.
+    """
     try:
-        if args.url:
+        if url:
             from service.cli.client import connect
 
-            with connect(args.url) as client:
-                return body, client.compute(operation, body.content)
-        return body, compute_locally(operation, body.content)
+            with connect(url) as client:
+                return client.compute(operation, body.content)
+        return compute_locally(operation, body.content)
     except RefusedError as error:
         raise body.explain(error) from None
 

@@ -10,7 +10,6 @@ from service.cli.arguments import (
     BODY,
     IMPACT,
     CommandError,
-    RefusedError,
     add_case,
     add_formats,
     add_plot,
@@ -18,8 +17,8 @@ from service.cli.arguments import (
     examples,
 )
 from service.cli.plots import check_plot, figure_file
-from service.cli.request_body import RequestBody, read_body
-from service.cli.single import compute_locally, print_csv, print_json
+from service.cli.request_body import read_body
+from service.cli.single import answer_of, print_csv, print_json
 from service.cli.writers import cell, heading, print_table, print_values, print_warnings
 
 PARAMETERS = {
@@ -70,7 +69,7 @@ def run_uncertainty(args: argparse.Namespace) -> int:
         if strike:
             raise CommandError("--plot: there is a curve to plot without --angle only")
         check_plot(args.plot)
-    text = answer_of("trajectory" if strike else "cra", body, args.url)
+    text = answer_of("trajectory_uncertainty" if strike else "cra_uncertainty", body, args.url)
     answer: dict[str, Any] = json.loads(text)
     if args.plot:
         plot_probability(args.plot, answer["probability"])
@@ -113,25 +112,6 @@ def _number(word: str, text: str) -> float | str:
         if not word:
             raise CommandError(f"--uncertain {text}: a value is missing") from None
         return word  # the name of a model, or what validation refuses
-
-
-def answer_of(operation: str, body: RequestBody, url: str | None) -> bytes:
-    """Return the answer as JSON.
-
-    Raises
-    ------
-    CommandError
-        If there is none; it names the field that is invalid.
-    """
-    try:
-        if url:
-            from service.cli.client import connect
-
-            with connect(url) as client:
-                return client.compute(f"{operation}/uncertainty", body.content)
-        return compute_locally(f"{operation}_uncertainty", body.content)
-    except RefusedError as error:
-        raise body.explain(error) from None
 
 
 def print_answer(answer: Mapping[str, Any]) -> None:

@@ -20,8 +20,8 @@ OVERTAKE_SECONDS = 0.02
 """Between asking one supervisor and the next to leave its chunk: with many cores, one call must not halt them all."""
 ATTEMPTS = 2
 """A call that has ended this many workers is given up."""
-START_SECONDS = 900.0
-"""For a worker to come up; the first ever on a machine compiles the solver, which takes minutes on a slow one."""
+START_SECONDS = 120.0
+"""For a worker to come up. The fork server compiles the solver before, however long that takes."""
 RETRY_SECONDS = 0.2
 """Before a worker that did not come up is tried once more."""
 IDLE_CHECK_SECONDS = 1.0

@@ -204,4 +204,4 @@ def test_service_stops_in_time_though_somebody_listens(dedicated_service: Servic
         with client.stream("GET", job["links"]["events"]) as events:
             next(events.iter_lines())
             dedicated_service.process.terminate()  # type: ignore[attr-defined]
-            assert dedicated_service.process.wait(10.0) == 0  # type: ignore[attr-defined]
+            assert dedicated_service.process.wait(5.0) == 0  # type: ignore[attr-defined]

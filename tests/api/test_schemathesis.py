@@ -15,23 +15,24 @@ from service.schemas.examples import PAPER
 @pytest.mark.parametrize(
     ("paths", "count", "seconds"),
     [
-        ("--exclude-path-regex", 17, 45),
-        ("--include-path-regex", 3, 20),
-        pytest.param("--exclude-path-regex", 17, 600, marks=pytest.mark.slow),
+        (["--exclude-path-regex", "^/calibration/|/uncertainty$"], 18, 45),
+        (["--include-path-regex", "^/calibration/"], 3, 20),
+        (["--include-path-regex", "/uncertainty$"], 2, 90),
+        pytest.param(["--exclude-path-regex", "^/calibration/|/uncertainty$"], 18, 600, marks=pytest.mark.slow),
     ],
-    ids=["others", "calibrations", "others for long"],
+    ids=["others", "calibrations", "studies", "others for long"],
 )
 @pytest.mark.timeout(900)
 def test_service_keeps_its_contract_whatever_it_receives(
-    hurried_url: str, tmp_path: Path, paths: str, count: int, seconds: int
+    hurried_url: str, tmp_path: Path, paths: list[str], count: int, seconds: int
 ) -> None:
-    # The fits are apart: each takes as long as twenty other queries.
+    # Fits and studies are apart: each takes as long as twenty to a thousand other queries.
     command = [str(Path(sys.executable).with_name("schemathesis")), "run", f"{hurried_url}/openapi.json"]
     command += ["--max-time", str(seconds), "--max-examples", "50", "--workers", "2", "--generation-deterministic"]
     # A request may fit the schema and still be of no use: a nose longer than its body is refused with a 422.
     command += ["--checks", "all", "--exclude-checks", "positive_data_acceptance"]
-    command += ["--continue-on-failure", "--no-color", paths, "^/calibration/"]
-    if paths == "--include-path-regex":  # no answer of these leads to another
+    command += ["--continue-on-failure", "--no-color", "--request-timeout", "120", *paths]
+    if "--include-path-regex" in paths:  # no answer of these leads to another
         command += ["--phases", "examples,coverage,fuzzing"]
     environment = os.environ | {"NO_PROXY": "*"}
     done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
