@@ -14,7 +14,7 @@ from starlette.middleware.cors import CORSMiddleware
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from service import heap
-from service.api import batches, health, jobs, metrics, page, queries, results, telemetry, uncertainty
+from service.api import batches, health, jobs, metrics, page, queries, results, telemetry, umbridge, uncertainty
 from service.api.body import KnownBodies
 from service.api.connection import BodyTimeoutMiddleware
 from service.api.contract import problems
@@ -61,7 +61,7 @@ TRACES_SECONDS = 0.5
 """For the last traces to be sent, when all else has ended."""
 STOP_SECONDS = POOL_SECONDS + 1
 """Part of the grace time for jobs and workers to end after the last request has been answered or given up."""
-RESOURCES = (queries, batches, uncertainty, results, jobs, health, metrics, page)
+RESOURCES = (queries, batches, uncertainty, umbridge, results, jobs, health, metrics, page)
 """Routers in the order in which they are searched."""
 BODIES = (
     TrajectoryRequest,

@@ -1,0 +1,225 @@
+"""UM-Bridge 1.0 (Seelinger et al., 2023): critical angles and trajectories as models for tools of uncertainty.
+
+A model has one input vector and one output vector. `config` may replace parts of the paper's strike and name the
+inputs; an input is the number in a field of the request over its `scale`. Errors are those of the protocol.
+
+References
+----------
+Seelinger, L. et al. (2023), UM-Bridge: uncertainty quantification and modeling bridge, J. Open Source Softw. 8, 4748.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from http import HTTPStatus
+from typing import Annotated, Any
+
+import orjson
+from fastapi import APIRouter, HTTPException, Request, Response
+from pydantic import Field, TypeAdapter, ValidationError
+
+from service.api.body import JSON, next_turn, parse_json, read_body
+from service.api.queries import computed, validated
+from service.api.services import services_of
+from service.auth.dependencies import RUN, context_in
+from service.errors import InvalidBodyError, ProblemType, ServiceError, problem_of, validation_errors
+from service.operations import OPERATIONS, KeyedRequest
+from service.schemas.examples import PAPER, PAPER_AT_45
+from service.schemas.quantities import Num, Part, degrees
+from service.schemas.sweeps import check_field
+from service.schemas.uncertainty import MODELS, ending_in, with_values
+from solver import Outcome, RicochetError, SearchStatus
+from solver.uncertainty.inputs import MOST_INPUTS, RESIDUAL
+
+FEATURES = ("Evaluate", "Gradient", "ApplyJacobian", "ApplyHessian")
+STATUSES = list(SearchStatus)
+OUTCOMES = [Outcome.EMBEDDED, Outcome.RICOCHET, Outcome.IN_MOTION]
+
+router = APIRouter(prefix="/umbridge", dependencies=[RUN], include_in_schema=False)
+"""Not in the contract: the protocol is its contract, and its errors are no problems (RFC 9457)."""
+
+
+class ModelInput(Part):
+    """One element of the input vector."""
+
+    field: Annotated[str, Field(max_length=100)]
+    scale: Annotated[Num, Field(gt=0.0)] = 1.0
+
+
+DEFAULT_INPUTS = [
+    ModelInput(field="impact.velocity_m_s"),
+    ModelInput(field="target.compressive_strength_pa", scale=1e6),
+]
+INPUTS = TypeAdapter(Annotated[list[ModelInput], Field(min_length=1, max_length=MOST_INPUTS)])
+VECTORS = TypeAdapter(list[list[Num]])
+
+
+def critical_angle_output(answer: Mapping[str, Any]) -> list[float]:
+    """Return angle and status: without an angle 90° (no ricochet, not converged) or 0° (ricochet at every angle)."""
+    status = SearchStatus(answer["status"])
+    limit = 0.0 if status is SearchStatus.ALWAYS_RICOCHET else 90.0
+    return [answer.get("critical_angle_deg", limit), float(STATUSES.index(status))]
+
+
+def trajectory_output(answer: Mapping[str, Any]) -> list[float]:
+    """Return outcome, greatest depth, exit speed and exit angle from the normal; the last two 0 if not turned away."""
+    ending = ending_in(answer)
+    motion = [0.0, 0.0]
+    if ending.outcome == Outcome.RICOCHET.value:
+        motion = [ending.exit_speed, degrees(ending.exit_angle)]
+    return [float(OUTCOMES.index(Outcome(ending.outcome))), ending.maximum_depth, *motion]
+
+
+@dataclass(frozen=True, slots=True)
+class Model:
+    """An operation as a function of numbers."""
+
+    base: Mapping[str, Any]
+    """The request that `config` changes and the inputs vary."""
+    size: int
+    """Length of the output vector."""
+    output: Callable[[Mapping[str, Any]], list[float]]
+
+
+STRIKE = {**PAPER_AT_45, "output": {"history": False}}
+UMBRIDGE_MODELS = {"cra": Model(PAPER, 2, critical_angle_output), "trajectory": Model(STRIKE, 4, trajectory_output)}
+"""Models by name, each the name of its operation."""
+
+
+class ProtocolError(Exception):
+    """What the protocol has an error for.
+
+    Parameters
+    ----------
+    name
+        Its type in the protocol.
+    message
+        For people.
+    """
+
+    def __init__(self, name: str, message: str, status: int = HTTPStatus.BAD_REQUEST) -> None:
+        super().__init__(message)
+        self.name = name
+        self.status = status
+
+
+@router.get("/Info")
+async def info() -> dict[str, Any]:
+    """Return the version of the protocol and the models."""
+    return {"protocolVersion": 1.0, "models": list(UMBRIDGE_MODELS)}
+
+
+@router.post("/{endpoint}")
+async def call(endpoint: str, request: Request) -> Response:
+    """Answer a call of the protocol."""
+    try:
+        content = await answer(endpoint, request)
+    except ProtocolError as error:
+        content, status = {"error": {"type": error.name, "message": str(error)}}, error.status
+        return Response(orjson.dumps(content), status, media_type=JSON)
+    return Response(orjson.dumps(content), media_type=JSON)
+
+
+async def answer(endpoint: str, request: Request) -> dict[str, Any]:
+    """Return the answer to a call.
+
+    Raises
+    ------
+    ProtocolError
+        If it is not valid, or cannot be computed.
+    """
+    services = services_of(request)
+    try:
+        body = await read_body(request, services.settings.max_body_bytes)
+        await next_turn(services.parsing)
+        content = parse_json(body or b"{}", services.settings.max_body_depth)
+    except HTTPException as error:
+        raise ProtocolError("InvalidInput", str(error.detail), error.status_code) from None
+    if not isinstance(content, dict):
+        raise ProtocolError("InvalidInput", "the body must be an object")
+    if endpoint in FEATURES[1:]:
+        raise ProtocolError("UnsupportedFeature", f"{endpoint} is not supported by any model")
+    if endpoint not in {"ModelInfo", "InputSizes", "OutputSizes", "Evaluate"}:
+        raise ProtocolError("UnsupportedFeature", f"there is no {endpoint}", HTTPStatus.NOT_FOUND)
+    name = content.get("name")
+    model = UMBRIDGE_MODELS.get(name) if isinstance(name, str) else None
+    if not isinstance(name, str) or model is None:
+        raise ProtocolError("ModelNotFound", f"name must be one of {', '.join(UMBRIDGE_MODELS)}")
+    if endpoint == "ModelInfo":
+        return {"support": {feature: feature == "Evaluate" for feature in FEATURES}}
+    if endpoint == "OutputSizes":
+        return {"outputSizes": [model.size]}
+    try:
+        inputs, base = read_config(name, model, content.get("config"))
+        if endpoint == "InputSizes":
+            return {"inputSizes": [len(inputs)]}
+        values = read_input(content.get("input"), len(inputs))
+        scaled = [value * each.scale for value, each in zip(values, inputs, strict=True)]
+        case = validated(with_values(base, [each.field for each in inputs], scaled), name, services)
+        context = context_in(request.scope)
+        context.take(1)
+        record, _ = await computed(services, context, name, KeyedRequest.of(name, case))
+    except (ServiceError, RicochetError) as error:
+        raise protocol_error(error) from error
+    return {"output": [model.output(record.answer)]}
+
+
+def read_config(name: str, model: Model, config: object) -> tuple[list[ModelInput], dict[str, Any]]:
+    """Return the inputs, and the request that they vary.
+
+    Raises
+    ------
+    ProtocolError
+        If an input is no number of the request.
+    InvalidBodyError
+        If they are no list of inputs.
+    """
+    if not isinstance(config, dict | None):
+        raise ProtocolError("InvalidInput", "config must be an object")
+    parts = dict(config or {})
+    inputs = DEFAULT_INPUTS
+    if "inputs" in parts:
+        try:
+            inputs = INPUTS.validate_python(parts.pop("inputs"))
+        except ValidationError as error:
+            found = [{**each, "loc": ("config", "inputs", *each["loc"])} for each in error.errors()]
+            raise InvalidBodyError(validation_errors(found)) from error
+    base = {**model.base, **parts}
+    fields = [each.field for each in inputs]
+    for index, field in enumerate(fields):
+        place = f"config.inputs.{index}.field"
+        if field in fields[:index]:
+            raise ProtocolError("InvalidInput", f"{place}: {field!r} is an input already")
+        if field in MODELS:
+            raise ProtocolError("InvalidInput", f"{place}: {field!r} is no number")
+        if field != RESIDUAL:
+            try:
+                check_field(OPERATIONS[name].request, base, field.split("."))
+            except LookupError as error:
+                raise ProtocolError("InvalidInput", f"{place}: {field!r} {error.args[0]}") from None
+    return inputs, base
+
+
+def read_input(content: object, size: int) -> list[float]:
+    """Return the input vector.
+
+    Raises
+    ------
+    ProtocolError
+        If it is no list of one list of finite numbers of this length.
+    """
+    try:
+        vectors = VECTORS.validate_python(content)
+    except ValidationError as error:
+        detail = validation_errors([{**each, "loc": ("input", *each["loc"])} for each in error.errors()[:1]])[0]
+        raise ProtocolError("InvalidInput", f"{detail['pointer']}: {detail['detail']}") from None
+    if [len(each) for each in vectors] != [size]:
+        raise ProtocolError("InvalidInput", f"input must be one list of {size} numbers")
+    return vectors[0]
+
+
+def protocol_error(error: Exception) -> ProtocolError:
+    """Return the error of the protocol for a problem of the service."""
+    message, status = str(problem_of(error)["detail"]), ProblemType.of(error).status
+    if status == HTTPStatus.UNPROCESSABLE_ENTITY:
+        return ProtocolError("InvalidInput", message)
+    return ProtocolError("InvalidOutput", message, status)

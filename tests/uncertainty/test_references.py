@@ -1,0 +1,141 @@
+"""The paper's strike with the usual scatter, beside plain random searches and the indices of SALib."""
+
+import math
+import os
+from collections.abc import Sequence
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from solver import CriticalAngle, critical_angle_many
+from solver.arrays import FloatArray
+from solver.cases import PAPER_PROJECTILE, PAPER_TARGET
+from solver.projectile import Projectile
+from solver.uncertainty import AngleUncertainty, Estimate, Sampling, critical_angle_uncertainty
+from tests.uncertainty.test_strikes import ANGLES, PAPER, SCATTER
+
+COUNT = 20_000
+NAMES = [each.field for each in SCATTER]
+AT_DEG = (44.0, 47.0, 48.5, 50.0, 53.0)
+
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(1800)]
+
+
+def critical_angles(values: FloatArray) -> FloatArray:
+    """Critical angles of strikes of the paper's projectile, one for each row: the inputs in the order of `SCATTER`."""
+    speed, strength, density, mass, attack = values.T
+    # Mass that is more or less of the same shape has more or less inertia.
+    projectiles = [with_mass(each) for each in mass]
+    targets = [
+        type(PAPER_TARGET)(compressive_strength=float(s), density=float(d))
+        for s, d in zip(strength, density, strict=True)
+    ]
+    found = critical_angle_many(
+        projectile=projectiles,
+        target=targets,
+        velocity=speed,
+        angle_of_attack=attack,
+        threads=os.cpu_count() or 1,
+    )
+    return np.array([angle_of(each) for each in found])
+
+
+def with_mass(mass: float) -> Projectile:
+    paper = PAPER_PROJECTILE
+    return Projectile(nose=paper.nose, diameter=paper.diameter, length=paper.length, mass=float(mass))
+
+
+def angle_of(found: object) -> float:
+    assert isinstance(found, CriticalAngle)
+    assert found.angle is not None
+    return found.angle
+
+
+@cache
+def plain() -> FloatArray:
+    """Angles of plain random searches; the distributions of `SCATTER`, drawn by NumPy."""
+    generator = np.random.default_rng(20)
+    draws = (
+        generator.normal(238.0, 2.38, COUNT),
+        39e6 * np.exp(generator.normal(0.0, 0.12, COUNT)),
+        generator.normal(2250.0, 45.0, COUNT),
+        generator.normal(13.0, 0.065, COUNT),
+        generator.normal(0.0, math.radians(1.0), COUNT),
+    )
+    return critical_angles(np.column_stack(draws))
+
+
+@cache
+def answer(method: str) -> AngleUncertainty:
+    return critical_angle_uncertainty(
+        **PAPER,
+        uncertain=SCATTER,
+        oblique_angles=ANGLES,
+        sampling=Sampling(method=method, seed=7, max_samples=16_384),
+    )
+
+
+@pytest.mark.parametrize("method", ["auto", "direct"])
+def test_moments_are_those_of_plain_random_searches(method: str) -> None:
+    angles, found = plain(), answer(method)
+    error = 1.96 * angles.std() / math.sqrt(COUNT)
+    assert found.mean is not None
+    assert found.standard_deviation is not None
+    assert agree(found.mean, angles.mean(), error)
+    assert agree(found.standard_deviation, angles.std(ddof=1), 1.96 * deviation_error(angles))
+
+
+@pytest.mark.parametrize("method", ["auto", "direct"])
+@pytest.mark.parametrize("angle_deg", AT_DEG)
+def test_probability_is_within_the_interval_of_plain_random_searches(method: str, angle_deg: float) -> None:
+    found = answer(method)
+    index = int(np.argmin(abs(ANGLES - math.radians(angle_deg))))
+    count = int((plain() <= ANGLES[index]).sum())
+    interval = stats.binomtest(count, COUNT).proportion_ci(0.95, method="wilson")
+    assert interval.low <= found.upper[index]
+    assert found.lower[index] <= interval.high
+    assert found.probability[index] == pytest.approx(count / COUNT, abs=0.02)
+
+
+@pytest.mark.parametrize("method", ["auto", "direct"])
+def test_indices_are_those_of_salib(method: str) -> None:
+    pytest.importorskip("SALib", reason="SALib is not installed")
+    found = answer(method)
+    reference = salib()
+    for name, first, first_error, total, total_error in zip(NAMES, *reference, strict=True):
+        each = next(each for each in found.sensitivity if each.field == name)
+        assert each.first_order is not None
+        assert each.total is not None
+        assert agree(each.first_order, first, first_error), name
+        assert agree(each.total, total, total_error), name
+
+
+@cache
+def salib() -> tuple[Sequence[float], ...]:
+    """First-order and total indices, each followed by its error, by the scheme of Saltelli."""
+    sobol_sample: Any = pytest.importorskip("SALib.sample.sobol")
+    sobol_analysis: Any = pytest.importorskip("SALib.analyze.sobol")
+    problem = {
+        "num_vars": 5,
+        "names": NAMES,
+        "dists": ["norm", "lognorm", "norm", "norm", "norm"],
+        "bounds": [[238.0, 2.38], [math.log(39e6), 0.12], [2250.0, 45.0], [13.0, 0.065], [0.0, math.radians(1.0)]],
+    }
+    values = sobol_sample.sample(problem, 2048, calc_second_order=False, seed=3)
+    found = sobol_analysis.analyze(problem, critical_angles(values), calc_second_order=False, seed=3)
+    return found["S1"], found["S1_conf"], found["ST"], found["ST_conf"]
+
+
+def agree(estimate: Estimate, value: float, error: float) -> bool:
+    """Whether two intervals overlap."""
+    return bool(estimate.lower <= value + error and value - error <= estimate.upper)
+
+
+def deviation_error(values: FloatArray) -> float:
+    """Standard error of a standard deviation, from the fourth moment."""
+    centred = values - values.mean()
+    variance = (centred**2).mean()
+    return float(math.sqrt(((centred**4).mean() - variance**2) / len(values)) / (2.0 * math.sqrt(variance)))
