@@ -352,7 +352,7 @@ def cost_section(progress: Progress) -> Section:
 
 def _finite_elements() -> tuple[Cost, Cost]:
     hours = paper_value("finite_element_hours")
-    near = [run for run in finite_element_runs() if run.name.startswith("oblique") and _degrees(run.name) >= NEAR]
+    near = [run for run in finite_element_runs() if run.degrees >= NEAR]
     return (
         Cost(
             "LS-DYNA (paper)",
@@ -365,10 +365,6 @@ def _finite_elements() -> tuple[Cost, Cost]:
             f"{len(near)} runs from {NEAR:g}° to 55°, up to 77,000 solids, measured when they were made",
         ),
     )
-
-
-def _degrees(name: str) -> float:
-    return float(name.partition("-")[2])
 
 
 def _measured(method: SearchMethod) -> Cost:
