@@ -5,8 +5,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from service.readers.files import Readings
-from service.readers.table import read_columns, read_table
-from service.readers.units import ANGLE, LENGTH, MASS, PURE, SPEED, Quantity
+from service.readers.table import ANGLE, LENGTH, MASS, PURE, SPEED, Quantity, read_columns, read_table
 from solver.calibration import DepthTest, ObliquityPoint
 
 TEST_NUMBERS = (

@@ -8,22 +8,29 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from service.readers.binout import is_binout, read_binout
-from service.readers.dyna_text import NODOUT_MARK, RBDOUT_MARK, read_nodout, read_rbdout
+from service.readers.dyna import (
+    NODOUT_MARK,
+    RBDOUT_MARK,
+    Axis,
+    States,
+    along,
+    is_binout,
+    read_binout,
+    read_nodout,
+    read_rbdout,
+)
 from service.readers.files import FileError, Readings, lines_of, read_bytes
-from service.readers.table import read_columns, read_table
-from service.readers.units import (
+from service.readers.table import (
     ANGLE,
     ANGULAR_VELOCITY,
     LENGTH,
     SPEED,
     TIME,
-    Axis,
     Quantity,
-    States,
     UnknownUnitError,
-    along,
     factor_to_si,
+    read_columns,
+    read_table,
 )
 from solver import Impact, Projectile
 from solver.calibration import MotionHistory

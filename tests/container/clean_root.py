@@ -1,6 +1,6 @@
 """A root folder like that of the image's base, and commands run in it: what an engine does, without one.
 
-Each command has processes of its own, sees nothing of this machine but its network and devices, and takes all it
+Each command has separate processes, sees nothing of this machine but its network and devices, and takes all it
 started along when it ends.
 """
 
@@ -30,7 +30,7 @@ WHEELS = "/wheels"
 def skip_unless_possible() -> None:
     """Skip where a root folder cannot be made or entered."""
     if os.geteuid() != 0:
-        pytest.skip("only root may enter a root folder of its own")
+        pytest.skip("only root may enter a separate root folder")
     for program in ("unshare", "chroot", "debootstrap"):
         if shutil.which(program) is None:
             pytest.skip(f"{program} is not installed")
@@ -51,8 +51,8 @@ def base_root(image: str, folder: Path) -> Path:
             pytest.skip(f"no clean root: {(made.stdout + made.stderr).strip().splitlines()[-1]}")
     base = Container(root)
     base.run(["/usr/bin/python3", "-m", "venv", "/usr/local"])
-    told = base.run(["python", "-c", "import sys; print('%d.%d' % sys.version_info[:2])"])
-    assert told.strip() == version
+    printed = base.run(["python", "-c", "import sys; print('%d.%d' % sys.version_info[:2])"])
+    assert printed.strip() == version
     return root
 
 

@@ -52,7 +52,7 @@ def test_service_starts_on_an_empty_volume(tmp_path: Path, monkeypatch: pytest.M
     check_access(settings, ApiKeyStore(tmp_path, print))
 
 
-def test_service_takes_keys_if_it_is_told_to(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_service_takes_keys_if_it_is_set_to(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert "RICOCHET_ACCESS=keys docker compose up" in TEXT
     settings = settings_of(services(RICOCHET_ACCESS="keys")["service"], monkeypatch, tmp_path)
     with pytest.raises(CommandError):

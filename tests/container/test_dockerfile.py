@@ -64,7 +64,7 @@ def test_what_it_copies_is_there_and_not_ignored(stage: Stage) -> None:
             assert f"!{path}" in excepted
 
 
-def test_its_health_check_tells_a_service_that_lives_from_one_that_does_not(
+def test_its_health_check_distinguishes_a_service_that_lives_from_one_that_does_not(
     tmp_path: Path, service_on: Callable[..., Any]
 ) -> None:
     program, *arguments = IMAGE.last("HEALTHCHECK").command()

@@ -1,7 +1,7 @@
 """Blocks of commands in the documentation do what they are there for.
 
 A block marked `sh run` or `python run` is run as it stands, the blocks of a page in order in one empty folder. With
-`server` it asks a service of its own: `localhost:8000` is that one, `data` in the folder what it keeps, and 4xx or 5xx
+`server` it queries a separate service: `localhost:8000` is that one, `data` in the folder what it keeps, and 4xx or 5xx
 to curl is a failure. Whatever else looks like commands has to be on the list below.
 """
 

@@ -32,7 +32,7 @@ def first_cells(name: str) -> set[str]:
 
 @pytest.fixture(scope="module")
 def families(live_url: str) -> dict[str, Any]:
-    """What a service that has answered something tells Prometheus."""
+    """What a service that has answered something exports to Prometheus."""
     httpx.post(f"{live_url}/cra", json=PAPER, timeout=60.0, trust_env=False)
     text = httpx.get(f"{live_url}/metrics", trust_env=False).text
     return {family.name: family for family in text_string_to_metric_families(text)}
@@ -65,8 +65,8 @@ def test_labels_in_the_table_are_those_of_a_running_service(families: dict[str, 
         family = families.get(name.strip("`")) or families[name.strip("`").removesuffix("_total")]
         if family.type == "gauge" and family.name.endswith("_info"):
             continue
-        told = {label for sample in family.samples for label in sample.labels} - {"le"}
-        assert set(re.findall(r"`(\w+)`", labels)) == told, name
+        exported = {label for sample in family.samples for label in sample.labels} - {"le"}
+        assert set(re.findall(r"`(\w+)`", labels)) == exported, name
 
 
 def test_every_query_of_the_dashboard_is_of_metrics_and_labels_there_are(families: dict[str, Any]) -> None:

@@ -12,7 +12,7 @@ BUSY_SECONDS = 0.3
 
 
 def processes_of(data: Path) -> list[int]:
-    """Every running process of the service with this data folder, whoever its parent is."""
+    """Every running process of the service with this data folder, whatever its parent is."""
     variable = f"RICOCHET_DATA_DIR={data}".encode()
     running = [int(path.name) for path in Path("/proc").iterdir() if path.name.isdigit()]
     return [process for process in running if variable in _environment(process)]

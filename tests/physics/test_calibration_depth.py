@@ -121,7 +121,7 @@ def test_each_group_gets_the_fit_it_would_get_alone() -> None:
     assert grouped.groups["fast"].estimate == fit(TESTS[2:]).estimate
 
 
-def test_group_of_one_is_told_of_and_not_fitted() -> None:
+def test_group_of_one_is_reported_and_not_fitted() -> None:
     found = fit([replace(test, group=name) for test, name in zip(TESTS, ["a", "a", "a", "b"], strict=True)])
     assert list(found.groups) == ["a"]
     assert codes(found) == {"group_of_one"}

@@ -83,7 +83,7 @@ def test_motion_of_the_model_returns_its_strength_factor(angle: float, strength_
 
 
 @pytest.mark.parametrize("quantity", QUANTITIES)
-def test_each_quantity_alone_tells_the_strength_factor(quantity: str) -> None:
+def test_each_quantity_alone_gives_the_strength_factor(quantity: str) -> None:
     whole = motion(30.0, 8.0)
     found = fit(30.0, MotionHistory(time=TIMES, **{quantity: getattr(whole, quantity)}))
     assert found.estimate.strength_factor == pytest.approx(8.0, rel=1e-4)
@@ -160,7 +160,7 @@ def test_only_the_ratio_of_weights_counts() -> None:
     assert heavy.estimate.standard_error == pytest.approx(plain.estimate.standard_error, rel=1e-4)
 
 
-def test_prediction_is_the_motion_of_a_run_at_the_times_asked_for() -> None:
+def test_prediction_is_the_motion_of_a_run_at_the_requested_times() -> None:
     for angle in (30.0, 60.0):
         made = run(angle, 8.0, 1e-4)
         assert made.history is not None
@@ -264,7 +264,7 @@ def test_motion_beyond_the_energy_of_the_strike_is_refused(quantity: str, factor
     assert refused.value.field.startswith(f"history.{quantity}.")
 
 
-def test_history_that_does_not_tell_the_strength_factor_is_refused() -> None:
+def test_history_that_does_not_give_the_strength_factor_is_refused() -> None:
     """A projectile that flies on as if nothing were there, and rows before first contact has had any effect."""
     impact = paper_impact(oblique_angle_degrees=30.0)
     on = MotionHistory(time=TIMES, depth_displacement=impact.velocity * math.cos(impact.oblique_angle) * TIMES)

@@ -95,7 +95,7 @@ def test_mean_of_equal_points_is_known_by_the_root_of_their_number() -> None:
     assert found.model.standard_error(0.0) == pytest.approx(0.1 / math.sqrt(4.0))
 
 
-def test_points_far_off_their_standard_errors_are_told_of() -> None:
+def test_points_far_off_their_standard_errors_are_reported() -> None:
     values, errors = noisy()
     found = fit_obliquity(points=points(DEGREES, values, errors / 10.0))
     assert [warning.code for warning in found.warnings] == ["scatter_beyond_standard_errors"]

@@ -53,7 +53,7 @@ START_S = 300.0
 
 
 class Little:
-    """The small package, with a home of its own for the user."""
+    """The small package, with a separate home for the user."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder

@@ -30,7 +30,7 @@ NO_FREE_SURFACE = {"resistance": Resistance(free_surface=NoFreeSurface())}
 CONSTANT = {"resistance": Resistance(strength_factor=ConstantStrengthFactor(value=8.52))}
 
 HUNDREDTHS, TENTHS = 0.05, 0.05 + 0.05
-"""Agreement asked for, and the same with the rounding of a value known to a tenth. [°]"""
+"""Requested agreement, and the same with the rounding of a value known to a tenth. [°]"""
 
 BY_OUTCOME: list[tuple[float, float, dict[str, Any]]] = [
     (48.64, 0.01, {}),

@@ -50,7 +50,7 @@ def test_many_critical_angles_are_those_of_one_by_one(threads: int) -> None:
 
 @pytest.mark.parametrize("threads", [1, 2])
 def test_many_trajectories_are_those_of_one_by_one(threads: int) -> None:
-    """More of them than are begun ahead of whoever fetches them."""
+    """More of them than are begun ahead of the caller that fetches them."""
     impacts = [Impact(velocity=238.0, oblique_angle=math.radians(0.5 * number)) for number in range(150)]
     numerics = Numerics(relative_tolerance=1e-2, stations=3)
     many = simulate_many(

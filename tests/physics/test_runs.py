@@ -78,7 +78,7 @@ def test_history_is_sampled_evenly_and_ends_with_the_run(degrees: float) -> None
         assert getattr(history(found), field.name)[-1] == getattr(found.final, field.name)
 
 
-def test_history_that_is_not_asked_for_changes_nothing_else() -> None:
+def test_history_that_is_not_requested_changes_nothing_else() -> None:
     with_history, without = run(45.0), run(45.0, sample_interval=None)
     assert without.history is None
     assert replace(with_history, history=None) == without

@@ -180,14 +180,14 @@ def test_missing_file_is_named(tmp_path: Path) -> None:
         read_depth_tests(tmp_path)
 
 
-def test_unit_asked_for_must_agree_with_the_header(file: Path) -> None:
+def test_requested_unit_must_agree_with_the_header(file: Path) -> None:
     file.write_text(HISTORY)
     with pytest.raises(FileError, match=":1: time is in s by the header, not in ms"):
         read_motion(file, units={"time": "ms"})
     assert read_motion(file, units={"time": "s"}).time[-1] == 0.002
 
 
-def test_column_asked_for_must_be_there(file: Path) -> None:
+def test_requested_column_must_be_there(file: Path) -> None:
     file.write_text(HISTORY)
     with pytest.raises(FileError, match=":1: no column 'T'; there are: time_s, depth_displacement_m"):
         read_motion(file, {"time": "T"})

@@ -6,13 +6,23 @@ import numpy as np
 import pytest
 
 from service.reports import style
-from service.reports.contents import Section
-from service.reports.finite_elements import account
-from service.reports.finite_elements.calibration import LAWS, PAPER_ANGLES, Calibration, calibrations
-from service.reports.finite_elements.comparison import compare
-from service.reports.finite_elements.prediction import CHOSEN, TO_45, Predictions, bracket, ending, predictions
-from service.reports.paper.strike import time_of_deepest_tip
+from service.reports.finite_elements import compare
+from service.reports.finite_elements_fits import (
+    CHOSEN,
+    LAWS,
+    PAPER_ANGLES,
+    TO_45,
+    Calibration,
+    Predictions,
+    bracket,
+    calibrations,
+    ending,
+    predictions,
+)
+from service.reports.finite_elements_text import outcomes, place
 from service.reports.reference import MESHES, Mesh, finite_element_run, finite_element_runs
+from service.reports.report import Section
+from service.reports.strike import time_of_deepest_tip
 from solver import mass_properties
 from solver.cases import PAPER_PROJECTILE
 
@@ -93,10 +103,8 @@ def test_mohr_coulomb_follows_the_long_motions_better_and_elastic_plastic_the_sh
 @pytest.mark.parametrize("mesh", MESHES)
 def test_only_mohr_coulomb_reproduces_every_outcome(found: Mapping[Mesh, Calibration], mesh: Mesh) -> None:
     computed = {run.degrees: ending(run).turned_away for run in found[mesh].runs}
-    assert account.outcomes(found[mesh], "mohr_coulomb") == computed
-    missed = [
-        angle for angle, away in account.outcomes(found[mesh], "elastic_plastic").items() if away != computed[angle]
-    ]
+    assert outcomes(found[mesh], "mohr_coulomb") == computed
+    missed = [angle for angle, away in outcomes(found[mesh], "elastic_plastic").items() if away != computed[angle]]
     assert missed == ([50.0] if mesh == "coarse" else [48.0])
 
 
@@ -187,7 +195,7 @@ def test_angles_and_brackets_stand_side_by_side(report: Section, predicted: Pred
     ],
 )
 def test_any_prediction_is_placed(angle: float | None, error: float | None, words: str) -> None:
-    assert account.place(angle, error, 50.0, 52.0) == words
+    assert place(angle, error, 50.0, 52.0) == words
 
 
 def test_cost_of_finite_elements_and_of_the_model_are_both_there(report: Section) -> None:

@@ -68,7 +68,7 @@ def test_text_is_shown_as_it_is_but_for_code_and_strong(page: str) -> None:
     assert "Part 1: S &lt; 9 &amp; more" in page
 
 
-def test_page_tells_how_many_numbers_are_within_their_tolerance(page: str) -> None:
+def test_page_says_how_many_numbers_are_within_their_tolerance(page: str) -> None:
     assert "2 of 4 numbers with a tolerance are within it." in page
     assert page.count(">not printed<") == 2
 
@@ -136,7 +136,7 @@ def test_reference_data_is_complete() -> None:
 
 
 @pytest.mark.parametrize("package", ["matplotlib", "jinja2"])
-def test_a_missing_package_is_told_with_the_extra_that_has_it(package: str, tmp_path: Path) -> None:
+def test_a_missing_package_is_named_with_the_extra_that_has_it(package: str, tmp_path: Path) -> None:
     program = (
         f"import sys; sys.modules[{package!r}] = None\n"
         f"from service.cli import main\nsys.exit(main(['reproduce', '--output', {str(tmp_path / 'report')!r}]))"

@@ -10,51 +10,52 @@ import pytest
 
 from service.cli import main
 from service.reports import style
-from service.reports.paper import depth, obliquity, open_points, searches, sensitivity, turning
+from service.reports.critical_angle import search_section, turning_section
+from service.reports.motion import PAPER_STEP, STEPS, sensitivity_section
 from service.reports.reference import equation_9, paper_numbers, paper_value, table_1
-from service.reports.report import Comparison, Section, Tell
+from service.reports.report import Comparison, Progress, Section
+from service.reports.reproduction import open_points_section
+from service.reports.strength_factor import FIRED_DIAMETER, depth_section, fit, fit_table_2, obliquity_section
 from solver.cases import PAPER_PROJECTILE
 
 LIMIT_S = 120.0
 FIGURES = {f"figure-{number:02d}" for number in (6, *range(8, 19))}
-CHEAP = (depth.section, obliquity.section, searches.section, turning.section, sensitivity.section, open_points.section)
+CHEAP = (depth_section, obliquity_section, search_section, turning_section, sensitivity_section, open_points_section)
 
 
 @cache
-def section_of(make: Callable[[Tell], Section]) -> Section:
+def section_of(make: Callable[[Progress], Section]) -> Section:
     with style.styled():
         return make(lambda _: None)
 
 
-def compared(make: Callable[[Tell], Section], start: str) -> Comparison:
+def compared(make: Callable[[Progress], Section], start: str) -> Comparison:
     (found,) = (each for each in section_of(make).comparisons if each.what.startswith(start))
     return found
 
 
 def test_strength_factor_from_table_1() -> None:
-    assert compared(depth.section, "S from Table 1, 13 kg").ours == pytest.approx(8.44, abs=0.02)
-    assert compared(depth.section, "S from Table 1, tabulated masses").ours == pytest.approx(8.38, abs=0.02)
-    assert compared(depth.section, "S from Table 1, 13 kg").reference == paper_value(
+    assert compared(depth_section, "S from Table 1, 13 kg").ours == pytest.approx(8.44, abs=0.02)
+    assert compared(depth_section, "S from Table 1, tabulated masses").ours == pytest.approx(8.38, abs=0.02)
+    assert compared(depth_section, "S from Table 1, 13 kg").reference == paper_value(
         "strength_factor", "oblique angle 0 deg"
     )
 
 
 def test_strength_factor_of_the_diameter_that_was_fired() -> None:
-    slim = replace(PAPER_PROJECTILE, diameter=depth.FIRED_DIAMETER)
-    assert depth.fit(table_1(), own_masses=True, projectile=slim).estimate.strength_factor == pytest.approx(
-        9.2, abs=0.05
-    )
+    slim = replace(PAPER_PROJECTILE, diameter=FIRED_DIAMETER)
+    assert fit(table_1(), own_masses=True, projectile=slim).estimate.strength_factor == pytest.approx(9.2, abs=0.05)
 
 
 def test_equation_9_from_table_2_to_the_printed_digits() -> None:
-    coefficients = obliquity.fit_table_2().coefficients
+    coefficients = fit_table_2().coefficients
     assert tuple(round(value, places) for value, places in zip(coefficients, (3, 4, 4), strict=True)) == equation_9()
 
 
 def test_critical_angle_is_the_paper_s_within_its_tolerance() -> None:
     printed = paper_value("critical_ricochet_angle_deg")
     for method in ("bisection", "secant", "outcome"):
-        found = compared(searches.section, f"critical angle by {method}")
+        found = compared(search_section, f"critical angle by {method}")
         assert found.reference == printed
         assert found.ours == pytest.approx(printed, rel=paper_value("relative_tolerance"))
 
@@ -62,11 +63,11 @@ def test_critical_angle_is_the_paper_s_within_its_tolerance() -> None:
 def test_critical_angles_of_other_readings_are_those_of_the_separate_program() -> None:
     known = {"all as in this report": 48.64, "ν = 0.2": 49.13, "no decay near the face": 57.53, "tip at 5 ms": 48.61}
     for choice, angle in known.items():
-        assert compared(open_points.section, f"critical angle, {choice}").ours == pytest.approx(angle, abs=0.03)
+        assert compared(open_points_section, f"critical angle, {choice}").ours == pytest.approx(angle, abs=0.03)
 
 
-@pytest.mark.parametrize("make", CHEAP, ids=lambda make: make.__module__.rpartition(".")[2])
-def test_whatever_has_a_tolerance_is_within_it(make: Callable[[Tell], Section]) -> None:
+@pytest.mark.parametrize("make", CHEAP, ids=lambda make: make.__name__)
+def test_whatever_has_a_tolerance_is_within_it(make: Callable[[Progress], Section]) -> None:
     assert [each.what for each in section_of(make).comparisons if each.holds is False] == []
 
 
@@ -83,7 +84,7 @@ def test_references_named_after_the_paper_are_numbers_that_it_prints() -> None:
 
 
 def test_trials_turned_away_are_those_that_end_above_the_face() -> None:
-    bisection = section_of(searches.section).tables[0]
+    bisection = section_of(search_section).tables[0]
     _, degrees, early, final, turned_away = zip(*bisection.rows, strict=True)
     assert degrees[:3] == pytest.approx((40.0, 60.0, 50.0))
     assert turned_away[:4] == ("no", "yes", "yes", "no")
@@ -92,10 +93,10 @@ def test_trials_turned_away_are_those_that_end_above_the_face() -> None:
 
 
 def test_finer_steps_and_more_elements_come_nearer_to_the_adaptive_route() -> None:
-    (table,) = section_of(sensitivity.section).tables
+    (table,) = section_of(sensitivity_section).tables
     far = {(row[0], row[1]): row[4] for row in table.rows}
-    assert far[sensitivity.PAPER_STEP * 1e3, 12_000] < 0.1 * far[sensitivity.STEPS[0] * 1e3, 12_000]  # type: ignore[operator]
-    assert far[sensitivity.PAPER_STEP * 1e3, 12_000] < 0.1 * far[sensitivity.PAPER_STEP * 1e3, 750]  # type: ignore[operator]
+    assert far[PAPER_STEP * 1e3, 12_000] < 0.1 * far[STEPS[0] * 1e3, 12_000]  # type: ignore[operator]
+    assert far[PAPER_STEP * 1e3, 12_000] < 0.1 * far[PAPER_STEP * 1e3, 750]  # type: ignore[operator]
 
 
 @pytest.mark.slow

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from service.reports import style
-from service.reports.validation.assessment import Assessment, assess
-from service.reports.validation.predictions import OUTLIER_ROW, TRAJECTORY, trajectory_depth
-from service.reports.validation.size_law import (
+from service.reports.depth_tests import OUTLIER_ROW, TRAJECTORY, Assessment, assess, trajectory_depth
+from service.reports.size_law import (
     LARGE,
     REFERENCE_DIAMETER,
     REFERENCE_STRENGTH,
@@ -19,10 +18,10 @@ from service.reports.validation.size_law import (
     log_scatter,
     pooled,
     predicted_ratios,
+    size_law_section,
     trend,
     trends,
 )
-from service.reports.validation.size_law_section import size_law_section
 from solver import PublishedTests
 
 

@@ -7,11 +7,8 @@ import numpy as np
 import pytest
 
 from service.reports import style
-from service.reports.contents import Section
-from service.reports.reference import penetration_tests, table_2
-from service.reports.validation.assessment import Assessment, assess, every, of_diameter, of_group, of_series
-from service.reports.validation.crater import crater_differences
-from service.reports.validation.predictions import (
+from service.reports.depth_ratios import crater_differences, ratios_section
+from service.reports.depth_tests import (
     ALL_MODELS,
     CLOSED_FORM,
     CONSTANT,
@@ -21,18 +18,25 @@ from service.reports.validation.predictions import (
     OUTLIER_ROW,
     POWER_LAW,
     TRAJECTORY,
+    Assessment,
     Strike,
+    assess,
     crater_depth,
     depth_curve,
+    every,
     fit_factor,
     grades,
     leave_one_out,
+    of_diameter,
+    of_group,
+    of_series,
     strikes,
     trajectory_depth,
 )
-from service.reports.validation.ratios import ratios_section
-from service.reports.validation.sections import parts
-from service.reports.validation.sections import tests_section as listing_section
+from service.reports.reference import penetration_tests, table_2
+from service.reports.report import Section
+from service.reports.validation import parts
+from service.reports.validation import tests_section as listing_section
 from solver import ConstantStrengthFactor, solid_properties
 from solver.calibration import DepthTest, fit_depth
 

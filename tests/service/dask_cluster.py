@@ -21,7 +21,7 @@ START_LIMIT_S = 60.0
 
 
 class DaskCluster:
-    """A scheduler on a port of its own, and workers of one thread each."""
+    """A scheduler on a separate port, and workers of one thread each."""
 
     def __init__(self, folder: Path, settings: dict[str, str]) -> None:
         with socket.socket() as probe:

@@ -110,7 +110,7 @@ def test_very_large_histories_are_spread_over_segments(tmp_path: Path) -> None:
         assert all(same(cache.get(record.key), record) for record in records)
 
 
-def test_known_tells_what_can_be_read(tmp_path: Path) -> None:
+def test_known_says_what_can_be_read(tmp_path: Path) -> None:
     batches = [[critical_angle(number) for number in range(first, first + 10)] for first in (0, 10, 20)]
     stored(tmp_path, *batches)
     gone, cut, _ = (path_of(tmp_path, *batch) for batch in batches)

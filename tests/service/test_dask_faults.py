@@ -153,7 +153,7 @@ async def test_chunk_of_another_version_is_refused_by_the_worker(executor: DaskE
         await client.submit(run_chunk, "key", 60.0, versions() | {"engine": "odd"}, [], pure=False)
 
 
-def test_differences_are_told_in_words() -> None:
+def test_differences_are_given_in_words() -> None:
     assert differences({"engine": "2", "numpy": "2.4"}, {"engine": "2", "numpy": "2.4"}) == ""
     assert differences({"engine": "2", "numpy": "2.4"}, {"engine": "1"}) == (
         "engine 1 instead of 2, numpy none instead of 2.4"

@@ -251,7 +251,7 @@ async def test_what_outlasts_the_grace_time_is_given_up(executor: Executor) -> N
             await chunk
 
 
-async def test_it_tells_how_wide_it_is_and_which_processes_it_has(executor: Executor, kind: str) -> None:
+async def test_it_reports_its_capacity_and_which_processes_it_has(executor: Executor, kind: str) -> None:
     assert executor.capacity == (1 if kind == "in-process" else 2)
     assert executor.worker_pids
     assert executor.restarts == 0

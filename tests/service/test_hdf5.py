@@ -1,4 +1,4 @@
-"""The files of results: what they tell, and that nothing damaged gets through."""
+"""The files of results: what they hold, and that nothing damaged gets through."""
 
 import io
 import random

@@ -36,8 +36,8 @@ pytestmark = [pytest.mark.anyio, pytest.mark.timeout(60)]
 
 @pytest.fixture
 async def manager(pool: ProcessPool, tmp_path: Path) -> AsyncIterator[JobManager]:
-    async with running(tmp_path, pool) as running_runner:
-        yield running_runner
+    async with running(tmp_path, pool) as running_manager:
+        yield running_manager
 
 
 @pytest.fixture

@@ -202,7 +202,7 @@ def test_file_of_a_later_version_is_left_alone(tmp_path: Path) -> None:
         store_in(tmp_path).jobs("local")
 
 
-def test_folder_that_cannot_be_made_is_told_and_tried_again(tmp_path: Path) -> None:
+def test_folder_that_cannot_be_made_is_reported_and_tried_again(tmp_path: Path) -> None:
     (tmp_path / "data").write_text("a file")
     store = store_in(tmp_path / "data")
     with pytest.raises(StorageError):
@@ -213,7 +213,7 @@ def test_folder_that_cannot_be_made_is_told_and_tried_again(tmp_path: Path) -> N
     assert store.jobs("local") == []
 
 
-def test_full_disk_is_told_changes_nothing_and_is_forgotten_when_there_is_room(tmp_path: Path) -> None:
+def test_full_disk_is_reported_changes_nothing_and_is_forgotten_when_there_is_room(tmp_path: Path) -> None:
     store = store_in(tmp_path)
     before = stored_job(store)
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)

@@ -31,7 +31,7 @@ def segment(folder: Path, first: int) -> Path:
     return folder / "results" / "segments" / name[:2] / f"{name}.h5"
 
 
-def test_stat_tells_what_is_there_even_beside_a_service(folder: Path) -> None:
+def test_stat_shows_what_is_there_even_beside_a_service(folder: Path) -> None:
     size = sum(segment(folder, first).stat().st_size for first in (0, 10, 20))
     for _ in range(2):
         assert (stat(folder).bytes, stat(folder).segments, stat(folder).cases) == (size, 3, 30)

@@ -101,14 +101,14 @@ def test_each_request_is_one_span_that_goes_on_with_the_trace_of_its_client_and_
         # the service has ended: what it had not sent yet, it sent then
     by_id = {attributes(span)["ricochet.request_id"]: span for span in collector.spans}
     assert sorted(by_id) == ["computed", "known", "missing"]
-    assert len(collector.spans) == 3  # nobody is told of the probes
+    assert len(collector.spans) == 3  # probes are not traced
     computed, known, missing = by_id["computed"], by_id["known"], by_id["missing"]
     assert (computed.trace_id.hex(), computed.parent_span_id.hex()) == (TRACE, PARENT)
     assert known.trace_id != computed.trace_id
     assert (computed.name, known.name, missing.name) == ("POST /cra", "POST /cra", "GET /results/{key}")
     for span, status in ((computed, 200), (known, 200), (missing, 404)):
-        told = attributes(span)
-        assert (told["http.response.status_code"], told["http.route"]) == (status, span.name.split()[1])
+        found = attributes(span)
+        assert (found["http.response.status_code"], found["http.route"]) == (status, span.name.split()[1])
         assert 0 < span.end_time_unix_nano - span.start_time_unix_nano < 60e9
         assert span.kind == Span.SPAN_KIND_SERVER
     assert collector.resource().items() >= {("service.name", "ricochet"), ("deployment.environment.name", "test")}
@@ -127,7 +127,7 @@ def test_collector_that_is_down_costs_no_answer_and_no_time_at_the_end(
         assert service.process.wait(Settings().grace_seconds + 1) == 0
 
 
-def test_nothing_is_sent_nor_loaded_unless_it_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_nothing_is_sent_nor_loaded_unless_it_is_requested(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("OTEL_EXPORTER_OTLP_ENDPOINT", "http://127.0.0.1:9")
     program = (
         "import sys\nfrom service.api.app import create_app\nfrom service.settings import Settings\n"
@@ -139,7 +139,7 @@ def test_nothing_is_sent_nor_loaded_unless_it_is_asked_for(monkeypatch: pytest.M
     assert ended.stdout == "[]\n"
 
 
-def test_missing_extra_is_told_with_what_to_install(tmp_path: Path) -> None:
+def test_missing_extra_is_named_with_what_to_install(tmp_path: Path) -> None:
     program = (
         "import sys; sys.modules['opentelemetry.exporter'] = None\n"
         "from service.cli import main\nsys.exit(main(['serve']))"

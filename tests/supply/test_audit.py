@@ -63,7 +63,7 @@ def test_vulnerability_found_fails_and_is_named_with_what_mends_it() -> None:
     assert ended.stdout.startswith("1 known vulnerabilities in ")
 
 
-def test_every_locked_package_is_asked_for_and_none_found_passes() -> None:
+def test_every_locked_package_is_looked_up_and_none_found_passes() -> None:
     with database(200) as url:
         ended = audited("-s", "osv", "--osv-url", url)
     locked = [line for line in (ROOT / "requirements" / "run.txt").read_text().splitlines() if "==" in line]
@@ -72,7 +72,7 @@ def test_every_locked_package_is_asked_for_and_none_found_passes() -> None:
     assert ended.stdout == f"0 known vulnerabilities in {len(here)} packages\n"
 
 
-def test_database_that_is_not_there_or_fails_is_told_from_one_that_finds_nothing() -> None:
+def test_database_that_is_not_there_or_fails_is_distinguished_from_one_that_finds_nothing() -> None:
     with database(503) as url:
         failing = audited("-s", "osv", "--osv-url", url)
     missing = audited("-s", "osv", "--osv-url", url)

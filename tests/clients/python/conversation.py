@@ -192,8 +192,8 @@ def follow_a_job() -> None:
     assert (job.status, job.counts.total, job.counts.failed) == (JobStatus.SUCCESSFUL, 24, 0)
     assert job.created <= job.started <= job.finished < job.expires
     events = follow_job.sync(client=client, job_id=first.id)
-    told = [line.removeprefix("data: ") for line in events.splitlines() if line.startswith("data: ")]
-    assert [Job.from_dict(json.loads(each)) for each in told] == [job]
+    received = [line.removeprefix("data: ") for line in events.splitlines() if line.startswith("data: ")]
+    assert [Job.from_dict(json.loads(each)) for each in received] == [job]
 
     items, cursor = [], ""
     while cursor is not UNSET:

@@ -10,11 +10,18 @@ from matplotlib.figure import Figure as Drawing
 from matplotlib.lines import Line2D
 
 from service.reports import style
-from service.reports.contents import Column, Figure, stack
-from service.reports.finite_elements.calibration import LAW_NAMES, LAWS, PAPER_ANGLES, Calibration
-from service.reports.finite_elements.prediction import NEAR_ANGLES, Prediction, Predictions
-from service.reports.paper.strike import history_of, impact_of, motion_of, path_of
+from service.reports.finite_elements_fits import (
+    LAW_NAMES,
+    LAWS,
+    NEAR_ANGLES,
+    PAPER_ANGLES,
+    Calibration,
+    Prediction,
+    Predictions,
+)
 from service.reports.reference import MESHES, FiniteElementRun, Mesh, equation_9, table_2
+from service.reports.report import Column, Figure, stack
+from service.reports.strike import history_of, impact_of, motion_of, path_of
 from solver import ObliquityPolynomial
 from solver.arrays import FloatArray
 from solver.calibration import Estimate, MotionHistory

@@ -1,4 +1,4 @@
-"""What several figures of the paper share: finite element runs as histories, their fits, paths from the side."""
+"""The paper's strike: finite element runs of it as histories, their fits, paths from the side."""
 
 from dataclasses import replace
 from functools import cache

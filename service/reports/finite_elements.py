@@ -3,12 +3,26 @@
 import math
 from collections.abc import Iterator, Mapping, Sequence
 
-from service.reports.contents import Comparison, Section, Table, Tell
-from service.reports.finite_elements import figures, prediction
-from service.reports.finite_elements.account import outcomes, paragraphs, short, with_extrapolation
-from service.reports.finite_elements.calibration import ALONE, LAW_NAMES, LAWS, Calibration, calibrations, overall
-from service.reports.finite_elements.prediction import CHOSEN, TO_45, Prediction, Predictions, predictions
+from service.reports.finite_elements_figures import angle_figure, factor_figure, fitted_figure, rms_figure, tip_figure
+from service.reports.finite_elements_fits import (
+    ALONE,
+    CHOSEN,
+    LAW_NAMES,
+    LAWS,
+    TO_45,
+    Calibration,
+    Prediction,
+    Predictions,
+    bracket,
+    calibrations,
+    ending,
+    endings_table,
+    overall,
+    predictions,
+)
+from service.reports.finite_elements_text import outcomes, paragraphs, short, with_extrapolation
 from service.reports.reference import MESHES, Mesh, finite_element_runs, table_2
+from service.reports.report import Comparison, Progress, Section, Table
 
 SEPARATE_CALCULATION = "a separate calculation on the same runs"
 SEPARATE_RMS = {"mohr_coulomb": 0.051, "elastic_plastic": 0.090, "none": 0.216}
@@ -22,23 +36,23 @@ SEPARATE_ANGLES: Mapping[tuple[str, Mesh, str], float] = {
 """Calibrated critical angles. [°]"""
 
 
-def section(tell: Tell) -> Section:
+def section(progress: Progress) -> Section:
     """Return the comparison with this project's finite element runs."""
-    return compare(calibrations(tell), tell)
+    return compare(calibrations(progress), progress)
 
 
-def compare(found: Mapping[Mesh, Calibration], tell: Tell) -> Section:
+def compare(found: Mapping[Mesh, Calibration], progress: Progress) -> Section:
     """Return the comparison from what was fitted."""
-    tell("finite elements: critical angles")
+    progress("finite elements: critical angles")
     predicted = predictions(found)
-    ends = {mesh: prediction.bracket(finite_element_runs(mesh)) for mesh in MESHES}
-    tell("finite elements: figures")
+    ends = {mesh: bracket(finite_element_runs(mesh)) for mesh in MESHES}
+    progress("finite elements: figures")
     return Section(
         title="Finite elements of the same strike",
         text=paragraphs(found, predicted, ends),
         comparisons=tuple(_comparisons(found, predicted, ends)),
         tables=(
-            prediction.table([run for mesh in MESHES for run in finite_element_runs(mesh)]),
+            endings_table([run for mesh in MESHES for run in finite_element_runs(mesh)]),
             _laws(found),
             _fits(found),
             _quantities(found),
@@ -48,11 +62,11 @@ def compare(found: Mapping[Mesh, Calibration], tell: Tell) -> Section:
             _cost(found, predicted),
         ),
         figures=(
-            figures.rms_figure(found),
-            figures.fitted_figure(found),
-            figures.factor_figure(found, predicted, ends),
-            figures.tip_figure(found),
-            figures.angle_figure(predicted, ends),
+            rms_figure(found),
+            fitted_figure(found),
+            factor_figure(found, predicted, ends),
+            tip_figure(found),
+            angle_figure(predicted, ends),
         ),
     )
 
@@ -192,7 +206,7 @@ def _outcomes(found: Mapping[Mesh, Calibration]) -> Table:
     rows: list[Sequence[object]] = []
     for calibration in found.values():
         for run in calibration.runs:
-            away = [prediction.ending(run).turned_away, *(outcomes(calibration, law)[run.degrees] for law in LAWS)]
+            away = [ending(run).turned_away, *(outcomes(calibration, law)[run.degrees] for law in LAWS)]
             rows.append((run.name, *("turned away" if each else "retained" for each in away)))
     return Table(
         name="finite-elements-outcomes",

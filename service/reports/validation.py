@@ -1,4 +1,4 @@
-"""The sections of the report on validation: its limits, its tests one by one, and what is known of them."""
+"""The report of `ricochet validate`: its tests one by one, its limits, and the order of its sections."""
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
@@ -6,10 +6,8 @@ from typing import Final
 
 import numpy as np
 
-from service.reports.contents import Section, Table, Tell
-from service.reports.validation.assessment import Assessment, assess, of_diameter, of_group, of_series, percent
-from service.reports.validation.crater import crater_section
-from service.reports.validation.predictions import (
+from service.reports.depth_ratios import crater_section, ratios_section
+from service.reports.depth_tests import (
     CLOSED_FORM,
     CONSTANT,
     FACTOR_MODELS,
@@ -21,11 +19,17 @@ from service.reports.validation.predictions import (
     SQUARE_ROOT,
     STEEL_DENSITY,
     TRAJECTORY,
+    Assessment,
+    assess,
     crater_depth,
     model_factors,
+    of_diameter,
+    of_group,
+    of_series,
+    percent,
 )
-from service.reports.validation.ratios import ratios_section
-from service.reports.validation.size_law_section import size_law_section
+from service.reports.report import Progress, Section, Table
+from service.reports.size_law import size_law_section
 from solver.warnings import NO_MEASURED_ANGLE
 
 ALIKE = 0.05
@@ -217,12 +221,12 @@ PARTS: Final[Mapping[str, Callable[[Assessment], Section]]] = {
 COUNT: Final = len(PARTS)
 
 
-def sections(tell: Tell) -> Iterator[Section]:
+def sections(progress: Progress) -> Iterator[Section]:
     """Compute and write the sections one by one.
 
     Parameters
     ----------
-    tell
+    progress
         Called with what comes next.
 
     Yields
@@ -230,11 +234,11 @@ def sections(tell: Tell) -> Iterator[Section]:
     Section
         In their order in the report.
     """
-    yield from parts(assess(tell), tell)
+    yield from parts(assess(progress), progress)
 
 
-def parts(assessment: Assessment, tell: Tell) -> Iterator[Section]:
+def parts(assessment: Assessment, progress: Progress) -> Iterator[Section]:
     """Sections from the computed depths."""
     for what, section in PARTS.items():
-        tell(what)
+        progress(what)
         yield section(assessment)

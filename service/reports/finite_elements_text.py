@@ -3,11 +3,14 @@
 import math
 from collections.abc import Mapping
 
-from service.reports.finite_elements.calibration import LAW_NAMES, LAWS, PAPER_ANGLES, Calibration
-from service.reports.finite_elements.prediction import (
+from service.reports.finite_elements_fits import (
     LATER,
+    LAW_NAMES,
+    LAWS,
+    PAPER_ANGLES,
     RETAINED,
     TO_45,
+    Calibration,
     Prediction,
     Predictions,
     ending,

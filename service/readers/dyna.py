@@ -1,0 +1,460 @@
+"""LS-DYNA's files: the motion of a rigid body or a node, state by state.
+
+The text file rbdout has rigid bodies, nodout nodes; the binary binout has both, a folder for each state.
+
+A state of rbdout begins with ``r i g i d   b o d y   m o t i o n   a t  cycle= ... time= ...``. For each body there is
+a line ``rigid body N`` or ``nodal rigid body N``, then coordinates, displacements, velocities and accelerations along
+the global axes, the last three with rotations, then the same along the axes of the body.
+
+A state of nodout begins with ``n o d a l   p r i n t   o u t   f o r   t i m e  s t e p ... ( at time ... )`` and a
+line of column names from ``nodal point  x-disp`` on, then a line for each node: its number and twelve numbers, the
+displacements first. Models with rotations write the state again, from ``x-rot`` on.
+
+A binout is in the LSDA format: variables in folders, listed in tables of symbols. It begins with eight bytes: the
+length of this header, the widths of a length, an offset, a command and a type, and the byte order, 1 for little-endian.
+Records follow, each a length, a command and content. The first record gives the offset of the first table of symbols;
+each table ends with the offset of the next, 0 in the last. A table changes folders and lists variables by type, offset
+and length; the offset is that of the record with the numbers.
+"""
+
+import itertools
+import posixpath
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from service.readers.files import FileError, Readings, read_bytes
+from solver.arrays import FloatArray
+
+AXIS = re.compile(r"(?P<sign>[+-]?)(?P<letter>[xyz])")
+TRANSLATIONS = ("depth_displacement", "lateral_displacement")
+
+
+@dataclass(frozen=True, slots=True)
+class Axis:
+    """A global axis with a direction.
+
+    Parameters
+    ----------
+    index
+        0, 1, 2 for x, y, z.
+    sign
+        1 along the axis, -1 against it.
+    """
+
+    index: int
+    sign: float
+
+    @classmethod
+    def named(cls, name: str) -> "Axis":
+        """Return the axis of a name such as ``-z``.
+
+        Raises
+        ------
+        ValueError
+            If the name is not an axis.
+        """
+        match = AXIS.fullmatch(name.strip().lower())
+        if match is None:
+            raise ValueError(f"must be x, y or z, with a minus sign for the other direction, got {name!r}")
+        return cls("xyz".index(match["letter"]), -1.0 if match["sign"] == "-" else 1.0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class States:
+    """Motion of a body along the global axes, state by state, in the units of the model.
+
+    Parameters
+    ----------
+    time
+        (n,) Times.
+    displacement
+        (n, 3) Displacements.
+    rotation
+        (n, 3) Rotations; None if the file has none. [rad]
+    lines
+        Line of each state; None for binary files.
+    """
+
+    path: str | PathLike[str]
+    time: FloatArray
+    displacement: FloatArray
+    rotation: FloatArray | None = None
+    lines: Sequence[int] | None = None
+
+
+def along(states: States, axes: Mapping[str, Axis]) -> Readings:
+    """Return the motion along the given axes, in the units of the model.
+
+    Raises
+    ------
+    FileError
+        If no axis is given, depth and lateral are the same, or the file has no rotations.
+    """
+    if not axes:
+        raise FileError(states.path, "the motion is along x, y, z: name the axes of depth, lateral and rotation")
+    given = [axes[name].index for name in TRANSLATIONS if name in axes]
+    if len(set(given)) < len(given):
+        raise FileError(states.path, "depth and lateral displacement cannot be along the same axis")
+    if "rotation" in axes and states.rotation is None:
+        raise FileError(states.path, "the file has no rotations: leave out the axis of rotation")
+    values = {"time": states.time}
+    for name, axis in axes.items():
+        source = states.rotation if name == "rotation" else states.displacement
+        if source is not None:
+            values[name] = axis.sign * np.asarray(source)[:, axis.index] + 0.0
+    return Readings(path=states.path, values=values, lines=states.lines)
+
+
+def select(path: str | PathLike[str], kind: str, ids: Sequence[int], wanted: int | None) -> int:
+    """Return the id of the body to read: the wanted one, or the only one.
+
+    Raises
+    ------
+    FileError
+        If the wanted body is missing, or there are several and none is wanted.
+    """
+    listed = ", ".join(str(one) for one in ids[:20]) + (", ..." if len(ids) > 20 else "")
+    if wanted is None:
+        if len(ids) == 1:
+            return ids[0]
+        raise FileError(path, f"name the {kind} to read, there are: {listed or 'none'}")
+    if wanted not in ids:
+        raise FileError(path, f"there is no {kind} {wanted}, there are: {listed or 'none'}")
+    return wanted
+
+
+NUMBER = re.compile(r"[+-]?\d+\.\d*(?:[EeDd][+-]?\d+|[+-]\d{3})?")
+BARE_EXPONENT = re.compile(r"(?<=[\d.])([+-]\d{3})$")
+"""Fortran omits the E before an exponent of three digits."""
+
+RBDOUT_MARK = "r i g i d   b o d y   m o t i o n"
+RBDOUT_STATE = re.compile(r"\s*r i g i d +b o d y +m o t i o n +a t +cycle= *\S+ +time= *(?P<time>\S+)\s*")
+BODY = re.compile(r"\s*(nodal )?rigid body\s+(?P<body>\d+)\b.*")
+DISPLACEMENT_LINE = re.compile(r"\s*displacements:(?P<numbers>.*)")
+
+NODOUT_MARK = "n o d a l   p r i n t   o u t"
+NODOUT_STATE = re.compile(
+    r"\s*n o d a l +p r i n t +o u t +f o r +t i m e +s t e p.*\( *at time *(?P<time>[^\s)]+) *\)\s*"
+)
+COLUMN_NAMES = re.compile(r"\s*nodal point\s+x-(?P<kind>disp|rot)\b.*")
+NODE = re.compile(r"\s*(?P<node>\d+)(?P<numbers>\s*[+-]?\d*\..*)")
+
+
+def read_rbdout(path: str | Path, lines: Sequence[str], part: int | None) -> States:
+    """Read the motion of one rigid body.
+
+    Raises
+    ------
+    FileError
+        If the body is missing, or one of its states is incomplete.
+    """
+    wanted = select(
+        path, "rigid body", sorted({int(found["body"]) for found in map(BODY.fullmatch, lines) if found}), part
+    )
+    starts: list[int] = []
+    times: list[float] = []
+    motions: list[list[float]] = []
+    inside = False
+    missing = f"displacements of rigid body {wanted}"
+    for line, text in enumerate(lines, 1):
+        if found := RBDOUT_STATE.fullmatch(text):
+            _require_complete(path, missing, starts, motions)
+            times += _numbers(path, line, found["time"], 1, "time")[:1]
+            starts.append(line)
+        elif found := BODY.fullmatch(text):
+            inside = int(found["body"]) == wanted
+        elif inside and starts and (found := DISPLACEMENT_LINE.fullmatch(text)):
+            if len(motions) == len(starts):
+                raise FileError(path, f"the state has rigid body {wanted} twice", line)
+            motions.append(_numbers(path, line, found["numbers"], 6, "displacements and rotations"))
+            inside = False  # the following numbers are along the axes of the body
+    _require_complete(path, missing, starts, motions)
+    motion = np.array([row[:6] for row in motions]).reshape(-1, 6)
+    return States(path=path, time=np.array(times), displacement=motion[:, :3], rotation=motion[:, 3:], lines=starts)
+
+
+def read_nodout(path: str | Path, lines: Sequence[str], node: int | None) -> States:
+    """Read the motion of one node.
+
+    Raises
+    ------
+    FileError
+        If the node is missing, or one of its states is incomplete.
+    """
+    wanted = select(path, "node", _nodes(lines), node)
+    times: dict[str, list[float]] = {"disp": [], "rot": []}
+    motions: dict[str, list[list[float]]] = {"disp": [], "rot": []}
+    starts: dict[str, list[int]] = {"disp": [], "rot": []}
+    time, start, kind = 0.0, 0, ""
+    missing = f"line of node {wanted}"
+    for line, text in enumerate(lines, 1):
+        if state := NODOUT_STATE.fullmatch(text):
+            time, start, kind = _numbers(path, line, state["time"], 1, "time")[0], line, ""
+        elif names := COLUMN_NAMES.fullmatch(text):
+            kind = names["kind"]
+            _require_complete(path, missing, starts[kind], motions[kind])
+            starts[kind].append(start)
+            times[kind].append(time)
+        elif kind and len(motions[kind]) < len(starts[kind]):
+            row = NODE.fullmatch(text)
+            if row and int(row["node"]) == wanted:
+                motions[kind].append(_numbers(path, line, row["numbers"], 3, f"node {wanted}")[:3])
+    for kind, lines_of_states in starts.items():
+        _require_complete(path, missing, lines_of_states, motions[kind])
+    return States(
+        path=path,
+        time=np.array(times["disp"]),
+        displacement=np.array(motions["disp"]).reshape(-1, 3),
+        rotation=np.array(motions["rot"]).reshape(-1, 3) if times["rot"] == times["disp"] else None,
+        lines=starts["disp"],
+    )
+
+
+def _nodes(lines: Sequence[str]) -> list[int]:
+    """Return the nodes of the first state."""
+    nodes: list[int] = []
+    begun = False
+    for text in lines:
+        if COLUMN_NAMES.fullmatch(text):
+            begun = True
+        elif begun and (row := NODE.fullmatch(text)):
+            nodes.append(int(row["node"]))
+        elif begun and NODOUT_STATE.fullmatch(text):
+            break
+    return nodes
+
+
+def _require_complete(path: str | Path, missing: str, starts: Sequence[int], motions: Sequence[list[float]]) -> None:
+    if len(motions) < len(starts):
+        raise FileError(path, f"the state has no {missing}: is the file cut short?", starts[-1])
+
+
+def _numbers(path: str | PathLike[str], line: int, text: str, least: int, what: str) -> list[float]:
+    """Return the numbers of a line; in fixed-width formats they may follow each other without a blank.
+
+    Raises
+    ------
+    FileError
+        If the line holds something else, or fewer numbers.
+    """
+    rest = NUMBER.sub(" ", text).strip()
+    if rest:
+        raise FileError(path, f"{what} must be numbers, got {rest[:40]!r}", line)
+    found = [float(BARE_EXPONENT.sub(r"E\1", each.upper().replace("D", "E"))) for each in NUMBER.findall(text)]
+    if len(found) < least:
+        raise FileError(path, f"{what}: {least} numbers are needed, the line has {len(found)}", line)
+    return found
+
+
+STATE = re.compile(r"/(?P<database>rbdout|nodout)/d(?P<state>\d+)/time")
+DISPLACEMENTS = {
+    "rbdout": ("global_dx", "global_dy", "global_dz"),
+    "nodout": ("x_displacement", "y_displacement", "z_displacement"),
+}
+ROTATIONS = {
+    "rbdout": ("global_rdx", "global_rdy", "global_rdz"),
+    "nodout": ("rx_displacement", "ry_displacement", "rz_displacement"),
+}
+BODIES = {"rbdout": "rigid body", "nodout": "node"}
+
+CHANGE_FOLDER, DATA, VARIABLE, TABLE, TABLE_END, FIRST_TABLE = 2, 3, 4, 5, 6, 7
+HEADER_BYTES = 8
+TYPES: Mapping[int, str] = {
+    1: "i1", 2: "i2", 3: "i4", 4: "i8", 5: "u1", 6: "u2", 7: "u4", 8: "u8", 9: "f4", 10: "f8"
+}  # fmt: skip
+
+
+def is_binout(content: bytes) -> bool:
+    """Return whether a file begins with the header of a binout."""
+    return (
+        len(content) > HEADER_BYTES
+        and content[0] >= HEADER_BYTES
+        and all(size in (1, 2, 4, 8) for size in content[1:5])
+        and content[5] in (0, 1)
+    )
+
+
+def read_binout(path: str | Path, content: bytes, part: int | None, node: int | None) -> States:
+    """Read the motion of one rigid body, or of one node if its id is given.
+
+    Raises
+    ------
+    FileError
+        If the body is missing, or the file is damaged.
+    """
+    files = [Lsda(path, content), *_continuations(path)]
+    states: dict[str, list[tuple[int, Folder]]] = {"rbdout": [], "nodout": []}
+    for file in files:
+        for name in file.names():
+            if found := STATE.fullmatch(name):
+                folder = Folder(file, name.removesuffix("/time"))
+                states[found["database"]].append((int(found["state"]), folder))
+    database = "nodout" if node is not None or (part is None and not states["rbdout"]) else "rbdout"
+    folders = [folder for _, folder in sorted(states[database], key=lambda state: state[0])]
+    if not folders:
+        raise FileError(path, f"the binout has no {database}; LS-DYNA may have written it to another file of the run")
+    ids = files[0].read(f"/{database}/metadata/ids")
+    if ids is None:
+        raise FileError(path, f"the binout has no ids for its {database}")
+    known = [int(each) for each in ids]
+    column = known.index(select(path, BODIES[database], known, node if database == "nodout" else part))
+    rotated = folders[0].file.read(f"{folders[0].path}/{ROTATIONS[database][0]}") is not None
+    return States(
+        path=path,
+        time=_over_states(folders, "time", 0),
+        displacement=np.column_stack([_over_states(folders, name, column) for name in DISPLACEMENTS[database]]),
+        rotation=np.column_stack([_over_states(folders, name, column) for name in ROTATIONS[database]])
+        if rotated
+        else None,
+    )
+
+
+def _continuations(path: str | Path) -> Iterator["Lsda"]:
+    """Yield the files in which LS-DYNA continues when one is full: binout0000%001 and so on."""
+    for number in itertools.count(1):
+        further = Path(f"{path}%{number:03d}")
+        if not further.exists():
+            return
+        yield Lsda(further, read_bytes(further))
+
+
+def _over_states(folders: Sequence["Folder"], name: str, column: int) -> NDArray[np.float64]:
+    """Return one variable of one body over all states."""
+    values = []
+    for row, folder in enumerate(folders):
+        numbers = folder.file.read(f"{folder.path}/{name}")
+        if numbers is None or len(numbers) <= column:
+            raise FileError(folder.file.path, f"state {row + 1}: {name} is missing: is the file cut short?")
+        values.append(numbers[column])
+    return np.array(values)
+
+
+@dataclass(frozen=True, slots=True)
+class Folder:
+    """A state in one of the files of a run."""
+
+    file: "Lsda"
+    path: str
+
+
+@dataclass(frozen=True, slots=True)
+class Variable:
+    """Type and position of the numbers of a variable."""
+
+    dtype: np.dtype[Any]
+    start: int
+    count: int
+
+
+class Lsda:
+    """The variables of an LSDA file.
+
+    Parameters
+    ----------
+    content
+        The whole file.
+
+    Raises
+    ------
+    FileError
+        If the file is damaged or cut short.
+    """
+
+    def __init__(self, path: str | Path, content: bytes) -> None:
+        self.path = path
+        self._content = content
+        self._length, self._offset, self._command, self._type = content[1:5]
+        self._order: Literal["little", "big"] = "little" if content[5] else "big"
+        self._variables: dict[str, Variable] = {}
+        self._read_tables()
+
+    def names(self) -> Iterator[str]:
+        """Yield the paths of all variables."""
+        yield from self._variables
+
+    def read(self, name: str) -> NDArray[np.float64] | None:
+        """Return the numbers of a variable; None if there is no such variable."""
+        variable = self._variables.get(name)
+        if variable is None:
+            return None
+        end = variable.start + variable.count * variable.dtype.itemsize
+        if end > len(self._content):
+            raise self._cut_short(variable.start)
+        numbers = np.frombuffer(self._content, variable.dtype, variable.count, variable.start)
+        return numbers.astype(np.float64)
+
+    def _read_tables(self) -> None:
+        command, position, _ = self._record(self._content[0])
+        if command != FIRST_TABLE:
+            raise FileError(self.path, "the binout has no table of symbols")
+        seen = set()
+        while table := self._integer(position, self._offset):
+            if table in seen:
+                raise FileError(self.path, "the binout is damaged: its tables of symbols form a cycle")
+            seen.add(table)
+            position = self._read_table(table)
+
+    def _read_table(self, position: int) -> int:
+        """Read one table; return the position of the next table's offset."""
+        command, position, _ = self._record(position)
+        if command != TABLE:
+            raise FileError(self.path, f"the binout is damaged: no table of symbols at byte {position}")
+        folder = "/"
+        while True:
+            command, start, end = self._record(position)
+            if command == TABLE_END:
+                return start
+            if command == CHANGE_FOLDER:
+                folder = posixpath.normpath(posixpath.join(folder, self._text(start, end)))
+            elif command == VARIABLE:
+                name_end = end - self._type - self._offset - self._length
+                name = self._text(start, name_end)
+                self._add(posixpath.join(folder, name), name, name_end)
+            position = end
+
+    def _add(self, path: str, name: str, position: int) -> None:
+        kind = self._integer(position, self._type)
+        if kind not in TYPES:
+            return  # a link to another folder
+        offset = self._integer(position + self._type, self._offset)
+        count = self._integer(position + self._type + self._offset, self._length)
+        command, start, end = self._record(offset)
+        if command != DATA:
+            raise FileError(self.path, f"the binout is damaged: {path} is not at byte {offset}")
+        start += self._type + 1 + len(name.encode())
+        dtype = np.dtype(TYPES[kind]).newbyteorder("<" if self._order == "little" else ">")
+        if count * dtype.itemsize > end - start:
+            raise FileError(self.path, f"the binout is damaged: {path} is longer than its record")
+        self._variables[path] = Variable(dtype, start, count)
+
+    def _record(self, position: int) -> tuple[int, int, int]:
+        """Return the command of a record, and the start and end of its content."""
+        length = self._integer(position, self._length)
+        start = position + self._length + self._command
+        end = position + length
+        command = self._integer(position + self._length, self._command)
+        if command not in (TABLE, TABLE_END) and end < start:
+            raise FileError(self.path, f"the binout is damaged at byte {position}")
+        return command, start, end
+
+    def _integer(self, position: int, width: int) -> int:
+        if not 0 <= position <= len(self._content) - width:
+            raise self._cut_short(position)
+        return int.from_bytes(self._content[position : position + width], self._order)
+
+    def _text(self, start: int, end: int) -> str:
+        if end > len(self._content) or end < start:
+            raise self._cut_short(start)
+        return self._content[start:end].decode("latin-1")
+
+    def _cut_short(self, position: int) -> FileError:
+        return FileError(
+            self.path, f"the binout is cut short: it ends at byte {len(self._content)}, but byte {position} is needed"
+        )
