@@ -56,12 +56,18 @@ async def answer_http_exception(request: Request, exception: Exception) -> Respo
     errors = [{"pointer": "", "detail": exception.detail}] if status in OF_THE_BODY else []
     headers = dict(exception.headers or {})
     if status is HTTPStatus.METHOD_NOT_ALLOWED:
-        headers["Allow"] = ", ".join(allowed_methods(request))
+        headers["Allow"] = ", ".join(allowed_methods(request, headers.get("Allow", "GET")))
     return problem_response(request, ProblemType.of_status(status).content(exception.detail, errors), headers)
 
 
-def allowed_methods(request: Request) -> list[str]:
-    """Return the methods of this path; the framework knows those of the first of its routes alone."""
+def allowed_methods(request: Request, known: str) -> list[str]:
+    """Return the methods of this path; the framework knows those of the first of its routes alone.
+
+    Parameters
+    ----------
+    known
+        Those that the framework knows, for paths that are not in the contract.
+    """
     contract: FastAPI = request.app
     found = {
         method.upper()
@@ -69,7 +75,8 @@ def allowed_methods(request: Request) -> list[str]:
         if compile_path(path)[0].match(request.scope["path"])
         for method in operations
     }
-    return sorted(found | {"HEAD"} if "GET" in found else found) or ["GET", "HEAD"]
+    found = found or set(known.split(", "))
+    return sorted(found | {"HEAD"} if "GET" in found else found)
 
 
 def problem_response(

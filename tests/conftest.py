@@ -117,5 +117,5 @@ def hurried_url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
 
 @pytest.fixture(scope="session")
 def client(live_url: str) -> Iterator[httpx.Client]:
-    with httpx.Client(base_url=live_url, timeout=60.0, trust_env=False) as session:
+    with httpx.Client(base_url=live_url, timeout=180.0, trust_env=False) as session:
         yield session

@@ -124,3 +124,9 @@ def test_body_that_is_no_object_is_refused(client: httpx.Client) -> None:
         response = client.post("/umbridge/Evaluate", content=content)
         assert response.status_code == 400
         assert response.json()["error"]["type"] in {"InvalidInput", "ModelNotFound"}
+
+
+def test_allowed_method_is_named(client: httpx.Client) -> None:
+    response = client.get("/umbridge/Evaluate")
+    assert response.status_code == 405
+    assert response.headers["Allow"] == "POST"
