@@ -37,7 +37,7 @@ def test_service_keeps_its_contract_whatever_it_receives(
     environment = os.environ | {"NO_PROXY": "*"}
     done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
-    if "Time limit reached" not in done.stdout:  # a slow machine does not come to every operation
+    if "🕛" not in done.stdout:  # the mark of a phase cut short: a slow machine does not come to every operation
         assert f"Tested: {count}" in done.stdout, done.stdout
     assert " passed" in done.stdout, done.stdout
     answer = httpx.post(f"{hurried_url}/cra", json=PAPER, timeout=60.0, trust_env=False)
