@@ -23,7 +23,6 @@ from solver.surface_integration import Law
 from solver.target import Target
 from solver.validation import require
 
-
 LEAST_THICKNESS = 0.1
 """Of a wall, over the diameter of the projectile. [1]"""
 

@@ -115,11 +115,12 @@ def test_limit_speeds_and_thicknesses_lie_where_an_independent_program_has_them(
             assert (strike(angle, replace(WALL, thickness=wall)).outcome is Outcome.PERFORATED) is perforates
 
 
-def test_thick_wall_has_the_angle_of_the_half_space() -> None:
-    wall, half_space = search(replace(WALL, thickness=5.01 * PAPER_PROJECTILE.diameter)), search(PAPER_TARGET)
+@pytest.mark.parametrize(("diameters", "degrees"), [(5.0, 0.25), (7.0, 0.1), (25.0, 0.01)])
+def test_thick_wall_has_the_angle_of_the_half_space(diameters: float, degrees: float) -> None:
+    wall, half_space = search(replace(WALL, thickness=diameters * PAPER_PROJECTILE.diameter)), search(PAPER_TARGET)
     assert wall.angle is not None
     assert half_space.angle is not None
-    assert abs(math.degrees(wall.angle - half_space.angle)) < 0.1
+    assert abs(math.degrees(wall.angle - half_space.angle)) < degrees
 
 
 def routes_agree(arguments: dict[str, Any]) -> None:
