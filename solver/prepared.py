@@ -24,7 +24,7 @@ from solver.target import Target
 from solver.validation import require
 
 LEAST_THICKNESS = 0.1
-"""Of a wall, over the diameter of the projectile. [1]"""
+"""Least thickness of a wall over the diameter of the projectile. [1]"""
 
 
 class Outcome(StrEnum):

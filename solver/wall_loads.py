@@ -3,7 +3,8 @@
 An element that faces the rear of the wall is weakened by it as one that faces out is by the impact face: with the same
 decay function, on the distance along its normal to the rear face. What is beyond the rear face is not loaded. On a
 ring that gives up to four arcs, in the order of rising cos β: near the rear face, deep before it, deep behind the
-impact face, and near that. A face across the axis, whose normal meets the axis nowhere, is resisted in full up to the rear.
+impact face, and near that. A face across the axis, whose normal meets the axis nowhere, is resisted in full up to
+the rear.
 """
 
 import math
