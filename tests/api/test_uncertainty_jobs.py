@@ -3,19 +3,14 @@
 import csv
 import io
 import json
-from collections.abc import Callable
-from contextlib import AbstractContextManager
-from pathlib import Path
 from typing import Any
 
 import h5py
 import httpx
-import pytest
 
 from service.schemas import Job
 
 from .many import finished
-from .test_jobs import Service
 from .test_uncertainty import ATTACK, BODY, SPEED, STRIKE
 
 ASYNC = {"Prefer": "respond-async"}
@@ -81,6 +76,7 @@ def test_large_study_shows_progress_and_the_curve_so_far_until_it_is_cancelled(c
     assert response.status_code == 202, response.text
     job = response.json()
     reached: list[dict[str, Any]] = []
+    state: dict[str, Any] = {}
     with client.stream("GET", job["links"]["events"]) as events:
         for line in events.iter_lines():
             if not line.startswith("data:"):
@@ -96,7 +92,8 @@ def test_large_study_shows_progress_and_the_curve_so_far_until_it_is_cancelled(c
     assert reached[-1]["requested_half_width"] == 0.0001 < reached[-1]["half_width"]
     curve = state["partial"]["probability"]
     assert len(curve["lower"]) == len(curve["oblique_angle_deg"]) == 81
-    assert curve["ricochet_probability"][0] < 0.1 < 0.9 < curve["ricochet_probability"][-1]
+    assert curve["ricochet_probability"][0] < 0.1
+    assert curve["ricochet_probability"][-1] > 0.9
     assert client.get(job["links"]["self"]).json()["partial"]["convergence"]["samples"][0] == 256
     ended = client.post(job["links"]["cancel"]).json()
     assert ended["status"] == "dismissed"
@@ -121,26 +118,3 @@ def test_same_idempotency_key_is_the_same_job(client: httpx.Client) -> None:
     assert first["id"] == again["id"]
     other = client.post("/trajectory/uncertainty", json=seeded(STRIKE, 25), headers=headers)
     assert other.status_code == 422
-
-
-@pytest.mark.system
-def test_study_of_a_killed_service_goes_on_to_the_same_bytes_with_other_workers(
-    client: httpx.Client, tmp_path: Path, service_on: Callable[..., AbstractContextManager[Service]]
-) -> None:
-    body = seeded(BODY, 26, half_width=0.01, method="direct", max_samples=2048)
-    expected = client.post("/cra/uncertainty", json=body).content
-    job: dict[str, Any] = {}
-    with pytest.raises(AssertionError), service_on(tmp_path, workers="2") as service:  # it does not end well
-        job = httpx.post(f"{service.url}/cra/uncertainty", json=body, headers=ASYNC, trust_env=False).json()
-        while job.get("progress", {}).get("samples", 0) < 300 and job["status"] in {"accepted", "running"}:
-            job = httpx.get(service.url + job["links"]["self"], trust_env=False).json()
-        service.process.kill()
-    assert job["status"] == "running"
-    with (
-        service_on(tmp_path, workers="1") as service,
-        httpx.Client(base_url=service.url, timeout=60.0, trust_env=False) as restarted,
-    ):
-        job = finished(restarted, restarted.get(job["links"]["self"]).json())
-        assert job["status"] == "successful"
-        [item] = restarted.get(job["links"]["results"]).json()["results"]
-        assert restarted.get(f"/results/{item['result']['key']}").content == expected
