@@ -5,9 +5,12 @@ import threading
 import time
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import httpx
 import pytest
+
+from service.schemas.examples import PAPER
 
 from .cases import jsonl, searches, slowly
 from .data_folder import keys_of, segments
@@ -29,6 +32,12 @@ INSTANTS = {"while cases are computed": 0.1, "while the body is sent": 0.12, "ri
 """Latest instant of the kill: since a random number of cases were done, the first byte, the answer. [s]"""
 RESTART_SECONDS = 1.5
 """In which a starting server is killed again."""
+SPEED = {"type": "normal", "mean": 238.0, "standard_deviation": 4.8}
+STUDY = PAPER | {
+    "uncertain": [{"field": "impact.velocity_m_s", "distribution": SPEED}],
+    "sampling": {"half_width": 0.005, "method": "direct", "max_samples": 1024, "seed": 26},
+}
+"""Some seconds of work."""
 
 
 @pytest.mark.parametrize("rounds", [3, LONG])
@@ -80,6 +89,37 @@ def kill_during_batch(server: RestartableServer, body: bytes, number: int, insta
         server.until_done(job, instants.randrange(1, CASES))
     time.sleep(delay)
     server.kill()
+
+
+def test_study_of_a_killed_server_goes_on_to_the_same_bytes_with_other_workers(tmp_path: Path) -> None:
+    with RestartableServer(tmp_path / "undisturbed") as undisturbed, RestartableServer(tmp_path / "killed") as server:
+        undisturbed.start()
+        expected = result_of(undisturbed, undisturbed.finished(begin_study(undisturbed)))
+        undisturbed.stop()
+        server.start()
+        job = begin_study(server)
+        while job.get("progress", {}).get("samples", 0) < 200:
+            job = server.job(job)
+            assert job["status"] in UNFINISHED
+        server.kill()
+        assert not server.orphans(ORPHAN_SECONDS)
+        server.environment["RICOCHET_WORKERS"] = "1"
+        server.start()
+        job = server.finished(job)
+        assert job["status"] == "successful"
+        assert result_of(server, job) == expected
+
+
+def begin_study(server: RestartableServer) -> dict[str, Any]:
+    headers = {"Prefer": "respond-async"}
+    job: dict[str, Any] = server.client.post("/cra/uncertainty", json=STUDY, headers=headers).raise_for_status().json()
+    return job
+
+
+def result_of(server: RestartableServer, job: dict[str, Any]) -> bytes:
+    """The answer of a job of one case, as it is kept."""
+    [item] = server.client.get(job["links"]["results"]).raise_for_status().json()["results"]
+    return server.client.get(f"/results/{item['result']['key']}").raise_for_status().content
 
 
 def leave_partial_files(data: Path) -> None:
