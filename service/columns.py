@@ -101,6 +101,14 @@ SUMMARY: Mapping[str, tuple[Column, ...]] = {
         Column("energy_fraction_below", "share of the kinetic energy left half a degree below the critical angle"),
         Column("energy_fraction_above", "half a degree above it"),
     ),
+    "thickness": (
+        Column("status", "how the search ended", "S32"),
+        Column("least_thickness_m", "least thickness of a wall that is not perforated"),
+    ),
+    "limit_speed": (
+        Column("status", "how the search ended", "S32"),
+        Column("limit_speed_m_s", "least speed that perforates"),
+    ),
     "calibration_depth": ESTIMATE,
     "calibration_motion": (
         *ESTIMATE,

@@ -16,16 +16,20 @@ from service.schemas import (
     CriticalAngleUncertaintyRequest,
     DepthCalibrationRequest,
     FormulasRequest,
+    LimitSpeedRequest,
     MotionCalibrationRequest,
     ObliquityCalibrationRequest,
+    ThicknessRequest,
     TrajectoryRequest,
     TrajectoryUncertaintyRequest,
     critical_angle_answer,
     critical_angle_uncertainty_answer,
     depth_answer,
     formulas_answer,
+    limit_speed_answer,
     motion_answer,
     obliquity_answer,
+    thickness_answer,
     trajectory_answer,
     trajectory_uncertainty_answer,
 )
@@ -201,6 +205,16 @@ def compute_formulas(request: bytes) -> Answer:
     return formulas_answer(FormulasRequest.model_validate_json(request)), None
 
 
+def compute_thickness(request: bytes) -> Answer:
+    """Find the least thickness that is not perforated."""
+    return thickness_answer(ThicknessRequest.model_validate_json(request)), None
+
+
+def compute_limit_speed(request: bytes) -> Answer:
+    """Find the least speed that perforates a wall."""
+    return limit_speed_answer(LimitSpeedRequest.model_validate_json(request)), None
+
+
 @dataclass(frozen=True, slots=True)
 class StudyOperation:
     """How a study of uncertainty computes its samples: each is a request of another operation.
@@ -336,6 +350,8 @@ OPERATIONS: Mapping[str, Operation] = {
         compute_obliquity_calibration, ObliquityCalibrationRequest, cases=cases_of_a_fit
     ),
     "formulas": Operation(compute_formulas, FormulasRequest),
+    "thickness": Operation(compute_thickness, ThicknessRequest, SUMMARY["thickness"]),
+    "limit_speed": Operation(compute_limit_speed, LimitSpeedRequest, SUMMARY["limit_speed"]),
     "cra_uncertainty": Operation(
         compute_critical_angle_uncertainty,
         CriticalAngleUncertaintyRequest,
@@ -353,7 +369,7 @@ OPERATIONS: Mapping[str, Operation] = {
 
 def outcome_of(answer: Mapping[str, Any]) -> str:
     """Return how a run, a search or a study ended; a fit that has an answer was found, and so were formulas."""
-    if "formulas" in answer:
+    if "formulas" in answer and "status" not in answer:
         return "evaluated"
     if "converged" in answer:
         return "converged" if answer["converged"] else "not_converged"

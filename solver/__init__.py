@@ -10,6 +10,13 @@ from solver.many import critical_angle_many, simulate_many
 from solver.nose import Conical, Flat, Ogive, Profile, Spherical
 from solver.numerics import Numerics
 from solver.penetration import closed_form_depth
+from solver.perforation import (
+    PerforationLimit,
+    PerforationStatus,
+    PerforationTrial,
+    least_thickness,
+    limit_velocity,
+)
 from solver.prepared import Outcome
 from solver.projectile import MassProperties, Projectile, SolidProperties, mass_properties, solid_properties
 from solver.resistance import (
@@ -53,6 +60,9 @@ __all__ = [
     "Outcome",
     "OutcomeInterval",
     "ParameterError",
+    "PerforationLimit",
+    "PerforationStatus",
+    "PerforationTrial",
     "Profile",
     "Projectile",
     "PublishedTests",
@@ -77,6 +87,8 @@ __all__ = [
     "critical_angle_many",
     "decay_factor",
     "formulas",
+    "least_thickness",
+    "limit_velocity",
     "mass_properties",
     "simulate",
     "simulate_many",

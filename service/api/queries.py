@@ -26,10 +26,14 @@ from service.schemas import (
     DepthCalibrationRequest,
     FormulasAnswer,
     FormulasRequest,
+    LimitSpeedAnswer,
+    LimitSpeedRequest,
     MotionCalibrationAnswer,
     MotionCalibrationRequest,
     ObliquityCalibrationAnswer,
     ObliquityCalibrationRequest,
+    ThicknessAnswer,
+    ThicknessRequest,
     TrajectoryAnswer,
     TrajectoryRequest,
 )
@@ -128,6 +132,30 @@ async def evaluate_formulas(request: Request) -> Response:
     velocity along the normal.
     """
     return await answer(request, "formulas")
+
+
+@router.post(
+    "/thickness",
+    response_model=ThicknessAnswer,
+    responses=COMPUTED,
+    openapi_extra=one_body(ThicknessRequest),
+    tags=["walls"],
+)
+async def find_least_thickness(request: Request) -> Response:
+    """Find the least thickness of a wall that a strike does not perforate, beside what the empirical formulas say."""
+    return await answer(request, "thickness")
+
+
+@router.post(
+    "/limit-speed",
+    response_model=LimitSpeedAnswer,
+    responses=COMPUTED,
+    openapi_extra=one_body(LimitSpeedRequest),
+    tags=["walls"],
+)
+async def find_limit_speed(request: Request) -> Response:
+    """Find the least speed at which a projectile perforates a wall."""
+    return await answer(request, "limit_speed")
 
 
 async def answer(request: Request, operation: str, *, long: bool = False) -> Response:

@@ -24,6 +24,14 @@ from service.schemas.calibration import (
 )
 from service.schemas.formulas import FormulasAnswer, FormulasRequest, formulas_answer
 from service.schemas.jobs import Job, JobResults, Jobs, Result
+from service.schemas.perforation import (
+    LimitSpeedAnswer,
+    LimitSpeedRequest,
+    ThicknessAnswer,
+    ThicknessRequest,
+    limit_speed_answer,
+    thickness_answer,
+)
 from service.schemas.requests import CriticalAngleBase, CriticalAngleRequest, TrajectoryRequest
 from service.schemas.sweeps import CriticalAngleSweep, TrajectorySweep
 from service.schemas.uncertainty import (
@@ -52,11 +60,15 @@ __all__ = [
     "Job",
     "JobResults",
     "Jobs",
+    "LimitSpeedAnswer",
+    "LimitSpeedRequest",
     "MotionCalibrationAnswer",
     "MotionCalibrationRequest",
     "ObliquityCalibrationAnswer",
     "ObliquityCalibrationRequest",
     "Result",
+    "ThicknessAnswer",
+    "ThicknessRequest",
     "TrajectoryAnswer",
     "TrajectoryBase",
     "TrajectoryBatch",
@@ -70,8 +82,10 @@ __all__ = [
     "critical_angle_uncertainty_answer",
     "depth_answer",
     "formulas_answer",
+    "limit_speed_answer",
     "motion_answer",
     "obliquity_answer",
+    "thickness_answer",
     "trajectory_answer",
     "trajectory_uncertainty_answer",
 ]

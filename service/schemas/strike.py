@@ -68,6 +68,33 @@ class Target(Part):
         )
 
 
+AngleOfAttack = Annotated[
+    Num,
+    Field(
+        ge=-90.0,
+        le=90.0,
+        description="Axis angle minus velocity angle, positive with the nose turned toward the face. [°]",
+    ),
+]
+AngularVelocity = Annotated[
+    Num,
+    Field(
+        ge=-1e5,
+        le=1e5,
+        description="Rate of the axis angle, positive with the nose turning toward the face. [rad/s] Faster than "
+        "any tumbling body holds together.",
+    ),
+]
+ObliqueAngle = Annotated[
+    Num,
+    Field(
+        ge=0.0,
+        lt=90.0,
+        description="From the inward normal of the face to the velocity: 0 is normal impact, 90 would graze. [°]",
+    ),
+]
+
+
 class Strike(Part):
     """The motion at first contact but for the oblique angle."""
 
@@ -77,23 +104,8 @@ class Strike(Part):
         Num,
         Field(ge=0.1, le=1e4, description="Of the centre of gravity. [m/s] Bodies stay rigid up to some 800 m/s."),
     ]
-    angle_of_attack_deg: Annotated[
-        Num,
-        Field(
-            ge=-90.0,
-            le=90.0,
-            description="Axis angle minus velocity angle, positive with the nose turned toward the face. [°]",
-        ),
-    ] = 0.0
-    angular_velocity_rad_s: Annotated[
-        Num,
-        Field(
-            ge=-1e5,
-            le=1e5,
-            description="Rate of the axis angle, positive with the nose turning toward the face. [rad/s] Faster than "
-            "any tumbling body holds together.",
-        ),
-    ] = 0.0
+    angle_of_attack_deg: AngleOfAttack = 0.0
+    angular_velocity_rad_s: AngularVelocity = 0.0
 
     def arguments(self) -> dict[str, float]:
         """Return what the solver calls these."""
@@ -109,15 +121,26 @@ class Impact(Strike):
 
     model_config = with_examples(STRIKE | {"oblique_angle_deg": 45.0})
 
-    oblique_angle_deg: Annotated[
-        Num,
-        Field(
-            ge=0.0,
-            lt=90.0,
-            description="From the inward normal of the face to the velocity: 0 is normal impact, 90 would graze. [°]",
-        ),
-    ]
+    oblique_angle_deg: ObliqueAngle
 
     def to_solver(self) -> solver.Impact:
         """Return the solver's impact."""
         return solver.Impact(oblique_angle=math.radians(self.oblique_angle_deg), **self.arguments())
+
+
+class Approach(Part):
+    """The motion at first contact but for the speed."""
+
+    model_config = with_examples({"oblique_angle_deg": 20.0})
+
+    oblique_angle_deg: ObliqueAngle
+    angle_of_attack_deg: AngleOfAttack = 0.0
+    angular_velocity_rad_s: AngularVelocity = 0.0
+
+    def arguments(self) -> dict[str, float]:
+        """Return what the solver calls these."""
+        return {
+            "oblique_angle": math.radians(self.oblique_angle_deg),
+            "angle_of_attack": math.radians(self.angle_of_attack_deg),
+            "angular_velocity": self.angular_velocity_rad_s,
+        }
