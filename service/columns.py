@@ -105,7 +105,7 @@ SUMMARY: Mapping[str, tuple[Column, ...]] = {
         Column("status", "how the search ended", "S32"),
         Column("least_thickness_m", "least thickness of a wall that is not perforated"),
     ),
-    "limit_speed": (
+    "limit-speed": (
         Column("status", "how the search ended", "S32"),
         Column("limit_speed_m_s", "least speed that perforates"),
     ),

@@ -351,7 +351,7 @@ OPERATIONS: Mapping[str, Operation] = {
     ),
     "formulas": Operation(compute_formulas, FormulasRequest),
     "thickness": Operation(compute_thickness, ThicknessRequest, SUMMARY["thickness"]),
-    "limit_speed": Operation(compute_limit_speed, LimitSpeedRequest, SUMMARY["limit_speed"]),
+    "limit-speed": Operation(compute_limit_speed, LimitSpeedRequest, SUMMARY["limit-speed"]),
     "cra_uncertainty": Operation(
         compute_critical_angle_uncertainty,
         CriticalAngleUncertaintyRequest,

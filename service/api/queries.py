@@ -155,7 +155,7 @@ async def find_least_thickness(request: Request) -> Response:
 )
 async def find_limit_speed(request: Request) -> Response:
     """Find the least speed at which a projectile perforates a wall."""
-    return await answer(request, "limit_speed")
+    return await answer(request, "limit-speed")
 
 
 async def answer(request: Request, operation: str, *, long: bool = False) -> Response:

@@ -27,6 +27,8 @@ COMMANDS = (
     Command("cra", "critical ricochet angle of one impact", "service.cli.single"),
     Command("uncertainty", "how sure an angle or an outcome is", "service.cli.uncertainty"),
     Command("formulas", "penetration and least thickness by the formulas of the field", "service.cli.formulas"),
+    Command("thickness", "least thickness of a wall that is not perforated", "service.cli.walls"),
+    Command("limit-speed", "least speed that perforates a wall", "service.cli.walls"),
     Command("batch", "many cases from a file", "service.cli.batch"),
     Command("sweep", "one case over ranges of up to four of its fields", "service.cli.batch"),
     Command("jobs", "list, follow and cancel the jobs of a service", "service.cli.jobs"),
@@ -107,7 +109,7 @@ def run(name: str, arguments: list[str]) -> int:
         subparser = commands.add_parser(command.name, help=command.help, formatter_class=Formatter, allow_abbrev=False)
         if command.name == name:
             selected = subparser
-            getattr(import_module(command.module), f"add_{name}")(subparser)
+            getattr(import_module(command.module), f"add_{command.name.replace('-', '_')}")(subparser)
     args = parser.parse_args(arguments)
     try:
         status: int = args.run(args)

@@ -71,12 +71,18 @@ CALIBRATIONS: dict[str, tuple[str, Callable[[Any], Any]]] = {
     "ObliquityPoint": ("/calibration/obliquity", lambda example: {"points": [example], "order": 0}),
 }
 """Likewise of calibrations, but for what they share with the others."""
+WALLS: dict[str, tuple[str, Callable[[Any], Any]]] = {
+    "ThicknessRequest": ("/thickness", lambda example: example),
+    "LimitSpeedRequest": ("/limit-speed", lambda example: example),
+    "Approach": ("/limit-speed", lambda example: SCHEMAS["LimitSpeedRequest"]["examples"][0] | {"impact": example}),
+}
+"""Likewise of searches for perforation."""
 SENT += [
     pytest.param(path, body(example), id=f"{name}-{number}-{path}")
-    for name, (path, body) in (MANY | CALIBRATIONS).items()
+    for name, (path, body) in (MANY | CALIBRATIONS | WALLS).items()
     for number, example in enumerate(SCHEMAS[name]["examples"])
 ]
-IN_REQUESTS = MANY.keys() | CALIBRATIONS.keys() | {name for request in REQUESTS for name, _ in places(request)}
+IN_REQUESTS = MANY.keys() | CALIBRATIONS.keys() | WALLS.keys() | {name for request in REQUESTS for name, _ in places(request)}
 IN_ANSWERS = SCHEMAS.keys() - IN_REQUESTS
 
 

@@ -31,6 +31,8 @@ LIGHT = (
     "trajectory",
     "cra",
     "formulas",
+    "thickness",
+    "limit-speed",
     "batch",
     "sweep",
     "jobs",
@@ -51,9 +53,8 @@ ACTIONS = {
 ALL = [(command.name,) for command in cli.COMMANDS] + [
     (name, action) for name, actions in ACTIONS.items() for action in actions
 ]
-LOCAL = [
-    words for words in ALL if words[0] in {"trajectory", "cra", "formulas", "calibrate", "cache", "openapi", "version"}
-]
+SINGLE = {"trajectory", "cra", "formulas", "thickness", "limit-speed"}
+LOCAL = [words for words in ALL if words[0] in SINGLE | {"calibrate", "cache", "openapi", "version"}]
 SERVED = [words for words in ALL if words[0] in {"batch", "sweep", "jobs"}]
 """`serve` is started by a fixture; `reproduce` and `validate` take a minute and are tested in tests/reports."""
 TESTS_CSV = "velocity_m_s,depth_m\n238.1,0.30\n275.7,0.38\n314.0,0.45\n369.5,0.53\n"

@@ -1,0 +1,96 @@
+"""`ricochet thickness` and `ricochet limit-speed`: the wall that stops a projectile, the speed that perforates one."""
+
+import argparse
+import json
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from service.cli.arguments import ATTACK, BODY, IMPACT, OBLIQUE_ANGLE, Flag, add_case, add_formats, add_url, examples
+from service.cli.request_body import RequestBody, read_body
+from service.cli.single import answer_of, print_csv, print_json
+from service.cli.writers import heading, print_table, print_values, print_warnings
+
+PARTS = {"projectile", "target", "impact", "resistance", "numerics"}
+THICKNESS = ("target", "thickness_m")
+STRIKE_FLAGS = (*IMPACT, *(flag for flag in BODY if flag.steps != THICKNESS))
+WALL_FLAGS = (OBLIQUE_ANGLE, *ATTACK, *BODY)
+
+
+def add_thickness(parser: argparse.ArgumentParser) -> None:
+    """Define `ricochet thickness`."""
+    parser.description = (
+        "Find the least thickness of a wall that a strike does not perforate, beside what the empirical formulas of "
+        "the field say. A thickness in the file is left out, and so are other parts than projectile, target, impact, "
+        "resistance and numerics."
+    )
+    parser.epilog = examples("ricochet thickness strike.toml --angle 30", "ricochet thickness strike.toml --json")
+    add_case(parser, STRIKE_FLAGS)
+    add_formats(parser, json="print the answer as the service sends it", csv="print the thicknesses tried")
+    add_url(parser)
+    parser.set_defaults(run=run_thickness)
+
+
+def add_limit_speed(parser: argparse.ArgumentParser) -> None:
+    """Define `ricochet limit-speed`."""
+    parser.description = (
+        "Find the least speed at which a projectile perforates a wall. A speed in the file is left out, and so are "
+        "other parts than projectile, target, impact, resistance and numerics."
+    )
+    parser.epilog = examples("ricochet limit-speed strike.toml --thickness 0.2 --angle 20")
+    add_case(parser, WALL_FLAGS)
+    add_formats(parser, json="print the answer as the service sends it", csv="print the speeds tried")
+    add_url(parser)
+    parser.set_defaults(run=run_limit_speed)
+
+
+def run_thickness(args: argparse.Namespace) -> int:
+    """Search the least thickness and print it."""
+    body = _body(args, STRIKE_FLAGS, "target", "thickness_m")
+    return _print(args, answer_of("thickness", body, args.url), "least_thickness_m", "bracket_m")
+
+
+def run_limit_speed(args: argparse.Namespace) -> int:
+    """Search the limit speed and print it."""
+    body = _body(args, WALL_FLAGS, "impact", "velocity_m_s")
+    return _print(args, answer_of("limit-speed", body, args.url), "limit_speed_m_s", "bracket_m_s")
+
+
+def _body(args: argparse.Namespace, flags: Sequence[Flag], part: str, sought: str) -> RequestBody:
+    """Return the request without what is sought and what belongs to other requests."""
+    body = read_body(args.case, args, flags)
+    for name in body.content.keys() - PARTS:
+        del body.content[name]
+    body.content.get(part, {}).pop(sought, None)
+    return body
+
+
+def _print(args: argparse.Namespace, text: bytes, value: str, bracket: str) -> int:
+    answer: dict[str, Any] = json.loads(text)
+    trials = answer["iterations"]
+    columns = {name: [trial[name] for trial in trials] for name in trials[0]}
+    if args.json:
+        print_json(text)
+    elif args.csv:
+        print_csv(columns)
+    else:
+        print_table([heading(name) for name in columns], list(zip(*columns.values(), strict=True)))
+        print()
+        print_values(_found(answer, value, bracket))
+        if rows := answer.get("formulas"):
+            print()
+            cells = [[row["formula"], row["perforation_thickness_m"], _range(row)] for row in rows]
+            print_table(["formula", heading("perforation_thickness_m"), "range"], cells)
+        print_warnings(answer["warnings"])
+    return 0
+
+
+def _found(answer: Mapping[str, Any], value: str, bracket: str) -> dict[str, Any]:
+    found = {"status": answer["status"]}
+    if value in answer:
+        lower, upper = answer[bracket]
+        found |= {heading(value): answer[value], heading(bracket): f"{lower:.6g} to {upper:.6g}"}
+    return found
+
+
+def _range(row: Mapping[str, Any]) -> str:
+    return "in range" if row["in_range"] else "out of range"

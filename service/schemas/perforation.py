@@ -1,0 +1,234 @@
+"""Least thickness of a wall and limit speed: requests and answers as the contract has them."""
+
+from typing import Annotated, Any, Self
+
+from pydantic import MISSING, Field
+
+import solver
+from service.schemas.answers import VERSIONED, WARNING, EngineVersion, Key, ModelWarning
+from service.schemas.building import warning_texts
+from service.schemas.examples import PAPER, PAPER_AT_45
+from service.schemas.formulas import ROW, FormulaRow, FormulasRequest, formulas_answer
+from service.schemas.numerics import Method
+from service.schemas.quantities import Num, Part, with_examples
+from service.schemas.requests import Case
+from service.schemas.strike import Approach, Impact
+from solver import Outcome, ParameterError, PerforationStatus
+from solver.numerics import TERMINATION_TIME
+from solver.perforation import RUN_TOLERANCE
+
+WALL = PAPER | {
+    "target": PAPER["target"] | {"thickness_m": 0.2},
+    "impact": {"oblique_angle_deg": 20.0},
+}
+LEFT = {"outcome": "perforated", "depth_velocity_m_s": 31.2, "lateral_velocity_m_s": 6.4}
+THICKNESS_TRIAL = {"thickness_m": 0.18} | LEFT
+SPEED_TRIAL = {"velocity_m_s": 224.0} | LEFT
+THICKNESS = {
+    "status": "converged",
+    "least_thickness_m": 0.2402,
+    "bracket_m": [0.2402, 0.2402],
+    "iterations": [THICKNESS_TRIAL],
+    "formulas": [ROW],
+    "warnings": [WARNING],
+}
+SPEED = {
+    "status": "converged",
+    "limit_speed_m_s": 218.7,
+    "bracket_m_s": [218.7, 218.7],
+    "iterations": [SPEED_TRIAL],
+    "warnings": [WARNING],
+}
+
+
+class ThicknessRequest(Case):
+    """A strike on a wall whose thickness is sought; its target has none."""
+
+    model_config = with_examples(PAPER_AT_45)
+
+    impact: Impact
+
+    def resolved(self) -> Self:
+        """Return the same with what was left open filled in."""
+        numerics = self.numerics.resolved(
+            method=Method.ADAPTIVE,
+            termination_time_s=self.usual_termination_time(self.impact.velocity_m_s),
+            relative_tolerance=RUN_TOLERANCE,
+        )
+        return self.model_copy(update={"numerics": numerics})
+
+    def canonical(self) -> dict[str, Any]:
+        """Return the resolved request as JSON data."""
+        return self.resolved().model_dump(mode="json")
+
+    def arguments(self) -> dict[str, Any]:
+        """Return the arguments of `solver.least_thickness`.
+
+        Raises
+        ------
+        ParameterError
+            If the target has a thickness.
+        """
+        if self.target.thickness_m is not MISSING:
+            raise ParameterError("target.thickness", "must not be given: it is what is sought")
+        case = self.resolved()
+        return case.shared_arguments() | {"impact": case.impact.to_solver()}
+
+    def formulas(self) -> list[dict[str, Any]]:
+        """Return what the empirical formulas say of the same strike; nothing without a velocity along the normal."""
+        parts = self.model_dump(mode="json", include={"projectile", "target", "impact"})
+        try:
+            rows: list[dict[str, Any]] = formulas_answer(FormulasRequest.model_validate(parts))["formulas"]
+        except ParameterError:
+            return []
+        return [row for row in rows if "perforation_thickness_m" in row]
+
+
+class LimitSpeedRequest(Case):
+    """A wall, and a projectile whose least speed that perforates is sought."""
+
+    model_config = with_examples(WALL)
+
+    impact: Approach
+
+    def resolved(self) -> Self:
+        """Return the same with what was left open filled in, but for the end of a run, which depends on its speed."""
+        end = self.numerics.termination_time_s
+        numerics = self.numerics.resolved(
+            method=Method.ADAPTIVE, termination_time_s=TERMINATION_TIME, relative_tolerance=RUN_TOLERANCE
+        )
+        if not self.by_panels:
+            numerics = numerics.model_copy(update={"termination_time_s": end})
+        return self.model_copy(update={"numerics": numerics})
+
+    def canonical(self) -> dict[str, Any]:
+        """Return the resolved request as JSON data."""
+        return self.resolved().model_dump(mode="json")
+
+    def arguments(self) -> dict[str, Any]:
+        """Return the arguments of `solver.limit_velocity`.
+
+        Raises
+        ------
+        ParameterError
+            If the target has no thickness.
+        """
+        if self.target.thickness_m is MISSING:
+            raise ParameterError("target.thickness", "must be given: a half-space is not perforated")
+        case = self.resolved()
+        return case.shared_arguments() | case.impact.arguments()
+
+
+class PerforationTrial(Part):
+    """How one run of a search for perforation ended."""
+
+    outcome: Outcome
+    depth_velocity_m_s: Annotated[Num, Field(description="At the end, of the centre of gravity. [m/s]")]
+    lateral_velocity_m_s: Annotated[Num, Field(description="At the end, of the centre of gravity. [m/s]")]
+
+
+class ThicknessTrial(PerforationTrial):
+    """One thickness tried."""
+
+    model_config = with_examples(THICKNESS_TRIAL)
+
+    thickness_m: Annotated[Num, Field(description="[m]")]
+
+
+class SpeedTrial(PerforationTrial):
+    """One speed tried."""
+
+    model_config = with_examples(SPEED_TRIAL)
+
+    velocity_m_s: Annotated[Num, Field(description="[m/s]")]
+
+
+class ThicknessAnswer(Part):
+    """Answer to a search for the least thickness that is not perforated."""
+
+    model_config = with_examples(THICKNESS | VERSIONED)
+
+    status: PerforationStatus
+    least_thickness_m: (
+        Annotated[
+            Num,
+            Field(
+                description="Least thickness seen to stop the projectile, if there is one from a tenth to a thousand "
+                "diameters. The model has no crater and no plug: a real wall has to be thicker. [m]"
+            ),
+        ]
+        | MISSING
+    ) = MISSING
+    bracket_m: (
+        Annotated[
+            list[Num],
+            Field(min_length=2, max_length=2, description="Thicknesses between which the outcome changes. [m]"),
+        ]
+        | MISSING
+    ) = MISSING
+    iterations: Annotated[list[ThicknessTrial], Field(description="Every thickness tried, in order.")]
+    formulas: Annotated[
+        list[FormulaRow], Field(description="Empirical formulas with a perforation thickness for the same strike.")
+    ]
+    warnings: list[ModelWarning]
+    key: Key
+    engine_version: EngineVersion
+
+
+class LimitSpeedAnswer(Part):
+    """Answer to a search for the least speed that perforates a wall."""
+
+    model_config = with_examples(SPEED | VERSIONED)
+
+    status: PerforationStatus
+    limit_speed_m_s: (
+        Annotated[
+            Num,
+            Field(
+                description="Least speed seen to perforate, if there is one from 1 to 2,000 m/s. The model has no "
+                "crater and no plug: slower projectiles perforate real walls. [m/s]"
+            ),
+        ]
+        | MISSING
+    ) = MISSING
+    bracket_m_s: (
+        Annotated[
+            list[Num],
+            Field(min_length=2, max_length=2, description="Speeds between which the outcome changes. [m/s]"),
+        ]
+        | MISSING
+    ) = MISSING
+    iterations: Annotated[list[SpeedTrial], Field(description="Every speed tried, in order.")]
+    warnings: list[ModelWarning]
+    key: Key
+    engine_version: EngineVersion
+
+
+def thickness_answer(request: ThicknessRequest) -> dict[str, Any]:
+    """Search, and return the answer without its key and version."""
+    found = solver.least_thickness(**request.arguments())
+    answer = _answer(found, "thickness_m", "least_thickness_m", "bracket_m")
+    return answer | {"formulas": request.formulas(), "warnings": warning_texts(found.warnings)}
+
+
+def limit_speed_answer(request: LimitSpeedRequest) -> dict[str, Any]:
+    """Search, and return the answer without its key and version."""
+    found = solver.limit_velocity(**request.arguments())
+    answer = _answer(found, "velocity_m_s", "limit_speed_m_s", "bracket_m_s")
+    return answer | {"warnings": warning_texts(found.warnings)}
+
+
+def _answer(found: solver.PerforationLimit, tried: str, value: str, bracket: str) -> dict[str, Any]:
+    answer: dict[str, Any] = {"status": found.status.value}
+    if found.value is not None and found.bracket is not None:
+        answer |= {value: found.value, bracket: list(found.bracket)}
+    answer["iterations"] = [
+        {
+            tried: trial.value,
+            "outcome": trial.outcome.value,
+            "depth_velocity_m_s": trial.final.depth_velocity,
+            "lateral_velocity_m_s": trial.final.lateral_velocity,
+        }
+        for trial in found.iterations
+    ]
+    return answer

@@ -1,0 +1,261 @@
+"""Perforation of a wall: the least thickness that stops a projectile, and the least velocity that gets through."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from typing import Any
+
+import numpy as np
+
+from solver.frame import Columns, dataframe
+from solver.impact import Impact
+from solver.numerics import USUAL, Numerics
+from solver.prepared import LEAST_THICKNESS, Outcome
+from solver.projectile import Projectile
+from solver.resistance import Resistance
+from solver.target import Target
+from solver.trajectory import Motion, Trajectory, simulate
+from solver.validation import require, require_between
+from solver.warnings import ModelWarning
+
+MOST_DIAMETERS = 1000.0
+"""Thickest wall that is tried, over the diameter of the projectile: far more than a rigid projectile goes. [1]"""
+VELOCITIES = (1.0, 2000.0)
+"""Range that is searched: no projectile stays rigid at its upper end. [m/s]"""
+GROWTH = 1.5
+"""From trial to trial until the outcome changes. [1]"""
+TOLERANCE = 1e-4
+"""Width of the final bracket over its upper end. [1]"""
+RUN_TOLERANCE, RUN_STATIONS = 3e-5, 8
+"""Relative tolerance and stations of the runs unless given: what is found is within 5e-5 of its converged value. [1]"""
+
+
+class PerforationStatus(StrEnum):
+    """How a search for perforation ended."""
+
+    CONVERGED = "converged"
+    ALWAYS_PERFORATED = "always_perforated"
+    NEVER_PERFORATED = "never_perforated"
+
+
+@dataclass(frozen=True, slots=True)
+class PerforationTrial:
+    """One wall or velocity tried."""
+
+    value: float
+    """Thickness or velocity. [m or m/s]"""
+    outcome: Outcome
+    final: Motion[float]
+    """At the event that ended the run."""
+    strength_factor: float
+    """S of the strike. [1]"""
+
+
+@dataclass(frozen=True, slots=True)
+class PerforationLimit:
+    """Answer of `least_thickness` or `limit_velocity`."""
+
+    status: PerforationStatus
+    value: float | None
+    """Least thickness that was seen to stop the projectile, or least velocity that was seen to perforate; None if the
+    outcome does not change in the range. [m or m/s]"""
+    bracket: tuple[float, float] | None
+    """Values between which the outcome was last pinned down. [m or m/s]"""
+    iterations: tuple[PerforationTrial, ...]
+    """Every trial, in order."""
+    warnings: tuple[ModelWarning, ...]
+
+    def columns(self) -> Columns:
+        """Return the trials as arrays by name, in order."""
+        trials = self.iterations
+        return {
+            "value": np.array([trial.value for trial in trials], float),
+            "outcome": np.array([trial.outcome.value for trial in trials], str),
+        }
+
+    def to_dataframe(self) -> Any:
+        """Return the trials as a ``pandas.DataFrame``, which has to be installed."""
+        return dataframe(self.columns())
+
+
+def least_thickness(
+    *,
+    projectile: Projectile,
+    target: Target,
+    impact: Impact,
+    resistance: Resistance | None = None,
+    numerics: Numerics | None = None,
+    tolerance: float = TOLERANCE,
+) -> PerforationLimit:
+    """Least thickness of a wall that a strike does not perforate: it is embedded or turned away.
+
+    Parameters
+    ----------
+    projectile, impact
+        What strikes, and how.
+    target
+        The concrete, without a thickness.
+    resistance
+        Resistance of the target; eq. 9 and elastic-plastic decay unless given.
+    numerics
+        Route and resolution; adaptive with a relative tolerance of 3e-5 and 8 stations unless given.
+    tolerance
+        Width of the final bracket over the thickness. [1]
+
+    Returns
+    -------
+    PerforationLimit
+        ``never_perforated`` if not even the thinnest wall is that the model takes, a tenth of the diameter.
+
+    Raises
+    ------
+    ParameterError
+        If an input is outside what the model accepts, or the target has a thickness.
+    IntegrationError
+        If a run could not be integrated.
+
+    Notes
+    -----
+    Each wall is half as thick again as the one before until one holds; bisection follows. The model has no crater and
+    no plug that shears out, so that real walls have to be thicker: compare with `solver.formulas`.
+
+    Examples
+    --------
+    >>> from solver import least_thickness
+    >>> from solver.cases import PAPER_PROJECTILE, PAPER_TARGET, paper_impact
+    >>> impact = paper_impact(oblique_angle_degrees=30.0)
+    >>> found = least_thickness(projectile=PAPER_PROJECTILE, target=PAPER_TARGET, impact=impact)
+    >>> f"{found.value:.3f} m"
+    '0.223 m'
+    """
+    require(target.thickness is None, "target.thickness", "must not be given to a search for it")
+
+    def run(thickness: float) -> Trajectory:
+        return simulate(
+            projectile=projectile,
+            target=replace(target, thickness=thickness),
+            impact=impact,
+            resistance=resistance,
+            numerics=_settings(numerics),
+            sample_interval=None,
+        )
+
+    bounds = (LEAST_THICKNESS * projectile.diameter, MOST_DIAMETERS * projectile.diameter)
+    return _search(run, bounds, tolerance, perforated_at_first=True)
+
+
+def limit_velocity(
+    *,
+    projectile: Projectile,
+    target: Target,
+    oblique_angle: float,
+    angle_of_attack: float = 0.0,
+    angular_velocity: float = 0.0,
+    resistance: Resistance | None = None,
+    numerics: Numerics | None = None,
+    tolerance: float = TOLERANCE,
+) -> PerforationLimit:
+    """Least velocity at which a projectile perforates a wall, its ballistic limit in this model.
+
+    Parameters
+    ----------
+    projectile
+        What strikes.
+    target
+        The wall, with its thickness.
+    oblique_angle, angle_of_attack, angular_velocity
+        At first contact, the same for every velocity. [rad, rad, rad/s]
+    resistance
+        Resistance of the target; eq. 9 and elastic-plastic decay unless given.
+    numerics
+        Route and resolution; adaptive with a relative tolerance of 3e-5 and 8 stations unless given.
+    tolerance
+        Width of the final bracket over the velocity. [1]
+
+    Returns
+    -------
+    PerforationLimit
+        ``never_perforated`` if the wall holds at 2,000 m/s.
+
+    Raises
+    ------
+    ParameterError
+        If an input is outside what the model accepts, or the target has no thickness.
+    IntegrationError
+        If a run could not be integrated.
+
+    Notes
+    -----
+    Each velocity is half as high again as the one before, from 1 m/s, until one perforates; bisection follows.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> from solver import limit_velocity
+    >>> from solver.cases import PAPER_PROJECTILE, PAPER_TARGET
+    >>> wall = replace(PAPER_TARGET, thickness=0.2)
+    >>> found = limit_velocity(projectile=PAPER_PROJECTILE, target=wall, oblique_angle=0.0)
+    >>> f"{found.value:.0f} m/s"
+    '214 m/s'
+    """
+    require(target.thickness is not None, "target.thickness", "must be given: a half-space is not perforated")
+
+    def run(velocity: float) -> Trajectory:
+        return simulate(
+            projectile=projectile,
+            target=target,
+            impact=Impact(
+                velocity=velocity,
+                oblique_angle=oblique_angle,
+                angle_of_attack=angle_of_attack,
+                angular_velocity=angular_velocity,
+            ),
+            resistance=resistance,
+            numerics=_settings(numerics),
+            sample_interval=None,
+        )
+
+    return _search(run, VELOCITIES, tolerance, perforated_at_first=False)
+
+
+def _settings(numerics: Numerics | None) -> Numerics:
+    given = numerics or USUAL
+    return replace(
+        given,
+        relative_tolerance=given.relative_tolerance or RUN_TOLERANCE,
+        stations=given.stations or RUN_STATIONS,
+    )
+
+
+def _search(
+    run: Callable[[float], Trajectory], bounds: tuple[float, float], tolerance: float, *, perforated_at_first: bool
+) -> PerforationLimit:
+    """Least value from the lower bound on at which the wall is perforated, or is not, unlike at that bound."""
+    require_between("tolerance", tolerance, 1e-8, 0.1)
+    trials: list[PerforationTrial] = []
+    warnings: list[ModelWarning] = []
+
+    def changed(value: float) -> bool:
+        found = run(value)
+        trials.append(PerforationTrial(value, found.outcome, found.final, found.strength_factor))
+        warnings[:] = found.warnings
+        return (found.outcome is Outcome.PERFORATED) is not perforated_at_first
+
+    def answer(status: PerforationStatus, bracket: tuple[float, float] | None = None) -> PerforationLimit:
+        value = None if bracket is None else bracket[1]
+        return PerforationLimit(status, value, bracket, tuple(trials), tuple(warnings))
+
+    always, never = PerforationStatus.ALWAYS_PERFORATED, PerforationStatus.NEVER_PERFORATED
+    value, upper = bounds
+    if changed(value):
+        return answer(never if perforated_at_first else always)
+    while True:
+        if value == upper:
+            return answer(always if perforated_at_first else never)
+        before, value = value, min(GROWTH * value, upper)
+        if changed(value):
+            break
+    while value - before > tolerance * value:
+        middle = 0.5 * (before + value)
+        before, value = (before, middle) if changed(middle) else (middle, value)
+    return answer(PerforationStatus.CONVERGED, (before, value))

@@ -1,0 +1,104 @@
+"""Least thickness and limit velocity, against an independent program and by the runs on either side."""
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from solver import (
+    Impact,
+    Numerics,
+    Outcome,
+    ParameterError,
+    PerforationStatus,
+    Target,
+    least_thickness,
+    limit_velocity,
+    simulate,
+)
+from solver.cases import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY, paper_impact
+
+WALL = replace(PAPER_TARGET, thickness=0.2)
+
+
+def outcome(target: Target, impact: Impact) -> Outcome:
+    return simulate(projectile=PAPER_PROJECTILE, target=target, impact=impact, sample_interval=None).outcome
+
+
+@pytest.mark.parametrize(("angle", "thickness"), [(0.0, 0.2404), (30.0, 0.2233)])
+def test_least_thickness_is_that_of_an_independent_program(angle: float, thickness: float) -> None:
+    impact = paper_impact(oblique_angle_degrees=angle)
+    found = least_thickness(projectile=PAPER_PROJECTILE, target=PAPER_TARGET, impact=impact)
+    assert found.status is PerforationStatus.CONVERGED
+    assert found.value == pytest.approx(thickness, abs=5e-4)
+    assert found.bracket is not None
+    thin, thick = found.bracket
+    assert thick == found.value
+    assert thick - thin <= 1e-4 * thick
+    assert outcome(replace(PAPER_TARGET, thickness=0.999 * thin), impact) is Outcome.PERFORATED
+    assert outcome(replace(PAPER_TARGET, thickness=1.001 * thick), impact) is Outcome.EMBEDDED
+    assert [warning.code for warning in found.warnings].count("rear_face_unconservative") == 1
+
+
+@pytest.mark.parametrize(("angle", "velocity"), [(0.0, 214.2), (20.0, 218.7)])
+def test_limit_velocity_is_that_of_an_independent_program(angle: float, velocity: float) -> None:
+    found = limit_velocity(projectile=PAPER_PROJECTILE, target=WALL, oblique_angle=math.radians(angle))
+    assert found.value == pytest.approx(velocity, abs=0.3)
+    perforated = [trial.value for trial in found.iterations if trial.outcome is Outcome.PERFORATED]
+    assert min(perforated) == found.value
+    assert found.bracket is not None
+    assert max(trial.value for trial in found.iterations if trial.value not in perforated) == found.bracket[0]
+
+
+def test_thickness_and_velocity_are_each_the_inverse_of_the_other() -> None:
+    wall = least_thickness(
+        projectile=PAPER_PROJECTILE, target=PAPER_TARGET, impact=paper_impact(oblique_angle_degrees=10.0)
+    )
+    assert wall.value is not None
+    back = limit_velocity(
+        projectile=PAPER_PROJECTILE,
+        target=replace(PAPER_TARGET, thickness=wall.value),
+        oblique_angle=math.radians(10.0),
+    )
+    assert back.value == pytest.approx(PAPER_VELOCITY, rel=1e-3)
+
+
+def test_finer_runs_find_the_same() -> None:
+    strike: dict[str, Any] = {
+        "projectile": PAPER_PROJECTILE,
+        "target": PAPER_TARGET,
+        "impact": paper_impact(oblique_angle_degrees=0.0),
+    }
+    usual = least_thickness(**strike).value
+    fine = least_thickness(**strike, numerics=Numerics(relative_tolerance=1e-7, stations=16, points=6), tolerance=1e-5)
+    assert usual == pytest.approx(fine.value, rel=2e-4)
+
+
+def test_strike_that_any_wall_turns_away_perforates_none() -> None:
+    impact = Impact(velocity=20.0, oblique_angle=math.radians(85.0))
+    found = least_thickness(projectile=PAPER_PROJECTILE, target=PAPER_TARGET, impact=impact)
+    assert found.status is PerforationStatus.NEVER_PERFORATED
+    assert (found.value, found.bracket, len(found.iterations)) == (None, None, 1)
+
+
+def test_wall_that_no_speed_perforates_says_so() -> None:
+    wall = replace(PAPER_TARGET, thickness=100.0)
+    found = limit_velocity(projectile=PAPER_PROJECTILE, target=wall, oblique_angle=0.0)
+    assert found.status is PerforationStatus.NEVER_PERFORATED
+    assert found.value is None
+
+
+def test_what_is_sought_must_not_be_given() -> None:
+    with pytest.raises(ParameterError, match=r"target\.thickness.*must not be given"):
+        least_thickness(projectile=PAPER_PROJECTILE, target=WALL, impact=paper_impact(oblique_angle_degrees=0.0))
+    with pytest.raises(ParameterError, match=r"target\.thickness.*must be given"):
+        limit_velocity(projectile=PAPER_PROJECTILE, target=PAPER_TARGET, oblique_angle=0.0)
+
+
+def test_trials_are_columns() -> None:
+    impact = paper_impact(oblique_angle_degrees=0.0)
+    found = least_thickness(projectile=PAPER_PROJECTILE, target=PAPER_TARGET, impact=impact, tolerance=0.01)
+    columns = found.columns()
+    assert columns["value"].tolist() == [trial.value for trial in found.iterations]
+    assert set(columns["outcome"]) == {"perforated", "embedded"}
