@@ -183,7 +183,7 @@ def summarize(answer: Mapping[str, Any]) -> dict[str, Any]:
         row["confidence_low"], row["confidence_high"] = interval
     angle = answer.get("critical_angle", {})
     row |= {name: angle[name]["value"] for name in ("mean_deg", "standard_deviation_deg") if name in angle}
-    row |= {each["outcome"]: each["value"] for each in answer.get("outcomes", ())}
+    row |= {each["outcome"]: each["value"] for each in answer.get("outcomes", ()) if "value" in each}
     row["warnings"] = " ".join(dict.fromkeys(warning["code"] for warning in answer.get("warnings", ())))
     return row
 

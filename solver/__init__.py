@@ -21,7 +21,7 @@ from solver.resistance import (
     strength_factor,
 )
 from solver.search.critical_angle import critical_angle
-from solver.search.types import CriticalAngle, Search, SearchStatus, Trial
+from solver.search.types import CriticalAngle, OutcomeInterval, Search, SearchStatus, Trial
 from solver.target import Target, concrete_youngs_modulus
 from solver.trajectory import Motion, Trajectory, simulate
 from solver.warm_up import warm_up
@@ -51,6 +51,7 @@ __all__ = [
     "Ogive",
     "OutOfRange",
     "Outcome",
+    "OutcomeInterval",
     "ParameterError",
     "Profile",
     "Projectile",

@@ -23,13 +23,16 @@ class Termination(IntEnum):
     TIME = 0
     REST = 1
     RETAINED = 2
-    """With less than the retention energy: no longer loaded and not moving in, or at the termination time."""
+    """With less than the retention energy: no longer loaded and not moving in, beyond the rear face, or at the
+    termination time."""
     EXIT = 3
     STEP_LIMIT = 4
     NOT_FINITE = 5
     NO_STRENGTH = 6
     """Never begun: the strength factor is not above zero."""
     NONE = 7
+    PERFORATED = 8
+    """Beyond the rear face, moving on."""
 
 
 class Thresholds(NamedTuple):
@@ -133,6 +136,19 @@ def _is_clear(state: FloatArray, body: Body) -> bool:
 
 
 @lean
+def _is_through(state: FloatArray, body: Body, thickness: float) -> bool:
+    """Whether the body has left through the rear face and will not touch it again; likewise."""
+    if state[0] <= thickness:
+        return False
+    reach = 0.0
+    for i in range(body.corners.shape[0]):
+        reach = max(reach, math.hypot(body.corners[i, 0], body.corners[i, 1]))
+    if state[3] > reach * abs(state[5]):
+        return bool(state[0] - deepest_offset(body, state[2] + math.pi) > thickness)
+    return bool(state[3] > 0.0 and state[0] - thickness > reach)
+
+
+@lean
 def end_of_step(
     step: FloatArray,
     model: Model,
@@ -179,6 +195,8 @@ def end_of_step(
         retained = kinetic_energy(state, body) < thresholds.retention
         if retained and state[3] <= 0.0:
             return Termination.RETAINED
+        if _is_through(step[8:14], body, model.law.thickness):
+            return Termination.RETAINED if retained else Termination.PERFORATED
         if not retained and (_is_clear(step[8:14], body) or (last and step[11] < 0.0)):
             return Termination.EXIT
     if last:

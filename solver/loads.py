@@ -17,7 +17,7 @@ from solver.decay import build_decay, decay_at
 from solver.outline_intervals import MAX_CUTS, cut, is_full, is_loaded, ring_at
 from solver.quadrature import gauss_rule
 from solver.resistance import Resistance
-from solver.surface import Body, Panels
+from solver.surface import FAR, Body, Panels
 from solver.surface_integration import CAPACITY, FULL, ROOM, ROW_COUNT, Law, Load, add_rings, integrate_rings, sum_rings
 from solver.target import Target
 
@@ -51,6 +51,7 @@ class Scratch(NamedTuple):
     """TrialWorkspace for one evaluation."""
 
     cuts: FloatArray
+    """(3 `MAX_CUTS`,) of one outline piece: by the face, and in a wall by either face, then by its rear face."""
     rows: FloatArray
     attitudes: FloatArray
     """(`MOST_STATES`, 3) cosine of the axis angle, its sine without sign, and the sign."""
@@ -66,6 +67,7 @@ def build_law(*, resistance: Resistance, target: Target, strength_factor: float,
         ramp_velocity=float(ramp_velocity),
         smooth_ramp=True,
         decay=build_decay(resistance.free_surface, target),
+        thickness=math.inf if target.thickness is None else float(target.thickness),
     )
 
 
@@ -85,7 +87,7 @@ def _rule(count: int) -> Rule:
 def make_scratch() -> Scratch:
     """Empty room."""
     attitudes, ends = np.zeros((MOST_STATES, 3)), np.zeros((MOST_STATES, 2), np.int64)
-    return Scratch(np.empty(MAX_CUTS), np.empty(ROW_COUNT * CAPACITY), attitudes, ends)
+    return Scratch(np.empty(3 * MAX_CUTS), np.empty(ROW_COUNT * CAPACITY), attitudes, ends)
 
 
 @inlined
@@ -168,14 +170,17 @@ def panel_loads(state: FloatArray, panels: Panels, law: Law) -> Load:
     for i in range(panels.area.size):
         axial, lateral = panels.axial[i], panels.lateral[i]
         inside = depth + axial * c - lateral * s
-        if inside <= 0.0:
+        if inside <= 0.0 or inside >= law.thickness:
             continue
         n_axial, n_lateral = panels.normal_axial[i], panels.normal_lateral[i]
         speed = (forward - spin * lateral) * n_axial + (sideways + spin * axial) * n_lateral
         if speed <= 0.0:
             continue
         outward = panels.wall[i] * (n_lateral * s - n_axial * c)
-        factor = decay_at(inside, outward, speed, law.decay)
+        if outward < 0.0 and law.thickness < math.inf and panels.wall[i] < FAR:  # its normal meets the rear face
+            factor = decay_at(law.thickness - inside, -outward, speed, law.decay)
+        else:
+            factor = decay_at(inside, outward, speed, law.decay)
         force = factor * (law.static_stress + law.dynamic_density * speed * speed) * panels.area[i]
         along -= force * n_axial
         across -= force * n_lateral

@@ -15,6 +15,7 @@ from solver.compilation import compiled, lean
 from solver.loads import MOST_STATES, Quadrature, Scratch, accelerate_by_gauss, make_scratch, panel_loads
 from solver.surface import Body, Panels, deepest_offset
 from solver.surface_integration import Law
+from solver.wall_loads import accelerate_in_wall
 
 RAMP_FRACTION = 1e-4
 """Ramp velocity of the static stress over the impact velocity."""
@@ -86,6 +87,8 @@ def accelerate(states: FloatArray, model: Model, scratch: Scratch, out: FloatArr
     if model.panels.area.size > 0:
         f, g, h = panel_loads(states, model.panels, model.law)
         out[0], out[1], out[2] = f / body.mass, g / body.mass, h / body.moment_of_inertia
+    elif model.law.thickness < math.inf:
+        accelerate_in_wall(states, body, model.law, model.quadrature, scratch, out)
     else:
         accelerate_by_gauss(states, body, model.law, model.quadrature, scratch, out)
     size = body.mass * (abs(out[last]) + abs(out[last + 1])) + body.moment_of_inertia * abs(out[last + 2]) / body.tip

@@ -21,7 +21,7 @@ Ring = tuple[float, float, float, float]
 
 
 @lean
-def _insert(cuts: FloatArray, count: int, value: float, upper: float) -> int:
+def insert(cuts: FloatArray, count: int, value: float, upper: float) -> int:
     """Put `value` in its place among the sorted `cuts`, if it lies inside; return how many there are."""
     if not cuts[0] < value < upper:
         return count
@@ -46,9 +46,9 @@ def _cut_arc(cuts: FloatArray, piece: FloatArray, motion: Motion) -> int:
         if abs(height) < 1.0:
             root = HALF_TURN - arc_cosine(height)
             for crossing in (side * angle + root, side * angle + math.pi - root):
-                count = _insert(cuts, count, crossing if crossing <= math.pi else crossing - 2.0 * math.pi, upper)
+                count = insert(cuts, count, crossing if crossing <= math.pi else crossing - 2.0 * math.pi, upper)
         separation = math.atan(-side * (sideways + spin * axial) / (forward - side * spin * radius))
-        count = _insert(cuts, count, separation, upper)
+        count = insert(cuts, count, separation, upper)
     cuts[count] = upper
     return count
 
@@ -64,9 +64,9 @@ def _cut_line(cuts: FloatArray, piece: FloatArray, motion: Motion) -> int:
     for side in (-1.0, 1.0):
         slope = cosine * c + side * sine_ * s
         if slope != 0.0:
-            count = _insert(cuts, count, (depth + axial * c - side * radius * s) / slope, length)
+            count = insert(cuts, count, (depth + axial * c - side * radius * s) / slope, length)
         if spin != 0.0:
-            count = _insert(cuts, count, (side * forward * sine_ + across) / spin, length)
+            count = insert(cuts, count, (side * forward * sine_ + across) / spin, length)
     cuts[count] = length
     return count
 

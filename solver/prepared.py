@@ -23,6 +23,9 @@ from solver.surface_integration import Law
 from solver.target import Target
 from solver.validation import require
 
+LEAST_THICKNESS = 0.1
+"""Least thickness of a wall over the diameter of the projectile. [1]"""
+
 
 class Outcome(StrEnum):
     """How a run ended."""
@@ -30,6 +33,7 @@ class Outcome(StrEnum):
     RICOCHET = "ricochet"
     EMBEDDED = "embedded"
     IN_MOTION = "in_motion"
+    PERFORATED = "perforated"
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,6 +71,14 @@ def prepare(
     *, projectile: Projectile, target: Target, resistance: Resistance, numerics: ResolvedNumerics
 ) -> PreparedCase:
     """Build what every strike of these has in common."""
+    if target.thickness is not None:
+        least = LEAST_THICKNESS * projectile.diameter
+        require(
+            target.thickness >= least,
+            "target.thickness",
+            f"must be at least a tenth of the diameter, {least:g} m, got {target.thickness:g} m: "
+            "a thinner plate fails by bending and tearing, which the model does not have",
+        )
     properties = mass_properties(projectile)
     if numerics.method == "panels":
         require(
@@ -120,8 +132,11 @@ OUTCOMES: dict[float, Outcome] = {
     Termination.REST: Outcome.EMBEDDED,
     Termination.RETAINED: Outcome.EMBEDDED,
     Termination.TIME: Outcome.IN_MOTION,
+    Termination.PERFORATED: Outcome.PERFORATED,
 }
 """What the end of a run comes to."""
+RELEASED = (Termination.EXIT, Termination.RETAINED, Termination.PERFORATED)
+"""Ends after which a projectile flies freely."""
 
 
 def check_end(end: float, time: float) -> None:
@@ -135,7 +150,7 @@ def check_end(end: float, time: float) -> None:
 
 def final_tip_depth(run: Run, body: Body, time: float) -> float:
     """Depth of the nose tip at `time`, after free flight if the projectile was turned away before. [m]"""
-    flight = max(0.0, time - run.time) if run.end in (Termination.EXIT, Termination.RETAINED) else 0.0
+    flight = max(0.0, time - run.time) if run.end in RELEASED else 0.0
     angle = run.state[2] + run.state[5] * flight
     return float(run.state[0] + run.state[3] * flight + body.tip * math.cos(angle))
 
@@ -146,6 +161,6 @@ def positions_at(run: Run, steps: FloatArray, times: FloatArray) -> FloatArray:
     After the end of the run the projectile stays where it came to rest, or flies freely once it was released.
     """
     inside = int(np.searchsorted(times, run.time, side="right")) if len(steps) else 0
-    flight = times[inside:, None] - run.time if run.end in (Termination.EXIT, Termination.RETAINED) else 0.0
+    flight = times[inside:, None] - run.time if run.end in RELEASED else 0.0
     after = run.state[:3] + flight * np.repeat(run.state[None, 3:], times.size - inside, axis=0)
     return np.concatenate((sample(steps, times[:inside])[:, :3], after))

@@ -17,6 +17,8 @@ LINE, ARC = 0.0, 1.0
 
 FLAT = 1e-100
 """Cosine of α on a face across the axis, whose normal meets the axis nowhere: small enough for an infinite distance."""
+FAR = 1e50
+"""Distance from the axis beyond which a normal meets it nowhere. [m]"""
 AROUND_PER_AXIAL = 0.3
 """Panels around over panels along the axis: 60 by 200 for the paper's 12,000."""
 

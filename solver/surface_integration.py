@@ -68,6 +68,8 @@ class Law(NamedTuple):
     """Whether the ramp begins without a corner. Rough steps do not see one, and take a smooth ramp, which has no
     stiffness at rest, for freedom to move."""
     decay: Decay
+    thickness: float
+    """Depth of the rear face; infinite for a half-space. [m]"""
 
 
 @vectorised

@@ -8,7 +8,7 @@ from solver.validation import require_between, require_positive
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Target:
-    """A half-space of concrete.
+    """Concrete, a half-space or a wall.
 
     Parameters
     ----------
@@ -20,6 +20,8 @@ class Target:
         Taken from the strength by `concrete_youngs_modulus` when not given. [Pa]
     poissons_ratio
         0.5 is the incompressible solid that the decay theory of Warren et al. starts from. [1]
+    thickness
+        Of a wall; a half-space unless given. At least a tenth of the projectile's diameter. [m]
 
     Raises
     ------
@@ -31,6 +33,7 @@ class Target:
     density: float
     youngs_modulus: float | None = None
     poissons_ratio: float = 0.5
+    thickness: float | None = None
 
     def __post_init__(self) -> None:
         require_positive("target.compressive_strength", self.compressive_strength)
@@ -38,6 +41,8 @@ class Target:
         if self.youngs_modulus is not None:
             require_positive("target.youngs_modulus", self.youngs_modulus)
         require_between("target.poissons_ratio", self.poissons_ratio, 0.0, 0.5)
+        if self.thickness is not None:
+            require_positive("target.thickness", self.thickness)
 
     @property
     def elastic_modulus(self) -> float:

@@ -113,7 +113,7 @@ def simulate(
     numerics: Numerics | None = None,
     sample_interval: float | None = SAMPLE_INTERVAL,
 ) -> Trajectory:
-    """Motion of a rigid projectile from first contact until it is turned away, at rest, or out of time.
+    """Motion of a rigid projectile from first contact until it is turned away, through, at rest, or out of time.
 
     Parameters
     ----------
@@ -142,7 +142,8 @@ def simulate(
     Eq. 6. The outcome is `Outcome.EMBEDDED` once kinetic energy falls below ``numerics.retention_energy_fraction`` of
     its initial value, wherever the nose is; the run then goes on to rest, at 1e-4 of it, or to the end of all load, so
     that depths are complete. It is `Outcome.RICOCHET` when before that nothing is loaded any more and the projectile
-    moves out for good, and `Outcome.IN_MOTION` when the termination time comes first.
+    moves out for good, `Outcome.PERFORATED` when before that all of it is beyond the rear face of a target with a
+    thickness and moves on, and `Outcome.IN_MOTION` when the termination time comes first.
     """
     if sample_interval is not None:
         require_positive("sample_interval", sample_interval)

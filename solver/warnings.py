@@ -88,6 +88,8 @@ def input_warnings(
             )
         )
     found += _mass_properties_assumed(projectile, angle_shift)
+    if target.thickness is not None:
+        found.append(REAR_FACE_UNCONSERVATIVE)
     return tuple(found)
 
 
@@ -225,6 +227,12 @@ def shallow(*, depth: float, diameter: float) -> tuple[ModelWarning, ...]:
         ),
     )
 
+
+REAR_FACE_UNCONSERVATIVE = ModelWarning(
+    "rear_face_unconservative",
+    "the rear face has no plug that shears out and the impact face no crater: walls hold less than this says; "
+    "modified NDRC asks for 1.7 times the thickness that stops the paper's projectile at normal impact",
+)
 
 BASE_FIRST = ModelWarning(
     "base_strikes_first",

@@ -122,6 +122,7 @@ BODY = (
         "modulus of the concrete [Pa] (default: from the strength, ACI 318-19)",
     ),
     Flag("--poissons-ratio", ("target", "poissons_ratio"), "of the concrete [1] (default: 0.5)"),
+    Flag("--thickness", ("target", "thickness_m"), "of the wall [m] (default: half-space)"),
 )
 VELOCITY = Flag("--velocity", ("impact", "velocity_m_s"), "speed at first contact [m/s]")
 OBLIQUE_ANGLE = Flag(

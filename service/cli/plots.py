@@ -21,7 +21,7 @@ SQUARE, WIDE = (6.0, 4.0), (8.0, 4.0)
 """Figure sizes. [in]"""
 PLOTTED = {"cra": "critical_angle_deg", "trajectory": "maximum_depth_m"}
 ERROR = "critical_angle_standard_error_deg"
-COLORS = {"ricochet": "#c8102e", "embedded": "#123f73", "in_motion": "#8a8378"}
+COLORS = {"ricochet": "#c8102e", "embedded": "#123f73", "in_motion": "#8a8378", "perforated": "#2e7d32"}
 
 
 def check_plot(path: Path) -> None:

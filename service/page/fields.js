@@ -54,6 +54,7 @@ export const GROUPS = [
       number("target.density_kg_m3", "Density", "kg/m³"),
       number("target.youngs_modulus_pa", "Young's modulus", "GPa", { ...GPA, ...OPTIONAL }),
       number("target.poissons_ratio", "Poisson's ratio", "1", OPTIONAL),
+      number("target.thickness_m", "Thickness", "m", OPTIONAL),
     ],
   },
   {

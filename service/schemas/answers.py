@@ -30,6 +30,7 @@ WARNING = {
     "detail": "moment of inertia not given: that of a homogeneous solid of the outer shape is used",
 }
 TRIAL = {"oblique_angle_deg": 45.0, "final_position_m": 0.120327, "outcome": "embedded", "fine": False}
+INTERVAL = {"outcome": "perforated", "lower_deg": 5.0, "upper_deg": 41.02}
 RUN = {
     "outcome": "embedded",
     "final": STATE,
@@ -181,6 +182,16 @@ class Trial(Part):
     ]
 
 
+class OutcomeInterval(Part):
+    """Oblique angles at which the strike has one outcome."""
+
+    model_config = with_examples(INTERVAL)
+
+    outcome: Outcome
+    lower_deg: Annotated[Num, Field(description="From the normal. [°]")]
+    upper_deg: Annotated[Num, Field(description="From the normal. [°]")]
+
+
 class CriticalAngleAnswer(Part):
     """Answer to a critical angle."""
 
@@ -229,6 +240,16 @@ class CriticalAngleAnswer(Part):
     other_crossings_deg: Annotated[
         list[Num], Field(description="Other angles of the range at which the outcome changes, either way. [°]")
     ]
+    outcomes: (
+        Annotated[
+            list[OutcomeInterval],
+            Field(
+                description="Over the whole range in order, each end to the tolerance; for a target with a thickness "
+                "in a search by outcome."
+            ),
+        ]
+        | MISSING
+    ) = MISSING
     trajectory: Annotated[Trajectory, Field(description="At the critical angle, if requested.")] | MISSING = MISSING
     alternatives: Annotated[list[CriticalAngleAlternative], Field(description="If wanted.")] | MISSING = MISSING
     warnings: list[ModelWarning]

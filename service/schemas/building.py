@@ -67,6 +67,15 @@ def critical_angle_answer(
         for trial in found.iterations
     ]
     answer["other_crossings_deg"] = [degrees(angle) for angle in found.other_crossings]
+    if found.outcomes:
+        answer["outcomes"] = [
+            {
+                "outcome": interval.outcome.value,
+                "lower_deg": degrees(interval.lower),
+                "upper_deg": degrees(interval.upper),
+            }
+            for interval in found.outcomes
+        ]
     history = None
     if trajectory is not None:
         answer["trajectory"], history = trajectory_answer(trajectory)

@@ -14,7 +14,7 @@ STRIKE = {"velocity_m_s": PAPER_VELOCITY}
 
 
 class Target(Part):
-    """A half-space of concrete."""
+    """Concrete: a half-space, or a wall of a thickness."""
 
     model_config = with_examples(TARGET, TARGET | {"youngs_modulus_pa": 29.5e9, "poissons_ratio": 0.2})
 
@@ -43,6 +43,18 @@ class Target(Part):
     poissons_ratio: Annotated[Num, Field(ge=0.0, le=0.5, description="0.5 is an incompressible solid. [1]")] = (
         PAPER_TARGET.poissons_ratio
     )
+    thickness_m: (
+        Annotated[
+            Num,
+            Field(
+                gt=0.0,
+                le=1e3,
+                description="Of a wall, at least a tenth of the diameter of the projectile; a half-space when not "
+                "given. [m]",
+            ),
+        ]
+        | MISSING
+    ) = MISSING
 
     def to_solver(self) -> solver.Target:
         """Return the solver's target."""
@@ -52,6 +64,7 @@ class Target(Part):
             density=self.density_kg_m3,
             youngs_modulus=None if modulus is MISSING else modulus,
             poissons_ratio=self.poissons_ratio,
+            thickness=None if self.thickness_m is MISSING else self.thickness_m,
         )
 
 

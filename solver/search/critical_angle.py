@@ -3,6 +3,7 @@
 import math
 from dataclasses import replace
 from functools import lru_cache
+from typing import TypeAlias
 
 import numpy as np
 
@@ -26,7 +27,7 @@ from solver.search.levels import search_levels
 from solver.search.outcome import HALF_DEGREE, MORE_INERTIA, search_outcome
 from solver.search.paper import search_bisection, search_secant
 from solver.search.trials import ANGLE, END, TrialInputs
-from solver.search.types import USUAL_SEARCH, Change, CriticalAngle, Search, SearchStatus, Trial
+from solver.search.types import USUAL_SEARCH, Change, CriticalAngle, OutcomeInterval, Search, SearchStatus, Trial
 from solver.target import Target
 from solver.validation import require_positive
 from solver.warnings import ModelWarning
@@ -124,6 +125,7 @@ def critical_angle(
         strength_factor=None if change.angle is None else prepared.strength_factor_at(change.angle),
         energy_fraction_below=change.nearby[0] if change.nearby else None,
         energy_fraction_above=change.nearby[1] if change.nearby else None,
+        outcomes=change.outcomes,
     )
 
 
@@ -210,7 +212,62 @@ def _scan(search: Search) -> FloatArray:
 
 
 def _search_outcome(prepared: PreparedCase, impact: Impact, search: Search) -> tuple[Change, tuple[Trial, ...]]:
-    """Scan the range, then narrow every change of outcome."""
+    """Scan the range, then narrow every change of outcome; for a wall once more, for those to and from perforation."""
+    brackets, trials, nearby = _find_changes(prepared, impact, search, Termination.EXIT)
+    change = _first_onset(brackets, trials)
+    if change.angle is not None:
+        change = replace(change, nearby=nearby)
+    if prepared.target.thickness is None:
+        return change, trials
+    perforating, more, _ = _find_changes(prepared, impact, search, Termination.PERFORATED)
+    begins = (perforating[0][0] if perforating else more[-1]).outcome is Outcome.PERFORATED
+    intervals = _intervals(search, change.starts_turned_away, brackets, begins, perforating)
+    deciding = change.deciding + tuple(trial for bracket in perforating for trial in bracket)
+    return replace(change, outcomes=intervals, deciding=deciding), trials + more
+
+
+Brackets: TypeAlias = list[tuple[Trial, Trial]]
+"""Trials on the two sides of each change, in order."""
+
+
+def _intervals(
+    search: Search, turned_away: bool, changes: Brackets, perforated: bool, perforating: Brackets
+) -> tuple[OutcomeInterval, ...]:
+    """Intervals of one outcome each from the changes to and from ricochet, and those to and from perforation.
+
+    The flags say how the range begins. The two kinds of change are pinned down separately, to the tolerance: an
+    interval of another outcome that is no wider lies between the two placings of one change, and is left out.
+    """
+    lower, upper = search.bounds
+    ricochets = [(right.oblique_angle, Outcome.RICOCHET) for _, right in changes]
+    crossings = sorted(ricochets + [(right.oblique_angle, Outcome.PERFORATED) for _, right in perforating])
+    holds = {Outcome.RICOCHET: turned_away, Outcome.PERFORATED: perforated}
+    found: list[OutcomeInterval] = []
+    begin = lower
+    for end, kind in [*crossings, (upper, None)]:
+        outcome = next((kind for kind, is_so in holds.items() if is_so), Outcome.EMBEDDED)
+        if end - begin > search.tolerance or (not found and kind is None):
+            if found and found[-1].outcome is outcome:
+                begin = found.pop().lower
+            found.append(OutcomeInterval(outcome, begin, end))
+            begin = end
+        if kind is not None:
+            holds[kind] = not holds[kind]
+    if begin < upper and found:
+        found[-1] = replace(found[-1], upper=upper)
+    return tuple(found)
+
+
+def _find_changes(
+    prepared: PreparedCase, impact: Impact, search: Search, sought: Termination
+) -> tuple[Brackets, tuple[Trial, ...], tuple[float, float, float]]:
+    """Changes to and from the end that is sought.
+
+    Returns
+    -------
+    tuple
+        The brackets of the changes, all trials, and the shares of the energy left near the first onset.
+    """
     numerics, target = prepared.numerics, prepared.target
     inputs = TrialInputs(
         velocity=float(impact.velocity),
@@ -223,6 +280,7 @@ def _search_outcome(prepared: PreparedCase, impact: Impact, search: Search) -> t
         end_time=float(numerics.termination_time),
         time_step=float(numerics.time_step),
         retention=float(numerics.retention_energy_fraction),
+        sought=sought.value,
         vary_inertia=prepared.projectile.moment_of_inertia is None,
     )
     levels = search_levels(
@@ -237,11 +295,8 @@ def _search_outcome(prepared: PreparedCase, impact: Impact, search: Search) -> t
         prepared.strength_factor_at(rows[-1][ANGLE])
     check_end(rows[-1][END], numerics.termination_time)
     trials = tuple(Trial(angle, position, OUTCOMES[end], fine > 0.0) for angle, position, end, _, fine in rows)
-    change = _first_onset([(trials[left], trials[right]) for left, right in found.brackets], trials)
-    if change.angle is not None:
-        below, above, with_inertia = found.nearby.tolist()
-        change = replace(change, nearby=(below, above, with_inertia))
-    return change, trials
+    below, above, with_inertia = found.nearby.tolist()
+    return [(trials[left], trials[right]) for left, right in found.brackets], trials, (below, above, with_inertia)
 
 
 def _turned_away(trial: Trial) -> bool:

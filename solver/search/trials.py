@@ -17,9 +17,10 @@ from solver.surface_integration import Law
 
 ANGLE, POSITION, END, MARGIN, FINE = range(5)
 """Columns of the table of trials: oblique angle, final depth of the nose tip, a value of `Termination`, how clearly the
-projectile was turned away (above zero) or not, and whether the trial was as fine as requested. [rad, m, 1, 1, 1]"""
+projectile ended as sought (above zero) or not, and whether the trial was as fine as requested. [rad, m, 1, 1, 1]"""
 TIME, RETAINED, EXIT = Termination.TIME.value, Termination.RETAINED.value, Termination.EXIT.value
 STEP_LIMIT, NOT_FINITE = Termination.STEP_LIMIT.value, Termination.NOT_FINITE.value
+PERFORATED = Termination.PERFORATED.value
 NO_STRENGTH = Termination.NO_STRENGTH.value
 ENERGY_FLOOR = 0.1
 """Energy at which a trial ends, over the retention energy: the energy left varies smoothly with the angle that far."""
@@ -41,6 +42,8 @@ class TrialInputs(NamedTuple):
     """Time step of the route of panels. [s]"""
     retention: float
     """Share of the initial kinetic energy with which a projectile must leave."""
+    sought: int
+    """End of the trials on one side of each change: `Termination.EXIT`, or `Termination.PERFORATED`."""
     vary_inertia: bool
     """Whether to compute what a moment of inertia that was not given does to the angle."""
 
@@ -91,16 +94,17 @@ def has_strength(oblique_angle: float, strength: FloatArray) -> bool:
 
 
 @lean
-def _margin(run: Run, model: Model, energy: float, retention: float) -> float:
-    """How clearly a projectile was turned away, above zero, or not.
+def _margin(run: Run, model: Model, energy: float, retention: float, sought: int) -> float:
+    """How clearly a projectile ended as sought, above zero, or not.
 
     The energy left beyond the retention energy, which varies smoothly with the angle on both sides of zero; where a
-    trial ended before the projectile left, it falls with the depth of the nose tip.
+    trial ended before the projectile left, it falls with the distance of the nose tip from the face sought.
     """
-    if run.end == Termination.EXIT:
+    if run.end.value == sought:
         margin = energy - retention
         return margin if abs(margin) > LEAST else math.copysign(LEAST, margin)
-    depth = max(tip_depth(run.state, model.body), 0.0) / model.body.tip
+    depth = tip_depth(run.state, model.body)
+    depth = max(model.law.thickness - depth if sought == PERFORATED else depth, 0.0) / model.body.tip
     return -retention - depth * depth
 
 
@@ -126,6 +130,7 @@ def run_trial(oblique_angle: float, level: Level, search: SearchState) -> int:
         level.ramp_fraction * inputs.velocity,
         level.smooth_ramp,
         model.law.decay,
+        model.law.thickness,
     )
     present = Model(model.body, law, level.quadrature, model.panels)
     start = start_state(model.body, inputs.velocity, oblique_angle, inputs.angle_of_attack, inputs.angular_velocity)
@@ -139,11 +144,11 @@ def run_trial(oblique_angle: float, level: Level, search: SearchState) -> int:
         )
     row[POSITION], row[END] = tip_depth(run.state, model.body), run.end.value
     energy = kinetic_energy(run.state, model.body) / kinetic_energy(start, model.body)
-    if energy < inputs.retention and run.end in (EXIT, TIME):
+    if energy < inputs.retention and run.end in (EXIT, TIME, PERFORATED):
         row[END] = RETAINED
     if not np.isfinite(run.state).all():
         row[END] = NOT_FINITE
-    row[MARGIN] = _margin(run, model, energy, inputs.retention)
+    row[MARGIN] = _margin(run, model, energy, inputs.retention, inputs.sought)
     return number
 
 
@@ -161,8 +166,8 @@ def undecided(trial: FloatArray) -> bool:
 
 @lean
 def turned_away(trial: FloatArray) -> bool:
-    """Whether a trial left through the face."""
-    return bool(trial[END] == EXIT)
+    """Whether a trial left as sought: through the impact face, or in a search for perforation through the rear."""
+    return bool(trial[MARGIN] > 0.0)
 
 
 @lean

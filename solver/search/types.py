@@ -96,6 +96,16 @@ class Trial:
 
 
 @dataclass(frozen=True, slots=True)
+class OutcomeInterval:
+    """Oblique angles at which a strike has one outcome."""
+
+    outcome: Outcome
+    lower: float
+    upper: float
+    """Ends, each known to the tolerance of the search or an end of its range. [rad]"""
+
+
+@dataclass(frozen=True, slots=True)
 class CriticalAngle:
     """Answer of a search."""
 
@@ -118,6 +128,9 @@ class CriticalAngle:
     and in the searches of the paper. [1]"""
     strength_factor: float | None = None
     """S at the critical angle; None without one. [1]"""
+    outcomes: tuple[OutcomeInterval, ...] = ()
+    """Intervals of the outcome over the whole range, in order, for a target with a thickness in a search by outcome;
+    empty otherwise."""
 
     def columns(self) -> Columns:
         """Return the trials as arrays by name, in order: angles in radians, positions in metres."""
@@ -147,3 +160,4 @@ class Change:
     """Trials on either side of the changes of outcome; empty if all trials decide."""
     nearby: tuple[float, float, float] | None = None
     """Shares of the energy left half a degree below and above the angle, and above it with more inertia."""
+    outcomes: tuple[OutcomeInterval, ...] = ()

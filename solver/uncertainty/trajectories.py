@@ -116,6 +116,8 @@ class TrajectoryStudy:
         unknown = float(np.where(outcomes == "", weights, 0.0).sum() / SCRAMBLINGS)
         shares, widest = [], 0.0
         for outcome in Outcome:
+            if outcome is Outcome.PERFORATED and not (outcomes == outcome.value).any():
+                continue  # a half-space has no rear face
             by_scrambling = np.where(outcomes == outcome.value, weights, 0.0).sum(axis=1)
             value, half = float(by_scrambling.mean()), float(share_half_width(by_scrambling, sampling, base))
             estimate = Estimate(value, max(0.0, value - half), min(1.0, value + unknown + half))
