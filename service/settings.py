@@ -227,6 +227,15 @@ class Settings(Limits):
             description="Up to so many cases are answered at once, more become a job: a hundred take about a second.",
         ),
     ] = 100
+    small_samples: Annotated[
+        int,
+        Field(
+            ge=0,
+            le=16_384,
+            description="A study of uncertainty with up to so many samples is answered at once, with more it becomes a "
+            "job: sixteen thousand take about a minute.",
+        ),
+    ] = 16_384
     max_queued_cases: Annotated[
         int,
         Field(

@@ -2,7 +2,7 @@
 
 import asyncio
 import math
-from collections.abc import AsyncGenerator, AsyncIterator, Sequence
+from collections.abc import AsyncGenerator, AsyncIterator, Callable, Sequence
 from contextlib import aclosing, suppress
 from http import HTTPStatus
 from typing import Annotated, Any
@@ -51,8 +51,8 @@ async def preference_of(request: Request, prefer: Prefer = "") -> Preference:
 WantedPreference = Annotated[Preference, Depends(preference_of)]
 
 
-class BatchResponse:
-    """The answer to one request for many cases.
+class JobResponse:
+    """The answer to a request whose work becomes a job.
 
     Parameters
     ----------
@@ -64,6 +64,59 @@ class BatchResponse:
         Of the client.
     idempotency_key
         As it was sent, empty if it was not.
+    """
+
+    def __init__(self, request: Request, operation: str, preference: Preference, idempotency_key: str) -> None:
+        self.operation = operation
+        self.path: str = request.scope["path"]
+        self.preference = preference
+        self._token = idempotency_key
+        services = services_of(request)
+        self._jobs, self._settings, self._stopping = services.jobs, services.settings, services.stopping
+        self._context = context_in(request.scope)
+
+    async def accept(
+        self, blocks: AsyncIterator[list[Case]], digest: str | Callable[[], str], sweep: Sweep | None = None
+    ) -> JobState:
+        """Return the job of these cases: a new one, or that of the idempotency key."""
+        idempotency = Idempotency(self._token, digest) if self._token else None
+        owner = self._context.principal.owner
+        state, new = await self._jobs.accept(self.operation, blocks, owner=owner, idempotency=idempotency, sweep=sweep)
+        self._context.job = state.id
+        if not new:  # it counted when it was accepted
+            self._context.give_back()
+        return state
+
+    async def wait(self, state: JobState) -> tuple[JobState, bool, dict[str, str]]:
+        """Wait for the job as long as the client prefers.
+
+        Returns
+        -------
+        state
+            The job then.
+        answered
+            Whether its results are the answer.
+        headers
+            With the preferences that were obeyed.
+        """
+        waited = None if self.preference.wait is None else min(self.preference.wait, self._settings.most_wait_seconds)
+        if waited:
+            changes = until(self._stopping, self._jobs.changes(state.id))
+            with suppress(TimeoutError):
+                async with asyncio.timeout(waited), aclosing(changes):
+                    async for change in changes:
+                        state = change
+        headers = {**VARY, **self.preference.applied(waited)}
+        return state, waited is not None and state.status == "successful", headers
+
+    def accepted(self, state: JobState, headers: dict[str, str]) -> Response:
+        """Return the job as the answer, and where it is."""
+        headers = headers | {"Location": f"/jobs/{state.id}"} | retry_after(state, self._jobs)
+        return job_response(state, HTTPStatus.ACCEPTED, headers)
+
+
+class BatchResponse(JobResponse):
+    """The answer to one request for many cases.
 
     Raises
     ------
@@ -75,14 +128,8 @@ class BatchResponse:
         form = choose(request.headers.get("accept", "*/*"), FORMS)
         if form is None:
             raise HTTPException(HTTPStatus.NOT_ACCEPTABLE, f"results are given as {' or '.join(FORMS)}")
+        super().__init__(request, operation, preference, idempotency_key)
         self.form = form
-        self.operation = operation
-        self.path: str = request.scope["path"]
-        self.preference = preference
-        self._token = idempotency_key
-        services = services_of(request)
-        self._jobs, self._settings, self._stopping = services.jobs, services.settings, services.stopping
-        self._context = context_in(request.scope)
 
     async def to(self, body: BatchBody) -> Response:
         """Return the results, or the job that will have them. What is refused does not count against the key."""
@@ -90,29 +137,12 @@ class BatchResponse:
             small, rest = await take(self._charged(body.blocks), self._settings.small_cases)
             if rest is None and not self.preference.respond_async:
                 return await self._answer_now(small, body.sweep)
-            state = await self._accept(chain(small, rest), body)
+            state = await self.accept(chain(small, rest), body.digest, body.sweep)
         except BaseException:
             self._context.give_back()
             raise
-        waited = None if self.preference.wait is None else min(self.preference.wait, self._settings.most_wait_seconds)
-        if waited:
-            state = await self._wait(state, waited)
-        headers = {**VARY, **self.preference.applied(waited)}
-        if waited is not None and state.status == "successful":
-            return self._answer_all(state, body.sweep, headers)
-        headers |= {"Location": f"/jobs/{state.id}"} | retry_after(state, self._jobs)
-        return job_response(state, HTTPStatus.ACCEPTED, headers)
-
-    async def _accept(self, cases: AsyncIterator[list[Case]], body: BatchBody) -> JobState:
-        idempotency = Idempotency(self._token, body.digest) if self._token else None
-        owner = self._context.principal.owner
-        state, new = await self._jobs.accept(
-            self.operation, cases, owner=owner, idempotency=idempotency, sweep=body.sweep
-        )
-        self._context.job = state.id
-        if not new:  # it counted when it was accepted
-            self._context.give_back()
-        return state
+        state, answered, headers = await self.wait(state)
+        return self._answer_all(state, body.sweep, headers) if answered else self.accepted(state, headers)
 
     async def _charged(self, blocks: AsyncIterator[list[Case]]) -> AsyncIterator[list[Case]]:
         async for cases in blocks:
@@ -143,15 +173,6 @@ class BatchResponse:
         return StreamingResponse(
             closing(content, blocks), media_type=self.form, headers={**headers, "Content-Location": path}
         )
-
-    async def _wait(self, state: JobState, seconds: float) -> JobState:
-        """Return the job as it is at its end or after this time, whichever comes first."""
-        changes = until(self._stopping, self._jobs.changes(state.id))
-        with suppress(TimeoutError):
-            async with asyncio.timeout(seconds), aclosing(changes):
-                async for change in changes:
-                    state = change
-        return state
 
 
 async def take(blocks: AsyncIterator[list[Case]], count: int) -> tuple[list[Case], AsyncIterator[list[Case]] | None]:
@@ -229,18 +250,19 @@ def job_response(
     status: HTTPStatus = HTTPStatus.OK,
     headers: dict[str, str] | None = None,
     sweep: Sweep | None = None,
+    partial: dict[str, Any] | None = None,
 ) -> Response:
     """Return a job as the answer."""
-    return Response(job_json(state, sweep), status, media_type=JSON, headers=headers)
+    return Response(job_json(state, sweep, partial), status, media_type=JSON, headers=headers)
 
 
-def job_json(state: JobState, sweep: Sweep | None = None) -> bytes:
+def job_json(state: JobState, sweep: Sweep | None = None, partial: dict[str, Any] | None = None) -> bytes:
     """Return a job as JSON."""
-    return orjson.dumps(to_job(state, sweep), option=orjson.OPT_UTC_Z)
+    return orjson.dumps(to_job(state, sweep, partial), option=orjson.OPT_UTC_Z)
 
 
-def to_job(state: JobState, sweep: Sweep | None = None) -> dict[str, Any]:
-    """Return a job as the contract has it, with the request of a sweep if it is given."""
+def to_job(state: JobState, sweep: Sweep | None = None, partial: dict[str, Any] | None = None) -> dict[str, Any]:
+    """Return a job as the contract has it, with the request of a sweep or a partial answer if it is given."""
     path = f"/jobs/{state.id}"
     times = {name: getattr(state, name) for name in ("created", "started", "finished", "expires")}
     problem = None if state.problem is None else {**state.problem, "instance": path}
@@ -252,5 +274,7 @@ def to_job(state: JobState, sweep: Sweep | None = None) -> dict[str, Any]:
         **{name: value for name, value in {**times, "problem": problem}.items() if value is not None},
         **({"axes": state.axes} if state.axes else {}),
         **({"request": sweep.request} if sweep else {}),
+        **({"progress": state.progress} if state.progress else {}),
+        **({"partial": partial} if partial else {}),
         "links": {"self": path, **{name: f"{path}/{name}" for name in ("results", "events", "cancel")}},
     }

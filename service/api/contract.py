@@ -102,6 +102,23 @@ MANY: Responses = {
 }
 
 
+STUDIED: Responses = {
+    **COMPUTED,
+    200: {
+        **COMPUTED[200],
+        "headers": {
+            **CACHE_STATUS,
+            "Preference-Applied": {"description": "RFC 7240.", "schema": {"type": "string"}},
+        },
+    },
+    202: {
+        **MANY[202],
+        "description": "The job that will have the answer as its only result.",
+    },
+    **problems(409, 507),
+}
+
+
 def one_body(model: type[BaseModel]) -> dict[str, Any]:
     """Return the declaration of a JSON body that the route reads itself, piece by piece."""
     return {"requestBody": {"required": True, "content": {"application/json": {"schema": reference(model)}}}}

@@ -112,8 +112,9 @@ async def list_jobs(
     responses={200: RETRY_LATER, **problems(404, 422, 500, 507)},
 )
 async def get_job(job: RequestedJob, jobs: CurrentManager) -> Response:
-    """Return a job: how far it is and, if it is a sweep, its request."""
-    return job_response(job, headers={} if job.final else retry_after(job, jobs), sweep=await jobs.sweep(job))
+    """Return a job: how far it is; the request of a sweep; of a study of uncertainty, the answer so far."""
+    headers = {} if job.final else retry_after(job, jobs)
+    return job_response(job, headers=headers, sweep=await jobs.sweep(job), partial=await jobs.partial(job))
 
 
 @router.get("/jobs/{job_id}/results", response_model=JobResults, responses=RESULTS)  # noqa: FAST003
@@ -218,7 +219,8 @@ async def follow_job(
             if context.principal.key and not keys.holds(context.principal.key):
                 return  # revoked meanwhile
             if state.final or str(state.revision) != last_event_id:
-                yield ServerSentEvent(raw_data=job_json(state).decode(), id=str(state.revision))
+                content = job_json(state, partial=await jobs.partial(state))
+                yield ServerSentEvent(raw_data=content.decode(), id=str(state.revision))
 
 
 @router.post(

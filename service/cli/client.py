@@ -86,6 +86,10 @@ class Client:
         found: list[dict[str, Any]] = parse(self._send("GET", "/jobs"))["jobs"]
         return found
 
+    def result(self, key: str) -> bytes:
+        """Return the answer with this key, as JSON."""
+        return self._send("GET", f"/results/{quote(key, safe='')}").content
+
     def page(self, job_id: str, cursor: str) -> dict[str, Any]:
         """Return a page of the finished results of a job; it has `next` if more can follow."""
         return parse(self._send("GET", f"{path_of(job_id)}/results?limit={PAGE_SIZE}&cursor={cursor}"))

@@ -2,24 +2,30 @@
 
 import argparse
 import json
+import sys
+import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
+from uuid import uuid4
 
 from service.cli.arguments import (
     BODY,
+    FAILED,
     IMPACT,
     CommandError,
+    RefusedError,
     add_case,
     add_formats,
     add_plot,
     add_url,
     examples,
+    problem_text,
 )
 from service.cli.plots import check_plot, figure_file
-from service.cli.request_body import read_body
+from service.cli.request_body import RequestBody, read_body
 from service.cli.single import answer_of, print_csv, print_json
-from service.cli.writers import cell, heading, print_table, print_values, print_warnings
+from service.cli.writers import cell, heading, print_table, print_values, print_warnings, progress
 
 PARAMETERS = {
     "normal": ("mean", "standard_deviation"),
@@ -29,6 +35,9 @@ PARAMETERS = {
     "triangular": ("lower", "mode", "upper"),
 }
 """Numbers of a distribution on the command line, in order."""
+UNFINISHED = frozenset({"accepted", "running"})
+POLL_SECONDS = 0.2
+"""Between two looks at a job."""
 WIDE = (7.0, 4.0)
 """Figure size. [in]"""
 
@@ -69,7 +78,8 @@ def run_uncertainty(args: argparse.Namespace) -> int:
         if strike:
             raise CommandError("--plot: there is a curve to plot without --angle only")
         check_plot(args.plot)
-    text = answer_of("trajectory_uncertainty" if strike else "cra_uncertainty", body, args.url)
+    operation = "trajectory_uncertainty" if strike else "cra_uncertainty"
+    text = estimate(operation, body, args.url) if args.url else answer_of(operation, body, None)
     answer: dict[str, Any] = json.loads(text)
     if args.plot:
         plot_probability(args.plot, answer["probability"])
@@ -80,6 +90,37 @@ def run_uncertainty(args: argparse.Namespace) -> int:
     else:
         print_answer(answer)
     return 0
+
+
+def estimate(operation: str, body: RequestBody, url: str) -> bytes:
+    """Return the answer of a service, as JSON; follows the job that computes it.
+
+    Raises
+    ------
+    CommandError
+        If there is none; it names the flag or the field of the file that is invalid.
+    """
+    from service.cli.client import JSON, connect, dumps
+
+    content = dumps(body.content)
+    with connect(url) as client, progress("sampling") as report:
+        try:
+            job = client.submit(f"/{operation.replace('_', '/')}", lambda: content, JSON, uuid4().hex)
+        except RefusedError as error:
+            raise body.explain(error) from None
+        try:
+            while job["status"] in UNFINISHED:
+                time.sleep(POLL_SECONDS)
+                job = client.job(job["id"])
+                if "progress" in job:
+                    report(job["progress"]["samples"], job["progress"]["max_samples"])
+        except KeyboardInterrupt:
+            print(f"the job continues; for its results: ricochet jobs results {job['id']} --url {url}", file=sys.stderr)
+            raise
+        if job["status"] != "successful":
+            reason = problem_text(job["problem"]) if "problem" in job else "it was cancelled"
+            raise CommandError(f"job {job['id']} ended early: {reason}", FAILED)
+        return client.result(client.page(job["id"], "")["results"][0]["result"]["key"])
 
 
 def uncertain_input(text: str) -> dict[str, Any]:

@@ -69,13 +69,22 @@ CREATE TABLE idempotency (
 ) WITHOUT ROWID;
 CREATE INDEX idempotency_by_job ON idempotency (job);
 """
-ADDED = """
+ADDED = (
+    """
 CREATE TABLE IF NOT EXISTS sweeps (
     job INTEGER PRIMARY KEY REFERENCES jobs ON DELETE CASCADE,
     fields TEXT NOT NULL,
     sweep BLOB NOT NULL
 )
-"""
+""",
+    """
+CREATE TABLE IF NOT EXISTS studies (
+    job INTEGER PRIMARY KEY REFERENCES jobs ON DELETE CASCADE,
+    progress TEXT NOT NULL,
+    partial TEXT
+)
+""",
+)
 """Tables that files of this layout lack if an earlier version made them, and that such a version does not mind."""
 
 log = logging.getLogger(__name__)
@@ -178,7 +187,8 @@ class Database:
                 raise sqlite3.OperationalError(f"jobs.sqlite has layout {layout}, this version knows {LAYOUT}")
             elif not self._checked and (said := connection.execute("PRAGMA quick_check(1)").fetchone()[0]) != "ok":
                 raise sqlite3.DatabaseError(said)
-            connection.execute(ADDED)
+            for table in ADDED:
+                connection.execute(table)
             self._checked = True
         except BaseException:
             connection.close()

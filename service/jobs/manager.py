@@ -60,8 +60,8 @@ class JobManager:
         self._rate = Rate()
         chunks = PrioritySemaphore(lambda: queries.chunk_limit)
         begun = PrioritySemaphore(lambda: queries.chunk_limit + CHUNKS_KEPT)
-        self._scheduler = Scheduler(queries, jobs, chunks, begun, self._rate, self._count)
         self._inline = InlineBatch(queries, chunks, self._rate)
+        self._scheduler = Scheduler(queries, jobs, chunks, begun, self._rate, self._count, self._run_samples)
         self._reader = ResultReader(queries, jobs, self._inline)
         self._accepting: set[tuple[str, str]] = set()
         """Owners and idempotency keys of what is being received."""
@@ -188,6 +188,12 @@ class JobManager:
         """Return the request of a job, if it is a sweep."""
         return await self._thread(self._jobs.sweep, job.number)
 
+    async def partial(self, job: JobState) -> dict[str, Any] | None:
+        """Return the latest partial answer of a study that is not finished."""
+        if job.progress is None or job.status == "successful":
+            return None
+        return await self._thread(self._jobs.partial, job.number)
+
     async def results(
         self, name: str, *, start: int = 0, limit: int | None = None
     ) -> AsyncGenerator[list[CaseResult], None]:
@@ -232,6 +238,10 @@ class JobManager:
                 return
             await changed.wait()
             await asyncio.sleep(CHANGE_SECONDS)
+
+    def _run_samples(self, operation: str, cases: Sequence[Case]) -> AsyncGenerator[CaseResult, None]:
+        """Yield the results of samples of a study that is a job."""
+        return self._counted(operation, self._inline.run(operation, cases, urgent=False))
 
     def _admit(self, count: int) -> None:
         over = self.queued_cases + count - self._most_queued

@@ -145,6 +145,8 @@ class JobState:
     versions: str = field(repr=False)
     axes: tuple[str, ...] = ()
     """Fields of the axes of a sweep."""
+    progress: dict[str, Any] | None = None
+    """How far a study is, once it has begun."""
 
     @property
     def final(self) -> bool:

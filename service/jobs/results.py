@@ -17,7 +17,8 @@ from service.errors import ComputationCancelled, PoolUnavailableError, QueueFull
 from service.jobs.fairness import ChunkSizer, PrioritySemaphore
 from service.jobs.models import Case, CaseResult, CaseRow, CaseState, JobState
 from service.jobs.store import VERSIONS, JobStore
-from service.operations import KeyedRequest, result_key
+from service.jobs.studies import run_study
+from service.operations import OPERATIONS, UNCERTAIN, KeyedRequest, result_key
 from service.queries import QueryService, Rate
 
 CHUNK_SECONDS = 0.1
@@ -56,8 +57,10 @@ class InlineBatch:
         self._rate = rate
         self._sizers: dict[str, ChunkSizer] = defaultdict(lambda: ChunkSizer(CHUNK_SECONDS))
 
-    async def run(self, operation: str, cases: Sequence[Case]) -> AsyncGenerator[CaseResult, None]:
-        """Yield the result of every case as it finishes; closed, it stops the work.
+    async def run(
+        self, operation: str, cases: Sequence[Case], *, urgent: bool = True
+    ) -> AsyncGenerator[CaseResult, None]:
+        """Yield the result of every case as it finishes; closed, it stops the work. What is urgent goes before jobs.
 
         Raises
         ------
@@ -72,9 +75,8 @@ class InlineBatch:
                 numbers[case.request.key].append(number)
             known: Mapping[str, Record] = await run_sync(self._queries.cache.get_many, list(numbers))
             finished = [Outcome(key, record, None, own=False) for key, record in known.items()]
-            work |= self._begin(
-                operation, [cases[same[0]].request for key, same in numbers.items() if key not in known]
-            )
+            missing = [cases[same[0]].request for key, same in numbers.items() if key not in known]
+            work |= self._begin(operation, missing, urgent=urgent)
             while True:
                 for outcome in finished:
                     for number in numbers[outcome.key]:
@@ -94,29 +96,31 @@ class InlineBatch:
             if work:
                 await asyncio.wait(work)
 
-    def _begin(self, operation: str, missing: Sequence[KeyedRequest]) -> set["asyncio.Task[list[Outcome]]"]:
+    def _begin(
+        self, operation: str, missing: Sequence[KeyedRequest], *, urgent: bool
+    ) -> set["asyncio.Task[list[Outcome]]"]:
         share = math.ceil(len(missing) / self._queries.executor.capacity)
         size = max(1, min(self._sizers[operation].cases, share))
         chunks = [missing[i : i + size] for i in range(0, len(missing), size)]
-        work = {asyncio.create_task(self._compute(operation, chunk)) for chunk in chunks}
+        work = {asyncio.create_task(self._compute(operation, chunk, urgent=urgent)) for chunk in chunks}
         for task in work:  # seen, even if nothing waits for it any more
             task.add_done_callback(lambda done: done.cancelled() or done.exception())
         return work
 
-    async def _compute(self, operation: str, chunk: Sequence[KeyedRequest]) -> list[Outcome]:
+    async def _compute(self, operation: str, chunk: Sequence[KeyedRequest], *, urgent: bool) -> list[Outcome]:
         outcomes: list[Outcome] = []
         left = {case.key: case for case in chunk}
         while left:
-            for outcome in await self._try(operation, list(left.values())):
+            for outcome in await self._try(operation, list(left.values()), urgent=urgent):
                 del left[outcome.key]
                 outcomes.append(outcome)
             if left:
                 await asyncio.sleep(RETRY_SECONDS)
         return outcomes
 
-    async def _try(self, operation: str, cases: Sequence[KeyedRequest]) -> list[Outcome]:
+    async def _try(self, operation: str, cases: Sequence[KeyedRequest], *, urgent: bool) -> list[Outcome]:
         """Compute these cases; those that were in flight elsewhere and given up there are left out."""
-        permit = await self._permits.acquire(urgent=True)
+        permit = await self._permits.acquire(urgent=urgent)
         chunk = self._queries.begin(operation, cases, permit.release)
         answers = {**chunk.own, **chunk.shared}
         try:
@@ -217,12 +221,24 @@ class ResultReader:
             found = zip(rows, keys, strict=True)
             return [Case(KeyedRequest(key, requests[row.number]), row.custom_id) for row, key in found]
 
+        cases = await self._thread(load)
+        if state.operation in UNCERTAIN:
+            return {row.number: await self._study(state, row, case) for row, case in zip(rows, cases, strict=True)}
         found: dict[int, CaseResult] = {}
-        async with aclosing(self._inline.run(state.operation, await self._thread(load))) as results:
+        async with aclosing(self._inline.run(state.operation, cases)) as results:
             async for result in results:
                 row = rows[result.number]
                 found[row.number] = replace(result, number=row.number, cached=row.state == CaseState.CACHED)
         return found
+
+    async def _study(self, state: JobState, row: CaseRow, case: Case) -> CaseResult:
+        """Compute a study again, of whose samples most may still be there."""
+        request = case.request
+        study = await self._thread(OPERATIONS[state.operation].request.model_validate_json, request.json)
+        answer = await run_study(state.operation, study, self._inline.run)
+        record = Record(request.key, state.operation, request.json, answer)
+        record = await self._thread(self._queries.cache.put, record)
+        return CaseResult(row.number, row.custom_id, record, None, row.state == CaseState.CACHED)
 
     async def _thread(self, function: Callable[..., Value], *arguments: Any) -> Value:
         return await run_sync(function, *arguments)

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple, TypeVar
 
 from anyio.to_thread import run_sync
 
+from service.cache.record import Record
 from service.errors import (
     ComputationCancelled,
     JobGoneError,
@@ -26,7 +27,8 @@ from service.errors import (
 from service.jobs.fairness import ChunkSizer, FairQueue, Permit, PrioritySemaphore
 from service.jobs.models import BLOCK_SIZE, CaseState, JobState, Status
 from service.jobs.store import VERSIONS, JobStore
-from service.operations import KeyedRequest
+from service.jobs.studies import RunCases, run_study
+from service.operations import OPERATIONS, UNCERTAIN, KeyedRequest
 from service.queries import Answered, Count, QueryService, Rate
 
 AHEAD = 10
@@ -138,6 +140,8 @@ class Scheduler:
         Permits for chunks that are being prepared, computed or kept.
     rate, count
         Count every case that is done.
+    run_cases
+        Computes the samples of studies.
     """
 
     def __init__(
@@ -148,6 +152,7 @@ class Scheduler:
         begun: PrioritySemaphore,
         rate: Rate,
         count: Count,
+        run_cases: RunCases,
     ) -> None:
         self.active: dict[str, ActiveJob] = {}
         self.unwritten: dict[str, JobState] = {}
@@ -157,6 +162,7 @@ class Scheduler:
         self._chunks = chunks
         self._rate = rate
         self._count = count
+        self._run_cases = run_cases
         self._queue: FairQueue[ActiveJob] = FairQueue()
         self._begun = begun
         self._step: asyncio.Task[None] | None = None
@@ -239,6 +245,10 @@ class Scheduler:
         if job.ending or not cases:
             permit.release()
             begun.release()
+        elif job.state.operation in UNCERTAIN:  # its samples have permits of their own
+            permit.release()
+            begun.release()
+            self._belongs(job, asyncio.create_task(self._run_study(job, cases[0])))
         else:
             chunk = asyncio.create_task(self._run_chunk(job, cases, permit))
             chunk.add_done_callback(lambda _: permit.release())
@@ -316,6 +326,33 @@ class Scheduler:
                 await self._mark(job, late)
         except Exception as error:  # noqa: BLE001 (the other jobs go on)
             await self._fail(job, error)
+
+    async def _run_study(self, job: ActiveJob, case: PendingCase) -> None:
+        """Compute a study, the only case of its job."""
+        numbers = {case.key: [case.number]}
+        try:
+            requests, updates = await self.thread(self._requests, job, numbers)
+            for request in requests:  # none if it has been answered meanwhile
+                running = asyncio.ensure_future(self._answer_study(job, request))
+                await self._stoppable(job, running, running.cancel)
+                error = None if running.cancelled() else running.exception()
+                if error is not None and not isinstance(error, TEMPORARY):
+                    raise error
+                updates.take(numbers, {case.key: running}, CaseState.DONE)
+            await self._mark(job, updates)
+        except Exception as error:  # noqa: BLE001 (the other jobs go on)
+            await self._fail(job, error)
+
+    async def _answer_study(self, job: ActiveJob, request: KeyedRequest) -> Answered:
+        operation = job.state.operation
+
+        async def report(progress: dict[str, Any], partial: dict[str, Any] | None) -> None:
+            job.update(await self.thread(self._jobs.report, job.state.number, progress, partial))
+
+        study = await self.thread(OPERATIONS[operation].request.model_validate_json, request.json)
+        answer = await run_study(operation, study, self._run_cases, report=report)
+        record = Record(request.key, operation, request.json, answer)
+        return await self.thread(self._queries.cache.put, record), "miss"
 
     def _requests(self, job: ActiveJob, numbers: Mapping[str, Sequence[int]]) -> tuple[list[KeyedRequest], CaseUpdates]:
         """Return the stored requests of cases; other jobs may have answered some of them since."""

@@ -1,6 +1,6 @@
 """Durable jobs: what has been accepted is finished, whatever happens to the process meanwhile.
 
-    jobs.sqlite   jobs, the requests of sweeps, cases in blocks (table `slices`), how far each case is
+    jobs.sqlite   jobs, the requests of sweeps, cases in blocks (table `slices`), how far each case or study is
 
 A job is `accepting`, and seen by nobody, until all its cases are there.
 """
@@ -11,6 +11,7 @@ import sqlite3
 import time
 import zlib
 from collections.abc import Collection, Mapping
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -40,10 +41,10 @@ from solver import ENGINE_VERSION
 DAY = 86_400.0  # [s]
 VERSIONS = f"{ENGINE_VERSION} {SCHEMA_VERSION}"
 """What the keys of a job were made with."""
-TABLES = "jobs LEFT JOIN sweeps ON sweeps.job = jobs.number"
+TABLES = "jobs LEFT JOIN sweeps ON sweeps.job = jobs.number LEFT JOIN studies ON studies.job = jobs.number"
 COLUMNS = (
     "id, operation, status, total, done, cached, failed, created, started, finished, expires, problem, revision, "
-    "number, owner, versions, fields"
+    "number, owner, versions, fields, progress"
 )
 
 
@@ -138,6 +139,24 @@ class JobStore:
             state = _changed(database, job, changes, added)
             finished = state.done == state.total and not state.final
             return self._end(database, job, "successful", None) if finished else state
+
+    def report(self, job: int, progress: dict[str, Any], partial: dict[str, Any] | None = None) -> JobState:
+        """Note how far a study is; without another partial answer, that of before stays."""
+        row = (job, orjson.dumps(progress).decode(), None if partial is None else orjson.dumps(partial).decode())
+        with self._database.writing() as database:
+            state = _changed(database, job, "revision = revision + 1", ())  # first, as the job may be gone
+            statement = (
+                "INSERT INTO studies VALUES (?, ?, ?) ON CONFLICT (job) DO UPDATE "
+                "SET progress = excluded.progress, partial = coalesce(excluded.partial, partial)"
+            )
+            database.execute(statement, row)
+        return replace(state, progress=progress)
+
+    def partial(self, job: int) -> dict[str, Any] | None:
+        """Return the latest partial answer of a study, if there is one."""
+        with self._database.reading() as database:
+            row = database.execute("SELECT partial FROM studies WHERE job = ?", (job,)).fetchone()
+        return orjson.loads(row[0]) if row and row[0] else None
 
     def end(self, job: int, status: Status, problem: dict[str, Any] | None = None) -> JobState:
         """End the job as it is; one that has ended stays as it was."""
@@ -280,6 +299,7 @@ def _state(row: tuple[Any, ...]) -> JobState:
         owner,
         versions,
         fields,
+        progress,
     ) = row
     created, started, finished, expires = (None if t is None else datetime.fromtimestamp(t, UTC) for t in moments)
     return JobState(
@@ -300,4 +320,5 @@ def _state(row: tuple[Any, ...]) -> JobState:
         owner=owner,
         versions=versions,
         axes=tuple(orjson.loads(fields)) if fields else (),
+        progress=orjson.loads(progress) if progress else None,
     )

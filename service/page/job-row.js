@@ -6,7 +6,12 @@ import { isFinal } from "./job-progress.js";
 
 /** The columns; the table may show a row as a card, where each cell has its name. */
 export const COLUMNS = ["Job", "Asked for", "Status", "Progress", "Created", "Finished", "Expires", "Results", "Actions"];
-const OPERATIONS = { cra: "critical angles", trajectory: "trajectories" };
+const OPERATIONS = {
+  cra: "critical angles",
+  trajectory: "trajectories",
+  cra_uncertainty: "how sure an angle is",
+  trajectory_uncertainty: "how sure an outcome is",
+};
 const STATUSES = {
   accepted: "waiting",
   running: "running",

@@ -14,7 +14,12 @@ from service.schemas.formulas import FormulasAnswer
 from service.schemas.problems import Problem
 from service.schemas.quantities import Count, Part, with_examples
 from service.schemas.sweeps import EVEN, LISTED, Axis
-from service.schemas.uncertainty import CriticalAngleUncertaintyAnswer, TrajectoryUncertaintyAnswer
+from service.schemas.uncertainty import (
+    CriticalAngleUncertaintyAnswer,
+    PartialUncertainty,
+    StudyProgress,
+    TrajectoryUncertaintyAnswer,
+)
 
 ID = "0123456789abcdef0123456789abcdef"
 COUNTS = {"total": 200, "done": 120, "cached": 20, "failed": 1}
@@ -54,10 +59,12 @@ Path = Annotated[str, Field(description="Path at this service.")]
 
 
 class JobOperation(StrEnum):
-    """What every case of a job asks for."""
+    """What every case of a job asks for. A study of uncertainty is one case."""
 
     TRAJECTORY = "trajectory"
     CRA = "cra"
+    CRA_UNCERTAINTY = "cra_uncertainty"
+    TRAJECTORY_UNCERTAINTY = "trajectory_uncertainty"
 
 
 class JobStatus(StrEnum):
@@ -121,6 +128,17 @@ class Job(Part):
     axes: Annotated[list[str], Field(description="Fields that vary, if it is a sweep.")] | MISSING = MISSING
     request: (
         Annotated[SweepRequest, Field(description="The sweep that it computes, as it was sent; not in lists of jobs.")]
+        | MISSING
+    ) = MISSING
+    progress: (
+        Annotated[StudyProgress, Field(description="How far it is, if it is a study of uncertainty that has begun.")]
+        | MISSING
+    ) = MISSING
+    partial: (
+        Annotated[
+            PartialUncertainty,
+            Field(description="Answer so far, if it is a study that has not finished; not in lists of jobs."),
+        ]
         | MISSING
     ) = MISSING
     links: JobLinks

@@ -43,8 +43,8 @@ from solver.uncertainty import (
 )
 
 SAMPLING = Sampling()
-MOST_SAMPLES = 16_384
-"""In one request, which is answered when it is done: about half a minute of two cores."""
+MOST_SAMPLES = 131_072
+"""In one request: some minutes of two cores."""
 MODELS = ("resistance.free_surface.model", "resistance.strength_factor.model")
 """Fields whose alternatives are names."""
 TWO_PERCENT = {"type": "normal", "mean": 238.0, "standard_deviation": 2.4}
@@ -546,6 +546,21 @@ class UncertaintyAnswer(Part):
     engine_version: EngineVersion
 
 
+class StudyProgress(Part):
+    """How far a study of uncertainty is."""
+
+    model_config = with_examples(
+        {"samples": 1024, "max_samples": 16384, "half_width": 0.031, "requested_half_width": 0.02}
+    )
+
+    samples: Annotated[Count, Field(description="Searches or runs done.")]
+    max_samples: Annotated[Count, Field(description="At most; it ends earlier if the half width is reached.")]
+    half_width: (
+        Annotated[Num, Field(description="Reached: largest of all intervals of a probability. [1]")] | MISSING
+    ) = MISSING
+    requested_half_width: Annotated[Num, Field(description="At which it ends. [1]")]
+
+
 SAMPLED = {
     "convergence": {"samples": [266], "half_width": [0.013]},
     "converged": True,
@@ -624,6 +639,21 @@ class TrajectoryUncertaintyAnswer(UncertaintyAnswer):
         Annotated[list[QuantileAnswer], Field(description="Likewise, of the velocity from the outward normal. [°]")]
         | MISSING
     ) = MISSING
+
+
+class PartialUncertainty(Part):
+    """Answer to a study from the samples so far."""
+
+    model_config = with_examples(
+        {
+            "outcomes": [{"outcome": "ricochet"} | ESTIMATE],
+            "convergence": {"samples": [266], "half_width": [0.013]},
+        }
+    )
+
+    probability: Annotated[ProbabilityCurve, Field(description="Of critical angles.")] | MISSING = MISSING
+    outcomes: Annotated[list[OutcomeProbability], Field(description="Of one strike.")] | MISSING = MISSING
+    convergence: ConvergenceAnswer
 
 
 def _estimate(estimate: Estimate, *, angle: bool = False) -> dict[str, float]:

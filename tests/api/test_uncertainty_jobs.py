@@ -1,0 +1,146 @@
+"""Studies of uncertainty as jobs: progress, answer so far, result, end."""
+
+import csv
+import io
+import json
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from pathlib import Path
+from typing import Any
+
+import h5py
+import httpx
+import pytest
+
+from service.schemas import Job
+
+from .many import finished
+from .test_jobs import Service
+from .test_uncertainty import ATTACK, BODY, SPEED, STRIKE
+
+ASYNC = {"Prefer": "respond-async"}
+LONG = BODY | {
+    "uncertain": [SPEED, ATTACK],
+    "sensitivity": False,
+    "sampling": {"half_width": 0.0001, "max_samples": 131_072, "method": "direct", "seed": 11},
+}
+"""Minutes of work."""
+
+
+def seeded(body: dict[str, Any], seed: int, **sampling: Any) -> dict[str, Any]:
+    return body | {"sampling": body["sampling"] | {"seed": seed} | sampling}
+
+
+def test_answer_of_a_job_is_that_given_at_once(client: httpx.Client) -> None:
+    body = seeded(BODY, 21)
+    response = client.post("/cra/uncertainty", json=body, headers=ASYNC)
+    assert response.status_code == 202, response.text
+    assert response.headers["Location"] == response.json()["links"]["self"]
+    job = finished(client, response.json())
+    Job.model_validate(job)
+    assert job["status"] == "successful"
+    [item] = client.get(job["links"]["results"]).json()["results"]
+    stored = client.get(f"/results/{item['result']['key']}")
+    assert stored.json() == item["result"]
+    assert job["progress"] == {
+        "samples": item["result"]["samples"],
+        "max_samples": 4096,
+        "half_width": item["result"]["convergence"]["half_width"][-1],
+        "requested_half_width": 0.03,
+    }
+    assert "partial" not in job
+    at_once = client.post("/cra/uncertainty", json=body)
+    assert at_once.status_code == 200
+    assert at_once.content == stored.content
+
+
+def test_result_of_a_job_is_given_as_table_and_file(client: httpx.Client) -> None:
+    job = finished(client, client.post("/trajectory/uncertainty", json=seeded(STRIKE, 22), headers=ASYNC).json())
+    [item] = client.get(job["links"]["results"]).json()["results"]
+    answer = item["result"]
+    shares = {each["outcome"]: each["value"] for each in answer["outcomes"]}
+    [row] = csv.DictReader(io.StringIO(client.get(job["links"]["results"], headers={"Accept": "text/csv"}).text))
+    assert float(row["ricochet"]) == shares["ricochet"]
+    content = client.get(job["links"]["results"], headers={"Accept": "application/x-hdf5"}).content
+    with h5py.File(io.BytesIO(content)) as file:
+        assert file["summary"]["samples"].tolist() == [answer["samples"]]
+    table = client.get(f"/results/{answer['key']}", headers={"Accept": "text/csv"}).text
+    assert table.startswith("quantity,level,value,lower,upper")
+
+
+def test_client_that_waits_has_the_answer(client: httpx.Client) -> None:
+    body = seeded(STRIKE, 23)
+    response = client.post("/trajectory/uncertainty", json=body, headers={"Prefer": "respond-async, wait=25"})
+    assert response.status_code == 200, response.text
+    assert response.headers["Content-Location"] == f"/results/{response.json()['key']}"
+    assert client.post("/trajectory/uncertainty", json=body).content == response.content
+
+
+def test_large_study_shows_progress_and_the_curve_so_far_until_it_is_cancelled(client: httpx.Client) -> None:
+    response = client.post("/cra/uncertainty", json=LONG)
+    assert response.status_code == 202, response.text
+    job = response.json()
+    reached: list[dict[str, Any]] = []
+    with client.stream("GET", job["links"]["events"]) as events:
+        for line in events.iter_lines():
+            if not line.startswith("data:"):
+                continue
+            state = json.loads(line.removeprefix("data:"))
+            Job.model_validate(state)
+            if "progress" in state:
+                reached.append(state["progress"])
+            if "partial" in state:
+                break
+    assert [each["samples"] for each in reached] == sorted(each["samples"] for each in reached)
+    assert 256 < reached[-1]["samples"] < reached[-1]["max_samples"] == 131_072
+    assert reached[-1]["requested_half_width"] == 0.0001 < reached[-1]["half_width"]
+    curve = state["partial"]["probability"]
+    assert len(curve["lower"]) == len(curve["oblique_angle_deg"]) == 81
+    assert curve["ricochet_probability"][0] < 0.1 < 0.9 < curve["ricochet_probability"][-1]
+    assert client.get(job["links"]["self"]).json()["partial"]["convergence"]["samples"][0] == 256
+    ended = client.post(job["links"]["cancel"]).json()
+    assert ended["status"] == "dismissed"
+    assert client.get(job["links"]["results"]).json() == {"results": []}
+    assert "partial" in client.get(job["links"]["self"]).json()
+    assert client.delete(job["links"]["self"]).status_code == 204
+    assert client.get(job["links"]["self"]).status_code == 404
+
+
+def test_inputs_that_do_not_go_together_make_no_job(client: httpx.Client) -> None:
+    before = client.get("/jobs").json()
+    response = client.post("/cra/uncertainty", json=BODY | {"uncertain": [SPEED, SPEED]}, headers=ASYNC)
+    assert response.status_code == 422
+    assert response.json()["errors"][0]["pointer"] == "/uncertain/1/field"
+    assert client.get("/jobs").json() == before
+
+
+def test_same_idempotency_key_is_the_same_job(client: httpx.Client) -> None:
+    headers = ASYNC | {"Idempotency-Key": "study"}
+    body = seeded(STRIKE, 24)
+    first, again = (client.post("/trajectory/uncertainty", json=body, headers=headers).json() for _ in range(2))
+    assert first["id"] == again["id"]
+    other = client.post("/trajectory/uncertainty", json=seeded(STRIKE, 25), headers=headers)
+    assert other.status_code == 422
+
+
+@pytest.mark.system
+def test_study_of_a_killed_service_goes_on_to_the_same_bytes_with_other_workers(
+    client: httpx.Client, tmp_path: Path, service_on: Callable[..., AbstractContextManager[Service]]
+) -> None:
+    body = seeded(BODY, 26, half_width=0.01, method="direct", max_samples=2048)
+    expected = client.post("/cra/uncertainty", json=body).content
+    job: dict[str, Any] = {}
+    with pytest.raises(AssertionError), service_on(tmp_path, workers="2") as service:  # it does not end well
+        job = httpx.post(f"{service.url}/cra/uncertainty", json=body, headers=ASYNC, trust_env=False).json()
+        while job.get("progress", {}).get("samples", 0) < 300 and job["status"] in {"accepted", "running"}:
+            job = httpx.get(service.url + job["links"]["self"], trust_env=False).json()
+        service.process.kill()
+    assert job["status"] == "running"
+    with (
+        service_on(tmp_path, workers="1") as service,
+        httpx.Client(base_url=service.url, timeout=60.0, trust_env=False) as restarted,
+    ):
+        job = finished(restarted, restarted.get(job["links"]["self"]).json())
+        assert job["status"] == "successful"
+        [item] = restarted.get(job["links"]["results"]).json()["results"]
+        assert restarted.get(f"/results/{item['result']['key']}").content == expected
