@@ -2,7 +2,9 @@
 
 import { element } from "./elements.js";
 import { shownNumber } from "./fields.js";
-import { DISTRIBUTIONS, centreOf, inputField, parametersOf, scatterFields, usualInput, usualInputs } from "./scatter.js";
+import { DISTRIBUTIONS, centreOf, inputField, parametersOf, scatterFields, usualInput, usualInputs, usualNote } from "./scatter.js";
+
+const NUMBER = /-?\d+(?:\.\d+)?(?:e[+-]?\d+)?/g;
 
 /**
  * Build the form.
@@ -77,7 +79,10 @@ class ScatterForm {
     );
     row.root = element("fieldset", {}, element("legend", {}, label));
     if (input.type !== "discrete") row.root.append(this.buildType(input, index));
-    row.root.append(...[...row.fields.values()].map(({ root }) => root), problem, element("p.actions", {}, remove));
+    const note = usualNote(input.field);
+    const notes = note ? [element("p.quiet", {}, note)] : [];
+    row.root.append(...[...row.fields.values()].map(({ root }) => root), ...notes, problem);
+    row.root.append(element("p.actions", {}, remove));
     return row;
   }
 
@@ -116,7 +121,7 @@ class ScatterForm {
       oninput: () => this.read(row, index, name, factor),
     });
     const root = element("div.field", {}, element("label", { for: id }, label), input, unitText, problem);
-    const part = { root, input, problem, described: unitText.id };
+    const part = { root, input, problem, described: unitText.id, unit, factor };
     tell(part, "");
     return part;
   }
@@ -150,7 +155,7 @@ class ScatterForm {
       const row = pointer.startsWith("/uncertain/") && this.rows[index];
       if (!row) return true;
       const part = names.map((name) => row.fields.get(name)).find(Boolean);
-      if (part) tell(part, detail);
+      if (part) tell(part, inUnit(detail, part));
       else {
         row.problem.textContent = detail;
         row.problem.hidden = false;
@@ -159,6 +164,12 @@ class ScatterForm {
       return false;
     });
   }
+}
+
+/** Return what the service says of a parameter, its numbers in the unit shown. */
+function inUnit(detail, { unit, factor }) {
+  if (unit === "1") return detail;
+  return detail.replaceAll(NUMBER, (number) => `${shownNumber({ factor }, Number(number))} ${unit}`);
 }
 
 function tell(part, text) {

@@ -34,12 +34,13 @@ export const DISTRIBUTIONS = {
 };
 
 const normal = (spread) => ({ type: "normal", given: { coefficient_of_variation: spread } });
+/** What usually scatters how much; `note` says between what that lies. */
 const PRESETS = {
-  "impact.velocity_m_s": normal(0.01),
-  "target.compressive_strength_pa": { type: "lognormal", given: { dispersion: 0.12 } },
+  "impact.velocity_m_s": { ...normal(0.02), note: "Usually scatters by 1 to 5 %." },
+  "target.compressive_strength_pa": { type: "lognormal", given: { dispersion: 0.12 }, note: "Usually scatters by 10 to 15 %." },
   "target.density_kg_m3": normal(0.02),
   "projectile.mass_kg": normal(0.005),
-  "impact.angle_of_attack_deg": { type: "normal", given: { standard_deviation: 1 } },
+  "impact.angle_of_attack_deg": { type: "normal", given: { standard_deviation: 1 }, note: "Usually scatters by about 1°." },
   "resistance.free_surface.model": { type: "discrete", given: { elastic_plastic: 0.8, mohr_coulomb: 0.2 } },
   "resistance.strength_factor.model": { type: "discrete", given: { obliquity_polynomial: 0.5, published_tests: 0.5 } },
   [RESIDUAL.path]: { type: "lognormal", given: { dispersion: 0.1 } },
@@ -62,7 +63,13 @@ export function inputField(path) {
 
 /** Return an input with what usually scatters of this field; 5 % where nothing is usual. */
 export function usualInput(field) {
-  return { field, ...(PRESETS[field] ?? normal(0.05)) };
+  const { type, given } = PRESETS[field] ?? normal(0.05);
+  return { field, type, given };
+}
+
+/** Return a note on how much a field usually scatters; undefined where nothing is usual. */
+export function usualNote(field) {
+  return PRESETS[field]?.note;
 }
 
 /** Return the inputs that usually scatter. */

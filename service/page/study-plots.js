@@ -26,12 +26,12 @@ export function drawCurve(root, study) {
       hovertemplate: "%{x:.1f}°: %{y:.3f} (%{customdata[0]:.3f} to %{customdata[1]:.3f})<extra></extra>",
     },
   ];
-  const told = headline(study);
+  const angle = headline(study);
   const layout = {
     showlegend: false,
     dragmode: false,
     margin: { l: 8, r: 16, t: 34, b: 8 },
-    title: { text: told && `Critical angle ${told}`, font: { size: 14 }, x: 0.5, y: 1, yanchor: "top", pad: { t: 8 } },
+    title: { text: angle && `Critical angle ${angle}`, font: { size: 14 }, x: 0.5, y: 1, yanchor: "top", pad: { t: 8 } },
     xaxis: { title: { text: "Oblique angle [°]" }, range: rangeOf(x, y) },
     yaxis: { title: { text: "Probability of ricochet" }, range: [-0.02, 1.02] },
   };
@@ -39,7 +39,7 @@ export function drawCurve(root, study) {
     name: "ricochet-probability",
     again: () => drawCurve(root, study),
     csv: () => csvOf(study.probability),
-    label: `Probability of ricochet over the oblique angle with its interval. Critical angle ${told || "none"}.`,
+    label: `Probability of ricochet over the oblique angle with its interval. Critical angle ${angle || "none"}.`,
   });
 }
 
@@ -93,7 +93,7 @@ export function sensitivityTable(study) {
   );
   const parts = [element("thead", {}, element("tr", {}, ...heads)), element("tbody", {}, ...rows)];
   const caption = element("caption", {}, "Sobol indices of the critical angle");
-  const table = element("table", {}, caption, ...parts);
+  const table = element("table.indices", {}, caption, ...parts);
   return element("div.wide", { tabindex: 0, role: "group", "aria-label": "Table of sensitivities" }, table); // it scrolls
 }
 
@@ -101,18 +101,18 @@ export function sensitivityTable(study) {
 export function tellStudy(study) {
   const { mean_deg: mean, standard_deviation_deg: deviation, share_without_angle: without } = study.critical_angle;
   const width = study.convergence.half_width.at(-1);
-  const told = headline(study);
+  const angle = headline(study);
   const parts = [
     mean ? `Mean ${degreesShown(mean.value)}, standard deviation ${degreesShown(deviation?.value ?? 0)}.` : "",
     without.value > 0 ? `${digits(100 * without.value, 2)} % of the samples have no critical angle.` : "",
-    `${study.samples.toLocaleString("en")} samples, half width ${digits(width, 2)}${study.converged ? "" : ", wider than wanted"};`,
+    `${study.samples.toLocaleString("en")} samples, half width ${digits(width, 2)}${study.converged ? "" : ", wider than requested"};`,
     `${study.method === "surrogate" ? "by a polynomial chaos" : "counted directly"}.`,
     study.samples_failed ? `${study.samples_failed} samples could not be computed.` : "",
     study.samples_outside ? `${study.samples_outside} samples are outside what the contract takes.` : "",
   ];
   return [
-    told
-      ? element("p", {}, "Critical angle ", element("strong.angle", {}, told), ": the median, and nine in ten.")
+    angle
+      ? element("p", {}, "Critical angle ", element("strong.angle", {}, angle), ": the median, and nine in ten.")
       : element("p", {}, "No sample has a critical angle."),
     element("p", {}, parts.filter(Boolean).join(" ")),
   ];

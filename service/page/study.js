@@ -1,31 +1,47 @@
-// A study of how sure a critical angle is: its request, with more samples step by step, and what is known of a case.
+// A study of how sure a critical angle is: computed as jobs, and what is known of a case.
 
 import { angleRequest } from "./case.js";
 import { nodeAt } from "./contract.js";
+import { statesOf, submit } from "./job-progress.js";
 import { uncertainInput } from "./scatter.js";
-import { ask } from "./service.js";
+import { Problem, ask } from "./service.js";
 
-const GROWTH = 4; // of the samples from request to request: those before are found in the cache
 const known = new Map(); // the latest answer by case, while the page is open
 
 /**
- * Ask for a study with ever more samples, until it has converged or its samples are used up.
+ * Compute a study as a job, with the fewest samples and, if those do not suffice, with all.
  *
  * @param {{values: object, inputs: object[], sampling: object}} study
- * @param {AbortSignal} signal
- * @yields {object} answers of `/cra/uncertainty`
+ * @param {AbortSignal} signal cancels the job too
+ * @yields {object} answers of `/cra/uncertainty`; before each what its job reports: `samples`, and at times the curve so far
  */
 export async function* askStudy({ values, inputs, sampling }, signal) {
-  const { minimum, default: usual } = nodeAt("sampling.max_samples", {});
+  const { minimum: few, default: usual } = nodeAt("sampling.max_samples", {});
   const most = sampling.max_samples ?? usual;
   const uncertain = inputs.map((input) => uncertainInput(input, values));
-  for (let samples = Math.min(minimum, most); ; samples = Math.min(samples * GROWTH, most)) {
+  for (const samples of few < most ? [few, most] : [most]) {
     const body = { ...angleRequest(values), uncertain, sampling: { ...sampling, max_samples: samples } };
-    const { data } = await ask("cra/uncertainty", { body, signal });
-    known.set(keyOf(values), data);
-    yield data;
-    if (data.converged || samples === most) return;
+    const { id, links } = await submit("cra/uncertainty", body, signal);
+    const cancel = () => ask(links.cancel, { method: "POST" }).catch(() => {});
+    signal.addEventListener("abort", cancel, { once: true });
+    for await (const { progress, partial } of statesOf(id, signal)) {
+      if (progress) yield { samples: progress.samples, ...partial };
+    }
+    signal.removeEventListener("abort", cancel);
+    const answer = await answerOf(links, signal);
+    known.set(keyOf(values), answer);
+    yield answer;
+    if (answer.converged) return;
   }
+}
+
+/** Return the answer of a job that has ended, and delete it: a list of jobs is no place for each change of an input. */
+async function answerOf({ results, self }, signal) {
+  const [item] = (await ask(results, { signal })).data.results;
+  if (!item) throw new Error("The job of the study was cancelled.");
+  ask(self, { method: "DELETE" }).catch(() => {}); // its result is kept in the cache
+  if (item.problem) throw new Problem(item.problem);
+  return item.result;
 }
 
 /** Return the latest answer for a case at any oblique angle; undefined if there was none. */
@@ -33,9 +49,9 @@ export function knownStudy(values) {
   return known.get(keyOf(values));
 }
 
-/** Return a quantile of the critical angle. [°] */
-export function quantileOf({ critical_angle: { quantiles } }, level) {
-  return quantiles.find((each) => each.level === level)?.value;
+/** Return a quantile of the critical angle, if it is known. [°] */
+export function quantileOf({ critical_angle: angle }, level) {
+  return angle?.quantiles.find((each) => each.level === level)?.value;
 }
 
 /** Return the median with the range of nine in ten, as in "49° (45° to 53°)"; empty if there is no angle. */

@@ -84,10 +84,10 @@ class Explore {
   /** Show how sure the critical angle is, once a study of this case was made. */
   tellStudy(values) {
     const study = knownStudy(values);
-    const told = study && headline(study);
+    const text = study && headline(study);
     const link = () => element("a", { href: address("how-sure", caseQuery(values)) }, "How sure");
-    const parts = told ? [element("p", {}, link(), ": ", element("strong", {}, told), ", the median and nine in ten.")] : [];
-    this.parts.sure.replaceChildren(...parts);
+    const words = () => element("p", {}, link(), ": ", element("strong", {}, text), ", the median and nine in ten.");
+    this.parts.sure.replaceChildren(...(text ? [words()] : []));
   }
 
   async showLaws(values, signal) {

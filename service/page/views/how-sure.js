@@ -2,6 +2,7 @@
 
 import { caseQuery, readCase, replaceAddress } from "../address.js";
 import { valueAt, withValue } from "../case.js";
+import { nodeAt } from "../contract.js";
 import { element, say } from "../elements.js";
 import { buildRow, showProblem } from "../field-row.js";
 import { buildForm } from "../form.js";
@@ -15,7 +16,7 @@ import { tellWarnings } from "../words.js";
 
 const OPTION = { kind: "number", factor: 1, optional: true };
 const SAMPLING = [
-  { ...OPTION, path: "sampling.half_width", label: "Half width wanted", unit: "1" },
+  { ...OPTION, path: "sampling.half_width", label: "Half width", unit: "1" },
   { ...OPTION, path: "sampling.max_samples", label: "Samples at most", unit: "" },
   { ...OPTION, path: "sampling.seed", label: "Seed", unit: "" },
 ];
@@ -115,16 +116,21 @@ class HowSure {
     }
   }
 
+  /** Show an answer, or the curve so far. */
   async #show(study) {
     const { parts } = this;
-    parts.results.hidden = false;
-    parts.answer.replaceChildren(...tellStudy(study));
-    parts.warnings.replaceChildren(...tellWarnings(study.warnings));
     parts.progress.textContent = `${study.samples.toLocaleString("en")} samples ...`;
-    parts.sensitivity.hidden = !study.sensitivity;
-    parts.table.replaceChildren(...(study.sensitivity ? [sensitivityTable(study)] : []));
+    if (!study.probability) return;
+    parts.results.hidden = false;
     await drawCurve(parts.curve, study);
-    if (study.sensitivity) await drawTornado(parts.tornado, study);
+    if (!study.critical_angle) return; // of a job that goes on
+    parts.answerPanel.hidden = false;
+    parts.sensitivity.hidden = false;
+    parts.answer.replaceChildren(...tellStudy(study));
+    parts.warnings.hidden = !study.warnings.length;
+    parts.warnings.replaceChildren(...tellWarnings(study.warnings));
+    parts.table.replaceChildren(sensitivityTable(study));
+    await drawTornado(parts.tornado, study);
   }
 
   #stop(text) {
@@ -160,16 +166,17 @@ function readSampling(query) {
 }
 
 function build(root, onRun, onStop) {
+  const { default: confidence } = nodeAt("sampling.confidence", {});
   const parts = {
     scatter: element("div"),
     others: element("div"),
     sampling: element("details", {}, element("summary", {}, "Sampling")),
-    run: element("button.main", { type: "submit" }, "Run"),
+    run: element("button.main", { type: "submit", form: "scatter" }, "Run"),
     stop: element("button", { type: "button", disabled: true, onclick: onStop }, "Stop"),
     progress: element("p.quiet", { id: "study-progress" }),
     problem: element("p.problem", { role: "alert" }),
     answer: element("div.outcome"),
-    warnings: element("section.panel", { "aria-label": "Warnings" }),
+    warnings: element("section.panel", { "aria-label": "Warnings", hidden: true }),
     curve: element("div.curve"),
     tornado: element("div.tornado"),
     table: element("div"),
@@ -178,24 +185,24 @@ function build(root, onRun, onStop) {
     event.preventDefault();
     onRun();
   };
-  const about = element("p.quiet", {}, "What is left open is the value of the case.");
-  const buttons = element("p.actions", {}, parts.run, parts.stop);
+  const about = element("p.quiet", {}, "A mean, median or mode left empty is the value of the case.");
   const scatterForm = element(
     "form.panel",
-    { novalidate: true, "aria-label": "What scatters", onsubmit },
+    { id: "scatter", novalidate: true, "aria-label": "What scatters", onsubmit },
     element("h2", {}, "What scatters"),
     about,
     parts.scatter,
     parts.sampling,
-    buttons,
-    parts.progress,
-    parts.problem,
   );
+  const buttons = element("p.actions", {}, parts.run, parts.stop);
+  const start = element("section.panel", { "aria-label": "Study" }, buttons, parts.progress, parts.problem);
   const others = element("details", {}, element("summary", {}, "The case"), parts.others);
+  const band = `The band is the interval of the probability at a confidence of ${100 * confidence} %.`;
   const swing = "From the 5 % to the 95 % quantile of each input, the others at their median or likeliest value.";
+  parts.answerPanel = element("section.panel", { "aria-label": "Answer", hidden: true }, parts.answer);
   parts.sensitivity = element(
     "section.panel",
-    {},
+    { hidden: true },
     element("h2", {}, "What it is sensitive to"),
     element("p.quiet", {}, swing),
     parts.tornado,
@@ -204,14 +211,19 @@ function build(root, onRun, onStop) {
   parts.results = element(
     "div.column",
     { hidden: true },
-    element("section.panel", { "aria-label": "Answer" }, parts.answer),
-    element("section.panel", {}, element("h2", {}, "Probability of ricochet"), parts.curve),
+    parts.answerPanel,
+    element("section.panel", {}, element("h2", {}, "Probability of ricochet"), element("p.quiet", {}, band), parts.curve),
     parts.sensitivity,
     parts.warnings,
   );
   root.append(
     element("h1", {}, "How sure"),
-    element("div.sides", {}, element("div.column", {}, scatterForm, element("div.panel", {}, others)), parts.results),
+    element(
+      "div.sides",
+      {},
+      element("div.column", {}, scatterForm, element("div.panel", {}, others)),
+      element("div.column", {}, start, parts.results),
+    ),
   );
   return parts;
 }
