@@ -15,6 +15,7 @@ from .conftest import NewPage
 KEEPS_OUT = {"serious", "critical"}
 OPTIONS = {"resultTypes": ["violations"]}
 SMALL_MAP = "#/map?x=impact.velocity_m_s,150,240,3&y=target.compressive_strength_pa,39e6,60e6,3"
+STUDY_MS = 180_000
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +43,7 @@ def open_view(page: Page, view: str) -> None:
         page.get_by_text("The other fields").click()
     if view == "how-sure":
         page.get_by_role("button", name="Run").click()
-        expect(page.locator("#study-progress")).to_have_text("Done.")
+        expect(page.locator("#study-progress")).to_have_text("Done.", timeout=STUDY_MS)
         page.get_by_text("Sampling").click()
     if view == "jobs":
         expect(page.get_by_role("table")).to_be_visible()
