@@ -21,6 +21,7 @@ OUTCOMES = "operation=trajectory&x=impact.oblique_angle_deg,20,75,23&y=impact.ve
 VIEWS = {
     "explore": "explore",
     "critical-angle": "critical-angle",
+    "how-sure": "how-sure",
     "map": f"map?{MAP}",
     "map-outcomes": f"map?{OUTCOMES}",
     "jobs": "jobs",
@@ -33,6 +34,9 @@ def fill(page: Page, view: str) -> None:
     if view.startswith("map"):
         page.get_by_role("button", name="Run").click()
         expect(page.locator("#map-progress")).to_contain_text("cases are computed")
+    if view == "how-sure":
+        page.get_by_role("button", name="Run").click()
+        expect(page.locator("#study-progress")).to_have_text("Done.")
     if view != "jobs":
         expect(page.locator(".drawing .main-svg").first).to_be_visible()
     page.wait_for_load_state("networkidle")

@@ -3,6 +3,7 @@
 import { ask } from "./service.js";
 
 const TAGS = ["shape", "model"];
+const ROOTS = { search: "CriticalAngleRequest", sampling: "CriticalAngleUncertaintyRequest" };
 
 let schemas;
 
@@ -39,7 +40,7 @@ export function exampleOf(path, tag) {
  */
 export function nodeAt(path, values) {
   const names = path.split(".");
-  const root = names[0] === "search" ? "CriticalAngleRequest" : "TrajectoryRequest";
+  const root = ROOTS[names[0]] ?? "TrajectoryRequest";
   let node = schemas[root];
   let given = values;
   for (const name of names) {

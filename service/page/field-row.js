@@ -46,7 +46,14 @@ export function showProblem({ root, input, problem, described }, text) {
   else input.removeAttribute("aria-describedby");
   if (text) input.setAttribute("aria-invalid", "true");
   else input.removeAttribute("aria-invalid");
-  if (text) root.closest("details").open = true;
+  if (text) open(root);
+}
+
+function open(part) {
+  const group = part.closest("details");
+  if (!group) return;
+  group.open = true;
+  open(group.parentElement);
 }
 
 const INPUTS = {
@@ -57,7 +64,7 @@ const INPUTS = {
       inputmode: "decimal",
       autocomplete: "off",
       spellcheck: "false",
-      placeholder: field.optional && (usual === undefined ? "auto" : shownNumber(field, usual)),
+      placeholder: field.optional && (usual === undefined ? field.open ?? "auto" : shownNumber(field, usual)),
       title: description,
       value: shownValue(field, values) ?? "",
       oninput: ({ target }) => read(target.value),

@@ -12,8 +12,8 @@ const OPTIONAL = { optional: true };
 /**
  * Groups of fields in the order of the form.
  *
- * `factor` times what is shown is the value in SI; `optional` may be empty; `choices` are labels by value, `variant`
- * marks one that decides which other fields there are; `pairs` is a list of them; `slider` is
+ * `factor` times what is shown is the value in SI; `optional` may be empty and then shows `open`; `choices` are labels
+ * by value, `variant` marks one that decides which other fields there are; `pairs` is a list of them; `slider` is
  * [least, most, step] in the unit shown.
  */
 export const GROUPS = [
@@ -54,7 +54,7 @@ export const GROUPS = [
       number("target.density_kg_m3", "Density", "kg/m³"),
       number("target.youngs_modulus_pa", "Young's modulus", "GPa", { ...GPA, ...OPTIONAL }),
       number("target.poissons_ratio", "Poisson's ratio", "1", OPTIONAL),
-      number("target.thickness_m", "Thickness", "m", OPTIONAL),
+      number("target.thickness_m", "Thickness", "m", { ...OPTIONAL, open: "∞", note: "of a wall" }),
     ],
   },
   {

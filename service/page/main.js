@@ -6,7 +6,7 @@ import { element, say } from "./elements.js";
 import { ask, keyNeeds, useKey } from "./service.js";
 import { followTheme } from "./theme.js";
 
-const VIEWS = { explore: "Explore", "critical-angle": "Critical angle", map: "Map", jobs: "Jobs" };
+const VIEWS = { explore: "Explore", "critical-angle": "Critical angle", "how-sure": "How sure", map: "Map", jobs: "Jobs" };
 
 const main = document.getElementById("view");
 let leave;

@@ -12,6 +12,7 @@ export const ENDINGS = {
   },
   trajectory: {
     embedded: { label: "embedded", symbol: "x-thin" },
+    perforated: { label: "perforated", symbol: "triangle-down-open" },
     in_motion: { label: "still in motion", symbol: "diamond-open" },
     ricochet: { label: "ricochet", symbol: "circle-open" },
     failed: { label: "failed", symbol: "cross-thin" },
@@ -41,7 +42,7 @@ export function cellWords(operation, cell) {
   const { label } = ENDINGS[operation][cell.ending] ?? {};
   if (cell.ending === "failed") return `${label}: ${cell.detail}`;
   const words = cell.angle === undefined ? label : `turned away from ${cell.angle.toFixed(2)}° on`;
-  return cell.depth === undefined ? words : `${words}, ${(1000 * cell.depth).toFixed(0)} mm deep`;
+  return cell.depth === undefined || cell.ending === "perforated" ? words : `${words}, ${(1000 * cell.depth).toFixed(0)} mm deep`;
 }
 
 /** Return the codes of warnings that some cells have and others do not, each with how many have it. */

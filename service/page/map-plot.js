@@ -5,7 +5,7 @@ import { cellWords, ENDINGS, rareWarnings, warningWords } from "./map-cells.js";
 // Viridis from a quarter on, so that dark lines and words can be read upon all of it.
 const COLOURS = ["#3b528b", "#2c728e", "#21918c", "#28ae80", "#5ec962", "#addc30", "#fde725"];
 const NO_ANGLE = "#a9a9a9";
-const OUTCOMES = { embedded: "#5b7fb5", in_motion: "#b5b5b5", ricochet: "#fde725", failed: "#8c6d6d" };
+const OUTCOMES = { embedded: "#5b7fb5", perforated: "#e08e5a", in_motion: "#b5b5b5", ricochet: "#fde725", failed: "#8c6d6d" };
 const INK = "#111111";
 const PAPER = "#e8eaed"; // below the marks of the legend, in either theme
 
@@ -71,7 +71,8 @@ function outcomes(place, rows, hover) {
   const names = Object.keys(OUTCOMES);
   const z = rows((cell) => (cell ? names.indexOf(cell.ending) : null));
   const steps = names.flatMap((name, i) => [i, i + 1].map((end) => [end / names.length, OUTCOMES[name]]));
-  const depth = rows((cell) => (cell?.depth === undefined ? null : 1000 * cell.depth));
+  const isDeep = (cell) => cell?.depth !== undefined && cell.ending !== "perforated";
+  const depth = rows((cell) => (isDeep(cell) ? 1000 * cell.depth : null));
   return [
     { ...place, type: "heatmap", z, zmin: -0.5, zmax: names.length - 0.5, colorscale: steps, showscale: false, ...hover },
     contours(place, depth),

@@ -9,6 +9,7 @@ const OUTLINES = 6; // of all runs together
 const MOVING = OUTLINES; // place of its trace: above the others, below the path
 const BEADS = 36; // coloured points of all paths together: each costs a third of a millisecond
 const FAR_M = 1e3; // deeper than any view
+const NEAR = 2; // a rear face is in view up to this many times the depth that is reached
 const GRID_M = 0.1; // ends of the axes, so that the view does not tremble while a slider moves
 
 /**
@@ -28,7 +29,7 @@ export async function drawSideView(root, runs, row) {
   const beads = runs.map(({ run }, i) => beadTrace(run, evenRows(run, BEADS / runs.length), range, i));
   const paths = runs.map((each, i) => pathTrace(each, i));
   const traces = [...outlines, ...moving, ...paths, ...beads];
-  return draw(root, traces, layoutOf(traces, runs.length > 1), {
+  return draw(root, traces, layoutOf(traces, runs.length > 1, runs[0].run.target.thickness_m), {
     name: "side-view",
     again: () => drawSideView(root, runs, row),
     csv: () => csvOf(tableOf(runs)),
@@ -111,20 +112,22 @@ function beadTrace({ path }, rows, range, index) {
   };
 }
 
-function layoutOf(traces, hasLegend) {
+function layoutOf(traces, hasLegend, thickness = FAR_M) {
   const ends = (values) => [
     Math.floor(values.reduce((a, b) => Math.min(a, b)) / GRID_M) * GRID_M,
     Math.ceil(values.reduce((a, b) => Math.max(a, b)) / GRID_M) * GRID_M,
   ];
   const [left, right] = ends(traces.flatMap(({ x }) => x));
-  const [top, bottom] = ends(traces.flatMap(({ y }) => y));
+  const [top, deepest] = ends(traces.flatMap(({ y }) => y));
+  const bottom = thickness < NEAR * deepest ? Math.max(deepest, thickness + GRID_M) : deepest;
   const across = { xref: "paper", x0: 0, x1: 1, y0: 0, layer: "below" };
+  const face = { color: colour("edge"), width: 1.5 };
   return {
     xaxis: { title: { text: "Along the face [m]" }, range: [left, right], zeroline: false },
     yaxis: { title: { text: "Depth [m]" }, range: [Math.max(bottom, GRID_M), top], scaleanchor: "x", zeroline: false },
     shapes: [
-      { ...across, type: "rect", y1: FAR_M, fillcolor: colour("concrete"), line: { width: 0 } },
-      { ...across, type: "line", y1: 0, line: { color: colour("edge"), width: 1.5 } },
+      { ...across, type: "rect", y1: thickness, fillcolor: colour("concrete"), line: { width: 0 } },
+      ...[0, thickness].map((y) => ({ ...across, type: "line", y0: y, y1: y, line: face })),
     ],
     showlegend: hasLegend,
     legend: { orientation: "h", y: -0.25 },
@@ -146,6 +149,8 @@ function tableOf(runs) {
 }
 
 function inWords({ run, name }) {
-  const depth = digits(run.maximum_depth_m * 1e3);
-  return `${name}: ${outcomeShown(run.outcome)} after ${digits(run.final.time_s * 1e3)} ms, ${depth} mm deep at most.`;
+  const { outcome, final, maximum_depth_m: depth, target } = run;
+  const wall = `wall of ${digits(target.thickness_m * 1e3)} mm`;
+  const reach = outcome === "perforated" ? wall : `${digits(depth * 1e3)} mm deep at most`;
+  return `${name}: ${outcomeShown(outcome)} after ${digits(final.time_s * 1e3)} ms, ${reach}.`;
 }

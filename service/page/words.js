@@ -6,8 +6,9 @@ const ENDS = {
   ricochet: "The projectile is turned away.",
   embedded: "The projectile digs in and stays.",
   in_motion: "The projectile still moves when the run is given up.",
+  perforated: "The projectile goes through: the wall is perforated.",
 };
-const SHORT = { ricochet: "turned away", embedded: "embedded", in_motion: "in motion" };
+const SHORT = { ricochet: "turned away", embedded: "embedded", in_motion: "in motion", perforated: "perforated" };
 const STATUSES = {
   no_ricochet: "Nothing in the range searched is turned away: there is no critical angle.",
   always_ricochet: "Everything in the range searched is turned away: the critical angle lies below.",
@@ -39,16 +40,18 @@ export function statusShown(status) {
 
 /** Return paragraphs that tell how a run ended. */
 export function tellRun(run) {
-  const { final, maximum_depth_m: depth } = run;
+  const { final, target } = run;
   const speed = Math.hypot(final.depth_velocity_m_s, final.lateral_velocity_m_s);
   const rest = run.outcome === "embedded" ? "" : ` It goes on at ${digits(speed)} m/s.`;
+  const isThrough = run.outcome === "perforated";
+  const depth = isThrough ? "" : ` The nose tip went ${digits(run.maximum_depth_m * 1e3)} mm deep.`;
   return [
     element("p.outcome", { "data-outcome": run.outcome }, element("strong", {}, ENDS[run.outcome])),
     element(
       "p",
       {},
-      `After ${digits(final.time_s * 1e3)} ms, with its nose tip ${place(final.nose_tip_depth_m)} and its axis at ` +
-        `${digits(final.axis_angle_deg)}° from the normal.${rest} The nose tip went ${digits(depth * 1e3)} mm deep. ` +
+      `After ${digits(final.time_s * 1e3)} ms, with its nose tip ${place(final.nose_tip_depth_m, target.thickness_m)} and its axis at ` +
+        `${digits(final.axis_angle_deg)}° from the normal.${rest}${depth} ` +
         `Strength factor ${digits(run.strength_factor)}.`,
     ),
   ];
@@ -57,8 +60,9 @@ export function tellRun(run) {
 /** Return a paragraph on what a search found. */
 export function tellAngle(found) {
   const range = rangeShown(found);
+  const outcomes = found.outcomes ? ` ${outcomesShown(found.outcomes)}` : "";
   if (found.critical_angle_deg === undefined) {
-    return element("p", {}, STATUSES[found.status], range && ` Under other laws: ${range}.`);
+    return element("p", {}, STATUSES[found.status], range && ` Under other laws: ${range}.`, outcomes);
   }
   const error = found.critical_angle_standard_error_deg;
   const spread = error === undefined ? "" : ` ± ${degreesShown(error)} (standard error)`;
@@ -70,9 +74,19 @@ export function tellAngle(found) {
     element("strong.angle", {}, degreesShown(found.critical_angle_deg)),
     `${spread}${range && ` (${range} under other laws)`} from the normal: the smallest that is turned away.`,
     ` Strength factor there ${digits(found.strength_factor)}.`,
-    others ? ` The outcome changes again at ${others}.` : "",
+    others && !outcomes ? ` The outcome changes again at ${others}.` : "",
+    outcomes,
     found.status === "not_converged" ? ` ${STATUSES.not_converged}` : "",
   );
+}
+
+/** Return the outcomes of a wall by oblique angle, as in "Perforated 5.00° to 41.02°, embedded 41.02° to 44.10°." */
+function outcomesShown(outcomes) {
+  const intervals = outcomes.map(
+    ({ outcome, lower_deg: lower, upper_deg: upper }) =>
+      `${SHORT[outcome]} ${degreesShown(lower)} to ${degreesShown(upper)}`,
+  );
+  return sentence(intervals.join(", "));
 }
 
 /** Return the range of the critical angle under other laws, if that is known. */
@@ -98,7 +112,8 @@ function sentence(text) {
   return text.charAt(0).toUpperCase() + text.slice(1) + (/[.!?]$/.test(text) ? "" : ".");
 }
 
-function place(depth) {
+function place(depth, thickness = Infinity) {
+  if (depth > thickness) return `${digits((depth - thickness) * 1e3)} mm beyond the rear face`;
   const distance = `${digits(Math.abs(depth) * 1e3)} mm`;
   return depth >= 0 ? `${distance} inside` : `${distance} outside`;
 }

@@ -284,7 +284,7 @@ class AngleStudy:
         """Indices by Saltelli's design: beside the samples of before, a second set and their crossings."""
         design, sampling = self.design, self.sampling
         inputs, count = len(design.uncertain), tables.count
-        left = sampling.max_samples - tables.samples
+        left = max(sampling.max_samples - tables.samples, 0)
         while count * SCRAMBLINGS * (inputs + 1) > left or count * SCRAMBLINGS > SENSITIVITY_SAMPLES:
             count //= 2
         size = count * SCRAMBLINGS

@@ -15,6 +15,7 @@ from .conftest import NewPage
 KEEPS_OUT = {"serious", "critical"}
 OPTIONS = {"resultTypes": ["violations"]}
 SMALL_MAP = "#/map?x=impact.velocity_m_s,150,240,3&y=target.compressive_strength_pa,39e6,60e6,3"
+STUDY_MS = 180_000
 
 
 @pytest.fixture(scope="module")
@@ -40,13 +41,17 @@ def open_view(page: Page, view: str) -> None:
         page.get_by_role("button", name="Run").click()
         expect(page.locator("#map-progress")).to_have_text("All 9 cases are computed.")
         page.get_by_text("The other fields").click()
+    if view == "how-sure":
+        page.get_by_role("button", name="Run").click()
+        expect(page.locator("#study-progress")).to_have_text("Done.", timeout=STUDY_MS)
+        page.get_by_text("Sampling").click()
     if view == "jobs":
         expect(page.get_by_role("table")).to_be_visible()
     else:
         expect(page.locator(".drawing .main-svg").first).to_be_visible()
 
 
-@pytest.mark.parametrize("view", ["explore", "critical-angle", "map", "jobs"])
+@pytest.mark.parametrize("view", ["explore", "critical-angle", "how-sure", "map", "jobs"])
 @pytest.mark.parametrize("theme", ["light", "dark"])
 @pytest.mark.usefixtures("job")
 def test_no_serious_violation(new_page: NewPage, theme: Literal["light", "dark"], view: str) -> None:
@@ -61,7 +66,7 @@ def test_violations_are_noticed(page: Page) -> None:
     assert [fault.partition(":")[0] for fault in violations(page)] == ["select-name"]
 
 
-@pytest.mark.parametrize("view", ["explore", "critical-angle", "map", "jobs"])
+@pytest.mark.parametrize("view", ["explore", "critical-angle", "how-sure", "map", "jobs"])
 @pytest.mark.usefixtures("job")
 def test_narrow_window_needs_no_sideways_scrolling(new_page: NewPage, view: str) -> None:
     page = new_page(width=380, height=800)

@@ -75,6 +75,20 @@ def test_papers_case_shows_its_critical_angle_and_the_picture(page: Page) -> Non
     expect(page.get_by_role("img", name=re.compile("Side view to scale. Strike: embedded"))).to_be_visible()
 
 
+def test_wall_that_is_too_thin_is_perforated(page: Page) -> None:
+    open_explore(page, "?target.thickness_m=0.2&impact.oblique_angle_deg=20")
+    expect(page.get_by_label("Thickness")).to_have_value("0.2")
+    outcome = page.get_by_label("Outcome")
+    expect(outcome.get_by_text("The projectile goes through: the wall is perforated.")).to_be_visible()
+    expect(outcome).to_contain_text("mm beyond the rear face")
+    expect(outcome).to_contain_text(re.compile(r"Perforated 5\.00° to \d+\.\d+°, embedded"))
+    expect(page.locator(".warning[data-code='rear_face_unconservative']")).to_be_visible()
+    expect(page.get_by_role("img", name=re.compile("Strike: perforated after .* wall of 200 mm"))).to_be_visible()
+    [concrete, face, rear] = side_view(page).evaluate("plot => plot.layout.shapes.map(({ y0, y1 }) => [y0, y1])")
+    assert (concrete, face, rear) == ([0, 0.2], [0, 0], [0.2, 0.2])
+    expect(page.get_by_label("Other laws")).not_to_have_attribute("aria-busy", "true")  # the last request
+
+
 def test_outline_is_drawn_to_scale_where_the_service_says_the_projectile_ends(page: Page, live_url: str) -> None:
     open_explore(page)
     body = {

@@ -56,6 +56,13 @@ def test_history_ends_within_the_half_width_or_the_budget() -> None:
     assert (poor.upper - poor.lower).max() > 2e-3
 
 
+def test_study_whose_first_samples_use_up_the_budget_ends_without_indices() -> None:
+    answer = run(Ishigami(), max_samples=256)
+    assert answer.method == "direct"
+    assert [each.total for each in answer.sensitivity] == [None] * 3
+    assert [warning.code for warning in answer.warnings] == ["no_indices"]
+
+
 def test_answer_depends_on_the_seed_alone() -> None:
     first, second, other = (run(Ishigami(), seed=seed) for seed in (4, 4, 5))
     assert repr(first.quantiles) == repr(second.quantiles)

@@ -1,6 +1,6 @@
 // Explore: one strike, as its fields are changed.
 
-import { caseQuery, readCase, replaceAddress } from "../address.js";
+import { address, caseQuery, readCase, replaceAddress } from "../address.js";
 import { alternativesTable, askAngles, askOutcomes, rest } from "../alternatives.js";
 import { angleRequest } from "../case.js";
 import { copyButtons } from "../copy-as.js";
@@ -13,6 +13,7 @@ import { askRun, rowAt } from "../run.js";
 import { buildScrubber } from "../scrubber.js";
 import { Problem, ask } from "../service.js";
 import { drawSideView, moveOutline } from "../side-view.js";
+import { headline, knownStudy } from "../study.js";
 import { tellAngle, tellRun, tellWarnings } from "../words.js";
 
 /** Show the view. */
@@ -76,7 +77,17 @@ class Explore {
       this.parts.angle.replaceChildren(tellAngle(data));
       this.tellWarnings({ angle: data.warnings });
     }
+    this.tellStudy(values);
     this.askLaws(values);
+  }
+
+  /** Show how sure the critical angle is, once a study of this case was made. */
+  tellStudy(values) {
+    const study = knownStudy(values);
+    const text = study && headline(study);
+    const link = () => element("a", { href: address("how-sure", caseQuery(values)) }, "How sure");
+    const words = () => element("p", {}, link(), ": ", element("strong", {}, text), ", the median and nine in ten.");
+    this.parts.sure.replaceChildren(...(text ? [words()] : []));
   }
 
   async showLaws(values, signal) {
@@ -136,6 +147,7 @@ function build(root) {
     problem: element("p.problem", { role: "alert" }),
     outcome: element("div", {}, element("p.quiet", {}, "Computing ...")),
     angle: element("div", {}),
+    sure: element("div.sure", {}),
     warnings: element("div", {}),
     laws: element("section.panel", { "aria-label": "Other laws", "aria-busy": "true" }),
     side: element("div.side-view", { "aria-busy": "true" }),
@@ -151,7 +163,7 @@ function build(root) {
       element(
         "div.pictures",
         {},
-        element("section.panel.across", { "aria-label": "Outcome" }, parts.outcome, parts.angle, parts.problem),
+        element("section.panel.across", { "aria-label": "Outcome" }, parts.outcome, parts.angle, parts.sure, parts.problem),
         element("section.panel", {}, element("h2", {}, "Side view"), parts.side, parts.scrubber),
         element("section.panel", {}, element("h2", {}, "Histories"), parts.histories),
         element("section.panel", { "aria-label": "Warnings" }, parts.warnings),

@@ -1,0 +1,131 @@
+// Inputs that scatter: their distributions, what is usual, and how they stand in a request and in an address.
+
+import { valueAt } from "./case.js";
+import { nodeAt } from "./contract.js";
+import { fieldAt, numericFields } from "./fields.js";
+
+const RESIDUAL = { path: "resistance.strength_residual", label: "Factor on the strength factor", unit: "1", factor: 1 };
+const OWN = "own"; // in the unit of the field
+const PERCENT = { unit: "%", factor: 0.01 };
+const PURE = { unit: "1", factor: 1 };
+const MEAN = { name: "mean", label: "Mean", scale: OWN, centre: true };
+const SPREAD = [
+  { name: "coefficient_of_variation", label: "Coefficient of variation", scale: PERCENT },
+  { name: "standard_deviation", label: "or standard deviation", scale: OWN },
+];
+const ENDS = ["Lower", "Upper"].map((label) => ({ name: label.toLowerCase(), label, scale: OWN }));
+
+/** Distributions of a number with their parameters; the `centre` is the value of the case where it is left open. */
+export const DISTRIBUTIONS = {
+  normal: { label: "Normal", parameters: [MEAN, ...SPREAD] },
+  truncated_normal: { label: "Truncated normal", parameters: [MEAN, ...SPREAD, ...ENDS] },
+  lognormal: {
+    label: "Lognormal",
+    parameters: [
+      { name: "median", label: "Median", scale: OWN, centre: true },
+      { name: "dispersion", label: "Dispersion", scale: PURE },
+    ],
+  },
+  uniform: { label: "Uniform", parameters: ENDS },
+  triangular: {
+    label: "Triangular",
+    parameters: [ENDS[0], { name: "mode", label: "Mode", scale: OWN, centre: true }, ENDS[1]],
+  },
+};
+
+const normal = (spread) => ({ type: "normal", given: { coefficient_of_variation: spread } });
+/** What usually scatters how much; `note` says between what that lies. */
+const PRESETS = {
+  "impact.velocity_m_s": { ...normal(0.02), note: "Usually scatters by 1 to 5 %." },
+  "target.compressive_strength_pa": { type: "lognormal", given: { dispersion: 0.12 }, note: "Usually scatters by 10 to 15 %." },
+  "target.density_kg_m3": normal(0.02),
+  "projectile.mass_kg": normal(0.005),
+  "impact.angle_of_attack_deg": { type: "normal", given: { standard_deviation: 1 }, note: "Usually scatters by about 1°." },
+  "resistance.free_surface.model": { type: "discrete", given: { elastic_plastic: 0.8, mohr_coulomb: 0.2 } },
+  "resistance.strength_factor.model": { type: "discrete", given: { obliquity_polynomial: 0.5, published_tests: 0.5 } },
+  [RESIDUAL.path]: { type: "lognormal", given: { dispersion: 0.1 } },
+};
+const MODELS = Object.keys(PRESETS).filter((path) => path.endsWith(".model"));
+const USUAL = Object.keys(PRESETS).slice(0, 6);
+
+/** Return the fields of a case that may scatter. */
+export function scatterFields(values) {
+  const numbers = numericFields(values).filter(
+    ({ path }) => path !== "impact.oblique_angle_deg" && !path.startsWith("search."),
+  );
+  return [...numbers, ...MODELS.map(fieldAt), RESIDUAL];
+}
+
+/** Return the field of an input. */
+export function inputField(path) {
+  return path === RESIDUAL.path ? RESIDUAL : (fieldAt(path) ?? { path, label: path, unit: "", factor: 1 });
+}
+
+/** Return an input with what usually scatters of this field; 5 % where nothing is usual. */
+export function usualInput(field) {
+  const { type, given } = PRESETS[field] ?? normal(0.05);
+  return { field, type, given };
+}
+
+/** Return a note on how much a field usually scatters; undefined where nothing is usual. */
+export function usualNote(field) {
+  return PRESETS[field]?.note;
+}
+
+/** Return the inputs that usually scatter. */
+export function usualInputs() {
+  return USUAL.map(usualInput);
+}
+
+/**
+ * Return the parameters of an input: weights of models, or those of its distribution.
+ *
+ * @returns {{name: string, label: string, unit: string, factor: number, centre?: boolean}[]}
+ */
+export function parametersOf({ field, type }) {
+  const own = inputField(field);
+  if (type === "discrete") {
+    return Object.entries(own.choices).map(([name, label]) => ({ name, label, ...PURE }));
+  }
+  return DISTRIBUTIONS[type].parameters.map(({ scale, ...rest }) => ({
+    ...rest,
+    ...(scale === OWN ? { unit: own.unit, factor: own.factor } : scale),
+  }));
+}
+
+/** Return the value of the case around which an input scatters; undefined if the case leaves it to the service. */
+export function centreOf(field, values) {
+  return field === RESIDUAL.path ? 1 : (valueAt(values, field) ?? nodeAt(field, values)?.default);
+}
+
+/** Return an input as `/cra/uncertainty` takes it. */
+export function uncertainInput({ field, type, given }, values) {
+  if (type === "discrete") {
+    const names = parametersOf({ field, type }).map(({ name }) => name).filter((name) => given[name] !== undefined);
+    return { field, distribution: { type, values: names, weights: names.map((name) => given[name]) } };
+  }
+  const centre = DISTRIBUTIONS[type].parameters.find((each) => each.centre);
+  const around = centre && { [centre.name]: centreOf(field, values) };
+  return { field, distribution: { type, ...around, ...given } };
+}
+
+/** Return the inputs of a query; undefined if it has none. What cannot be read is left out. */
+export function readInputs(query) {
+  const found = query.getAll("scatter").map(readInput).filter(Boolean);
+  return found.length ? found : undefined;
+}
+
+/** Return an input as text for an address: field, distribution, and what is given in SI units. */
+export function writeInput({ field, type, given }) {
+  return [field, type, ...Object.entries(given).map(([name, value]) => `${name}:${value}`)].join(",");
+}
+
+function readInput(text) {
+  const [field, type, ...rest] = text.split(",");
+  const isModel = MODELS.includes(field);
+  const isNumber = field === RESIDUAL.path || fieldAt(field)?.kind === "number";
+  if (isModel ? type !== "discrete" : !(isNumber && type in DISTRIBUTIONS)) return undefined;
+  const names = parametersOf({ field, type }).map(({ name }) => name);
+  const pairs = rest.map((pair) => pair.split(":")).map(([name, value]) => [name, Number(value)]);
+  return { field, type, given: Object.fromEntries(pairs.filter(([name, value]) => names.includes(name) && Number.isFinite(value))) };
+}

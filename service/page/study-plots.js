@@ -1,0 +1,154 @@
+// What a study shows: the probability with its band, the swing of each input, and tables of them.
+
+import { element } from "./elements.js";
+import { colour, csvOf, draw } from "./plots.js";
+import { inputField } from "./scatter.js";
+import { headline } from "./study.js";
+import { degreesShown, digits } from "./words.js";
+
+const MARGIN_DEG = 4; // shown besides where the probability changes
+const [ROW_PX, AXIS_PX] = [38, 70];
+
+/** Draw the probability of ricochet over the oblique angle with its band. */
+export function drawCurve(root, study) {
+  const { oblique_angle_deg: x, ricochet_probability: y, lower, upper } = study.probability;
+  const edge = { x, mode: "lines", line: { width: 0, simplify: false }, hoverinfo: "skip" };
+  const traces = [
+    { ...edge, y: lower, name: "lower" },
+    { ...edge, y: upper, name: "upper", fill: "tonexty", fillcolor: colour("band") },
+    {
+      x,
+      y,
+      name: "probability",
+      mode: "lines",
+      line: { color: colour("accent"), width: 2, simplify: false },
+      customdata: x.map((_, i) => [lower[i], upper[i]]),
+      hovertemplate: "%{x:.1f}°: %{y:.3f} (%{customdata[0]:.3f} to %{customdata[1]:.3f})<extra></extra>",
+    },
+  ];
+  const angle = headline(study);
+  const layout = {
+    showlegend: false,
+    dragmode: false,
+    margin: { l: 8, r: 16, t: 34, b: 8 },
+    title: { text: angle && `Critical angle ${angle}`, font: { size: 14 }, x: 0.5, y: 1, yanchor: "top", pad: { t: 8 } },
+    xaxis: { title: { text: "Oblique angle [°]" }, range: rangeOf(x, y) },
+    yaxis: { title: { text: "Probability of ricochet" }, range: [-0.02, 1.02] },
+  };
+  return draw(root, traces, layout, {
+    name: "ricochet-probability",
+    again: () => drawCurve(root, study),
+    csv: () => csvOf(study.probability),
+    label: `Probability of ricochet over the oblique angle with its interval. Critical angle ${angle || "none"}.`,
+  });
+}
+
+/** Draw how far each input moves the critical angle, the furthest on top. */
+export function drawTornado(root, study) {
+  const bars = swings(study).reverse(); // Plotly begins at the bottom
+  root.querySelector(".drawing")?.style.setProperty("height", heightOf(bars));
+  const trace = {
+    type: "bar",
+    orientation: "h",
+    y: bars.map(({ label }) => label),
+    base: bars.map(({ low }) => low.angle),
+    x: bars.map(({ low, high }) => high.angle - low.angle),
+    marker: { color: colour("accent") },
+    customdata: bars.map(({ low, high }) => [low.shown, degreesShown(low.angle), high.shown, degreesShown(high.angle)]),
+    hovertemplate: "%{customdata[0]}: %{customdata[1]}<br>%{customdata[2]}: %{customdata[3]}<extra></extra>",
+  };
+  const layout = {
+    showlegend: false,
+    dragmode: false,
+    bargap: 0.35,
+    xaxis: { title: { text: "Critical angle [°]" } },
+    yaxis: { type: "category" },
+  };
+  return draw(root, [trace], layout, {
+    name: "ricochet-swings",
+    again: () => drawTornado(root, study),
+    csv: () => csvOf(swingColumns(study)),
+    label: `Swing of the critical angle by input: ${bars.map(({ label, span }) => `${label} ${degreesShown(span)}`).reverse().join(", ")}.`,
+  }).then((plot) => {
+    plot?.style.setProperty("height", heightOf(bars));
+    if (plot) window.Plotly.Plots.resize(plot);
+  });
+}
+
+/** Return a table of the sensitivities. */
+export function sensitivityTable(study) {
+  const spans = new Map(swings(study).map(({ field, span }) => [field, span]));
+  const rows = study.sensitivity.map(({ field, first_order: first, total }) => {
+    const span = spans.get(field);
+    const cells = [first, total].map((each) => (each ? estimateShown(each) : "not known"));
+    return element(
+      "tr",
+      {},
+      element("th", { scope: "row" }, inputField(field).label),
+      ...[...cells, span === undefined ? "no angle" : degreesShown(span)].map((text) => element("td.number", {}, text)),
+    );
+  });
+  const heads = ["Input", "First order", "Total", "Swing"].map((name, i) =>
+    element(i ? "th.number" : "th", { scope: "col" }, name),
+  );
+  const parts = [element("thead", {}, element("tr", {}, ...heads)), element("tbody", {}, ...rows)];
+  const caption = element("caption", {}, "Sobol indices of the critical angle");
+  const table = element("table.indices", {}, caption, ...parts);
+  return element("div.wide", { tabindex: 0, role: "group", "aria-label": "Table of sensitivities" }, table); // it scrolls
+}
+
+/** Return a sentence or two on a study. */
+export function tellStudy(study) {
+  const { mean_deg: mean, standard_deviation_deg: deviation, share_without_angle: without } = study.critical_angle;
+  const width = study.convergence.half_width.at(-1);
+  const angle = headline(study);
+  const parts = [
+    mean ? `Mean ${degreesShown(mean.value)}, standard deviation ${degreesShown(deviation?.value ?? 0)}.` : "",
+    without.value > 0 ? `${digits(100 * without.value, 2)} % of the samples have no critical angle.` : "",
+    `${study.samples.toLocaleString("en")} samples, half width ${digits(width, 2)}${study.converged ? "" : ", wider than requested"};`,
+    `${study.method === "surrogate" ? "by a polynomial chaos" : "counted directly"}.`,
+    study.samples_failed ? `${study.samples_failed} samples could not be computed.` : "",
+    study.samples_outside ? `${study.samples_outside} samples are outside what the contract takes.` : "",
+  ];
+  return [
+    angle
+      ? element("p", {}, "Critical angle ", element("strong.angle", {}, angle), ": the median, and nine in ten.")
+      : element("p", {}, "No sample has a critical angle."),
+    element("p", {}, parts.filter(Boolean).join(" ")),
+  ];
+}
+
+function swings({ sensitivity }) {
+  return sensitivity
+    .map(({ field, swing }) => {
+      const { label, unit, factor, choices } = inputField(field);
+      const shown = (value) =>
+        typeof value === "number" ? `${digits(value / factor, 4)}${unit && unit !== "1" ? ` ${unit}` : ""}` : choices[value];
+      const ends = swing
+        .filter((each) => each.critical_angle_deg !== undefined)
+        .map(({ value, critical_angle_deg: angle }) => ({ shown: shown(value), angle }))
+        .sort((a, b) => a.angle - b.angle);
+      return { field, label, low: ends[0], high: ends.at(-1), span: ends.length ? ends.at(-1).angle - ends[0].angle : 0 };
+    })
+    .filter(({ low }) => low)
+    .sort((a, b) => b.span - a.span);
+}
+
+function swingColumns({ sensitivity }) {
+  const rows = sensitivity.flatMap(({ field, swing }) => swing.map((each) => ({ field, ...each })));
+  return Object.fromEntries(["field", "value", "critical_angle_deg"].map((name) => [name, rows.map((row) => row[name])]));
+}
+
+function estimateShown({ value, lower, upper }) {
+  return `${value.toFixed(2)} (${lower.toFixed(2)} to ${upper.toFixed(2)})`;
+}
+
+function rangeOf(x, y) {
+  const changing = x.filter((_, i) => y[i] > 0.002 && y[i] < 0.998);
+  if (!changing.length) return [x[0], x.at(-1)];
+  return [Math.max(changing[0] - MARGIN_DEG, x[0]), Math.min(changing.at(-1) + MARGIN_DEG, x.at(-1))];
+}
+
+function heightOf(bars) {
+  return `${bars.length * ROW_PX + AXIS_PX}px`;
+}

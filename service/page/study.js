@@ -1,0 +1,67 @@
+// A study of how sure a critical angle is: computed as jobs, and what is known of a case.
+
+import { angleRequest } from "./case.js";
+import { nodeAt } from "./contract.js";
+import { statesOf, submit } from "./job-progress.js";
+import { uncertainInput } from "./scatter.js";
+import { Problem, ask } from "./service.js";
+
+const known = new Map(); // the latest answer by case, while the page is open
+
+/**
+ * Compute a study as a job, with the fewest samples and, if those do not suffice, with all.
+ *
+ * @param {{values: object, inputs: object[], sampling: object}} study
+ * @param {AbortSignal} signal cancels the job too
+ * @yields {object} answers of `/cra/uncertainty`; before each what its job reports: `samples`, and at times the curve so far
+ */
+export async function* askStudy({ values, inputs, sampling }, signal) {
+  const { minimum: few, default: usual } = nodeAt("sampling.max_samples", {});
+  const most = sampling.max_samples ?? usual;
+  const uncertain = inputs.map((input) => uncertainInput(input, values));
+  for (const samples of few < most ? [few, most] : [most]) {
+    const body = { ...angleRequest(values), uncertain, sampling: { ...sampling, max_samples: samples } };
+    const { id, links } = await submit("cra/uncertainty", body, signal);
+    const cancel = () => ask(links.cancel, { method: "POST" }).catch(() => {});
+    signal.addEventListener("abort", cancel, { once: true });
+    for await (const { progress, partial } of statesOf(id, signal)) {
+      if (progress) yield { samples: progress.samples, ...partial };
+    }
+    signal.removeEventListener("abort", cancel);
+    const answer = await answerOf(links, signal);
+    known.set(keyOf(values), answer);
+    yield answer;
+    if (answer.converged) return;
+  }
+}
+
+/** Return the answer of a job that has ended, and delete it: a list of jobs is no place for each change of an input. */
+async function answerOf({ results, self }, signal) {
+  const [item] = (await ask(results, { signal })).data.results;
+  if (!item) throw new Error("The job of the study was cancelled.");
+  ask(self, { method: "DELETE" }).catch(() => {}); // its result is kept in the cache
+  if (item.problem) throw new Problem(item.problem);
+  return item.result;
+}
+
+/** Return the latest answer for a case at any oblique angle; undefined if there was none. */
+export function knownStudy(values) {
+  return known.get(keyOf(values));
+}
+
+/** Return a quantile of the critical angle, if it is known. [°] */
+export function quantileOf({ critical_angle: angle }, level) {
+  return angle?.quantiles.find((each) => each.level === level)?.value;
+}
+
+/** Return the median with the range of nine in ten, as in "49° (45° to 53°)"; empty if there is no angle. */
+export function headline(study) {
+  const [low, middle, high] = [0.05, 0.5, 0.95].map((level) => quantileOf(study, level));
+  if (middle === undefined) return "";
+  const shown = (angle) => `${angle.toFixed(high - low < 3 ? 1 : 0)}°`;
+  return `${shown(middle)} (${shown(low)} to ${shown(high)})`;
+}
+
+function keyOf(values) {
+  return JSON.stringify(angleRequest(values));
+}

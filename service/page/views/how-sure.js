@@ -1,0 +1,229 @@
+// How sure: the probability of ricochet of a case whose inputs scatter, and what it is sensitive to.
+
+import { caseQuery, readCase, replaceAddress } from "../address.js";
+import { valueAt, withValue } from "../case.js";
+import { nodeAt } from "../contract.js";
+import { element, say } from "../elements.js";
+import { buildRow, showProblem } from "../field-row.js";
+import { buildForm } from "../form.js";
+import { purge } from "../plots.js";
+import { readInputs, usualInputs, writeInput } from "../scatter.js";
+import { buildScatterForm } from "../scatter-form.js";
+import { isAbort } from "../service.js";
+import { askStudy } from "../study.js";
+import { drawCurve, drawTornado, sensitivityTable, tellStudy } from "../study-plots.js";
+import { tellWarnings } from "../words.js";
+
+const OPTION = { kind: "number", factor: 1, optional: true };
+const SAMPLING = [
+  { ...OPTION, path: "sampling.half_width", label: "Half width", unit: "1" },
+  { ...OPTION, path: "sampling.max_samples", label: "Samples at most", unit: "" },
+  { ...OPTION, path: "sampling.seed", label: "Seed", unit: "" },
+];
+
+/** Show the view; a study whose inputs are in the query is run. */
+export async function show(root, query) {
+  const view = new HowSure(root, query);
+  return () => view.leave();
+}
+
+class HowSure {
+  #work; // given up when the form changes
+  #wrong = new Set(); // paths of sampling whose text is not accepted
+
+  constructor(root, query) {
+    this.parts = build(root, () => this.#run(), () => this.#stop("Stopped."));
+    const inputs = readInputs(query);
+    const values = readCase(query);
+    this.sampling = readSampling(query);
+    const onChange = () => this.#change();
+    this.scatter = buildScatterForm(this.parts.scatter, { inputs: inputs ?? usualInputs(), values, onChange });
+    this.form = buildForm(this.parts.others, {
+      case: values,
+      without: ["impact.oblique_angle_deg"],
+      onChange: (changed) => {
+        this.scatter.setCase(changed);
+        this.#change();
+      },
+    });
+    this.rows = SAMPLING.map((field) => this.#buildSampling(field));
+    this.parts.sampling.append(...this.rows.map((row) => row.root));
+    if (inputs) this.#run();
+  }
+
+  leave() {
+    this.#work?.abort();
+    purge(this.parts.curve);
+    purge(this.parts.tornado);
+  }
+
+  #buildSampling(field) {
+    const row = buildRow(field, { sampling: this.sampling }, {
+      accept: (value) => {
+        this.#wrong.delete(field.path);
+        showProblem(row, "");
+        this.sampling = withValue({ sampling: this.sampling }, field.path, value).sampling ?? {};
+        this.#change();
+      },
+      refuse: (problem) => {
+        this.#wrong.add(field.path);
+        showProblem(row, problem);
+        this.#change();
+      },
+    });
+    return row;
+  }
+
+  #change() {
+    this.#stop("");
+    const { parts } = this;
+    parts.problem.textContent = "";
+    if (!parts.results.hidden) parts.progress.textContent = "What is shown is of the inputs before. Run again.";
+    const inputs = this.scatter.inputs();
+    parts.run.disabled = !inputs?.length || this.#wrong.size > 0;
+    if (!inputs) return;
+    const query = caseQuery(this.form.currentCase());
+    for (const input of inputs) query.append("scatter", writeInput(input));
+    for (const { path } of SAMPLING) {
+      const value = valueAt({ sampling: this.sampling }, path);
+      if (value !== undefined) query.set(path, value);
+    }
+    replaceAddress("how-sure", query);
+  }
+
+  async #run() {
+    const inputs = this.scatter.inputs();
+    if (!inputs?.length || this.#wrong.size) return;
+    this.#change();
+    const work = new AbortController();
+    this.#work = work;
+    const { parts } = this;
+    parts.stop.disabled = false;
+    parts.progress.textContent = "Computing ...";
+    say("Computing ...");
+    try {
+      const study = { values: this.form.currentCase(), inputs, sampling: this.sampling };
+      for await (const answer of askStudy(study, work.signal)) {
+        if (work.signal.aborted) return;
+        await this.#show(answer);
+      }
+      if (!work.signal.aborted) this.#stop("Done.");
+    } catch (error) {
+      if (isAbort(error) || work.signal.aborted) return;
+      this.#stop("");
+      parts.progress.textContent = "";
+      this.#fail(error);
+    }
+  }
+
+  /** Show an answer, or the curve so far. */
+  async #show(study) {
+    const { parts } = this;
+    parts.progress.textContent = `${study.samples.toLocaleString("en")} samples ...`;
+    if (!study.probability) return;
+    parts.results.hidden = false;
+    await drawCurve(parts.curve, study);
+    if (!study.critical_angle) return; // of a job that goes on
+    parts.answerPanel.hidden = false;
+    parts.sensitivity.hidden = false;
+    parts.answer.replaceChildren(...tellStudy(study));
+    parts.warnings.hidden = !study.warnings.length;
+    parts.warnings.replaceChildren(...tellWarnings(study.warnings));
+    parts.table.replaceChildren(sensitivityTable(study));
+    await drawTornado(parts.tornado, study);
+  }
+
+  #stop(text) {
+    this.#work?.abort();
+    this.#work = undefined;
+    this.parts.stop.disabled = true;
+    if (text) this.parts.progress.textContent = text;
+    say(text);
+  }
+
+  #fail(error) {
+    if (!error.errors?.length) {
+      this.parts.problem.textContent = error.message;
+      return;
+    }
+    const elsewhere = this.scatter.showProblems(error.errors).filter(({ pointer, detail }) => {
+      const row = this.rows.find(({ field }) => pointer === `/${field.path.replaceAll(".", "/")}`);
+      if (row) showProblem(row, detail);
+      return !row;
+    });
+    const rest = elsewhere.length ? this.form.showProblems({ errors: elsewhere, detail: "" }) : "";
+    this.parts.problem.textContent = rest || "A field is not accepted.";
+  }
+}
+
+function readSampling(query) {
+  const found = {};
+  for (const { path } of SAMPLING) {
+    const value = Number(query.get(path) ?? "");
+    if (query.get(path) && Number.isFinite(value)) found[path.split(".")[1]] = value;
+  }
+  return found;
+}
+
+function build(root, onRun, onStop) {
+  const { default: confidence } = nodeAt("sampling.confidence", {});
+  const parts = {
+    scatter: element("div"),
+    others: element("div"),
+    sampling: element("details", {}, element("summary", {}, "Sampling")),
+    run: element("button.main", { type: "submit", form: "scatter" }, "Run"),
+    stop: element("button", { type: "button", disabled: true, onclick: onStop }, "Stop"),
+    progress: element("p.quiet", { id: "study-progress" }),
+    problem: element("p.problem", { role: "alert" }),
+    answer: element("div.outcome"),
+    warnings: element("section.panel", { "aria-label": "Warnings", hidden: true }),
+    curve: element("div.curve"),
+    tornado: element("div.tornado"),
+    table: element("div"),
+  };
+  const onsubmit = (event) => {
+    event.preventDefault();
+    onRun();
+  };
+  const about = element("p.quiet", {}, "A mean, median or mode left empty is the value of the case.");
+  const scatterForm = element(
+    "form.panel",
+    { id: "scatter", novalidate: true, "aria-label": "What scatters", onsubmit },
+    element("h2", {}, "What scatters"),
+    about,
+    parts.scatter,
+    parts.sampling,
+  );
+  const buttons = element("p.actions", {}, parts.run, parts.stop);
+  const start = element("section.panel", { "aria-label": "Study" }, buttons, parts.progress, parts.problem);
+  const others = element("details", {}, element("summary", {}, "The case"), parts.others);
+  const band = `The band is the interval of the probability at a confidence of ${100 * confidence} %.`;
+  const swing = "From the 5 % to the 95 % quantile of each input, the others at their median or likeliest value.";
+  parts.answerPanel = element("section.panel", { "aria-label": "Answer", hidden: true }, parts.answer);
+  parts.sensitivity = element(
+    "section.panel",
+    { hidden: true },
+    element("h2", {}, "What it is sensitive to"),
+    element("p.quiet", {}, swing),
+    parts.tornado,
+    parts.table,
+  );
+  parts.results = element(
+    "div.column",
+    { hidden: true },
+    parts.answerPanel,
+    element("section.panel", {}, element("h2", {}, "Probability of ricochet"), element("p.quiet", {}, band), parts.curve),
+    parts.sensitivity,
+    parts.warnings,
+  );
+  root.append(
+    element("h1", {}, "How sure"),
+    element(
+      "div.sides",
+      {},
+      element("div.column", {}, scatterForm, element("div.panel", {}, others)),
+      element("div.column", {}, start, parts.results),
+    ),
+  );
+  return parts;
+}

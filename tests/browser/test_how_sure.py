@@ -1,0 +1,183 @@
+"""How sure: the probability of ricochet of a case whose inputs scatter."""
+
+import csv
+import re
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree as ET
+
+import httpx
+import numpy as np
+import pytest
+from playwright.sync_api import Page, expect
+
+from service.schemas.examples import PAPER
+
+from .conftest import NewPage
+
+SVG = "{http://www.w3.org/2000/svg}"
+SPEED, STRENGTH = "impact.velocity_m_s", "target.compressive_strength_pa"
+TWO = f"scatter={SPEED},normal,coefficient_of_variation:0.02&scatter={STRENGTH},lognormal,dispersion:0.15"
+TWO_INPUTS = [
+    {"field": SPEED, "distribution": {"type": "normal", "mean": 238.0, "coefficient_of_variation": 0.02}},
+    {"field": STRENGTH, "distribution": {"type": "lognormal", "median": 39e6, "dispersion": 0.15}},
+]
+DONE_MS = 120_000
+
+
+def run(page: Page) -> None:
+    page.get_by_role("button", name="Run").click()
+    wait(page)
+
+
+def wait(page: Page) -> None:
+    expect(page.locator("#study-progress")).to_have_text("Done.", timeout=DONE_MS)
+
+
+def answer_of(client: httpx.Client, **rest: Any) -> dict[str, Any]:
+    """What the service answers to the case of the page with two scatters."""
+    answer = client.post("/cra/uncertainty", json=PAPER | {"uncertain": TWO_INPUTS} | rest, timeout=DONE_MS / 1e3)
+    answer.raise_for_status()
+    found: dict[str, Any] = answer.json()
+    return found
+
+
+def drawn(page: Page) -> list[list[float]]:
+    """The lower and the upper edge of the band, and the curve."""
+    plot = page.get_by_role("img", name=re.compile("Probability of ricochet"))
+    found: list[list[float]] = plot.evaluate("plot => plot.data.map(({ y }) => [...y])")
+    return found
+
+
+def curve_of(picture: Path) -> list[tuple[float, float]]:
+    """Points of the curve, read off the axes of an SVG picture."""
+    root = ET.parse(picture).getroot()  # noqa: S314 (the page's own)
+
+    def ticks(name: str, index: int) -> np.ndarray:
+        """Slope and offset from places to numbers of an axis."""
+        marks = [
+            (float(re.findall(r"-?[\d.]+", text.get("transform", ""))[index]), float("".join(text.itertext())))
+            for group in root.iter(f"{SVG}g")
+            if group.get("class") == name
+            for text in group.iter(f"{SVG}text")
+        ]
+        return np.polyfit(*np.array(marks).T, 1)
+
+    across, up = ticks("xtick", 0), ticks("ytick", 1)
+    plot = next(group for group in root.iter(f"{SVG}g") if group.get("class") == "xy" and group.get("transform"))
+    left, top = map(float, re.findall(r"-?[\d.]+", plot.get("transform", "")))
+    lines = [path for path in plot.iter(f"{SVG}path") if path.get("class") == "js-line"]
+    path = next(each for each in lines if "stroke-width: 2px" in each.get("style", ""))
+    numbers = np.array(re.findall(r"-?\d+\.?\d*(?:e-?\d+)?", path.get("d", "")), dtype=float).reshape(-1, 2)
+    return [(float(np.polyval(across, x + left)), float(np.polyval(up, y + top))) for x, y in numbers]
+
+
+def test_band_is_shared_and_downloaded_with_the_numbers_of_the_service(
+    page: Page, new_page: NewPage, client: httpx.Client, tmp_path: Path
+) -> None:
+    page.goto("/#/how-sure")
+    for name in ("Density", "Mass", "Angle of attack", "Free surface"):
+        page.get_by_role("button", name=f"Remove {name}", exact=True).click()
+    page.get_by_role("group", name="Speed").get_by_label("Coefficient of variation").fill("2")
+    page.get_by_role("group", name="Compressive strength").get_by_label("Dispersion").fill("0.15")
+    run(page)
+    answer = answer_of(client)
+    probability = answer["probability"]
+    assert answer["converged"]
+    lower, upper, curve = drawn(page)
+    assert (lower, upper, curve) == (
+        probability["lower"],
+        probability["upper"],
+        probability["ricochet_probability"],
+    )
+    assert max(np.subtract(upper, lower)) > 0.001
+    headline = page.locator(".angle").inner_text()
+    quantiles = {each["level"]: each["value"] for each in answer["critical_angle"]["quantiles"]}
+    assert re.findall(r"[\d.]+", headline) == [f"{quantiles[level]:.0f}" for level in (0.5, 0.05, 0.95)]
+    table = page.get_by_role("table", name="Sobol indices of the critical angle")
+    for row, each in zip(table.locator("tbody tr").all(), answer["sensitivity"], strict=True):
+        assert f"{each['total']['value']:.2f}" in row.inner_text()
+
+    other = new_page(theme="dark")
+    other.goto(page.url)
+    wait(other)
+    assert other.url == page.url
+    assert drawn(other) == [lower, upper, curve]
+
+    for name in ("SVG", "CSV"):
+        what = "the plot as SVG" if name == "SVG" else "the data of the plot as CSV"
+        with page.expect_download() as download:
+            page.get_by_role("button", name=f"Download {what}").first.click()
+        download.value.save_as(tmp_path / f"curve.{name.lower()}")
+    rows = list(csv.DictReader((tmp_path / "curve.csv").read_text().splitlines()))
+    table_of = {name: [float(row[name]) for row in rows] for name in rows[0]}
+    assert table_of == probability
+    picture = tmp_path / "curve.svg"
+    assert headline in picture.read_text()
+    points = curve_of(picture)
+    assert len(points) > 10
+    assert all(first[0] < second[0] for first, second in pairwise(points))
+    for angle, value in points:
+        expected = np.interp(angle, table_of["oblique_angle_deg"], table_of["ricochet_probability"])
+        assert value == pytest.approx(expected, abs=0.01)
+
+
+def test_bad_distributions_are_marked_at_their_fields(page: Page, faults: list[str]) -> None:
+    page.goto("/#/how-sure")
+    dispersion = page.get_by_role("group", name="Compressive strength").get_by_label("Dispersion")
+    dispersion.fill("-0.12")
+    page.get_by_role("button", name="Run").click()
+    expect(dispersion).to_have_attribute("aria-invalid", "true")
+    expect(dispersion).to_have_accessible_description(re.compile("must be greater than 0, got -0.12"))
+    dispersion.fill("0.12")
+    expect(dispersion).not_to_have_attribute("aria-invalid", "true")
+    strength = page.get_by_role("group", name="Compressive strength")
+    strength.get_by_label("Distribution").select_option("Truncated normal")
+    strength.get_by_label("Coefficient of variation").fill("-12")
+    strength.get_by_label("Lower").fill("45")
+    page.get_by_role("button", name="Run").click()
+    variation = strength.get_by_label("Coefficient of variation")
+    expect(variation).to_have_accessible_description(re.compile("must be greater than 0 %, got -12 %"))
+    variation.fill("12")
+    page.get_by_role("button", name="Run").click()
+    expect(strength.get_by_label("Lower")).to_have_accessible_description(re.compile("must be below the mean, 39 MPa"))
+    strength.get_by_label("Lower").fill("30")
+    decay = page.get_by_role("group", name="Free surface")
+    decay.get_by_label("Mohr-Coulomb").fill("0.3")
+    page.get_by_role("button", name="Run").click()
+    expect(decay.get_by_text("must sum to 1, got 1.1")).to_be_visible()
+    refusals = [fault for fault in faults if "422" in fault and "/cra/uncertainty" in fault]
+    assert len(refusals) == 4
+    for each in refusals:
+        faults.remove(each)
+    variation.fill("wide")
+    expect(variation).to_have_accessible_description(re.compile("no number"))
+    expect(page.get_by_role("button", name="Run")).to_be_disabled()
+
+
+def test_explore_says_how_sure_once_a_study_of_the_case_is_there(page: Page) -> None:
+    page.goto(f"/#/how-sure?{TWO}")
+    wait(page)
+    headline = page.locator(".angle").inner_text()
+    page.get_by_role("link", name="Explore").click()
+    sure = page.locator(".sure")
+    expect(sure).to_contain_text(headline)
+    page.get_by_role("slider", name="Speed").fill("250")
+    expect(sure).to_be_empty()
+    page.get_by_role("slider", name="Speed").fill("238")
+    expect(sure).to_contain_text(headline)
+
+
+def test_study_is_stopped_and_a_changed_form_gives_it_up(page: Page) -> None:
+    page.goto(f"/#/how-sure?{TWO}&sampling.half_width=0.0001&sampling.max_samples=1024&sampling.seed=3")
+    stop = page.get_by_role("button", name="Stop")
+    expect(stop).to_be_enabled()
+    stop.click()
+    expect(page.locator("#study-progress")).to_have_text("Stopped.")
+    expect(stop).to_be_disabled()
+    page.get_by_role("button", name="Run").click()
+    expect(stop).to_be_enabled()
+    page.get_by_label("Dispersion").fill("0.2")
+    expect(stop).to_be_disabled()
+    expect(page).to_have_url(re.compile("dispersion%3A0.2"))
