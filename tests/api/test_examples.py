@@ -82,7 +82,9 @@ SENT += [
     for name, (path, body) in (MANY | CALIBRATIONS | WALLS).items()
     for number, example in enumerate(SCHEMAS[name]["examples"])
 ]
-IN_REQUESTS = MANY.keys() | CALIBRATIONS.keys() | WALLS.keys() | {name for request in REQUESTS for name, _ in places(request)}
+IN_REQUESTS = (
+    MANY.keys() | CALIBRATIONS.keys() | WALLS.keys() | {name for request in REQUESTS for name, _ in places(request)}
+)
 IN_ANSWERS = SCHEMAS.keys() - IN_REQUESTS
 
 
