@@ -23,7 +23,9 @@ def add_thickness(parser: argparse.ArgumentParser) -> None:
         "the field say. A thickness in the file is left out, and so are other parts than projectile, target, impact, "
         "resistance and numerics."
     )
-    parser.epilog = examples("ricochet thickness strike.toml --angle 30", "ricochet thickness strike.toml --json")
+    parser.epilog = examples(
+        "ricochet thickness strike.toml --angle 30", "ricochet thickness strike.toml --angle 0 --json"
+    )
     add_case(parser, STRIKE_FLAGS)
     add_formats(parser, json="print the answer as the service sends it", csv="print the thicknesses tried")
     add_url(parser)

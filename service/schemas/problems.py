@@ -22,6 +22,7 @@ UNITS = {
     "compressive_strength": "pa",
     "density": "kg_m3",
     "youngs_modulus": "pa",
+    "thickness": "m",
     "reference_strength": "pa",
     "reference_diameter": "m",
     "velocity": "m_s",

@@ -80,6 +80,8 @@ def test_operation_ids_are_the_names_of_the_routes() -> None:
         "evaluate_formulas",
         "find_critical_angle",
         "find_critical_angles",
+        "find_least_thickness",
+        "find_limit_speed",
         "follow_job",
         "get_job",
         "get_job_results",

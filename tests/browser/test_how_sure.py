@@ -62,7 +62,9 @@ def curve_of(picture: Path) -> list[tuple[float, float]]:
             if group.get("class") == name
             for text in group.iter(f"{SVG}text")
         ]
-        return np.polyfit(*np.array(marks).T, 1)
+        places, numbers = np.array(marks).T
+        slope_and_offset: np.ndarray = np.polyfit(places, numbers, 1)
+        return slope_and_offset
 
     across, up = ticks("xtick", 0), ticks("ytick", 1)
     plot = next(group for group in root.iter(f"{SVG}g") if group.get("class") == "xy" and group.get("transform"))

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numba import njit
 
 from solver import (
     Conical,
@@ -24,7 +25,7 @@ from solver.arrays import FloatArray
 from solver.cases import PAPER_TARGET
 from solver.events import Thresholds
 from solver.fixed_step import integrate_fixed
-from solver.loads import MOST_STATES, make_scratch
+from solver.loads import MOST_STATES, Scratch, make_scratch
 from solver.motion import STEP_WIDTH, Model, accelerate, make_workspace, sample_loads
 from solver.prepared import initial_state, prepare
 from solver.rosenbrock import make_linearisation
@@ -178,6 +179,11 @@ def test_load_is_that_on_panels_however_a_projectile_lies_and_moves(nose: str, d
     np.testing.assert_allclose(sample_loads(states, gauss) / largest, expected / largest, atol=3e-3)
 
 
+@njit  # Python cannot call what only compiled code calls
+def accelerations(states: FloatArray, model: Model, scratch: Scratch, out: FloatArray) -> None:
+    accelerate(states, model, scratch, out)
+
+
 @pytest.mark.parametrize("stations", [3, 12, 256])
 def test_states_evaluated_together_are_as_each_alone(stations: int) -> None:
     """Also with so many stations that not all rings find room at a time."""
@@ -187,9 +193,9 @@ def test_states_evaluated_together_are_as_each_alone(stations: int) -> None:
     states, scratch = tumbling(40 * MOST_STATES, prepared.model), make_scratch()
     together, alone = np.empty(3 * MOST_STATES), np.empty(3)
     for batch in states.reshape(-1, 6 * MOST_STATES):
-        accelerate(batch, model, scratch, together)
+        accelerations(batch, model, scratch, together)
         for k in range(MOST_STATES):
-            accelerate(batch[6 * k : 6 * k + 6], model, scratch, alone)
+            accelerations(batch[6 * k : 6 * k + 6], model, scratch, alone)
             np.testing.assert_allclose(together[3 * k : 3 * k + 3], alone, rtol=1e-12, atol=1e-9)
 
 
