@@ -80,7 +80,7 @@ SAMPLED = (
     Column("samples_outside", "of them, those outside what the contract takes", "<i8"),
     Column("converged", "whether every interval is within the half width wanted", "?"),
 )
-OUTCOMES = ("ricochet", "embedded", "in_motion")
+OUTCOMES = ("ricochet", "embedded", "in_motion", "perforated")
 SUMMARY: Mapping[str, tuple[Column, ...]] = {
     "trajectory": (
         Column("outcome", "how the run ended", "S32"),

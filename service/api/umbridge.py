@@ -32,7 +32,7 @@ from solver.uncertainty.inputs import MOST_INPUTS, RESIDUAL
 
 FEATURES = ("Evaluate", "Gradient", "ApplyJacobian", "ApplyHessian")
 STATUSES = list(SearchStatus)
-OUTCOMES = [Outcome.EMBEDDED, Outcome.RICOCHET, Outcome.IN_MOTION]
+OUTCOMES = [Outcome.EMBEDDED, Outcome.RICOCHET, Outcome.IN_MOTION, Outcome.PERFORATED]
 
 router = APIRouter(prefix="/umbridge", dependencies=[RUN], include_in_schema=False)
 """Not in the contract: the protocol is its contract, and its errors are no problems (RFC 9457)."""
@@ -61,11 +61,13 @@ def critical_angle_output(answer: Mapping[str, Any]) -> list[float]:
 
 
 def trajectory_output(answer: Mapping[str, Any]) -> list[float]:
-    """Return outcome, greatest depth, exit speed and exit angle from the normal; the last two 0 if not turned away."""
+    """Return outcome, greatest depth, exit speed and exit angle, the latter 0 unless the strike was turned away."""
     ending = ending_in(answer)
     motion = [0.0, 0.0]
     if ending.outcome == Outcome.RICOCHET.value:
         motion = [ending.exit_speed, degrees(ending.exit_angle)]
+    elif ending.outcome == Outcome.PERFORATED.value:
+        motion = [ending.residual_speed, 0.0]
     return [float(OUTCOMES.index(Outcome(ending.outcome))), ending.maximum_depth, *motion]
 
 

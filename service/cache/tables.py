@@ -97,7 +97,7 @@ def _estimates(answer: Mapping[str, Any]) -> dict[str, list[Any]]:
     if "probability" in answer:
         return dict(answer["probability"])
     rows = [{"quantity": each["outcome"], "level": math.nan, **each} for each in answer["outcomes"]]
-    for name in ("maximum_depth_m", "exit_speed_m_s", "exit_angle_deg"):
+    for name in ("maximum_depth_m", "exit_speed_m_s", "exit_angle_deg", "residual_speed_m_s"):
         rows += [{"quantity": name, **each} for each in answer.get(name, ())]
     return {name: [row[name] for row in rows] for name in ("quantity", "level", "value", "lower", "upper")}
 

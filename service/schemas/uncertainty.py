@@ -639,6 +639,10 @@ class TrajectoryUncertaintyAnswer(UncertaintyAnswer):
         Annotated[list[QuantileAnswer], Field(description="Likewise, of the velocity from the outward normal. [°]")]
         | MISSING
     ) = MISSING
+    residual_speed_m_s: (
+        Annotated[list[QuantileAnswer], Field(description="Quantiles over those that perforated, if any. [m/s]")]
+        | MISSING
+    ) = MISSING
 
 
 class PartialUncertainty(Part):
@@ -733,4 +737,6 @@ def trajectory_uncertainty_answer(found: TrajectoryUncertainty) -> dict[str, Any
     if found.exit_speed:
         answer["exit_speed_m_s"] = _quantiles(found.exit_speed)
         answer["exit_angle_deg"] = _quantiles(found.exit_angle, angle=True)
+    if found.residual_speed:
+        answer["residual_speed_m_s"] = _quantiles(found.residual_speed)
     return answer | _sampled(found)

@@ -161,12 +161,15 @@ class TrajectoryUncertainty:
     """Probability of each outcome of one strike, and how deep and how fast it ends."""
 
     outcomes: tuple[tuple[str, Estimate], ...]
-    """Probability of ``ricochet``, ``embedded``, ``in_motion``."""
+    """Probability of ``ricochet``, ``embedded``, ``in_motion``;
+    ``perforated`` where a wall was."""
     maximum_depth: tuple[tuple[float, Estimate], ...]
     """Quantiles over all runs. [1, m]"""
     exit_speed: tuple[tuple[float, Estimate], ...]
     exit_angle: tuple[tuple[float, Estimate], ...]
     """Quantiles over those turned away; the angle of their velocity from the outward normal. [1, m/s or rad]"""
+    residual_speed: tuple[tuple[float, Estimate], ...]
+    """Quantiles over those that perforated. [1, m/s]"""
     convergence: tuple[Round, ...]
     converged: bool
     samples: int

@@ -35,6 +35,8 @@ class Ending(NamedTuple):
     """[m/s]"""
     exit_angle: float = math.nan
     """Angle of the velocity from the outward normal. [rad]"""
+    residual_speed: float = math.nan
+    """Beyond a wall. [m/s]"""
     problem: Problem = ""
 
     @classmethod
@@ -49,11 +51,13 @@ class Ending(NamedTuple):
     def from_motion(
         cls, outcome: str, maximum_depth: float, depth_velocity: float, lateral_velocity: float
     ) -> "Ending":
-        """Return an ending from the velocity of the centre of gravity, which counts if it was turned away."""
-        if outcome != Outcome.RICOCHET.value:
-            return cls(outcome, maximum_depth)
-        angle = math.atan2(lateral_velocity, -depth_velocity)
-        return cls(outcome, maximum_depth, math.hypot(depth_velocity, lateral_velocity), angle)
+        """Return an ending from the velocity of the centre of gravity, which counts if it has left the target."""
+        speed = math.hypot(depth_velocity, lateral_velocity)
+        if outcome == Outcome.RICOCHET.value:
+            return cls(outcome, maximum_depth, speed, math.atan2(lateral_velocity, -depth_velocity))
+        if outcome == Outcome.PERFORATED.value:
+            return cls(outcome, maximum_depth, residual_speed=speed)
+        return cls(outcome, maximum_depth)
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,6 +135,7 @@ class TrajectoryStudy:
             maximum_depth=self._quantiles([[each.maximum_depth for each in row] for row in found], weights),
             exit_speed=self._quantiles([[each.exit_speed for each in row] for row in found], weights),
             exit_angle=self._quantiles([[each.exit_angle for each in row] for row in found], weights),
+            residual_speed=self._quantiles([[each.residual_speed for each in row] for row in found], weights),
             convergence=(*history, Round(samples, widest)),
             converged=widest <= sampling.half_width,
             samples=samples,

@@ -8,8 +8,6 @@ import pytest
 
 from service.schemas.examples import PAPER, PAPER_AT_45
 
-FLAT: dict[str, Any] = {"nose": {"shape": "flat"}}
-
 
 def call(client: httpx.Client, endpoint: str, **content: Any) -> Any:
     response = client.post(f"/umbridge/{endpoint}", json=content)
@@ -65,6 +63,14 @@ def test_trajectory_is_that_of_a_strike(client: httpx.Client) -> None:
     assert outcome == 1.0
     assert speed == pytest.approx((final["depth_velocity_m_s"] ** 2 + final["lateral_velocity_m_s"] ** 2) ** 0.5)
     assert 0.0 < angle < 90.0
+
+
+def test_strike_through_a_wall_has_its_residual_speed(client: httpx.Client) -> None:
+    wall = PAPER["target"] | {"thickness_m": 0.2}
+    impact = {"velocity_m_s": 238.0, "oblique_angle_deg": 20.0}
+    outcome, _, speed, angle = evaluate(client, "trajectory", [238.0, 39.0], target=wall, impact=impact)
+    assert (outcome, angle) == (3.0, 0.0)
+    assert speed == pytest.approx(92.8, abs=0.5)  # by an independent program
 
 
 def test_inputs_are_those_of_the_configuration_in_their_order(client: httpx.Client) -> None:

@@ -125,6 +125,23 @@ def test_outcome_of_the_papers_strike_near_its_angle() -> None:
     )
     assert dict(answer.maximum_depth)[0.5].value == pytest.approx(middle.maximum_depth, rel=0.02)
     assert answer.exit_speed[0][1].value > 20.0
+    assert answer.residual_speed == ()
+
+
+def test_wall_is_perforated_with_a_probability_and_a_residual_speed() -> None:
+    answer = trajectory_uncertainty(
+        projectile=PAPER_PROJECTILE,
+        target=replace(PAPER_TARGET, thickness=0.24),
+        impact=paper_impact(oblique_angle_degrees=0.0),
+        uncertain=[Uncertain("impact.velocity", Normal(mean=PAPER_VELOCITY, standard_deviation=4.0))],
+        sampling=Sampling(half_width=0.05),
+    )
+    shares = dict(answer.outcomes)
+    assert 0.4 < shares["perforated"].value < 0.65  # the limit velocity of this wall is 0.1 m/s below the mean
+    assert shares["perforated"].value + shares["embedded"].value == pytest.approx(1.0)
+    assert answer.exit_speed == ()
+    low, high = (dict(answer.residual_speed)[level].value for level in (0.05, 0.95))
+    assert 20.0 < low < high < 80.0  # at least a tenth of the speed
 
 
 @pytest.mark.parametrize(
