@@ -10,23 +10,26 @@ import pytest
 
 from service.schemas.examples import PAPER
 
+LONG = "^/calibration/|/uncertainty$|^/thickness$|^/limit-speed$"
+"""Fits, studies and walls are apart: each takes as long as twenty to a thousand other queries."""
+
 
 @pytest.mark.system
 @pytest.mark.parametrize(
     ("paths", "count", "seconds"),
     [
-        (["--exclude-path-regex", "^/calibration/|/uncertainty$"], 18, 60),
+        (["--exclude-path-regex", LONG], 18, 60),
         (["--include-path-regex", "^/calibration/"], 3, 20),
         (["--include-path-regex", "/uncertainty$"], 2, 90),
-        pytest.param(["--exclude-path-regex", "^/calibration/|/uncertainty$"], 18, 600, marks=pytest.mark.slow),
+        (["--include-path-regex", "^/(thickness|limit-speed)$"], 2, 30),
+        pytest.param(["--exclude-path-regex", LONG], 18, 600, marks=pytest.mark.slow),
     ],
-    ids=["others", "calibrations", "studies", "others for long"],
+    ids=["others", "calibrations", "studies", "walls", "others for long"],
 )
 @pytest.mark.timeout(900)
 def test_service_keeps_its_contract_whatever_it_receives(
     hurried_url: str, tmp_path: Path, paths: list[str], count: int, seconds: int
 ) -> None:
-    # Fits and studies are apart: each takes as long as twenty to a thousand other queries.
     command = [str(Path(sys.executable).with_name("schemathesis")), "run", f"{hurried_url}/openapi.json"]
     command += ["--max-time", str(seconds), "--max-examples", "50", "--workers", "2", "--generation-deterministic"]
     # A request may fit the schema and still be of no use: a nose longer than its body is refused with a 422.

@@ -2,6 +2,7 @@
 
 import math
 from functools import partial
+from typing import Any
 
 import numpy as np
 import pytest
@@ -133,13 +134,16 @@ def test_plastic_zone_ends_where_the_elastic_shell_yields() -> None:
         assert 2.0 * 29.5e9 * displacement / c == pytest.approx(strength, rel=1e-12)
 
 
-@njit  # Python cannot call what only compiled code calls
-def compiled_factors(inverse: FloatArray, velocity: float, decay: Decay) -> FloatArray:
+def factors_at(inverse: FloatArray, velocity: float, decay: Decay) -> FloatArray:
     """f by the reciprocals of its radius ratio."""
     factors = np.empty_like(inverse)
     for i in range(inverse.size):
         factors[i] = decay_at(1.0 - inverse[i], inverse[i], velocity, decay)
     return factors
+
+
+compiled_factors: Any = njit(factors_at)
+"""Python cannot call what only compiled code calls."""
 
 
 @pytest.mark.parametrize("poissons_ratio", [0.0, 0.2, 0.5])

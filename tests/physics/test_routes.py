@@ -179,9 +179,12 @@ def test_load_is_that_on_panels_however_a_projectile_lies_and_moves(nose: str, d
     np.testing.assert_allclose(sample_loads(states, gauss) / largest, expected / largest, atol=3e-3)
 
 
-@njit  # Python cannot call what only compiled code calls
-def accelerations(states: FloatArray, model: Model, scratch: Scratch, out: FloatArray) -> None:
+def call_accelerate(states: FloatArray, model: Model, scratch: Scratch, out: FloatArray) -> None:
     accelerate(states, model, scratch, out)
+
+
+accelerations: Any = njit(call_accelerate)
+"""Python cannot call what only compiled code calls."""
 
 
 @pytest.mark.parametrize("stations", [3, 12, 256])
