@@ -62,6 +62,15 @@ MOTION = (
     Column("moment_n_m", "moment of the resistance about the centre of gravity"),
     Column("kinetic_energy_j", "of translation and rotation"),
 )
+EXIT = (
+    Column("exit_speed_m_s", "of the centre of gravity as the projectile leaves; empty if it stays"),
+    Column("exit_direction_deg", "of that velocity, from the outward normal of the face left through"),
+    Column("exit_elevation_deg", "of that velocity, above that face"),
+    Column("exit_axis_angle_deg", "axis angle as the projectile leaves"),
+    Column("exit_angular_velocity_rad_s", "rate of the axis angle as the projectile leaves"),
+    Column("exit_kinetic_energy_j", "as the projectile leaves"),
+    Column("exit_lateral_m", "way of the centre of gravity along the face since first contact"),
+)
 IDENTITY = (
     Column("key", "of the result; empty if the case has none", "S64"),
     Column("operation", "what was computed", "S32"),
@@ -90,6 +99,7 @@ SUMMARY: Mapping[str, tuple[Column, ...]] = {
             Column(f"final_{column.name}", f"{column.description}; at the event that ended the run")
             for column in MOTION
         ),
+        *EXIT,
     ),
     "cra": (
         Column("status", "how the search ended", "S32"),
@@ -100,6 +110,7 @@ SUMMARY: Mapping[str, tuple[Column, ...]] = {
         Column("strength_factor", "in use at the critical angle"),
         Column("energy_fraction_below", "share of the kinetic energy left half a degree below the critical angle"),
         Column("energy_fraction_above", "half a degree above it"),
+        *EXIT,
     ),
     "thickness": (
         Column("status", "how the search ended", "S32"),
@@ -184,7 +195,8 @@ def summary_columns(operation: str) -> tuple[Column, ...]:
 def summarize(answer: Mapping[str, Any]) -> dict[str, Any]:
     """Return the row of an answer, by column; what the answer does not have is left out."""
     row = {name: value for name, value in answer.items() if isinstance(value, float | int | str)}
-    row |= {f"final_{name}": value for name, value in answer.get("final", {}).items()}
+    for part in ("final", "exit"):
+        row |= {f"{part}_{name}": value for name, value in answer.get(part, {}).items()}
     if bracket := answer.get("bracket_deg"):
         row["bracket_low_deg"], row["bracket_high_deg"] = min(bracket), max(bracket)
     if interval := answer.get("confidence_interval"):

@@ -17,7 +17,7 @@ from solver.perforation import (
     least_thickness,
     limit_velocity,
 )
-from solver.prepared import Outcome
+from solver.prepared import Exit, Outcome
 from solver.projectile import MassProperties, Projectile, SolidProperties, mass_properties, solid_properties
 from solver.resistance import (
     ConstantStrengthFactor,
@@ -34,7 +34,7 @@ from solver.trajectory import Motion, Trajectory, simulate
 from solver.warm_up import warm_up
 from solver.warnings import ModelWarning
 
-ENGINE_VERSION = "7"
+ENGINE_VERSION = "8"
 """Raised whenever results change: results kept under another version are not used."""
 
 __all__ = [
@@ -44,6 +44,7 @@ __all__ = [
     "ConstantStrengthFactor",
     "CriticalAngle",
     "ElasticPlastic",
+    "Exit",
     "Flat",
     "FormulaResult",
     "Impact",

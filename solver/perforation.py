@@ -3,18 +3,19 @@
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
+from solver.events import Thresholds
 from solver.frame import Columns, dataframe
 from solver.impact import Impact
-from solver.numerics import USUAL, Numerics
-from solver.prepared import LEAST_THICKNESS, Outcome
+from solver.numerics import USUAL, Numerics, usual_termination_time
+from solver.prepared import LEAST_THICKNESS, OUTCOMES, Exit, Outcome, PreparedCase, exit_of, integrate, prepare
 from solver.projectile import Projectile
-from solver.resistance import Resistance
+from solver.resistance import EQUATION_9, Resistance
 from solver.target import Target
-from solver.trajectory import Motion, Trajectory, simulate
+from solver.trajectory import run_warnings
 from solver.validation import require, require_between
 from solver.warnings import ModelWarning
 
@@ -28,6 +29,9 @@ TOLERANCE = 1e-4
 """Width of the final bracket over its upper end. [1]"""
 RUN_TOLERANCE, RUN_STATIONS = 3e-5, 8
 """Relative tolerance and stations of the runs unless given: what is found is within 5e-5 of its converged value. [1]"""
+
+
+Strike: TypeAlias = tuple[PreparedCase, Impact]
 
 
 class PerforationStatus(StrEnum):
@@ -45,10 +49,8 @@ class PerforationTrial:
     value: float
     """Thickness or velocity. [m or m/s]"""
     outcome: Outcome
-    final: Motion[float]
-    """At the event that ended the run."""
-    strength_factor: float
-    """S of the strike. [1]"""
+    exit: Exit | None
+    """How the projectile left; None if it did not."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,18 +132,12 @@ def least_thickness(
     """
     require(target.thickness is None, "target.thickness", "must not be given to a search for it")
 
-    def run(thickness: float) -> Trajectory:
-        return simulate(
-            projectile=projectile,
-            target=replace(target, thickness=thickness),
-            impact=impact,
-            resistance=resistance,
-            numerics=_settings(numerics),
-            sample_interval=None,
-        )
+    def strike(thickness: float) -> Strike:
+        wall = replace(target, thickness=thickness)
+        return _prepare(projectile, wall, impact.velocity, resistance, numerics), impact
 
     bounds = (LEAST_THICKNESS * projectile.diameter, MOST_DIAMETERS * projectile.diameter)
-    return _search(run, bounds, tolerance, perforated_at_first=True)
+    return _search(strike, bounds, tolerance, perforated_at_first=True)
 
 
 def limit_velocity(
@@ -200,50 +196,59 @@ def limit_velocity(
     """
     require(target.thickness is not None, "target.thickness", "must be given: a half-space is not perforated")
 
-    def run(velocity: float) -> Trajectory:
-        return simulate(
-            projectile=projectile,
-            target=target,
-            impact=Impact(
-                velocity=velocity,
-                oblique_angle=oblique_angle,
-                angle_of_attack=angle_of_attack,
-                angular_velocity=angular_velocity,
-            ),
-            resistance=resistance,
-            numerics=_settings(numerics),
-            sample_interval=None,
+    def strike(velocity: float) -> Strike:
+        return _prepare(projectile, target, velocity, resistance, numerics), Impact(
+            velocity=velocity,
+            oblique_angle=oblique_angle,
+            angle_of_attack=angle_of_attack,
+            angular_velocity=angular_velocity,
         )
 
-    return _search(run, VELOCITIES, tolerance, perforated_at_first=False)
+    return _search(strike, VELOCITIES, tolerance, perforated_at_first=False)
 
 
-def _settings(numerics: Numerics | None) -> Numerics:
+def _prepare(
+    projectile: Projectile, target: Target, velocity: float, resistance: Resistance | None, numerics: Numerics | None
+) -> PreparedCase:
     given = numerics or USUAL
-    return replace(
-        given,
-        relative_tolerance=given.relative_tolerance or RUN_TOLERANCE,
-        stations=given.stations or RUN_STATIONS,
+    method = given.method or "adaptive"
+    return prepare(
+        projectile=projectile,
+        target=target,
+        resistance=resistance or EQUATION_9,
+        numerics=given.resolved(
+            method=method,
+            termination_time=usual_termination_time(length=projectile.length, velocity=velocity, method=method),
+            relative_tolerance=RUN_TOLERANCE,
+            stations=RUN_STATIONS,
+        ),
     )
 
 
 def _search(
-    run: Callable[[float], Trajectory], bounds: tuple[float, float], tolerance: float, *, perforated_at_first: bool
+    strike: Callable[[float], Strike], bounds: tuple[float, float], tolerance: float, *, perforated_at_first: bool
 ) -> PerforationLimit:
     """Least value from the lower bound on at which the wall is perforated, or is not, unlike at that bound."""
     require_between("tolerance", tolerance, 1e-8, 0.1)
     trials: list[PerforationTrial] = []
-    warnings: list[ModelWarning] = []
+    warnings: tuple[ModelWarning, ...] = ()
 
     def changed(value: float) -> bool:
-        found = run(value)
-        trials.append(PerforationTrial(value, found.outcome, found.final, found.strength_factor))
-        warnings[:] = found.warnings
-        return (found.outcome is Outcome.PERFORATED) is not perforated_at_first
+        nonlocal warnings
+        prepared, impact = strike(value)
+        model, retention = (
+            prepared.model._replace(law=prepared.law_at(impact)),
+            prepared.numerics.retention_energy_fraction,
+        )
+        run, _ = integrate(prepared, model, impact, keep_steps=False, thresholds=Thresholds(retention, retention))
+        outcome = OUTCOMES[run.end]
+        trials.append(PerforationTrial(value, outcome, exit_of(outcome, run.state.tolist(), model.body)))
+        warnings = run_warnings(prepared, impact, run, outcome)
+        return (outcome is Outcome.PERFORATED) is not perforated_at_first
 
     def answer(status: PerforationStatus, bracket: tuple[float, float] | None = None) -> PerforationLimit:
         value = None if bracket is None else bracket[1]
-        return PerforationLimit(status, value, bracket, tuple(trials), tuple(warnings))
+        return PerforationLimit(status, value, bracket, tuple(trials), warnings)
 
     always, never = PerforationStatus.ALWAYS_PERFORATED, PerforationStatus.NEVER_PERFORATED
     value, upper = bounds

@@ -1,6 +1,7 @@
 """What every strike of a projectile on a target has in common, made ready once for the compiled code."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -34,6 +35,45 @@ class Outcome(StrEnum):
     EMBEDDED = "embedded"
     IN_MOTION = "in_motion"
     PERFORATED = "perforated"
+
+
+@dataclass(frozen=True, slots=True)
+class Exit:
+    """How a projectile leaves the target, through the impact face or the rear face."""
+
+    speed: float
+    """Of the centre of gravity. [m/s]"""
+    direction: float
+    """Of that velocity, from the outward normal of the face left through; positive the way the projectile travelled
+    along the face. [rad]"""
+    elevation: float
+    """Of that velocity, above that face. [rad]"""
+    axis_angle: float
+    """From the inward normal of the impact face to the axis. [rad]"""
+    angular_velocity: float
+    """[rad/s]"""
+    kinetic_energy: float
+    """Of translation and rotation. [J]"""
+    lateral: float
+    """Of the centre of gravity along the face, from where it was at first contact. [m]"""
+
+
+def exit_of(outcome: Outcome, state: Sequence[float], body: Body) -> Exit | None:
+    """Exit from depth and lateral position of the centre of gravity, axis angle, and their rates; None if it stays."""
+    if outcome not in (Outcome.RICOCHET, Outcome.PERFORATED):
+        return None
+    _, lateral, axis_angle, inward_speed, lateral_speed, spin = state
+    outward = inward_speed if outcome is Outcome.PERFORATED else -inward_speed
+    speed, direction = math.hypot(inward_speed, lateral_speed), math.atan2(lateral_speed, outward)
+    return Exit(
+        speed=speed,
+        direction=direction,
+        elevation=math.pi / 2.0 - abs(direction),
+        axis_angle=axis_angle,
+        angular_velocity=spin,
+        kinetic_energy=0.5 * (body.mass * speed * speed + body.moment_of_inertia * spin * spin),
+        lateral=lateral,
+    )
 
 
 @dataclass(frozen=True, slots=True)

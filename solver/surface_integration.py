@@ -135,7 +135,7 @@ def add_rings(
 
 
 @exact
-def _place_ring(rows: FloatArray, i: int) -> tuple[float, float, float, float]:
+def place_ring(rows: FloatArray, i: int) -> tuple[float, float, float, float]:
     """Sine and cosine of α, axial position and radius of a ring."""
     sine_, half = sine(rows[ALPHA + i]), sine(0.5 * rows[ALPHA + i])
     cosine = 1.0 - 2.0 * half * half
@@ -143,7 +143,7 @@ def _place_ring(rows: FloatArray, i: int) -> tuple[float, float, float, float]:
 
 
 @exact
-def _motion(rows: FloatArray, i: int) -> Motion:
+def ring_motion(rows: FloatArray, i: int) -> Motion:
     """Motion of the body that a ring is part of."""
     return (
         rows[DEPTH + i], rows[COSINE + i], rows[SINE + i], rows[FORWARD + i], rows[SIDEWAYS + i], rows[SPIN + i],
@@ -154,8 +154,8 @@ def _motion(rows: FloatArray, i: int) -> Motion:
 def _load_full_rings(rows: FloatArray, end: np.uint64, law: Law) -> None:
     """Integrate around rings that are resisted in full wherever they are loaded, up to a place."""
     for i in range(np.uint64(FULL), end):
-        depth, c, s, forward, sideways, spin = _motion(rows, i)
-        sine_, cosine, axial, radius = _place_ring(rows, i)
+        depth, c, s, forward, sideways, spin = ring_motion(rows, i)
+        sine_, cosine, axial, radius = place_ring(rows, i)
         speed = forward * sine_
         speed_slope = (sideways + spin * axial) * cosine - spin * radius * sine_
         low, high = loaded_range(depth + axial * c, -radius * s, speed, speed_slope)
@@ -173,8 +173,8 @@ def _load_rings(rows: FloatArray, end: np.uint64, law: Law) -> None:
     """Find the arcs of every ring up to a place, and integrate around those that are resisted in full."""
     beyond = law.decay.corner - 1.0
     for i in range(end):
-        depth, c, s, forward, sideways, spin = _motion(rows, i)
-        sine_, cosine, axial, radius = _place_ring(rows, i)
+        depth, c, s, forward, sideways, spin = ring_motion(rows, i)
+        sine_, cosine, axial, radius = place_ring(rows, i)
         inside, inside_slope = depth + axial * c, -radius * s
         speed = forward * sine_
         speed_slope = (sideways + spin * axial) * cosine - spin * radius * sine_
@@ -245,7 +245,18 @@ def _sum_inertial_arcs(rows: FloatArray, end: np.uint64, deep: bool, points: Flo
 
 
 @lean
-def _whole(count: int) -> np.uint64:
+def add_arcs(rows: FloatArray, end: np.uint64, points: FloatArray, law: Law) -> None:
+    """Add the arcs with a decay to the integrals of the rings up to a place."""
+    if law.decay.inertia_scale > 0.0:
+        _sum_inertial_arcs(rows, end, True, points, law)
+        _sum_inertial_arcs(rows, end, False, points, law)
+    else:
+        _sum_arcs(rows, end, True, points, law)
+        _sum_arcs(rows, end, False, points, law)
+
+
+@lean
+def whole(count: int) -> np.uint64:
     """So many rings and what it takes to fill vectors."""
     return (np.uint64(count) + VECTOR - np.uint64(1)) // VECTOR * VECTOR
 
@@ -254,16 +265,11 @@ def _whole(count: int) -> np.uint64:
 def integrate_rings(rows: FloatArray, count: int, full: int, points: FloatArray, law: Law) -> None:
     """Integrate around the first `count` rings, and around so many that are resisted in full."""
     if count > 0:
-        end = _whole(count)
+        end = whole(count)
         _load_rings(rows, end, law)
-        if law.decay.inertia_scale > 0.0:
-            _sum_inertial_arcs(rows, end, True, points, law)
-            _sum_inertial_arcs(rows, end, False, points, law)
-        else:
-            _sum_arcs(rows, end, True, points, law)
-            _sum_arcs(rows, end, False, points, law)
+        add_arcs(rows, end, points, law)
     if full > 0:
-        _load_full_rings(rows, np.uint64(FULL) + _whole(full), law)
+        _load_full_rings(rows, np.uint64(FULL) + whole(full), law)
 
 
 @lean

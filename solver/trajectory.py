@@ -14,7 +14,7 @@ from solver.frame import Columns, dataframe
 from solver.impact import Impact
 from solver.motion import Model, sample, sample_loads
 from solver.numerics import USUAL, Numerics, usual_termination_time
-from solver.prepared import OUTCOMES, Outcome, PreparedCase, integrate, prepare
+from solver.prepared import OUTCOMES, Exit, Outcome, PreparedCase, exit_of, integrate, prepare
 from solver.projectile import Projectile
 from solver.resistance import EQUATION_9, Resistance
 from solver.target import Target
@@ -86,6 +86,8 @@ class Trajectory:
     """Time steps taken."""
     evaluations: int
     """Evaluations of force and moment."""
+    exit: Exit | None
+    """How the projectile left; None if it did not."""
 
     def columns(self) -> Columns:
         """Return the history as arrays by name, in SI units and radians.
@@ -171,9 +173,10 @@ def run_prepared(prepared: PreparedCase, impact: Impact, sample_interval: float 
         history=None if sample_interval is None else _history(run, steps, model, sample_interval),
         maximum_depth=run.maximum_tip_depth,
         strength_factor=model.law.static_stress / prepared.target.compressive_strength,
-        warnings=_warnings(prepared, impact, run, outcome),
+        warnings=run_warnings(prepared, impact, run, outcome),
         steps=run.steps,
         evaluations=run.evaluations,
+        exit=exit_of(outcome, run.state.tolist(), model.body),
     )
 
 
@@ -213,7 +216,8 @@ def _columns(times: FloatArray, states: FloatArray, model: Model) -> Motion[Floa
     )
 
 
-def _warnings(prepared: PreparedCase, impact: Impact, run: Run, outcome: Outcome) -> tuple[ModelWarning, ...]:
+def run_warnings(prepared: PreparedCase, impact: Impact, run: Run, outcome: Outcome) -> tuple[ModelWarning, ...]:
+    """Warnings of the inputs, and of how a run went."""
     found = list(
         model_warnings.input_warnings(
             projectile=prepared.projectile,

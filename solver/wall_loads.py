@@ -3,20 +3,57 @@
 An element that faces the rear of the wall is weakened by it as one that faces out is by the impact face: with the same
 decay function, on the distance along its normal to the rear face. What is beyond the rear face is not loaded. On a
 ring that gives up to four arcs, in the order of rising cos β: near the rear face, deep before it, deep behind the
-impact face, and near that. A face across the axis, whose normal meets the axis nowhere, is resisted in full up to
-the rear.
+impact face, and near that. So every ring is laid out twice: once with the arcs that face the impact face, once with
+those that face the rear. A face across the axis, whose normal meets the axis nowhere, is resisted in full up to the
+rear.
 """
 
 import math
 
+import numpy as np
+
 from solver.arrays import FloatArray
-from solver.compilation import lean
-from solver.decay import TINY, decay_at
+from solver.compilation import lean, vectorised
+from solver.decay import TINY
 from solver.loads import SHORT, Quadrature, Scratch
-from solver.outline_intervals import MAX_CUTS, Motion, Ring, cut, insert, is_loaded, ring_at
+from solver.outline_intervals import MAX_CUTS, Motion, cut, insert, is_loaded, ring_at
 from solver.polynomials import arc_cosine
-from solver.surface import ARC, FLAT, Body
-from solver.surface_integration import Law, Load, clamp, integrate_full, loaded_range, ramped
+from solver.surface import FLAT, Body
+from solver.surface_integration import (
+    ACROSS,
+    ALONG,
+    DEEP_BEGIN,
+    DEEP_SPAN,
+    EVEN,
+    HALF_TURN,
+    INWARD,
+    INWARD_SLOPE,
+    NEAR_BEGIN,
+    NEAR_SPAN,
+    ODD,
+    OUTWARD,
+    OUTWARD_SLOPE,
+    ROOM,
+    SPEED,
+    SPEED_SLOPE,
+    STATIC,
+    TURN,
+    WEIGHT,
+    Law,
+    add_arcs,
+    add_rings,
+    clamp,
+    integrate_full,
+    loaded_range,
+    place_ring,
+    ramped,
+    ring_motion,
+    sum_rings,
+    whole,
+)
+
+REAR = np.uint64(ROOM // 2)
+"""Place of the first ring with the arcs that face the rear; those that face the impact face begin at 0."""
 
 
 @lean
@@ -32,8 +69,25 @@ def accelerate_in_wall(
         forward, sideways = states[at + 3] * c + lateral_speed * s, lateral_speed * c - states[at + 3] * s
         motion = (states[at], c, s, forward, sideways, spin)
         along = across = moment = 0.0
-        for index in range(body.outline.shape[0]):
-            f, g, h = _piece_loads(body.outline[index], motion, law, quadrature, scratch.cuts)
+        count = 0
+        hidden = c >= 0.0 and law.decay.corner > 0.0  # a base that faces out is weakened to nothing
+        for index in range(body.outline.shape[0] - (1 if hidden else 0)):
+            piece = body.outline[index]
+            stretches = _cut(piece, motion, law.thickness, scratch.cuts)
+            for stretch in range(stretches):
+                begin, end = scratch.cuts[stretch], scratch.cuts[stretch + 1]
+                middle = ring_at(piece, 0.5 * (begin + end))
+                if not is_loaded(middle, motion) or motion[0] + middle[2] * c - middle[3] * s >= law.thickness:
+                    continue
+                short = end - begin < SHORT * (scratch.cuts[stretches] - scratch.cuts[0])
+                rule = quadrature.few_stations if short else quadrature.stations
+                if count + rule.table.shape[1] > ROOM // 2:
+                    f, g, h = _integrate(scratch.rows, count, quadrature.points, law)
+                    along, across, moment, count = along + f, across + g, moment + h, 0
+                add_rings(scratch.rows, count, piece, begin, end, rule.table, motion)
+                count += rule.size
+        if count > 0:
+            f, g, h = _integrate(scratch.rows, count, quadrature.points, law)
             along, across, moment = along + f, across + g, moment + h
         out[3 * k] = (along * c - across * s) / body.mass
         out[3 * k + 1] = mirror * (along * s + across * c) / body.mass
@@ -41,95 +95,78 @@ def accelerate_in_wall(
 
 
 @lean
-def _piece_loads(piece: FloatArray, motion: Motion, law: Law, quadrature: Quadrature, cuts: FloatArray) -> Load:
-    """Force along and across the axis, and moment, of one outline piece."""
+def _cut(piece: FloatArray, motion: Motion, thickness: float, cuts: FloatArray) -> int:
+    """Write the sorted ends of the stretches of a piece, cut by both faces; return how many stretches there are."""
     depth, c, s, forward, sideways, spin = motion
     behind = cuts[2 * MAX_CUTS :]
     count = cut(cuts, piece, motion)
-    more = cut(behind, piece, (depth - law.thickness, c, s, forward, sideways, spin))
+    more = cut(behind, piece, (depth - thickness, c, s, forward, sideways, spin))
     upper = cuts[count]
     for k in range(1, more):
         count = insert(cuts, count, behind[k], upper)
     cuts[count] = upper
-    along = across = moment = 0.0
-    for stretch in range(count):
-        begin, end = cuts[stretch], cuts[stretch + 1]
-        middle = ring_at(piece, 0.5 * (begin + end))
-        if not is_loaded(middle, motion) or depth + middle[2] * c - middle[3] * s >= law.thickness:
-            continue
-        short = end - begin < SHORT * (cuts[count] - cuts[0])
-        rule = quadrature.few_stations if short else quadrature.stations
-        share = (end - begin) * (piece[3] if piece[0] == ARC else 1.0)
-        for n in range(rule.size):
-            ring = ring_at(piece, begin + (end - begin) * rule.table[0, n])
-            sine, cosine, axial, radius = ring
-            even, odd = _ring_integrals(ring, motion, law, quadrature.points)
-            weight = 2.0 * share * rule.table[1, n] * radius
-            along -= weight * sine * even
-            across -= weight * cosine * odd
-            moment += weight * (radius * sine - axial * cosine) * odd
-    return along, across, moment
+    return count
 
 
 @lean
-def _ring_integrals(ring: Ring, motion: Motion, law: Law, points: FloatArray) -> tuple[float, float]:
-    """Integrals over β of the stress on a ring, and of it times cos β."""
-    sine, cosine, axial, radius = ring
-    depth, c, s, forward, sideways, spin = motion
-    inside, inside_slope = depth + axial * c, -radius * s
-    speed, speed_slope = forward * sine, (sideways + spin * axial) * cosine - spin * radius * sine
-    low, high = loaded_range(inside, inside_slope, speed, speed_slope)
-    low = clamp((inside - law.thickness) / (TINY - inside_slope), low, high)
-    static = ramped(speed + abs(speed_slope), law.static_stress, law.ramp_velocity, law.smooth_ramp)
-    if high <= low:
-        return 0.0, 0.0
-    if law.decay.corner == 0.0:
-        turn = arc_cosine(low) - arc_cosine(high)
-        return integrate_full(low, high, turn, static, law.dynamic_density, speed, speed_slope)
-    outward, outward_slope, beyond = -radius * sine * c, radius * cosine * s, law.decay.corner - 1.0
-    start = clamp(-outward / (outward_slope + TINY), low, high)
-    ahead, ahead_slope = cosine * (law.thickness - inside), -cosine * inside_slope
-    behind, behind_slope = cosine * inside, cosine * inside_slope
-    even = odd = 0.0
-    if cosine <= FLAT:
-        turn = arc_cosine(low) - arc_cosine(start)
-        even, odd = integrate_full(low, start, turn, static, law.dynamic_density, speed, speed_slope)
-    else:
-        plastic = -(ahead + beyond * outward) / (ahead_slope + beyond * outward_slope + TINY)
-        plastic = clamp(plastic, low, start)
-        for begin, end in ((low, plastic), (plastic, start)):
-            lines = (ahead, ahead_slope, -outward, -outward_slope, speed, speed_slope)
-            e, o = _arc_integrals(begin, end, lines, static, law, points)
-            even, odd = even + e, odd + o
-    plastic = (behind - beyond * outward) / (beyond * outward_slope - behind_slope + TINY)
-    plastic = clamp(plastic, start, high)
-    for begin, end in ((start, plastic), (plastic, high)):
-        lines = (behind, behind_slope, outward, outward_slope, speed, speed_slope)
-        e, o = _arc_integrals(begin, end, lines, static, law, points)
-        even, odd = even + e, odd + o
-    return even, odd
+def _integrate(rows: FloatArray, count: int, points: FloatArray, law: Law) -> tuple[float, float, float]:
+    """Force along and across the axis, and moment, of the first `count` rings."""
+    end, at_rear = whole(count), rows[REAR:]
+    _load_rings(rows, end, law)
+    add_arcs(rows, end, points, law)
+    add_arcs(at_rear, end, points, law)
+    f, g, h = sum_rings(rows, 0, count)
+    along, across, moment = sum_rings(at_rear, 0, count)
+    return along + f, across + g, moment + h
 
 
-@lean
-def _arc_integrals(
-    low: float,
-    high: float,
-    lines: tuple[float, float, float, float, float, float],
-    static: float,
-    law: Law,
-    points: FloatArray,
-) -> tuple[float, float]:
-    """The same over one arc; distance to the face, that to the axis and normal velocity as values and slopes in c."""
-    if high <= low:
-        return 0.0, 0.0
-    inward, inward_slope, outward, outward_slope, speed, speed_slope = lines
-    first, even, odd = arc_cosine(high), 0.0, 0.0
-    span = arc_cosine(low) - first
-    for j in range(points.shape[0]):
-        c = math.cos(first + span * points[j, 0])
-        normal_speed = speed + speed_slope * c
-        factor = decay_at(max(0.0, inward + inward_slope * c), outward + outward_slope * c, normal_speed, law.decay)
-        stress = factor * (static + law.dynamic_density * normal_speed * normal_speed) * span * points[j, 1]
-        even += stress
-        odd += stress * c
-    return even, odd
+@vectorised
+def _load_rings(rows: FloatArray, last: np.uint64, law: Law) -> None:
+    """Find the arcs of every ring up to a place, those that face the rear at `REAR`, and integrate those in full."""
+    beyond, endless = law.decay.corner - 1.0, law.decay.corner == 0.0
+    for i in range(last):
+        j = i + REAR
+        depth, c, s, forward, sideways, spin = ring_motion(rows, i)
+        sine_, cosine, axial, radius = place_ring(rows, i)
+        inside, inside_slope = depth + axial * c, -radius * s
+        speed = forward * sine_
+        speed_slope = (sideways + spin * axial) * cosine - spin * radius * sine_
+        outward, outward_slope = -radius * sine_ * c, radius * cosine * s
+        ahead, ahead_slope = cosine * (law.thickness - inside), -cosine * inside_slope
+        inward, inward_slope = cosine * inside, cosine * inside_slope
+
+        low, high = loaded_range(inside, inside_slope, speed, speed_slope)
+        low = clamp((inside - law.thickness) / (TINY - inside_slope), low, high)
+        start = clamp(-outward / (outward_slope + TINY), low, high)
+        start = high if endless else start
+        full = start if endless or cosine <= FLAT else low  # up to here in full
+        rear = -(ahead + beyond * outward) / (ahead_slope + beyond * outward_slope + TINY)
+        rear = clamp(rear, full, start)
+        front = (inward - beyond * outward) / (beyond * outward_slope - inward_slope + TINY)
+        front = clamp(front, start, high)
+        at_front, at_rear = high > start, start > full  # elsewhere any finite decay, without weight
+
+        static = ramped(speed + abs(speed_slope), law.static_stress, law.ramp_velocity, law.smooth_ramp)
+        angle_low, angle_full, angle_rear = arc_cosine(low), arc_cosine(full), arc_cosine(rear)
+        angle_start, angle_front, angle_high = arc_cosine(start), arc_cosine(front), arc_cosine(high)
+        turn = angle_low - angle_full
+        even, odd = integrate_full(low, full, turn, static, law.dynamic_density, speed, speed_slope)
+
+        weight = 2.0 * rows[WEIGHT + i] * radius
+        along, across, turning = -weight * sine_, -weight * cosine, weight * (radius * sine_ - axial * cosine)
+        rows[ALONG + i], rows[ACROSS + i], rows[TURN + i] = along, across, turning
+        rows[ALONG + j], rows[ACROSS + j], rows[TURN + j] = along, across, turning
+        rows[EVEN + i], rows[ODD + i] = even, odd
+        rows[EVEN + j], rows[ODD + j] = 0.0, 0.0
+        rows[INWARD + i], rows[INWARD_SLOPE + i] = inward, inward_slope
+        rows[INWARD + j], rows[INWARD_SLOPE + j] = ahead, ahead_slope
+        rows[OUTWARD + i] = outward if at_front else 1.0
+        rows[OUTWARD + j] = -outward if at_rear else 1.0
+        rows[OUTWARD_SLOPE + i] = outward_slope if at_front else 0.0
+        rows[OUTWARD_SLOPE + j] = -outward_slope if at_rear else 0.0
+        rows[SPEED + i], rows[SPEED_SLOPE + i], rows[STATIC + i] = speed, speed_slope, static
+        rows[SPEED + j], rows[SPEED_SLOPE + j], rows[STATIC + j] = speed, speed_slope, static
+        rows[DEEP_BEGIN + i], rows[DEEP_SPAN + i] = angle_front - HALF_TURN, angle_start - angle_front
+        rows[NEAR_BEGIN + i], rows[NEAR_SPAN + i] = angle_high - HALF_TURN, angle_front - angle_high
+        rows[DEEP_BEGIN + j], rows[DEEP_SPAN + j] = angle_start - HALF_TURN, angle_rear - angle_start
+        rows[NEAR_BEGIN + j], rows[NEAR_SPAN + j] = angle_rear - HALF_TURN, angle_full - angle_rear

@@ -192,7 +192,7 @@ def to_csv(record: Record) -> bytes:
         names, columns = list(residuals), list(residuals.values())
     else:
         records = [record.answer["final"]] if record.operation == "trajectory" else record.answer["iterations"]
-        names = list(records[0])
+        names = [name for name in records[0] if name != "exit"]
         columns = [[each[name] for each in records] for name in names]
     text = io.StringIO()
     writer = csv.writer(text)

@@ -69,7 +69,9 @@ def _body(args: argparse.Namespace, flags: Sequence[Flag], part: str, sought: st
 def _print(args: argparse.Namespace, text: bytes, value: str, bracket: str) -> int:
     answer: dict[str, Any] = json.loads(text)
     trials = answer["iterations"]
-    columns = {name: [trial[name] for trial in trials] for name in trials[0]}
+    names = [name for name in trials[0] if name != "exit"]
+    columns = {name: [trial[name] for trial in trials] for name in names}
+    columns["exit_speed_m_s"] = [trial.get("exit", {}).get("speed_m_s", "") for trial in trials]
     if args.json:
         print_json(text)
     elif args.csv:

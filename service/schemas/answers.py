@@ -25,6 +25,15 @@ STATE = {
     "moment_n_m": -2619.0,
     "kinetic_energy_j": 36.82,
 }
+EXIT = {
+    "speed_m_s": 101.1,
+    "direction_deg": 70.82,
+    "elevation_deg": 19.18,
+    "axis_angle_deg": 100.1,
+    "angular_velocity_rad_s": 214.0,
+    "kinetic_energy_j": 67100.0,
+    "lateral_m": 0.4011,
+}
 WARNING = {
     "code": "mass_properties_assumed",
     "detail": "moment of inertia not given: that of a homogeneous solid of the outer shape is used",
@@ -45,6 +54,7 @@ FOUND = {
     "strength_factor": 6.119,
     "energy_fraction_below": 0.0,
     "energy_fraction_above": 0.0773,
+    "exit": EXIT,
     "iterations": [TRIAL],
     "other_crossings_deg": [],
     "warnings": [WARNING],
@@ -57,7 +67,7 @@ LAWS = {
 }
 OTHER_OUTCOME = LAWS | {"outcome": "ricochet"}
 OTHER_ANGLE = LAWS | {"status": "converged", "critical_angle_deg": 43.59}
-VERSIONED = {"key": "0" * 64, "engine_version": "7"}
+VERSIONED = {"key": "0" * 64, "engine_version": "8"}
 
 Key = Annotated[
     str,
@@ -116,6 +126,28 @@ class MotionHistory(Motion[list[Num]]):
     model_config = with_examples({name: [value] for name, value in STATE.items()})
 
 
+class Exit(Part):
+    """How a projectile leaves the target, through the impact face or the rear face."""
+
+    model_config = with_examples(EXIT)
+
+    speed_m_s: Annotated[Num, Field(description="Of the centre of gravity. [m/s]")]
+    direction_deg: Annotated[
+        Num,
+        Field(
+            description="Of that velocity, from the outward normal of the face left through; positive the way the "
+            "projectile travelled along the face. [°]"
+        ),
+    ]
+    elevation_deg: Annotated[Num, Field(description="Of that velocity, above that face. [°]")]
+    axis_angle_deg: Annotated[Num, Field(description="From the inward normal of the impact face to the axis. [°]")]
+    angular_velocity_rad_s: Annotated[Num, Field(description="Rate of the axis angle. [rad/s]")]
+    kinetic_energy_j: Annotated[Num, Field(description="Of translation and rotation. [J]")]
+    lateral_m: Annotated[
+        Num, Field(description="Of the centre of gravity along the face, from where it was at first contact. [m]")
+    ]
+
+
 class Trajectory(Part):
     """One run: how it ended, and how it went."""
 
@@ -123,6 +155,7 @@ class Trajectory(Part):
 
     outcome: Outcome
     final: Annotated[MotionState, Field(description="At the event that ended the run.")]
+    exit: Annotated[Exit, Field(description="If the projectile left.")] | MISSING = MISSING
     maximum_depth_m: Annotated[Num, Field(description="Greatest depth of the nose tip. [m]")]
     strength_factor: Annotated[Num, Field(description="In use, at this oblique angle. [1]")]
     history: Annotated[MotionHistory, Field(description="If requested.")] | MISSING = MISSING
@@ -180,6 +213,7 @@ class Trial(Part):
         bool,
         Field(description="False for a trial that only showed where to look: it was computed more roughly."),
     ]
+    exit: Annotated[Exit, Field(description="If the projectile left, of a fine trial.")] | MISSING = MISSING
 
 
 class OutcomeInterval(Part):
@@ -236,6 +270,7 @@ class CriticalAngleAnswer(Part):
         ]
         | MISSING
     ) = MISSING
+    exit: Annotated[Exit, Field(description="At the critical angle, if there is one.")] | MISSING = MISSING
     iterations: Annotated[list[Trial], Field(description="Every angle tried, in order.")]
     other_crossings_deg: Annotated[
         list[Num], Field(description="Other angles of the range at which the outcome changes, either way. [°]")

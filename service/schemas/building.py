@@ -28,12 +28,30 @@ NAMES = {
 """The quantities of a motion in the solver and in the contract."""
 
 
+def exit_answer(left: solver.Exit | None) -> dict[str, Any]:
+    """Return the exit of a run as a field of an answer; nothing if the projectile stayed."""
+    if left is None:
+        return {}
+    return {
+        "exit": {
+            "speed_m_s": left.speed,
+            "direction_deg": degrees(left.direction),
+            "elevation_deg": degrees(left.elevation),
+            "axis_angle_deg": degrees(left.axis_angle),
+            "angular_velocity_rad_s": left.angular_velocity,
+            "kinetic_energy_j": left.kinetic_energy,
+            "lateral_m": left.lateral,
+        }
+    }
+
+
 def trajectory_answer(trajectory: solver.Trajectory) -> tuple[dict[str, Any], Columns | None]:
     """Answer without its history, and the columns of the history if there is one."""
     final = {NAMES[field.name]: getattr(trajectory.final, field.name) for field in fields(trajectory.final)}
     answer = {
         "outcome": trajectory.outcome.value,
         "final": final | {"axis_angle_deg": degrees(trajectory.final.axis_angle)},
+        **exit_answer(trajectory.exit),
         "maximum_depth_m": trajectory.maximum_depth,
         "strength_factor": trajectory.strength_factor,
         "warnings": warning_texts(trajectory.warnings),
@@ -57,12 +75,14 @@ def critical_angle_answer(
     if found.energy_fraction_below is not None and found.energy_fraction_above is not None:
         answer["energy_fraction_below"] = found.energy_fraction_below
         answer["energy_fraction_above"] = found.energy_fraction_above
+    answer |= exit_answer(found.exit)
     answer["iterations"] = [
         {
             "oblique_angle_deg": degrees(trial.oblique_angle),
             "final_position_m": trial.final_position,
             "outcome": trial.outcome.value,
             "fine": trial.fine,
+            **exit_answer(trial.exit if trial.fine else None),
         }
         for trial in found.iterations
     ]

@@ -5,8 +5,8 @@ from typing import Annotated, Any, Self
 from pydantic import MISSING, Field
 
 import solver
-from service.schemas.answers import VERSIONED, WARNING, EngineVersion, Key, ModelWarning
-from service.schemas.building import warning_texts
+from service.schemas.answers import EXIT, VERSIONED, WARNING, EngineVersion, Exit, Key, ModelWarning
+from service.schemas.building import exit_answer, warning_texts
 from service.schemas.examples import PAPER, PAPER_AT_45
 from service.schemas.formulas import ROW, FormulaRow, FormulasRequest, formulas_answer
 from service.schemas.numerics import Method
@@ -21,7 +21,7 @@ WALL = PAPER | {
     "target": PAPER["target"] | {"thickness_m": 0.2},
     "impact": {"oblique_angle_deg": 20.0},
 }
-LEFT = {"outcome": "perforated", "depth_velocity_m_s": 31.2, "lateral_velocity_m_s": 6.4}
+LEFT = {"outcome": "perforated", "exit": EXIT}
 THICKNESS_TRIAL = {"thickness_m": 0.18} | LEFT
 SPEED_TRIAL = {"velocity_m_s": 224.0} | LEFT
 THICKNESS = {
@@ -123,8 +123,7 @@ class PerforationTrial(Part):
     """How one run of a search for perforation ended."""
 
     outcome: Outcome
-    depth_velocity_m_s: Annotated[Num, Field(description="At the end, of the centre of gravity. [m/s]")]
-    lateral_velocity_m_s: Annotated[Num, Field(description="At the end, of the centre of gravity. [m/s]")]
+    exit: Annotated[Exit, Field(description="If the projectile left.")] | MISSING = MISSING
 
 
 class ThicknessTrial(PerforationTrial):
@@ -223,12 +222,6 @@ def _answer(found: solver.PerforationLimit, tried: str, value: str, bracket: str
     if found.value is not None and found.bracket is not None:
         answer |= {value: found.value, bracket: list(found.bracket)}
     answer["iterations"] = [
-        {
-            tried: trial.value,
-            "outcome": trial.outcome.value,
-            "depth_velocity_m_s": trial.final.depth_velocity,
-            "lateral_velocity_m_s": trial.final.lateral_velocity,
-        }
-        for trial in found.iterations
+        {tried: trial.value, "outcome": trial.outcome.value, **exit_answer(trial.exit)} for trial in found.iterations
     ]
     return answer

@@ -20,7 +20,16 @@ from solver.numerics import (
     Numerics,
     usual_termination_time,
 )
-from solver.prepared import OUTCOMES, Outcome, PreparedCase, check_end, final_tip_depth, integrate, prepare
+from solver.prepared import (
+    OUTCOMES,
+    Outcome,
+    PreparedCase,
+    check_end,
+    exit_of,
+    final_tip_depth,
+    integrate,
+    prepare,
+)
 from solver.projectile import Projectile
 from solver.resistance import EQUATION_9, ObliquityPolynomial, Resistance, positive_up_to
 from solver.search.levels import search_levels
@@ -126,6 +135,7 @@ def critical_angle(
         energy_fraction_below=change.nearby[0] if change.nearby else None,
         energy_fraction_above=change.nearby[1] if change.nearby else None,
         outcomes=change.outcomes,
+        exit=next((trial.exit for trial in reversed(trials) if trial.oblique_angle == change.angle), None),
     )
 
 
@@ -194,7 +204,9 @@ def _search_paper(prepared: PreparedCase, impact: Impact, search: Search) -> tup
         model = prepared.model._replace(law=prepared.law_at(strike))
         run, _ = integrate(prepared, model, strike, keep_steps=False, thresholds=PAPER_THRESHOLDS)
         position = final_tip_depth(run, model.body, prepared.numerics.termination_time)
-        trials.append(Trial(oblique_angle, position, OUTCOMES[run.end]))
+        outcome = OUTCOMES[run.end]
+        left = exit_of(outcome, run.state.tolist(), model.body)
+        trials.append(Trial(oblique_angle, position, outcome, exit=left))
         return trials[-1]
 
     change = (search_bisection if search.method == "bisection" else search_secant)(attempt, search)
@@ -294,7 +306,10 @@ def _find_changes(
     if rows[-1][END] == Termination.NO_STRENGTH:  # raises, with what the model gives
         prepared.strength_factor_at(rows[-1][ANGLE])
     check_end(rows[-1][END], numerics.termination_time)
-    trials = tuple(Trial(angle, position, OUTCOMES[end], fine > 0.0) for angle, position, end, _, fine in rows)
+    trials = tuple(
+        Trial(angle, position, outcome := OUTCOMES[end], fine > 0.0, exit_of(outcome, state, prepared.model.body))
+        for angle, position, end, _, fine, *state in rows
+    )
     below, above, with_inertia = found.nearby.tolist()
     return [(trials[left], trials[right]) for left, right in found.brackets], trials, (below, above, with_inertia)
 

@@ -49,7 +49,7 @@ class Found(NamedTuple):
     """Result of a search."""
 
     trials: FloatArray
-    """(n, 5) in order, columns as in `outcome_trials`."""
+    """(n, 11) in order, columns as in `solver.search.trials`."""
     brackets: IntArray
     """(m, 2) for each change of outcome, in order: the numbers of the trials on its two sides."""
     nearby: FloatArray
@@ -158,6 +158,45 @@ def _look_nearby(angle: float, level: Level, search: SearchState, nearby: FloatA
         )
 
 
+@lean
+def _walk_up(change: int, changes: int, level: Level, search: SearchState, brackets: IntArray) -> int:
+    """Look every half degree above an onset while less than twice the retention energy is left.
+
+    There a small loss turns the outcome: the projectile may stay in again within a degree, or several degrees above.
+    Where more is left, at the next change or at the end of the range, the walk ends. Changes on the way are narrowed.
+
+    Returns
+    -------
+    int
+        How many brackets there are, with those that were found, in order.
+    """
+    trials, filled = search.table.rows, search.table.filled
+    last, at, end = brackets[change, 1], change + 1, 0
+    if change + 1 < changes:
+        end = brackets[change + 1, 0]
+    else:
+        for i in range(filled[0]):
+            end = i if trials[i, ANGLE] > trials[end, ANGLE] else end
+    while last != end and filled[0] < MOST_TRIALS and changes < brackets.shape[0]:
+        angle = trials[last, ANGLE] + HALF_DEGREE
+        new = attempt(angle, level, search) if angle < trials[end, ANGLE] else end
+        if has_failed(search):
+            break
+        if turned_away(trials[new]) != turned_away(trials[last]):
+            left, right = refine(last, new, ASKED, search)
+            if has_failed(search):
+                break
+            if left != right:
+                for i in range(changes, at, -1):
+                    brackets[i, 0], brackets[i, 1] = brackets[i - 1, 0], brackets[i - 1, 1]
+                brackets[at, 0], brackets[at, 1] = left, right
+                at, changes = at + 1, changes + 1
+        if turned_away(trials[new]) and trials[new, MARGIN] >= search.inputs.retention:
+            break
+        last = new
+    return changes
+
+
 _addresses: list[int] = []
 """Address of `run_trial`, from the first search on."""
 _first = threading.Lock()
@@ -190,6 +229,8 @@ def _search(angles: FloatArray, inputs: TrialInputs, model: Model, levels: Level
     for i in range(changes):
         if turned_away(table.rows[brackets[i, 1]]):
             _look_nearby(table.rows[brackets[i, 1], ANGLE], levels[ASKED if panels else MIDDLE], search, nearby)
+            if nearby[1] < 2.0 * inputs.retention:
+                changes = _walk_up(i, changes, levels[ASKED], search, brackets)
             break
     return Found(table.rows[: table.filled[0]], brackets[:changes], nearby)
 

@@ -15,9 +15,11 @@ from solver.rosenbrock import Linearisation, make_linearisation
 from solver.search.levels import Level, Levels
 from solver.surface_integration import Law
 
-ANGLE, POSITION, END, MARGIN, FINE = range(5)
+ANGLE, POSITION, END, MARGIN, FINE, STATE = range(6)
 """Columns of the table of trials: oblique angle, final depth of the nose tip, a value of `Termination`, how clearly the
-projectile ended as sought (above zero) or not, and whether the trial was as fine as requested. [rad, m, 1, 1, 1]"""
+projectile ended as sought (above zero) or not, and whether the trial was as fine as requested; then the six of the
+final state. [rad, m, 1, 1, 1, and m, m, rad, m/s, m/s, rad/s]"""
+COLUMNS = STATE + 6
 TIME, RETAINED, EXIT = Termination.TIME.value, Termination.RETAINED.value, Termination.EXIT.value
 STEP_LIMIT, NOT_FINITE = Termination.STEP_LIMIT.value, Termination.NOT_FINITE.value
 PERFORATED = Termination.PERFORATED.value
@@ -52,7 +54,7 @@ class TrialTable(NamedTuple):
     """All trials of a search, and the room to compute one more."""
 
     rows: FloatArray
-    """(n, 5), columns as above; those after the last trial are empty."""
+    """(n, `COLUMNS`), as above; those after the last trial are empty."""
     filled: IntArray
     """(1,) number of trials."""
     work: Workspace
@@ -74,7 +76,7 @@ class SearchState(NamedTuple):
 @compiled
 def make_trial_table(size: int) -> TrialTable:
     """Empty table with room for so many trials."""
-    rows, count = np.zeros((size, 5)), np.zeros(1, np.int64)
+    rows, count = np.zeros((size, COLUMNS)), np.zeros(1, np.int64)
     return TrialTable(rows, count, make_workspace(), make_linearisation(), np.empty((1, STEP_WIDTH)))
 
 
@@ -143,6 +145,7 @@ def run_trial(oblique_angle: float, level: Level, search: SearchState) -> int:
             start, present, inputs.end_time, thresholds, level.accuracy, table.steps, table.work, table.linear
         )
     row[POSITION], row[END] = tip_depth(run.state, model.body), run.end.value
+    row[STATE:COLUMNS] = run.state
     energy = kinetic_energy(run.state, model.body) / kinetic_energy(start, model.body)
     if energy < inputs.retention and run.end in (EXIT, TIME, PERFORATED):
         row[END] = RETAINED

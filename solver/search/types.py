@@ -8,7 +8,7 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 
 from solver.frame import Columns, dataframe
-from solver.prepared import Outcome
+from solver.prepared import Exit, Outcome
 from solver.validation import require, require_between
 from solver.warnings import ModelWarning
 
@@ -43,7 +43,8 @@ class Search:
         Distance of the angles at which ``"outcome"`` looks. It begins with every sixteenth, and leaves out those
         between two that are clearly turned away, or clearly not, and those within four intervals of a change. A change
         and change back between two angles looked at go unseen: bands narrower than 1.25° by default, near a change
-        narrower than 5°, and up to 20° where more than 15 % of the energy is left, or the nose is deep inside. [rad]
+        narrower than 5°, and up to 20° where more than 15 % of the energy is left, or the nose is deep inside. Above
+        the first critical angle, while less than twice the retention energy is left, it looks every half degree. [rad]
     """
 
     method: SearchMethod = "outcome"
@@ -93,6 +94,8 @@ class Trial:
     fine: bool = True
     """Whether it was computed as finely as requested, or finer where that left a doubt. The others only show a
     search by outcome where to look: they are rougher, and may be wrong within a degree of the critical angle."""
+    exit: Exit | None = None
+    """How the projectile left, if it did."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,6 +131,8 @@ class CriticalAngle:
     and in the searches of the paper. [1]"""
     strength_factor: float | None = None
     """S at the critical angle; None without one. [1]"""
+    exit: Exit | None = None
+    """How the projectile leaves at the critical angle: as in the trial there; None without one."""
     outcomes: tuple[OutcomeInterval, ...] = ()
     """Intervals of the outcome over the whole range, in order, for a target with a thickness in a search by outcome;
     empty otherwise."""

@@ -45,7 +45,9 @@ def test_limit_speed_is_that_of_the_solver(client: httpx.Client) -> None:
     wall = replace(PAPER_TARGET, thickness=0.2)
     found = limit_velocity(projectile=PAPER_PROJECTILE, target=wall, oblique_angle=math.radians(0.0))
     assert answer["limit_speed_m_s"] == pytest.approx(found.value, rel=1e-6)
-    assert answer["iterations"][-1].keys() == {"velocity_m_s", "outcome", "depth_velocity_m_s", "lateral_velocity_m_s"}
+    perforated = [trial for trial in answer["iterations"] if trial["outcome"] == "perforated"]
+    assert perforated
+    assert all(trial["exit"]["speed_m_s"] < trial["velocity_m_s"] for trial in perforated)
 
 
 @pytest.mark.parametrize(

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from solver import (
+    Conical,
     ConstantStrengthFactor,
     CriticalAngle,
     ElasticPlastic,
@@ -416,3 +417,19 @@ def test_change_that_the_termination_time_decides_comes_with_a_warning() -> None
     found = find(numerics=Numerics(termination_time=4e-3))
     (warning,) = (warning for warning in found.warnings if warning.code == "undecided")
     assert "0.004 s" in warning.detail
+
+
+def test_band_above_the_critical_angle_is_found_where_little_energy_is_left() -> None:
+    strike: dict[str, Any] = {
+        "projectile": Projectile(nose=Conical(length_to_diameter=2.378), diameter=0.0911, length=0.4398, mass=12.145),
+        "target": Target(compressive_strength=122.3e6, density=2505.0),
+        "resistance": Resistance(free_surface=NoFreeSurface()),
+    }
+    found = critical_angle(**strike, velocity=73.47, angle_of_attack=-0.05277)
+    begin, end = found.other_crossings
+    assert found.angle is not None
+    assert found.angle + math.radians(3.0) < begin < end - math.radians(1.0)
+    for angle, turned_away in ((begin - 0.005, True), (0.5 * (begin + end), False), (end + 0.005, True)):
+        impact = Impact(velocity=73.47, oblique_angle=angle, angle_of_attack=-0.05277)
+        run = simulate(**strike, impact=impact, sample_interval=None)
+        assert (run.outcome is Outcome.RICOCHET) is turned_away

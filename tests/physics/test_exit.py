@@ -1,0 +1,56 @@
+"""How a projectile leaves: through the impact face, through the rear face, and at the critical angle."""
+
+import math
+from dataclasses import replace
+
+import pytest
+
+from solver import Outcome, critical_angle, simulate
+from solver.cases import PAPER_PROJECTILE, PAPER_TARGET, paper_impact
+
+WALL = replace(PAPER_TARGET, thickness=0.2)
+ENERGY = 0.5 * 13.0 * 238.0**2
+
+
+@pytest.mark.parametrize(("oblique_angle", "outward"), [(0.0, 1.0), (20.0, 1.0), (52.0, -1.0)])
+def test_exit_is_the_final_motion_seen_from_the_face_left_through(oblique_angle: float, outward: float) -> None:
+    impact = paper_impact(oblique_angle_degrees=oblique_angle)
+    run = simulate(projectile=PAPER_PROJECTILE, target=WALL, impact=impact, sample_interval=None)
+    left, final = run.exit, run.final
+    assert left is not None
+    assert left.speed * math.sin(left.elevation) == pytest.approx(outward * final.depth_velocity)
+    assert left.speed * math.sin(left.direction) == pytest.approx(final.lateral_velocity, abs=1e-6)
+    assert left.kinetic_energy == pytest.approx(final.kinetic_energy)
+    assert left.axis_angle == final.axis_angle
+    assert left.angular_velocity == final.angular_velocity
+    assert left.lateral == final.center_of_gravity_lateral
+
+
+def test_projectile_that_stays_has_no_exit() -> None:
+    run = simulate(projectile=PAPER_PROJECTILE, target=WALL, impact=paper_impact(oblique_angle_degrees=46.0))
+    assert run.outcome is Outcome.EMBEDDED
+    assert run.exit is None
+
+
+def test_exit_at_the_critical_angle_has_the_retention_energy() -> None:
+    found = critical_angle(projectile=PAPER_PROJECTILE, target=PAPER_TARGET, velocity=238.0)
+    assert found.exit is not None
+    assert found.exit.kinetic_energy / ENERGY == pytest.approx(0.01, abs=0.001)
+    assert 0.0 < found.exit.direction < math.pi / 2.0
+    assert found.exit.elevation == pytest.approx(math.pi / 2.0 - found.exit.direction)
+    for trial in found.iterations:
+        assert (trial.exit is not None) is (trial.outcome is Outcome.RICOCHET)
+
+
+def test_exit_of_a_mirrored_strike_is_mirrored() -> None:
+    impact = paper_impact(oblique_angle_degrees=60.0)
+    mirrored = replace(impact, oblique_angle=-impact.oblique_angle)
+    first, second = (
+        simulate(projectile=PAPER_PROJECTILE, target=PAPER_TARGET, impact=each, sample_interval=None).exit
+        for each in (impact, mirrored)
+    )
+    assert first is not None
+    assert second is not None
+    assert second.direction == pytest.approx(-first.direction)
+    assert second.axis_angle == pytest.approx(-first.axis_angle)
+    assert (second.speed, second.elevation) == pytest.approx((first.speed, first.elevation))
