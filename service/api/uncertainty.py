@@ -46,8 +46,8 @@ async def estimate_critical_angle(
 
     Up to 131,072 searches, each a case that is kept and counted like any other; a request that is sent again is
     answered from the cache. `max_samples` above 16,384 (unless the service is set otherwise) or `Prefer:
-    respond-async` makes a job, which counts as `max_samples` cases. A sample outside what the contract takes counts
-    as not known and widens the intervals.
+    respond-async` makes a job, which counts as `max_samples` cases until it ends, then as the samples it has taken. A
+    sample outside what the contract takes counts as not known and widens the intervals.
     """
     return await estimate(request, "cra_uncertainty", preference, idempotency_key)
 
@@ -122,12 +122,12 @@ async def answer_with_job(
 ) -> Response:
     """Return the job of a study; its answer, if it is there in the time that the client waits.
 
-    It counts as all the samples it may take, whether it takes them or not.
+    It counts as all the samples it may take until it ends, then as those it has taken.
     """
     await run_sync(case.study)  # refuses inputs that do not go together
     try:
-        context.take(case.sampling.max_samples)
-        state = await response.accept(one_block(Case(query)), digest)
+        charge = context.charge(case.sampling.max_samples)
+        state = await response.accept(one_block(Case(query)), digest, charge=charge)
     except BaseException:
         context.give_back()
         raise

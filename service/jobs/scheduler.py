@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeAlias, TypeVar
 
 from anyio.to_thread import run_sync
 
@@ -45,6 +45,8 @@ OVERLONG_SECONDS = 10.0
 """For a chunk: cases that take far longer than those before are handed out again in smaller ones, so that all workers
 share them and other work is let in between."""
 
+GiveBack: TypeAlias = Callable[[str, int, int], None]
+"""Takes back cases of a quota: id of the API key, cases, begin of the entry that has them."""
 Value = TypeVar("Value")
 log = logging.getLogger(__name__)
 
@@ -61,6 +63,8 @@ class ActiveJob:
     """How far a job is."""
 
     state: JobState
+    ended: Callable[[JobState], object] = lambda _: None
+    """Called once, with the last state."""
     sizer: ChunkSizer = field(default_factory=lambda: ChunkSizer(CHUNK_SECONDS))
     waiting: deque[PendingCase] = field(default_factory=deque)
     """Looked up and not in the cache: to be computed next."""
@@ -86,7 +90,9 @@ class ActiveJob:
     def update(self, state: JobState) -> None:
         """Take over a newer state, and wake those who follow it."""
         if state.revision > self.state.revision:
-            self.state = state
+            before, self.state = self.state, state
+            if state.final and not before.final:
+                self.ended(state)
         changed, self.changed = self.changed, asyncio.Event()
         changed.set()
 
@@ -142,6 +148,8 @@ class Scheduler:
         Count every case that is done.
     run_cases
         Computes the samples of studies.
+    give_back
+        Takes back what an ended job has not used of its quota.
     """
 
     def __init__(
@@ -153,6 +161,7 @@ class Scheduler:
         rate: Rate,
         count: Count,
         run_cases: RunCases,
+        give_back: GiveBack,
     ) -> None:
         self.active: dict[str, ActiveJob] = {}
         self.unwritten: dict[str, JobState] = {}
@@ -163,6 +172,7 @@ class Scheduler:
         self._rate = rate
         self._count = count
         self._run_cases = run_cases
+        self._give_back = give_back
         self._queue: FairQueue[ActiveJob] = FairQueue()
         self._begun = begun
         self._step: asyncio.Task[None] | None = None
@@ -170,7 +180,7 @@ class Scheduler:
     def add(self, state: JobState) -> None:
         """Take on a job."""
         if not state.final:
-            self.active[state.id] = job = ActiveJob(state)
+            self.active[state.id] = job = ActiveJob(state, self._settle_charge)
             self._queue.add(state.owner, job)
 
     async def run(self) -> None:
@@ -254,6 +264,10 @@ class Scheduler:
             chunk.add_done_callback(lambda _: permit.release())
             chunk.add_done_callback(lambda _: begun.release())
             self._belongs(job, chunk)
+
+    def _settle_charge(self, state: JobState) -> None:
+        if state.charge is not None:
+            self._give_back(state.charge.key_id, state.unused_cases, state.charge.began)
 
     def _belongs(self, job: ActiveJob, work: "asyncio.Task[None]") -> None:
         """See that the job waits for this work, and is put where it belongs after."""

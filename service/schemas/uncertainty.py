@@ -255,8 +255,8 @@ class SamplingSettings(Part):
         Field(
             ge=256,
             le=MOST_SAMPLES,
-            description="Searches or runs at most, never exceeded. With `sensitivity` at least 256 and those in which one "
-            "input is changed alone: two for each continuous input, one for each discrete value.",
+            description="Searches or runs at most, never exceeded. With `sensitivity` at least 256 and those in which "
+            "one input is changed alone: two for each continuous input, one for each discrete value.",
         ),
         WHOLE,
     ] = SAMPLING.max_samples
