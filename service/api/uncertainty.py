@@ -15,10 +15,8 @@ from service.api.contract import STUDIED, one_body
 from service.api.queries import reply, validated
 from service.api.services import Services, services_of
 from service.auth.dependencies import RUN, RequestContext, context_in
-from service.cache.record import Record
 from service.errors import InvalidBodyError
 from service.jobs.models import Case
-from service.jobs.studies import run_study
 from service.logs import BEGUN
 from service.operations import UNCERTAIN, KeyedRequest
 from service.queries import check_work
@@ -93,13 +91,15 @@ async def estimate(request: Request, operation: str, preference: Preference, ide
         job = JobResponse(request, operation, preference, idempotency_key)
         return await answer_with_job(services, context, job, case, query, digest, begun)
     with services.owner_queries.held(context.principal.owner) if context.principal.key else nullcontext():
-        found = await run_study(operation, case, services.jobs.run_now, take=context.take, limiter=services.reading)
-    record = Record(query.key, operation, query.json, found)
-    services.metrics.count(operation, record.outcome, "miss", 1)
-    record = await run_sync(services.cache.put, record)
+        record, status = await services.jobs.answer_study(
+            operation, query, case, take=context.take, limiter=services.reading
+        )
+    if status == "hit":  # computed for another request
+        context.take(known.cases)
+    services.metrics.count(operation, record.outcome, status, 1)
     now = time.perf_counter()
     timing = f"validate;dur={1e3 * (read - begun):.2f}, compute;dur={1e3 * (now - read):.2f}"
-    return reply(record.json, "miss", f"{timing}, total;dur={1e3 * (now - begun):.2f}")
+    return reply(record.json, status, f"{timing}, total;dur={1e3 * (now - begun):.2f}")
 
 
 async def read_study(services: Services, body: bytes, operation: str) -> tuple[Any, KeyedRequest]:

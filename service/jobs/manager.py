@@ -6,7 +6,7 @@ from collections.abc import AsyncGenerator, AsyncIterator, Callable, Sequence
 from contextlib import aclosing, suppress
 from typing import Any, TypeVar
 
-from anyio import CancelScope
+from anyio import CancelScope, CapacityLimiter
 from anyio.to_thread import run_sync
 
 from service.errors import IdempotencyBusyError, IdempotencyConflictError, QueueFullError, StorageError
@@ -15,7 +15,9 @@ from service.jobs.models import BLOCK_SIZE, Case, CaseBlock, CaseResult, Charge,
 from service.jobs.results import InlineBatch, ResultReader
 from service.jobs.scheduler import GiveBack, Scheduler, problem_name
 from service.jobs.store import JobStore
-from service.queries import Count, QueryService, Rate
+from service.jobs.studies import StudyService
+from service.operations import KeyedRequest
+from service.queries import Answered, Count, QueryService, Rate
 
 CHUNKS_KEPT = 2
 """Beside those in the pool, being made or kept: this bounds the memory they take."""
@@ -64,8 +66,11 @@ class JobManager:
         chunks = PrioritySemaphore(lambda: queries.chunk_limit)
         begun = PrioritySemaphore(lambda: queries.chunk_limit + CHUNKS_KEPT)
         self._inline = InlineBatch(queries, chunks, self._rate)
-        self._scheduler = Scheduler(queries, jobs, chunks, begun, self._rate, self._count, self._run_samples, give_back)
-        self._reader = ResultReader(queries, jobs, self._inline)
+        self._studies = StudyService(queries)
+        self._scheduler = Scheduler(
+            queries, jobs, chunks, begun, self._rate, self._count, self._studies, self._run_samples, give_back
+        )
+        self._reader = ResultReader(queries, jobs, self._inline, self._studies)
         self._accepting: set[tuple[str, str]] = set()
         """Owners and idempotency keys of what is being received."""
         self._received = 0
@@ -121,6 +126,33 @@ class JobManager:
         """
         self._admit(len(cases))
         return self._counted(operation, self._inline.run(operation, cases))
+
+    async def answer_study(
+        self,
+        operation: str,
+        request: KeyedRequest,
+        study: Any,
+        *,
+        take: Callable[[int], None] = lambda _: None,
+        limiter: CapacityLimiter | None = None,
+    ) -> Answered:
+        """Return the record of a study, and whether it was there or computed for another who had requested the same.
+
+        Parameters
+        ----------
+        study
+            The validated request.
+        take
+            Called with the number of samples before they are computed.
+        limiter
+            Of the threads in which samples are validated.
+
+        Raises
+        ------
+        QueueFullError, PoolUnavailableError
+            As `run_now`.
+        """
+        return await self._studies.answer(operation, request, self.run_now, study=study, take=take, limiter=limiter)
 
     async def accept(
         self,
