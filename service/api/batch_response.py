@@ -30,7 +30,8 @@ IdempotencyKey = Annotated[
         alias="Idempotency-Key",
         max_length=255,
         description="Of the client's choice: a request that is sent again with the same key and body is answered with "
-        "the job it made the first time. Without effect on work that is answered at once.",
+        "the job it made the first time, also if the client was gone before the answer, as an accepted job goes on. "
+        "Without effect on work that is answered at once.",
     ),
 ]
 Prefer = Annotated[
