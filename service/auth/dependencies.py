@@ -121,7 +121,8 @@ class RequestContext:
         QuotaError
             If the key has fewer left.
         """
-        charge, principal = None, self.principal
+        charge: Charge | None = None
+        principal = self.principal
         if principal.quota is not None and principal.key is not None:
             charge = Charge(principal.key.id, count, principal.quota.take(count))
         self.cases += count
