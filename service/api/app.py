@@ -262,6 +262,7 @@ async def lifespan(app: FastAPI) -> AsyncIterator[None]:
             JobStore(settings.data_dir, job_days=settings.job_days),
             max_queued_cases=settings.max_queued_cases,
             count=services.metrics.count,
+            give_back=services.quotas.give_back,
         )
         await services.jobs.start()
         stack.push_async_callback(services.jobs.stop)

@@ -18,7 +18,7 @@ from service.api.results import CSV, as_array, as_csv, as_lines, csv_head, csv_r
 from service.api.services import services_of
 from service.auth.dependencies import context_in
 from service.jobs.manager import JobManager
-from service.jobs.models import Case, CaseResult, Idempotency, JobState, Sweep
+from service.jobs.models import Case, CaseResult, Charge, Idempotency, JobState, Sweep
 
 FORMS = (JSON, JSONL, CSV)
 VARY = {"Vary": "Prefer, Accept"}
@@ -30,7 +30,8 @@ IdempotencyKey = Annotated[
         alias="Idempotency-Key",
         max_length=255,
         description="Of the client's choice: a request that is sent again with the same key and body is answered with "
-        "the job it made the first time. Without effect on work that is answered at once.",
+        "the job it made the first time, also if the client was gone before the answer, as an accepted job goes on. "
+        "Without effect on work that is answered at once.",
     ),
 ]
 Prefer = Annotated[
@@ -76,12 +77,18 @@ class JobResponse:
         self._context = context_in(request.scope)
 
     async def accept(
-        self, blocks: AsyncIterator[list[Case]], digest: str | Callable[[], str], sweep: Sweep | None = None
+        self,
+        blocks: AsyncIterator[list[Case]],
+        digest: str | Callable[[], str],
+        sweep: Sweep | None = None,
+        charge: Charge | None = None,
     ) -> JobState:
         """Return the job of these cases: a new one, or that of the idempotency key."""
         idempotency = Idempotency(self._token, digest) if self._token else None
         owner = self._context.principal.owner
-        state, new = await self._jobs.accept(self.operation, blocks, owner=owner, idempotency=idempotency, sweep=sweep)
+        state, new = await self._jobs.accept(
+            self.operation, blocks, owner=owner, idempotency=idempotency, sweep=sweep, charge=charge
+        )
         self._context.job = state.id
         if not new:  # it counted when it was accepted
             self._context.give_back()

@@ -15,10 +15,8 @@ from service.api.contract import STUDIED, one_body
 from service.api.queries import reply, validated
 from service.api.services import Services, services_of
 from service.auth.dependencies import RUN, RequestContext, context_in
-from service.cache.record import Record
 from service.errors import InvalidBodyError
 from service.jobs.models import Case
-from service.jobs.studies import run_study
 from service.logs import BEGUN
 from service.operations import UNCERTAIN, KeyedRequest
 from service.queries import check_work
@@ -46,8 +44,8 @@ async def estimate_critical_angle(
 
     Up to 131,072 searches, each a case that is kept and counted like any other; a request that is sent again is
     answered from the cache. `max_samples` above 16,384 (unless the service is set otherwise) or `Prefer:
-    respond-async` makes a job, which counts as `max_samples` cases. A sample outside what the contract takes counts
-    as not known and widens the intervals.
+    respond-async` makes a job, which counts as `max_samples` cases until it ends, then as the samples it has taken. A
+    sample outside what the contract takes counts as not known and widens the intervals.
     """
     return await estimate(request, "cra_uncertainty", preference, idempotency_key)
 
@@ -93,13 +91,15 @@ async def estimate(request: Request, operation: str, preference: Preference, ide
         job = JobResponse(request, operation, preference, idempotency_key)
         return await answer_with_job(services, context, job, case, query, digest, begun)
     with services.owner_queries.held(context.principal.owner) if context.principal.key else nullcontext():
-        found = await run_study(operation, case, services.jobs.run_now, take=context.take, limiter=services.reading)
-    record = Record(query.key, operation, query.json, found)
-    services.metrics.count(operation, record.outcome, "miss", 1)
-    record = await run_sync(services.cache.put, record)
+        record, status = await services.jobs.answer_study(
+            operation, query, case, take=context.take, limiter=services.reading
+        )
+    if status == "hit":  # computed for another request
+        context.take(known.cases)
+    services.metrics.count(operation, record.outcome, status, 1)
     now = time.perf_counter()
     timing = f"validate;dur={1e3 * (read - begun):.2f}, compute;dur={1e3 * (now - read):.2f}"
-    return reply(record.json, "miss", f"{timing}, total;dur={1e3 * (now - begun):.2f}")
+    return reply(record.json, status, f"{timing}, total;dur={1e3 * (now - begun):.2f}")
 
 
 async def read_study(services: Services, body: bytes, operation: str) -> tuple[Any, KeyedRequest]:
@@ -122,12 +122,12 @@ async def answer_with_job(
 ) -> Response:
     """Return the job of a study; its answer, if it is there in the time that the client waits.
 
-    It counts as all the samples it may take, whether it takes them or not.
+    It counts as all the samples it may take until it ends, then as those it has taken.
     """
     await run_sync(case.study)  # refuses inputs that do not go together
     try:
-        context.take(case.sampling.max_samples)
-        state = await response.accept(one_block(Case(query)), digest)
+        charge = context.charge(case.sampling.max_samples)
+        state = await response.accept(one_block(Case(query)), digest, charge=charge)
     except BaseException:
         context.give_back()
         raise

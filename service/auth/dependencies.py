@@ -15,6 +15,7 @@ from starlette.types import Scope as RequestScope
 from service.auth.api_keys import LOCAL, SCOPES, ApiKey, ApiKeyStore
 from service.auth.quotas import Quota, QuotaStore
 from service.errors import ServiceError
+from service.jobs.models import Charge
 
 CONTEXT = "ricochet.context"
 """Key of the context in the scope of a request."""
@@ -111,6 +112,21 @@ class RequestContext:
         if self.principal.quota is not None:
             self.principal.quota.take(count)
         self.cases += count
+
+    def charge(self, count: int) -> Charge | None:
+        """Count cases that a job may take; return what it keeps to give back the rest, None without a key.
+
+        Raises
+        ------
+        QuotaError
+            If the key has fewer left.
+        """
+        charge: Charge | None = None
+        principal = self.principal
+        if principal.quota is not None and principal.key is not None:
+            charge = Charge(principal.key.id, count, principal.quota.take(count))
+        self.cases += count
+        return charge
 
     def give_back(self) -> None:
         """Count nothing of this request: it was refused, or had been counted before."""

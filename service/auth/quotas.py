@@ -39,8 +39,8 @@ class Quota:
         self.entries = deque((began, count) for began, count in entries or () if began <= now)
         self._count = sum(count for _, count in self.entries)
 
-    def take(self, count: int) -> None:
-        """Count cases.
+    def take(self, count: int) -> int:
+        """Count cases; return the begin of the entry that has them.
 
         Raises
         ------
@@ -59,6 +59,7 @@ class Quota:
             count_here = count
         self.entries.append((began, count_here))
         self._count += count
+        return began
 
     def give_back(self, count: int) -> None:
         """Take back cases that were refused after all, the latest first."""
@@ -68,6 +69,14 @@ class Quota:
                 self.entries.append((began, here - count))
             self._count -= min(here, count)
             count -= here
+
+    def give_back_from(self, began: int, count: int) -> None:
+        """Take back cases of the entry with this begin, unless it has left the window."""
+        self._forget(time.time())
+        for place, (begin, here) in enumerate(self.entries):
+            if begin == began:
+                self.entries[place] = (begin, max(0, here - count))
+                self._count -= min(here, count)
 
     def _seconds_until(self, count: int, now: float) -> int:
         """Return the time until so many more are allowed; if they never are, until the window is empty. [s]"""
@@ -109,6 +118,12 @@ class QuotaStore:
             found = self._quotas[key_id] = Quota(most, self._earlier.get(key_id))
         found.most = most
         return found
+
+    def give_back(self, key_id: str, count: int, began: int) -> None:
+        """Take back cases of a key that were not used, counted in the entry with this begin."""
+        if key_id not in self._quotas:
+            self._quotas[key_id] = Quota(None, self._earlier.get(key_id))  # its limit is set when the key is next used
+        self._quotas[key_id].give_back_from(began, count)
 
     @asynccontextmanager
     async def saved_regularly(self) -> AsyncIterator[None]:

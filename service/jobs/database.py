@@ -84,6 +84,14 @@ CREATE TABLE IF NOT EXISTS studies (
     partial TEXT
 )
 """,
+    """
+CREATE TABLE IF NOT EXISTS charges (
+    job INTEGER PRIMARY KEY REFERENCES jobs ON DELETE CASCADE,
+    key TEXT NOT NULL,
+    cases INTEGER NOT NULL,
+    began INTEGER NOT NULL
+)
+""",
 )
 """Tables that files of this layout lack if an earlier version made them, and that such a version does not mind."""
 

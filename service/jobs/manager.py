@@ -6,16 +6,18 @@ from collections.abc import AsyncGenerator, AsyncIterator, Callable, Sequence
 from contextlib import aclosing, suppress
 from typing import Any, TypeVar
 
-from anyio import CancelScope
+from anyio import CancelScope, CapacityLimiter
 from anyio.to_thread import run_sync
 
 from service.errors import IdempotencyBusyError, IdempotencyConflictError, QueueFullError, StorageError
 from service.jobs.fairness import PrioritySemaphore
-from service.jobs.models import BLOCK_SIZE, Case, CaseBlock, CaseResult, Idempotency, JobState, Sweep
+from service.jobs.models import BLOCK_SIZE, Case, CaseBlock, CaseResult, Charge, Idempotency, JobState, Sweep
 from service.jobs.results import InlineBatch, ResultReader
-from service.jobs.scheduler import Scheduler, problem_name
+from service.jobs.scheduler import GiveBack, Scheduler, problem_name
 from service.jobs.store import JobStore
-from service.queries import Count, QueryService, Rate
+from service.jobs.studies import StudyService
+from service.operations import KeyedRequest
+from service.queries import Answered, Count, QueryService, Rate
 
 CHUNKS_KEPT = 2
 """Beside those in the pool, being made or kept: this bounds the memory they take."""
@@ -43,6 +45,8 @@ class JobManager:
         Cases that may wait, of all jobs together.
     count
         Counts cases by how they ended; see `Count`.
+    give_back
+        Takes back what an ended job has not used of its quota; see `GiveBack`.
     """
 
     def __init__(
@@ -52,6 +56,7 @@ class JobManager:
         *,
         max_queued_cases: int,
         count: Count = lambda *_: None,
+        give_back: GiveBack = lambda *_: None,
     ) -> None:
         self._count = count
         self._jobs = jobs
@@ -61,8 +66,11 @@ class JobManager:
         chunks = PrioritySemaphore(lambda: queries.chunk_limit)
         begun = PrioritySemaphore(lambda: queries.chunk_limit + CHUNKS_KEPT)
         self._inline = InlineBatch(queries, chunks, self._rate)
-        self._scheduler = Scheduler(queries, jobs, chunks, begun, self._rate, self._count, self._run_samples)
-        self._reader = ResultReader(queries, jobs, self._inline)
+        self._studies = StudyService(queries)
+        self._scheduler = Scheduler(
+            queries, jobs, chunks, begun, self._rate, self._count, self._studies, self._run_samples, give_back
+        )
+        self._reader = ResultReader(queries, jobs, self._inline, self._studies)
         self._accepting: set[tuple[str, str]] = set()
         """Owners and idempotency keys of what is being received."""
         self._received = 0
@@ -119,6 +127,33 @@ class JobManager:
         self._admit(len(cases))
         return self._counted(operation, self._inline.run(operation, cases))
 
+    async def answer_study(
+        self,
+        operation: str,
+        request: KeyedRequest,
+        study: Any,
+        *,
+        take: Callable[[int], None] = lambda _: None,
+        limiter: CapacityLimiter | None = None,
+    ) -> Answered:
+        """Return the record of a study, and whether it was there or computed for another who had requested the same.
+
+        Parameters
+        ----------
+        study
+            The validated request.
+        take
+            Called with the number of samples before they are computed.
+        limiter
+            Of the threads in which samples are validated.
+
+        Raises
+        ------
+        QueueFullError, PoolUnavailableError
+            As `run_now`.
+        """
+        return await self._studies.answer(operation, request, self.run_now, study=study, take=take, limiter=limiter)
+
     async def accept(
         self,
         operation: str,
@@ -127,6 +162,7 @@ class JobManager:
         owner: str = OWNER,
         idempotency: Idempotency | None = None,
         sweep: Sweep | None = None,
+        charge: Charge | None = None,
     ) -> tuple[JobState, bool]:
         """Take on a job: from the return of this on it will be finished, whatever happens.
 
@@ -136,6 +172,8 @@ class JobManager:
             Its cases.
         sweep
             The request, if it is a sweep.
+        charge
+            What it counts as against a quota, if less may be used.
 
         Returns
         -------
@@ -157,14 +195,14 @@ class JobManager:
         """
         token = (owner, idempotency.token) if idempotency is not None else None
         if token is None or idempotency is None:
-            return await self._receive(operation, blocks, owner, None, sweep), True
+            return await self._receive(operation, blocks, owner, None, sweep, charge), True
         if token in self._accepting:
             raise IdempotencyBusyError("the request with this idempotency key is still being accepted; try again")
         self._accepting.add(token)
         try:
             found = await self._thread(self._jobs.token, *token)
             if found is None:
-                return await self._receive(operation, blocks, owner, idempotency, sweep), True
+                return await self._receive(operation, blocks, owner, idempotency, sweep, charge), True
             if not isinstance(idempotency.digest, str):
                 async for _ in blocks:  # the digest is known when the body has been read
                     pass
@@ -255,6 +293,7 @@ class JobManager:
         owner: str,
         idempotency: Idempotency | None,
         sweep: Sweep | None,
+        charge: Charge | None,
     ) -> JobState:
         self._admit(0)
         await self._go_on()
@@ -273,7 +312,7 @@ class JobManager:
                     waiting, number = waiting[BLOCK_SIZE:], number + 1
             if waiting:
                 await self._thread(self._append, job, number, waiting)
-            state = await self._thread(self._jobs.accept, job, received, idempotency)
+            state = await self._thread(self._jobs.accept, job, received, idempotency, charge)
         except BaseException:
             with CancelScope(shield=True), suppress(StorageError):  # the next start removes what is left
                 await self._thread(self._jobs.discard, job)

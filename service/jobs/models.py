@@ -122,6 +122,15 @@ class Idempotency:
         return self.digest if isinstance(self.digest, str) else self.digest()
 
 
+class Charge(NamedTuple):
+    """What a study counts as against the quota of an API key until it ends: all the samples it may take."""
+
+    key_id: str
+    cases: int
+    began: int
+    """Entry of the quota that has them: since 1970. [s]"""
+
+
 @dataclass(frozen=True, slots=True)
 class JobState:
     """A job at one instant. `done` counts every case that has its result: new ones, `cached` ones, `failed` ones."""
@@ -147,11 +156,20 @@ class JobState:
     """Fields of the axes of a sweep."""
     progress: dict[str, Any] | None = None
     """How far a study is, once it has begun."""
+    charge: Charge | None = field(default=None, repr=False)
 
     @property
     def final(self) -> bool:
         """Whether nothing changes any more."""
         return self.status in FINAL
+
+    @property
+    def unused_cases(self) -> int:
+        """Cases that it was charged and has not taken; an answer that was there already counts as one."""
+        if self.charge is None:
+            return 0
+        taken = 1 if self.cached or self.progress is None else self.progress["samples"]
+        return max(0, self.charge.cases - max(1, taken))
 
 
 class CaseRow(NamedTuple):

@@ -17,8 +17,8 @@ from service.errors import ComputationCancelled, PoolUnavailableError, QueueFull
 from service.jobs.fairness import ChunkSizer, PrioritySemaphore
 from service.jobs.models import Case, CaseResult, CaseRow, CaseState, JobState
 from service.jobs.store import VERSIONS, JobStore
-from service.jobs.studies import run_study
-from service.operations import OPERATIONS, UNCERTAIN, KeyedRequest, result_key
+from service.jobs.studies import StudyService
+from service.operations import UNCERTAIN, KeyedRequest, result_key
 from service.queries import QueryService, Rate
 
 CHUNK_SECONDS = 0.1
@@ -162,14 +162,15 @@ class ResultReader:
         Has the cache.
     jobs
         Keeps the jobs.
-    inline
-        Computes what the cache has lost.
+    inline, studies
+        Compute what the cache has lost.
     """
 
-    def __init__(self, queries: QueryService, jobs: JobStore, inline: InlineBatch) -> None:
+    def __init__(self, queries: QueryService, jobs: JobStore, inline: InlineBatch, studies: StudyService) -> None:
         self._queries = queries
         self._jobs = jobs
         self._inline = inline
+        self._studies = studies
 
     async def read(
         self, current: Callable[[], Awaitable[JobState | None]], start: int, limit: int | None
@@ -233,11 +234,7 @@ class ResultReader:
 
     async def _study(self, state: JobState, row: CaseRow, case: Case) -> CaseResult:
         """Compute a study again, of whose samples most may still be there."""
-        request = case.request
-        study = await self._thread(OPERATIONS[state.operation].request.model_validate_json, request.json)
-        answer = await run_study(state.operation, study, self._inline.run)
-        record = Record(request.key, state.operation, request.json, answer)
-        record = await self._thread(self._queries.cache.put, record)
+        record, _ = await self._studies.answer(state.operation, case.request, self._inline.run)
         return CaseResult(row.number, row.custom_id, record, None, row.state == CaseState.CACHED)
 
     async def _thread(self, function: Callable[..., Value], *arguments: Any) -> Value:

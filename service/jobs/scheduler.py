@@ -11,11 +11,10 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeAlias, TypeVar
 
 from anyio.to_thread import run_sync
 
-from service.cache.record import Record
 from service.errors import (
     ComputationCancelled,
     JobGoneError,
@@ -27,8 +26,8 @@ from service.errors import (
 from service.jobs.fairness import ChunkSizer, FairQueue, Permit, PrioritySemaphore
 from service.jobs.models import BLOCK_SIZE, CaseState, JobState, Status
 from service.jobs.store import VERSIONS, JobStore
-from service.jobs.studies import RunCases, run_study
-from service.operations import OPERATIONS, UNCERTAIN, KeyedRequest
+from service.jobs.studies import Report, RunCases, StudyService
+from service.operations import UNCERTAIN, KeyedRequest
 from service.queries import Answered, Count, QueryService, Rate
 
 AHEAD = 10
@@ -45,6 +44,8 @@ OVERLONG_SECONDS = 10.0
 """For a chunk: cases that take far longer than those before are handed out again in smaller ones, so that all workers
 share them and other work is let in between."""
 
+GiveBack: TypeAlias = Callable[[str, int, int], None]
+"""Takes back cases of a quota: id of the API key, cases, begin of the entry that has them."""
 Value = TypeVar("Value")
 log = logging.getLogger(__name__)
 
@@ -61,6 +62,8 @@ class ActiveJob:
     """How far a job is."""
 
     state: JobState
+    ended: Callable[[JobState], object] = lambda _: None
+    """Called once, with the last state."""
     sizer: ChunkSizer = field(default_factory=lambda: ChunkSizer(CHUNK_SECONDS))
     waiting: deque[PendingCase] = field(default_factory=deque)
     """Looked up and not in the cache: to be computed next."""
@@ -86,7 +89,9 @@ class ActiveJob:
     def update(self, state: JobState) -> None:
         """Take over a newer state, and wake those who follow it."""
         if state.revision > self.state.revision:
-            self.state = state
+            before, self.state = self.state, state
+            if state.final and not before.final:
+                self.ended(state)
         changed, self.changed = self.changed, asyncio.Event()
         changed.set()
 
@@ -140,8 +145,10 @@ class Scheduler:
         Permits for chunks that are being prepared, computed or kept.
     rate, count
         Count every case that is done.
-    run_cases
-        Computes the samples of studies.
+    studies, run_cases
+        Answer studies, and compute their samples.
+    give_back
+        Takes back what an ended job has not used of its quota.
     """
 
     def __init__(
@@ -152,7 +159,9 @@ class Scheduler:
         begun: PrioritySemaphore,
         rate: Rate,
         count: Count,
+        studies: StudyService,
         run_cases: RunCases,
+        give_back: GiveBack,
     ) -> None:
         self.active: dict[str, ActiveJob] = {}
         self.unwritten: dict[str, JobState] = {}
@@ -162,7 +171,9 @@ class Scheduler:
         self._chunks = chunks
         self._rate = rate
         self._count = count
+        self._studies = studies
         self._run_cases = run_cases
+        self._give_back = give_back
         self._queue: FairQueue[ActiveJob] = FairQueue()
         self._begun = begun
         self._step: asyncio.Task[None] | None = None
@@ -170,7 +181,7 @@ class Scheduler:
     def add(self, state: JobState) -> None:
         """Take on a job."""
         if not state.final:
-            self.active[state.id] = job = ActiveJob(state)
+            self.active[state.id] = job = ActiveJob(state, self._settle_charge)
             self._queue.add(state.owner, job)
 
     async def run(self) -> None:
@@ -255,6 +266,10 @@ class Scheduler:
             chunk.add_done_callback(lambda _: begun.release())
             self._belongs(job, chunk)
 
+    def _settle_charge(self, state: JobState) -> None:
+        if state.charge is not None:
+            self._give_back(state.charge.key_id, state.unused_cases, state.charge.began)
+
     def _belongs(self, job: ActiveJob, work: "asyncio.Task[None]") -> None:
         """See that the job waits for this work, and is put where it belongs after."""
 
@@ -333,26 +348,26 @@ class Scheduler:
         try:
             requests, updates = await self.thread(self._requests, job, numbers)
             for request in requests:  # none if it has been answered meanwhile
-                running = asyncio.ensure_future(self._answer_study(job, request))
+                answer = self._studies.answer(
+                    job.state.operation, request, self._run_cases, urgent=False, report=self._report_of(job)
+                )
+                running = asyncio.ensure_future(answer)
                 await self._stoppable(job, running, running.cancel)
                 error = None if running.cancelled() else running.exception()
                 if error is not None and not isinstance(error, TEMPORARY):
                     raise error
-                updates.take(numbers, {case.key: running}, CaseState.DONE)
+                cached = not running.cancelled() and error is None and running.result()[1] == "hit"
+                updates.take(numbers, {case.key: running}, CaseState.CACHED if cached else CaseState.DONE)
             await self._mark(job, updates)
         except Exception as error:  # noqa: BLE001 (the other jobs go on)
             await self._fail(job, error)
 
-    async def _answer_study(self, job: ActiveJob, request: KeyedRequest) -> Answered:
-        operation = job.state.operation
-
+    def _report_of(self, job: ActiveJob) -> Report:
         async def report(progress: dict[str, Any], partial: dict[str, Any] | None) -> None:
-            job.update(await self.thread(self._jobs.report, job.state.number, progress, partial))
+            with suppress(JobGoneError):  # another job with the same study goes on
+                job.update(await self.thread(self._jobs.report, job.state.number, progress, partial))
 
-        study = await self.thread(OPERATIONS[operation].request.model_validate_json, request.json)
-        answer = await run_study(operation, study, self._run_cases, report=report)
-        record = Record(request.key, operation, request.json, answer)
-        return await self.thread(self._queries.cache.put, record), "miss"
+        return report
 
     def _requests(self, job: ActiveJob, numbers: Mapping[str, Sequence[int]]) -> tuple[list[KeyedRequest], CaseUpdates]:
         """Return the stored requests of cases; other jobs may have answered some of them since."""

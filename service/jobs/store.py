@@ -26,6 +26,7 @@ from service.jobs.models import (
     CaseBlock,
     CaseRow,
     CaseState,
+    Charge,
     Idempotency,
     JobState,
     Status,
@@ -41,10 +42,13 @@ from solver import ENGINE_VERSION
 DAY = 86_400.0  # [s]
 VERSIONS = f"{ENGINE_VERSION} {SCHEMA_VERSION}"
 """What the keys of a job were made with."""
-TABLES = "jobs LEFT JOIN sweeps ON sweeps.job = jobs.number LEFT JOIN studies ON studies.job = jobs.number"
+TABLES = (
+    "jobs LEFT JOIN sweeps ON sweeps.job = jobs.number LEFT JOIN studies ON studies.job = jobs.number "
+    "LEFT JOIN charges ON charges.job = jobs.number"
+)
 COLUMNS = (
     "id, operation, status, total, done, cached, failed, created, started, finished, expires, problem, revision, "
-    "number, owner, versions, fields, progress"
+    "number, owner, versions, fields, progress, charges.key, charges.cases, charges.began"
 )
 
 
@@ -96,12 +100,14 @@ class JobStore:
             database.execute("INSERT INTO slices VALUES (?, ?, ?, ?, ?)", row)
             database.execute("INSERT INTO states VALUES (?, ?, ?)", (job, number, bytes(cases.count)))
 
-    def accept(self, job: int, total: int, idempotency: Idempotency | None) -> JobState:
+    def accept(self, job: int, total: int, idempotency: Idempotency | None, charge: Charge | None = None) -> JobState:
         """Make the job known: from here on it will be finished."""
         with self._database.writing() as database:
             if idempotency is not None:
                 statement = "INSERT INTO idempotency SELECT owner, ?, ?, number FROM jobs WHERE number = ?"
                 database.execute(statement, (idempotency.token, idempotency.whole_digest, job))
+            if charge is not None:
+                database.execute("INSERT INTO charges VALUES (?, ?, ?, ?)", (job, *charge))
             changes = "status = 'accepted', total = ?, revision = 1, created = ?"
             state = _changed(database, job, changes, (total, time.time()))
             return state if total else self._end(database, job, "successful", None)
@@ -292,7 +298,10 @@ def _state(row: tuple[Any, ...]) -> JobState:
         done,
         cached,
         failed,
-        *moments,
+        created,
+        started,
+        finished,
+        expires,
         problem,
         revision,
         number,
@@ -300,8 +309,8 @@ def _state(row: tuple[Any, ...]) -> JobState:
         versions,
         fields,
         progress,
+        *charge,
     ) = row
-    created, started, finished, expires = (None if t is None else datetime.fromtimestamp(t, UTC) for t in moments)
     return JobState(
         id=name,
         operation=operation,
@@ -310,10 +319,10 @@ def _state(row: tuple[Any, ...]) -> JobState:
         done=done,
         cached=cached,
         failed=failed,
-        created=created or datetime.now(UTC),
-        started=started,
-        finished=finished,
-        expires=expires,
+        created=_moment(created) or datetime.now(UTC),
+        started=_moment(started),
+        finished=_moment(finished),
+        expires=_moment(expires),
         problem=None if problem is None else orjson.loads(problem),
         revision=revision,
         number=number,
@@ -321,4 +330,9 @@ def _state(row: tuple[Any, ...]) -> JobState:
         versions=versions,
         axes=tuple(orjson.loads(fields)) if fields else (),
         progress=orjson.loads(progress) if progress else None,
+        charge=None if charge[0] is None else Charge(*charge),
     )
+
+
+def _moment(seconds: float | None) -> datetime | None:
+    return None if seconds is None else datetime.fromtimestamp(seconds, UTC)

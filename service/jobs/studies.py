@@ -1,15 +1,19 @@
 """Studies of uncertainty: each sample is a case like those of a batch, through the same cache and executor."""
 
+import asyncio
 from collections.abc import AsyncGenerator, Awaitable, Callable, Generator, Mapping, Sequence
 from contextlib import aclosing
+from dataclasses import dataclass, field
 from typing import Any, TypeAlias
 
 from anyio import CapacityLimiter
 from anyio.to_thread import run_sync
 
+from service.cache.record import Record
 from service.errors import InvalidBodyError
 from service.jobs.models import Case, CaseResult
-from service.operations import UNCERTAIN, StudyOperation
+from service.operations import OPERATIONS, UNCERTAIN, KeyedRequest, StudyOperation
+from service.queries import Answered, QueryService
 
 PART = 320
 """Samples handed over at a time: about a second of work, after which other work gets in and progress is reported."""
@@ -22,14 +26,103 @@ Report: TypeAlias = Callable[[dict[str, Any], dict[str, Any] | None], Awaitable[
 """Takes the progress of a study and, if it is another than before, its partial answer."""
 
 
+@dataclass(eq=False)
+class RunningStudy:
+    """A study that is being computed, for one request and all equal ones that come meanwhile."""
+
+    urgent: bool
+    reports: list[Report]
+    done: "asyncio.Future[Record | None]" = field(default_factory=lambda: asyncio.get_running_loop().create_future())
+    """Its record; None if it ended without one."""
+    latest: tuple[dict[str, Any], dict[str, Any] | None] | None = None
+    """Progress and partial answer."""
+
+    async def report(self, progress: dict[str, Any], partial: dict[str, Any] | None) -> None:
+        """Pass progress on to all who follow it."""
+        before = self.latest[1] if self.latest else None
+        self.latest = progress, partial or before
+        for report in list(self.reports):
+            await report(progress, partial)
+
+
+class StudyService:
+    """Answers studies, equal ones in flight by one computation.
+
+    Parameters
+    ----------
+    queries
+        Has the cache.
+    """
+
+    def __init__(self, queries: QueryService) -> None:
+        self._queries = queries
+        self._in_flight: dict[str, RunningStudy] = {}
+
+    async def answer(
+        self,
+        operation: str,
+        request: KeyedRequest,
+        run: RunCases,
+        *,
+        study: Any = None,
+        urgent: bool = True,
+        take: Callable[[int], None] = lambda _: None,
+        report: Report | None = None,
+        limiter: CapacityLimiter | None = None,
+    ) -> Answered:
+        """Return the record of a study, and whether it was there or computed for another.
+
+        An equal study in flight is waited for, and computed here if it ends without an answer: cancelled, say, or
+        beyond the quota of its client. What is urgent never waits for what is not.
+
+        Parameters
+        ----------
+        study
+            The validated request, if it is at hand.
+        run, take, report, limiter
+            As for `run_study`.
+        """
+        key, reports = request.key, [report] if report is not None else []
+        while (other := self._in_flight.get(key)) is not None and (other.urgent or not urgent):
+            record = await self._follow(other, reports)
+            if record is not None:
+                return record, "hit"
+        own = self._in_flight[key] = RunningStudy(urgent, reports)
+        record = None
+        try:
+            record = await self._queries.result(key)  # it may have been kept since it was looked up
+            if record is not None:
+                return record, "hit"
+            study = study or await run_sync(OPERATIONS[operation].request.model_validate_json, request.json)
+            found = await run_study(operation, study, run, take=take, report=own.report, limiter=limiter)
+            record = await run_sync(self._queries.cache.put, Record(key, operation, request.json, found))
+            return record, "miss"
+        finally:
+            own.done.set_result(record)
+            if self._in_flight.get(key) is own:
+                del self._in_flight[key]
+
+    async def _follow(self, other: RunningStudy, reports: Sequence[Report]) -> Record | None:
+        """Wait for another computation, and pass its progress on."""
+        if other.latest is not None:
+            for report in reports:
+                await report(*other.latest)
+        other.reports += reports
+        try:
+            await asyncio.wait([other.done])
+        finally:
+            other.reports = [each for each in other.reports if each not in reports]
+        return other.done.result()
+
+
 async def run_study(
     operation: str,
     study: Any,
     run: RunCases,
     *,
-    take: Callable[[int], None] = lambda _: None,
-    report: Report | None = None,
-    limiter: CapacityLimiter | None = None,
+    take: Callable[[int], None],
+    report: Report,
+    limiter: CapacityLimiter | None,
 ) -> dict[str, Any]:
     """Return the answer to a study without key and version.
 
@@ -60,12 +153,10 @@ async def run_study(
             take(len(cases))
             results += await _findings(found, len(points), cases, run)
             done += len(points)
-            if report is not None:
-                await report(progress_of(study, done, partial), partial if begin == 0 else None)
+            await report(progress_of(study, done, partial), partial if begin == 0 else None)
         batch, answer = await run_sync(advance, steps, results)
     content = await run_sync(found.answer, answer)
-    if report is not None:
-        await report(progress_of(study, done, content), None)
+    await report(progress_of(study, done, content), None)
     return content
 
 

@@ -14,7 +14,8 @@ export function isFinal(job) {
 /**
  * Make a job.
  *
- * A busy service is asked again when it says so. All tries have one key, so they make one job.
+ * A busy service is asked again when it says so. All tries have one key, so they make one job. Given up while the service
+ * takes it on, the job is cancelled: nobody would know of it.
  *
  * @returns {Promise<object>} the job
  */
@@ -23,8 +24,12 @@ export async function submit(path, body, signal) {
   const headers = { Prefer: "respond-async", "Idempotency-Key": key.join("") };
   for (let tries = 1; ; tries++) {
     try {
-      return (await ask(path, { body, headers, signal })).data;
+      const { data: job } = await ask(path, { body, headers });
+      if (!signal.aborted) return job;
+      ask(job.links.cancel, { method: "POST" }).catch(() => {});
+      throw signal.reason;
     } catch (problem) {
+      signal.throwIfAborted();
       const isBusy = [0, 409, 429, 503].includes(problem.status);
       if (!isBusy || tries === MOST_TRIES) throw problem;
       await pause((problem.retryAfter ?? 1) * 1000, signal);

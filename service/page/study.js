@@ -9,14 +9,15 @@ import { Problem, ask } from "./service.js";
 const known = new Map(); // the latest answer by case, while the page is open
 
 /**
- * Compute a study as a job, with the fewest samples and, if those do not suffice, with all.
+ * Compute a study as a job, with few samples and, if those do not suffice, with all.
  *
  * @param {{values: object, inputs: object[], sampling: object}} study
  * @param {AbortSignal} signal cancels the job too
  * @yields {object} answers of `/cra/uncertainty`; before each what its job reports: `samples`, and at times the curve so far
  */
 export async function* askStudy({ values, inputs, sampling }, signal) {
-  const { minimum: few, default: usual } = nodeAt("sampling.max_samples", {});
+  const { minimum, default: usual } = nodeAt("sampling.max_samples", {});
+  const few = 2 * minimum; // the minimum leaves no room to change each input alone
   const most = sampling.max_samples ?? usual;
   const uncertain = inputs.map((input) => uncertainInput(input, values));
   for (const samples of few < most ? [few, most] : [most]) {

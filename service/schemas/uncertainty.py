@@ -250,9 +250,16 @@ class SamplingSettings(Part):
         Num, Field(ge=1e-4, le=0.5, description="Of the interval of every probability, at which sampling ends. [1]")
     ] = SAMPLING.half_width
     confidence: Annotated[Num, Field(ge=0.5, le=0.9999, description="Of every interval. [1]")] = SAMPLING.confidence
-    max_samples: Annotated[Count, Field(ge=256, le=MOST_SAMPLES, description="Searches or runs at most."), WHOLE] = (
-        SAMPLING.max_samples
-    )
+    max_samples: Annotated[
+        Count,
+        Field(
+            ge=256,
+            le=MOST_SAMPLES,
+            description="Searches or runs at most, never exceeded. With `sensitivity` at least 256 and those in which "
+            "one input is changed alone: two for each continuous input, one for each discrete value.",
+        ),
+        WHOLE,
+    ] = SAMPLING.max_samples
     seed: Annotated[Count, Field(ge=0, le=2**53, description="Sample i of a seed is always the same."), WHOLE] = (
         SAMPLING.seed
     )

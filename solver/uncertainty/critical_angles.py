@@ -75,6 +75,11 @@ class AngleStudy:
     bounds
         Of the search: in the indices, a sample without an angle counts as one end of it. [rad]
 
+    Raises
+    ------
+    ParameterError
+        If values do not go together, such as a budget below the fewest samples of these inputs.
+
     Notes
     -----
     `steps` computes nothing of a strike itself: it yields points and is sent their results, in the order of the points.
@@ -101,7 +106,7 @@ class AngleStudy:
         require(fits, "oblique_angles", f"must hold 1 to {MOST_ANGLES} angles")
         rising = bool(np.isfinite(angles).all() and (np.diff(angles) > 0.0).all())
         require(rising, "oblique_angles", "must be finite and rise")
-        self.design = Design(uncertain, sampling)
+        self.design = Design(uncertain, sampling, swings=sensitivity)
         self.angles = angles
         self.sampling = sampling
         self.sensitivity = sensitivity
@@ -110,12 +115,11 @@ class AngleStudy:
     def steps(self) -> Steps:
         """Yield batches, take their results, return the answer."""
         sampling, design = self.sampling, self.design
-        swing = design.swing_points() if self.sensitivity else []
         tables = _Tables(design, self.angles)
         history: list[Round] = []
         answer: AngleUncertainty | None = None
         count, points = 0, FIRST_POINTS
-        extra = [point for _, point in swing]
+        extra = [point for _, point in design.swings]
         reserve = self._reserve()
         while True:
             new = design.unit(points)[:, count:points, : len(design.uncertain)]
@@ -124,7 +128,7 @@ class AngleStudy:
             if extra:
                 tables.swing = [
                     (i, Change(point[i], None if math.isnan(each.angle) else each.angle))
-                    for (i, point), each in zip(swing, results[: len(extra)], strict=True)
+                    for (i, point), each in zip(design.swings, results[: len(extra)], strict=True)
                 ]
             tables.add(results[len(extra) :], points - count, others=results[: len(extra)])
             extra, count = [], points

@@ -12,6 +12,7 @@ from solver.arrays import FloatArray
 from solver.uncertainty.distributions import Continuous, Discrete
 from solver.uncertainty.inputs import Uncertain
 from solver.uncertainty.sampling import FIRST_POINTS, SCRAMBLINGS, Sampling, scrambled
+from solver.validation import require
 
 MOST_ALTERNATIVES = 8
 """Combinations of discrete values of which each is computed at every point; of more, they are sampled."""
@@ -31,17 +32,34 @@ class Design:
         Inputs.
     sampling
         Seed and budget.
+    swings
+        Whether each input is also changed alone.
+
+    Raises
+    ------
+    ParameterError
+        If the budget does not hold the first round.
     """
 
-    def __init__(self, uncertain: Sequence[Uncertain], sampling: Sampling) -> None:
+    def __init__(self, uncertain: Sequence[Uncertain], sampling: Sampling, *, swings: bool = False) -> None:
         self.uncertain = tuple(uncertain)
         self.sampling = sampling
         self.discrete = [i for i, each in enumerate(uncertain) if isinstance(each.distribution, Discrete)]
         self.continuous = [i for i in range(len(uncertain)) if i not in self.discrete]
         choices = [self._discrete(i) for i in self.discrete]
+        self.swings = self._swing_points() if swings else []
+        """Input and point of every one-at-a-time change, the others at their median or likeliest value."""
+        first_round, budget = SCRAMBLINGS * FIRST_POINTS, sampling.max_samples
+        least = first_round + len(self.swings)
+        require(
+            budget >= least,
+            "sampling.max_samples",
+            f"must be at least {least} for the sensitivity to these inputs, {first_round} samples and "
+            f"{len(self.swings)} in which one input is changed alone, got {budget}",
+        )
         count = math.prod(len(each.values) for each in choices)
-        first_round = SCRAMBLINGS * FIRST_POINTS
-        self.enumerated = count <= MOST_ALTERNATIVES and count * first_round <= max(sampling.max_samples // 2, 256)
+        fits = count * first_round <= max(budget // 2, first_round) and count * first_round + len(self.swings) <= budget
+        self.enumerated = count <= MOST_ALTERNATIVES and fits
         """Whether every combination of discrete values is computed at every point."""
         self.choice_weights = [each.probabilities for each in choices] if self.enumerated else []
         ranges = [range(len(each)) for each in self.choice_weights]
@@ -92,8 +110,7 @@ class Design:
                 place = place * len(self._discrete(i).values) + self._discrete(i).places(unit[..., i])
         return place
 
-    def swing_points(self) -> list[tuple[int, Point]]:
-        """Return input and point of every one-at-a-time change, the others at their median or likeliest value."""
+    def _swing_points(self) -> list[tuple[int, Point]]:
         middle = [self._middle(i) for i in range(len(self.uncertain))]
         return [
             (i, (*middle[:i], value, *middle[i + 1 :])) for i in range(len(self.uncertain)) for value in self._ends(i)

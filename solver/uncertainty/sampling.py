@@ -32,7 +32,8 @@ class Sampling:
     confidence
         Of every interval. [1]
     max_samples
-        Searches or runs at most, those of sensitivities included.
+        Searches or runs at most, never exceeded: 256 or more, and with sensitivities two for each continuous input and
+        one for each discrete value besides.
     seed
         Sample i of a seed is always the same.
     method

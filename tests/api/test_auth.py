@@ -177,6 +177,46 @@ def test_cases_of_a_key_are_limited(guarded: Guarded) -> None:
         assert guarded.anna.post("/cra", json=PAPER).status_code == 200
 
 
+def test_study_counts_as_the_samples_it_takes_once_its_job_ends(guarded: Guarded) -> None:
+    spread = {"type": "normal", "mean": 238.0, "standard_deviation": 2.4}
+    study = PAPER | {"uncertain": [{"field": "impact.velocity_m_s", "distribution": spread}], "sensitivity": False}
+
+    def submit(client: httpx.Client, **sampling: Any) -> httpx.Response:
+        return client.post("/cra/uncertainty", json=study | {"sampling": sampling}, headers=ASYNC)
+
+    with guarded.with_key("iris", cases_per_hour=2000) as iris:
+        first = submit(iris, max_samples=1900, half_width=0.1)
+        assert first.status_code == 202, first.text
+        problem_of(submit(iris, max_samples=1900, half_width=0.2), 429)
+        job = finished(iris, first.json())
+        assert job["progress"]["samples"] == 256
+        again = submit(iris, max_samples=1744, half_width=0.1)  # 2,000 - 256
+        problem_of(iris.post("/cra", json=PAPER), 429)
+        assert finished(iris, again.json())["progress"]["samples"] == 256
+        same = submit(iris, max_samples=1400, half_width=0.1)  # 512 counted so far
+        assert finished(iris, same.json())["status"] == "successful"
+        endless = submit(iris, max_samples=1200, half_width=1e-4, method="direct", seed=5)
+        assert endless.status_code == 202
+        problem_of(submit(iris, max_samples=900), 429)
+        taken = iris.post(endless.json()["links"]["cancel"]).json().get("progress", {"samples": 1})["samples"]
+        assert submit(iris, max_samples=2000 - 3 * 256 - taken, half_width=0.1).status_code == 202
+
+
+def test_job_taken_on_after_a_restart_gives_back_too(
+    tmp_path: Path, service_on: Callable[..., AbstractContextManager[Any]]
+) -> None:
+    token = key_in(tmp_path / "data", "anna", cases_per_hour=5000)
+    spread = {"type": "normal", "mean": 238.0, "standard_deviation": 2.4}
+    study = PAPER | {"uncertain": [{"field": "impact.velocity_m_s", "distribution": spread}], "sensitivity": False}
+    body = study | {"sampling": {"max_samples": 5000, "half_width": 1e-4, "method": "direct"}}
+    with service_on(tmp_path) as service, holder(service.url, token) as anna:
+        job = anna.post("/cra/uncertainty", json=body, headers=ASYNC).json()
+    with service_on(tmp_path) as service, holder(service.url, token) as anna:
+        problem_of(anna.post("/cra", json=PAPER), 429)
+        assert anna.post(job["links"]["cancel"]).json()["status"] == "dismissed"
+        assert anna.post("/cra", json=PAPER).status_code == 200
+
+
 def test_request_sent_again_counts_once(guarded: Guarded) -> None:
     with guarded.with_key("hans", cases_per_hour=8) as hans:
         body, headers = lines(searches(4)), LINES | ASYNC | {"Idempotency-Key": "once"}

@@ -107,6 +107,17 @@ def test_samples_outside_the_contract_are_counted(client: httpx.Client) -> None:
     assert not answer["converged"]
 
 
+def test_budget_that_the_fewest_samples_exceed_is_refused_with_the_least_one(client: httpx.Client) -> None:
+    for headers in ({}, {"Prefer": "respond-async"}):
+        response = client.post("/cra/uncertainty", json=BODY | {"sampling": {"max_samples": 256}}, headers=headers)
+        assert response.status_code == 422
+        [error] = response.json()["errors"]
+        assert error["pointer"] == "/sampling/max_samples"
+        assert "must be at least 260" in error["detail"]
+    answer = client.post("/cra/uncertainty", json=BODY | {"sampling": {"max_samples": 260, "half_width": 1e-4}}).json()
+    assert answer["samples"] == 260
+
+
 def changed(**distribution: Any) -> dict[str, Any]:
     return SPEED | {"distribution": SPEED["distribution"] | distribution}  # type: ignore[operator]
 

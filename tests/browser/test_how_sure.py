@@ -10,7 +10,7 @@ from xml.etree import ElementTree as ET
 import httpx
 import numpy as np
 import pytest
-from playwright.sync_api import Page, expect
+from playwright.sync_api import Page, Route, expect
 
 from service.schemas.examples import PAPER
 
@@ -169,6 +169,17 @@ def test_explore_says_how_sure_once_a_study_of_the_case_is_there(page: Page) -> 
     expect(sure).to_be_empty()
     page.get_by_role("slider", name="Speed").fill("238")
     expect(sure).to_contain_text(headline)
+
+
+def test_study_that_is_stopped_while_it_is_submitted_leaves_no_job_running(page: Page) -> None:
+    held: list[Route] = []
+    page.route("**/cra/uncertainty", held.append)
+    with page.expect_request("**/cra/uncertainty"):
+        page.goto(f"/#/how-sure?{TWO}&sampling.half_width=0.0001&sampling.max_samples=4096&sampling.seed=4")
+    page.get_by_role("button", name="Stop").click()
+    with page.expect_response("**/cancel") as cancelled:
+        held[0].continue_()
+    assert cancelled.value.json()["status"] == "dismissed"
 
 
 def test_study_is_stopped_and_a_changed_form_gives_it_up(page: Page) -> None:

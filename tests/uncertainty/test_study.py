@@ -56,9 +56,40 @@ def test_history_ends_within_the_half_width_or_the_budget() -> None:
     assert (poor.upper - poor.lower).max() > 2e-3
 
 
+@pytest.mark.parametrize("budget", [272, 512, 1024])
+@pytest.mark.parametrize("method", ["auto", "direct"])
+@pytest.mark.parametrize("models", [2, 14])
+def test_study_never_takes_more_samples_than_its_budget(budget: int, method: str, models: int) -> None:
+    inputs = [*EDGE, Uncertain("model", Discrete(values=[float(model) for model in range(models)]))]
+    taken = 0
+
+    def evaluate(points: Sequence[Any]) -> list[Crossings]:
+        nonlocal taken
+        taken += len(points)
+        return [Crossings((0.5 * round(x) + 0.01 * model,)) for x, model in points]  # no surrogate fits a step
+
+    sampling = Sampling(max_samples=budget, half_width=1e-4, method=method)
+    answer = answer_of(AngleStudy(inputs, GRID, sampling), evaluate)
+    assert answer.samples == taken <= budget
+    assert len(answer.sensitivity[1].swing) == models
+    taken = 0
+    ending = answer_of(TrajectoryStudy(inputs, sampling), lambda points: [Ending("embedded")] * len(points))
+    assert ending.samples <= budget
+
+
+def test_budget_below_the_fewest_samples_is_refused_with_the_least_one() -> None:
+    inputs = [*EDGE, Uncertain("model", Discrete(values=[0.0, 1.0, 2.0]))]
+    with pytest.raises(ParameterError, match=r"must be at least 261 for .*, got 260") as error:
+        AngleStudy(inputs, GRID, Sampling(max_samples=260))
+    assert error.value.field == "sampling.max_samples"
+    AngleStudy(inputs, GRID, Sampling(max_samples=261))
+    AngleStudy(inputs, GRID, Sampling(max_samples=256), sensitivity=False)
+
+
 def test_study_whose_first_samples_use_up_the_budget_ends_without_indices() -> None:
-    answer = run(Ishigami(), max_samples=256)
+    answer = run(Ishigami(), max_samples=262)
     assert answer.method == "direct"
+    assert answer.samples == 262
     assert [each.total for each in answer.sensitivity] == [None] * 3
     assert [warning.code for warning in answer.warnings] == ["no_indices"]
 

@@ -1,0 +1,42 @@
+"""Sobol indices of the critical angle by SALib, with the service as an UM-Bridge model.
+
+Install both (`pip install umbridge SALib`), start the service with `make serve`, then
+`.venv/bin/python examples/umbridge_salib.py`, with its address if that is another.
+"""
+
+import sys
+from typing import Any
+
+import numpy as np
+import umbridge
+from SALib.analyze import sobol as indices
+from SALib.sample import sobol as points
+
+ADDRESS = "http://127.0.0.1:8000"
+BASE_SAMPLES = 64  # a power of two
+PROBLEM: dict[str, Any] = {
+    "num_vars": 2,
+    "names": ["velocity", "compressive strength"],
+    "dists": ["norm", "norm"],
+    "bounds": [[238.0, 2.4], [39.0, 4.7]],  # mean and standard deviation [m/s], [MPa]
+}
+
+
+def main() -> None:
+    """Sample, evaluate, print."""
+    address = sys.argv[1] if len(sys.argv) > 1 else ADDRESS
+    model = umbridge.HTTPModel(f"{address}/umbridge", "cra")
+    inputs = points.sample(PROBLEM, BASE_SAMPLES, calc_second_order=False, seed=7)
+    outputs = np.array([model([point])[0] for point in inputs.tolist()])
+    angles, statuses = outputs.T
+    if statuses.any():
+        sys.exit(f"{np.count_nonzero(statuses)} of {len(outputs)} strikes have no critical angle")
+    found = indices.analyze(PROBLEM, angles, calc_second_order=False, seed=7)
+    print(f"critical angle {angles.mean():.2f}° ± {angles.std():.2f}° from {angles.size} searches")
+    for row, name in enumerate(PROBLEM["names"]):
+        first, total = (f"{found[index][row]:.2f} ± {found[f'{index}_conf'][row]:.2f}" for index in ("S1", "ST"))
+        print(f"{name:22} first order {first}, total {total}")
+
+
+if __name__ == "__main__":
+    main()

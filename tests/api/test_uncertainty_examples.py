@@ -1,0 +1,41 @@
+"""The examples with tools of uncertainty quantification, run as their readers would."""
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+
+
+def run(name: str, *arguments: str) -> str:
+    """What an example prints."""
+    command = [sys.executable, str(EXAMPLES / name), *arguments]
+    environment = os.environ | {"NO_PROXY": "*"}
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=240, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+def test_emcee_calibrates_the_strength_factor_with_its_interval() -> None:
+    pytest.importorskip("emcee", reason="emcee is not installed")
+    printed = run("calibrate_emcee.py")
+    [row] = re.findall(r"^S +([\d.]+) \(95 %: ([\d.]+) to ([\d.]+)\)", printed, re.MULTILINE)
+    median, low, high = map(float, row)
+    assert median == pytest.approx(8.4, abs=0.5)  # by least squares 8.38, from 7.1 to 9.6
+    assert 6.0 < low < 7.9
+    assert 8.9 < high < 12.0
+
+
+def test_salib_finds_the_indices_of_the_critical_angle(live_url: str) -> None:
+    pytest.importorskip("umbridge", reason="umbridge is not installed")
+    pytest.importorskip("SALib", reason="SALib is not installed")
+    printed = run("umbridge_salib.py", live_url)
+    assert "from 256 searches" in printed
+    totals = [float(total) for total in re.findall(r"total (-?[\d.]+)", printed)]
+    speed, strength = totals
+    assert 0.0 <= speed < 0.3
+    assert strength == pytest.approx(1.0, abs=0.3)  # strength scatters by 12 %, speed by 1 %

@@ -1,0 +1,200 @@
+"""Studies of uncertainty: the same bytes whatever computes their samples, and one computation for equal ones."""
+
+import asyncio
+from collections import Counter
+from collections.abc import AsyncIterator, Iterator, Sequence
+from contextlib import asynccontextmanager
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from service.cache.cache import ResultCache
+from service.cache.record import Record
+from service.dask.executor import DaskExecutor
+from service.errors import QuotaError
+from service.jobs.manager import JobManager
+from service.jobs.models import Case, JobState
+from service.jobs.store import JobStore
+from service.operations import OPERATIONS, KeyedRequest
+from service.queries import QueryService
+from service.schemas.examples import PAPER
+from service.workers.base import Executor
+from service.workers.process_pool import InThreadExecutor, ProcessPool
+from tests.service.dask_cluster import DaskCluster, dask_cluster
+from tests.service.squares import ended
+
+pytestmark = [pytest.mark.anyio, pytest.mark.timeout(300)]
+SPEED = {"field": "impact.velocity_m_s", "distribution": {"type": "normal", "mean": 238.0, "standard_deviation": 2.4}}
+DECAY = {
+    "field": "resistance.free_surface.model",
+    "distribution": {"type": "discrete", "values": ["elastic_plastic", "mohr_coulomb"], "weights": [0.8, 0.2]},
+}
+SAMPLING = {"max_samples": 300, "half_width": 1e-4, "seed": 7}
+STUDIES = {
+    "trajectory_uncertainty": PAPER
+    | {
+        "impact": {"velocity_m_s": 238.0, "oblique_angle_deg": 48.7},
+        "uncertain": [SPEED, DECAY],
+        "sampling": SAMPLING,
+    },
+    "cra_uncertainty": PAPER
+    | {"uncertain": [SPEED], "search": {"tolerance_deg": 1.0}, "sampling": SAMPLING | {"method": "direct"}},
+}
+STRIKE = "trajectory_uncertainty"
+
+
+def request_of(operation: str, seed: int = 7) -> tuple[KeyedRequest, Any]:
+    """A study as it is keyed and as it is validated."""
+    body = STUDIES[operation]
+    study: Any = OPERATIONS[operation].request.model_validate(body | {"sampling": body["sampling"] | {"seed": seed}})
+    return KeyedRequest.of(operation, study), study
+
+
+@asynccontextmanager
+async def running(folder: Path, executor: Executor, counts: Counter[str] | None = None) -> AsyncIterator[JobManager]:
+    """A job manager with an empty cache; it counts new samples by their operation."""
+
+    def count(operation: str, _: str, status: str, number: int) -> None:
+        if counts is not None and status == "miss":
+            counts[operation] += number
+
+    with ResultCache(folder / "data", memory_bytes=50_000_000, disk_bytes=10**9) as kept:
+        queries = QueryService(kept, executor, OPERATIONS)
+        jobs = JobStore(folder / "data", job_days=7.0)
+        manager = JobManager(queries, jobs, max_queued_cases=100_000, count=count)
+        await manager.start()
+        try:
+            yield manager
+        finally:
+            await manager.stop()
+
+
+@cache
+def computed_alone(operation: str) -> bytes:
+    """The answer of one process that computes sample after sample."""
+    request, _ = request_of(operation)
+    answer, _ = OPERATIONS[operation].compute(request.json)
+    return Record(request.key, operation, request.json, answer).json
+
+
+@pytest.fixture(scope="module")
+def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[DaskCluster]:
+    with dask_cluster(tmp_path_factory.mktemp("dask"), workers=2) as found:
+        yield found
+
+
+@pytest.fixture(params=["in-process", "1 worker", "2 workers", pytest.param("dask", marks=pytest.mark.system)])
+async def executor(request: pytest.FixtureRequest) -> AsyncIterator[Executor]:
+    found: Executor
+    if request.param == "in-process":
+        found = InThreadExecutor(task_seconds=60.0)
+    elif request.param == "dask":
+        found = DaskExecutor(address=request.getfixturevalue("cluster").address, workers=2, task_seconds=60.0)
+    else:
+        found = ProcessPool(workers=int(request.param[0]), task_seconds=60.0)
+    await found.start()
+    yield found
+    await found.stop(2.0)
+
+
+@pytest.mark.parametrize("operation", STUDIES)
+async def test_seed_gives_the_same_bytes_wherever_samples_are_computed(
+    executor: Executor, operation: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    request, study = request_of(operation)
+    for part in (16, 256):
+        monkeypatch.setattr("service.jobs.studies.PART", part)
+        async with running(tmp_path / str(part), executor) as manager:
+            record, status = await manager.answer_study(operation, request, study)
+        assert status == "miss"
+        assert record.json == computed_alone(operation), f"{part} samples at a time"
+
+
+@pytest.fixture
+async def thread() -> AsyncIterator[Executor]:
+    found = InThreadExecutor(task_seconds=60.0)
+    await found.start()
+    yield found
+    await found.stop(2.0)
+
+
+async def test_equal_studies_in_flight_are_computed_once(thread: Executor, tmp_path: Path) -> None:
+    request, study = request_of(STRIKE)
+    counts: Counter[str] = Counter()
+    async with running(tmp_path, thread, counts) as manager:
+        found = await asyncio.gather(*(manager.answer_study(STRIKE, request, study) for _ in range(3)))
+    assert sorted(status for _, status in found) == ["hit", "hit", "miss"]
+    assert {record.json for record, _ in found} == {computed_alone(STRIKE)}
+    assert counts == {"trajectory": found[0][0].answer["samples"]}
+
+
+async def test_study_goes_on_for_the_others_when_the_first_client_cannot(thread: Executor, tmp_path: Path) -> None:
+    request, study = request_of(STRIKE)
+
+    def refuse(count: int) -> None:
+        raise QuotaError(10, count, 60)
+
+    async with running(tmp_path, thread) as manager:
+        poor = asyncio.ensure_future(manager.answer_study(STRIKE, request, study, take=refuse))
+        gone = asyncio.ensure_future(manager.answer_study(STRIKE, request, study))
+        other = asyncio.ensure_future(manager.answer_study(STRIKE, request, study))
+        with pytest.raises(QuotaError):
+            await poor
+        await asyncio.sleep(0.1)
+        gone.cancel()
+        record, status = await other
+    assert status == "miss"
+    assert record.json == computed_alone(STRIKE)
+
+
+async def accepted(manager: JobManager, request: KeyedRequest, owner: str) -> JobState:
+    async def block() -> AsyncIterator[Sequence[Case]]:
+        yield [Case(request)]
+
+    state, _ = await manager.accept(STRIKE, block(), owner=owner)
+    return state
+
+
+async def test_equal_jobs_in_flight_share_one_study_and_its_progress(thread: Executor, tmp_path: Path) -> None:
+    request, _ = request_of(STRIKE)
+    counts: Counter[str] = Counter()
+    async with running(tmp_path, thread, counts) as manager:
+        jobs = [await accepted(manager, request, owner) for owner in ("one", "two")]
+        states = [await ended(manager, job) for job in jobs]
+    assert [state.status for state in states] == ["successful"] * 2
+    assert sorted(state.cached for state in states) == [0, 1]
+    first, second = (state.progress for state in states)
+    assert first == second
+    assert first is not None
+    assert counts["trajectory"] == first["samples"]
+
+
+async def test_study_is_taken_over_by_an_equal_job_when_the_first_is_cancelled(
+    thread: Executor, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("service.jobs.studies.PART", 32)
+    request, _ = request_of(STRIKE)
+    async with running(tmp_path, thread) as manager:
+        first, second = [await accepted(manager, request, owner) for owner in ("one", "two")]
+        async for state in manager.changes(second.id):
+            if state.progress is not None:
+                break
+        dismissed = await manager.cancel(first.id, "one")
+        assert dismissed is not None
+        assert dismissed.status == "dismissed"
+        state = await ended(manager, second)
+    assert (state.status, state.cached) == ("successful", 0)
+
+
+async def test_study_that_a_client_waits_for_does_not_wait_for_a_job(thread: Executor, tmp_path: Path) -> None:
+    request, study = request_of(STRIKE)
+    async with running(tmp_path, thread) as manager:
+        job = await accepted(manager, request, "one")
+        async for state in manager.changes(job.id):
+            if state.progress is not None:
+                break
+        record, _ = await manager.answer_study(STRIKE, request, study)
+        assert record.json == computed_alone(STRIKE)
+        assert (await ended(manager, job)).status == "successful"
