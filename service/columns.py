@@ -104,10 +104,16 @@ SUMMARY: Mapping[str, tuple[Column, ...]] = {
     "thickness": (
         Column("status", "how the search ended", "S32"),
         Column("least_thickness_m", "least thickness of a wall that is not perforated"),
+        Column("bracket_low_m", "lower of the thicknesses between which the outcome changes"),
+        Column("bracket_high_m", "upper of these"),
+        Column("trials", "number of thicknesses tried"),
     ),
     "limit-speed": (
         Column("status", "how the search ended", "S32"),
         Column("limit_speed_m_s", "least speed that perforates"),
+        Column("bracket_low_m_s", "lower of the speeds between which the outcome changes"),
+        Column("bracket_high_m_s", "upper of these"),
+        Column("trials", "number of speeds tried"),
     ),
     "calibration_depth": ESTIMATE,
     "calibration_motion": (
@@ -132,12 +138,22 @@ NUMBERING = (
 )
 """Further columns for the cases of a batch."""
 CASE = Column("case", "row of the summary it belongs to, from 0", "<i8")
-TRIALS = (
-    Column("oblique_angle_deg", "angle tried, from the inward normal of the face to the velocity"),
-    Column("final_position_m", "depth of the nose tip at the end of the trial"),
+LAST_MOTION = (
     Column("outcome", "how the trial ended", "S32"),
-    Column("fine", "whether it was computed at the final resolution, or only to see where to look", "?"),
+    Column("depth_velocity_m_s", "at its end, of the centre of gravity, along the inward normal"),
+    Column("lateral_velocity_m_s", "at its end, of the centre of gravity, along the face"),
 )
+TRIALS: Mapping[str, tuple[Column, ...]] = {
+    "cra": (
+        Column("oblique_angle_deg", "angle tried, from the inward normal of the face to the velocity"),
+        Column("final_position_m", "depth of the nose tip at the end of the trial"),
+        Column("outcome", "how the trial ended", "S32"),
+        Column("fine", "whether it was computed at the final resolution, or only to see where to look", "?"),
+    ),
+    "thickness": (Column("thickness_m", "thickness tried"), *LAST_MOTION),
+    "limit-speed": (Column("velocity_m_s", "speed tried"), *LAST_MOTION),
+}
+"""Columns of the trials of a search, by operation."""
 QUANTITIES = {
     "depth_displacement_m": "displacement of the centre of gravity along the inward normal of the face",
     "lateral_displacement_m": "displacement of the centre of gravity along the face",
@@ -185,8 +201,11 @@ def summarize(answer: Mapping[str, Any]) -> dict[str, Any]:
     """Return the row of an answer, by column; what the answer does not have is left out."""
     row = {name: value for name, value in answer.items() if isinstance(value, float | int | str)}
     row |= {f"final_{name}": value for name, value in answer.get("final", {}).items()}
-    if bracket := answer.get("bracket_deg"):
-        row["bracket_low_deg"], row["bracket_high_deg"] = min(bracket), max(bracket)
+    for unit in ("deg", "m", "m_s"):
+        if bracket := answer.get(f"bracket_{unit}"):
+            row[f"bracket_low_{unit}"], row[f"bracket_high_{unit}"] = min(bracket), max(bracket)
+    if "iterations" in answer:
+        row["trials"] = len(answer["iterations"])
     if interval := answer.get("confidence_interval"):
         row["confidence_low"], row["confidence_high"] = interval
     angle = answer.get("critical_angle", {})

@@ -34,9 +34,7 @@ from service.operations import OPERATIONS, SCHEMA_VERSION
 from service.problems import MEDIA_TYPE, install_problem_handlers
 from service.queries import QueryService
 from service.schemas import (
-    CriticalAngleBatch,
     CriticalAngleRequest,
-    CriticalAngleSweep,
     CriticalAngleUncertaintyRequest,
     DepthCalibrationRequest,
     FormulasRequest,
@@ -44,9 +42,7 @@ from service.schemas import (
     MotionCalibrationRequest,
     ObliquityCalibrationRequest,
     ThicknessRequest,
-    TrajectoryBatch,
     TrajectoryRequest,
-    TrajectorySweep,
     TrajectoryUncertaintyRequest,
 )
 from service.settings import Settings
@@ -68,10 +64,7 @@ RESOURCES = (queries, batches, uncertainty, umbridge, results, jobs, health, met
 BODIES = (
     TrajectoryRequest,
     CriticalAngleRequest,
-    TrajectoryBatch,
-    CriticalAngleBatch,
-    TrajectorySweep,
-    CriticalAngleSweep,
+    *(model for many in batches.MANY_CASES for model in (many.batch, many.sweep)),
     DepthCalibrationRequest,
     MotionCalibrationRequest,
     ObliquityCalibrationRequest,
