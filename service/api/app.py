@@ -45,6 +45,7 @@ from service.schemas import (
     TrajectoryRequest,
     TrajectoryUncertaintyRequest,
 )
+from service.schemas.quantities import Part
 from service.settings import Settings
 
 DESCRIPTION = """
@@ -61,7 +62,7 @@ STOP_SECONDS = POOL_SECONDS + 1
 """Part of the grace time for jobs and workers to end after the last request has been answered or given up."""
 RESOURCES = (queries, batches, uncertainty, umbridge, results, jobs, health, metrics, page)
 """Routers in the order in which they are searched."""
-BODIES = (
+BODIES: tuple[type[Part], ...] = (
     TrajectoryRequest,
     CriticalAngleRequest,
     *(model for many in batches.MANY_CASES for model in (many.batch, many.sweep)),
