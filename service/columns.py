@@ -115,10 +115,16 @@ SUMMARY: Mapping[str, tuple[Column, ...]] = {
     "thickness": (
         Column("status", "how the search ended", "S32"),
         Column("least_thickness_m", "least thickness of a wall that is not perforated"),
+        Column("bracket_low_m", "lower of the thicknesses between which the outcome changes"),
+        Column("bracket_high_m", "upper of these"),
+        Column("trials", "number of thicknesses tried"),
     ),
     "limit-speed": (
         Column("status", "how the search ended", "S32"),
         Column("limit_speed_m_s", "least speed that perforates"),
+        Column("bracket_low_m_s", "lower of the speeds between which the outcome changes"),
+        Column("bracket_high_m_s", "upper of these"),
+        Column("trials", "number of speeds tried"),
     ),
     "calibration_depth": ESTIMATE,
     "calibration_motion": (
@@ -143,12 +149,18 @@ NUMBERING = (
 )
 """Further columns for the cases of a batch."""
 CASE = Column("case", "row of the summary it belongs to, from 0", "<i8")
-TRIALS = (
-    Column("oblique_angle_deg", "angle tried, from the inward normal of the face to the velocity"),
-    Column("final_position_m", "depth of the nose tip at the end of the trial"),
-    Column("outcome", "how the trial ended", "S32"),
-    Column("fine", "whether it was computed at the final resolution, or only to see where to look", "?"),
-)
+ENDED = Column("outcome", "how the trial ended", "S32")
+TRIALS: Mapping[str, tuple[Column, ...]] = {
+    "cra": (
+        Column("oblique_angle_deg", "angle tried, from the inward normal of the face to the velocity"),
+        Column("final_position_m", "depth of the nose tip at the end of the trial"),
+        ENDED,
+        Column("fine", "whether it was computed at the final resolution, or only to see where to look", "?"),
+    ),
+    "thickness": (Column("thickness_m", "thickness tried"), ENDED),
+    "limit-speed": (Column("velocity_m_s", "speed tried"), ENDED),
+}
+"""Columns of the trials of a search, by operation."""
 QUANTITIES = {
     "depth_displacement_m": "displacement of the centre of gravity along the inward normal of the face",
     "lateral_displacement_m": "displacement of the centre of gravity along the face",
@@ -197,8 +209,11 @@ def summarize(answer: Mapping[str, Any]) -> dict[str, Any]:
     row = {name: value for name, value in answer.items() if isinstance(value, float | int | str)}
     for part in ("final", "exit"):
         row |= {f"{part}_{name}": value for name, value in answer.get(part, {}).items()}
-    if bracket := answer.get("bracket_deg"):
-        row["bracket_low_deg"], row["bracket_high_deg"] = min(bracket), max(bracket)
+    for unit in ("deg", "m", "m_s"):
+        if bracket := answer.get(f"bracket_{unit}"):
+            row[f"bracket_low_{unit}"], row[f"bracket_high_{unit}"] = min(bracket), max(bracket)
+    if "iterations" in answer:
+        row["trials"] = len(answer["iterations"])
     if interval := answer.get("confidence_interval"):
         row["confidence_low"], row["confidence_high"] = interval
     angle = answer.get("critical_angle", {})

@@ -126,12 +126,15 @@ class Operation:
         The answer in one row.
     cases
         Returns what a request counts as against a quota.
+    weight
+        What a case of a batch or a sweep counts as, against a quota and the size of what is answered at once.
     """
 
     compute: Callable[[bytes], Answer]
     request: type[Part]
     columns: tuple[Column, ...] = ()
     cases: Callable[[Any], int] = lambda _: 1
+    weight: int = 1
 
 
 def compute_trajectory(request: bytes) -> Answer:
@@ -311,6 +314,15 @@ def _study(operation: str, request: CriticalAngleUncertaintyRequest | Trajectory
             return answer
 
 
+WALL_CASES = 20
+"""What a search for perforation counts as: it takes 20 to 30 runs."""
+
+
+def cases_of_a_wall(_: Part) -> int:
+    """Return what a search for perforation counts as."""
+    return WALL_CASES
+
+
 def cases_of_a_fit(_: Part) -> int:
     """Return what a calibration counts as: it takes as long as so many cases."""
     return 20
@@ -350,8 +362,12 @@ OPERATIONS: Mapping[str, Operation] = {
         compute_obliquity_calibration, ObliquityCalibrationRequest, cases=cases_of_a_fit
     ),
     "formulas": Operation(compute_formulas, FormulasRequest),
-    "thickness": Operation(compute_thickness, ThicknessRequest, SUMMARY["thickness"]),
-    "limit-speed": Operation(compute_limit_speed, LimitSpeedRequest, SUMMARY["limit-speed"]),
+    "thickness": Operation(
+        compute_thickness, ThicknessRequest, SUMMARY["thickness"], cases_of_a_wall, weight=WALL_CASES
+    ),
+    "limit-speed": Operation(
+        compute_limit_speed, LimitSpeedRequest, SUMMARY["limit-speed"], cases_of_a_wall, weight=WALL_CASES
+    ),
     "cra_uncertainty": Operation(
         compute_critical_angle_uncertainty,
         CriticalAngleUncertaintyRequest,

@@ -224,7 +224,8 @@ class Settings(Limits):
         Field(
             ge=0,
             le=1000,
-            description="Up to so many cases are answered at once, more become a job: a hundred take about a second.",
+            description="Up to so many cases are answered at once, more become a job: a hundred take about a second. A "
+            "search for perforation counts as 20 cases.",
         ),
     ] = 100
     small_samples: Annotated[

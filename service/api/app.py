@@ -34,9 +34,7 @@ from service.operations import OPERATIONS, SCHEMA_VERSION
 from service.problems import MEDIA_TYPE, install_problem_handlers
 from service.queries import QueryService
 from service.schemas import (
-    CriticalAngleBatch,
     CriticalAngleRequest,
-    CriticalAngleSweep,
     CriticalAngleUncertaintyRequest,
     DepthCalibrationRequest,
     FormulasRequest,
@@ -44,11 +42,10 @@ from service.schemas import (
     MotionCalibrationRequest,
     ObliquityCalibrationRequest,
     ThicknessRequest,
-    TrajectoryBatch,
     TrajectoryRequest,
-    TrajectorySweep,
     TrajectoryUncertaintyRequest,
 )
+from service.schemas.quantities import Part
 from service.settings import Settings
 
 DESCRIPTION = """
@@ -65,13 +62,10 @@ STOP_SECONDS = POOL_SECONDS + 1
 """Part of the grace time for jobs and workers to end after the last request has been answered or given up."""
 RESOURCES = (queries, batches, uncertainty, umbridge, results, jobs, health, metrics, page)
 """Routers in the order in which they are searched."""
-BODIES = (
+BODIES: tuple[type[Part], ...] = (
     TrajectoryRequest,
     CriticalAngleRequest,
-    TrajectoryBatch,
-    CriticalAngleBatch,
-    TrajectorySweep,
-    CriticalAngleSweep,
+    *(model for many in batches.MANY_CASES for model in (many.batch, many.sweep)),
     DepthCalibrationRequest,
     MotionCalibrationRequest,
     ObliquityCalibrationRequest,

@@ -21,7 +21,7 @@ from service.jobs.models import Case, Sweep
 from service.operations import KeyedRequest
 from service.queries import check_work
 from service.schemas.batches import MOST_LINES, Cases
-from service.schemas.requests import CriticalAngleBase, TrajectoryFields
+from service.schemas.quantities import Part
 from service.schemas.sweeps import AxisError, Grid, Outline
 from service.workers.worker import check_requests
 from solver import ParameterError
@@ -70,9 +70,7 @@ class BatchReader:
         What every case has to be.
     """
 
-    def __init__(
-        self, request: Request, operation: str, model: type[CriticalAngleBase] | type[TrajectoryFields]
-    ) -> None:
+    def __init__(self, request: Request, operation: str, model: type[Part]) -> None:
         self._request = request
         self._operation = operation
         self._model = model

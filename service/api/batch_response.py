@@ -19,6 +19,7 @@ from service.api.services import services_of
 from service.auth.dependencies import context_in
 from service.jobs.manager import JobManager
 from service.jobs.models import Case, CaseResult, Charge, Idempotency, JobState, Sweep
+from service.operations import OPERATIONS
 
 FORMS = (JSON, JSONL, CSV)
 VARY = {"Vary": "Prefer, Accept"}
@@ -141,7 +142,8 @@ class BatchResponse(JobResponse):
     async def to(self, body: BatchBody) -> Response:
         """Return the results, or the job that will have them. What is refused does not count against the key."""
         try:
-            small, rest = await take(self._charged(body.blocks), self._settings.small_cases)
+            most = self._settings.small_cases // OPERATIONS[self.operation].weight
+            small, rest = await take(self._charged(body.blocks), most)
             if rest is None and not self.preference.respond_async:
                 return await self._answer_now(small, body.sweep)
             state = await self.accept(chain(small, rest), body.digest, body.sweep)
@@ -153,7 +155,7 @@ class BatchResponse(JobResponse):
 
     async def _charged(self, blocks: AsyncIterator[list[Case]]) -> AsyncIterator[list[Case]]:
         async for cases in blocks:
-            self._context.take(len(cases))
+            self._context.take(len(cases) * OPERATIONS[self.operation].weight)
             yield cases
 
     async def _answer_now(self, cases: Sequence[Case], sweep: Sweep | None) -> Response:

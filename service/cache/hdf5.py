@@ -202,10 +202,11 @@ class Contents:
         for name, text in {"title": "ricochet results", "layout": LAYOUT}.items():
             write_attribute(root, name, text)
         self._summary = (*more, *summary_columns(operation))
+        self._trials = TRIALS.get(operation, ())
         self._rows = 0
         known = {
             "summary": self._summary,
-            "iterations": (CASE, *TRIALS),
+            "iterations": (CASE, *self._trials),
             "history": (CASE, *MOTION),
             "residuals": (CASE, *RESIDUALS),
         }
@@ -228,7 +229,7 @@ class Contents:
             "summary": table_of(self._summary, summaries),
             "requests": _lines(record.request_json if record else b"null" for record in records),
             "answers": _lines(answers),
-            "iterations": trials_of(records, self._rows),
+            "iterations": trials_of(self._trials, records, self._rows),
             "history": histories_of(records, self._rows),
             "residuals": residual_table(records, self._rows),
         }

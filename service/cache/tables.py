@@ -14,7 +14,7 @@ import numpy.typing as npt
 from h5py import h5a, h5d, h5f, h5p, h5s, h5t
 
 from service.cache.record import FloatColumns, Record
-from service.columns import CASE, IDENTITY, RESIDUALS, RUN, TRIALS, Column, summarize
+from service.columns import CASE, IDENTITY, RESIDUALS, RUN, Column, summarize
 
 Table = npt.NDArray[Any]
 
@@ -46,12 +46,12 @@ def table_of(columns: Iterable[Column], rows: Sequence[Mapping[str, Any]]) -> Ta
     return _joined(_filled(columns, rows), len(rows))
 
 
-def trials_of(records: Sequence[Record | None], first: int) -> Table:
+def trials_of(columns: Iterable[Column], records: Sequence[Record | None], first: int) -> Table:
     """Every trial of these results, in order, with the row of the summary, the first of which is given."""
     searches = [record.answer.get("iterations", ()) if record else () for record in records]
     trials = [trial for search in searches for trial in search]
     rows = np.repeat(np.arange(first, first + len(records)), list(map(len, searches)))
-    return _joined({CASE.name: rows} | _filled(TRIALS, trials), len(trials))
+    return _joined({CASE.name: rows} | _filled(columns, trials), len(trials))
 
 
 def residuals_of(record: Record) -> dict[str, list[Any]]:

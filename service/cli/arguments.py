@@ -22,6 +22,8 @@ exit status:
   {INTERRUPTED}  interrupted (Ctrl-C)"""
 INPUT_STATUSES = frozenset({400, 404, 405, 406, 413, 415})
 """HTTP statuses caused by the request."""
+MANY = ("cra", "trajectory", "thickness", "limit-speed")
+"""Operations of batches and sweeps, the usual one first."""
 INVALID = "urn:ricochet:problem:invalid-request"
 
 
@@ -207,7 +209,7 @@ def add_data_dir(parser: argparse.ArgumentParser) -> None:
 def add_operation(parser: argparse.ArgumentParser) -> None:
     """Add `--operation`."""
     parser.add_argument(
-        "--operation", choices=("cra", "trajectory"), default="cra", help="what to compute for each case (%(default)s)"
+        "--operation", choices=MANY, default="cra", help="what to compute for each case (default: %(default)s)"
     )
 
 

@@ -22,7 +22,7 @@ from service.cli.arguments import (
     examples,
 )
 from service.cli.jobs import BatchRequest, run_batch
-from service.cli.request_body import STDIN, RequestBody, read_body
+from service.cli.request_body import STDIN, RequestBody, read_body, without_sought
 from service.cli.writers import Writer
 
 READ_SIZE = 256 * 1024
@@ -60,12 +60,14 @@ def add_sweep(parser: argparse.ArgumentParser) -> None:
     """Define `ricochet sweep`."""
     parser.description = (
         "Compute a case for every combination of the values of up to four fields; the last axis varies fastest. The "
-        "case may leave out the fields of the axes."
+        "case may leave out the fields of the axes. For thickness and limit-speed, what is sought and other parts than "
+        "projectile, target, impact, resistance and numerics are left out of the file."
     )
     parser.epilog = examples(
         "ricochet sweep strike.toml --axis impact.velocity_m_s=200:300:3 --csv",
         "ricochet sweep strike.toml --axis impact.velocity_m_s=240,280 "
         "--axis target.compressive_strength_pa=30e6:40e6:2 --plot map.svg",
+        "ricochet sweep strike.toml --operation thickness --axis impact.oblique_angle_deg=0:40:3 --csv",
     )
     add_case(parser, SWEEP_FLAGS)
     parser.add_argument(
@@ -77,7 +79,7 @@ def add_sweep(parser: argparse.ArgumentParser) -> None:
         help="values separated by commas, or START:STOP:COUNT evenly spaced; up to four axes",
     )
     _add_common(parser)
-    add_plot(parser, "the critical angle or the maximum depth over one axis, or as a map over two")
+    add_plot(parser, "what is found, of trajectories the maximum depth, over one axis, or as a map over two")
     parser.set_defaults(run=run_sweep)
 
 
@@ -135,7 +137,7 @@ def run_sweep(args: argparse.Namespace) -> int:
     from service.cli.client import JSON, dumps
 
     axes: list[Axis] = args.axis
-    body = read_body(args.case, args, SWEEP_FLAGS)
+    body = without_sought(read_body(args.case, args, SWEEP_FLAGS), args.operation)
     content = dumps({"base": _fill(body.content, axes), "axes": [axis.content for axis in axes]})
     writers: list[Writer] = []
     if args.plot:

@@ -19,7 +19,12 @@ MARGIN = 0.08
 """Space around the projectile. [its length]"""
 SQUARE, WIDE = (6.0, 4.0), (8.0, 4.0)
 """Figure sizes. [in]"""
-PLOTTED = {"cra": "critical_angle_deg", "trajectory": "maximum_depth_m"}
+PLOTTED = {
+    "cra": "critical_angle_deg",
+    "trajectory": "maximum_depth_m",
+    "thickness": "least_thickness_m",
+    "limit-speed": "limit_speed_m_s",
+}
 ERROR = "critical_angle_standard_error_deg"
 COLORS = {"ricochet": "#c8102e", "embedded": "#123f73", "in_motion": "#8a8378", "perforated": "#2e7d32"}
 

@@ -12,6 +12,9 @@ from typing import Any
 from service.cli.arguments import CommandError, Flag, RefusedError
 
 STDIN = "-"
+WALL_PARTS = {"projectile", "target", "impact", "resistance", "numerics"}
+SOUGHT = {"thickness": ("target", "thickness_m"), "limit-speed": ("impact", "velocity_m_s")}
+"""Field that a search for perforation finds, by operation."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,6 +76,20 @@ def read_body(file: str | Path | None, args: argparse.Namespace, flags: Sequence
         _put_field(content, field.split("."), value, text)
         given["/" + field.replace(".", "/")] = f"--set {text}"
     return RequestBody(content, None if file is None else str(file), {flag.pointer: flag for flag in flags}, given)
+
+
+def without_sought(body: RequestBody, operation: str) -> RequestBody:
+    """Leave out of a file what a search for perforation finds and what belongs to other requests; return the body.
+
+    What was given on the command line stays, so that it is refused by its name.
+    """
+    if operation in SOUGHT:
+        part, field = SOUGHT[operation]
+        for name in body.content.keys() - WALL_PARTS:
+            del body.content[name]
+        if isinstance(body.content.get(part), dict) and f"/{part}/{field}" not in body.given:
+            body.content[part].pop(field, None)
+    return body
 
 
 def _put_number(body: dict[str, Any], flag: Flag, value: float | None) -> None:

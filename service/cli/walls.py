@@ -2,17 +2,15 @@
 
 import argparse
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
-from service.cli.arguments import ATTACK, BODY, IMPACT, OBLIQUE_ANGLE, Flag, add_case, add_formats, add_url, examples
-from service.cli.request_body import RequestBody, read_body
+from service.cli.arguments import ATTACK, BODY, IMPACT, OBLIQUE_ANGLE, add_case, add_formats, add_url, examples
+from service.cli.request_body import SOUGHT, read_body, without_sought
 from service.cli.single import answer_of, print_csv, print_json
 from service.cli.writers import heading, print_table, print_values, print_warnings
 
-PARTS = {"projectile", "target", "impact", "resistance", "numerics"}
-THICKNESS = ("target", "thickness_m")
-STRIKE_FLAGS = (*IMPACT, *(flag for flag in BODY if flag.steps != THICKNESS))
+STRIKE_FLAGS = (*IMPACT, *(flag for flag in BODY if flag.steps != SOUGHT["thickness"]))
 WALL_FLAGS = (OBLIQUE_ANGLE, *ATTACK, *BODY)
 
 
@@ -47,23 +45,14 @@ def add_limit_speed(parser: argparse.ArgumentParser) -> None:
 
 def run_thickness(args: argparse.Namespace) -> int:
     """Search the least thickness and print it."""
-    body = _body(args, STRIKE_FLAGS, "target", "thickness_m")
+    body = without_sought(read_body(args.case, args, STRIKE_FLAGS), "thickness")
     return _print(args, answer_of("thickness", body, args.url), "least_thickness_m", "bracket_m")
 
 
 def run_limit_speed(args: argparse.Namespace) -> int:
     """Search the limit speed and print it."""
-    body = _body(args, WALL_FLAGS, "impact", "velocity_m_s")
+    body = without_sought(read_body(args.case, args, WALL_FLAGS), "limit-speed")
     return _print(args, answer_of("limit-speed", body, args.url), "limit_speed_m_s", "bracket_m_s")
-
-
-def _body(args: argparse.Namespace, flags: Sequence[Flag], part: str, sought: str) -> RequestBody:
-    """Return the request without what is sought and what belongs to other requests."""
-    body = read_body(args.case, args, flags)
-    for name in body.content.keys() - PARTS:
-        del body.content[name]
-    body.content.get(part, {}).pop(sought, None)
-    return body
 
 
 def _print(args: argparse.Namespace, text: bytes, value: str, bracket: str) -> int:

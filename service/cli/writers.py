@@ -21,6 +21,8 @@ HEAD_ROWS = 20
 SHOWN = {
     "trajectory": ("outcome", "maximum_depth_m", "final_depth_velocity_m_s", "final_lateral_velocity_m_s"),
     "cra": ("status", "critical_angle_deg", "critical_angle_standard_error_deg"),
+    "thickness": ("status", "least_thickness_m"),
+    "limit-speed": ("status", "limit_speed_m_s"),
 }
 """Columns of the summary in the table on a terminal."""
 UNITS = {

@@ -3,12 +3,15 @@
 import { downloadButtons, shortId } from "./downloads.js";
 import { element } from "./elements.js";
 import { isFinal } from "./job-progress.js";
+import { isMap } from "./sweep.js";
 
 /** The columns; the table may show a row as a card, where each cell has its name. */
 export const COLUMNS = ["Job", "Asked for", "Status", "Progress", "Created", "Finished", "Expires", "Results", "Actions"];
 const OPERATIONS = {
   cra: "critical angles",
   trajectory: "trajectories",
+  thickness: "least thicknesses",
+  "limit-speed": "limit speeds",
   cra_uncertainty: "how sure an angle is",
   trajectory_uncertainty: "how sure an outcome is",
 };
@@ -42,7 +45,7 @@ export class JobRow {
     progress.append(element("div", {}, this.bar, this.counts));
     created.append(time(job.created));
     results.append(...downloadButtons(job.id, onError));
-    if (job.axes?.length === 2) {
+    if (isMap(job)) {
       actions.append(element("a", { href: `#/map?job=${job.id}`, "aria-label": `Open job ${id} as a map` }, "Map"));
     }
     actions.append(this.cancel, act("Delete", onDelete));

@@ -33,9 +33,14 @@ export function readMap(query) {
   };
 }
 
-/** Return the map that a job computes; undefined if it is no sweep over two fields. */
-export function mapOfJob({ id, operation, request }) {
-  if (request?.axes.length !== 2) return undefined;
+/** Tell whether the results of a job may be shown as a map: those of a sweep over two fields. */
+export function isMap({ operation, axes }) {
+  return axes?.length === 2 && operation in OPERATIONS;
+}
+
+/** Return the map that a job computes; undefined if a map does not show it. */
+export function mapOfJob({ id, operation, axes, request }) {
+  if (!request || !isMap({ operation, axes })) return undefined;
   const { output, ...parts } = request.base;
   const values = { ...paperCase() };
   for (const [part, content] of Object.entries(parts)) values[part] = { ...values[part], ...content };

@@ -1,14 +1,23 @@
 """Many cases at once, and their results, as the contract has them."""
 
-from typing import Annotated, Any
+from typing import Annotated, Any, Generic, TypeVar
 
 from pydantic import MISSING, Field, StringConstraints
 
 from service.schemas.answers import FOUND, RUN, VERSIONED, CriticalAngleAnswer, TrajectoryAnswer
 from service.schemas.examples import PAPER, PAPER_AT_45
+from service.schemas.perforation import (
+    SPEED,
+    THICKNESS,
+    WALL,
+    LimitSpeedAnswer,
+    LimitSpeedRequest,
+    ThicknessAnswer,
+    ThicknessRequest,
+)
 from service.schemas.problems import INVALID, Problem
 from service.schemas.quantities import Count, Flag, Num, Part, with_examples
-from service.schemas.requests import CriticalAngleBase, TrajectoryFields, TrajectoryOutput
+from service.schemas.requests import Case, CriticalAngleBase, TrajectoryFields, TrajectoryOutput
 
 MOST_CASES = 1_000
 """Cases of a JSON batch, which is parsed in one piece."""
@@ -21,6 +30,56 @@ CustomId = Annotated[
     Field(description="Given back with the result. It need not be unique, though it serves better if it is."),
 ]
 Index = Annotated[Count, Field(ge=0, description="Of the case in the request, from 0.")]
+
+
+BatchCase = TypeVar("BatchCase", bound="NamedCase")
+Answer = TypeVar("Answer", bound=Part)
+ItemOf = TypeVar("ItemOf", bound="Item")
+
+
+class NamedCase(Case):
+    """A case of a batch, which may have a name."""
+
+    custom_id: CustomId | MISSING = MISSING
+
+    def canonical(self) -> dict[str, Any]:
+        """Return the resolved request as JSON data, as the same case gives it alone."""
+        return self.resolved().model_dump(mode="json", exclude={"custom_id"})
+
+
+class Batch(Part, Generic[BatchCase]):
+    """Cases of one operation."""
+
+    cases: Annotated[list[BatchCase], Field(min_length=1, max_length=MOST_CASES)]
+
+
+class Cases(Part):
+    """A batch before its cases are looked at."""
+
+    cases: Annotated[list[Any], Field(min_length=1, max_length=MOST_CASES)]
+
+
+class Item(Part):
+    """What became of one case: its result, or the problem that kept it from having one."""
+
+    index: Index
+    custom_id: CustomId | MISSING = MISSING
+    point: (
+        Annotated[dict[str, Num], Field(description="Of a sweep: the values of its axes, by their fields.")] | MISSING
+    ) = MISSING
+    problem: Annotated[Problem, Field(description="Why there is no result.")] | MISSING = MISSING
+
+
+class ResultItem(Item, Generic[Answer]):
+    """What became of one case of one operation."""
+
+    result: Answer | MISSING = MISSING
+
+
+class Results(Part, Generic[ItemOf]):
+    """What became of many cases, in the order of the request."""
+
+    results: list[ItemOf]
 
 
 class BatchOutput(TrajectoryOutput):
@@ -41,90 +100,97 @@ class TrajectoryBase(TrajectoryFields):
     output: Annotated[BatchOutput, Field(default_factory=BatchOutput)]
 
 
-class TrajectoryCase(TrajectoryBase):
+class TrajectoryCase(NamedCase, TrajectoryBase):
     """A case of a batch of trajectories."""
 
     model_config = with_examples(PAPER_AT_45 | {"custom_id": "shot-1"})
 
-    custom_id: CustomId | MISSING = MISSING
 
-    def canonical(self) -> dict[str, Any]:
-        """Return the resolved request as JSON data, as the same case gives it alone."""
-        return self.resolved().model_dump(mode="json", exclude={"custom_id"})
-
-
-class CriticalAngleCase(CriticalAngleBase):
+class CriticalAngleCase(NamedCase, CriticalAngleBase):
     """A case of a batch of critical angles."""
 
     model_config = with_examples(PAPER | {"custom_id": "paper"})
 
-    custom_id: CustomId | MISSING = MISSING
 
-    def canonical(self) -> dict[str, Any]:
-        """Return the resolved request as JSON data, as the same case gives it alone."""
-        return self.resolved().model_dump(mode="json", exclude={"custom_id"})
+class ThicknessCase(NamedCase, ThicknessRequest):
+    """A case of a batch of least thicknesses."""
+
+    model_config = with_examples(PAPER_AT_45 | {"custom_id": "shot-1"})
 
 
-class TrajectoryBatch(Part):
+class LimitSpeedCase(NamedCase, LimitSpeedRequest):
+    """A case of a batch of limit speeds."""
+
+    model_config = with_examples(WALL | {"custom_id": "wall-1"})
+
+
+class TrajectoryBatch(Batch[TrajectoryCase]):
     """Trajectories to compute."""
 
     model_config = with_examples({"cases": [PAPER_AT_45, PAPER_AT_45 | {"custom_id": "again"}]})
 
-    cases: Annotated[list[TrajectoryCase], Field(min_length=1, max_length=MOST_CASES)]
 
-
-class CriticalAngleBatch(Part):
+class CriticalAngleBatch(Batch[CriticalAngleCase]):
     """Critical angles to find."""
 
     model_config = with_examples({"cases": [PAPER, PAPER | {"custom_id": "again"}]})
 
-    cases: Annotated[list[CriticalAngleCase], Field(min_length=1, max_length=MOST_CASES)]
+
+class ThicknessBatch(Batch[ThicknessCase]):
+    """Least thicknesses to find."""
+
+    model_config = with_examples({"cases": [PAPER_AT_45, PAPER_AT_45 | {"custom_id": "again"}]})
 
 
-class Cases(Part):
-    """A batch before its cases are looked at."""
+class LimitSpeedBatch(Batch[LimitSpeedCase]):
+    """Limit speeds to find."""
 
-    cases: Annotated[list[Any], Field(min_length=1, max_length=MOST_CASES)]
-
-
-class Item(Part):
-    """What became of one case: its result, or the problem that kept it from having one."""
-
-    index: Index
-    custom_id: CustomId | MISSING = MISSING
-    point: (
-        Annotated[dict[str, Num], Field(description="Of a sweep: the values of its axes, by their fields.")] | MISSING
-    ) = MISSING
-    problem: Annotated[Problem, Field(description="Why there is no result.")] | MISSING = MISSING
+    model_config = with_examples({"cases": [WALL, WALL | {"custom_id": "again"}]})
 
 
-class TrajectoryItem(Item):
+class TrajectoryItem(ResultItem[TrajectoryAnswer]):
     """What became of one trajectory: its result, or the problem that kept it from having one."""
 
     model_config = with_examples({"index": 0, "custom_id": "shot-1", "result": RUN | VERSIONED})
 
-    result: TrajectoryAnswer | MISSING = MISSING
 
-
-class CriticalAngleItem(Item):
+class CriticalAngleItem(ResultItem[CriticalAngleAnswer]):
     """What became of one critical angle: its result, or the problem that kept it from having one."""
 
     model_config = with_examples({"index": 0, "result": FOUND | VERSIONED}, {"index": 1, "problem": INVALID})
 
-    result: CriticalAngleAnswer | MISSING = MISSING
+
+class ThicknessItem(ResultItem[ThicknessAnswer]):
+    """What became of one least thickness: its result, or the problem that kept it from having one."""
+
+    model_config = with_examples({"index": 0, "result": THICKNESS | VERSIONED}, {"index": 1, "problem": INVALID})
 
 
-class TrajectoryResults(Part):
+class LimitSpeedItem(ResultItem[LimitSpeedAnswer]):
+    """What became of one limit speed: its result, or the problem that kept it from having one."""
+
+    model_config = with_examples({"index": 0, "result": SPEED | VERSIONED}, {"index": 1, "problem": INVALID})
+
+
+class TrajectoryResults(Results[TrajectoryItem]):
     """Trajectories, in the order of the request."""
 
     model_config = with_examples({"results": [{"index": 0, "result": RUN | VERSIONED}]})
 
-    results: list[TrajectoryItem]
 
-
-class CriticalAngleResults(Part):
+class CriticalAngleResults(Results[CriticalAngleItem]):
     """Critical angles, in the order of the request."""
 
     model_config = with_examples({"results": [{"index": 0, "result": FOUND | VERSIONED}]})
 
-    results: list[CriticalAngleItem]
+
+class ThicknessResults(Results[ThicknessItem]):
+    """Least thicknesses, in the order of the request."""
+
+    model_config = with_examples({"results": [{"index": 0, "result": THICKNESS | VERSIONED}]})
+
+
+class LimitSpeedResults(Results[LimitSpeedItem]):
+    """Limit speeds, in the order of the request."""
+
+    model_config = with_examples({"results": [{"index": 0, "result": SPEED | VERSIONED}]})

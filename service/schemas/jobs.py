@@ -11,6 +11,7 @@ from service.schemas.batches import Item
 from service.schemas.calibration import DepthCalibrationAnswer, MotionCalibrationAnswer, ObliquityCalibrationAnswer
 from service.schemas.examples import PAPER
 from service.schemas.formulas import FormulasAnswer
+from service.schemas.perforation import LimitSpeedAnswer, ThicknessAnswer
 from service.schemas.problems import Problem
 from service.schemas.quantities import Count, Part, with_examples
 from service.schemas.sweeps import EVEN, LISTED, Axis
@@ -48,6 +49,8 @@ Result = TypeAliasType(
         | MotionCalibrationAnswer
         | ObliquityCalibrationAnswer
         | FormulasAnswer
+        | ThicknessAnswer
+        | LimitSpeedAnswer
         | CriticalAngleUncertaintyAnswer
         | TrajectoryUncertaintyAnswer,
         Field(description="Any answer."),
@@ -63,6 +66,8 @@ class JobOperation(StrEnum):
 
     TRAJECTORY = "trajectory"
     CRA = "cra"
+    THICKNESS = "thickness"
+    LIMIT_SPEED = "limit-speed"
     CRA_UNCERTAINTY = "cra_uncertainty"
     TRAJECTORY_UNCERTAINTY = "trajectory_uncertainty"
 

@@ -49,7 +49,15 @@ class ThicknessRequest(Case):
     impact: Impact
 
     def resolved(self) -> Self:
-        """Return the same with what was left open filled in."""
+        """Return the same with what was left open filled in.
+
+        Raises
+        ------
+        ParameterError
+            If the target has a thickness.
+        """
+        if self.target.thickness_m is not MISSING:
+            raise ParameterError("target.thickness", "must not be given: it is what is sought")
         numerics = self.numerics.resolved(
             method=Method.ADAPTIVE,
             termination_time_s=self.usual_termination_time(self.impact.velocity_m_s),
@@ -67,10 +75,8 @@ class ThicknessRequest(Case):
         Raises
         ------
         ParameterError
-            If the target has a thickness.
+            If values do not go together.
         """
-        if self.target.thickness_m is not MISSING:
-            raise ParameterError("target.thickness", "must not be given: it is what is sought")
         case = self.resolved()
         return case.shared_arguments() | {"impact": case.impact.to_solver()}
 
@@ -92,7 +98,15 @@ class LimitSpeedRequest(Case):
     impact: Approach
 
     def resolved(self) -> Self:
-        """Return the same with what was left open filled in, but for the end of a run, which depends on its speed."""
+        """Return the same with what was left open filled in, but for the end of a run, which depends on its speed.
+
+        Raises
+        ------
+        ParameterError
+            If the target has no thickness.
+        """
+        if self.target.thickness_m is MISSING:
+            raise ParameterError("target.thickness", "must be given: a half-space is not perforated")
         end = self.numerics.termination_time_s
         numerics = self.numerics.resolved(
             method=Method.ADAPTIVE, termination_time_s=TERMINATION_TIME, relative_tolerance=RUN_TOLERANCE
@@ -111,10 +125,8 @@ class LimitSpeedRequest(Case):
         Raises
         ------
         ParameterError
-            If the target has no thickness.
+            If values do not go together.
         """
-        if self.target.thickness_m is MISSING:
-            raise ParameterError("target.thickness", "must be given: a half-space is not perforated")
         case = self.resolved()
         return case.shared_arguments() | case.impact.arguments()
 

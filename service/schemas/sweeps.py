@@ -4,20 +4,23 @@ import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, Generic, Self, TypeVar
 
 from pydantic import MISSING, BaseModel, Field, StringConstraints, model_validator
 from pydantic_core import PydanticCustomError
 
 from service.schemas.batches import MOST_LINES, TrajectoryBase
 from service.schemas.examples import PAPER, PAPER_AT_45
+from service.schemas.perforation import WALL, LimitSpeedRequest, ThicknessRequest
 from service.schemas.quantities import WHOLE, Count, Num, Part, with_examples
-from service.schemas.requests import CriticalAngleBase
+from service.schemas.requests import Case, CriticalAngleBase
 
 MOST_AXES = 4
 EVEN = {"field": "impact.velocity_m_s", "start": 200.0, "stop": 300.0, "count": 3}
+ANGLES = {"field": "impact.oblique_angle_deg", "values": [0.0, 20.0]}
 LISTED = {"field": "target.compressive_strength_pa", "values": [39e6, 97e6]}
 
+Base = TypeVar("Base", bound=Case)
 AxisNumber = Annotated[Num, Field(ge=-1e300, le=1e300)]
 
 
@@ -68,22 +71,35 @@ class Axis(Part):
         return [self.start + step * i for i in range(self.count - 1)] + [self.stop]
 
 
-class TrajectorySweep(Part):
+class Sweep(Part, Generic[Base]):
+    """Cases of one operation that differ in the fields of the axes."""
+
+    base: Annotated[Base, Field(description="A whole request, in which the axes set their fields anew.")]
+    axes: Annotated[list[Axis], Field(min_length=1, max_length=MOST_AXES)]
+
+
+class TrajectorySweep(Sweep[TrajectoryBase]):
     """Trajectories that differ in the fields of the axes: every combination, the last axis fastest."""
 
     model_config = with_examples({"base": PAPER_AT_45, "axes": [EVEN, LISTED]})
 
-    base: Annotated[TrajectoryBase, Field(description="A whole request, in which the axes set their fields anew.")]
-    axes: Annotated[list[Axis], Field(min_length=1, max_length=MOST_AXES)]
 
-
-class CriticalAngleSweep(Part):
+class CriticalAngleSweep(Sweep[CriticalAngleBase]):
     """Critical angles that differ in the fields of the axes: every combination, the last axis fastest."""
 
     model_config = with_examples({"base": PAPER, "axes": [EVEN, LISTED]})
 
-    base: Annotated[CriticalAngleBase, Field(description="A whole request, in which the axes set their fields anew.")]
-    axes: Annotated[list[Axis], Field(min_length=1, max_length=MOST_AXES)]
+
+class ThicknessSweep(Sweep[ThicknessRequest]):
+    """Least thicknesses that differ in the fields of the axes: every combination, the last axis fastest."""
+
+    model_config = with_examples({"base": PAPER_AT_45, "axes": [ANGLES]})
+
+
+class LimitSpeedSweep(Sweep[LimitSpeedRequest]):
+    """Limit speeds that differ in the fields of the axes: every combination, the last axis fastest."""
+
+    model_config = with_examples({"base": WALL, "axes": [ANGLES]})
 
 
 class Outline(Part):

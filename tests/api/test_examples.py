@@ -54,6 +54,12 @@ MANY: dict[str, tuple[str, Callable[[Any], Any]]] = {
     "CriticalAngleBatch": ("/cra/batch", lambda example: example),
     "CriticalAngleCase": ("/cra/batch", lambda example: {"cases": [example]}),
     "CriticalAngleSweep": ("/cra/sweep", lambda example: example),
+    "ThicknessBatch": ("/thickness/batch", lambda example: example),
+    "ThicknessSweep": ("/thickness/sweep", lambda example: example),
+    "ThicknessCase": ("/thickness/batch", lambda example: {"cases": [example]}),
+    "LimitSpeedCase": ("/limit-speed/batch", lambda example: {"cases": [example]}),
+    "LimitSpeedBatch": ("/limit-speed/batch", lambda example: example),
+    "LimitSpeedSweep": ("/limit-speed/sweep", lambda example: example),
     "Axis": ("/cra/sweep", lambda example: {"base": PAPER, "axes": [example]}),
 }
 """Where the parts of requests for many cases are sent, and in what."""

@@ -12,6 +12,7 @@ import pytest
 from service import cli
 from service.api.app import create_app
 from service.cli import serve
+from service.cli.arguments import MANY
 from service.schemas.problems import TAGGED
 
 COMMITTED = Path(__file__).parents[2] / "openapi" / "openapi.json"
@@ -24,6 +25,10 @@ REQUESTS = (
     "CriticalAngleRequest",
     "CriticalAngleBatch",
     "CriticalAngleSweep",
+    "ThicknessBatch",
+    "ThicknessSweep",
+    "LimitSpeedBatch",
+    "LimitSpeedSweep",
     "DepthCalibrationRequest",
     "MotionCalibrationRequest",
     "ObliquityCalibrationRequest",
@@ -81,7 +86,9 @@ def test_operation_ids_are_the_names_of_the_routes() -> None:
         "find_critical_angle",
         "find_critical_angles",
         "find_least_thickness",
+        "find_least_thicknesses",
         "find_limit_speed",
+        "find_limit_speeds",
         "follow_job",
         "get_job",
         "get_job_results",
@@ -91,6 +98,8 @@ def test_operation_ids_are_the_names_of_the_routes() -> None:
         "metrics",
         "readyz",
         "sweep_critical_angles",
+        "sweep_least_thicknesses",
+        "sweep_limit_speeds",
         "sweep_trajectories",
         "version",
     }
@@ -160,7 +169,7 @@ def test_every_model_has_examples_and_every_field_a_description() -> None:
             assert schema["description"], name
 
 
-@pytest.mark.parametrize("path", ["/cra/batch", "/trajectory/batch"])
+@pytest.mark.parametrize("path", [f"/{operation}/batch" for operation in MANY])
 def test_batches_are_declared_as_json_and_as_lines(path: str) -> None:
     operation = OPERATIONS[f"POST {path}"]
     assert list(operation["requestBody"]["content"]) == ["application/json", "application/jsonl"]
@@ -188,7 +197,7 @@ def test_headers_are_spelled_as_everybody_does() -> None:
 def test_json_lines_are_sent_as_a_file() -> None:
     bodies = [operation["requestBody"]["content"] for operation in OPERATIONS.values() if "requestBody" in operation]
     lines = [content["application/jsonl"]["schema"] for content in bodies if "application/jsonl" in content]
-    assert [(schema["type"], schema["format"]) for schema in lines] == [("string", "binary")] * 2
+    assert [(schema["type"], schema["format"]) for schema in lines] == [("string", "binary")] * len(MANY)
 
 
 def test_every_reference_leads_somewhere() -> None:
@@ -204,7 +213,7 @@ def test_errors_are_declared_as_problems() -> None:
         for status, response in errors.items():
             assert list(response["content"]) == ["application/problem+json"], (name, status)
     assert {"400", "413", "415", "422", "503"} <= OPERATIONS["POST /cra"]["responses"].keys()
-    for path in ("/cra/batch", "/trajectory/batch", "/cra/sweep", "/trajectory/sweep"):
+    for path in (f"/{operation}/{kind}" for operation in MANY for kind in ("batch", "sweep")):
         assert {"202", "406", "409", "413", "415", "422", "429", "503"} <= OPERATIONS[f"POST {path}"][
             "responses"
         ].keys()

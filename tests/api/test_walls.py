@@ -1,19 +1,34 @@
-"""`/thickness` and `/limit-speed`: the same as the solver finds, beside the formulas."""
+"""`/thickness` and `/limit-speed`: the same as the solver finds, beside the formulas; many at once too."""
 
+import csv
+import io
 import math
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
+import h5py
 import httpx
 import pytest
 
-from service.schemas import LimitSpeedAnswer, ThicknessAnswer
+from service.schemas import (
+    LimitSpeedAnswer,
+    LimitSpeedResults,
+    ThicknessAnswer,
+    ThicknessResults,
+)
 from service.schemas.examples import PAPER
 from solver import least_thickness, limit_velocity
 from solver.cases import PAPER_PROJECTILE, PAPER_TARGET, paper_impact
 
+from .many import ASYNC, LINES, finished, items_of, lines
+
 STRIKE = PAPER | {"impact": PAPER["impact"] | {"oblique_angle_deg": 30.0}}
 WALL = PAPER | {"target": PAPER["target"] | {"thickness_m": 0.2}, "impact": {"oblique_angle_deg": 0.0}}
+COARSE = {"relative_tolerance": 1e-3}
+ANGLES = {"field": "impact.oblique_angle_deg", "values": [0.0, 20.0, 40.0]}
+BASES = {"thickness": STRIKE | {"numerics": COARSE}, "limit-speed": WALL | {"numerics": COARSE}}
+FOUND = {"thickness": ("least_thickness_m", "bracket_m"), "limit-speed": ("limit_speed_m_s", "bracket_m_s")}
 
 
 def test_thickness_is_that_of_the_solver_beside_the_formulas(client: httpx.Client) -> None:
@@ -73,3 +88,111 @@ def test_what_does_not_fit_is_refused_with_its_place(
     [error] = response.json()["errors"]
     assert error["pointer"] == pointer
     assert detail in error["detail"]
+
+
+@pytest.mark.parametrize(
+    ("operation", "results"), [("thickness", ThicknessResults), ("limit-speed", LimitSpeedResults)]
+)
+def test_lines_of_a_batch_are_answered_as_alone_beside_one_that_cannot_be(
+    client: httpx.Client, operation: str, results: type[ThicknessResults | LimitSpeedResults]
+) -> None:
+    base = BASES[operation]
+    short = base | {"projectile": base["projectile"] | {"length_m": 0.1}, "custom_id": "short"}
+    cases = [base | {"impact": base["impact"] | {"oblique_angle_deg": angle}} for angle in (0.0, 15.0)]
+    items = items_of(client.post(f"/{operation}/batch", content=lines([cases[0], short, cases[1]]), headers=LINES))
+    results.model_validate({"results": items})
+    assert items[1]["custom_id"] == "short"
+    assert items[1]["problem"]["errors"][0]["pointer"] == "/projectile/length_m"
+    for item, case in ((items[0], cases[0]), (items[2], cases[1])):
+        alone = client.post(f"/{operation}", json=case)
+        assert alone.headers["Cache-Status"] == "ricochet; hit"
+        assert alone.json() == item["result"]
+
+
+@pytest.mark.parametrize("operation", BASES)
+def test_job_of_a_sweep_over_the_angle_has_tables_and_is_known_the_second_time(
+    client: httpx.Client, operation: str, tmp_path: Path
+) -> None:
+    sweep, (value, bracket) = {"base": BASES[operation], "axes": [ANGLES]}, FOUND[operation]
+    job = finished(client, client.post(f"/{operation}/sweep", json=sweep, headers=ASYNC).json())
+    assert (job["operation"], job["status"], job["counts"]["failed"]) == (operation, "successful", 0)
+    answers = [item["result"] for item in client.get(job["links"]["results"]).json()["results"]]
+    table = client.get(job["links"]["results"], headers={"Accept": "text/csv"}).text
+    now = client.post(f"/{operation}/sweep", json=sweep, headers={"Accept": "text/csv"})
+    assert (now.text, now.headers["Cache-Status"]) == (table, "ricochet; hit")
+    _, _, rest = table.partition("\r\n")
+    rows = list(csv.DictReader(io.StringIO(rest)))
+    assert [float(row["impact.oblique_angle_deg"]) for row in rows] == ANGLES["values"]
+    for row, answer in zip(rows, answers, strict=True):
+        assert (row["status"], row["key"]) == ("converged", answer["key"])
+        assert float(row[value]) == answer[value]
+        assert [float(row[bracket.replace("_", f"_{end}_", 1)]) for end in ("low", "high")] == answer[bracket]
+        assert int(row["trials"]) == len(answer["iterations"])
+        assert set(row["warnings"].split()) == {warning["code"] for warning in answer["warnings"]}
+    again = finished(client, client.post(f"/{operation}/sweep", json=sweep, headers=ASYNC).json())
+    assert again["counts"]["cached"] == again["counts"]["total"] == len(rows)
+    path = tmp_path / "walls.h5"
+    path.write_bytes(client.get(job["links"]["results"], headers={"Accept": "application/x-hdf5"}).content)
+    with h5py.File(path) as file:
+        assert file["summary"][value].tolist() == [answer[value] for answer in answers]
+        tried = [trial for answer in answers for trial in answer["iterations"]]
+        for name in tried[0].keys() - {"outcome"}:
+            assert file["iterations"][name].tolist() == [trial[name] for trial in tried]
+
+
+def test_thickness_falls_and_limit_speed_rises_with_the_angle(client: httpx.Client) -> None:
+    found = {}
+    for operation, (value, _) in FOUND.items():
+        items = items_of(client.post(f"/{operation}/sweep", json={"base": BASES[operation], "axes": [ANGLES]}))
+        found[operation] = [item["result"][value] for item in items]
+    assert found["thickness"] == sorted(found["thickness"], reverse=True)
+    assert found["limit-speed"] == sorted(found["limit-speed"])
+
+
+def test_what_takes_long_becomes_a_job_sooner(client: httpx.Client) -> None:
+    """A search counts as 20 cases, and 100 are answered at once."""
+    strengths = {"field": "target.compressive_strength_pa", "start": 30e6, "stop": 50e6}
+    base = BASES["thickness"] | {"impact": STRIKE["impact"] | {"oblique_angle_deg": 0.0}}
+    few, more = (
+        client.post("/thickness/sweep", json={"base": base, "axes": [strengths | {"count": count}]}) for count in (5, 6)
+    )
+    assert (few.status_code, more.status_code) == (200, 202)
+    assert finished(client, more.json())["counts"]["done"] == 6
+
+
+THIN = {"field": "target.thickness_m", "values": [0.2, 0.3]}
+FAST = {"field": "impact.velocity_m_s", "values": [200.0]}
+
+
+@pytest.mark.parametrize(
+    ("path", "body", "pointer", "detail"),
+    [
+        ("/thickness/batch", {"cases": [STRIKE, WALL]}, "/cases/1/impact/velocity_m_s", "Field required"),
+        (
+            "/thickness/batch",
+            {"cases": [STRIKE, STRIKE | {"target": WALL["target"]}]},
+            "/cases/1/target/thickness_m",
+            "must not be given",
+        ),
+        ("/thickness/sweep", {"base": STRIKE, "axes": [THIN]}, "/axes/0/values/0", "must not be given"),
+        ("/thickness/sweep", {"base": WALL, "axes": [ANGLES]}, "/base/impact/velocity_m_s", "Field required"),
+        (
+            "/limit-speed/sweep",
+            {"base": WALL | {"target": PAPER["target"]}, "axes": [ANGLES]},
+            "/base/target/thickness_m",
+            "must be given",
+        ),
+        ("/limit-speed/sweep", {"base": WALL, "axes": [FAST]}, "/axes/0/field", "no field of Approach"),
+    ],
+)
+def test_cases_that_do_not_fit_refuse_the_whole_with_their_place(
+    client: httpx.Client, path: str, body: dict[str, Any], pointer: str, detail: str
+) -> None:
+    test_what_does_not_fit_is_refused_with_its_place(client, path, body, pointer, detail)
+
+
+def test_wall_that_only_the_solver_can_refuse_is_a_result_with_a_problem(client: httpx.Client) -> None:
+    axes = [{"field": "target.thickness_m", "values": [0.2, 0.001]}]
+    items = items_of(client.post("/limit-speed/sweep", json={"base": BASES["limit-speed"], "axes": axes}))
+    assert "result" in items[0]
+    assert items[1]["problem"]["errors"][0]["pointer"] == "/target/thickness_m"

@@ -69,6 +69,23 @@ def test_sweep_fills_a_table_and_draws_it(folder: Path) -> None:
     assert run(folder, "cache", "stat", RICOCHET_DATA_DIR="kept").out.startswith("6 results")
 
 
+def test_sweep_of_walls_leaves_out_what_is_sought(served: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    coarse = ("--set", "numerics.relative_tolerance=1e-3", "--axis", "impact.oblique_angle_deg=0,20")
+    case = {**case_at(238.0), "search": {"tolerance_deg": 1.0}}
+    case["target"] = {**case["target"], "thickness_m": 0.2}
+    (served / "wall.json").write_text(json.dumps(case))
+    for operation, name in (("thickness", "least_thickness_m"), ("limit-speed", "limit_speed_m_s")):
+        args = ["sweep", "wall.json", "--operation", operation, *coarse]
+        assert cli.main([*args, "--csv", "--plot", f"{operation}.svg"]) == 0
+        _, *table = capsys.readouterr().out.splitlines()
+        rows = list(csv.DictReader(table))
+        assert [row["status"] for row in rows] == ["converged", "converged"]
+        assert all(float(row["bracket_low" + name[name.index("_m") :]]) <= float(row[name]) for row in rows)
+        assert (served / f"{operation}.svg").stat().st_size
+    assert cli.main(["sweep", "wall.json", "--operation", "thickness", *coarse, "--thickness", "0.3"]) == 2
+    assert "--thickness: must not be given" in capsys.readouterr().err
+
+
 def test_table_of_a_batch_is_that_of_the_service(
     served: Path, client: httpx.Client, capsys: pytest.CaptureFixture[str]
 ) -> None:

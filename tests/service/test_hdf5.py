@@ -17,6 +17,7 @@ from service.cache.hdf5 import BLOCK, BatchFile, DamagedFileError, check, read_k
 from service.cache.record import Record
 from service.columns import MOTION, SUMMARY, TRIALS
 from service.schemas.answers import MotionState, Trial
+from service.schemas.perforation import SpeedTrial, ThicknessTrial
 from tests.service.records import (
     COLUMNS,
     critical_angle,
@@ -115,14 +116,15 @@ def test_file_explains_itself_to_someone_who_opens_it() -> None:
 
 def test_tables_have_the_columns_of_the_contract() -> None:
     assert list(MotionState.model_fields) == COLUMNS
-    assert [column.name for column in TRIALS] == list(Trial.model_fields)
+    for operation, model in (("cra", Trial), ("thickness", ThicknessTrial), ("limit-speed", SpeedTrial)):
+        assert {column.name for column in TRIALS[operation]} == model.model_fields.keys()
     assert {column.name for column in SUMMARY["trajectory"]} == {
         "outcome",
         "maximum_depth_m",
         "strength_factor",
         *(f"final_{name}" for name in MotionState.model_fields),
     }
-    assert all(column.description for columns in (MOTION, TRIALS, *SUMMARY.values()) for column in columns)
+    assert all(column.description for columns in (MOTION, *TRIALS.values(), *SUMMARY.values()) for column in columns)
 
 
 def test_any_damage_is_found() -> None:
