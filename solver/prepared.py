@@ -42,20 +42,20 @@ class Exit:
     """How a projectile leaves the target, through the impact face or the rear face."""
 
     speed: float
-    """Of the centre of gravity. [m/s]"""
+    """Speed of the centre of gravity. [m/s]"""
     direction: float
-    """Of that velocity, from the outward normal of the face left through; positive the way the projectile travelled
+    """Angle of that velocity from the outward normal of the face left through; positive the way the projectile travelled
     along the face. [rad]"""
     elevation: float
-    """Of that velocity, above that face. [rad]"""
+    """Angle of that velocity above that face. [rad]"""
     axis_angle: float
     """From the inward normal of the impact face to the axis. [rad]"""
     angular_velocity: float
     """[rad/s]"""
     kinetic_energy: float
-    """Of translation and rotation. [J]"""
+    """Energy of translation and rotation. [J]"""
     lateral: float
-    """Of the centre of gravity along the face, from where it was at first contact. [m]"""
+    """Way of the centre of gravity along the face since first contact. [m]"""
 
 
 def exit_of(outcome: Outcome, state: Sequence[float], body: Body) -> Exit | None:
