@@ -44,7 +44,7 @@ class Exit:
     speed: float
     """Speed of the centre of gravity. [m/s]"""
     direction: float
-    """Angle of that velocity from the outward normal of the face left through; positive the way the projectile travelled
+    """Angle of that velocity from the outward normal of the face left through; positive in the direction of travel
     along the face. [rad]"""
     elevation: float
     """Angle of that velocity above that face. [rad]"""
