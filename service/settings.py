@@ -1,5 +1,6 @@
 """Settings of the service, from the environment (`RICOCHET_*`); each limit with its reason."""
 
+import math
 import os
 from importlib.util import find_spec
 from pathlib import Path
@@ -15,14 +16,29 @@ Names: TypeAlias = Annotated[
     NoDecode,
     BeforeValidator(lambda text: [name.strip() for name in text.split(",")] if isinstance(text, str) else text),
 ]
-"""Told with commas between them."""
+"""Separated by commas."""
 
 
-def available_cores() -> int:
-    """Cores this process may run on."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
+CONTROL_GROUP = Path("/sys/fs/cgroup")
+
+
+def available_cores(control_group: Path = CONTROL_GROUP) -> int:
+    """Cores this process may use: those it may run on, or as many as the quota of its container comes to, rounded up.
+
+    Parameters
+    ----------
+    control_group
+        Folder of its control group, of version 2 (``cpu.max``) or 1 (``cpu/cpu.cfs_quota_us``).
+    """
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    for names in (("cpu.max",), ("cpu/cpu.cfs_quota_us", "cpu/cpu.cfs_period_us")):
+        try:
+            quota, period = " ".join((control_group / name).read_text() for name in names).split()
+            if int(quota) > 0:  # -1 in version 1 and "max" in version 2 are no quota
+                cores = min(cores, math.ceil(int(quota) / int(period)))
+        except (OSError, ValueError):
+            continue
+    return cores
 
 
 class Limits(BaseSettings):
@@ -171,7 +187,7 @@ class Settings(Limits):
     port: Annotated[int, Field(ge=0, le=65535, description="Port to listen on; 0 takes a free one.")] = 8000
     data_dir: Annotated[Path, Field(description="Folder of results and jobs; made if it is not there.")] = Path("data")
     workers: Annotated[
-        int, Field(default_factory=available_cores, ge=1, le=1024, description="Worker processes; the cores.")
+        int, Field(default_factory=available_cores, ge=1, le=1024, description="Worker processes; the cores, or the quota of the container.")
     ]
     executor: Annotated[
         Literal["pool", "dask", "in-process"],

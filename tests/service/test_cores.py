@@ -1,0 +1,34 @@
+"""Worker processes by default: as many as the cores this process may use."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+from service.settings import available_cores
+
+HERE = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def write(folder: Path, files: dict[str, str]) -> Path:
+    for name, text in files.items():
+        (folder / name).parent.mkdir(exist_ok=True)
+        (folder / name).write_text(text)
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("files", "cores"),
+    [
+        ({"cpu.max": "50000 100000\n"}, 1),
+        ({"cpu.max": f"{100000 * HERE - 50000} 100000\n"}, HERE),
+        ({"cpu.max": "max 100000\n"}, HERE),
+        ({"cpu.max": "9900000 100000\n"}, min(HERE, 99)),
+        ({"cpu/cpu.cfs_quota_us": "100000\n", "cpu/cpu.cfs_period_us": "100000\n"}, 1),
+        ({"cpu/cpu.cfs_quota_us": "-1\n", "cpu/cpu.cfs_period_us": "100000\n"}, HERE),
+        ({}, HERE),
+    ],
+    ids=["half a core", "a half core less", "no quota", "more than there are", "version 1", "version 1, none", "no group"],
+)
+def test_quota_of_the_container_counts(files: dict[str, str], cores: int, tmp_path: Path) -> None:
+    assert available_cores(write(tmp_path, files)) == cores
