@@ -20,16 +20,11 @@ Names: TypeAlias = Annotated[
 
 
 CONTROL_GROUP = Path("/sys/fs/cgroup")
+"""Folder of the control group of this process, of version 2 (``cpu.max``) or 1 (``cpu/cpu.cfs_quota_us``)."""
 
 
 def available_cores(control_group: Path = CONTROL_GROUP) -> int:
-    """Cores this process may use: those it may run on, or as many as the quota of its container comes to, rounded up.
-
-    Parameters
-    ----------
-    control_group
-        Folder of its control group, of version 2 (``cpu.max``) or 1 (``cpu/cpu.cfs_quota_us``).
-    """
+    """Cores this process may use, within the quota of its container."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     for names in (("cpu.max",), ("cpu/cpu.cfs_quota_us", "cpu/cpu.cfs_period_us")):
         try:
@@ -187,7 +182,7 @@ class Settings(Limits):
     port: Annotated[int, Field(ge=0, le=65535, description="Port to listen on; 0 takes a free one.")] = 8000
     data_dir: Annotated[Path, Field(description="Folder of results and jobs; made if it is not there.")] = Path("data")
     workers: Annotated[
-        int, Field(default_factory=available_cores, ge=1, le=1024, description="Worker processes; the cores, or the quota of the container.")
+        int, Field(default_factory=available_cores, ge=1, le=1024, description="Worker processes; the cores.")
     ]
     executor: Annotated[
         Literal["pool", "dask", "in-process"],

@@ -28,7 +28,7 @@ def write(folder: Path, files: dict[str, str]) -> Path:
         ({"cpu/cpu.cfs_quota_us": "-1\n", "cpu/cpu.cfs_period_us": "100000\n"}, HERE),
         ({}, HERE),
     ],
-    ids=["half a core", "a half core less", "no quota", "more than there are", "version 1", "version 1, none", "no group"],
+    ids=["half a core", "half a core less", "no quota", "more than there are", "version 1", "version 1, none", "none"],
 )
 def test_quota_of_the_container_counts(files: dict[str, str], cores: int, tmp_path: Path) -> None:
     assert available_cores(write(tmp_path, files)) == cores
