@@ -1,11 +1,12 @@
 """How far critical angles with default settings are from converged ones, and from scans, over random strikes.
 
-    python benchmarks/accuracy.py [--only usual|odd] [--cases N] [--seed 1] [--processes 2] [--output FILE]
+    python benchmarks/accuracy.py [--only usual|odd|walls] [--cases N] [--seed 1] [--processes 2] [--output FILE]
 
 `usual`: 200 strikes against searches with converged settings; angles must agree within 0.02°. `odd`: 300 strikes far
 beyond usual ones against scans, a fine trajectory every 0.5°; the status must agree, and each change of outcome lie in
-its cell of the scan. Disagreements are printed with inputs and warnings. Exits with 1 if a case fails, if status or
-angle of a usual one disagree, or those of more than 1 % of the odd ones, or of any of them without a warning.
+its cell of the scan. `walls`: 200 usual strikes on walls of 0.5 to 5 diameters against such scans; the outcome at each
+angle must be that of its interval. Disagreements are printed with inputs and warnings. Exits with 1 if a case fails, if
+status or angle of a usual one disagree, or those of more than 1 % of the others, or of any of them without a warning.
 """
 
 import argparse
@@ -25,16 +26,17 @@ from typing import Any
 from benchmarks.batches import answer_or_error
 from benchmarks.converged import CONVERGED, CONVERGED_SEARCH, SCANNED, paper_critical_angle
 from benchmarks.machine import machine, versions
-from benchmarks.random_cases import Case, odd_cases, one_by_one, random_cases
-from solver import CriticalAngle, Impact, Outcome, RicochetError, critical_angle, simulate, warm_up
+from benchmarks.random_cases import Case, odd_cases, one_by_one, random_cases, wall_cases
+from solver import CriticalAngle, Impact, Outcome, OutcomeInterval, RicochetError, critical_angle, simulate, warm_up
 
 TOLERATED_DEG = 0.02
 SCAN_DEG = [5.0 + 0.5 * index for index in range(161)]
 """The default range of a search."""
 DOUBTS = {"retention_decides", "undecided"}
 """Warnings that an angle rests on little."""
+DISAGREEMENTS = ("error", "status", "first angle", "other crossings", "intervals")
 TOLERATED_SHARE = 0.01
-"""Odd strikes that may disagree, each with such a warning."""
+"""Odd strikes, and strikes on walls, that may disagree, each with such a warning."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -53,6 +55,8 @@ class Comparison:
     reference_others_deg: list[tuple[float, float]]
     doubts: list[str]
     """Warnings of the search that are among `DOUBTS`."""
+    wrong_deg: list[float] | None = None
+    """Angles of a scan at which a strike on a wall has another outcome than the interval there."""
     confirmed: bool | None = None
     """Whether a fine trajectory 0.02° above the angle is turned away, and one as far below the bracket is not."""
     cpu_s: float
@@ -73,6 +77,8 @@ class Comparison:
             return "error"
         if self.status != self.reference_status:
             return "status"
+        if self.wrong_deg is not None:
+            return "intervals" if self.wrong_deg else ""
         if (self.difference_deg or 0.0) > TOLERATED_DEG:
             return "first angle"
         pairs = zip(self.others_deg, self.reference_others_deg, strict=False)
@@ -115,11 +121,42 @@ def compare_odd(numbered: tuple[int, Case]) -> Comparison:
     return Comparison(**found, **reference, reference_status=status)
 
 
-def _turned_away(case: Case, angle_deg: float) -> bool:
+def compare_walls(numbered: tuple[int, Case]) -> Comparison:
+    """Compare the intervals of the outcome with a scan by fine trajectories."""
+    number, case = numbered
+    answer = answer_or_error(case)
+    found = _timed(number, case)
+    reference: dict[str, Any] = {"reference_deg": None, "reference_others_deg": []}
+    if isinstance(answer, RicochetError):
+        return Comparison(**found, **reference, reference_status="")
+    wrong = []
+    try:
+        for angle in SCAN_DEG:
+            ends = [interval for interval in answer.outcomes if _holds(interval, angle)]
+            if len(ends) == 1 and ends[0].outcome is not _outcome(case, angle):
+                wrong.append(angle)
+    except RicochetError as error:
+        return Comparison(**found, **reference, reference_status=repr(error))
+    return Comparison(**found, **reference, reference_status=found["status"], wrong_deg=wrong)
+
+
+def _holds(interval: OutcomeInterval, angle_deg: float) -> bool:
+    """Whether an angle is in an interval, or so near that it may be."""
+    lower, upper = math.degrees(interval.lower), math.degrees(interval.upper)
+    return lower - TOLERATED_DEG <= angle_deg <= upper + TOLERATED_DEG
+
+
+def _outcome(case: Case, angle_deg: float) -> Outcome:
+    """Outcome of a fine trajectory; one that is still in motion counts as embedded."""
     strike: dict[str, Any] = dict(case)
     attack = strike.pop("angle_of_attack")
     impact = Impact(velocity=strike.pop("velocity"), oblique_angle=math.radians(angle_deg), angle_of_attack=attack)
-    return simulate(**strike, impact=impact, numerics=SCANNED, sample_interval=None).outcome is Outcome.RICOCHET
+    outcome = simulate(**strike, impact=impact, numerics=SCANNED, sample_interval=None).outcome
+    return Outcome.EMBEDDED if outcome is Outcome.IN_MOTION else outcome
+
+
+def _turned_away(case: Case, angle_deg: float) -> bool:
+    return _outcome(case, angle_deg) is Outcome.RICOCHET
 
 
 def _timed(number: int, case: Case) -> dict[str, Any]:
@@ -165,7 +202,7 @@ def summarize(rows: list[Comparison]) -> dict[str, Any]:
         **{f"status {name}": number for name, number in sorted(Counter(row.status for row in rows).items())},
         "median difference [°]": statistics.median(differences) if differences else None,
         "worst difference [°]": max(differences, default=None),
-        **{f"disagree by {kind}": counts[kind] for kind in ("error", "status", "first angle", "other crossings")},
+        **{f"disagree by {kind}": counts[kind] for kind in DISAGREEMENTS},
         "of them unwarned, by status or angle": len(unwarned),
         "unwarned by more than 1°": sum((row.difference_deg or 90.0) > 1.0 for row in unwarned),
         "with a warning, of all": sum(bool(row.doubts) for row in rows),
@@ -181,10 +218,14 @@ def passes(kind: str, rows: list[Comparison]) -> bool:
     """Whether a set is as accurate as it must be."""
     wrong = [row for row in rows if row.disagreement not in ("", "other crossings")]
     warned = all(row.doubts and row.disagreement != "error" for row in wrong)
-    return not wrong or (kind == "odd" and warned and len(wrong) <= TOLERATED_SHARE * len(rows))
+    return not wrong or (kind != "usual" and warned and len(wrong) <= TOLERATED_SHARE * len(rows))
 
 
-SETS = {"usual": (compare_usual, random_cases, 200), "odd": (compare_odd, odd_cases, 300)}
+SETS = {
+    "usual": (compare_usual, random_cases, 200),
+    "odd": (compare_odd, odd_cases, 300),
+    "walls": (compare_walls, wall_cases, 200),
+}
 
 
 def run(compare: Callable[[tuple[int, Case]], Comparison], cases: list[Case], processes: int) -> list[Comparison]:
@@ -195,8 +236,8 @@ def run(compare: Callable[[tuple[int, Case]], Comparison], cases: list[Case], pr
 
 def main() -> int:
     parser = argparse.ArgumentParser(description="Compare critical angles with references over random strikes.")
-    parser.add_argument("--only", choices=("usual", "odd"), help="one of the two sets")
-    parser.add_argument("--cases", type=int, help="in each set; 200 usual and 300 odd ones unless given")
+    parser.add_argument("--only", choices=tuple(SETS), help="one of the sets")
+    parser.add_argument("--cases", type=int, help="in each set; 300 odd ones and 200 of the others unless given")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--output", type=Path, help="JSON file for all comparisons")
@@ -224,6 +265,8 @@ def report(title: str, rows: list[Comparison]) -> None:
     for row in (row for row in rows if row.disagreement):
         print(f"\ncase {row.number}, {row.disagreement}: {row.status} {row.angle_deg} {row.others_deg}")
         print(f"  reference: {row.reference_status} {row.reference_deg} {row.reference_others_deg}")
+        if row.wrong_deg:
+            print(f"  another outcome at: {row.wrong_deg}")
         print(f"  warnings: {', '.join(row.doubts) or 'none'}; confirmed by fine trajectories: {row.confirmed}")
         print(*(f"  {name}={value}" for name, value in row.inputs.items()), sep="\n")
     print(flush=True)

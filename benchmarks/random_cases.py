@@ -110,6 +110,16 @@ def _random_projectile(random: np.random.Generator) -> Projectile:
     return Projectile(nose=nose, diameter=diameter, length=length, mass=density * volume)
 
 
+def wall_cases(count: int, seed: int) -> Cases:
+    """`count` strikes as `random_cases` has them, on walls of 0.5 to 5 diameters."""
+    cases, random = random_cases(count, seed), np.random.default_rng(seed + 1)
+    cases["target"] = [
+        replace(target, thickness=random.uniform(0.5, 5.0) * projectile.diameter)
+        for projectile, target in zip(cases["projectile"], cases["target"], strict=True)
+    ]
+    return cases
+
+
 def odd_cases(count: int, seed: int) -> Cases:
     """`count` strikes far beyond usual ones, with every kind of nose and every decay model.
 

@@ -192,7 +192,7 @@ def test_mirror_image_has_the_mirrored_motion(arguments: dict[str, Any], diamete
     assert left.final.axis_angle == pytest.approx(-right.final.axis_angle, rel=1e-9, abs=1e-6)
 
 
-@settings(max_examples=8)
+@settings(max_examples=50)
 @given(strikes(), st.floats(0.2, 6.0), st.floats(1.05, 3.0))
 def test_thicker_wall_is_not_perforated_where_a_thinner_one_is_not(
     arguments: dict[str, Any], diameters: float, ratio: float
