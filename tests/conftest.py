@@ -110,8 +110,8 @@ def live_url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
 
 @pytest.fixture(scope="session")
 def hurried_url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    """Address of a service that gives no query more than 2 s."""
-    with running_service(tmp_path_factory.mktemp("hurried"), task_seconds="2") as service:
+    """Address of a service that gives no query more than 2 s, and answers no study of more than 300 samples at once."""
+    with running_service(tmp_path_factory.mktemp("hurried"), task_seconds="2", small_samples="300") as service:
         yield service.url
 
 

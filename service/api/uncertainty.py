@@ -1,13 +1,15 @@
 """How sure an angle or an outcome is: samples are cases of cache and executor like those of a batch."""
 
+import asyncio
 import hashlib
 import time
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Coroutine
 from contextlib import nullcontext
+from http import HTTPStatus
 from typing import Any
 
 from anyio.to_thread import run_sync
-from fastapi import APIRouter, Request, Response
+from fastapi import APIRouter, HTTPException, Request, Response
 
 from service.api.batch_response import IdempotencyKey, JobResponse, WantedPreference
 from service.api.body import JSON, KnownBody, Preference, next_turn, parse_json, read_body, require_type
@@ -15,11 +17,11 @@ from service.api.contract import STUDIED, one_body
 from service.api.queries import reply, validated
 from service.api.services import Services, services_of
 from service.auth.dependencies import RUN, RequestContext, context_in
-from service.errors import InvalidBodyError
+from service.errors import InvalidBodyError, PoolUnavailableError
 from service.jobs.models import Case
 from service.logs import BEGUN
 from service.operations import UNCERTAIN, KeyedRequest
-from service.queries import check_work
+from service.queries import Answered, check_work
 from service.schemas import (
     CriticalAngleUncertaintyAnswer,
     CriticalAngleUncertaintyRequest,
@@ -91,15 +93,48 @@ async def estimate(request: Request, operation: str, preference: Preference, ide
         job = JobResponse(request, operation, preference, idempotency_key)
         return await answer_with_job(services, context, job, case, query, digest, begun)
     with services.owner_queries.held(context.principal.owner) if context.principal.key else nullcontext():
-        record, status = await services.jobs.answer_study(
-            operation, query, case, take=context.take, limiter=services.reading
-        )
+        answer = services.jobs.answer_study(operation, query, case, take=context.take, limiter=services.reading)
+        record, status = await unless_left(request, answer)
     if status == "hit":  # computed for another request
         context.take(known.cases)
     services.metrics.count(operation, record.outcome, status, 1)
     now = time.perf_counter()
     timing = f"validate;dur={1e3 * (read - begun):.2f}, compute;dur={1e3 * (now - read):.2f}"
     return reply(record.json, status, f"{timing}, total;dur={1e3 * (now - begun):.2f}")
+
+
+async def unless_left(request: Request, work: Coroutine[Any, Any, Answered]) -> Answered:
+    """Return the result of work; cancel it once the client has left or the service is stopping.
+
+    Raises
+    ------
+    HTTPException
+        400 if the client has left.
+    PoolUnavailableError
+        If the service is stopping.
+    """
+    working = asyncio.ensure_future(work)
+    left = asyncio.ensure_future(disconnected(request))
+    stopping = asyncio.ensure_future(services_of(request).stopping.wait())
+    try:
+        await asyncio.wait([working, left, stopping], return_when=asyncio.FIRST_COMPLETED)
+    finally:
+        left.cancel()
+        stopping.cancel()
+        if not working.done():
+            working.cancel()
+            await asyncio.wait([working])
+    if not working.cancelled():
+        return working.result()
+    if left.done() and not left.cancelled():
+        raise HTTPException(HTTPStatus.BAD_REQUEST, "the client has left")
+    raise PoolUnavailableError("the service is stopping")
+
+
+async def disconnected(request: Request) -> None:
+    """Return once the client has closed the connection, after the body has been read."""
+    while (await request.receive())["type"] != "http.disconnect":
+        pass
 
 
 async def read_study(services: Services, body: bytes, operation: str) -> tuple[Any, KeyedRequest]:

@@ -3,6 +3,12 @@
 import csv
 import io
 import math
+import re
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import AbstractContextManager
+from pathlib import Path
 from typing import Any
 
 import h5py
@@ -15,6 +21,7 @@ from service.schemas.examples import PAPER
 from solver import ElasticPlastic, MohrCoulomb
 from solver.cases import PAPER_PROJECTILE, PAPER_TARGET
 from solver.uncertainty import Discrete, Normal, Sampling, Uncertain, critical_angle_uncertainty
+from tests.conftest import Service
 
 SPEED = {"field": "impact.velocity_m_s", "distribution": {"type": "normal", "mean": 238.0, "standard_deviation": 2.4}}
 ATTACK = {
@@ -160,3 +167,45 @@ def test_bad_inputs_are_refused_with_their_place(
     assert response.status_code == 422
     assert pointer in [each["pointer"] for each in response.json()["errors"]]
     assert detail in response.text
+
+
+LONG_STUDY: dict[str, Any] = BODY | {
+    "sampling": {"half_width": 0.0005, "max_samples": 16_384, "seed": 3, "method": "direct"}
+}
+
+
+def test_study_of_a_client_that_leaves_is_given_up(dedicated_service: Service) -> None:
+    with httpx.Client(base_url=dedicated_service.url, timeout=60.0, trust_env=False) as client:
+        with pytest.raises(httpx.ReadTimeout):
+            client.post("/cra/uncertainty", json=LONG_STUDY, timeout=5.0)
+        counts = [samples_computed(client)]
+        while len(counts) < 2 or counts[-1] != counts[-2]:
+            time.sleep(2.0)
+            counts.append(samples_computed(client))
+        assert 0.0 < counts[-1] < 0.9 * LONG_STUDY["sampling"]["max_samples"]
+
+
+def test_study_is_refused_when_the_service_stops(
+    tmp_path: Path, service_on: Callable[..., AbstractContextManager[Service]]
+) -> None:
+    with service_on(tmp_path) as service, ThreadPoolExecutor(1) as threads:
+        study = threads.submit(
+            httpx.post, f"{service.url}/cra/uncertainty", json=LONG_STUDY, timeout=60.0, trust_env=False
+        )
+        with httpx.Client(base_url=service.url, timeout=60.0, trust_env=False) as client:
+            while not study.done() and not samples_computed(client):
+                time.sleep(0.1)
+        service.process.terminate()
+        answer = study.result()
+    assert answer.status_code == 503
+    assert "stopping" in answer.json()["detail"]
+
+
+def samples_computed(client: httpx.Client) -> float:
+    """Critical angles that the service has computed."""
+    lines = client.get("/metrics").text.splitlines()
+    return sum(
+        float(line.split()[-1])
+        for line in lines
+        if re.match(r'ricochet_cases_total\{cache="miss",operation="cra"', line)
+    )

@@ -61,3 +61,8 @@ def runs(folder: Path) -> dict[float, int]:
         number = float(path.name.split("-")[0])
         counts[number] = counts.get(number, 0) + 1
     return counts
+
+
+def workers(folder: Path) -> list[int]:
+    """Which process did each piece of work."""
+    return [int(path.name.split("-")[-1]) for path in folder.iterdir()]
