@@ -91,7 +91,9 @@ def kill_during_batch(server: RestartableServer, body: bytes, number: int, insta
     server.kill()
 
 
-def test_study_of_a_killed_server_goes_on_to_the_same_bytes_with_other_workers(tmp_path: Path) -> None:
+@pytest.mark.parametrize("kills", [1, pytest.param(10, marks=[pytest.mark.slow, pytest.mark.timeout(1200)])])
+def test_study_of_a_killed_server_goes_on_to_the_same_bytes_with_other_workers(kills: int, tmp_path: Path) -> None:
+    instants = random.Random(0)  # noqa: S311
     with RestartableServer(tmp_path / "undisturbed") as undisturbed, RestartableServer(tmp_path / "killed") as server:
         undisturbed.start()
         expected = result_of(undisturbed, undisturbed.finished(begin_study(undisturbed)))
@@ -101,10 +103,12 @@ def test_study_of_a_killed_server_goes_on_to_the_same_bytes_with_other_workers(t
         while job.get("progress", {}).get("samples", 0) < 200:
             job = server.job(job)
             assert job["status"] in UNFINISHED
-        server.kill()
-        assert not server.orphans(ORPHAN_SECONDS)
-        server.environment["RICOCHET_WORKERS"] = "1"
-        server.start()
+        for _ in range(kills):
+            time.sleep(instants.uniform(0.0, RESTART_SECONDS))
+            server.kill()
+            assert not server.orphans(ORPHAN_SECONDS)
+            server.environment["RICOCHET_WORKERS"] = str(instants.randint(1, 2))
+            server.start()
         job = server.finished(job)
         assert job["status"] == "successful"
         assert result_of(server, job) == expected
