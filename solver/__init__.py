@@ -29,6 +29,7 @@ from solver.resistance import (
 )
 from solver.search.critical_angle import critical_angle
 from solver.search.types import CriticalAngle, OutcomeInterval, Search, SearchStatus, Trial
+from solver.spalling import Crater, ShearPlug
 from solver.target import Target, concrete_youngs_modulus
 from solver.trajectory import Motion, Trajectory, simulate
 from solver.warm_up import warm_up
@@ -42,6 +43,7 @@ __all__ = [
     "Alternative",
     "Conical",
     "ConstantStrengthFactor",
+    "Crater",
     "CriticalAngle",
     "ElasticPlastic",
     "Exit",
@@ -71,6 +73,7 @@ __all__ = [
     "RicochetError",
     "Search",
     "SearchStatus",
+    "ShearPlug",
     "SolidProperties",
     "Spherical",
     "StepLimitError",

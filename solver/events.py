@@ -191,6 +191,9 @@ def end_of_step(
         fraction = _release_fraction(step, model, work, state)
         event[0] = time + fraction * step[1]
         interpolate(step, fraction, state)
+    elif event[0] < 0.0 and _is_through(step[8:14], body, model.law.thickness):  # nothing was ever loaded
+        event[0] = time + step[1]
+        interpolate(step, 1.0, state)
     if event[0] >= 0.0:
         retained = kinetic_energy(state, body) < thresholds.retention
         if retained and state[3] <= 0.0:

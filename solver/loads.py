@@ -18,7 +18,18 @@ from solver.outline_intervals import MAX_CUTS, cut, is_full, is_loaded, ring_at
 from solver.quadrature import gauss_rule
 from solver.resistance import Resistance
 from solver.surface import FAR, Body, Panels
-from solver.surface_integration import CAPACITY, FULL, ROOM, ROW_COUNT, Law, Load, add_rings, integrate_rings, sum_rings
+from solver.surface_integration import (
+    CAPACITY,
+    FULL,
+    ROOM,
+    ROW_COUNT,
+    Law,
+    Load,
+    add_rings,
+    integrate_rings,
+    loaded_thickness,
+    sum_rings,
+)
 from solver.target import Target
 
 MOST_STATES = 5
@@ -59,8 +70,11 @@ class Scratch(NamedTuple):
     """(`MOST_STATES`, 2) places in the rows where the rings of a state end, and those resisted in full."""
 
 
-def build_law(*, resistance: Resistance, target: Target, strength_factor: float, ramp_velocity: float) -> Law:
-    """Resistance of `target` with the strength factor of one strike."""
+def build_law(
+    *, resistance: Resistance, target: Target, diameter: float, strength_factor: float, ramp_velocity: float
+) -> Law:
+    """Resistance of `target` with the strength factor of one strike, to a projectile of this diameter."""
+    plug, crater = resistance.rear_plug, resistance.crater
     return Law(
         static_stress=float(strength_factor * target.compressive_strength),
         dynamic_density=float(resistance.inertia_factor * target.density),
@@ -68,6 +82,9 @@ def build_law(*, resistance: Resistance, target: Target, strength_factor: float,
         smooth_ramp=True,
         decay=build_decay(resistance.free_surface, target),
         thickness=math.inf if target.thickness is None else float(target.thickness),
+        plug_scale=0.0 if plug is None else 0.5 * diameter / math.tan(plug.cone_angle),
+        plug_stress=target.compressive_strength / (math.sqrt(3.0) * math.tan(plug.cone_angle)) if plug else 1.0,
+        crater_depth=0.0 if crater is None else float(crater.depth_diameters * diameter),
     )
 
 
@@ -167,10 +184,11 @@ def panel_loads(state: FloatArray, panels: Panels, law: Law) -> Load:
     c, s = math.cos(angle), math.sin(angle)
     forward, sideways = state[3] * c + state[4] * s, state[4] * c - state[3] * s
     along = across = moment = 0.0
+    loaded = loaded_thickness(law)
     for i in range(panels.area.size):
         axial, lateral = panels.axial[i], panels.lateral[i]
         inside = depth + axial * c - lateral * s
-        if inside <= 0.0 or inside >= law.thickness:
+        if inside <= 0.0 or inside >= loaded:
             continue
         n_axial, n_lateral = panels.normal_axial[i], panels.normal_lateral[i]
         speed = (forward - spin * lateral) * n_axial + (sideways + spin * axial) * n_lateral

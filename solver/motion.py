@@ -91,8 +91,20 @@ def accelerate(states: FloatArray, model: Model, scratch: Scratch, out: FloatArr
         accelerate_in_wall(states, body, model.law, model.quadrature, scratch, out)
     else:
         accelerate_by_gauss(states, body, model.law, model.quadrature, scratch, out)
+    if model.law.crater_depth > 0.0:
+        _weaken_in_crater(states, body, model.law.crater_depth, out)
     size = body.mass * (abs(out[last]) + abs(out[last + 1])) + body.moment_of_inertia * abs(out[last + 2]) / body.tip
     return bool(size > NEGLIGIBLE_LOAD * model.law.static_stress * body.tip**2)
+
+
+@lean
+def _weaken_in_crater(states: FloatArray, body: Body, crater_depth: float, out: FloatArray) -> None:
+    """Multiply the accelerations by the depth of each state over that of the crater, up to 1."""
+    for k in range(out.size // 3):
+        depth = states[6 * k] + deepest_offset(body, states[6 * k + 2])
+        share = min(max(depth / crater_depth, 0.0), 1.0)
+        for n in range(3 * k, 3 * k + 3):
+            out[n] *= share
 
 
 @lean

@@ -131,7 +131,13 @@ def prepare(
         panels = NO_PANELS
     model = Model(
         body=build_body(projectile, properties),
-        law=build_law(resistance=resistance, target=target, strength_factor=1.0, ramp_velocity=1.0),
+        law=build_law(
+            resistance=resistance,
+            target=target,
+            diameter=projectile.diameter,
+            strength_factor=1.0,
+            ramp_velocity=1.0,
+        ),
         quadrature=build_quadrature(stations=numerics.stations, points=numerics.points),
         panels=panels,
     )

@@ -13,6 +13,7 @@ import numpy as np
 from solver.errors import ParameterError
 from solver.free_surface import ElasticPlastic, FreeSurface
 from solver.projectile import Projectile
+from solver.spalling import Crater, ShearPlug
 from solver.target import Target
 from solver.validation import require, require_finite, require_positive
 
@@ -230,12 +231,18 @@ class Resistance:
     inertia_factor
         B. [1]
     free_surface
-        Model of the decay near the face.
+        Model of the decay near the faces.
+    crater
+        A front crater, in which the resistance builds up; none unless given.
+    rear_plug
+        A plug that shears out of the rear of a wall; none unless given.
     """
 
     strength_factor: StrengthFactor = field(default_factory=ObliquityPolynomial)
     inertia_factor: float = 1.0
     free_surface: FreeSurface = field(default_factory=ElasticPlastic)
+    crater: Crater | None = None
+    rear_plug: ShearPlug | None = None
 
     def __post_init__(self) -> None:
         require(

@@ -226,7 +226,7 @@ def run_warnings(prepared: PreparedCase, impact: Impact, run: Run, outcome: Outc
             angle_of_attack=impact.angle_of_attack,
         )
     )
-    found += model_warnings.strength_factor_warnings(
+    found += model_warnings.law_warnings(
         projectile=prepared.projectile,
         target=prepared.target,
         resistance=prepared.resistance,

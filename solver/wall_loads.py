@@ -1,11 +1,11 @@
 """Force and moment on a projectile in a wall with a rear face, compiled.
 
 An element that faces the rear of the wall is weakened by it as one that faces out is by the impact face: with the same
-decay function, on the distance along its normal to the rear face. What is beyond the rear face is not loaded. On a
-ring that gives up to four arcs, in the order of rising cos β: near the rear face, deep before it, deep behind the
-impact face, and near that. So every ring is laid out twice: once with the arcs that face the impact face, once with
-those that face the rear. A face across the axis, whose normal meets the axis nowhere, is resisted in full up to the
-rear.
+decay function, on the distance along its normal to the rear face. What is beyond the rear face is not loaded, nor is
+what is in the plug that shears out, if there is one. On a ring that gives up to four arcs, in the order of rising
+cos β: near the rear face, deep before it, deep behind the impact face, and near that. So every ring is laid out twice:
+once with the arcs that face the impact face, once with those that face the rear. A face across the axis, whose normal
+meets the axis nowhere, is resisted in full up to the rear.
 """
 
 import math
@@ -45,6 +45,7 @@ from solver.surface_integration import (
     clamp,
     integrate_full,
     loaded_range,
+    loaded_thickness,
     place_ring,
     ramped,
     ring_motion,
@@ -61,6 +62,7 @@ def accelerate_in_wall(
     states: FloatArray, body: Body, law: Law, quadrature: Quadrature, scratch: Scratch, out: FloatArray
 ) -> None:
     """Write the accelerations of depth, lateral position and axis angle, as `accelerate_by_gauss` does."""
+    loaded = loaded_thickness(law)
     for k in range(out.size // 3):
         at = 6 * k
         c, s = math.cos(states[at + 2]), math.sin(states[at + 2])
@@ -73,11 +75,11 @@ def accelerate_in_wall(
         hidden = c >= 0.0 and law.decay.corner > 0.0  # a base that faces out is weakened to nothing
         for index in range(body.outline.shape[0] - (1 if hidden else 0)):
             piece = body.outline[index]
-            stretches = _cut(piece, motion, law.thickness, scratch.cuts)
+            stretches = _cut(piece, motion, loaded, scratch.cuts)
             for stretch in range(stretches):
                 begin, end = scratch.cuts[stretch], scratch.cuts[stretch + 1]
                 middle = ring_at(piece, 0.5 * (begin + end))
-                if not is_loaded(middle, motion) or motion[0] + middle[2] * c - middle[3] * s >= law.thickness:
+                if not is_loaded(middle, motion) or motion[0] + middle[2] * c - middle[3] * s >= loaded:
                     continue
                 short = end - begin < SHORT * (scratch.cuts[stretches] - scratch.cuts[0])
                 rule = quadrature.few_stations if short else quadrature.stations
@@ -95,12 +97,12 @@ def accelerate_in_wall(
 
 
 @lean
-def _cut(piece: FloatArray, motion: Motion, thickness: float, cuts: FloatArray) -> int:
-    """Write the sorted ends of the stretches of a piece, cut by both faces; return how many stretches there are."""
+def _cut(piece: FloatArray, motion: Motion, loaded: float, cuts: FloatArray) -> int:
+    """Write the sorted ends of the stretches of a piece, cut at both ends of what is loaded; return their number."""
     depth, c, s, forward, sideways, spin = motion
     behind = cuts[2 * MAX_CUTS :]
     count = cut(cuts, piece, motion)
-    more = cut(behind, piece, (depth - thickness, c, s, forward, sideways, spin))
+    more = cut(behind, piece, (depth - loaded, c, s, forward, sideways, spin))
     upper = cuts[count]
     for k in range(1, more):
         count = insert(cuts, count, behind[k], upper)
@@ -124,6 +126,7 @@ def _integrate(rows: FloatArray, count: int, points: FloatArray, law: Law) -> tu
 def _load_rings(rows: FloatArray, last: np.uint64, law: Law) -> None:
     """Find the arcs of every ring up to a place, those that face the rear at `REAR`, and integrate those in full."""
     beyond, endless = law.decay.corner - 1.0, law.decay.corner == 0.0
+    loaded = loaded_thickness(law)
     for i in range(last):
         j = i + REAR
         depth, c, s, forward, sideways, spin = ring_motion(rows, i)
@@ -136,7 +139,7 @@ def _load_rings(rows: FloatArray, last: np.uint64, law: Law) -> None:
         inward, inward_slope = cosine * inside, cosine * inside_slope
 
         low, high = loaded_range(inside, inside_slope, speed, speed_slope)
-        low = clamp((inside - law.thickness) / (TINY - inside_slope), low, high)
+        low = clamp((inside - loaded) / (TINY - inside_slope), low, high)
         start = clamp(-outward / (outward_slope + TINY), low, high)
         start = high if endless else start
         full = start if endless or cosine <= FLAT else low  # up to here in full

@@ -88,8 +88,6 @@ def input_warnings(
             )
         )
     found += _mass_properties_assumed(projectile, angle_shift)
-    if target.thickness is not None:
-        found.append(REAR_FACE_UNCONSERVATIVE)
     return tuple(found)
 
 
@@ -107,10 +105,10 @@ def _mass_properties_assumed(projectile: Projectile, angle_shift: float | None) 
     return (ModelWarning("mass_properties_assumed", detail),)
 
 
-def strength_factor_warnings(
+def law_warnings(
     *, projectile: Projectile, target: Target, resistance: Resistance, velocity: float, oblique_angle: float
 ) -> tuple[ModelWarning, ...]:
-    """Warnings about a strength factor that was fitted to other angles, another concrete or other strikes."""
+    """Warnings about laws that were fitted to other angles, another concrete or other strikes, or leave much out."""
     model = resistance.strength_factor
     found = []
     by_angle = isinstance(model, ObliquityPolynomial) or (
@@ -129,7 +127,18 @@ def strength_factor_warnings(
         found += _other_concrete(projectile, target)
     if isinstance(model, PublishedTests):
         found += _beyond_published_tests(projectile, target, velocity)
+    if resistance.crater is not None and oblique_angle != 0.0:
+        found.append(CRATER_AT_OBLIQUITY)
+    if target.thickness is not None:
+        found.append(_rear_face(resistance))
     return tuple(found)
+
+
+def _rear_face(resistance: Resistance) -> ModelWarning:
+    """Warning about what the model of the rear face leaves out."""
+    if resistance.rear_plug is not None:
+        return REAR_PLUG_QUASI_STATIC
+    return REAR_FACE_UNCONSERVATIVE if resistance.crater is None else REAR_FACE_WITHOUT_PLUG
 
 
 def _other_concrete(projectile: Projectile, target: Target) -> tuple[ModelWarning, ...]:
@@ -232,6 +241,23 @@ REAR_FACE_UNCONSERVATIVE = ModelWarning(
     "rear_face_unconservative",
     "the rear face has no plug that shears out and the impact face no crater: walls hold less than this says; "
     "modified NDRC asks for 1.7 times the thickness that stops the paper's projectile at normal impact",
+)
+
+CRATER_AT_OBLIQUITY = ModelWarning(
+    "crater_at_obliquity",
+    "the crater is that of normal impact: at an angle it weakens all that keeps near the face, and moves the critical "
+    "angle of the paper's strike from 48.6° to 67.6° at two diameters",
+)
+
+REAR_FACE_WITHOUT_PLUG = ModelWarning(
+    "rear_face_unconservative",
+    "the rear face has no plug that shears out: walls hold less than this says",
+)
+
+REAR_PLUG_QUASI_STATIC = ModelWarning(
+    "rear_plug_quasi_static",
+    "nothing resists within the plug that shears out of the rear, of a height for quasi-static loads: its mass, its "
+    "energy and reinforcement do not count; compare with the formulas",
 )
 
 BASE_FIRST = ModelWarning(

@@ -21,15 +21,12 @@ def alternative_requests(request: Request) -> list[tuple[dict[str, Any], Request
     found = []
     for each in alternative_resistances(request.resistance.to_solver()):
         laws = {"free_surface": each.free_surface.name, "strength_factor": each.strength_factor.name}
-        resistance = Resistance.model_validate(
-            {
-                "strength_factor": {"model": each.strength_factor.name},
-                "inertia_factor": each.inertia_factor,
-                "free_surface": {
-                    "model": each.free_surface.name,
-                    "inertia": getattr(each.free_surface, "inertia", False),
-                },
-            }
+        decay = {"model": each.free_surface.name, "inertia": getattr(each.free_surface, "inertia", False)}
+        law = Resistance.model_validate(
+            {"strength_factor": {"model": each.strength_factor.name}, "free_surface": decay}
+        )
+        resistance = request.resistance.model_copy(
+            update={"strength_factor": law.strength_factor, "free_surface": law.free_surface}
         )
         other = cast("Request", request.model_copy(update={"resistance": resistance, "alternatives": False}))
         found.append((laws | {"fitted_to": fitted_to(each)}, other))

@@ -41,6 +41,7 @@ UNITS = {
     "depth_displacement": "m",
     "lateral_displacement": "m",
     "rotation": "deg",
+    "cone_angle": "deg",
     "penetration_depth": "m",
     "scabbing_thickness": "m",
     "perforation_thickness": "m",

@@ -1,5 +1,6 @@
 """How the target resists, as the contract has it."""
 
+import math
 from enum import StrEnum
 from typing import Annotated, Literal
 
@@ -193,10 +194,52 @@ Decay = Annotated[
 ]
 
 
+CRATER = solver.Crater()
+PLUG = solver.ShearPlug()
+
+
+class Crater(Part):
+    """A front crater: all forces times depth over crater depth, up to 1 (Forrestal et al. 1994)."""
+
+    model_config = with_examples({"depth_diameters": 2.0})
+
+    depth_diameters: Annotated[
+        Num,
+        Field(
+            gt=0.0,
+            le=20.0,
+            description="Depth over the diameter of the projectile: 2 (Forrestal et al. 1994), or 0.707 and the length "
+            "of the nose over the diameter (Li and Chen 2003). [1]",
+        ),
+    ] = CRATER.depth_diameters
+
+    def to_solver(self) -> solver.Crater:
+        """Return the solver's crater."""
+        return solver.Crater(depth_diameters=self.depth_diameters)
+
+
+class ShearPlug(Part):
+    """A cone that shears out of the rear of a wall: within its height nothing resists (Li and Tong 2003)."""
+
+    model_config = with_examples({"cone_angle_deg": 66.1})
+
+    cone_angle_deg: Annotated[
+        Num, Field(ge=10.0, le=85.0, description="Between the axis of the cone and its side. [°]")
+    ] = round(math.degrees(PLUG.cone_angle), 9)
+
+    def to_solver(self) -> solver.ShearPlug:
+        """Return the solver's plug."""
+        return solver.ShearPlug(cone_angle=math.radians(self.cone_angle_deg))
+
+
 class Resistance(Part):
     """How the target resists."""
 
-    model_config = with_examples({"strength_factor": CONSTANT}, {"inertia_factor": 0.9, "free_surface": MOHR_COULOMB})
+    model_config = with_examples(
+        {"strength_factor": CONSTANT},
+        {"inertia_factor": 0.9, "free_surface": MOHR_COULOMB},
+        {"crater": {"depth_diameters": 2.0}, "rear_plug": {"cone_angle_deg": 66.1}},
+    )
 
     strength_factor: Annotated[
         StrengthFactor,
@@ -207,6 +250,11 @@ class Resistance(Part):
     ]
     inertia_factor: InertiaFactor = 1.0
     free_surface: Decay
+    crater: Annotated[Crater, Field(description="None when not given.")] | MISSING = MISSING
+    rear_plug: (
+        Annotated[ShearPlug, Field(description="Of a wall; none when not given. Without effect on a half-space.")]
+        | MISSING
+    ) = MISSING
 
     def to_solver(self) -> solver.Resistance:
         """Return the solver's resistance."""
@@ -214,4 +262,6 @@ class Resistance(Part):
             strength_factor=self.strength_factor.to_solver(),
             inertia_factor=self.inertia_factor,
             free_surface=self.free_surface.to_solver(),
+            crater=None if self.crater is MISSING else self.crater.to_solver(),
+            rear_plug=None if self.rear_plug is MISSING else self.rear_plug.to_solver(),
         )

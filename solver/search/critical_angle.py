@@ -353,7 +353,7 @@ def _warnings(
     )
     warnings += _retention_warning(prepared, change)
     reach = change.angle if change.angle is not None else max(trial.oblique_angle for trial in trials)
-    warnings += model_warnings.strength_factor_warnings(
+    warnings += model_warnings.law_warnings(
         projectile=prepared.projectile,
         target=prepared.target,
         resistance=prepared.resistance,

@@ -196,3 +196,57 @@ def test_wall_that_only_the_solver_can_refuse_is_a_result_with_a_problem(client:
     items = items_of(client.post("/limit-speed/sweep", json={"base": BASES["limit-speed"], "axes": axes}))
     assert "result" in items[0]
     assert items[1]["problem"]["errors"][0]["pointer"] == "/target/thickness_m"
+
+
+def test_plug_and_crater_ask_for_a_thicker_wall(client: httpx.Client) -> None:
+    found = [
+        client.post("/thickness", json=STRIKE | {"resistance": resistance}).json()
+        for resistance in ({}, {"rear_plug": {}}, {"rear_plug": {}, "crater": {}})
+    ]
+    thicknesses = [each["least_thickness_m"] for each in found]
+    assert thicknesses == sorted(thicknesses)
+    assert thicknesses[1] > 1.1 * thicknesses[0]
+    assert "rear_plug_quasi_static" in {warning["code"] for warning in found[1]["warnings"]}
+    assert len({each["key"] for each in found}) == 3
+
+
+def test_plug_without_its_angle_is_that_of_66_1_degrees(client: httpx.Client) -> None:
+    keys = {
+        client.post("/limit-speed", json=WALL | {"resistance": {"rear_plug": plug}}).json()["key"]
+        for plug in ({}, {"cone_angle_deg": 66.1})
+    }
+    assert len(keys) == 1
+
+
+@pytest.mark.parametrize(
+    ("part", "pointer"),
+    [
+        ({"rear_plug": {"cone_angle_deg": 9.0}}, "/resistance/rear_plug/cone_angle_deg"),
+        ({"rear_plug": {"height_m": 0.1}}, "/resistance/rear_plug/height_m"),
+        ({"crater": {"depth_diameters": 0.0}}, "/resistance/crater/depth_diameters"),
+        ({"crater": 2.0}, "/resistance/crater"),
+    ],
+)
+def test_bad_plug_or_crater_is_refused_by_its_field(client: httpx.Client, part: dict[str, Any], pointer: str) -> None:
+    response = client.post("/thickness", json=STRIKE | {"resistance": part})
+    assert response.status_code == 422
+    assert [error["pointer"] for error in response.json()["errors"]] == [pointer]
+
+
+def test_plug_and_crater_can_be_swept_and_scattered_and_stay_under_other_laws(client: httpx.Client) -> None:
+    cone = {"field": "resistance.rear_plug.cone_angle_deg", "values": [50.0, 66.1]}
+    wall = STRIKE | {"target": WALL["target"], "resistance": {"rear_plug": {}}}
+    swept = client.post("/trajectory/sweep", json={"base": wall, "axes": [cone]}).json()["results"]
+    speeds = [each["result"]["exit"]["speed_m_s"] for each in swept]
+    assert speeds[0] > speeds[1]  # the steeper cone is the higher
+    depth = {
+        "field": "resistance.crater.depth_diameters",
+        "distribution": {"type": "uniform", "lower": 0.5, "upper": 1.5},
+    }
+    study = STRIKE | {"resistance": {"crater": {}}, "uncertain": [depth], "sampling": {"half_width": 0.2}}
+    answer = client.post("/trajectory/uncertainty", json=study)
+    assert answer.status_code == 200, answer.text
+    found = client.post("/trajectory", json=wall | {"alternatives": True}).json()["alternatives"]
+    codes = [client.post("/trajectory", json=wall).json()["warnings"]]
+    assert len(found) == 9
+    assert "rear_plug_quasi_static" in {warning["code"] for warning in codes[0]}

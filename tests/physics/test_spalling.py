@@ -1,0 +1,197 @@
+"""Crater and plug: against motions in closed form, the paper's panels, and what must hold whatever the strike."""
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from solver import (
+    ConstantStrengthFactor,
+    Crater,
+    Flat,
+    Impact,
+    NoFreeSurface,
+    Numerics,
+    Outcome,
+    ParameterError,
+    Projectile,
+    Resistance,
+    ShearPlug,
+    Target,
+    Trajectory,
+    critical_angle,
+    least_thickness,
+    limit_velocity,
+    simulate,
+)
+from solver.cases import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY, paper_impact
+
+WALL = replace(PAPER_TARGET, thickness=0.2)
+ROD = Projectile(nose=Flat(), diameter=0.05, length=0.4, mass=6.0)
+STRESS = 8.0 * 39e6
+FORCE = STRESS * math.pi * 0.025**2
+"""On the flat nose of the rod: neither inertia nor decay, S = 8. [N]"""
+PLAIN: dict[str, Any] = {
+    "strength_factor": ConstantStrengthFactor(value=8.0),
+    "inertia_factor": 0.0,
+    "free_surface": NoFreeSurface(),
+}
+
+
+def rod_strikes(velocity: float, target: Target, **spalling: Any) -> Trajectory:
+    return simulate(
+        projectile=ROD,
+        target=target,
+        impact=Impact(velocity=velocity, oblique_angle=0.0),
+        resistance=Resistance(**PLAIN, **spalling),
+        numerics=Numerics(retention_energy_fraction=1e-4),
+    )
+
+
+def paper_strikes(
+    angle: float,
+    target: Target = WALL,
+    numerics: Numerics | None = None,
+    sample_interval: float = 2e-6,
+    **spalling: Any,
+) -> Trajectory:
+    return simulate(
+        projectile=PAPER_PROJECTILE,
+        target=target,
+        impact=paper_impact(oblique_angle_degrees=angle),
+        resistance=Resistance(**spalling),
+        numerics=numerics,
+        sample_interval=sample_interval,
+    )
+
+
+def test_rod_stops_in_a_crater_as_an_oscillator_does() -> None:
+    found = rod_strikes(60.0, PAPER_TARGET, crater=Crater(depth_diameters=4.0))
+    depth = 60.0 * math.sqrt(6.0 * 4.0 * 0.05 / FORCE)
+    assert depth < 0.2
+    assert found.maximum_depth == pytest.approx(depth, rel=2e-3)
+
+
+def test_rod_leaves_a_wall_with_the_energy_that_is_left_at_the_plug() -> None:
+    plug = ShearPlug()
+    wall = replace(PAPER_TARGET, thickness=0.3)
+    found = rod_strikes(300.0, wall, rear_plug=plug)
+    way = 0.3 - plug.height(strength_factor=8.0, diameter=0.05)
+    assert 0.1 < way < 0.3
+    assert found.outcome is Outcome.PERFORATED
+    assert found.final.kinetic_energy == pytest.approx(0.5 * 6.0 * 300.0**2 - FORCE * way, rel=1e-3)
+
+
+def test_height_of_the_plug_is_that_of_the_formula() -> None:
+    # By hand: tan 66.1° = 2.2566, √3 · 8.52 · 2.2566 = 33.301, √34.301 - 1 = 4.8567, over 2 · 2.2566 is 1.0761.
+    assert ShearPlug().height(strength_factor=8.52, diameter=0.08) == pytest.approx(1.0761 * 0.08, rel=1e-4)
+
+
+def test_wall_no_thicker_than_the_plug_is_no_resistance() -> None:
+    wall = replace(PAPER_TARGET, thickness=0.05)
+    found = paper_strikes(30.0, wall, rear_plug=ShearPlug())
+    assert found.outcome is Outcome.PERFORATED
+    assert found.final.kinetic_energy == pytest.approx(0.5 * 13.0 * PAPER_VELOCITY**2, rel=1e-9)
+
+
+@pytest.mark.parametrize("angle", [0.0, 25.0, 42.0, 55.0])
+@pytest.mark.parametrize(
+    "spalling", [{"rear_plug": ShearPlug()}, {"crater": Crater()}, {"rear_plug": ShearPlug(), "crater": Crater()}]
+)
+def test_panels_and_gauss_points_agree(angle: float, spalling: dict[str, Any]) -> None:
+    panels, gauss = (
+        paper_strikes(angle, numerics=numerics, sample_interval=1e-4, **spalling).history
+        for numerics in (
+            Numerics(method="panels", panels=24_000, time_step=1e-6, termination_time=0.015),
+            Numerics(stations=24, points=8),
+        )
+    )
+    assert panels is not None
+    assert gauss is not None
+    count = min(panels.time.size, gauss.time.size) - 1
+    assert count > 10
+    np.testing.assert_allclose(gauss.nose_tip_depth[:count], panels.nose_tip_depth[:count], rtol=0.0, atol=3e-4)
+    np.testing.assert_allclose(
+        np.degrees(gauss.axis_angle[:count]), np.degrees(panels.axis_angle[:count]), rtol=0.0, atol=0.1
+    )
+
+
+@pytest.mark.parametrize("angle", [10.0, 45.0, 60.0])
+def test_work_done_is_energy_lost(angle: float) -> None:
+    run = paper_strikes(angle, crater=Crater(), rear_plug=ShearPlug()).history
+    assert run is not None
+    power = (
+        run.depth_force * run.depth_velocity
+        + run.lateral_force * run.lateral_velocity
+        + run.moment * run.angular_velocity
+    )
+    work = float(np.sum(0.5 * (power[1:] + power[:-1]) * np.diff(run.time)))
+    assert work == pytest.approx(run.kinetic_energy[-1] - run.kinetic_energy[0], rel=5e-3)
+    assert (np.diff(run.kinetic_energy) < 1e-6 * run.kinetic_energy[0]).all()
+
+
+def test_plug_asks_for_a_thicker_wall_and_lowers_the_limit_speed() -> None:
+    case: dict[str, Any] = {"projectile": PAPER_PROJECTILE, "target": PAPER_TARGET}
+    plug = Resistance(rear_plug=ShearPlug())
+    for angle in (0.0, 30.0):
+        impact = paper_impact(oblique_angle_degrees=angle)
+        without, with_plug = (least_thickness(**case, impact=impact, resistance=each) for each in (None, plug))
+        assert without.value is not None
+        assert with_plug.value is not None
+        height = ShearPlug().height(strength_factor=8.469, diameter=0.08)
+        assert without.value < with_plug.value < without.value + height
+        speeds = [
+            limit_velocity(
+                projectile=PAPER_PROJECTILE, target=WALL, oblique_angle=impact.oblique_angle, resistance=each
+            )
+            for each in (None, plug)
+        ]
+        assert speeds[0].value is not None
+        assert speeds[1].value is not None
+        assert speeds[1].value < speeds[0].value
+
+
+def test_plug_leaves_the_half_space_and_a_thick_wall_as_they_are() -> None:
+    plug = Resistance(rear_plug=ShearPlug())
+    case: dict[str, Any] = {"projectile": PAPER_PROJECTILE, "velocity": PAPER_VELOCITY}
+    plain, plugged = (critical_angle(**case, target=PAPER_TARGET, resistance=each) for each in (None, plug))
+    assert plugged.angle == plain.angle
+    thick = critical_angle(**case, target=replace(PAPER_TARGET, thickness=0.7), resistance=plug)
+    assert thick.angle == pytest.approx(plain.angle, abs=math.radians(0.1))
+
+
+def test_crater_raises_the_critical_angle_and_the_more_the_deeper_it_is() -> None:
+    angles = []
+    for diameters in (1e-3, 0.5, 1.0, 2.0):
+        resistance = Resistance(crater=Crater(depth_diameters=diameters))
+        found = critical_angle(
+            projectile=PAPER_PROJECTILE, target=PAPER_TARGET, velocity=PAPER_VELOCITY, resistance=resistance
+        )
+        assert found.angle is not None
+        angles.append(math.degrees(found.angle))
+    assert angles[0] == pytest.approx(48.63, abs=0.05)
+    assert angles == sorted(angles)
+    assert 1.0 < angles[2] - angles[0] < 15.0
+
+
+def test_warning_says_what_the_rear_face_leaves_out() -> None:
+    def codes(**spalling: Any) -> set[str]:
+        return {warning.code for warning in paper_strikes(30.0, **spalling).warnings}
+
+    assert "rear_face_unconservative" in codes() & codes(crater=Crater())
+    assert "rear_plug_quasi_static" in codes(rear_plug=ShearPlug()) - codes()
+    assert "crater_at_obliquity" in codes(crater=Crater()) - codes()
+
+
+@pytest.mark.parametrize("depth", [0.0, -1.0, 21.0, math.nan, math.inf])
+def test_depth_of_a_crater_has_bounds(depth: float) -> None:
+    with pytest.raises(ParameterError, match=r"crater\.depth_diameters"):
+        Crater(depth_diameters=depth)
+
+
+@pytest.mark.parametrize("degrees", [0.0, 9.0, 90.0, math.nan])
+def test_cone_angle_has_bounds(degrees: float) -> None:
+    with pytest.raises(ParameterError, match=r"rear_plug\.cone_angle"):
+        ShearPlug(cone_angle=math.radians(degrees))
