@@ -12,7 +12,7 @@ from solver.events import Run, Termination, Thresholds, tip_depth
 from solver.fixed_step import integrate_fixed
 from solver.motion import STEP_WIDTH, Model, Workspace, kinetic_energy, make_workspace, start_state
 from solver.rosenbrock import Linearisation, make_linearisation
-from solver.search.levels import Level, Levels
+from solver.search.levels import ASKED, Level, Levels
 from solver.surface_integration import Law
 
 ANGLE, POSITION, END, MARGIN, FINE, STATE = range(6)
@@ -118,7 +118,7 @@ def attempt(oblique_angle: float, level: Level, search: SearchState) -> int:
 
 @inner
 def run_trial(oblique_angle: float, level: Level, search: SearchState) -> int:
-    """Do the work of `attempt`."""
+    """Do the work of `attempt`; if rough steps let the projectile gain energy, do it again as finely as requested."""
     inputs, model, table = search.inputs, search.model, search.table
     number = int(table.filled[0])
     row, table.filled[0] = table.rows[number], number + 1
@@ -126,27 +126,35 @@ def run_trial(oblique_angle: float, level: Level, search: SearchState) -> int:
     if not has_strength(oblique_angle, inputs.strength):
         row[END] = NO_STRENGTH
         return number
-    law = Law(
-        strength_at(oblique_angle, inputs.strength) * inputs.compressive_strength,
-        model.law.dynamic_density,
-        level.ramp_fraction * inputs.velocity,
-        level.smooth_ramp,
-        model.law.decay,
-        model.law.thickness,
-    )
-    present = Model(model.body, law, level.quadrature, model.panels)
     start = start_state(model.body, inputs.velocity, oblique_angle, inputs.angle_of_attack, inputs.angular_velocity)
     floor = ENERGY_FLOOR * inputs.retention
     thresholds = Thresholds(floor, floor)
-    if model.panels.area.size > 0:
-        run = integrate_fixed(start, present, inputs.end_time, thresholds, inputs.time_step, table.steps)
-    else:
-        run = integrate_adaptive(
-            start, present, inputs.end_time, thresholds, level.accuracy, table.steps, table.work, table.linear
+    while True:
+        law = Law(
+            strength_at(oblique_angle, inputs.strength) * inputs.compressive_strength,
+            model.law.dynamic_density,
+            level.ramp_fraction * inputs.velocity,
+            level.smooth_ramp,
+            model.law.decay,
+            model.law.thickness,
+            model.law.plug_scale,
+            model.law.plug_stress,
+            model.law.crater_depth,
         )
+        present = Model(model.body, law, level.quadrature, model.panels)
+        if model.panels.area.size > 0:
+            run = integrate_fixed(start, present, inputs.end_time, thresholds, inputs.time_step, table.steps)
+        else:
+            run = integrate_adaptive(
+                start, present, inputs.end_time, thresholds, level.accuracy, table.steps, table.work, table.linear
+            )
+        energy = kinetic_energy(run.state, model.body) / kinetic_energy(start, model.body)
+        if level.fine or (energy < 1.0 and run.end != STEP_LIMIT):
+            break
+        level = search.levels[ASKED]
+    row[FINE] = 1.0 if level.fine else 0.0
     row[POSITION], row[END] = tip_depth(run.state, model.body), run.end.value
     row[STATE:COLUMNS] = run.state
-    energy = kinetic_energy(run.state, model.body) / kinetic_energy(start, model.body)
     if energy < inputs.retention and run.end in (EXIT, TIME, PERFORATED):
         row[END] = RETAINED
     if not np.isfinite(run.state).all():

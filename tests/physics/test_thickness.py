@@ -220,3 +220,17 @@ def test_plate_thinner_than_a_tenth_of_the_diameter_is_refused_with_the_reason()
 def test_answer_warns_that_it_is_not_conservative() -> None:
     assert "rear_face_unconservative" in [each.code for each in strike(20.0).warnings]
     assert "rear_face_unconservative" not in [each.code for each in strike(20.0, PAPER_TARGET).warnings]
+
+
+def test_rough_trial_that_gains_energy_is_done_again() -> None:
+    """With rough steps the shank of this strike hits the rear of its hole ever harder, until the run has no end."""
+    wall = replace(PAPER_TARGET, compressive_strength=78451171.59555532, thickness=0.15)
+    found = critical_angle(projectile=PAPER_PROJECTILE, target=wall, velocity=262.67797193455965)
+    assert found.angle is not None
+    ends = [each.outcome for each in found.outcomes]
+    assert ends == [Outcome.PERFORATED, Outcome.EMBEDDED, Outcome.RICOCHET]
+    for interval in found.outcomes:
+        middle = 0.5 * (interval.lower + interval.upper)
+        impact = replace(paper_impact(oblique_angle_degrees=math.degrees(middle)), velocity=262.67797193455965)
+        run = simulate(projectile=PAPER_PROJECTILE, target=wall, impact=impact, sample_interval=None)
+        assert run.outcome is interval.outcome
