@@ -64,7 +64,7 @@ const INPUTS = {
       inputmode: "decimal",
       autocomplete: "off",
       spellcheck: "false",
-      placeholder: field.optional && (usual === undefined ? field.open ?? "auto" : shownNumber(field, usual)),
+      placeholder: field.optional && (field.open ?? (usual === undefined ? "auto" : shownNumber(field, usual))),
       title: description,
       value: shownValue(field, values) ?? "",
       oninput: ({ target }) => read(target.value),

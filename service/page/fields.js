@@ -84,6 +84,16 @@ export const GROUPS = [
       }),
       field("flag", "resistance.free_surface.inertia", "with inertia of the solid"),
       number("resistance.inertia_factor", "Inertia factor", "1", OPTIONAL),
+      number("resistance.crater.depth_diameters", "Crater depth over diameter", "1", {
+        ...OPTIONAL,
+        open: "none",
+        note: "published: 2",
+      }),
+      number("resistance.rear_plug.cone_angle_deg", "Rear plug, angle of its cone", "°", {
+        ...OPTIONAL,
+        open: "none",
+        note: "of a wall; published: 66.1°",
+      }),
     ],
   },
   {

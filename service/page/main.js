@@ -6,7 +6,14 @@ import { element, say } from "./elements.js";
 import { ask, keyNeeds, useKey } from "./service.js";
 import { followTheme } from "./theme.js";
 
-const VIEWS = { explore: "Explore", "critical-angle": "Critical angle", "how-sure": "How sure", map: "Map", jobs: "Jobs" };
+const VIEWS = {
+  explore: "Explore",
+  "critical-angle": "Critical angle",
+  "how-sure": "How sure",
+  walls: "Walls",
+  map: "Map",
+  jobs: "Jobs",
+};
 
 const main = document.getElementById("view");
 let leave;

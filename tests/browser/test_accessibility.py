@@ -45,13 +45,13 @@ def open_view(page: Page, view: str) -> None:
         page.get_by_role("button", name="Run").click()
         expect(page.locator("#study-progress")).to_have_text("Done.", timeout=STUDY_MS)
         page.get_by_text("Sampling").click()
-    if view == "jobs":
+    if view in ("jobs", "walls"):
         expect(page.get_by_role("table")).to_be_visible()
     else:
         expect(page.locator(".drawing .main-svg").first).to_be_visible()
 
 
-@pytest.mark.parametrize("view", ["explore", "critical-angle", "how-sure", "map", "jobs"])
+@pytest.mark.parametrize("view", ["explore", "critical-angle", "how-sure", "walls", "map", "jobs"])
 @pytest.mark.parametrize("theme", ["light", "dark"])
 @pytest.mark.usefixtures("job")
 def test_no_serious_violation(new_page: NewPage, theme: Literal["light", "dark"], view: str) -> None:

@@ -1,0 +1,69 @@
+"""Walls: thicknesses by model and by formula, and the speed that perforates a wall."""
+
+import re
+
+import httpx
+from playwright.sync_api import Page, expect
+
+from service.schemas.examples import PAPER
+
+ALL_MS = 60_000
+STRIKE = PAPER | {"impact": PAPER["impact"] | {"oblique_angle_deg": 45.0}}
+"""The case that the page begins with."""
+
+
+def rows(page: Page) -> dict[str, list[str]]:
+    """Cells of the table by their first."""
+    expect(page.locator(".pictures")).not_to_have_attribute("aria-busy", "true", timeout=ALL_MS)
+    lines = page.get_by_role("table").locator("tbody tr")
+    cells = [line.locator("td").all_inner_texts() for line in lines.all()]
+    return {first: rest for first, *rest in cells}
+
+
+def test_thicknesses_are_those_of_the_service(page: Page, client: httpx.Client) -> None:
+    page.goto("/#/walls")
+    shown = rows(page)
+    answer = client.post("/thickness", json=STRIKE).json()
+    plugged = client.post("/thickness", json=STRIKE | {"resistance": {"rear_plug": {}}}).json()
+    expect(page.locator(".angle")).to_have_text(f"{1e3 * answer['least_thickness_m']:.0f} mm")
+    assert shown["This model"][2] == f"{1e3 * answer['least_thickness_m']:.0f}"
+    assert shown["with a plug at the rear"][2] == f"{1e3 * plugged['least_thickness_m']:.0f}"
+    assert len(shown) == 3 + 10
+    formulas = {
+        row["formula"]: row for row in client.post("/formulas", json={k: STRIKE[k] for k in PARTS}).json()["formulas"]
+    }
+    assert shown["Modified NDRC"][2] == f"{1e3 * formulas['modified_ndrc']['perforation_thickness_m']:.0f}"
+    for name, row in (("Modified NDRC", formulas["modified_ndrc"]), ("CEA-EDF *", formulas["cea_edf"])):
+        assert (shown[name][3] == "within") is row["in_range"]
+    assert "rear face" in page.locator(".warnings").inner_text()
+
+
+PARTS = ("projectile", "target", "impact")
+
+
+def test_wall_with_a_thickness_has_a_speed_that_perforates_it(page: Page, client: httpx.Client) -> None:
+    page.goto("/#/walls?target.thickness_m=0.2&impact.oblique_angle_deg=0")
+    rows(page)
+    body = PAPER | {"target": PAPER["target"] | {"thickness_m": 0.2}, "impact": {"oblique_angle_deg": 0.0}}
+    speed = client.post("/limit-speed", json=body).json()["limit_speed_m_s"]
+    found = re.search(r"wall of 200 mm is perforated from ([\d.]+) m/s", page.locator(".outcome").inner_text())
+    assert found is not None
+    assert abs(float(found[1]) - speed) < 1.0
+
+
+def test_case_with_a_plug_is_computed_with_it_alone_and_shared_by_its_address(page: Page) -> None:
+    page.goto("/#/walls")
+    plugged = rows(page)["with a plug at the rear"]
+    page.get_by_label("Rear plug, angle of its cone").fill("66.1")
+    expect(page.get_by_role("table").locator("tbody tr")).to_have_count(11, timeout=ALL_MS)
+    assert rows(page)["This model"] == plugged
+    expect(page).to_have_url(re.compile(r"resistance\.rear_plug\.cone_angle_deg=66\.1"))
+    page.reload()
+    assert rows(page)["This model"] == plugged
+
+
+def test_field_out_of_its_bounds_says_so(page: Page) -> None:
+    page.goto("/#/walls")
+    rows(page)
+    page.get_by_label("Crater depth over diameter").fill("30")
+    expect(page.get_by_text("at most 20")).to_be_visible()
