@@ -30,6 +30,7 @@ from service.reports.depth_tests import (
 )
 from service.reports.report import Progress, Section, Table
 from service.reports.size_law import size_law_section
+from service.reports.walls import walls_section
 from solver.warnings import NO_MEASURED_ANGLE
 
 ALIKE = 0.05
@@ -216,6 +217,7 @@ PARTS: Final[Mapping[str, Callable[[Assessment], Section]]] = {
     "what the model misses": limits_section,
     "strength, diameter and speed": size_law_section,
     "closed form and trajectory model": crater_section,
+    "walls": walls_section,
 }
 """In the order of the page."""
 COUNT: Final = len(PARTS)
