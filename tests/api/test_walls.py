@@ -199,10 +199,8 @@ def test_wall_that_only_the_solver_can_refuse_is_a_result_with_a_problem(client:
 
 
 def test_plug_and_crater_ask_for_a_thicker_wall(client: httpx.Client) -> None:
-    found = [
-        client.post("/thickness", json=STRIKE | {"resistance": resistance}).json()
-        for resistance in ({}, {"rear_plug": {}}, {"rear_plug": {}, "crater": {}})
-    ]
+    resistances: list[dict[str, Any]] = [{}, {"rear_plug": {}}, {"rear_plug": {}, "crater": {}}]
+    found = [client.post("/thickness", json=STRIKE | {"resistance": each}).json() for each in resistances]
     thicknesses = [each["least_thickness_m"] for each in found]
     assert thicknesses == sorted(thicknesses)
     assert thicknesses[1] > 1.1 * thicknesses[0]
