@@ -23,7 +23,7 @@ const NAMES = {
   brl: "BRL",
   li_chen: "Li and Chen",
 };
-const COLUMNS = ["By", "Penetration [mm]", "Scabbing limit [mm]", "Perforation limit [mm]", "Range"];
+const COLUMNS = ["By", "Perforation limit [mm]", "Scabbing limit [mm]", "Penetration [mm]", "Range"];
 const STATUSES = {
   always_perforated: "perforated however thick",
   never_perforated: "never perforated",
@@ -104,7 +104,7 @@ function answer(lines, { perforation_thickness_spread: spread }, thickness) {
   ];
   if (thickness !== undefined) {
     const speeds = lines.map(({ name, speed }) => `${speedShown(speed)} (${name.toLowerCase()})`).join(", ");
-    shown.push(element("p", {}, `A wall of ${millimetres(thickness)} mm is perforated from ${speeds} on.`));
+    shown.push(element("p", {}, `Least speed that perforates a wall of ${millimetres(thickness)} mm: ${speeds}.`));
   }
   return shown;
 }
@@ -113,13 +113,13 @@ function tableOf(lines, { formulas, scabbing_margin: scabbing, perforation_margi
   const isNumber = (column) => column > 0 && column < COLUMNS.length - 1;
   const cell = (text, column) => element(isNumber(column) ? "td.number" : "td", {}, text);
   const row = (attributes, cells) => element("tr", attributes, ...cells.map(cell));
-  const models = lines.map(({ name, thickness: found }) => row({}, [name, "", "", thicknessShown(found, ""), ""]));
+  const models = lines.map(({ name, thickness: found }) => row({}, [name, thicknessShown(found, ""), "", "", ""]));
   const others = formulas.map((each) =>
     row({ class: each.in_range ? undefined : "quiet" }, [
       `${NAMES[each.formula] ?? each.formula}${each.verified ? "" : " *"}`,
-      millimetres(each.penetration_depth_m),
-      millimetres(each.scabbing_thickness_m),
       millimetres(each.perforation_thickness_m),
+      millimetres(each.scabbing_thickness_m),
+      millimetres(each.penetration_depth_m),
       each.in_range ? "within" : `outside: ${each.out_of_range.map(({ detail }) => detail).join("; ")}`,
     ]),
   );
