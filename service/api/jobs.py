@@ -5,7 +5,7 @@ from base64 import urlsafe_b64decode, urlsafe_b64encode
 from collections.abc import AsyncIterator
 from contextlib import aclosing
 from http import HTTPStatus
-from typing import Annotated
+from typing import Annotated, Any
 
 import orjson
 from fastapi import APIRouter, Depends, Header, HTTPException, Path, Query, Request, Response
@@ -29,7 +29,7 @@ PAGE = 200
 MOST_ROWS = 1_000
 """Largest page."""
 MOST_DIGITS = 9
-"""Digits of the number of a case."""
+"""Digits of the number of a case or a job."""
 
 
 async def manager_of(request: Request) -> JobManager:
@@ -97,12 +97,16 @@ LastEventId = Annotated[
 async def list_jobs(
     jobs: CurrentManager,
     context: ReadContext,
-    limit: Annotated[int, Query(ge=1, le=MOST_ROWS, description="Jobs to give.")] = 100,
+    cursor: Cursor = "",
+    limit: Annotated[int, Query(ge=1, le=MOST_ROWS, description="Jobs of a page.")] = PAGE,
 ) -> Response:
-    """List the jobs of the owner, the newest first; with the scope `admin`, those of all."""
-    states = await jobs.jobs(context.principal.visible_owner)
-    content = orjson.dumps({"jobs": [to_job(state) for state in states[:limit]]}, option=orjson.OPT_UTC_Z)
-    return Response(content, media_type=JSON)
+    """List the jobs of the owner in pages, the newest first; with the scope `admin`, those of all."""
+    owner, before = context.principal.visible_owner, read_cursor(cursor)
+    states = await jobs.jobs(owner, before=before, limit=limit + 1)  # one more tells whether a page follows
+    content: dict[str, Any] = {"jobs": [to_job(state) for state in states[:limit]]}
+    if len(states) > limit:
+        content["next"] = write_cursor(states[limit - 1].number).decode()
+    return Response(orjson.dumps(content, option=orjson.OPT_UTC_Z), media_type=JSON)
 
 
 @router.get(
@@ -178,12 +182,12 @@ class Page:
 
 
 def write_cursor(number: int) -> bytes:
-    """Return the cursor of this case."""
+    """Return the cursor of this case or job."""
     return urlsafe_b64encode(str(number).encode()).rstrip(b"=")
 
 
 def read_cursor(cursor: str) -> int:
-    """Return the case of a cursor.
+    """Return the number in a cursor; 0 if it is empty.
 
     Raises
     ------

@@ -82,9 +82,15 @@ class Client:
         return parse(self._send("GET", path_of(job_id)))
 
     def jobs(self) -> list[dict[str, Any]]:
-        """Return the jobs, the newest first."""
-        found: list[dict[str, Any]] = parse(self._send("GET", "/jobs"))["jobs"]
-        return found
+        """Return all jobs, the newest first."""
+        found: list[dict[str, Any]] = []
+        cursor = ""
+        while True:
+            page = parse(self._send("GET", f"/jobs?limit={PAGE_SIZE}&cursor={cursor}"))
+            found += page["jobs"]
+            if "next" not in page:
+                return found
+            cursor = page["next"]
 
     def result(self, key: str) -> bytes:
         """Return the answer with this key, as JSON."""

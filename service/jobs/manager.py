@@ -217,10 +217,10 @@ class JobManager:
         state = await self._state(name)
         return state if state is not None and owner in {None, state.owner} else None
 
-    async def jobs(self, owner: str | None = OWNER) -> list[JobState]:
-        """Jobs of the owner, newest first; None stands for all owners."""
-        stored = await self._thread(self._jobs.jobs, owner)
-        return [self._present(state.id) or state for state in reversed(stored)]
+    async def jobs(self, owner: str | None = OWNER, *, before: int = 0, limit: int | None = None) -> list[JobState]:
+        """Jobs of the owner, newest first; None stands for all owners. `before` and `limit` as in `JobStore.jobs`."""
+        stored = await self._thread(lambda: self._jobs.jobs(owner, before=before, limit=limit))
+        return [self._present(state.id) or state for state in stored]
 
     async def sweep(self, job: JobState) -> Sweep | None:
         """Return the request of a job, if it is a sweep."""

@@ -42,6 +42,8 @@ from solver import ENGINE_VERSION
 DAY = 86_400.0  # [s]
 VERSIONS = f"{ENGINE_VERSION} {SCHEMA_VERSION}"
 """What the keys of a job were made with."""
+LARGEST = 2**63 - 1
+"""Integer in SQLite."""
 TABLES = (
     "jobs LEFT JOIN sweeps ON sweeps.job = jobs.number LEFT JOIN studies ON studies.job = jobs.number "
     "LEFT JOIN charges ON charges.job = jobs.number"
@@ -182,15 +184,25 @@ class JobStore:
         found = self._jobs("id = ? AND status != 'accepting'", name)
         return found[0] if found else None
 
-    def jobs(self, owner: str | None) -> list[JobState]:
-        """Jobs of this owner, of all if it is None, in order of arrival."""
+    def jobs(self, owner: str | None, *, before: int = 0, limit: int | None = None) -> list[JobState]:
+        """Jobs of this owner, of all if it is None, the newest first.
+
+        Parameters
+        ----------
+        before
+            Number of a job, there or removed, that the jobs came before; 0 for the newest.
+        limit
+            How many at most; None for all.
+        """
+        condition = "number < ? AND status != 'accepting' ORDER BY number DESC LIMIT ?"
+        values = (before or LARGEST, -1 if limit is None else limit)
         if owner is None:
-            return self._jobs("status != 'accepting'")
-        return self._jobs("owner = ? AND status != 'accepting'", owner)
+            return self._jobs(condition, *values)
+        return self._jobs(f"owner = ? AND {condition}", owner, *values)
 
     def unfinished(self) -> list[JobState]:
         """Jobs to go on with, in order of arrival."""
-        return self._jobs("status IN ('accepted', 'running')")
+        return self._jobs("status IN ('accepted', 'running') ORDER BY number")
 
     def waiting(self, job: int, first: int, count: int) -> list[tuple[int, str]]:
         """Numbers and keys of the cases in these slices that have no result yet."""
@@ -273,7 +285,7 @@ class JobStore:
         return _changed(database, job, changes, values, "AND status IN ('accepted', 'running')")
 
     def _jobs(self, condition: str, *values: object) -> list[JobState]:
-        statement = f"SELECT {COLUMNS} FROM {TABLES} WHERE {condition} ORDER BY number"  # noqa: S608 (of this file)
+        statement = f"SELECT {COLUMNS} FROM {TABLES} WHERE {condition}"  # noqa: S608 (of this file)
         with self._database.reading() as database:
             return [_state(row) for row in database.execute(statement, values)]
 

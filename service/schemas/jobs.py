@@ -150,11 +150,12 @@ class Job(Part):
 
 
 class Jobs(Part):
-    """Jobs, the newest first."""
+    """A page of jobs, the newest first."""
 
-    model_config = with_examples({"jobs": [RUNNING]})
+    model_config = with_examples({"jobs": [RUNNING], "next": "MTIz"})
 
     jobs: list[Job]
+    next: Annotated[str, Field(description="Cursor of the page with older jobs, if there are any.")] | MISSING = MISSING
 
 
 class JobItem(Item):

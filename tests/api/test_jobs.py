@@ -10,7 +10,7 @@ import h5py
 import httpx
 import pytest
 
-from service.schemas import Job, JobResults
+from service.schemas import Job, JobResults, Jobs
 from service.schemas.examples import PAPER
 
 from .many import ASYNC, JSONL, LINES, finished, items_of, lines, searches, slow_strikes, strikes
@@ -62,9 +62,27 @@ def test_pages_hold_every_result_once(client: httpx.Client, job: dict[str, Any],
     assert len(usual["results"]) == 200
 
 
+def test_pages_of_jobs_hold_every_job_once(client: httpx.Client) -> None:
+    """A job that comes meanwhile is newer than all of the pages that follow; one that goes leaves no gap."""
+    made = [client.post("/cra/batch", json={"cases": searches(1)}, headers=ASYNC).json()["id"] for _ in range(5)]
+    page = client.get("/jobs", params={"limit": 2}).json()
+    client.delete(f"/jobs/{made[3]}")
+    client.post("/cra/batch", json={"cases": searches(1)}, headers=ASYNC)
+    found = page["jobs"]
+    while "next" in page:
+        page = client.get("/jobs", params={"limit": 2, "cursor": page["next"]}).json()
+        Jobs.model_validate(page)
+        assert len(page["jobs"]) == 2 or "next" not in page
+        found += page["jobs"]
+    ids = [job["id"] for job in found]
+    assert ids[:5] == made[::-1]
+    assert len(set(ids)) == len(ids)
+
+
 @pytest.mark.parametrize("cursor", ["x", "!", "MQ==", "LTE", "999", "MTAwMDAwMDAwMDAwMA", "MDE", "\u00e9"])
 def test_cursor_of_another_make_is_refused(client: httpx.Client, job: dict[str, Any], cursor: str) -> None:
     assert client.get(job["links"]["results"], params={"cursor": cursor}).status_code == 422
+    assert client.get("/jobs", params={"cursor": cursor}).status_code == 422
 
 
 @pytest.mark.parametrize("limit", ["0", "1001", "-1", "x"])

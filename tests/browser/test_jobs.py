@@ -32,6 +32,14 @@ def test_job_is_seen_to_run_and_can_be_cancelled(page: Page, client: httpx.Clien
     assert client.get(f"/jobs/{job['id']}").json()["status"] == "dismissed"
 
 
+def test_table_has_the_jobs_of_all_pages(page: Page, client: httpx.Client) -> None:
+    jobs = [client.post("/cra/batch", json={"cases": searches(1)}, headers=ASYNC).json() for _ in range(3)]
+    page.route("**/jobs?*", lambda route: route.continue_(url=route.request.url.replace("limit=1000", "limit=2")))
+    page.goto("/#/jobs")
+    for job in jobs:
+        expect(row_of(page, job)).to_have_count(1)
+
+
 @pytest.mark.parametrize("form", ["CSV", "JSONL", "HDF5"])
 def test_results_are_downloaded(page: Page, client: httpx.Client, tmp_path: Path, form: str) -> None:
     job = client.post("/cra/batch", content=lines(searches(4)), headers=LINES | ASYNC).json()

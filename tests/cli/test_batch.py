@@ -14,6 +14,7 @@ import httpx
 import pytest
 
 from service import cli
+from service.cli.client import connect
 from service.schemas.examples import PAPER
 from tests.api.many import searches, slow_strikes
 from tests.cli.commands import COMMAND, LIMIT_S, case_at, environment, run, run_on_terminal, write_cases
@@ -189,6 +190,17 @@ def test_jobs_are_listed_shown_cancelled_and_deleted(
     assert cli.main(["jobs", "delete", name]) == 0
     assert cli.main(["jobs", "show", name]) == 2
     assert "there is no job with this id" in capsys.readouterr().err
+
+
+def test_list_of_jobs_follows_the_pages(live_url: str, client: httpx.Client) -> None:
+    body, headers = {"cases": searches(1)}, {"Prefer": "respond-async"}
+    made = [client.post("/cra/batch", json=body, headers=headers).json()["id"] for _ in range(3)]
+
+    def shorten(request: httpx.Request) -> None:
+        request.url = request.url.copy_set_param("limit", 2)
+
+    with connect(live_url, trust_env=False, event_hooks={"request": [shorten]}) as asking:
+        assert [job["id"] for job in asking.jobs()][:3] == made[::-1]
 
 
 @pytest.fixture

@@ -73,6 +73,18 @@ def test_job_is_seen_by_nobody_until_it_is_accepted(tmp_path: Path) -> None:
     assert len(state.id) == 32
 
 
+def test_jobs_come_in_pages_though_some_come_and_go(tmp_path: Path) -> None:
+    store = store_in(tmp_path)
+    states = [stored_job(store, 1, owner=owner) for owner in ("local", "other", "local", "local", "local")]
+    newest = store.jobs("local", limit=2)
+    assert newest == [states[4], states[3]]
+    store.discard(states[3].number)
+    stored_job(store, 1)
+    assert store.jobs("local", before=newest[-1].number, limit=2) == [states[2], states[0]]
+    assert store.jobs("local", before=states[0].number) == []
+    assert store.jobs(None, before=states[2].number, limit=1) == [states[1]]
+
+
 def test_sweep_is_kept_with_its_job_and_goes_with_it(tmp_path: Path) -> None:
     store = store_in(tmp_path)
     sweep = Sweep({"base": {"x": 1.0}, "axes": []}, ("a.b", "c"), ([1.0, 2.0], [5.0, 6.0, 7.0]))
@@ -229,7 +241,7 @@ def test_full_disk_is_reported_changes_nothing_and_is_forgotten_when_there_is_ro
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     store.expire(at_start=True)
     after = stored_job(store)
-    assert store_in(tmp_path).jobs("local") == [before, after]
+    assert store_in(tmp_path).jobs("local") == [after, before]
     with sqlite3.connect(tmp_path / "jobs.sqlite") as database:
         assert database.execute("PRAGMA integrity_check").fetchone() == ("ok",)
         assert database.execute("SELECT count(*) FROM jobs").fetchone() == (2,)

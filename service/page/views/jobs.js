@@ -7,12 +7,25 @@ import { COLUMNS, JobRow } from "../job-row.js";
 import { ask, isAbort } from "../service.js";
 
 const [BUSY_MS, IDLE_MS] = [1000, 10_000]; // between two looks, while a job runs and while none does
+const PAGE = 1000; // the most the service gives at once
 
 /** Show the table of jobs, and keep it up to date. */
 export async function show(root) {
   const view = new JobsView(root);
   view.watch();
   return () => view.leave();
+}
+
+/** Return all jobs, the newest first. */
+async function allJobs(signal) {
+  const jobs = [];
+  let cursor = "";
+  while (cursor !== undefined) {
+    const { data } = await ask(`jobs?limit=${PAGE}&cursor=${cursor}`, { signal });
+    jobs.push(...data.jobs);
+    cursor = data.next;
+  }
+  return jobs;
 }
 
 class JobsView {
@@ -40,7 +53,7 @@ class JobsView {
     while (!signal.aborted) {
       let isBusy = false;
       try {
-        const { jobs } = (await ask("jobs", { signal })).data;
+        const jobs = await allJobs(signal);
         isBusy = jobs.some((job) => !isFinal(job));
         this.#tell(jobs);
         this.problem.hidden = true;
