@@ -33,6 +33,9 @@ UNIQUE_HEADERS = frozenset(
     {b"authorization", b"content-length", b"host", b"origin", b"sec-fetch-site", b"transfer-encoding"}
 )
 
+CHUNKED = b"chunked"
+"""The one transfer coding that is decoded."""
+
 Pairs = list[tuple[bytes, bytes]]
 POLICY = b"default-src 'none'; frame-ancestors 'none'"
 """Content policy of answers that are no pages, if a browser shows one all the same. Pages have their own policy."""
@@ -124,9 +127,10 @@ class AuthMiddleware:
         Raises
         ------
         HTTPException
-            400, 403 or 421.
+            400, 403, 421 or 501.
         """
         headers = read_headers(scope)
+        refuse_transfer_codings(headers.get(b"transfer-encoding", CHUNKED))
         path = scope["path"]
         if scope["query_string"] or PREFIX in path:
             refuse_key_in_address(scope)
@@ -169,6 +173,18 @@ def read_headers(scope: Mapping[str, Any]) -> dict[bytes, bytes]:
                 raise HTTPException(HTTPStatus.BAD_REQUEST, f"the header {name.decode()} may be there once")
             found[name] = value
     return found
+
+
+def refuse_transfer_codings(codings: bytes) -> None:
+    """Refuse bodies in another transfer coding than `chunked`, also before it: the server would not decode it.
+
+    Raises
+    ------
+    HTTPException
+        501 (RFC 9112, section 6.1).
+    """
+    if codings.strip().lower() != CHUNKED:
+        raise HTTPException(HTTPStatus.NOT_IMPLEMENTED, "the one Transfer-Encoding that is decoded is `chunked`")
 
 
 def refuse_key_in_address(scope: Mapping[str, Any]) -> None:

@@ -29,10 +29,11 @@ FEWEST = 20
 """Queries behind a percentile."""
 CASES = 5_000
 """Of the job whose events an attacker follows."""
-REFUSED = frozenset({0, 400, 401, 403, 404, 405, 408, 413, 415, 421, 429, 431, 503})
+REFUSED = frozenset({0, 400, 401, 403, 404, 405, 408, 413, 415, 421, 429, 431, 501, 503})
 """Statuses of requests that did not get in; 0 if the connection was closed."""
 UNKNOWN_TOKEN = "ricochet_00000000_" + "a" * 43
 JSON = b"Content-Type: application/json"
+CHUNKED_BODY = b"%x\r\n%b\r\n0\r\n\r\n" % (len(BODY), BODY)
 
 fresh = count(1)
 """Makes cases differ."""
@@ -56,7 +57,8 @@ class Target:
     def send(self, line: bytes, *headers: bytes, body: bytes = b"") -> tuple[int, bytes]:
         """Send a request exactly as given; return the status, 0 if there is none, and the raw answer."""
         head = [line, *([] if any(h.startswith(b"Host") for h in headers) else [b"Host: localhost"]), *headers]
-        head += [b"Connection: close", *([b"Content-Length: %d" % len(body)] if body else [])]
+        coded = any(header.startswith(b"Transfer-Encoding") for header in headers)
+        head += [b"Connection: close", *([b"Content-Length: %d" % len(body)] if body and not coded else [])]
         with self.connect() as connection:
             parts: list[bytes] = []
             with suppress(ConnectionError):
@@ -149,6 +151,12 @@ def bombs(attacker: Attacker) -> None:
     attacker.send(b"POST /cra HTTP/1.1", JSON, attacker.authorization, gzip, body=b"\x1f\x8b" + b"\0" * 9000)
 
 
+def transfer_codings(attacker: Attacker) -> None:
+    """Send a body in a transfer coding before `chunked`, with a valid key."""
+    coding = b"Transfer-Encoding: gzip, chunked"
+    attacker.send(b"POST /cra HTTP/1.1", JSON, attacker.authorization, coding, body=CHUNKED_BODY)
+
+
 def forms(attacker: Attacker) -> None:
     """Post as a page of another site does, with a valid key."""
     headers = (b"Content-Type: text/plain", b"Origin: https://evil.example", attacker.authorization)
@@ -195,6 +203,7 @@ ATTACKS: tuple[Attack, ...] = (
     long_heads,
     long_bodies,
     bombs,
+    transfer_codings,
     forms,
     slow_heads,
     slow_bodies,

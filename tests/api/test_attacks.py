@@ -13,7 +13,7 @@ import pytest
 from service.auth.api_keys import RELOAD_SECONDS, make_key
 from service.schemas.examples import PAPER
 
-from .attacks import ATTACKS, Attack, Target, effect_of
+from .attacks import ATTACKS, CHUNKED_BODY, JSON, Attack, Target, effect_of
 from .many import ASYNC, LINES, lines, searches
 from .owners import Guarded, bearer, guarded_service, holder, key_in
 from .refused import TEXT, problem_of
@@ -164,6 +164,27 @@ def test_compressed_body_is_not_unpacked(guarded: Guarded, coding: str) -> None:
     for path in ("/cra", "/cra/batch", "/calibration/depth"):
         told = guarded.anna.post(path, content=bomb, headers=TEXT | {"Content-Encoding": coding})
         problem_of(told, 415)
+
+
+@pytest.mark.parametrize("coding", [b"gzip, chunked", b"GZIP,Chunked", b"deflate , chunked", b"identity, chunked"])
+def test_body_in_another_transfer_coding_than_chunked_is_refused(guarded: Guarded, coding: bytes) -> None:
+    target, authorization = Target.of(guarded.url), f"Authorization: {guarded.anna.headers['Authorization']}".encode()
+    for coded, status in ((coding, 501), (b"chunked", 200), (b"Chunked", 200)):
+        header = b"Transfer-Encoding: " + coded
+        found, answer = target.send(b"POST /cra HTTP/1.1", JSON, authorization, header, body=CHUNKED_BODY)
+        assert found == status, answer
+        assert (b"application/problem+json" in answer) == (status == 501)
+        assert (b"critical_angle_deg" in answer) == (status == 200)
+
+
+@pytest.mark.parametrize("coding", [b"gzip", b"chunked, gzip", b"chunked, chunked", b"x", b""])
+def test_body_without_an_end_is_refused(guarded: Guarded, coding: bytes) -> None:
+    authorization = f"Authorization: {guarded.anna.headers['Authorization']}".encode()
+    header = b"Transfer-Encoding: " + coding
+    target = Target.of(guarded.url)
+    status, answer = target.send(b"POST /cra HTTP/1.1", JSON, authorization, header, body=CHUNKED_BODY)
+    assert status in {400, 501}, answer
+    assert b"application/problem+json" in answer
 
 
 @pytest.mark.parametrize("attack", ATTACKS, ids=lambda attack: attack.__name__)
