@@ -73,7 +73,7 @@ class TaskTimeoutError(ExecutorError):
 
 
 class PoolUnavailableError(ExecutorError):
-    """No worker process could be started, or the pool is stopping."""
+    """No worker process could be started, the one that took the call was stopped, or the pool is stopping."""
 
     status = HTTPStatus.SERVICE_UNAVAILABLE
     type = "urn:ricochet:problem:unavailable"

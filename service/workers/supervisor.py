@@ -206,6 +206,8 @@ class WorkerSupervisor:
             elif task.cancelled is not None and now > task.cancelled + CANCEL_SECONDS:
                 raise WorkerDiedError
             elif now > since + self._task_seconds:
+                if worker.stopped:  # the call is not to blame
+                    raise PoolUnavailableError("the worker process was stopped from outside and is being replaced")
                 raise TaskTimeoutError(f"not finished after {self._task_seconds:g} s")
 
     def _look_after_worker(self) -> None:

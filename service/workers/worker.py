@@ -15,6 +15,7 @@ import traceback
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from multiprocessing.context import ForkServerContext
+from pathlib import Path
 from typing import Any
 
 from service.cache.hdf5 import Segment, encode_segments
@@ -152,6 +153,13 @@ class WorkerProcess:
     def alive(self) -> bool:
         """Whether an idle worker still holds its end of the channel: it has nothing to say but its end."""
         return not self._channel.waiting()
+
+    @property
+    def stopped(self) -> bool:
+        """Whether a signal or a debugger has stopped the process; unknown, so False, where there is no /proc."""
+        with suppress(OSError):
+            return Path(f"/proc/{self.pid}/stat").read_text().rpartition(")")[2].split()[0] in {"T", "t"}
+        return False
 
     def receive(self, seconds: float) -> bytes | None:
         """Next message of the worker; None if nothing has come within this time."""

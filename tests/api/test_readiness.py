@@ -1,5 +1,8 @@
 """What the service says of itself when something it stands on is gone."""
 
+import os
+import signal
+import sys
 from collections.abc import AsyncIterator
 from pathlib import Path
 
@@ -20,7 +23,7 @@ pytestmark = pytest.mark.anyio
 async def app(tmp_path: Path) -> AsyncIterator[FastAPI]:
     """A running application whose data folder cannot be made, as a file is in its place."""
     (tmp_path / "data").write_text("a file")
-    app = create_app(Settings(data_dir=tmp_path / "data", workers=1))
+    app = create_app(Settings(data_dir=tmp_path / "data", workers=1, task_seconds=5.0))
     async with app.router.lifespan_context(app):
         yield app
 
@@ -50,3 +53,13 @@ async def test_without_workers_it_is_alive_and_not_ready(app: FastAPI, client: h
     assert "worker" in assert_unavailable(await client.get("/readyz")).detail
     assert assert_unavailable(await client.post("/cra", json=PAPER)).type == "urn:ricochet:problem:unavailable"
     assert (await client.get("/livez")).is_success
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
+async def test_query_whose_worker_is_stopped_is_to_be_sent_again(app: FastAPI, client: httpx.AsyncClient) -> None:
+    for pid in app.state.services.executor.worker_pids:
+        os.kill(pid, signal.SIGSTOP)
+    refused = assert_unavailable(await client.post("/cra", json=PAPER))
+    assert refused.type == "urn:ricochet:problem:unavailable"
+    assert "stopped" in refused.detail
+    assert (await client.post("/cra", json=PAPER)).is_success
