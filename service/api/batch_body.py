@@ -44,12 +44,15 @@ class BatchBody:
     ----------
     blocks
         Its cases, some at a time.
+    count
+        Of the cases; 0 for JSONL, whose lines are not known before they are read.
     sweep
         The request, if it is a sweep.
     """
 
     blocks: AsyncIterator[list[Case]]
     _digest: "hashlib._Hash"
+    count: int = 0
     sweep: Sweep | None = None
 
     def digest(self) -> str:
@@ -102,7 +105,7 @@ class BatchReader:
             if errors:
                 raise InvalidBodyError([error for number in sorted(errors) for error in errors[number]])
             cases += valid.values()
-        return BatchBody(in_blocks(cases), digest)
+        return BatchBody(in_blocks(cases), digest, len(cases))
 
     async def read_sweep(self) -> BatchBody:
         """Return the points of a sweep, each validated as it is read.
@@ -119,7 +122,7 @@ class BatchReader:
         outline, grid = await run_sync(self._lay_grid, body)
         sent = {"base": outline.base, "axes": [axis.model_dump(mode="json") for axis in outline.axes]}
         sweep = Sweep(sent, tuple(grid.fields), tuple(grid.values))
-        return BatchBody(self._read_points(grid), digest, sweep)
+        return BatchBody(self._read_points(grid), digest, grid.count, sweep)
 
     def _case(self, content: Any) -> Case:
         """Validate one case."""

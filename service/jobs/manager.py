@@ -163,6 +163,7 @@ class JobManager:
         idempotency: Idempotency | None = None,
         sweep: Sweep | None = None,
         charge: Charge | None = None,
+        count: int = 0,
     ) -> tuple[JobState, bool]:
         """Take on a job: from the return of this on it will be finished, whatever happens.
 
@@ -174,6 +175,8 @@ class JobManager:
             The request, if it is a sweep.
         charge
             What it counts as against a quota, if less may be used.
+        count
+            Of its cases, if known before they are read: too many are refused before any is stored.
 
         Returns
         -------
@@ -195,14 +198,14 @@ class JobManager:
         """
         token = (owner, idempotency.token) if idempotency is not None else None
         if token is None or idempotency is None:
-            return await self._receive(operation, blocks, owner, None, sweep, charge), True
+            return await self._receive(operation, blocks, owner, None, sweep, charge, count), True
         if token in self._accepting:
             raise IdempotencyBusyError("the request with this idempotency key is still being accepted; try again")
         self._accepting.add(token)
         try:
             found = await self._thread(self._jobs.token, *token)
             if found is None:
-                return await self._receive(operation, blocks, owner, idempotency, sweep, charge), True
+                return await self._receive(operation, blocks, owner, idempotency, sweep, charge, count), True
             if not isinstance(idempotency.digest, str):
                 async for _ in blocks:  # the digest is known when the body has been read
                     pass
@@ -294,8 +297,9 @@ class JobManager:
         idempotency: Idempotency | None,
         sweep: Sweep | None,
         charge: Charge | None,
+        count: int,
     ) -> JobState:
-        self._admit(0)
+        self._admit(count)
         await self._go_on()
         job = await self._thread(self._jobs.create, operation, owner, sweep)
         received = 0

@@ -147,6 +147,19 @@ def test_cases_may_wait_up_to_the_limit(tight: httpx.Client) -> None:
             tight.delete(job.json()["links"]["self"])
 
 
+def test_sweep_with_more_points_than_may_wait_is_refused_by_all_of_them(tight: httpx.Client) -> None:
+    job = tight.post("/trajectory/batch", content=lines(slow_strikes(150)), headers=LINES | ASYNC)
+    try:
+        while not tight.get(job.json()["links"]["self"]).json()["counts"]["done"]:
+            time.sleep(0.02)
+        axis = {"field": "impact.velocity_m_s", "start": 200.0, "stop": 300.0, "count": 100_000}
+        refused = tight.post("/trajectory/sweep", json={"base": PAPER_AT_45, "axes": [axis]}, headers=ASYNC)
+        assert problem_of(refused, 429).type == "urn:ricochet:problem:queue-full"
+        assert int(refused.headers["Retry-After"]) > 60
+    finally:
+        tight.delete(job.json()["links"]["self"])
+
+
 @pytest.mark.parametrize("path", ["/trajectory", "/trajectory/batch", "/trajectory/sweep", "lines"])
 def test_panels_times_steps_are_limited_however_a_case_comes(tight: httpx.Client, path: str) -> None:
     def answer(panels: int) -> httpx.Response:

@@ -286,6 +286,18 @@ async def test_more_cases_than_may_wait_are_refused_with_a_time(pool: ProcessPoo
         await accepted(manager, cases(range(400)))
 
 
+async def test_time_of_a_refusal_is_that_of_all_cases_of_the_request(pool: ProcessPool, tmp_path: Path) -> None:
+    """At most 40 of them end in a second, as two workers take 0.05 s for each."""
+    async with running(tmp_path, pool, max_queued_cases=500) as manager:
+        job = await accepted(manager, cases(range(400), seconds=0.05))
+        while not manager.rate:  # noqa: ASYNC110 (it sets no event)
+            await asyncio.sleep(0.05)
+        with pytest.raises(QueueFullError) as caught:
+            await manager.accept("square", sliced(cases(range(1000, 1400))), count=100_000)
+        assert caught.value.retry_after > 1000
+        await manager.cancel(job.id)
+
+
 async def test_results_are_readable_while_the_job_runs(manager: JobManager) -> None:
     job = await accepted(manager, cases(range(10)) + cases(range(10, 60), seconds=0.05))
     found: list[CaseResult] = []
