@@ -102,7 +102,7 @@ async def list_jobs(
 ) -> Response:
     """List the jobs of the owner in pages, the newest first; with the scope `admin`, those of all."""
     owner, before = context.principal.visible_owner, read_cursor(cursor)
-    states = await jobs.jobs(owner, before=before, limit=limit + 1)  # one more tells whether a page follows
+    states = await jobs.jobs(owner, before=before, limit=limit + 1)  # one more shows whether a page follows
     content: dict[str, Any] = {"jobs": [to_job(state) for state in states[:limit]]}
     if len(states) > limit:
         content["next"] = write_cursor(states[limit - 1].number).decode()
