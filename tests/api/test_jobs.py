@@ -173,6 +173,7 @@ def test_events_of_a_job_under_way_are_not_told_again(client: httpx.Client) -> N
     assert events[-1][1]["status"] == "successful"
 
 
+@pytest.mark.timed
 def test_cancelled_job_keeps_what_it_has(client: httpx.Client) -> None:
     job = client.post("/trajectory/batch", json={"cases": slow_strikes(60)}, headers=ASYNC).json()
     while not client.get(job["links"]["self"]).json()["counts"]["done"]:

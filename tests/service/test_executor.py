@@ -23,7 +23,7 @@ from service.errors import PoolUnavailableError, TaskTimeoutError, WorkerCrashed
 from service.workers.base import Call
 from service.workers.process_pool import ProcessPool
 
-pytestmark = [pytest.mark.anyio, pytest.mark.timeout(60)]
+pytestmark = [pytest.mark.anyio, pytest.mark.timed, pytest.mark.timeout(60)]
 
 FOREVER = (7, 10**8)
 ENDLESS: Call = (pow, FOREVER)

@@ -25,7 +25,7 @@ from service.workers.process_pool import InThreadExecutor, ProcessPool
 from service.workers.worker import answer, compute_case, compute_single, dumps, loads
 from tests.service.dask_cluster import DaskCluster, dask_cluster
 
-pytestmark = [pytest.mark.anyio, pytest.mark.timeout(120)]
+pytestmark = [pytest.mark.anyio, pytest.mark.timed, pytest.mark.timeout(120)]
 DASK = pytest.param("dask", marks=pytest.mark.system)
 
 USUAL_SECONDS = 60.0

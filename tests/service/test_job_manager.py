@@ -32,7 +32,7 @@ from tests.service.squares import (
     until_done,
 )
 
-pytestmark = [pytest.mark.anyio, pytest.mark.timeout(60)]
+pytestmark = [pytest.mark.anyio, pytest.mark.timed, pytest.mark.timeout(60)]
 
 
 @pytest.fixture
