@@ -8,7 +8,7 @@ import numpy as np
 from solver.arrays import FloatArray
 from solver.compilation import compiled
 from solver.events import Run, Termination, Thresholds, deepest_tip, end_of_step, tip_depth
-from solver.motion import Model, Workspace, accelerate, kinetic_energy, store_step
+from solver.motion import Model, Workspace, accelerate, assign, kinetic_energy, store_step
 from solver.rosenbrock import DIFFERENCES, EVALUATIONS, Linearisation, attempt_step, end_error, linearise
 
 STEP_LIMIT = 100_000
@@ -46,7 +46,7 @@ def integrate_adaptive(
     steps
         (n, `STEP_WIDTH`) table to fill: `STEP_LIMIT` rows to keep every step, one row to keep none.
     work, linear
-        TrialWorkspace to work in.
+        Arrays to work in.
     """
     body, initial_energy = model.body, kinetic_energy(start, model.body)
     energies = Thresholds(thresholds.retention * initial_energy, thresholds.rest * initial_energy)
@@ -87,7 +87,8 @@ def integrate_adaptive(
         if end != Termination.NONE:
             return Run(end, event[0], event[1:], deepest, count, evaluations, 0.0)
         time += step
-        state[:], work.start[:] = work.trial, work.end
+        assign(work.trial, state)
+        assign(work.end, work.start)
         fresh = False
         step *= min(5.0, 0.9 / math.sqrt(math.sqrt(max(error, 1e-10))))
     return Run(Termination.STEP_LIMIT, time, state, deepest, count, evaluations, 0.0)

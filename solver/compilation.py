@@ -8,20 +8,25 @@ or checked out again is not.
 A folder that can only be read will do if the code is in it; what it lacks goes to the user's cache, or is compiled at
 each start. Every file ends with its SHA-256, and what does not match is compiled anew: a flipped bit in machine code
 would otherwise run. Processes that start together compile one at a time and load what the others have compiled.
+
+A wheel for one platform (`make wheel`) and the container image carry code for x86-64-v3, the processors with AVX2,
+which is as fast as code for the very processor. On an older one everything is compiled at the first start, as without.
 """
 
 import fcntl
 import hashlib
 import io
 import os
+import platform
 import re
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, BinaryIO, TypeVar, cast
+from warnings import warn
 
-from llvmlite.binding import get_host_cpu_name
+from llvmlite.binding import get_host_cpu_features, get_host_cpu_name
 from numba import config, njit, typeof
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile, _CacheLocator
 from numba.core.compiler_lock import global_compiler_lock
@@ -33,6 +38,11 @@ IMPORT = re.compile(rf"^\s*from {__package__}([.\w]*) import (\([^)]*\)|.*)$", r
 LOCK_SECONDS = 900.0
 """How long another process may compile before this one does the same: longer than all of the solver takes."""
 DIGEST_BYTES = hashlib.sha256().digest_size
+IS_X86 = platform.machine() in {"x86_64", "AMD64"}
+PORTABLE_CPU = "x86-64-v3" if IS_X86 else "generic"
+"""Processors that shipped code is compiled for, by LLVM's name."""
+PORTABLE_FEATURES = ("avx2", "bmi", "bmi2", "f16c", "fma", "lzcnt", "movbe") if IS_X86 else ()
+"""What they have and earlier ones lack."""
 
 
 def _source_digest() -> str:
@@ -68,9 +78,30 @@ def cache_folders() -> list[Path]:
     return [base / f"compiled-{SOURCE_DIGEST}" for base in bases]
 
 
+def _chosen_cpu() -> str:
+    """Return the processor to compile for; a chosen one that this machine is not is replaced in numba's settings."""
+    chosen: str | None = config.CPU_NAME  # type: ignore[attr-defined]
+    if chosen == "x86-64-v3" and not (IS_X86 and IS_PORTABLE):
+        if IS_X86:
+            warn(
+                "this processor lacks AVX2 or others of x86-64-v3: the solver is compiled for it now, "
+                "which takes one to three minutes",
+                RuntimeWarning,
+                stacklevel=2,
+            )
+        config.CPU_NAME = chosen = "generic"  # type: ignore[attr-defined]
+    if not chosen and SHIPPED.is_dir() and IS_PORTABLE:
+        return PORTABLE_CPU
+    return chosen or get_host_cpu_name()
+
+
 SOURCE_DIGEST = _source_digest()
 FOLDERS = cache_folders()
 """All are read; new code goes to the first that can be written."""
+SHIPPED = PACKAGE / "compiled" / f"compiled-{SOURCE_DIGEST}"
+"""Code that a wheel for this platform carries."""
+IS_PORTABLE = all(get_host_cpu_features().get(feature) for feature in PORTABLE_FEATURES)
+CPU = _chosen_cpu()
 
 
 class _Locator(_CacheLocator):
@@ -131,10 +162,18 @@ class _Files:
 
     def __init__(self, folder: str, name: str) -> None:
         self._files = [_CheckedFile(str(base / folder), name, SOURCE_DIGEST) for base in FOLDERS]
+        self._shipped = _CheckedFile(str(SHIPPED / folder), name, SOURCE_DIGEST) if CPU == PORTABLE_CPU else None
 
-    def load(self, key: object) -> object:
-        found = (files.load(key) for files in self._files)
-        return next((data for kept_as, data in filter(None, found) if kept_as == key), None)
+    def load(self, key: Any) -> object:
+        sources = [(files, key) for files in self._files]
+        if self._shipped is not None:
+            signature, (triple, _, _), hashes = key  # numba's, with the processor's name and features
+            sources.insert(0, (self._shipped, (signature, (triple, PORTABLE_CPU, ""), hashes)))
+        for files, known_as in sources:
+            found = cast("tuple[object, object] | None", files.load(known_as))
+            if found and found[0] == known_as:
+                return found[1]
+        return None
 
     def save(self, key: object, data: object) -> None:
         for files in self._files:
@@ -204,16 +243,27 @@ def _lock_folder() -> int | None:
 _LOCK = _ProcessLock()
 
 
-VECTOR_WIDTH = 8 if (config.CPU_NAME or get_host_cpu_name()).startswith(("znver4", "znver5")) else 4  # type: ignore[attr-defined]
+VECTOR_WIDTH = 8 if CPU.startswith(("znver4", "znver5")) else 4
 """Numbers that loops take at a time. LLVM uses registers of 512 bits on AMD's processors, half of that on Intel's."""
 
 Function = TypeVar("Function", bound=Callable[..., object])
+
+_functions: list[Callable[..., object]] = []
+"""All that are compiled, of the modules imported so far."""
+
+
+def compilation_progress() -> tuple[int, int]:
+    """Return how many functions have compiled code on disk, from this process or another, and how many there are."""
+    folders = [*FOLDERS, SHIPPED]
+    found = {file.relative_to(folder) for folder in folders for file in folder.rglob("*.nbi")}
+    return min(len(found), len(_functions)), len(_functions)
 
 
 def _decorator(**options: Any) -> Callable[[Function], Function]:
     def compile_and_keep(function: Function) -> Function:
         if config.DISABLE_JIT:  # type: ignore[attr-defined]
             return function
+        _functions.append(function)
         dispatcher = njit(error_model="numpy", nogil=True, **options)(function)
         dispatcher._cache = _Cache(function)  # noqa: SLF001 (there is no other way to give it one)
         compile_here = dispatcher.compile

@@ -14,7 +14,7 @@ REST_FRACTION = 1e-4
 HALVINGS = 24
 """Bisections of a step, to find the instant of an event: to 1e-7 of the step."""
 RELEASE_HALVINGS = 12
-"""Likewise for a release, where each takes an evaluation: next to nothing presses there any more."""
+"""Bisections for a release, where each takes an evaluation and hardly any load is left."""
 
 
 class Termination(IntEnum):
@@ -75,7 +75,7 @@ def _tip_speed(state: FloatArray, body: Body) -> float:
 
 @lean
 def deepest_tip(step: FloatArray, until: float, body: Body, state: FloatArray) -> float:
-    """Greatest depth of the nose tip within a step, up to a time; `state` is room to work in."""
+    """Greatest depth of the nose tip within a step, up to a time; `state` is overwritten."""
     low, high = 0.0, min(1.0, (until - step[0]) / step[1])
     interpolate(step, high, state)
     deepest = max(tip_depth(step[2:8], body), tip_depth(state, body))
@@ -137,7 +137,7 @@ def _is_clear(state: FloatArray, body: Body) -> bool:
 
 @lean
 def _is_through(state: FloatArray, body: Body, thickness: float) -> bool:
-    """Whether the body has left through the rear face and will not touch it again; likewise."""
+    """Whether the body has left through the rear face and will not touch it again; see `_is_clear`."""
     if state[0] <= thickness:
         return False
     reach = 0.0

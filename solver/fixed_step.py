@@ -7,7 +7,7 @@ import numpy as np
 from solver.arrays import FloatArray
 from solver.compilation import compiled, lean
 from solver.events import Run, Termination, Thresholds, deepest_tip, end_of_step, tip_depth
-from solver.motion import Model, Workspace, accelerate, kinetic_energy, make_workspace, store_step
+from solver.motion import Model, Workspace, accelerate, assign, kinetic_energy, make_workspace, store_step
 from solver.surface import Body
 
 UNRESOLVED_ENERGY = 1e-2
@@ -81,5 +81,6 @@ def integrate_fixed(
             deepest = max(deepest, deepest_tip(row, until, body, work.point))
         if end != Termination.NONE:
             return Run(end, event[0], event[1:], deepest, index + 1, 4 * index + 4, gain)
-        state[:], work.start[:] = work.trial, work.end
+        assign(work.trial, state)
+        assign(work.end, work.start)
     return Run(Termination.TIME, end_time, state, deepest, count, 4 * count, gain)

@@ -59,7 +59,7 @@ class Quadrature(NamedTuple):
 
 
 class Scratch(NamedTuple):
-    """TrialWorkspace for one evaluation."""
+    """Arrays to work in during one evaluation."""
 
     cuts: FloatArray
     """(3 `MAX_CUTS`,) of one outline piece: by the face, and in a wall by either face, then by its rear face."""
@@ -83,7 +83,7 @@ def build_law(
         decay=build_decay(resistance.free_surface, target),
         thickness=math.inf if target.thickness is None else float(target.thickness),
         plug_scale=0.0 if plug is None else 0.5 * diameter / math.tan(plug.cone_angle),
-        plug_stress=target.compressive_strength / (math.sqrt(3.0) * math.tan(plug.cone_angle)) if plug else 1.0,
+        plug_stress=1.0 if plug is None else target.compressive_strength / (math.sqrt(3.0) * math.tan(plug.cone_angle)),
         crater_depth=0.0 if crater is None else float(crater.depth_diameters * diameter),
     )
 
@@ -102,7 +102,7 @@ def _rule(count: int) -> Rule:
 
 @compiled
 def make_scratch() -> Scratch:
-    """Empty room."""
+    """Return arrays to work in."""
     attitudes, ends = np.zeros((MOST_STATES, 3)), np.zeros((MOST_STATES, 2), np.int64)
     return Scratch(np.empty(3 * MAX_CUTS), np.empty(ROW_COUNT * CAPACITY), attitudes, ends)
 

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from solver.arrays import FloatArray
-from solver.compilation import compiled, lean
+from solver.compilation import address_of, call_address, compiled, lean
 from solver.loads import MOST_STATES, Quadrature, Scratch, accelerate_by_gauss, make_scratch, panel_loads
 from solver.surface import Body, Panels, deepest_offset
 from solver.surface_integration import Law
@@ -33,10 +33,12 @@ class Model(NamedTuple):
     law: Law
     quadrature: Quadrature
     panels: Panels
+    right_hand_side: int
+    """Address of the function, see `with_right_hand_side`."""
 
 
 class Workspace(NamedTuple):
-    """TrialWorkspace to try a step."""
+    """Arrays to try a step in."""
 
     start: FloatArray
     """(3,) accelerations at its start,"""
@@ -67,9 +69,16 @@ def start_state(
     return np.array([-deepest_offset(body, axis_angle), 0.0, axis_angle, forward, lateral, angular_velocity])
 
 
+@lean
+def assign(values: FloatArray, out: FloatArray) -> None:
+    """Copy values. An assignment to a slice would compile the formatting of an error of shapes into its function."""
+    for n in range(out.size):
+        out[n] = values[n]
+
+
 @compiled
 def make_workspace() -> Workspace:
-    """Empty room."""
+    """Return arrays to work in."""
     start, end, stage = np.zeros(3), np.zeros(3), np.zeros(3)
     points, slopes = np.zeros(6 * MOST_STATES), np.zeros(3 * MOST_STATES)
     return Workspace(
@@ -79,10 +88,16 @@ def make_workspace() -> Workspace:
 
 @lean
 def accelerate(states: FloatArray, model: Model, scratch: Scratch, out: FloatArray) -> bool:
-    """Write the three accelerations of eq. 6 for each of the states; tell whether anything is loaded in the last.
+    """Write the three accelerations of eq. 6 for each of the states; return whether anything is loaded in the last.
 
-    Both are flat, one state after the other. With panels there is only one.
+    Both are flat, one state after the other. With panels there is only one. The call goes by the address of the
+    function: otherwise it would be compiled again into each of its callers.
     """
+    return bool(call_address(model.right_hand_side, (states, model, scratch, out), True))
+
+
+@lean
+def _accelerate(states: FloatArray, model: Model, scratch: Scratch, out: FloatArray) -> bool:
     body, last = model.body, out.size - 3
     if model.panels.area.size > 0:
         f, g, h = panel_loads(states, model.panels, model.law)
@@ -95,6 +110,18 @@ def accelerate(states: FloatArray, model: Model, scratch: Scratch, out: FloatArr
         _weaken_in_crater(states, body, model.law.crater_depth, out)
     size = body.mass * (abs(out[last]) + abs(out[last + 1])) + body.moment_of_inertia * abs(out[last + 2]) / body.tip
     return bool(size > NEGLIGIBLE_LOAD * model.law.static_stress * body.tip**2)
+
+
+_addresses: list[int] = []
+"""Address of `_accelerate`, from the first model on."""
+
+
+def with_right_hand_side(model: Model) -> Model:
+    """Return the model with the address of the right-hand side in this process, compiled or loaded if need be."""
+    if not _addresses:
+        workspace = make_workspace()
+        _addresses.append(address_of(_accelerate, workspace.points, model, workspace.scratch, workspace.slopes))
+    return model._replace(right_hand_side=_addresses[0])
 
 
 @lean

@@ -3,10 +3,11 @@
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from typing import Any, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
+from solver.display import card, line
 from solver.events import Thresholds
 from solver.frame import Columns, dataframe
 from solver.impact import Impact
@@ -53,10 +54,12 @@ class PerforationTrial:
     """How the projectile left; None if it did not."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class PerforationLimit:
     """Answer of `least_thickness` or `limit_velocity`."""
 
+    quantity: Literal["thickness", "velocity"]
+    """What was sought."""
     status: PerforationStatus
     value: float | None
     """Least thickness that was seen to stop the projectile, or least velocity that was seen to perforate; None if the
@@ -78,6 +81,23 @@ class PerforationLimit:
     def to_dataframe(self) -> Any:
         """Return the trials as a ``pandas.DataFrame``, which has to be installed."""
         return dataframe(self.columns())
+
+    def _summary(self) -> str:
+        name, unit = ("least thickness", "m") if self.quantity == "thickness" else ("limit velocity", "m/s")
+        status = self.status.replace("_", " ")
+        return f"no {name}, {status}" if self.value is None else f"{name} {self.value:.4g} {unit}"
+
+    def __repr__(self) -> str:
+        return line(self, self._summary(), f"{len(self.iterations)} trials")
+
+    def _repr_html_(self) -> str:
+        unit = "m" if self.quantity == "thickness" else "m/s"
+        rows = {
+            "status": self.status.replace("_", " "),
+            "bracket": "" if self.bracket is None else " to ".join(f"{value:.5g} {unit}" for value in self.bracket),
+            "trials": str(len(self.iterations)),
+        }
+        return card(self._summary(), rows, self.warnings)
 
 
 def least_thickness(
@@ -248,7 +268,8 @@ def _search(
 
     def answer(status: PerforationStatus, bracket: tuple[float, float] | None = None) -> PerforationLimit:
         value = None if bracket is None else bracket[1]
-        return PerforationLimit(status, value, bracket, tuple(trials), warnings)
+        quantity: Literal["thickness", "velocity"] = "thickness" if perforated_at_first else "velocity"
+        return PerforationLimit(quantity, status, value, bracket, tuple(trials), warnings)
 
     always, never = PerforationStatus.ALWAYS_PERFORATED, PerforationStatus.NEVER_PERFORATED
     value, upper = bounds

@@ -2,19 +2,20 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from enum import StrEnum
 
 import numpy as np
 
 from solver.adaptive import LARGEST_STEP, STEP_LIMIT, Accuracy, integrate_adaptive
 from solver.arrays import FloatArray
+from solver.bounds import BOUNDS, require_bounds, require_one
 from solver.errors import IntegrationError, StepLimitError
 from solver.events import REST_FRACTION, Run, Termination, Thresholds
 from solver.fixed_step import integrate_fixed
 from solver.impact import Impact
 from solver.loads import build_law, build_quadrature
-from solver.motion import RAMP_FRACTION, STEP_WIDTH, Model, make_workspace, sample, start_state
+from solver.motion import RAMP_FRACTION, STEP_WIDTH, Model, make_workspace, sample, start_state, with_right_hand_side
 from solver.numerics import ResolvedNumerics
 from solver.projectile import Projectile, mass_properties
 from solver.resistance import Resistance, strength_factor
@@ -110,7 +111,14 @@ class PreparedCase:
 def prepare(
     *, projectile: Projectile, target: Target, resistance: Resistance, numerics: ResolvedNumerics
 ) -> PreparedCase:
-    """Build what every strike of these has in common."""
+    """Build what every strike of these has in common.
+
+    Raises
+    ------
+    ParameterError
+        If a number is outside its bounds, which are those of the HTTP contract.
+    """
+    check_case(projectile, target)
     if target.thickness is not None:
         least = LEAST_THICKNESS * projectile.diameter
         require(
@@ -140,8 +148,26 @@ def prepare(
         ),
         quadrature=build_quadrature(stations=numerics.stations, points=numerics.points),
         panels=panels,
+        right_hand_side=0,
     )
-    return PreparedCase(projectile, target, resistance, numerics, model)
+    return PreparedCase(projectile, target, resistance, numerics, with_right_hand_side(model))
+
+
+def check_case(projectile: Projectile, target: Target) -> None:
+    """Refuse a projectile or a target with a number outside its bounds, and what is neither.
+
+    Raises
+    ------
+    ParameterError
+        If there is one.
+    """
+    require_one("projectile", projectile, Projectile)
+    require_one("target", target, Target)
+    for part, name in ((projectile, "projectile"), (projectile.nose, "projectile.nose"), (target, "target")):
+        for field in fields(part):
+            value, path = getattr(part, field.name), f"{name}.{field.name}"
+            if value is not None and path in BOUNDS:
+                require_bounds(path, value)
 
 
 def integrate(

@@ -61,7 +61,7 @@ class Linearisation(NamedTuple):
 
 @compiled
 def make_linearisation() -> Linearisation:
-    """Empty room."""
+    """Return arrays to fill."""
     return Linearisation(np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((3, 3)))
 
 
@@ -101,10 +101,14 @@ def linearise(state: FloatArray, model: Model, work: Workspace, linear: Linearis
 @lean
 def _invert(linear: Linearisation, step: float) -> None:
     """Inverse of ``I/(hγ) - ∂a/∂v - hγ ∂a/∂q``, by cofactors."""
-    g, m = step * GAMMA, linear.inverse
-    a, b, c = _newton(linear, g, 0, 0), _newton(linear, g, 0, 1), _newton(linear, g, 0, 2)
-    d, e, f = _newton(linear, g, 1, 0), _newton(linear, g, 1, 1), _newton(linear, g, 1, 2)
-    p, q, r = _newton(linear, g, 2, 0), _newton(linear, g, 2, 1), _newton(linear, g, 2, 2)
+    g, m, damping, stiffness = step * GAMMA, linear.inverse, linear.damping, linear.stiffness
+    for i in range(3):
+        for j in range(3):
+            own = 1.0 / g if i == j else 0.0
+            m[i, j] = own - (damping[i, j] + g * stiffness[i, j])
+    a, b, c = m[0, 0], m[0, 1], m[0, 2]
+    d, e, f = m[1, 0], m[1, 1], m[1, 2]
+    p, q, r = m[2, 0], m[2, 1], m[2, 2]
     m[0, 0], m[0, 1], m[0, 2] = e * r - f * q, c * q - b * r, b * f - c * e
     m[1, 0], m[1, 1], m[1, 2] = f * p - d * r, a * r - c * p, c * d - a * f
     m[2, 0], m[2, 1], m[2, 2] = d * q - e * p, b * p - a * q, a * e - b * d
@@ -112,12 +116,6 @@ def _invert(linear: Linearisation, step: float) -> None:
     for i in range(3):
         for j in range(3):
             m[i, j] /= determinant
-
-
-@lean
-def _newton(linear: Linearisation, g: float, i: int, j: int) -> float:
-    own = 1.0 / g if i == j else 0.0
-    return own - float(linear.damping[i, j] + g * linear.stiffness[i, j])
 
 
 @lean

@@ -9,6 +9,7 @@ import numpy as np
 
 from solver import warnings as model_warnings
 from solver.arrays import FloatArray
+from solver.bounds import require_bounds, require_one
 from solver.errors import ParameterError, RicochetError
 from solver.events import REST_FRACTION, Termination, Thresholds
 from solver.impact import Impact
@@ -38,7 +39,6 @@ from solver.search.paper import search_bisection, search_secant
 from solver.search.trials import ANGLE, END, TrialInputs
 from solver.search.types import USUAL_SEARCH, Change, CriticalAngle, OutcomeInterval, Search, SearchStatus, Trial
 from solver.target import Target
-from solver.validation import require_positive
 from solver.warnings import ModelWarning
 
 PAPER_TERMINATION_TIME = 5e-3
@@ -98,7 +98,8 @@ def critical_angle(
     """
     search = search or USUAL_SEARCH
     resistance = resistance or EQUATION_9
-    require_positive("impact.velocity", velocity)
+    require_one("projectile", projectile, Projectile)
+    require_bounds("impact.velocity", velocity)
     numerics, paper = numerics or USUAL, search.method != "outcome"
     method: Method = numerics.method or ("panels" if paper else "adaptive")
     end_time = usual_termination_time(length=projectile.length, velocity=velocity, method=method)

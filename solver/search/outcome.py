@@ -40,9 +40,10 @@ HALF_DEGREE = math.radians(0.5)
 MORE_INERTIA = 1.02
 """Ratio of moments of inertia of which the effect is computed."""
 SMOOTH = 0.1
-"""Bend of the strength factor between two trials, over its mean, up to which likewise."""
+"""Bend of the strength factor between two trials, over its mean, up to which a scan does not look in between."""
 KEEPS = 0.5
-"""Ratio of the strength factors at two trials that retain the projectile, down to which likewise."""
+"""Ratio of the strength factors at two trials that retain the projectile, down to which a scan does not look in
+between."""
 
 
 class Found(NamedTuple):
@@ -152,7 +153,7 @@ def _look_nearby(angle: float, level: Level, search: SearchState, nearby: FloatA
     if inputs.vary_inertia:
         body, inertia = model.body, MORE_INERTIA * model.body.moment_of_inertia
         heavier = Body(body.outline, body.corners, body.tip, body.mass, inertia)
-        varied = Model(heavier, model.law, model.quadrature, model.panels)
+        varied = Model(heavier, model.law, model.quadrature, model.panels, model.right_hand_side)
         nearby[2] = _energy_left(
             above, level, SearchState(inputs, varied, search.levels, search.table, search.run_trial)
         )

@@ -136,7 +136,8 @@ def refine(left: int, right: int, first: int, search: SearchState) -> tuple[int,
             sure = shift <= DOUBT and _growth(left, right, trials[:count]) >= STEEP  # false if one level has none
             if (sure and not decided_by_time) or not is_finer(levels[LAST], levels[ASKED]):
                 break
-            trials[begun:count, FINE] = 0.0  # these only showed where to look
+            for i in range(begun, count):
+                trials[i, FINE] = 0.0  # these only showed where to look
         begun = count
         if k > first:
             left, right = _bracket(left, right, levels[k], search)

@@ -51,7 +51,7 @@ class TrialInputs(NamedTuple):
 
 
 class TrialTable(NamedTuple):
-    """All trials of a search, and the room to compute one more."""
+    """All trials of a search, and the arrays to compute one more in."""
 
     rows: FloatArray
     """(n, `COLUMNS`), as above; those after the last trial are empty."""
@@ -75,7 +75,7 @@ class SearchState(NamedTuple):
 
 @compiled
 def make_trial_table(size: int) -> TrialTable:
-    """Empty table with room for so many trials."""
+    """Return an empty table for at most so many trials."""
     rows, count = np.zeros((size, COLUMNS)), np.zeros(1, np.int64)
     return TrialTable(rows, count, make_workspace(), make_linearisation(), np.empty((1, STEP_WIDTH)))
 
@@ -141,7 +141,7 @@ def run_trial(oblique_angle: float, level: Level, search: SearchState) -> int:
             model.law.plug_stress,
             model.law.crater_depth,
         )
-        present = Model(model.body, law, level.quadrature, model.panels)
+        present = Model(model.body, law, level.quadrature, model.panels, model.right_hand_side)
         if model.panels.area.size > 0:
             run = integrate_fixed(start, present, inputs.end_time, thresholds, inputs.time_step, table.steps)
         else:
@@ -154,10 +154,13 @@ def run_trial(oblique_angle: float, level: Level, search: SearchState) -> int:
         level = search.levels[ASKED]
     row[FINE] = 1.0 if level.fine else 0.0
     row[POSITION], row[END] = tip_depth(run.state, model.body), run.end.value
-    row[STATE:COLUMNS] = run.state
+    finite = True
+    for n in range(run.state.size):
+        row[STATE + n] = run.state[n]
+        finite = finite and math.isfinite(run.state[n])
     if energy < inputs.retention and run.end in (EXIT, TIME, PERFORATED):
         row[END] = RETAINED
-    if not np.isfinite(run.state).all():
+    if not finite:
         row[END] = NOT_FINITE
     row[MARGIN] = _margin(run, model, energy, inputs.retention, inputs.sought)
     return number

@@ -58,7 +58,16 @@ class Little:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.package = folder / "little"
+        self.run = RUN
         self.environment = {"PYTHONPATH": str(folder), "HOME": str(folder / "home"), "PATH": os.environ["PATH"]}
+
+    def ship(self) -> None:
+        """Compile for x86-64-v3 and leave only that code, where a wheel has it."""
+        self.environment |= {"NUMBA_CPU_NAME": "x86-64-v3", "NUMBA_CPU_FEATURES": ""}
+        assert self.compiled() == 2
+        (self.package / "compiled").mkdir()
+        self.code.rename(self.package / "compiled" / self.code.name)
+        del self.environment["NUMBA_CPU_NAME"], self.environment["NUMBA_CPU_FEATURES"]
 
     @property
     def code(self) -> Path:
@@ -67,7 +76,7 @@ class Little:
         return found
 
     def start(self, *arguments: str) -> subprocess.Popen[str]:
-        command = [*bound_by_permissions(), sys.executable, "-W", "error", "-c", RUN, *arguments]
+        command = [*bound_by_permissions(), sys.executable, "-W", "error", "-c", self.run, *arguments]
         return subprocess.Popen(
             command, env=self.environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=self.folder
         )
@@ -273,3 +282,45 @@ def test_solver_is_found_in_a_copy_that_can_only_be_read(tmp_path: Path) -> None
         cwd=tmp_path,
     )
     assert done.stdout.split() == [str(tmp_path / "solver" / "__init__.py"), "0"], done.stderr
+
+
+needs_avx2 = pytest.mark.skipif(not compilation.IS_PORTABLE, reason="this processor has no AVX2")
+OLDER = "import llvmlite.binding as binding; binding.get_host_cpu_features = lambda: {'sse4.2': True}\n"
+"""Makes a processor from before 2013 of any other."""
+
+
+@needs_avx2
+def test_code_of_a_wheel_is_used_on_any_processor_it_is_for(little: Little) -> None:
+    little.ship()
+    set_writable(little.package, False)
+    assert little.compiled() == 0
+    assert not list((little.folder / "home").rglob("*.nbc"))
+
+
+@needs_avx2
+def test_code_of_a_wheel_is_not_used_on_an_older_processor(little: Little) -> None:
+    little.ship()
+    little.run = OLDER + RUN
+    assert little.compiled() == 2
+
+
+@needs_avx2
+@pytest.mark.parametrize("damage", DAMAGES)
+def test_damaged_code_of_a_wheel_is_compiled_anew(little: Little, damage: str) -> None:
+    little.ship()
+    for file in (little.package / "compiled").rglob("*.nbc"):
+        file.write_bytes(DAMAGES[damage](file.read_bytes()))
+    assert little.compiled() == 2
+    assert little.compiled() == 0
+
+
+@needs_avx2
+def test_older_processor_than_the_one_of_the_image_is_named_and_compiled_for(little: Little) -> None:
+    little.environment |= {"NUMBA_CPU_NAME": "x86-64-v3", "NUMBA_CPU_FEATURES": ""}
+    command = [sys.executable, "-c", OLDER + RUN]
+    done = subprocess.run(
+        command, env=little.environment, capture_output=True, text=True, cwd=little.folder, check=True, timeout=START_S
+    )
+    assert json.loads(done.stdout) == [2.0, 2]
+    if compilation.IS_X86:
+        assert "this processor lacks AVX2" in done.stderr
