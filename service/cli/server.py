@@ -2,6 +2,7 @@
 
 import asyncio
 import gc
+import logging
 import signal
 import socket
 import sys
@@ -24,11 +25,16 @@ from service.cli.client import Client, connect
 from service.cli.writers import progress
 from service.errors import ExecutorError, FolderInUseError
 from service.settings import Settings
+from solver.compilation import compilation_progress
 
 TICKS_PER_SECOND = 10
 """Calls of `on_tick` by uvicorn."""
 TERMINATED = 143
 """Exit status after SIGTERM, as shells report it."""
+PROGRESS_SECONDS = 5.0
+"""Between two log lines while the solver is being compiled."""
+
+log = logging.getLogger(__name__)
 
 
 class Server(uvicorn.Server):
@@ -61,6 +67,8 @@ class Server(uvicorn.Server):
                 log_config=None,
                 access_log=False,
                 server_header=False,
+                proxy_headers=bool(settings.trusted_proxies),
+                forwarded_allow_ips=list(settings.trusted_proxies),
                 ssl_certfile=settings.tls_certificate,
                 ssl_keyfile=settings.tls_key,
                 timeout_graceful_shutdown=settings.grace_seconds - STOP_SECONDS,
@@ -76,8 +84,15 @@ class Server(uvicorn.Server):
         starting = asyncio.ensure_future(
             self._lifespan.enter_async_context(self._app.router.lifespan_context(self._app))
         )
+        loop = asyncio.get_running_loop()
+        reported = loop.time()
         while not self.should_exit and not starting.done():
             await asyncio.wait({starting}, timeout=1 / TICKS_PER_SECOND)
+            if loop.time() > reported + PROGRESS_SECONDS:
+                reported = loop.time()
+                compiled, functions = compilation_progress()
+                if compiled < functions:
+                    log.info("compiling the solver, once on a machine: %d of %d functions", compiled, functions)
         if self.should_exit:  # workers that compile the solver would hold up the end for minutes
             starting.cancel()
             await asyncio.gather(starting, return_exceptions=True)
