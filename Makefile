@@ -15,7 +15,7 @@ WARM_UP = echo "compiling the solver unless that was done, one to three minutes 
 export PYTHONDONTWRITEBYTECODE :=
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo serve test test-system test-all check audit sbom format openapi docs bench accuracy load call-path soak cluster \
+.PHONY: help setup demo serve test test-system test-all check audit wheel sbom format openapi docs bench accuracy load call-path soak cluster \
 	slider reproduce validate figures screenshots lock clean
 
 help: ## list what can be made
@@ -67,6 +67,13 @@ check: setup ## lint, format, types, layers, committed contract and tables, Dock
 audit: setup ## look for known vulnerabilities in what the service runs on
 	@$(BIN)/python requirements/audit.py
 
+wheel: setup ## build a wheel for this platform that carries compiled code, into dist; on x86-64 for processors with AVX2
+	@echo "compiling the solver, one to three minutes ..."
+	@rm -rf build/compiled
+	@NUMBA_CACHE_DIR=build/compiled NUMBA_CPU_NAME=x86-64-v3 NUMBA_CPU_FEATURES= $(BIN)/python -c "import solver; solver.warm_up()"
+	@RICOCHET_COMPILED=build/compiled $(BIN)/python -m pip wheel --quiet --disable-pip-version-check --no-index --no-deps \
+		--no-build-isolation --no-cache-dir --wheel-dir dist .
+
 sbom: setup ## list what the service runs on as CycloneDX, into build/sbom.cdx.json
 	@mkdir -p build
 	@PYTHONWARNINGS=ignore $(BIN)/cyclonedx-py requirements requirements/run.txt --pyproject pyproject.toml --mc-type application \
@@ -80,8 +87,10 @@ format: setup ## format the code and mend what ruff can
 openapi: setup ## write the contract, openapi/openapi.json
 	$(BIN)/ricochet openapi
 
-docs: setup ## write the tables of docs/operating.md that the code says
+docs: setup ## write the tables of docs/operating.md that the code says, and build the manual into build/manual
 	$(BIN)/python docs/tables.py
+	$(BIN)/python -m sphinx --builder html --fresh-env --fail-on-warning --keep-going --quiet \
+		--doctree-dir build/doctrees docs build/manual
 
 bench: setup ## measure the solver: routes, start, accuracy against time, two cores; ARGS="--quick"
 	@for script in routes startup work_precision scaling; do $(BIN)/python benchmarks/$$script.py $(ARGS) || exit; done

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
-KNOWN = {"FROM", "ARG", "ENV", "WORKDIR", "RUN", "COPY", "USER", "VOLUME", "EXPOSE", "HEALTHCHECK", "CMD"}
+KNOWN = {"FROM", "ARG", "ENV", "WORKDIR", "RUN", "COPY", "USER", "VOLUME", "EXPOSE", "HEALTHCHECK", "LABEL", "CMD"}
 
 
 @dataclass(frozen=True)
@@ -18,7 +18,7 @@ class Step:
     text: str
 
     def assignments(self) -> dict[str, str]:
-        """Variables of an ENV, or of an ARG with its usual value."""
+        """Variables of an ENV, of an ARG with its usual value, or of a LABEL."""
         return dict(word.split("=", 1) for word in shlex.split(self.text))
 
     def command(self) -> list[str]:
