@@ -33,6 +33,9 @@ history = strike.to_dataframe().set_index("time")
 history["axis_angle_deg"] = np.degrees(history["axis_angle"])
 print(f"{strike.outcome} after {1e3 * strike.final.time:.2f} ms, {1e3 * strike.maximum_depth:.0f} mm deep at most")
 print(history[["nose_tip_depth", "axis_angle_deg", "depth_velocity", "depth_force"]].iloc[::50].round(3))
+side_view = Path("side_view.svg")
+strike.plot(projectile).savefig(side_view)
+print(f"wrote {side_view}")
 
 # %% [markdown]
 # ## The critical angle over speed, and its standard error

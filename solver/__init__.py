@@ -30,6 +30,7 @@ from solver.resistance import (
 from solver.search.critical_angle import critical_angle
 from solver.search.types import CriticalAngle, OutcomeInterval, Search, SearchStatus, Trial
 from solver.spalling import Crater, ShearPlug
+from solver.sweeps import critical_angle_sweep, simulate_sweep
 from solver.target import Target, concrete_youngs_modulus
 from solver.trajectory import Motion, Trajectory, simulate
 from solver.warm_up import warm_up
@@ -89,6 +90,7 @@ __all__ = [
     "concrete_youngs_modulus",
     "critical_angle",
     "critical_angle_many",
+    "critical_angle_sweep",
     "decay_factor",
     "formulas",
     "least_thickness",
@@ -96,6 +98,7 @@ __all__ = [
     "mass_properties",
     "simulate",
     "simulate_many",
+    "simulate_sweep",
     "solid_properties",
     "strength_factor",
     "to_dataframe",

@@ -1,9 +1,8 @@
 """The strike: how fast, from where and turning how."""
 
-import math
 from dataclasses import dataclass
 
-from solver.validation import require, require_between, require_finite, require_positive
+from solver.bounds import require_angle, require_bounds
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -13,7 +12,7 @@ class Impact:
     Parameters
     ----------
     velocity
-        Speed of the centre of gravity at first contact. [m/s]
+        Speed of the centre of gravity at first contact, 0.1 to 10,000. [m/s]
     oblique_angle
         From the inward normal of the face to the velocity; 0 is normal impact. [rad]
     angle_of_attack
@@ -33,14 +32,10 @@ class Impact:
     angular_velocity: float = 0.0
 
     def __post_init__(self) -> None:
-        require_positive("impact.velocity", self.velocity)
-        require(
-            math.isfinite(self.oblique_angle) and abs(self.oblique_angle) < math.pi / 2.0,
-            "impact.oblique_angle",
-            f"must be less than 90° from the normal, got {math.degrees(self.oblique_angle):g}°",
-        )
-        require_between("impact.angle_of_attack", self.angle_of_attack, -math.pi / 2.0, math.pi / 2.0)
-        require_finite("impact.angular_velocity", self.angular_velocity)
+        require_bounds("impact.velocity", self.velocity)
+        require_angle("impact.oblique_angle", self.oblique_angle, below=True)
+        require_angle("impact.angle_of_attack", self.angle_of_attack, below=False)
+        require_bounds("impact.angular_velocity", self.angular_velocity)
 
     @property
     def axis_angle(self) -> float:

@@ -8,12 +8,15 @@ import numpy as np
 
 from solver import warnings as model_warnings
 from solver.arrays import FloatArray
+from solver.bounds import require_one
+from solver.display import card, line
 from solver.errors import ParameterError
 from solver.events import Run
 from solver.frame import Columns, dataframe
 from solver.impact import Impact
 from solver.motion import Model, sample, sample_loads
 from solver.numerics import USUAL, Numerics, usual_termination_time
+from solver.plots import plot_motion
 from solver.prepared import OUTCOMES, Exit, Outcome, PreparedCase, exit_of, integrate, prepare
 from solver.projectile import Projectile
 from solver.resistance import EQUATION_9, Resistance
@@ -30,7 +33,7 @@ ENERGY_GAIN_TOLERATED = 1e-6
 Value = TypeVar("Value")
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class Motion(Generic[Value]):
     """The motion at one instant (floats) or at many (arrays of equal length). Depth is positive inside the target."""
 
@@ -67,8 +70,15 @@ class Motion(Generic[Value]):
         """Return them as a ``pandas.DataFrame``, which has to be installed."""
         return dataframe(self.columns())
 
+    def __repr__(self) -> str:
+        times = np.atleast_1d(np.asarray(self.time, float))
+        if times.size != 1:
+            ends = f" from {1e3 * times[0]:g} to {1e3 * times[-1]:.2f} ms" if times.size else ""
+            return line(self, f"{times.size} instants{ends}")
+        return line(self, *(f"{name}={values[0]:.6g}" for name, values in self.columns().items()))
 
-@dataclass(frozen=True, slots=True)
+
+@dataclass(frozen=True, slots=True, repr=False)
 class Trajectory:
     """How a run went and how it ended."""
 
@@ -104,6 +114,42 @@ class Trajectory:
     def to_dataframe(self) -> Any:
         """Return the history as a ``pandas.DataFrame``, which has to be installed."""
         return dataframe(self.columns())
+
+    def plot(self, projectile: Projectile | None = None) -> Any:
+        """Return the side view and the histories as a ``matplotlib.figure.Figure``; matplotlib has to be installed.
+
+        Parameters
+        ----------
+        projectile
+            That of the strike, to draw its outline; without it the axis is drawn.
+
+        Raises
+        ------
+        ParameterError
+            If there is no history.
+        """
+        return plot_motion(self.columns(), self._summary(), projectile)
+
+    def _summary(self) -> str:
+        return f"{self.outcome.replace('_', ' ')} after {1e3 * self.final.time:.2f} ms, {self.maximum_depth:.3f} m deep"
+
+    def __repr__(self) -> str:
+        final = f"axis at {math.degrees(self.final.axis_angle):.1f}°"
+        left = "" if self.exit is None else f"leaves at {self.exit.speed:.1f} m/s"
+        return line(self, self._summary(), final, left)
+
+    def _repr_html_(self) -> str:
+        exit_ = self.exit
+        rows = {
+            "nose tip, greatest depth": f"{self.maximum_depth:.4g} m",
+            "axis at the end": f"{math.degrees(self.final.axis_angle):.1f}° from the normal",
+            "leaves at": ""
+            if exit_ is None
+            else f"{exit_.speed:.1f} m/s, {math.degrees(exit_.elevation):.1f}° above the face",
+            "strength factor": f"{self.strength_factor:.4g}",
+            "history": "none" if self.history is None else f"{self.history.time.size} instants",
+        }
+        return card(self._summary(), rows, self.warnings)
 
 
 def simulate(
@@ -149,6 +195,8 @@ def simulate(
     """
     if sample_interval is not None:
         require_positive("sample_interval", sample_interval)
+    require_one("projectile", projectile, Projectile)
+    require_one("impact", impact, Impact)
     numerics = numerics or USUAL
     end_time = usual_termination_time(
         length=projectile.length, velocity=impact.velocity, method=numerics.method or "adaptive"

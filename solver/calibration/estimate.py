@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
-from scipy.optimize import least_squares, minimize_scalar
 from scipy.special import stdtrit
 
 from solver.arrays import FloatArray
@@ -90,6 +89,8 @@ def valleys(strengths: FloatArray, costs: FloatArray) -> list[tuple[float, float
 
 def refine(residuals: Residuals, lower: float, upper: float) -> tuple[float, float]:
     """Least sum of squares between two strength factors, roughly: where, and how much."""
+    from scipy.optimize import minimize_scalar  # noqa: PLC0415 (takes long to import, also where nothing is fitted)
+
     found = minimize_scalar(
         lambda x: float(np.sum(residuals(math.exp(x)) ** 2)),
         bounds=(math.log(lower), math.log(upper)),
@@ -107,6 +108,8 @@ def minimise(residuals: Residuals, start: float, field: str) -> float:
     UndeterminedError
         For `field`, if the residuals do not change with S, or are least at an end of the range.
     """
+    from scipy.optimize import least_squares  # noqa: PLC0415 (takes long to import, also where nothing is fitted)
+
     low, high = math.log(LOWEST), math.log(HIGHEST)
 
     def misses(point: FloatArray) -> FloatArray:

@@ -7,7 +7,10 @@ from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
+from solver.bounds import require_angle
+from solver.display import card, line
 from solver.frame import Columns, dataframe
+from solver.plots import plot_search
 from solver.prepared import Exit, Outcome
 from solver.validation import require, require_between
 from solver.warnings import ModelWarning
@@ -58,11 +61,12 @@ class Search:
         known = self.method in ("outcome", "bisection", "secant")
         require(known, "search.method", "must be 'outcome', 'bisection' or 'secant'")
         lower, upper = self.bounds
+        require_angle("search.lower", lower, below=True)
+        require_angle("search.upper", upper, below=True)
         require(
-            0.0 <= lower < upper < math.pi / 2.0,
+            0.0 <= lower < upper,
             "search.lower",
-            f"must be at least 0° and below the upper end of less than 90°, "
-            f"got {math.degrees(lower):g}° and {math.degrees(upper):g}°",
+            f"must be at least 0° and below the upper end, got {math.degrees(lower):g}° and {math.degrees(upper):g}°",
         )
         require_between("search.tolerance", self.tolerance, math.radians(1e-6), math.radians(10.0))
         require_between("search.relative_tolerance", self.relative_tolerance, 1e-8, 0.5)
@@ -108,7 +112,7 @@ class OutcomeInterval:
     """Ends, each known to the tolerance of the search or an end of its range. [rad]"""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class CriticalAngle:
     """Answer of a search."""
 
@@ -150,6 +154,36 @@ class CriticalAngle:
     def to_dataframe(self) -> Any:
         """Return the trials as a ``pandas.DataFrame``, which has to be installed."""
         return dataframe(self.columns())
+
+    def plot(self) -> Any:
+        """Return the trials and the angle as a ``matplotlib.figure.Figure``; matplotlib has to be installed."""
+        return plot_search(self.columns(), self._summary(), self.angle)
+
+    def _summary(self) -> str:
+        if self.angle is None:
+            return f"no critical angle, {self.status.replace('_', ' ')}"
+        error = "" if self.standard_error is None else f" ± {math.degrees(self.standard_error):.2f}°"
+        return f"critical angle {math.degrees(self.angle):.2f}°{error}"
+
+    def __repr__(self) -> str:
+        found = "" if self.angle is None else self.status.replace("_", " ")
+        factor = "" if self.strength_factor is None else f"strength factor {self.strength_factor:.3g}"
+        return line(self, self._summary(), found, factor, f"{len(self.iterations)} trials")
+
+    def _repr_html_(self) -> str:
+        rows = {
+            "status": self.status.replace("_", " "),
+            "bracket": "" if self.bracket is None else " to ".join(map(_degrees, self.bracket)),
+            "outcome changes too at": ", ".join(map(_degrees, self.other_crossings)),
+            "leaves at": "" if self.exit is None else f"{self.exit.speed:.1f} m/s at the angle",
+            "strength factor": "" if self.strength_factor is None else f"{self.strength_factor:.4g}",
+            "trials": str(len(self.iterations)),
+        }
+        return card(self._summary(), rows, self.warnings)
+
+
+def _degrees(angle: float) -> str:
+    return f"{math.degrees(angle):.3f}°"
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,22 +2,17 @@
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, is_dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 from solver.errors import ParameterError
-from solver.impact import Impact
-from solver.numerics import USUAL, Numerics
-from solver.projectile import Projectile
 from solver.resistance import (
-    EQUATION_9,
     ConstantStrengthFactor,
     ObliquityPolynomial,
     PublishedTests,
-    Resistance,
     StrengthFactor,
 )
-from solver.target import Target
+from solver.strike_fields import is_part, put
 from solver.uncertainty.distributions import Discrete, Distribution
 from solver.validation import require, require_positive
 
@@ -101,7 +96,7 @@ class Strike:
             if ".".join((name, *path)) == RESIDUAL:
                 residual = value
             else:
-                parts[name] = _put(parts[name], path, value)
+                parts[name] = put(parts[name], path, value)
         if residual is not None:
             resistance = parts["resistance"]
             parts["resistance"] = replace(resistance, strength_factor=scaled(resistance.strength_factor, residual))
@@ -122,31 +117,3 @@ class Strike:
         discrete = isinstance(uncertain.distribution, Discrete)
         number = part is None or (isinstance(part, float | int) and not isinstance(part, bool))
         require(number or (discrete and len(self._paths[index]) > 1), field, f"{uncertain.field!r} is no number")
-
-
-def is_part(value: Any) -> bool:
-    """Whether it is an object with fields."""
-    return is_dataclass(value) and not isinstance(value, type)
-
-
-def strike_parts(
-    impact: Impact,
-    projectile: Projectile,
-    target: Target,
-    resistance: Resistance | None,
-    numerics: Numerics | None,
-) -> dict[str, Any]:
-    """Return the parts of a strike, those not given filled in."""
-    return {
-        "projectile": projectile,
-        "target": target,
-        "impact": impact,
-        "resistance": resistance or EQUATION_9,
-        "numerics": numerics or USUAL,
-    }
-
-
-def _put(part: Any, path: Sequence[str], value: Any) -> Any:
-    """Return a copy of a part with this value there."""
-    name, *rest = path
-    return replace(part, **{name: _put(getattr(part, name), rest, value) if rest else value})

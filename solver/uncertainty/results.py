@@ -7,8 +7,10 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from solver.arrays import FloatArray
+from solver.display import card, line
 from solver.errors import ParameterError, RicochetError
 from solver.frame import Columns, dataframe
+from solver.plots import plot_probability
 from solver.search.types import CriticalAngle, SearchStatus
 from solver.uncertainty.sampling import Estimate
 from solver.warnings import ModelWarning
@@ -132,24 +134,38 @@ class AngleUncertainty:
         """Return the curve as a ``pandas.DataFrame``, which has to be installed."""
         return dataframe(self.columns())
 
-    def __repr__(self) -> str:
+    def plot(self) -> Any:
+        """Return the curve as a ``matplotlib.figure.Figure``; matplotlib has to be installed."""
+        return plot_probability(self.columns(), self._summary())
+
+    def _summary(self) -> str:
         if self.mean is None or self.standard_deviation is None:
-            return f"<AngleUncertainty: no critical angle in {self.samples} samples>"
+            return f"no critical angle in {self.samples} samples"
         middle, deviation = np.degrees((self.mean.value, self.standard_deviation.value))
         levels = dict(self.quantiles)
         low, high = (np.degrees(levels[level].value) for level in (LEVELS[0], LEVELS[-1]))
-        return (
-            f"<AngleUncertainty: {middle:.2f}° ± {deviation:.2f}° ({low:.1f}° to {high:.1f}°), "
-            f"{self.samples} samples, {self.method}>"
-        )
+        return f"critical angle {middle:.2f}° ± {deviation:.2f}° ({low:.1f}° to {high:.1f}°)"
+
+    def __repr__(self) -> str:
+        samples = "" if self.mean is None else f"{self.samples} samples"
+        return line(self, self._summary(), samples, self.method)
 
     def _repr_html_(self) -> str:
         rows = "".join(
             f"<tr><td>{escape(each.field)}</td><td>{_share(each.first_order)}</td><td>{_share(each.total)}</td></tr>"
             for each in self.sensitivity
         )
-        table = f"<table><tr><th>input</th><th>first order</th><th>total</th></tr>{rows}</table>" if rows else ""
-        return f"<p>{escape(repr(self)[1:-1])}</p>{table}"
+        table = (
+            f'<table style="color:inherit"><tr><th>input</th><th>first order</th><th>total</th></tr>{rows}</table>'
+            if rows
+            else ""
+        )
+        sampled = {
+            "samples": f"{self.samples}, {self.method}",
+            "converged": "yes" if self.converged else "no",
+            "without a critical angle": _share(self.share_without),
+        }
+        return card(self._summary(), sampled, self.warnings, table)
 
 
 def _share(estimate: Estimate | None) -> str:
@@ -179,5 +195,10 @@ class TrajectoryUncertainty:
     warnings: tuple[ModelWarning, ...] = field(default=())
 
     def __repr__(self) -> str:
-        shares = ", ".join(f"{name} {estimate.value:.3f}" for name, estimate in self.outcomes)
-        return f"<TrajectoryUncertainty: {shares}, {self.samples} samples>"
+        shares = (f"{name} {estimate.value:.3f}" for name, estimate in self.outcomes)
+        return line(self, *shares, f"{self.samples} samples")
+
+    def _repr_html_(self) -> str:
+        rows = {name.replace("_", " "): _share(estimate) for name, estimate in self.outcomes}
+        rows |= {"samples": str(self.samples), "converged": "yes" if self.converged else "no"}
+        return card("probability of each outcome", rows, self.warnings)

@@ -14,11 +14,12 @@ from solver.projectile import Projectile
 from solver.resistance import Resistance
 from solver.search.critical_angle import critical_angle
 from solver.search.types import USUAL_SEARCH, Search
+from solver.strike_fields import strike_parts
 from solver.target import Target
 from solver.trajectory import simulate
 from solver.uncertainty.critical_angles import AngleStudy
 from solver.uncertainty.design import Point
-from solver.uncertainty.inputs import Strike, Uncertain, strike_parts
+from solver.uncertainty.inputs import Strike, Uncertain
 from solver.uncertainty.results import AngleUncertainty, Crossings, TrajectoryUncertainty
 from solver.uncertainty.sampling import Sampling
 from solver.uncertainty.trajectories import Ending, TrajectoryStudy

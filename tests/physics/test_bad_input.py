@@ -2,9 +2,12 @@
 
 import math
 from collections.abc import Callable
+from typing import Any
 
+import numpy as np
 import pytest
 
+from service.schemas import TrajectoryRequest
 from solver import (
     Conical,
     ConstantStrengthFactor,
@@ -23,8 +26,10 @@ from solver import (
     Spherical,
     StrengthPowerLaw,
     Target,
+    critical_angle,
     simulate,
 )
+from solver.bounds import BOUNDS
 from solver.cases import PAPER_PROJECTILE, PAPER_TARGET, paper_impact
 
 NAN, INF = math.nan, math.inf
@@ -39,7 +44,7 @@ def target(**changes: float) -> Target:
     return Target(**({"compressive_strength": 39e6, "density": 2250.0} | changes))
 
 
-def impact(**changes: float) -> Impact:
+def impact(**changes: Any) -> Impact:
     return Impact(**({"velocity": 238.0, "oblique_angle": 0.5} | changes))
 
 
@@ -196,3 +201,90 @@ def test_nose_as_long_as_the_projectile_is_accepted() -> None:
     nose = Conical(length_to_diameter=2.0)
     assert projectile(nose=nose, length=0.16).nose_length == 0.16
     assert projectile(nose=Flat(), length=1e-3).nose_length == 0.0
+
+
+MANY: Any = np.array([200.0, 300.0])
+
+
+def strike(**changes: Any) -> object:
+    given: dict[str, Any] = {"projectile": PAPER_PROJECTILE, "target": PAPER_TARGET}
+    return simulate(**(given | {"impact": impact()} | changes))
+
+
+@pytest.mark.parametrize(
+    ("field", "make", "words"),
+    [
+        ("target.compressive_strength", lambda: strike(target=target(compressive_strength=39.0)), "39e6 for 39 MPa"),
+        (
+            "target.compressive_strength",
+            lambda: strike(target=target(compressive_strength=39e3)),
+            "3.9e+07 for 39000 kPa",
+        ),
+        ("target.density", lambda: strike(target=target(density=2.25)), "give kg/m³, 2250 for 2.25 g/cm³"),
+        ("target.youngs_modulus", lambda: strike(target=target(youngs_modulus=30.0)), "3e+10 for 30 GPa"),
+        ("target.thickness", lambda: strike(target=target(thickness=1500.0)), "give metres, 1.5 for 1500 mm"),
+        ("projectile.diameter", lambda: strike(projectile=projectile(diameter=80.0, length=530.0)), "0.08 for 80 mm"),
+        ("projectile.length", lambda: strike(projectile=projectile(length=530.0)), "must be 0.001 to 20 m, got 530 m"),
+        ("projectile.mass", lambda: strike(projectile=projectile(mass=1e9)), "must be 1e-06 to 1e+07 kg, got 1e+09 kg"),
+        (CRH, lambda: strike(projectile=projectile(nose=Ogive(caliber_radius_head=101.0), length=2.0)), "0.5 to 100"),
+        ("impact.velocity", lambda: impact(velocity=2e4), "must be 0.1 to 10000 m/s"),
+        ("impact.oblique_angle", lambda: impact(oblique_angle=55.0), "give radians, math.radians(55) for 55°"),
+        ("impact.angle_of_attack", lambda: impact(angle_of_attack=3.0), "give radians, math.radians(3) for 3°"),
+        ("search.lower", lambda: Search(lower=5), "give radians, math.radians(5) for 5°"),
+        ("search.upper", lambda: Search(upper=85.0), "give radians, math.radians(85) for 85°"),
+    ],
+)
+def test_number_in_another_unit_is_refused_with_the_unit_it_needs(
+    field: str, make: Callable[[], object], words: str
+) -> None:
+    with pytest.raises(ParameterError) as caught:
+        make()
+    assert caught.value.field == field
+    assert words in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("field", "make", "words"),
+    [
+        ("impact.velocity", lambda: impact(velocity=MANY), "one number, got ndarray of 2: simulate_many"),
+        ("impact.velocity", lambda: impact(velocity=[200.0]), "one number, got list of 1: simulate_many"),
+        ("impact.oblique_angle", lambda: impact(oblique_angle="45°"), "must be a number, got '45°'"),
+        ("impact.velocity", lambda: impact(velocity=None), "must be a number, got None"),
+        ("impact", lambda: strike(impact=[impact(), impact()]), "one Impact, got list: simulate_many"),
+        ("target", lambda: strike(target=[PAPER_TARGET]), "one Target, got list: simulate_many"),
+        ("projectile", lambda: strike(projectile="ogive"), "one Projectile, got str"),
+        (
+            "impact.velocity",
+            lambda: critical_angle(projectile=PAPER_PROJECTILE, target=PAPER_TARGET, velocity=MANY),
+            "critical_angle_many",
+        ),
+    ],
+)
+def test_arrays_and_other_objects_are_refused_with_what_takes_them(
+    field: str, make: Callable[[], object], words: str
+) -> None:
+    with pytest.raises(ParameterError) as caught:
+        make()
+    assert caught.value.field == field
+    assert words in str(caught.value)
+
+
+def test_numbers_of_numpy_are_numbers() -> None:
+    for value in (np.float64(238.0), np.float32(238.0), np.int64(238), np.array(238.0), 238):
+        assert impact(velocity=value).velocity == 238.0
+
+
+def test_bounds_are_those_of_the_contract() -> None:
+    """Also at the ends: what one accepts, the other accepts."""
+    schema = TrajectoryRequest.model_json_schema()["$defs"]
+    parts = {"projectile": "Projectile", "target": "Target", "impact": "Impact"}
+    found = 0
+    for path, bound in BOUNDS.items():
+        part, _, name = path.partition(".")
+        for field, described in schema[parts[part]]["properties"].items():
+            if field.startswith(f"{name}_") or field == name:
+                ends = {each: described[each] for each in described if "imum" in each.lower()}
+                low, high = "exclusiveMinimum" if bound.above else "minimum", "maximum"
+                assert ends == {low: bound.lower, "exclusiveMaximum" if bound.below else high: bound.upper}, path
+                found += 1
+    assert found == len([path for path in BOUNDS if "nose" not in path])

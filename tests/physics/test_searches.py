@@ -237,7 +237,7 @@ def test_strength_factor_that_vanishes_between_the_angles_of_the_scan_ends_the_r
         ({"lower": 40.0, "upper": 40.0}, "search.lower"),
         ({"lower": -1.0}, "search.lower"),
         ({"lower": math.nan}, "search.lower"),
-        ({"upper": 90.0}, "search.lower"),
+        ({"upper": 90.0}, "search.upper"),
         ({"method": "secant", "lower": 61.0}, "search.lower"),
         ({"tolerance": 0.0}, "search.tolerance"),
         ({"tolerance": math.nan}, "search.tolerance"),

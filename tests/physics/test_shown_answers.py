@@ -1,0 +1,140 @@
+"""How answers show themselves: one line in a console, a card in a notebook, a figure."""
+
+import math
+import re
+from html.parser import HTMLParser
+from typing import Any
+
+import pytest
+
+import solver
+from solver.cases import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY, paper_impact
+from solver.display import card
+from solver.uncertainty import Normal, Sampling, Uncertain, critical_angle_uncertainty, trajectory_uncertainty
+from solver.warnings import ModelWarning
+
+CASE: dict[str, Any] = {"projectile": PAPER_PROJECTILE, "target": PAPER_TARGET}
+
+
+@pytest.fixture(scope="module")
+def trajectory() -> solver.Trajectory:
+    return solver.simulate(**CASE, impact=paper_impact(oblique_angle_degrees=55.0))
+
+
+@pytest.fixture(scope="module")
+def found() -> solver.CriticalAngle:
+    return solver.critical_angle(**CASE, velocity=PAPER_VELOCITY)
+
+
+@pytest.fixture(scope="module")
+def answers(trajectory: solver.Trajectory, found: solver.CriticalAngle) -> dict[str, Any]:
+    uncertain = [Uncertain("impact.velocity", Normal(mean=PAPER_VELOCITY, coefficient_of_variation=0.01))]
+    few = Sampling(max_samples=320)
+    return {
+        "ricochet": trajectory,
+        "critical angle": found,
+        "no critical angle": solver.critical_angle(
+            **CASE, velocity=PAPER_VELOCITY, search=solver.Search(upper=math.radians(20.0))
+        ),
+        "m deep": solver.simulate(**CASE, impact=paper_impact(oblique_angle_degrees=10.0), sample_interval=None),
+        "least thickness": solver.least_thickness(**CASE, impact=paper_impact(oblique_angle_degrees=0.0)),
+        "samples": critical_angle_uncertainty(**CASE, velocity=PAPER_VELOCITY, uncertain=uncertain, sampling=few),
+        "embedded": trajectory_uncertainty(
+            **CASE, impact=paper_impact(oblique_angle_degrees=48.6), uncertain=uncertain, sampling=few
+        ),
+        "instants": trajectory.history,
+        "axis_angle": trajectory.final,
+    }
+
+
+class Balanced(HTMLParser):
+    """Fails where tags do not close in order."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: object) -> None:
+        self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+
+def test_every_answer_is_one_short_line(answers: dict[str, Any]) -> None:
+    for words, answer in answers.items():
+        text = repr(answer)
+        assert "\n" not in text
+        assert len(text) < (400 if words == "axis_angle" else 160)
+        assert text.startswith(f"<{type(answer).__name__}: ")
+        assert words in text
+
+
+def test_line_of_an_angle_has_it_and_how_it_was_found(found: solver.CriticalAngle) -> None:
+    assert found.angle is not None
+    text = repr(found)
+    assert f"critical angle {math.degrees(found.angle):.2f}°, converged, strength factor" in text
+    assert f"{len(found.iterations)} trials" in text
+
+
+def test_line_of_a_trajectory_has_outcome_angle_and_depth(trajectory: solver.Trajectory) -> None:
+    text = repr(trajectory)
+    for part in (
+        trajectory.outcome,
+        f"{trajectory.maximum_depth:.3f} m deep",
+        f"{math.degrees(trajectory.final.axis_angle):.1f}°",
+    ):
+        assert part in text
+
+
+def test_cards_are_sound_small_and_leave_colours_to_the_notebook(answers: dict[str, Any]) -> None:
+    for answer in answers.values():
+        if isinstance(answer, solver.Motion):
+            continue
+        html = answer._repr_html_()
+        parser = Balanced()
+        parser.feed(html)
+        assert parser.open == []
+        assert len(html) < 6000
+        assert not re.search(r"colou?r:(?!inherit)|background|<script|class=", html)
+        for warning in answer.warnings:
+            assert warning.code in html
+
+
+def test_text_of_a_card_is_escaped() -> None:
+    html = card("a < b", {"<b>": "1 & 2"}, [ModelWarning("x<y", '"<script>"')])
+    assert "<script>" not in html
+    assert "a &lt; b" in html
+    assert "1 &amp; 2" in html
+
+
+def test_answers_draw_themselves(answers: dict[str, Any], tmp_path: Any) -> None:
+    pytest.importorskip("matplotlib")
+    labels = {
+        "ricochet": "depth [m]",
+        "critical angle": "oblique angle from the normal [°]",
+        "no critical angle": "oblique angle from the normal [°]",
+        "samples": "probability of ricochet",
+    }
+    for words, label in labels.items():
+        figure = answers[words].plot()
+        file = tmp_path / "figure.svg"
+        figure.savefig(file)
+        shown = {axis.get_label().get_text() for panel in figure.axes for axis in (panel.xaxis, panel.yaxis)}
+        assert label in shown
+        assert file.stat().st_size > 5000
+
+
+def test_side_view_has_the_outline_of_the_projectile_it_is_given(trajectory: solver.Trajectory) -> None:
+    pytest.importorskip("matplotlib")
+    side = trajectory.plot(PAPER_PROJECTILE).axes[0]
+    bodies = [patch.get_xy() for patch in side.patches if len(patch.get_xy()) > 10]
+    assert len(bodies) == 5
+    for body in bodies:
+        reach = max(math.dist(a, b) for a in body for b in body)
+        assert PAPER_PROJECTILE.length <= reach <= math.hypot(PAPER_PROJECTILE.length, PAPER_PROJECTILE.diameter)
+
+
+def test_motion_without_a_history_is_not_drawn(answers: dict[str, Any]) -> None:
+    with pytest.raises(solver.ParameterError, match="sample_interval"):
+        answers["m deep"].plot()

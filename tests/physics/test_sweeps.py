@@ -1,0 +1,111 @@
+"""Sweeps as datasets of xarray."""
+
+import math
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import solver
+from solver.cases import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY, paper_impact
+
+xarray = pytest.importorskip("xarray")
+CASE: dict[str, Any] = {"projectile": PAPER_PROJECTILE, "target": PAPER_TARGET}
+ROUGH = solver.Search(tolerance=math.radians(0.5))
+VELOCITIES, STRENGTHS = [200.0, 250.0, 300.0], [30e6, 50e6]
+
+
+@pytest.fixture(scope="module")
+def angles() -> Any:
+    axes: dict[str, Any] = {"velocity": np.array(VELOCITIES), "target.compressive_strength": STRENGTHS}
+    return solver.critical_angle_sweep(**CASE, axes=axes, search=ROUGH, threads=2)
+
+
+def test_each_point_is_the_search_there(angles: Any) -> None:
+    assert dict(angles.sizes) == {"velocity": 3, "compressive_strength": 2}
+    for velocity in VELOCITIES:
+        target = solver.Target(compressive_strength=50e6, density=PAPER_TARGET.density)
+        alone = solver.critical_angle(projectile=PAPER_PROJECTILE, target=target, velocity=velocity, search=ROUGH)
+        assert float(angles.angle.sel(velocity=velocity, compressive_strength=50e6)) == alone.angle
+    assert bool((angles.status == "converged").all())
+
+
+def test_every_number_has_its_unit(angles: Any) -> None:
+    units = {name: angles[name].attrs.get("units") for name in angles.variables}
+    assert units["velocity"] == "m/s"
+    assert units["compressive_strength"] == "Pa"
+    assert units["angle"] == units["bracket_low"] == "rad"
+    for name, variable in angles.variables.items():
+        assert (units[name] is not None) is (variable.dtype.kind == "f"), name
+        assert variable.attrs["long_name"]
+
+
+def test_netcdf_gives_back_the_same(angles: Any, tmp_path: Path) -> None:
+    pytest.importorskip("h5netcdf")
+    file = tmp_path / "angles.nc"
+    angles.to_netcdf(file, engine="h5netcdf")
+    with xarray.open_dataset(file, engine="h5netcdf") as opened:
+        xarray.testing.assert_identical(opened.load(), angles)
+        assert opened.attrs["source"] == f"ricochet, engine {solver.ENGINE_VERSION}"
+        assert "diameter=0.08" in opened.attrs["projectile"]
+
+
+def test_sweep_draws_itself_as_curve_and_map(angles: Any, tmp_path: Path) -> None:
+    figure = pytest.importorskip("matplotlib.figure")
+    for shown in (angles.angle, angles.angle.isel(compressive_strength=0)):
+        picture = figure.Figure(layout="constrained")
+        panel = picture.subplots()
+        shown.plot(ax=panel)
+        assert "velocity [m/s]" in {panel.get_xlabel(), panel.get_ylabel()}
+        picture.savefig(tmp_path / "sweep.png")
+
+
+def test_models_are_coordinates_by_name() -> None:
+    axes: dict[str, Any] = {
+        "free_surface": [solver.ElasticPlastic(), solver.NoFreeSurface()],
+        "oblique_angle": np.radians([10.0, 50.0]),
+    }
+    found = solver.simulate_sweep(**CASE, impact=paper_impact(oblique_angle_degrees=0.0), axes=axes)
+    assert found.free_surface.values.tolist() == ["elastic_plastic", "none"]
+    assert found.oblique_angle.attrs["units"] == "rad"
+    outcomes = found.outcome.sel(oblique_angle=math.radians(50.0))
+    assert outcomes.values.tolist() == ["ricochet", "embedded"]
+    assert float(found.maximum_depth.max()) > 0.0
+
+
+def test_case_that_fails_has_nan_and_its_error() -> None:
+    law = solver.Resistance(strength_factor=solver.ObliquityPolynomial(coefficients=(6.0, -0.1)))
+    found = solver.simulate_sweep(
+        **CASE,
+        impact=paper_impact(oblique_angle_degrees=0.0),
+        axes={"oblique_angle": np.radians([10.0, 70.0])},
+        resistance=law,
+    )
+    assert np.isnan(found.maximum_depth.values).tolist() == [False, True]
+    assert [bool(text) for text in found.error.values] == [False, True]
+
+
+@pytest.mark.parametrize(
+    ("axes", "words"),
+    [
+        ({}, "must hold a field"),
+        ({"speed": [1.0]}, "'speed' is not there: known are projectile.nose"),
+        ({"velocity": []}, "must have values"),
+        ({"velocity": [200.0], "impact.velocity": [300.0]}, "name a field twice"),
+        ({"velocity": [200.0], "oblique_angle": [0.1]}, "is what a search varies"),
+        ({"velocity": np.ones(400), "density": np.ones(400)}, "100,000 points at most, got 160,000"),
+        ({"velocity": [200.0], "poissons_ratio": [0.6]}, "poissons_ratio"),
+        ({"density": [2000.0]}, "velocity: must be given, or be an axis"),
+    ],
+)
+def test_wrong_axes_are_named(axes: dict[str, Any], words: str) -> None:
+    with pytest.raises(solver.ParameterError, match=words):
+        solver.critical_angle_sweep(**CASE, axes=axes)
+
+
+def test_missing_xarray_is_named_with_what_needs_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "xarray", None)
+    with pytest.raises(ModuleNotFoundError, match="critical_angle_many"):
+        solver.critical_angle_sweep(**CASE, velocity=PAPER_VELOCITY, axes={"density": [2250.0]})
