@@ -1,0 +1,162 @@
+"""The Model Context Protocol over HTTP, `/mcp`: the tools of `ricochet mcp` with the keys and limits of the routes."""
+
+import asyncio
+from collections.abc import Mapping
+from contextlib import nullcontext
+from http import HTTPStatus
+from importlib import import_module
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, Any
+
+import orjson
+from anyio.to_thread import run_sync
+from fastapi import APIRouter, Request, Response
+from starlette.types import Receive, Scope, Send
+
+from service.api.body import is_deeper
+from service.api.queries import computed, computed_with_alternatives, validated
+from service.api.services import services_of
+from service.auth.dependencies import RUN, context_in
+from service.errors import InvalidBodyError, ServiceError, case_problem
+from service.operations import OPERATIONS, UNCERTAIN, KeyedRequest
+from service.queries import check_work
+
+if TYPE_CHECKING:
+    from mcp.server.streamable_http_manager import StreamableHTTPSessionManager
+
+router = APIRouter(dependencies=[RUN], include_in_schema=False)
+
+
+def is_installed() -> bool:
+    """Return whether the SDK of the protocol is installed."""
+    return find_spec("mcp") is not None
+
+
+class McpServer:
+    """Answers messages of the protocol, each by itself: there are no sessions.
+
+    It starts with the first message, since what it imports takes a second that few services need.
+
+    Parameters
+    ----------
+    max_body_bytes
+        Longest message.
+    """
+
+    def __init__(self, max_body_bytes: int) -> None:
+        self._max_body_bytes = max_body_bytes
+        self._starting = asyncio.Lock()
+        self._stopping = asyncio.Event()
+        self._manager: StreamableHTTPSessionManager | None = None
+        self._running: asyncio.Task[None] | None = None
+
+    async def handle(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer one HTTP request."""
+        async with self._starting:
+            manager = self._manager or await self._start()
+        await manager.handle_request(scope, receive, send)
+
+    async def stop(self) -> None:
+        """End what is still being answered."""
+        self._stopping.set()
+        if self._running is not None:
+            await self._running
+
+    async def _start(self) -> "StreamableHTTPSessionManager":
+        tools = await run_sync(import_module, "service.api.mcp_tools")
+        managers = await run_sync(import_module, "mcp.server.streamable_http_manager")
+        manager: StreamableHTTPSessionManager = managers.StreamableHTTPSessionManager(
+            await run_sync(tools.server_of, compute),
+            json_response=True,
+            stateless=True,
+            max_request_body_size=self._max_body_bytes,
+        )
+        started = asyncio.Event()
+
+        async def run() -> None:
+            async with manager.run():
+                started.set()
+                await self._stopping.wait()
+
+        self._running = asyncio.create_task(run())
+        await started.wait()
+        self._manager = manager
+        return manager
+
+
+class McpResponse(Response):
+    """The answer to a message, which the SDK sends by itself."""
+
+    def __init__(self, server: McpServer) -> None:
+        super().__init__()
+        self._server = server
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Send the answer."""
+        await self._server.handle(scope, receive, send)
+
+
+@router.post("/mcp")
+async def serve_mcp(request: Request) -> Response:
+    """Answer a message of the Model Context Protocol (streamable HTTP)."""
+    return McpResponse(request.app.state.mcp)
+
+
+async def compute(operation: str, content: Mapping[str, Any], request: Request) -> dict[str, Any]:
+    """Return the answer to a request, from the cache or the executor, and count it like that of a route.
+
+    Raises
+    ------
+    ToolError
+        If there is none.
+    """
+    from service.api.mcp_tools import ToolError  # noqa: PLC0415 (an extra)
+
+    try:
+        found: dict[str, Any] = orjson.loads(await _answer(operation, content, request))
+    except Exception as error:
+        problem = case_problem(error)
+        if isinstance(error, ServiceError) and error.status in {
+            HTTPStatus.TOO_MANY_REQUESTS,
+            HTTPStatus.SERVICE_UNAVAILABLE,
+        }:
+            problem["retry_after_s"] = error.retry_after
+        raise ToolError(problem) from error
+    return found
+
+
+async def _answer(operation: str, content: Mapping[str, Any], request: Request) -> bytes:
+    services, context = services_of(request), context_in(request.scope)
+    if is_deeper(content, services.settings.max_body_depth):
+        detail = f"may be nested {services.settings.max_body_depth} deep at most"
+        raise InvalidBodyError([{"pointer": "", "detail": detail}])
+    case = validated(content, operation, services)
+    query = KeyedRequest.of(operation, case)
+    if operation in UNCERTAIN:
+        return await _study(operation, case, query, request)
+    context.take(OPERATIONS[operation].cases(case))
+    if getattr(case, "alternatives", False):
+        return (await computed_with_alternatives(request, operation, case, query))[0]
+    return (await computed(services, context, operation, query))[0].json
+
+
+async def _study(operation: str, case: Any, query: KeyedRequest, request: Request) -> bytes:
+    services, context = services_of(request), context_in(request.scope)
+    most = services.settings.small_samples
+    if case.sampling.max_samples > most:
+        detail = f"must be at most {most} here: send more to /{operation.replace('_', '/')}, which makes a job"
+        raise InvalidBodyError([{"pointer": "/sampling/max_samples", "detail": detail}])
+    record = await services.queries.result(query.key)
+    if record is not None:
+        context.take(1)
+        services.metrics.count(operation, record.outcome, "hit", 1)
+        return record.json
+    check_work(await run_sync(UNCERTAIN[operation].base, case), services.settings.max_panel_steps)
+    with services.owner_queries.held(context.principal.owner) if context.principal.key else nullcontext():
+        record, status = await services.jobs.answer_study(
+            operation, query, case, take=context.take, limiter=services.reading
+        )
+    if status == "hit":  # computed for another request
+        context.take(1)
+    services.metrics.count(operation, record.outcome, status, 1)
+    return record.json

@@ -1,0 +1,253 @@
+"""Tools of the Model Context Protocol: single queries with the schemas of their routes; imports the extra `mcp`.
+
+An answer is a JSON object with `answer`, as the route gives it but for the columns of a history, and `validity_limits`;
+the text says the same in short. A refusal has `is_error` and the problem (RFC 9457) that the route would answer with.
+"""
+
+from collections.abc import Awaitable, Callable, Mapping, Sequence
+from dataclasses import dataclass
+from importlib.metadata import version
+from typing import Any, TypeAlias
+
+from mcp.server import Server, ServerRequestContext
+from mcp.types import (
+    CallToolRequestParams,
+    CallToolResult,
+    ListToolsResult,
+    PaginatedRequestParams,
+    TextContent,
+    Tool,
+    ToolAnnotations,
+)
+from pydantic import BaseModel
+from pydantic.json_schema import models_json_schema
+
+from service.columns import summarize
+from service.errors import InvalidBodyError, problem_of
+from service.schemas import (
+    CriticalAngleAnswer,
+    CriticalAngleRequest,
+    CriticalAngleUncertaintyAnswer,
+    CriticalAngleUncertaintyRequest,
+    ThicknessAnswer,
+    ThicknessRequest,
+    TrajectoryAnswer,
+    TrajectoryRequest,
+    TrajectoryUncertaintyAnswer,
+    TrajectoryUncertaintyRequest,
+)
+
+Compute: TypeAlias = Callable[[str, Mapping[str, Any], Any], Awaitable[dict[str, Any]]]
+"""Returns the answer to an operation and a request body. Its last argument is the HTTP request; None over stdio."""
+
+VALIDITY_LIMITS = (
+    "The projectile is rigid: it neither bends nor erodes. Noses of steel erode above some 800 m/s.",
+    "The target is plain concrete: reinforcement, aggregate and friction are left out.",
+    "A front crater and a rear plug are left out unless the request has them.",
+    "The usual strength factor was fitted to finite element runs up to 45 degrees; critical angles mostly lie beyond.",
+    "It belongs to concrete of 39 MPa struck by a projectile of 80 mm.",
+    "Walls hold more in the model than in tests: its thicknesses are not conservative.",
+    "No test of the critical ricochet angle of a rigid body on concrete is known in the open literature.",
+)
+"""Limits that hold for every answer; what concerns one strike is among its warnings."""
+INSTRUCTIONS = (
+    "Oblique impact of rigid projectiles on concrete. Quantities are in SI units, angles in degrees from the inward "
+    "normal of the face: 0 is normal impact. No tool assumes a quantity that its schema requires: a missing one is "
+    "refused with a pointer to its field, and is to be requested from the user. Repeat the warnings and the validity "
+    "limits of an answer with its numbers."
+)
+
+
+class ToolError(Exception):
+    """A tool gives no answer.
+
+    Parameters
+    ----------
+    problem
+        Problem document (RFC 9457).
+    """
+
+    def __init__(self, problem: Mapping[str, Any]) -> None:
+        super().__init__(problem.get("detail") or problem.get("title"))
+        self.problem = dict(problem)
+
+
+@dataclass(frozen=True, slots=True)
+class ToolOperation:
+    """A tool, and the operations behind it.
+
+    Parameters
+    ----------
+    operations
+        By the field of the arguments that holds the request; one without a name takes the arguments as its request.
+    requests, answers
+        Models of each operation.
+    """
+
+    name: str
+    title: str
+    description: str
+    operations: Mapping[str, str]
+    requests: Sequence[type[BaseModel]]
+    answers: Sequence[type[BaseModel]]
+
+    def to_tool(self) -> Tool:
+        """Return the tool as it is listed."""
+        inputs = joined_schema(self.requests, "validation")
+        references = inputs.pop("references")
+        if "" in self.operations:
+            (reference,) = references
+            inputs |= inputs["$defs"].pop(reference["$ref"].rpartition("/")[2])
+        else:
+            inputs |= {
+                "type": "object",
+                "description": "One of these.",
+                "properties": dict(zip(self.operations, references, strict=True)),
+                "minProperties": 1,
+                "maxProperties": 1,
+                "additionalProperties": False,
+            }
+        outputs = joined_schema(self.answers, "serialization")
+        references = outputs.pop("references")
+        limits = {"type": "array", "items": {"type": "string"}, "description": "Of every answer of the model."}
+        outputs |= {
+            "type": "object",
+            "properties": {
+                "answer": references[0] if len(references) == 1 else {"anyOf": references},
+                "validity_limits": limits,
+            },
+            "required": ["answer", "validity_limits"],
+        }
+        return Tool(
+            name=self.name,
+            title=self.title,
+            description=self.description,
+            input_schema=inputs,
+            output_schema=outputs,
+            annotations=ToolAnnotations(read_only_hint=True, idempotent_hint=True, open_world_hint=False),
+        )
+
+    def request_in(self, arguments: Mapping[str, Any]) -> tuple[str, str, Any]:
+        """Return the operation, the pointer of its request in the arguments, and the request.
+
+        Raises
+        ------
+        InvalidBodyError
+            If the arguments do not have exactly one.
+        """
+        if "" in self.operations:
+            return self.operations[""], "", arguments
+        if len(arguments) != 1 or not arguments.keys() <= self.operations.keys():
+            names = " or ".join(f"`{name}`" for name in self.operations)
+            raise InvalidBodyError([{"pointer": "", "detail": f"must have one field, {names}"}])
+        ((name, request),) = arguments.items()
+        return self.operations[name], f"/{name}", request
+
+
+TOOLS = (
+    ToolOperation(
+        "critical_angle",
+        "Critical ricochet angle",
+        "Find the smallest oblique angle, from the normal, at which a projectile is turned away by concrete.",
+        {"": "cra"},
+        (CriticalAngleRequest,),
+        (CriticalAngleAnswer,),
+    ),
+    ToolOperation(
+        "trajectory",
+        "Trajectory of one impact",
+        "Compute how one impact ends: outcome, greatest depth, state at the end and as the projectile leaves. The "
+        "columns over time are not in the answer: `GET /results/{key}` of the service has them.",
+        {"": "trajectory"},
+        (TrajectoryRequest,),
+        (TrajectoryAnswer,),
+    ),
+    ToolOperation(
+        "uncertainty",
+        "Uncertainty of an angle or an outcome",
+        "Sample uncertain inputs: the distribution of the critical angle and the probability of ricochet over the "
+        "oblique angle, or the probability of each outcome of one impact. Takes seconds to minutes.",
+        {"critical_angle": "cra_uncertainty", "trajectory": "trajectory_uncertainty"},
+        (CriticalAngleUncertaintyRequest, TrajectoryUncertaintyRequest),
+        (CriticalAngleUncertaintyAnswer, TrajectoryUncertaintyAnswer),
+    ),
+    ToolOperation(
+        "thickness",
+        "Least thickness of a wall",
+        "Find the least thickness of a wall that a strike does not perforate, beside the empirical formulas.",
+        {"": "thickness"},
+        (ThicknessRequest,),
+        (ThicknessAnswer,),
+    ),
+)
+
+
+def joined_schema(models: Sequence[type[BaseModel]], mode: Any) -> dict[str, Any]:
+    """Return the `$defs` of these models, and `references` to them in this order."""
+    found, schema = models_json_schema([(model, mode) for model in models])
+    return {"$defs": schema["$defs"], "references": [found[model, mode] for model in models]}
+
+
+def server_of(compute: Compute) -> Server[Any]:
+    """Return a server with the tools.
+
+    Parameters
+    ----------
+    compute
+        Answers requests; raises ToolError otherwise.
+    """
+    listed = ListToolsResult(tools=[tool.to_tool() for tool in TOOLS])
+    tools = {tool.name: tool for tool in TOOLS}
+
+    async def list_tools(_: ServerRequestContext[Any], __: PaginatedRequestParams | None) -> ListToolsResult:
+        return listed
+
+    async def call_tool(context: ServerRequestContext[Any], params: CallToolRequestParams) -> CallToolResult:
+        if params.name not in tools:
+            return refusal({"type": "about:blank", "title": f"There is no tool {params.name!r}"})
+        before = ""
+        try:
+            operation, before, request = tools[params.name].request_in(params.arguments or {})
+            answer = await compute(operation, request, context.request)
+        except InvalidBodyError as error:
+            return refusal(problem_of(error))
+        except ToolError as error:
+            return refusal(error.problem, before)
+        return to_result(operation, answer)
+
+    return Server(
+        "ricochet",
+        version=version("ricochet"),
+        title="Critical ricochet angles of projectiles on concrete",
+        instructions=INSTRUCTIONS,
+        on_list_tools=list_tools,
+        on_call_tool=call_tool,
+    )
+
+
+def to_result(operation: str, answer: dict[str, Any]) -> CallToolResult:
+    """Return an answer without the columns of its history, and its text."""
+    for motion in (answer, answer.get("trajectory", {})):
+        motion.pop("history", None)
+    lines = [
+        operation.replace("_", " of "),
+        *(f"{name}: {value}" for name, value in summarize(answer).items() if value),
+    ]
+    warnings = [f"- {warning['detail']}" for warning in answer["warnings"]]
+    lines += ["", "Warnings:", *(warnings or ["- none"]), "", "Validity limits:"]
+    lines += [f"- {limit}" for limit in VALIDITY_LIMITS]
+    return CallToolResult(
+        content=[TextContent(text="\n".join(lines))],
+        structured_content={"answer": answer, "validity_limits": list(VALIDITY_LIMITS)},
+    )
+
+
+def refusal(problem: Mapping[str, Any], before: str = "") -> CallToolResult:
+    """Return a problem as the result of a tool; its pointers begin with this one."""
+    errors = [{**error, "pointer": before + error["pointer"]} for error in problem.get("errors", ())]
+    lines = [": ".join(filter(None, (problem.get("title"), None if errors else problem.get("detail"))))]
+    lines += [f"{error['pointer'] or '/'}: {error['detail']}" for error in errors]
+    content = {**problem, "errors": errors} if errors else dict(problem)
+    return CallToolResult(
+        content=[TextContent(text="\n".join(lines))], structured_content={"problem": content}, is_error=True
+    )

@@ -1,0 +1,195 @@
+"""The tools of the Model Context Protocol, by the client of its SDK: over HTTP, and from the command over its pipes."""
+
+import sys
+from collections.abc import AsyncIterator, Callable, Iterator
+from contextlib import AbstractContextManager, asynccontextmanager
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import anyio
+import httpx
+import httpx2
+import pytest
+from mcp import Client, StdioServerParameters
+from mcp.client.streamable_http import streamable_http_client
+from mcp.types import CallToolResult, Tool
+
+from service.schemas.examples import PAPER, PAPER_AT_45
+from tests.cli.commands import environment
+from tests.conftest import Service
+
+from .owners import key_in
+
+NAMES = ["critical_angle", "trajectory", "uncertainty", "thickness"]
+UNCERTAIN = [
+    {"field": "impact.velocity_m_s", "distribution": {"type": "normal", "mean": 238.0, "standard_deviation": 2.4}}
+]
+
+
+class Conversation(NamedTuple):
+    """What a server has said."""
+
+    tools: list[Tool]
+    results: list[CallToolResult]
+
+
+def converse(server: Any, *calls: tuple[str, dict[str, Any]], mode: str = "auto") -> Conversation:
+    """List the tools, so that the client holds answers to their schemas, and call some."""
+
+    async def run() -> Conversation:
+        async with Client(server, mode=mode) as client:
+            tools = (await client.list_tools()).tools
+            return Conversation(tools, [await client.call_tool(name, arguments) for name, arguments in calls])
+
+    return anyio.run(run)
+
+
+@asynccontextmanager
+async def over_http(url: str, token: str | None = None) -> AsyncIterator[Any]:
+    """The transport to a service."""
+    headers = {"Authorization": f"Bearer {token}"} if token else {}
+    async with (
+        httpx2.AsyncClient(headers=headers, timeout=180.0, trust_env=False) as http,
+        streamable_http_client(f"{url}/mcp", http_client=http) as streams,
+    ):
+        yield streams
+
+
+def text_of(result: CallToolResult) -> str:
+    [content] = result.content
+    assert content.type == "text"
+    return content.text
+
+
+@pytest.mark.parametrize("mode", ["auto", "legacy"])
+def test_tools_are_listed_with_the_schemas_of_the_routes(live_url: str, client: httpx.Client, mode: str) -> None:
+    tools = converse(over_http(live_url), mode=mode).tools
+    assert [tool.name for tool in tools] == NAMES
+    contract = client.get("/openapi.json").json()["components"]["schemas"]
+    for tool, model in zip(tools, ("CriticalAngleRequest", "TrajectoryRequest", None, "ThicknessRequest"), strict=True):
+        assert tool.input_schema["type"] == "object"
+        if model is not None:
+            assert tool.input_schema["required"] == contract[model]["required"]
+            assert tool.input_schema["properties"].keys() == contract[model]["properties"].keys()
+            diameter = tool.input_schema["$defs"]["Projectile"]["properties"]["diameter_m"]
+            assert diameter == contract["Projectile"]["properties"]["diameter_m"]
+
+
+def test_answer_is_that_of_the_route_with_its_warnings_and_limits(live_url: str, client: httpx.Client) -> None:
+    [result] = converse(over_http(live_url), ("critical_angle", PAPER)).results
+    response = client.post("/cra", json=PAPER)
+    assert response.headers["Cache-Status"] == "ricochet; hit"
+    assert not result.is_error
+    assert result.structured_content["answer"] == response.json()
+    assert result.structured_content["validity_limits"]
+    text = text_of(result)
+    assert f"critical_angle_deg: {response.json()['critical_angle_deg']}" in text
+    told = [warning["detail"] for warning in response.json()["warnings"]]
+    assert told
+    for line in (*told, *result.structured_content["validity_limits"]):
+        assert f"- {line}" in text
+
+
+def test_trajectory_has_its_summary_and_a_key_for_the_columns(live_url: str, client: httpx.Client) -> None:
+    [result] = converse(over_http(live_url), ("trajectory", PAPER_AT_45)).results
+    answer = result.structured_content["answer"]
+    assert "history" not in answer
+    assert answer["outcome"]
+    whole = client.get(f"/results/{answer['key']}").json()
+    assert len(whole.pop("history")["time_s"]) > 100
+    assert whole == answer
+
+
+def test_walls_and_uncertainty_are_answered(live_url: str, client: httpx.Client) -> None:
+    study = PAPER | {"uncertain": UNCERTAIN, "sampling": {"max_samples": 256, "half_width": 0.2}, "sensitivity": False}
+    wall = PAPER_AT_45 | {"numerics": {"relative_tolerance": 1e-3}}
+    least, angle, both = converse(
+        over_http(live_url),
+        ("thickness", wall),
+        ("uncertainty", {"critical_angle": study}),
+        ("uncertainty", {"critical_angle": study, "trajectory": study}),
+    ).results
+    assert least.structured_content["answer"] == client.post("/thickness", json=wall).json()
+    assert angle.structured_content["answer"] == client.post("/cra/uncertainty", json=study).json()
+    assert "mean_deg: " in text_of(angle)
+    assert both.is_error
+
+
+@pytest.mark.parametrize(
+    ("tool", "before"), [("critical_angle", ""), ("thickness", ""), ("trajectory", ""), ("uncertainty", "/trajectory")]
+)
+def test_missing_quantity_is_an_error_that_names_it(live_url: str, tool: str, before: str) -> None:
+    projectile = {name: value for name, value in PAPER["projectile"].items() if name != "mass_kg"}
+    body = PAPER_AT_45 | {"projectile": projectile} | ({"uncertain": UNCERTAIN} if before else {})
+    if tool == "critical_angle":
+        body |= {"impact": PAPER["impact"]}
+    [result] = converse(over_http(live_url), (tool, {before[1:]: body} if before else body)).results
+    assert result.is_error
+    problem = result.structured_content["problem"]
+    assert problem["type"] == "urn:ricochet:problem:invalid-request"
+    assert [error["pointer"] for error in problem["errors"]] == [f"{before}/projectile/mass_kg"]
+    assert f"{before}/projectile/mass_kg: Field required" in text_of(result)
+
+
+def test_study_that_takes_a_job_is_refused_with_the_bound(live_url: str) -> None:
+    study = PAPER | {"uncertain": UNCERTAIN, "sampling": {"max_samples": 131072}}
+    [result] = converse(over_http(live_url), ("uncertainty", {"critical_angle": study})).results
+    [error] = result.structured_content["problem"]["errors"]
+    assert error["pointer"] == "/critical_angle/sampling/max_samples"
+    assert "at most 16384" in error["detail"]
+
+
+@pytest.fixture(scope="module")
+def keyed(
+    service_on: Callable[..., AbstractContextManager[Service]], tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[tuple[str, dict[str, str]]]:
+    """A service with keys, and the tokens of some."""
+    folder = tmp_path_factory.mktemp("keyed")
+    (folder / "data").mkdir()
+    tokens = {
+        "reads": key_in(folder / "data", "anna", "read"),
+        "runs": key_in(folder / "data", "anna", "run", cases_per_hour=2),
+    }
+    with service_on(folder, access="keys", executor="in-process") as service:
+        yield service.url, tokens
+
+
+def test_keys_scopes_and_quotas_are_those_of_the_routes(keyed: tuple[str, dict[str, str]]) -> None:
+    url, tokens = keyed
+    message = {"jsonrpc": "2.0", "id": 1, "method": "ping"}
+    with httpx.Client(base_url=url, trust_env=False, timeout=60.0) as client:
+        assert client.post("/mcp", json=message).status_code == 401
+        reads = {"Authorization": f"Bearer {tokens['reads']}"}
+        assert client.post("/mcp", json=message, headers=reads).status_code == 403
+        assert client.get("/mcp", headers=reads).status_code == 405
+    results = converse(over_http(url, tokens["runs"]), *[("critical_angle", PAPER)] * 3).results
+    assert [result.is_error for result in results] == [False, False, True]
+    problem = results[2].structured_content["problem"]
+    assert problem["type"] == "urn:ricochet:problem:quota"
+    assert problem["retry_after_s"] > 0
+
+
+def test_message_too_long_is_refused(client: httpx.Client) -> None:
+    message = {"jsonrpc": "2.0", "id": 1, "method": "ping", "params": {"_meta": {"x": "y" * 200_000}}}
+    headers = {"Accept": "application/json, text/event-stream"}
+    assert client.post("/mcp", json=message, headers=headers).status_code == 413
+
+
+@pytest.mark.parametrize("where", ["service", "here"])
+def test_command_offers_the_same_over_its_pipes(
+    live_url: str, client: httpx.Client, tmp_path: Path, where: str
+) -> None:
+    arguments = ["--url", live_url] if where == "service" else []
+    parameters = StdioServerParameters(
+        command=sys.executable,
+        args=["-W", "error", "-m", "service.cli", "mcp", *arguments],
+        env=environment(RICOCHET_EXECUTOR="in-process"),
+        cwd=tmp_path,
+    )
+    calls = ("critical_angle", PAPER), ("critical_angle", {"impact": {"velocity_m_s": 238.0}})
+    tools, (result, missing) = converse(parameters, *calls)
+    assert [tool.name for tool in tools] == NAMES
+    assert result.structured_content["answer"] == client.post("/cra", json=PAPER).json()
+    assert missing.is_error
+    pointers = [error["pointer"] for error in missing.structured_content["problem"]["errors"]]
+    assert pointers == ["/projectile", "/target"]
