@@ -200,7 +200,7 @@ INSTANTS = (0.0, 1e-3, 2e-3, 3.2e-3, 5e-3)
 ASIDE = math.radians(0.5)
 """From the critical angle to the strikes beside it. [rad]"""
 RUNS = ("oblique-48", "oblique-50", "oblique-52")
-VIEW = {"lateral": (-0.52, 0.95), "depth": (-0.42, 0.2)}
+VIEW_LATERAL, VIEW_DEPTH = (-0.52, 0.95), (-0.42, 0.2)
 """[m]"""
 WORDS = {"embedded": "embedded", "ricochet": "turned away", "in_motion": "tip still inside, sliding"}
 
@@ -280,7 +280,7 @@ def _figure_15(modelled: list[View], computed: list[View]) -> Figure:
 
 def _draw(axes: Axes, view: View) -> None:
     instants = np.minimum(INSTANTS, view.path.time[-1])
-    draw_concrete(axes, **VIEW)
+    draw_concrete(axes, lateral=VIEW_LATERAL, depth=VIEW_DEPTH)
     draw_path(axes, PAPER_PROJECTILE, view.path, instants)
     axes.grid(visible=False)
     axes.set_title(view.title)

@@ -249,7 +249,7 @@ def _render(*, title: str, introduction: Sequence[str], shown: Sequence[ShownSec
         "cells": _cells,
         "ours": _ours,
         "difference": _difference,
-        "embedded": _embedded,
+        "embedded": embedded,
     }
     held = [each.holds for part in shown for each in part.section.comparisons if each.holds is not None]
     template = environment.from_string(files("service.reports").joinpath("template.html").read_text(encoding="utf-8"))
@@ -343,6 +343,6 @@ def _printed(text: str) -> str:
     return mantissa.replace("-", "\N{MINUS SIGN}") + raised
 
 
-def _embedded(picture: bytes) -> str:
+def embedded(picture: bytes) -> str:
     """An SVG as the address of an image: identifiers of one do not reach into another."""
     return "data:image/svg+xml;base64," + base64.b64encode(picture).decode("ascii")

@@ -87,8 +87,12 @@ def draw_path(axes: Axes, projectile: Projectile, path: TipPath, instants: Seque
     axes.plot(path.lateral, path.depth, color=TIP_PATH, linewidth=1.8, label="nose tip")
 
 
-def draw_concrete(axes: Axes, *, lateral: tuple[float, float], depth: tuple[float, float]) -> None:
-    """Frame a view between two places along the face and two depths, and fill in the target. [m]"""
+def draw_concrete(
+    axes: Axes, *, lateral: tuple[float, float], depth: tuple[float, float], thickness: float | None = None
+) -> None:
+    """Frame a view between two places along the face and two depths, and fill in the target, a wall if given. [m]"""
     axes.set(xlim=lateral, ylim=(depth[1], depth[0]), aspect="equal")
-    axes.axhspan(0.0, depth[1], color=style.CONCRETE, zorder=0)
-    axes.axhline(0.0, color=style.FACE, linewidth=1.0, zorder=1)
+    back = depth[1] if thickness is None else min(thickness, depth[1])
+    axes.axhspan(0.0, back, color=style.CONCRETE, zorder=0)
+    for place in (0.0,) if thickness is None or thickness > depth[1] else (0.0, thickness):
+        axes.axhline(place, color=style.FACE, linewidth=1.0, zorder=1)

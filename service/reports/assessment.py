@@ -1,0 +1,372 @@
+"""The report of one strike, as an assessor files it: case, answer, spread, other models, limits, formulas, sources."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from importlib.resources import files
+from math import degrees
+from typing import Any, Final, NamedTuple
+
+import jinja2
+import matplotlib as mpl
+from markupsafe import Markup
+
+from service.reports import style
+from service.reports.assessment_case import WORDS, Row, rows
+from service.reports.assessment_figures import SETTINGS, curves, side_views, sketch, svg
+from service.reports.assessment_numbers import Numbers, lookup, sentence
+from service.reports.report import embedded
+from solver.projectile import Projectile
+from solver.resistance import EQUATION_9_COEFFICIENTS, ObliquityPolynomial, PublishedTests
+from solver.warnings import (
+    EQUATION_9_DIAMETER,
+    EQUATION_9_STRENGTH,
+    RIGID_VELOCITY,
+    SMALL_ATTACK,
+    TESTED_STRENGTH,
+)
+
+OUTCOMES: Final[Mapping[str, str]] = {
+    "ricochet": "turned away",
+    "embedded": "embedded",
+    "in_motion": "still in motion",
+    "perforated": "through the wall",
+}
+ENDS: Final[Mapping[str, str]] = {
+    "ricochet": "the projectile is turned away",
+    "embedded": "the projectile digs in and stays",
+    "in_motion": "the projectile still moves when the run is given up",
+    "perforated": "the projectile goes through: the wall is perforated",
+}
+WITHOUT: Final[Mapping[str, str]] = {
+    "no_ricochet": "No critical angle: nothing in the range searched is turned away.",
+    "always_ricochet": "The critical angle lies below the range searched: everything in it is turned away.",
+    "not_converged": "The search did not converge: no critical angle is known.",
+}
+STATUSES: Final[Mapping[str, str]] = {
+    "no_ricochet": "none",
+    "always_ricochet": "below the range",
+    "not_converged": "not converged",
+    "always_perforated": "perforated however thick",
+    "never_perforated": "never perforated",
+}
+LAWS: Final[Mapping[str, str]] = {"obliquity_polynomial": "eq. 9", "strength_power_law": "82.6 (f'c/MPa)^-0.544"}
+"""Strength laws with their default constants."""
+RUNS: Final = ("judged", "below", "above", "lowest", "highest")
+"""Names of the runs in the order in which they are drawn."""
+RUN_TITLES: Final[Mapping[str, str]] = {
+    "judged": "To judge, ",
+    "below": "Just below, ",
+    "above": "Just above, ",
+    "lowest": "Least angle searched, ",
+    "highest": "Greatest angle searched, ",
+}
+FORMULAS: Final[Mapping[str, str]] = {
+    "modified_ndrc": "Modified NDRC",
+    "degen": "Degen",
+    "cea_edf": "CEA-EDF",
+    "ukaea": "UKAEA (Barr)",
+    "chang": "Chang",
+    "hughes": "Hughes",
+    "kar": "Kar",
+    "ace": "ACE",
+    "brl": "BRL",
+    "li_chen": "Li and Chen",
+}
+SCATTERS: Final[Mapping[str, tuple[str, float, str]]] = {
+    "impact.velocity_m_s": ("Speed", 1.0, " m/s"),
+    "target.compressive_strength_pa": ("Compressive strength", 1e-6, " MPa"),
+    "target.density_kg_m3": ("Density", 1.0, " kg/m³"),
+    "projectile.mass_kg": ("Mass", 1.0, " kg"),
+    "impact.angle_of_attack_deg": ("Angle of attack", 1.0, "°"),
+    "resistance.free_surface.model": ("Decay near the face", 1.0, ""),
+}
+"""Label, factor and unit of inputs that scatter."""
+UNSAID: Final = frozenset({"no_indices"})
+"""Warnings about what the report does not show."""
+KEYS: Final[Mapping[str, str]] = {
+    "cra": "critical angle",
+    "uncertainty": "spread",
+    "judged": "run at the angle to judge",
+    "below": "run just below",
+    "above": "run just above",
+    "lowest": "run at the lower end",
+    "highest": "run at the upper end",
+    "thickness": "least thickness",
+    "formulas": "formulas",
+}
+MM: Final = 1e3
+
+
+@dataclass(frozen=True, kw_only=True)
+class Assessed:
+    """A strike with its answers, as plain data in the names and units of the contract."""
+
+    given: Mapping[str, Any]
+    """The request as received."""
+    case: Mapping[str, Any]
+    """The same with defaults filled in."""
+    assumed: Mapping[str, Any]
+    """Values of inputs for which neither has one."""
+    scatter: Sequence[Mapping[str, Any]]
+    """Inputs that scatter, as the study took them."""
+    projectile: Projectile
+    answers: Mapping[str, Any]
+    """By name; an object with `problem` where there is none."""
+    speeds: Sequence[tuple[float, Mapping[str, Any]]]
+    """Speed and answer of searches at other speeds. [m/s]"""
+    made: str
+    """Date and time."""
+    address: str | None
+    """Address of the service that computed it."""
+    versions: Mapping[str, str]
+
+
+class Limit(NamedTuple):
+    """A limit of validity, and the case beside it."""
+
+    label: str
+    value: Any
+    limit: str
+    holds: bool
+
+
+def page(strike: Assessed) -> str:
+    """Return the report as HTML that needs no other file."""
+    numbers = Numbers({**strike.answers, "case": strike.case, "assumed": strike.assumed})
+    environment = jinja2.Environment(
+        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    environment.filters["sentence"] = sentence
+    template = environment.from_string(files("service.reports").joinpath("assessment.html").read_text(encoding="utf-8"))
+    search = strike.answers["cra"]
+    study = _answered(strike, "uncertainty")
+    formulas = _answered(strike, "formulas")
+    return template.render(
+        style=Markup(page_style()),  # noqa: S704 (a file of the package)
+        title=_title(strike),
+        n=numbers,
+        at=partial(lookup, strike.answers),
+        case=_groups(numbers, strike),
+        search=search,
+        angle=search.get("critical_angle_deg"),
+        judged=lookup(strike.case, "/impact/oblique_angle_deg"),
+        run=_answered(strike, "judged"),
+        study=study,
+        probability=_probability_at(strike, study),
+        quantiles=_quantiles(study),
+        scatter=_scatter(numbers, strike, study),
+        problems={name: _problem(strike, name) for name in ("uncertainty", "formulas", "thickness", "judged")},
+        laws=_laws(numbers, search),
+        law_range=_law_range(search),
+        formulas=formulas,
+        formula_rows=_formula_rows(formulas),
+        thickness=_answered(strike, "thickness"),
+        limits=_limits(numbers, strike),
+        warnings=_warnings(strike),
+        keys=[(label, strike.answers[name]["key"]) for name, label in KEYS.items() if _answered(strike, name)],
+        strike=strike,
+        words={"outcomes": OUTCOMES, "ends": ENDS, "without": WITHOUT, "statuses": STATUSES, "formulas": FORMULAS},
+        pictures={name: embedded(picture) for name, picture in _pictures(strike, study).items()},
+    )
+
+
+def page_style() -> str:
+    """Return the style sheet of the page."""
+    return files("service.reports").joinpath("assessment.css").read_text(encoding="utf-8")
+
+
+def _answered(strike: Assessed, name: str) -> Mapping[str, Any] | None:
+    answer = strike.answers.get(name)
+    return None if answer is None or "problem" in answer else answer
+
+
+def _problem(strike: Assessed, name: str) -> str | None:
+    problem = lookup(strike.answers, f"/{name}/problem")
+    return None if problem is None else f"{problem['title']}: {problem['detail']}"
+
+
+def _title(strike: Assessed) -> str:
+    """Return a title that also makes a file name."""
+    case = strike.case
+    parts = [f"{case['impact']['velocity_m_s']:.4g} m/s", f"{1e-6 * case['target']['compressive_strength_pa']:.4g} MPa"]
+    if (angle := lookup(case, "/impact/oblique_angle_deg")) is not None:
+        parts.append(f"{angle:.4g}°")
+    if (thickness := lookup(case, "/target/thickness_m")) is not None:
+        parts.append(f"{MM * thickness:.4g} mm")
+    return f"Ricochet assessment, {', '.join(parts)}"
+
+
+def _groups(numbers: Numbers, strike: Assessed) -> Mapping[str, list[Row]]:
+    return rows(numbers, strike.given, strike.case)
+
+
+def _probability_at(strike: Assessed, study: Mapping[str, Any] | None) -> int | None:
+    """Return the place of the angle to judge among those of the study."""
+    angle = lookup(strike.case, "/impact/oblique_angle_deg")
+    if study is None or angle is None:
+        return None
+    near = [i for i, each in enumerate(study["probability"]["oblique_angle_deg"]) if abs(each - angle) < 1e-9]
+    return near[0] if near else None
+
+
+def _quantiles(study: Mapping[str, Any] | None) -> Mapping[float, int]:
+    """Return the places of the quantiles by level."""
+    return {} if study is None else {each["level"]: i for i, each in enumerate(study["critical_angle"]["quantiles"])}
+
+
+def _scatter(numbers: Numbers, strike: Assessed, study: Mapping[str, Any] | None) -> list[list[Any]]:
+    """Return a row for each input that scatters: label, spread, its 5 % and 95 % quantiles with the angle at these."""
+    found = []
+    for i, (each, given) in enumerate(zip((study or {}).get("sensitivity", ()), strike.scatter, strict=False)):
+        label, factor, unit = SCATTERS[each["field"]]
+        cells: list[Any] = [label, _spread(given["distribution"], unit)]
+        for j, change in enumerate(each["swing"][:2]):
+            place = f"/uncertainty/sensitivity/{i}/swing/{j}"
+            if isinstance(change["value"], str):
+                cells.append(WORDS[change["value"]])
+            else:
+                cells.append(numbers.short(f"{place}/value", factor=factor, unit=unit))
+            cells.append(numbers.angle(f"{place}/critical_angle_deg") or "none")
+        found.append(cells)
+    return found
+
+
+def _spread(distribution: Mapping[str, Any], unit: str) -> str:
+    """Return a distribution in words."""
+    if distribution["type"] == "discrete":
+        return " or ".join(f"{weight:g}" for weight in distribution["weights"])
+    if "standard_deviation" in distribution:
+        return f"{distribution['type']}, {distribution['standard_deviation']:g}{unit}"
+    share = distribution.get("coefficient_of_variation", distribution.get("dispersion"))
+    return f"{distribution['type']}, {100.0 * share:g} %"
+
+
+def _laws(numbers: Numbers, search: Mapping[str, Any]) -> list[list[Any]]:
+    """Return a row for each strength law: its name and the angle with each decay law."""
+    alternatives = search.get("alternatives", ())
+    decays = list(dict.fromkeys(each["free_surface"] for each in alternatives))
+    found: dict[str, list[Any]] = {}
+    for i, each in enumerate(alternatives):
+        row = found.setdefault(
+            each["strength_factor"],
+            [LAWS.get(each["strength_factor"], WORDS[each["strength_factor"]])] + [""] * len(decays),
+        )
+        shown = numbers.angle(f"/cra/alternatives/{i}/critical_angle_deg")
+        ending = each["problem"]["title"] if "problem" in each else STATUSES.get(each.get("status", ""), "")
+        row[1 + decays.index(each["free_surface"])] = shown or ending
+    return [["", *(WORDS[decay] for decay in decays)], *found.values()] if found else []
+
+
+def _law_range(search: Mapping[str, Any]) -> tuple[str, str] | None:
+    """Return the pointers of the smallest and the largest angle under other laws."""
+    found = [
+        (each["critical_angle_deg"], f"/cra/alternatives/{i}/critical_angle_deg")
+        for i, each in enumerate(search.get("alternatives", ()))
+        if "critical_angle_deg" in each
+    ]
+    return (min(found)[1], max(found)[1]) if found else None
+
+
+def _formula_rows(answer: Mapping[str, Any] | None) -> list[tuple[int, Mapping[str, Any]]]:
+    """Return the formulas with their places, those in range first."""
+    return sorted(enumerate(answer["formulas"] if answer else ()), key=lambda each: not each[1]["in_range"])
+
+
+def _limits(numbers: Numbers, strike: Assessed) -> list[Limit]:
+    """Return the limits of validity with the values of the case."""
+    impact, target = strike.case["impact"], strike.case["target"]
+    speed, strength = impact["velocity_m_s"], target["compressive_strength_pa"]
+    lowest, highest = TESTED_STRENGTH
+    attack = degrees(SMALL_ATTACK)
+    speed_shown = numbers.short("/case/impact/velocity_m_s", digits=4, unit=" m/s")
+    strength_shown = numbers.short("/case/target/compressive_strength_pa", factor=1e-6, digits=4, unit=" MPa")
+    diameter_shown = numbers.short("/case/projectile/diameter_m", factor=MM, digits=4, unit=" mm")
+    found = [
+        Limit("Speed of a rigid body", speed_shown, f"up to {RIGID_VELOCITY:g} m/s", speed <= RIGID_VELOCITY),
+        Limit(
+            "Strength in the tests behind the resistance law",
+            strength_shown,
+            f"{1e-6 * lowest:g} to {1e-6 * highest:g} MPa",
+            lowest <= strength <= highest,
+        ),
+        Limit(
+            "Angle of attack without bending",
+            numbers.short("/case/impact/angle_of_attack_deg", digits=3, unit="°"),
+            f"up to {attack:g}°",
+            abs(impact["angle_of_attack_deg"]) <= attack,
+        ),
+    ]
+    search, law = strike.answers["cra"], strike.case["resistance"]["strength_factor"]
+    codes = {warning["code"] for warning in search["warnings"]}
+    if law["model"] == ObliquityPolynomial.name and tuple(law["coefficients"]) == EQUATION_9_COEFFICIENTS:
+        found.append(
+            Limit(
+                "Concrete and projectile of the fit of S",
+                Markup("{}, {}").format(strength_shown, diameter_shown),
+                f"{1e-6 * EQUATION_9_STRENGTH:g} MPa, {MM * EQUATION_9_DIAMETER:g} mm",
+                "strength_factor_of_other_concrete" not in codes,
+            )
+        )
+    if law["model"] == ObliquityPolynomial.name and "critical_angle_deg" in search:
+        fitted = degrees(ObliquityPolynomial.fitted_to)
+        found.append(
+            Limit(
+                "Critical angle in the range of the fit of S",
+                numbers.angle("/cra/critical_angle_deg"),
+                f"up to {fitted:g}°",
+                search["critical_angle_deg"] <= fitted,
+            )
+        )
+    if law["model"] == PublishedTests.name:
+        (s0, s1), (d0, d1), (v0, v1) = (
+            PublishedTests.compressive_strengths,
+            PublishedTests.diameters,
+            PublishedTests.velocities,
+        )
+        found.append(
+            Limit(
+                "Tests behind S",
+                Markup("{}, {}, {}").format(strength_shown, diameter_shown, speed_shown),
+                f"{1e-6 * s0:g} to {1e-6 * s1:g} MPa, {MM * d0:g} to {MM * d1:g} mm, {v0:g} to {v1:g} m/s",
+                "published_tests_extrapolated" not in codes,
+            )
+        )
+    return found
+
+
+def _warnings(strike: Assessed) -> list[tuple[str, str]]:
+    """Return code and text of the warnings of what is shown, the first of each code: the search's say most."""
+    found: dict[str, str] = {}
+    for name in ("cra", *RUNS, "thickness", "uncertainty"):
+        for warning in (_answered(strike, name) or {}).get("warnings", ()):
+            if warning["code"] not in UNSAID:
+                found.setdefault(warning["code"], warning["detail"])
+    return list(found.items())
+
+
+def _pictures(strike: Assessed, study: Mapping[str, Any] | None) -> dict[str, bytes]:
+    """Draw the figures; those of runs that could not be computed are missing."""
+    case, angle = strike.case, strike.answers["cra"].get("critical_angle_deg")
+    judged, thickness = lookup(case, "/impact/oblique_angle_deg"), lookup(case, "/target/thickness_m")
+    runs = []
+    for name in RUNS:
+        if answer := _answered(strike, name):
+            start = answer["history"]["axis_angle_deg"][0] - case["impact"]["angle_of_attack_deg"]
+            end = f"{OUTCOMES[answer['outcome']]} after {1e3 * answer['final']['time_s']:.2g} ms"
+            runs.append((f"{RUN_TITLES[name]}{start:.2f}°:\n{end}", answer))
+    drawn = next((each for each in (judged, angle, case["search"].get("upper_deg")) if each is not None), 45.0)
+    speeds = [each for each in strike.speeds if "problem" not in each[1]]
+    with mpl.rc_context({**style.SETTINGS, **SETTINGS}):
+        found = {
+            "sketch": sketch(
+                strike.projectile,
+                oblique_deg=drawn,
+                attack_deg=case["impact"]["angle_of_attack_deg"],
+                thickness=thickness,
+            ),
+            "curves": curves(speeds, study, speed=case["impact"]["velocity_m_s"], angle=angle, judged=judged),
+        }
+        if runs:
+            found["runs"] = side_views(strike.projectile, runs, thickness=thickness)
+        return {name: svg(figure) for name, figure in found.items()}

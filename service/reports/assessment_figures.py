@@ -1,0 +1,213 @@
+"""Figures of the report of one strike: a sketch of it, runs from the side, and the two decisive curves."""
+
+import io
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, TypeAlias
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Arc
+
+from service.reports import style
+from service.reports.side_view import TIP_PATH, TipPath, draw_concrete, draw_path, silhouette, tip_path
+from solver.projectile import Projectile
+
+SNAPSHOTS = 4
+"""Outlines of a run."""
+LEAST_WIDTH = 0.8
+"""Least width of a view, over that of the widest beside it. [1]"""
+Frame: TypeAlias = tuple[float, float, float, float]
+"""Left, right, top and bottom of a view. [m]"""
+SETTINGS: dict[Any, Any] = {
+    "font.size": 8,
+    "axes.titlesize": 8.5,
+    "axes.labelsize": 8,
+    "legend.fontsize": 7,
+    "svg.fonttype": "path",
+}
+PAGE = 7.2
+"""Width of the page between its margins. [in]"""
+
+
+def svg(figure: Figure) -> bytes:
+    """Return a figure as SVG without date."""
+    file = io.BytesIO()
+    figure.savefig(file, format="svg", metadata={"Date": None}, bbox_inches="tight", pad_inches=0.03)
+    return file.getvalue()
+
+
+def sketch(projectile: Projectile, *, oblique_deg: float, attack_deg: float, thickness: float | None) -> Figure:
+    """Draw the projectile at first contact with the face, its angles, and the back of a wall.
+
+    Parameters
+    ----------
+    oblique_deg, attack_deg
+        From the inward normal to the velocity, and from there to the axis. [°]
+    thickness
+        Of a wall; None for a half-space. [m]
+    """
+    figure = Figure(figsize=(2.6, 2.2), layout="constrained")
+    axes = figure.subplots()
+    velocity, axis = math.radians(oblique_deg), math.radians(oblique_deg + attack_deg)
+    body, length = silhouette(projectile), projectile.length
+    lateral = -body[:, 0] * math.sin(axis) + body[:, 1] * math.cos(axis)
+    depth = -body[:, 0] * math.cos(axis) - body[:, 1] * math.sin(axis)
+    depth -= max(depth.max(), 0.0)  # the edge that touches first
+    below = 0.6 * length if thickness is None else min(max(1.2 * thickness, 0.45 * length), 1.2 * length)
+    side = 0.12 * length
+    left, right = min(lateral.min(), -0.3 * length) - side, max(lateral.max(), 0.75 * length) + side
+    axes.fill(lateral, depth, facecolor="#c9d3df", edgecolor="black", linewidth=1.0, zorder=3)
+    draw_concrete(axes, lateral=(left, right), depth=(depth.min() - side, below), thickness=thickness)
+    axes.plot((0.0, 0.0), (-0.75 * length, min(below, 0.55 * length)), color=style.HINT, linewidth=0.8, linestyle="--")
+    tip = (0.5 * length * math.sin(velocity), 0.5 * length * math.cos(velocity))
+    axes.annotate("", tip, (0.0, 0.0), arrowprops={"arrowstyle": "-|>", "color": TIP_PATH, "linewidth": 1.4})
+    _arc(axes, 0.34 * length, 0.0, oblique_deg)
+    axes.text(-0.04 * length, 0.34 * length, f"θ = {oblique_deg:.4g}°", ha="right", va="center")
+    if attack_deg:
+        _arc(axes, 0.44 * length, oblique_deg, oblique_deg + attack_deg)
+        ahead = (0.5 * length * math.sin(axis), 0.5 * length * math.cos(axis))
+        axes.plot((0.0, ahead[0]), (0.0, ahead[1]), color="black", linewidth=0.7, linestyle=":")
+        axes.text(max(tip[0], ahead[0]) + 0.04 * length, min(tip[1], ahead[1]), f"δ = {attack_deg:.3g}°", va="center")
+    axes.text(left + 0.3 * side, 0.0, "face ", ha="left", va="bottom", fontsize=7)
+    if thickness is not None and thickness < below:
+        text = f"back, {1e3 * thickness:.4g} mm"
+        axes.text(left + 0.3 * side, thickness, text, ha="left", va="top", fontsize=7)
+    axes.set_axis_off()
+    return figure
+
+
+def _arc(axes: Axes, radius: float, start_deg: float, stop_deg: float) -> None:
+    """Draw an angle from the inward normal; depth grows downwards."""
+    ends = sorted((90.0 - start_deg, 90.0 - stop_deg))
+    axes.add_patch(Arc((0.0, 0.0), 2.0 * radius, 2.0 * radius, theta1=ends[0], theta2=ends[1], linewidth=0.9))
+
+
+def side_views(
+    projectile: Projectile, runs: Sequence[tuple[str, Mapping[str, Any]]], *, thickness: float | None
+) -> Figure:
+    """Draw runs beside one another to one scale.
+
+    Parameters
+    ----------
+    runs
+        Title and answer with history of each.
+    thickness
+        Of a wall; None for a half-space. [m]
+    """
+    paths = [_path_of(projectile, answer["history"]) for _, answer in runs]
+    body = silhouette(projectile)
+    length, breadth = body.max(axis=0)
+    frames = [_frame(path, length, breadth, thickness) for path in paths]
+    top, bottom = min(frame[2] for frame in frames), max(frame[3] for frame in frames)
+    widest = max(right - left for left, right, _, _ in frames)
+    frames = [_widened(frame, LEAST_WIDTH * widest) for frame in frames]
+    widths = [right - left for left, right, _, _ in frames]
+    height = min(max((PAGE - 0.9) * (bottom - top) / sum(widths) + 0.55, 1.5), 2.2)
+    figure = Figure(figsize=(PAGE, height), layout="constrained")
+    grid = figure.subplots(1, len(runs), sharey=True, squeeze=False, gridspec_kw={"width_ratios": widths}).ravel()
+    for axes, (title, _), path, (left, right, _, _) in zip(grid, runs, paths, frames, strict=True):
+        draw_path(axes, projectile, path, np.linspace(0.0, path.time[-1], SNAPSHOTS))
+        draw_concrete(axes, lateral=(left, right), depth=(top, bottom), thickness=thickness)
+        axes.set(title=title, xlabel="along the face [m]")
+    grid[0].set(ylabel="depth [m]")
+    return figure
+
+
+def _widened(frame: Frame, width: float) -> Frame:
+    """Return a view that is at least this wide, which leaves room for its title. [m]"""
+    left, right, top, bottom = frame
+    more = max(0.5 * (width - (right - left)), 0.0)
+    return left - more, right + more, top, bottom
+
+
+def _path_of(projectile: Projectile, history: Mapping[str, Sequence[float]]) -> TipPath:
+    depth = np.array(history["center_of_gravity_depth_m"])
+    return tip_path(
+        projectile,
+        time=np.array(history["time_s"]),
+        depth_displacement=depth - depth[0],
+        lateral_displacement=np.array(history["center_of_gravity_lateral_m"]),
+        axis_angle=np.radians(history["axis_angle_deg"]),
+    )
+
+
+def _frame(path: TipPath, length: float, breadth: float, thickness: float | None) -> Frame:
+    """Return left, right, top and bottom of a view. [m]"""
+    tails = path.lateral - length * np.sin(path.axis_angle), path.depth - length * np.cos(path.axis_angle)
+    lateral, depth = np.concatenate((path.lateral, tails[0])), np.concatenate((path.depth, tails[1], [0.0]))
+    margin = 0.05 * length + breadth
+    bottom = depth.max() + margin
+    if thickness is not None and thickness < 2.0 * bottom:
+        bottom = max(bottom, 1.15 * thickness)
+    return lateral.min() - margin, lateral.max() + margin, depth.min() - margin, bottom
+
+
+def curves(
+    speeds: Sequence[tuple[float, Mapping[str, Any]]],
+    uncertainty: Mapping[str, Any] | None,
+    *,
+    speed: float,
+    angle: float | None,
+    judged: float | None,
+) -> Figure:
+    """Draw the critical angle over the speed, and the probability of ricochet over the angle.
+
+    Parameters
+    ----------
+    speeds
+        Speed [m/s] and answer of each search.
+    uncertainty
+        Answer of the study, None if there is none.
+    speed, angle, judged
+        Of the case: speed [m/s], critical angle if there is one, angle to judge if given. [°]
+    """
+    figure = Figure(figsize=(PAGE, 1.95), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    _draw_speeds(left, speeds)
+    left.axvline(speed, color=style.HINT, linewidth=0.8, linestyle="--")
+    if angle is not None:
+        left.plot([speed], [angle], "o", color="black", markersize=5, zorder=5, label="this case")
+    if judged is not None:
+        left.plot([speed], [judged], "x", color=TIP_PATH, markersize=6, zorder=5, label="angle to judge")
+    left.set(title="Critical angle over the speed", xlabel="speed [m/s]", ylabel="angle from the normal [°]")
+    left.set_ylim(0.0, 90.0)
+    if left.get_legend_handles_labels()[1]:
+        left.legend(loc="best")
+    if uncertainty is None:
+        right.remove()
+        return figure
+    curve = uncertainty["probability"]
+    angles = curve["oblique_angle_deg"]
+    right.fill_between(angles, curve["lower"], curve["upper"], color=style.MODEL, alpha=0.25, linewidth=0.0)
+    right.plot(angles, curve["ricochet_probability"], color=style.MODEL, label="P(ricochet | θ), 95 % band")
+    if angle is not None:
+        right.axvline(angle, color="black", linewidth=0.8, linestyle="--", label="critical angle")
+    if judged is not None:
+        right.axvline(judged, color=TIP_PATH, linewidth=0.8, linestyle=":", label="angle to judge")
+    right.set(title="Probability of ricochet", xlabel="oblique angle θ from the normal [°]", ylabel="probability")
+    right.set(xlim=(angles[0], angles[-1]), ylim=(0.0, 1.02))
+    right.legend(loc="best")
+    return figure
+
+
+def _draw_speeds(axes: Axes, speeds: Sequence[tuple[float, Mapping[str, Any]]]) -> None:
+    """Draw the critical angle, and for walls the angle up to which they are perforated."""
+    perforated = [(speed, _perforated_to(answer)) for speed, answer in speeds]
+    critical = [(speed, answer.get("critical_angle_deg", math.nan)) for speed, answer in speeds]
+    if all(math.isnan(angle) for _, angle in critical):
+        axes.text(0.5, 0.5, "none at these speeds", transform=axes.transAxes, ha="center", va="center")
+    else:
+        x, y = zip(*critical, strict=True)
+        axes.plot(x, y, "-", marker=".", color=style.MODEL, label="critical angle")
+    if critical:
+        axes.set_xlim(critical[0][0], critical[-1][0])
+    if any(not math.isnan(angle) for _, angle in perforated):
+        x, y = zip(*perforated, strict=True)
+        axes.plot(x, y, "-", marker=".", color=style.FINITE_ELEMENT, label="perforated up to")
+
+
+def _perforated_to(answer: Mapping[str, Any]) -> float:
+    found = [each["upper_deg"] for each in answer.get("outcomes", ()) if each["outcome"] == "perforated"]
+    return max(found, default=math.nan)

@@ -1,0 +1,238 @@
+"""The report of one strike: what it says is what the service answers to the same case, on two sheets of A4."""
+
+import html
+import json
+import math
+import re
+import shutil
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+
+from service import cli
+from service.assessment import first_queries, probability_range, require_extra, strike_queries
+from service.errors import ReportsMissingError
+from service.reports.assessment_case import FIELDS, leaves
+from service.reports.assessment_numbers import lookup
+from service.schemas import ReportRequest
+from service.schemas.examples import HEMISPHERE, PAPER, TRUNCATED_CONE
+from solver import Impact, critical_angle, formulas, mass_properties, simulate
+from solver.formulas import PERFORATION_MARGIN, SCABBING_MARGIN
+
+COARSE = {"lower_deg": 42.0, "upper_deg": 58.0, "tolerance_deg": 0.5}
+STRIKE: dict[str, Any] = PAPER | {"search": COARSE}
+JUDGED: dict[str, Any] = STRIKE | {"impact": PAPER["impact"] | {"oblique_angle_deg": 52.3}}
+NEVER: dict[str, Any] = STRIKE | {"search": COARSE | {"lower_deg": 20.0, "upper_deg": 25.0}}
+WALL: dict[str, Any] = PAPER | {
+    "target": PAPER["target"] | {"thickness_m": 0.3},
+    "impact": {"velocity_m_s": 330.0, "oblique_angle_deg": 30.0},
+    "search": COARSE,
+}
+DATA = re.compile(r'<data value="([^"]+)" data-from="([^"]+)" data-factor="([^"]+)">([^<]+)</data>')
+BROWSERS = ("chromium", "chromium-browser", "google-chrome")
+
+
+def report_of(client: httpx.Client, body: dict[str, Any]) -> str:
+    response = client.post("/report", json=body)
+    assert response.status_code == 200, response.text
+    assert response.headers["Content-Type"] == "text/html; charset=utf-8"
+    return response.text
+
+
+def text_of(page: str) -> str:
+    """The words of a page, without its style."""
+    words = re.sub(r"<style>.*?</style>|<[^>]+>", " ", page, flags=re.DOTALL)
+    return re.sub(r"\s+", " ", html.unescape(words))
+
+
+def answers_of(client: httpx.Client, body: dict[str, Any]) -> dict[str, Any]:
+    """What the service answers to the requests of a report, each sent by itself."""
+    request, found = ReportRequest.model_validate(body), {}
+
+    def send(queries: Mapping[str, Any]) -> None:
+        for name, (operation, content) in queries.items():
+            found[name] = client.post(f"/{operation.replace('_', '/')}", json=content).json()
+
+    send(first_queries(request))
+    send(strike_queries(request, found["cra"]))
+    properties = mass_properties(request.projectile.to_solver())
+    assumed = {
+        "projectile": {
+            "center_of_gravity_m": properties.center_of_gravity,
+            "moment_of_inertia_kg_m2": properties.moment_of_inertia,
+        },
+        "target": {"youngs_modulus_pa": request.target.to_solver().elastic_modulus},
+    }
+    return found | {"case": request.canonical(), "assumed": assumed}
+
+
+@pytest.mark.parametrize("body", [JUDGED, WALL, NEVER], ids=["half-space", "wall", "no critical angle"])
+def test_every_number_is_one_that_the_service_answers_to_this_case(client: httpx.Client, body: dict[str, Any]) -> None:
+    page = report_of(client, body)
+    answers = answers_of(client, body)
+    shown = DATA.findall(page)
+    assert len(shown) > 60
+    for value, pointer, factor, text in shown:
+        assert float(value) == lookup(answers, pointer), pointer
+        number = float(html.unescape(text).replace("\N{MINUS SIGN}", "-"))
+        places = len(text.partition(".")[2].partition("e")[0])
+        exact = float(value) * float(factor)
+        assert math.isclose(number, exact, rel_tol=6e-3, abs_tol=0.51 * 10.0**-places), (pointer, text)
+    for name in ("cra", "uncertainty", "formulas"):
+        assert answers[name]["key"] in page
+    assert all(each["key"] in page for name, each in answers.items() if name in {"judged", "below", "above"})
+
+
+def test_answer_is_that_of_the_solver(client: httpx.Client) -> None:
+    page = report_of(client, JUDGED)
+    request = ReportRequest.model_validate(JUDGED)
+    arguments, _ = request.arguments()
+    found = critical_angle(**arguments)
+    assert found.angle is not None
+    assert f"Critical angle {math.degrees(found.angle):.2f} °" in text_of(page)
+    values = {pointer: float(value) for value, pointer, _, _ in DATA.findall(page)}
+    assert values["/cra/critical_angle_deg"] == pytest.approx(math.degrees(found.angle), abs=1e-9)
+    case = {name: arguments[name] for name in ("projectile", "target")}
+    impact = request.impact.arguments() | {"oblique_angle": math.radians(52.3)}
+    run = simulate(**case, impact=Impact(**impact))
+    assert run.outcome.value == "ricochet"
+    assert run.exit is not None
+    assert values["/judged/exit/speed_m_s"] == pytest.approx(run.exit.speed)
+    assert "At θ = 52.3 ° the projectile is turned away" in text_of(page)
+    for place, each in enumerate(formulas(**case, impact=Impact(**impact))):
+        if each.perforation_thickness is not None:
+            assert values[f"/formulas/formulas/{place}/perforation_thickness_m"] == each.perforation_thickness
+
+
+def test_margins_are_the_recommended_ones(client: httpx.Client) -> None:
+    page = report_of(client, JUDGED)
+    rows = {(pointer, factor): text for _, pointer, factor, text in DATA.findall(page)}
+    values = {pointer: float(value) for value, pointer, _, _ in DATA.findall(page)}
+    place = "/formulas/formulas/0"  # modified NDRC
+    for name, margin in (("perforation", PERFORATION_MARGIN), ("scabbing", SCABBING_MARGIN)):
+        pointer = f"{place}/{name}_thickness_m"
+        assert rows[pointer, f"{1000 * margin:g}"] == f"{1e3 * margin * values[pointer]:.0f}"
+
+
+def test_warnings_of_the_search_are_sentences_of_the_report(client: httpx.Client) -> None:
+    page = text_of(report_of(client, WALL))
+    warnings = answers_of(client, WALL)["cra"]["warnings"]
+    assert {"no_measured_angle", "rear_face_unconservative"} <= {each["code"] for each in warnings}
+    for each in warnings:
+        assert f"{each['detail'][0].upper()}{each['detail'][1:]}." in page
+
+
+def test_a_wall_has_its_outcomes_by_angle_and_the_thickness_that_stops_it(client: httpx.Client) -> None:
+    page = text_of(report_of(client, WALL))
+    answers = answers_of(client, WALL)
+    assert "By oblique angle: through the wall from" in page
+    assert f"This model, without margin {1e3 * answers['thickness']['least_thickness_m']:.0f}" in page
+    assert "300 mm" in page
+
+
+def test_without_a_critical_angle_the_report_says_so(client: httpx.Client) -> None:
+    page = text_of(report_of(client, NEVER))
+    assert "No critical angle: nothing in the range searched is turned away." in page
+    assert "Without a critical angle: 100.0 % of them" in page
+
+
+def test_defaults_are_named_as_such(client: httpx.Client) -> None:
+    page = text_of(report_of(client, JUDGED))
+    assert "Poisson's ratio 0.5 (default)" in page
+    assert "(default: ACI 318-19)" in page
+    assert "Density 2250 kg/m³ Young" in page  # given
+    assert "Width of the bracket 0.5 °" in page
+
+
+@pytest.mark.parametrize("body", [PAPER, HEMISPHERE, TRUNCATED_CONE | {"search": {}}])
+def test_every_input_has_a_label(body: dict[str, Any]) -> None:
+    case = ReportRequest.model_validate(body).canonical()
+    assert {pointer for pointer, _ in leaves(case)} <= FIELDS.keys()
+
+
+def test_angle_to_judge_is_one_of_those_with_a_probability() -> None:
+    for angle in (5.0, 30.0, 52.3, 84.999):
+        chosen = probability_range(angle, 5.0, 85.0)
+        count = chosen["count"]
+        step = (chosen["stop"] - chosen["start"]) / (count - 1)
+        place = (angle - chosen["start"]) / step
+        assert step == pytest.approx(0.5)
+        assert place == pytest.approx(round(place), abs=1e-9)
+        assert 0 <= round(place) < count
+    usual = {"start": 5.0, "stop": 85.0, "count": 161}
+    assert probability_range(None, 5.0, 85.0) == probability_range(30.0, 5.0, 85.0) == usual
+    assert probability_range(60.0, 40.0, 40.2) == {"start": 40.0, "stop": 40.2, "count": 2}
+
+
+def test_no_probability_is_given_beyond_the_range_searched() -> None:
+    angles = first_queries(ReportRequest.model_validate(NEVER))["uncertainty"].body["oblique_angles_deg"]
+    assert (angles["start"], angles["stop"]) == (20.0, 25.0)
+
+
+def test_page_loads_nothing_and_runs_nothing(client: httpx.Client) -> None:
+    response = client.post("/report", json=JUDGED)
+    assert not re.search(r"<script|<link|src=\"(?!data:)|url\(|@import|style=", response.text)
+    assert "default-src 'none'" in response.headers["Content-Security-Policy"]
+
+
+@pytest.mark.parametrize(
+    ("change", "pointer"),
+    [
+        ({"search": {"method": "secant"}}, "/search/method"),
+        ({"numerics": {"method": "panels"}}, "/numerics/method"),
+        ({"impact": {"velocity_m_s": 238.0, "oblique_angle_deg": 90.0}}, "/impact/oblique_angle_deg"),
+        ({"impact": {"velocity_m_s": -1.0}}, "/impact/velocity_m_s"),
+        ({"target": PAPER["target"] | {"colour": "grey"}}, "/target/colour"),
+    ],
+)
+def test_wrong_field_is_named(client: httpx.Client, change: dict[str, Any], pointer: str) -> None:
+    response = client.post("/report", json=PAPER | change)
+    assert response.status_code == 422, response.text
+    assert [error["pointer"] for error in response.json()["errors"]] == [pointer]
+
+
+def test_without_the_extra_reports_are_not_implemented(monkeypatch: pytest.MonkeyPatch) -> None:
+    require_extra()
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    with pytest.raises(ReportsMissingError, match=r"install ricochet with its extra reports"):
+        require_extra()
+    assert ReportsMissingError.status == 501
+
+
+def test_command_writes_the_page_of_the_service(client: httpx.Client, live_url: str, tmp_path: Path) -> None:
+    (tmp_path / "strike.json").write_text(json.dumps(JUDGED))
+    target = tmp_path / "report.html"
+    assert cli.main(["report", str(tmp_path / "strike.json"), "-o", str(target), "--url", live_url]) == 0
+    made = re.compile(r"\d{4}-\d\d-\d\d \d\d:\d\d UTC")
+    assert made.sub("", target.read_text()) == made.sub("", report_of(client, JUDGED))
+
+
+@pytest.mark.parametrize("body", [JUDGED, WALL, NEVER], ids=["half-space", "wall", "no critical angle"])
+@pytest.mark.skipif(not any(map(shutil.which, BROWSERS)), reason="no browser here")
+def test_printed_it_takes_two_sheets_of_a4(live_url: str, tmp_path: Path, body: dict[str, Any]) -> None:
+    (tmp_path / "strike.json").write_text(json.dumps(body))
+    target = tmp_path / "report.pdf"
+    assert cli.main(["report", str(tmp_path / "strike.json"), "-o", str(target), "--url", live_url]) == 0
+    content = target.read_bytes()
+    sizes = re.findall(rb"/MediaBox\s*\[\s*0\s+0\s+([\d.]+)\s+([\d.]+)\s*\]", content)
+    assert 1 <= len(sizes) <= 2
+    assert {(round(float(width)), round(float(height))) for width, height in sizes} == {(595, 842)}
+    assert [each.name for each in tmp_path.iterdir() if each.is_dir()] == []
+
+
+def test_without_a_browser_the_command_says_what_to_do(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "strike.json").write_text(json.dumps(PAPER))
+    monkeypatch.setenv("PATH", str(tmp_path))
+    assert cli.main(["report", str(tmp_path / "strike.json"), "-o", str(tmp_path / "report.pdf")]) == 1
+    assert "open it in any browser and print it" in capsys.readouterr().err
+
+
+def test_other_kinds_of_files_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["report", "--output", str(tmp_path / "report.doc")]) == 2
+    assert "must end in .html or .pdf" in capsys.readouterr().err
