@@ -11,20 +11,23 @@ import orjson
 from fastapi import APIRouter, Depends, Header, HTTPException, Path, Query, Request, Response
 from fastapi.responses import StreamingResponse
 from fastapi.sse import EventSourceResponse, ServerSentEvent
+from pydantic import ValidationError
 
 from service.api.batch_response import closing, job_json, job_response, retry_after, to_job, until
-from service.api.body import JSON, JSONL, choose
-from service.api.contract import RETRY_LATER, Responses, problems
-from service.api.results import CSV, HDF5, as_array, as_csv, as_lines, hdf5_response
+from service.api.body import JSON, JSONL, choose, parse_json, read_body, require_type
+from service.api.contract import RETRY_LATER, Responses, one_body, problems
+from service.api.results import HDF5, as_array, as_lines, hdf5_response
 from service.api.services import services_of
+from service.api.tables import CSV, PARQUET, as_csv, as_parquet, has_parquet
 from service.auth.dependencies import ReadContext, RunContext
+from service.errors import InvalidBodyError, validation_errors
 from service.jobs.manager import JobManager
 from service.jobs.models import CaseResult, JobState
-from service.schemas import Job, JobResults, Jobs
+from service.schemas import Job, JobChange, JobResults, Jobs
 
 router = APIRouter(tags=["jobs"])
 
-FORMS = (JSON, JSONL, CSV, HDF5)
+FORMS = (JSON, JSONL, CSV, HDF5, PARQUET)
 PAGE = 200
 MOST_ROWS = 1_000
 """Largest page."""
@@ -79,6 +82,7 @@ RESULTS: Responses = {
             JSONL: {"schema": {"type": "string", "description": "A `JobItem` a line."}},
             CSV: {"schema": {"type": "string", "description": "A row a case: the summary, or the problem."}},
             HDF5: {},
+            PARQUET: {},
         },
     },
     **problems(404, 406, 422, 500, 507),
@@ -127,25 +131,31 @@ async def get_job_results(
 ) -> Response:
     """Give the results that are ready, in the order of the request, at any time.
 
-    JSON comes in pages; JSON lines, CSV (the summaries, a row a case) and HDF5 hold all that is ready from the cursor
-    on, unless a limit is given.
+    JSON comes in pages; JSON lines, CSV and Parquet (the summaries, a row a case) and HDF5 hold all that is ready from
+    the cursor on, unless a limit is given. Parquet takes a service with the extra `parquet`, and is refused without.
     """
-    form = choose(request.headers.get("accept", "*/*"), FORMS)
+    forms = FORMS if has_parquet() else FORMS[:-1]
+    form = choose(request.headers.get("accept", "*/*"), forms)
     if form is None:
-        raise HTTPException(HTTPStatus.NOT_ACCEPTABLE, f"results are given as {', '.join(FORMS)}")
+        more = "" if has_parquet() else "; Parquet needs pyarrow: install ricochet with its extra parquet"
+        raise HTTPException(HTTPStatus.NOT_ACCEPTABLE, f"results are given as {', '.join(forms)}{more}")
     start, path = read_cursor(cursor), f"/jobs/{job.id}/results"
     most = limit if form == JSON or "limit" in request.query_params else None
     blocks, sweep = jobs.results(job.id, start=start, limit=most), await jobs.sweep(job)
     if form == HDF5:
         return await hdf5_response(services_of(request).settings.data_dir, job, blocks, sweep)
+    headers = {"Vary": "Accept"}
     if form == CSV:
         content = as_csv(blocks, job.operation, sweep)
+    elif form == PARQUET:
+        content = as_parquet(blocks, job, sweep)
+        headers["Content-Disposition"] = f'attachment; filename="{job.id}.parquet"'
     elif form == JSONL:
         content = as_lines(blocks, path, sweep)
     else:
         page = Page(job, start, limit)
         content = as_array(page.read(blocks), path, sweep, page.end)
-    return StreamingResponse(closing(content, blocks), media_type=form, headers={"Vary": "Accept"})
+    return StreamingResponse(closing(content, blocks), media_type=form, headers=headers)
 
 
 class Page:
@@ -236,6 +246,27 @@ async def follow_job(
 async def cancel_job(job_id: JobId, jobs: CurrentManager, context: RunContext) -> Response:
     """End a job; what is ready of its results stays until it expires. A job that has ended stays as it is."""
     state = known(await jobs.cancel(job_id, context.principal.visible_owner))
+    context.job = state.id
+    return job_response(state)
+
+
+@router.patch(
+    "/jobs/{job_id}",
+    response_model=Job,
+    response_description="The job.",
+    responses=problems(400, 404, 413, 415, 422, 500, 507),
+    openapi_extra=one_body(JobChange),
+)
+async def change_job(request: Request, job_id: JobId, jobs: CurrentManager, context: RunContext) -> Response:
+    """Give a job another title."""
+    settings = services_of(request).settings
+    require_type(request, JSON)
+    content = parse_json(await read_body(request, settings.max_body_bytes), settings.max_body_depth)
+    try:
+        change = JobChange.model_validate(content)
+    except ValidationError as error:
+        raise InvalidBodyError(validation_errors(error.errors())) from error
+    state = known(await jobs.rename(job_id, change.title, context.principal.visible_owner))
     context.job = state.id
     return job_response(state)
 

@@ -51,16 +51,18 @@ class Metrics:
             for name, text in {
                 "queued_queries": "Single queries that wait for a worker",
                 "queued_cases": "Cases of batches and jobs that wait or are being computed",
-                "cases_per_second": "Cases of batches and jobs done in a second, lately",
                 "running_chunks": "Chunks of jobs being made, computed or kept",
                 "chunk_width": "Chunks that can be computed at the same time, here or on the cluster",
                 "workers": "Worker processes that are up",
-                "worker_restarts": "Worker processes that had to be replaced since the start",
                 "cache_bytes": "Size of the results on the disk",
                 "cache_segments": "Files of results",
                 "cache_cases": "Results on the disk",
             }.items()
         }
+        self._restarts = Counter(
+            "ricochet_worker_restarts", "Worker processes that had to be replaced since the start", registry=registry
+        )
+        self._restarts_counted = 0
         self._jobs = Gauge("ricochet_jobs", "Jobs that are kept", ("status",), registry=registry)
         build = {"engine_version": ENGINE_VERSION, "schema_version": SCHEMA_VERSION}
         Info("ricochet_build", "Versions of the service", registry=registry).info(build)
@@ -79,17 +81,17 @@ class Metrics:
         values = {
             "queued_queries": executor.queued,
             "queued_cases": manager.queued_cases,
-            "cases_per_second": manager.rate,
             "running_chunks": manager.running_chunks,
             "chunk_width": executor.capacity,
             "workers": len(executor.worker_pids),
-            "worker_restarts": executor.restarts,
             "cache_bytes": stored.bytes,
             "cache_segments": stored.segments,
             "cache_cases": stored.cases,
         }
         for name, value in values.items():
             self._gauges[name].set(value)
+        self._restarts.inc(executor.restarts - self._restarts_counted)
+        self._restarts_counted = executor.restarts
         tally = Tally(job.status for job in jobs)
         for status in get_args(Status):
             self._jobs.labels(status).set(tally[status])

@@ -1,4 +1,4 @@
-"""Traces of requests for OpenTelemetry, through FastAPI's own hook; only if they are enabled.
+"""Traces of requests for OpenTelemetry, through FastAPI's own hook, and of jobs; only if they are enabled.
 
 Where they go, and how many of them, say the variables of OpenTelemetry itself (`OTEL_EXPORTER_OTLP_ENDPOINT`,
 `OTEL_TRACES_SAMPLER` and so on).
@@ -12,6 +12,8 @@ from anyio.to_thread import run_sync
 from fastapi.telemetry import TelemetryConfig
 from opentelemetry import trace
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from service.jobs.traces import NO_TRACER
 
 UNTRACED = frozenset({"/livez", "/readyz", "/metrics"})
 """Polled every few seconds by monitors; not worth a trace."""
@@ -38,7 +40,7 @@ def tracer_provider() -> trace.TracerProvider:
         from opentelemetry.sdk.trace.export import BatchSpanProcessor  # noqa: PLC0415
     except ModuleNotFoundError as error:
         raise MissingExtraError(
-            f"RICOCHET_TELEMETRY needs {error.name}, which is not installed: pip install 'ricochet[telemetry]'"
+            f"RICOCHET_TELEMETRY needs {error.name}, which is not installed: install ricochet with its extra telemetry"
         ) from None
     named = Resource({"service.name": "ricochet", "service.version": version("ricochet")})
     provider = TracerProvider(resource=named.merge(OTELResourceDetector().detect()), shutdown_on_exit=False)
@@ -57,6 +59,11 @@ def config(provider: trace.TracerProvider | None) -> TelemetryConfig:
         "auto_configure": False,
         "exclude": lambda scope: scope.get("path") in UNTRACED,
     }
+
+
+def tracer(provider: trace.TracerProvider | None) -> trace.Tracer:
+    """Return what traces the work of jobs; nothing does where traces are not enabled."""
+    return NO_TRACER if provider is None else provider.get_tracer("ricochet")
 
 
 async def finish(provider: trace.TracerProvider, seconds: float) -> None:

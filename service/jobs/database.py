@@ -92,6 +92,18 @@ CREATE TABLE IF NOT EXISTS charges (
     began INTEGER NOT NULL
 )
 """,
+    """
+CREATE TABLE IF NOT EXISTS traces (
+    job INTEGER PRIMARY KEY REFERENCES jobs ON DELETE CASCADE,
+    traceparent TEXT NOT NULL
+)
+""",
+    """
+CREATE TABLE IF NOT EXISTS titles (
+    job INTEGER PRIMARY KEY REFERENCES jobs ON DELETE CASCADE,
+    title TEXT NOT NULL
+)
+""",
 )
 """Tables that files of this layout lack if an earlier version made them, and that such a version does not mind."""
 

@@ -4,10 +4,12 @@ import asyncio
 import logging
 from collections.abc import AsyncGenerator, AsyncIterator, Callable, Sequence
 from contextlib import aclosing, suppress
+from dataclasses import replace
 from typing import Any, TypeVar
 
 from anyio import CancelScope, CapacityLimiter
 from anyio.to_thread import run_sync
+from opentelemetry.trace import Tracer
 
 from service.errors import IdempotencyBusyError, IdempotencyConflictError, QueueFullError, StorageError
 from service.jobs.fairness import PrioritySemaphore
@@ -16,6 +18,7 @@ from service.jobs.results import InlineBatch, ResultReader
 from service.jobs.scheduler import GiveBack, Scheduler, problem_name
 from service.jobs.store import JobStore
 from service.jobs.studies import StudyService
+from service.jobs.traces import NO_TRACER, current_traceparent
 from service.operations import KeyedRequest
 from service.queries import Answered, Count, QueryService, Rate
 
@@ -47,6 +50,8 @@ class JobManager:
         Counts cases by how they ended; see `Count`.
     give_back
         Takes back what an ended job has not used of its quota; see `GiveBack`.
+    tracer
+        Traces the work of jobs.
     """
 
     def __init__(
@@ -57,6 +62,7 @@ class JobManager:
         max_queued_cases: int,
         count: Count = lambda *_: None,
         give_back: GiveBack = lambda *_: None,
+        tracer: Tracer = NO_TRACER,
     ) -> None:
         self._count = count
         self._jobs = jobs
@@ -68,7 +74,7 @@ class JobManager:
         self._inline = InlineBatch(queries, chunks, self._rate)
         self._studies = StudyService(queries)
         self._scheduler = Scheduler(
-            queries, jobs, chunks, begun, self._rate, self._count, self._studies, self._run_samples, give_back
+            queries, jobs, chunks, begun, self._rate, self._count, self._studies, self._run_samples, give_back, tracer
         )
         self._reader = ResultReader(queries, jobs, self._inline, self._studies)
         self._accepting: set[tuple[str, str]] = set()
@@ -254,6 +260,18 @@ class JobManager:
             return state
         return await self._scheduler.end(active, "dismissed")
 
+    async def rename(self, name: str, title: str, owner: str | None = OWNER) -> JobState | None:
+        """Give the job another title; return it."""
+        state = await self.job(name, owner)
+        if state is None:
+            return None
+        renamed = await self._thread(self._jobs.rename, state.number, title)
+        if active := self._scheduler.active.get(name):
+            active.state = replace(active.state, title=title)
+        if unwritten := self._scheduler.unwritten.get(name):
+            self._scheduler.unwritten[name] = replace(unwritten, title=title)
+        return self._present(name) or renamed
+
     async def delete(self, name: str, owner: str | None = OWNER) -> bool:
         """Cancel the job and remove it; return whether there was one."""
         state = await self.cancel(name, owner)
@@ -301,7 +319,8 @@ class JobManager:
     ) -> JobState:
         self._admit(count)
         await self._go_on()
-        job = await self._thread(self._jobs.create, operation, owner, sweep)
+        traceparent = current_traceparent()
+        job = await self._thread(lambda: self._jobs.create(operation, owner, sweep, traceparent=traceparent))
         received = 0
         try:
             waiting: list[Case] = []

@@ -156,12 +156,21 @@ class JobState:
     """Fields of the axes of a sweep."""
     progress: dict[str, Any] | None = None
     """How far a study is, once it has begun."""
+    title: str | None = None
+    """What varies, if it is a sweep, or as it was given."""
     charge: Charge | None = field(default=None, repr=False)
+    traceparent: str | None = field(default=None, repr=False)
+    """Span of the request that made it, if that was traced."""
 
     @property
     def final(self) -> bool:
         """Whether nothing changes any more."""
         return self.status in FINAL
+
+    @property
+    def engine_version(self) -> str:
+        """Version of the solver that its results are of."""
+        return self.versions.split()[0]
 
     @property
     def unused_cases(self) -> int:

@@ -7,13 +7,14 @@ marked, or found in the cache when the job goes on, or computed then.
 import asyncio
 import logging
 from collections import Counter, defaultdict, deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Coroutine, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from typing import Any, NamedTuple, TypeAlias, TypeVar
 
 from anyio.to_thread import run_sync
+from opentelemetry.trace import Tracer
 
 from service.errors import (
     ComputationCancelled,
@@ -27,6 +28,7 @@ from service.jobs.fairness import ChunkSizer, FairQueue, Permit, PrioritySemapho
 from service.jobs.models import BLOCK_SIZE, CaseState, JobState, Status
 from service.jobs.store import VERSIONS, JobStore
 from service.jobs.studies import Report, RunCases, StudyService
+from service.jobs.traces import span_of
 from service.operations import UNCERTAIN, KeyedRequest
 from service.queries import Answered, Count, QueryService, Rate
 
@@ -149,6 +151,8 @@ class Scheduler:
         Answer studies, and compute their samples.
     give_back
         Takes back what an ended job has not used of its quota.
+    tracer
+        Traces chunks and studies.
     """
 
     def __init__(
@@ -162,6 +166,7 @@ class Scheduler:
         studies: StudyService,
         run_cases: RunCases,
         give_back: GiveBack,
+        tracer: Tracer,
     ) -> None:
         self.active: dict[str, ActiveJob] = {}
         self.unwritten: dict[str, JobState] = {}
@@ -174,6 +179,7 @@ class Scheduler:
         self._studies = studies
         self._run_cases = run_cases
         self._give_back = give_back
+        self._tracer = tracer
         self._queue: FairQueue[ActiveJob] = FairQueue()
         self._begun = begun
         self._step: asyncio.Task[None] | None = None
@@ -259,12 +265,17 @@ class Scheduler:
         elif job.state.operation in UNCERTAIN:  # its samples have permits of their own
             permit.release()
             begun.release()
-            self._belongs(job, asyncio.create_task(self._run_study(job, cases[0])))
+            study = self._traced(job, "study", 1, self._run_study(job, cases[0]))
+            self._belongs(job, asyncio.create_task(study))
         else:
-            chunk = asyncio.create_task(self._run_chunk(job, cases, permit))
+            chunk = asyncio.create_task(self._traced(job, "chunk", len(cases), self._run_chunk(job, cases, permit)))
             chunk.add_done_callback(lambda _: permit.release())
             chunk.add_done_callback(lambda _: begun.release())
             self._belongs(job, chunk)
+
+    async def _traced(self, job: ActiveJob, name: str, cases: int, work: Coroutine[Any, Any, None]) -> None:
+        with span_of(self._tracer, name, job.state, cases):
+            await work
 
     def _settle_charge(self, state: JobState) -> None:
         if state.charge is not None:

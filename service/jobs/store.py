@@ -36,6 +36,7 @@ from service.jobs.models import (
     split_keys,
     split_requests,
 )
+from service.jobs.titles import title_of
 from service.operations import SCHEMA_VERSION, result_key
 from solver import ENGINE_VERSION
 
@@ -46,11 +47,12 @@ LARGEST = 2**63 - 1
 """Integer in SQLite."""
 TABLES = (
     "jobs LEFT JOIN sweeps ON sweeps.job = jobs.number LEFT JOIN studies ON studies.job = jobs.number "
-    "LEFT JOIN charges ON charges.job = jobs.number"
+    "LEFT JOIN titles ON titles.job = jobs.number LEFT JOIN charges ON charges.job = jobs.number "
+    "LEFT JOIN traces ON traces.job = jobs.number"
 )
 COLUMNS = (
     "id, operation, status, total, done, cached, failed, created, started, finished, expires, problem, revision, "
-    "number, owner, versions, fields, progress, charges.key, charges.cases, charges.began"
+    "number, owner, versions, fields, progress, title, traceparent, charges.key, charges.cases, charges.began"
 )
 
 
@@ -77,7 +79,7 @@ class JobStore:
                 removed += database.execute("DELETE FROM jobs WHERE status = 'accepting'").rowcount
         return removed
 
-    def create(self, operation: str, owner: str, sweep: Sweep | None = None) -> int:
+    def create(self, operation: str, owner: str, sweep: Sweep | None = None, *, traceparent: str | None = None) -> int:
         """Begin a job that nobody sees yet; return its number."""
         row = (secrets.token_hex(16), owner, operation, VERSIONS, "accepting", time.time())
         with self._database.writing() as database:
@@ -87,6 +89,9 @@ class JobStore:
                 content = zlib.compress(sweep.to_json(), FASTEST)
                 fields = orjson.dumps(sweep.fields).decode()
                 database.execute("INSERT INTO sweeps VALUES (?, ?, ?)", (number, fields, content))
+                database.execute("INSERT INTO titles VALUES (?, ?)", (number, title_of(sweep)))
+            if traceparent is not None:
+                database.execute("INSERT INTO traces VALUES (?, ?)", (number, traceparent))
             return number
 
     def sweep(self, job: int) -> Sweep | None:
@@ -159,6 +164,14 @@ class JobStore:
             )
             database.execute(statement, row)
         return replace(state, progress=progress)
+
+    def rename(self, job: int, title: str) -> JobState:
+        """Give the job another title."""
+        with self._database.writing() as database:
+            state = _changed(database, job, "revision = revision", ())  # first, as the job may be gone
+            statement = "INSERT INTO titles VALUES (?, ?) ON CONFLICT (job) DO UPDATE SET title = excluded.title"
+            database.execute(statement, (job, title))
+        return replace(state, title=title)
 
     def partial(self, job: int) -> dict[str, Any] | None:
         """Return the latest partial answer of a study, if there is one."""
@@ -321,6 +334,8 @@ def _state(row: tuple[Any, ...]) -> JobState:
         versions,
         fields,
         progress,
+        title,
+        traceparent,
         *charge,
     ) = row
     return JobState(
@@ -342,7 +357,9 @@ def _state(row: tuple[Any, ...]) -> JobState:
         versions=versions,
         axes=tuple(orjson.loads(fields)) if fields else (),
         progress=orjson.loads(progress) if progress else None,
+        title=title,
         charge=None if charge[0] is None else Charge(*charge),
+        traceparent=traceparent,
     )
 
 

@@ -29,7 +29,7 @@ from service.schemas.calibration import (
     obliquity_answer,
 )
 from service.schemas.formulas import FormulasAnswer, FormulasRequest, formulas_answer
-from service.schemas.jobs import Job, JobResults, Jobs, Result
+from service.schemas.jobs import Job, JobChange, JobResults, Jobs, Result
 from service.schemas.perforation import (
     LimitSpeedAnswer,
     LimitSpeedRequest,
@@ -38,6 +38,7 @@ from service.schemas.perforation import (
     limit_speed_answer,
     thickness_answer,
 )
+from service.schemas.reports import ReportRequest
 from service.schemas.requests import CriticalAngleBase, CriticalAngleRequest, TrajectoryRequest
 from service.schemas.sweeps import CriticalAngleSweep, LimitSpeedSweep, ThicknessSweep, TrajectorySweep
 from service.schemas.uncertainty import (
@@ -64,6 +65,7 @@ __all__ = [
     "FormulasAnswer",
     "FormulasRequest",
     "Job",
+    "JobChange",
     "JobResults",
     "Jobs",
     "LimitSpeedAnswer",
@@ -76,6 +78,7 @@ __all__ = [
     "MotionCalibrationRequest",
     "ObliquityCalibrationAnswer",
     "ObliquityCalibrationRequest",
+    "ReportRequest",
     "Result",
     "ThicknessAnswer",
     "ThicknessBatch",

@@ -3,7 +3,7 @@
 from enum import StrEnum
 from typing import Annotated, Any
 
-from pydantic import MISSING, AwareDatetime, Field
+from pydantic import MISSING, AwareDatetime, Field, StringConstraints
 from typing_extensions import TypeAliasType
 
 from service.schemas.answers import FOUND, VERSIONED, CriticalAngleAnswer, TrajectoryAnswer
@@ -30,11 +30,13 @@ LINKS = {
     "events": f"/jobs/{ID}/events",
     "cancel": f"/jobs/{ID}/cancel",
 }
+TITLE = "speed × strength, 80 mm, 13 kg"
 RUNNING = {
     "id": ID,
     "operation": "cra",
     "status": "running",
     "counts": COUNTS,
+    "title": TITLE,
     "created": "2026-01-01T12:00:00.000000Z",
     "started": "2026-01-01T12:00:01.000000Z",
     "links": LINKS,
@@ -113,6 +115,17 @@ class SweepRequest(Part):
     axes: list[Axis]
 
 
+Title = Annotated[str, StringConstraints(strict=True, strip_whitespace=True, min_length=1, max_length=200)]
+
+
+class JobChange(Part):
+    """What may be changed of a job."""
+
+    model_config = with_examples({"title": TITLE})
+
+    title: Annotated[Title, Field(description="In place of the one it has.")]
+
+
 class Job(Part):
     """Work that goes on after its request has been answered."""
 
@@ -122,6 +135,9 @@ class Job(Part):
     operation: JobOperation
     status: JobStatus
     counts: JobCounts
+    title: (
+        Annotated[str, Field(description="Of a sweep, what varies and which projectile; or as it was given.")] | MISSING
+    ) = MISSING
     created: Annotated[AwareDatetime, Field(description="When it was accepted.")]
     started: Annotated[AwareDatetime, Field(description="When it was begun.")] | MISSING = MISSING
     finished: Annotated[AwareDatetime, Field(description="When it ended.")] | MISSING = MISSING

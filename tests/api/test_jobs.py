@@ -224,3 +224,22 @@ def test_service_stops_in_time_though_somebody_listens(dedicated_service: Servic
             next(events.iter_lines())
             dedicated_service.process.terminate()  # type: ignore[attr-defined]
             assert dedicated_service.process.wait(5.0) == 0  # type: ignore[attr-defined]
+
+
+def test_title_of_a_sweep_is_changed_by_patch(client: httpx.Client) -> None:
+    axes = [{"field": "impact.velocity_m_s", "values": [238.0, 300.0]}]
+    job = client.post("/cra/sweep", json={"base": PAPER, "axes": axes}, headers=ASYNC).json()
+    path = f"/jobs/{job['id']}"
+    assert job["title"] == "speed, 80 mm, 13 kg"
+    assert client.patch(path, json={"title": " North wall "}).json()["title"] == "North wall"
+    assert client.get(path).json()["title"] == "North wall"
+    for body, pointer in (
+        ({"title": ""}, "/title"),
+        ({"title": "x" * 201}, "/title"),
+        ({}, "/title"),
+        ({"id": "1"}, "/id"),
+    ):
+        refused = client.patch(path, json=body)
+        assert refused.status_code == 422
+        assert pointer in {error["pointer"] for error in refused.json()["errors"]}
+    assert client.patch(f"/jobs/{'0' * 32}", json={"title": "North wall"}).status_code == 404

@@ -10,11 +10,14 @@ import httpx
 import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
+from service.api.metrics import Metrics
 from service.schemas.examples import PAPER
 from solver import ENGINE_VERSION
+from tests.conftest import ROOT
 
 from .many import ASYNC, finished, searches
 
+ENDINGS = {"counter": ("_total",), "histogram": ("_bucket", "_count", "_sum"), "info": ("_info",)}
 TOO_SHORT = PAPER | {"projectile": PAPER["projectile"] | {"length_m": 0.1}}
 
 
@@ -106,3 +109,25 @@ def test_log_has_a_line_of_json_for_each_request(tmp_path: Path, service_on: Cal
     ] * 2
     assert all(0.0 < line["seconds"] < 60.0 and line["timestamp"] for line in asked)
     assert "/results/{key}" in {line["path"] for line in requests}
+
+
+def test_names_of_metrics_follow_the_conventions_of_prometheus() -> None:
+    """Base units, counters alone in `_total`, and no rate that the scraper can compute."""
+    for family in Metrics().registry.collect():
+        name = family.name
+        assert re.fullmatch(r"ricochet(_[a-z]+)+", name)
+        assert not name.endswith(("_total", "_count", "_sum", "_bucket", "_info"))  # added to those they belong to
+        assert not re.search(r"_(ms|milliseconds|minutes|hours|kb|mb|percent|ratio_percent|per_second)$", name)
+        if "size" in family.documentation.lower():
+            assert name.endswith("_bytes")
+        if "time" in family.documentation.lower().split():
+            assert name.endswith("_seconds")
+        if family.documentation.endswith("since the start"):
+            assert family.type == "counter"
+    dashboard = (ROOT / "docs" / "grafana.json").read_text(encoding="utf-8")
+    declared = {
+        name
+        for family in Metrics().registry.collect()
+        for name in (family.name, *(family.name + ending for ending in ENDINGS.get(family.type, ())))
+    }
+    assert set(re.findall(r"ricochet_[a-z_]+", dashboard)) <= declared

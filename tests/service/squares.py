@@ -5,10 +5,13 @@ from collections.abc import AsyncIterator, Iterable, Sequence
 from contextlib import asynccontextmanager
 from pathlib import Path
 
+from opentelemetry.trace import Tracer
+
 from service.cache.cache import ResultCache
 from service.jobs.manager import JobManager
 from service.jobs.models import Case, CaseResult, JobState
 from service.jobs.store import JobStore
+from service.jobs.traces import NO_TRACER
 from service.operations import KeyedRequest
 from service.queries import QueryService
 from service.workers.base import Executor
@@ -16,11 +19,13 @@ from tests.service.questions import SQUARE, Question
 
 
 @asynccontextmanager
-async def running(folder: Path, executor: Executor, max_queued_cases: int = 100_000) -> AsyncIterator[JobManager]:
+async def running(
+    folder: Path, executor: Executor, max_queued_cases: int = 100_000, tracer: Tracer = NO_TRACER
+) -> AsyncIterator[JobManager]:
     with ResultCache(folder / "data", memory_bytes=50_000_000, disk_bytes=10**9) as cache:
         queries = QueryService(cache, executor, {"square": SQUARE})
         jobs = JobStore(folder / "data", job_days=7.0)
-        manager = JobManager(queries, jobs, max_queued_cases=max_queued_cases)
+        manager = JobManager(queries, jobs, max_queued_cases=max_queued_cases, tracer=tracer)
         await manager.start()
         try:
             yield manager

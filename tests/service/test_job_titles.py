@@ -1,0 +1,20 @@
+"""Titles of sweeps."""
+
+import pytest
+
+from service.jobs.models import Sweep
+from service.jobs.titles import title_of
+from service.schemas.examples import PAPER
+
+
+@pytest.mark.parametrize(
+    ("fields", "title"),
+    [
+        (("impact.velocity_m_s", "target.compressive_strength_pa"), "speed × strength, 80 mm, 13 kg"),
+        (("projectile.mass_kg",), "mass, 80 mm"),
+        (("projectile.diameter_m", "projectile.nose.caliber_radius_head"), "diameter × caliber radius head, 13 kg"),
+    ],
+)
+def test_title_is_what_varies_and_the_projectile_that_does_not(fields: tuple[str, ...], title: str) -> None:
+    sweep = Sweep({"base": PAPER, "axes": []}, fields, ((1.0,),) * len(fields))
+    assert title_of(sweep) == title
