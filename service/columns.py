@@ -1,4 +1,4 @@
-"""Columns of the tables of results, in CSV and HDF5: names as in the contract, units, descriptions.
+"""Columns of the tables of results, in CSV, Parquet and HDF5: names as in the contract, units, descriptions.
 
 Nothing is imported that takes time: the command line reads these too.
 """
@@ -223,13 +223,16 @@ def summarize(answer: Mapping[str, Any]) -> dict[str, Any]:
     return row
 
 
-def csv_header(operation: str, axes: tuple[str, ...] = ()) -> list[str]:
-    """Return the names of the columns of the cases of a batch, those of the axes of a sweep behind the index."""
-    return ["index", *axes, "custom_id", "key", *(column.name for column in SUMMARY[operation]), "warnings", "problem"]
+def batch_columns(operation: str, axes: tuple[str, ...] = ()) -> tuple[Column, ...]:
+    """Return the columns of the cases of a batch, as CSV and Parquet have them; those of a sweep behind the index."""
+    index, custom_id, problem = NUMBERING
+    key, *_ = IDENTITY
+    swept = tuple(Column(name, "value of the axis of the sweep") for name in axes)
+    return (index, *swept, custom_id, key, *SUMMARY[operation], WARNINGS, problem)
 
 
-def csv_row(operation: str, item: Mapping[str, Any], point: tuple[float, ...] = ()) -> list[Any]:
-    """Return the row of one case.
+def batch_row(operation: str, item: Mapping[str, Any], point: tuple[float, ...] = ()) -> list[Any]:
+    """Return the row of one case, by `batch_columns`; what it does not have is None.
 
     Parameters
     ----------
@@ -240,7 +243,6 @@ def csv_row(operation: str, item: Mapping[str, Any], point: tuple[float, ...] = 
     """
     answer = item.get("result")
     row = summarize(answer) if answer else {}
-    middle = [row.get(column.name, "") for column in SUMMARY[operation]]
-    problem = "" if answer else (item.get("problem") or {}).get("type", "")
-    key = row.get("key", "")
-    return [item["index"], *point, item.get("custom_id") or "", key, *middle, row.get("warnings", ""), problem]
+    middle = [row.get(column.name) for column in SUMMARY[operation]]
+    problem = None if answer else (item.get("problem") or {}).get("type")
+    return [item["index"], *point, item.get("custom_id"), row.get("key"), *middle, row.get("warnings"), problem]

@@ -14,8 +14,9 @@ from fastapi.responses import StreamingResponse
 
 from service.api.batch_body import BatchBody
 from service.api.body import JSON, JSONL, Preference, choose, read_preference
-from service.api.results import CSV, as_array, as_csv, as_lines, csv_head, csv_rows, to_item, to_lines
+from service.api.results import as_array, as_lines, to_item, to_lines
 from service.api.services import services_of
+from service.api.tables import CSV, as_csv, csv_head, csv_rows
 from service.auth.dependencies import context_in
 from service.jobs.manager import JobManager
 from service.jobs.models import Case, CaseResult, Charge, Idempotency, JobState, Sweep
@@ -281,7 +282,7 @@ def to_job(state: JobState, sweep: Sweep | None = None, partial: dict[str, Any] 
         "operation": state.operation,
         "status": state.status,
         "counts": {name: getattr(state, name) for name in ("total", "done", "cached", "failed")},
-        **{name: value for name, value in {**times, "problem": problem}.items() if value is not None},
+        **{k: v for k, v in {"title": state.title, **times, "problem": problem}.items() if v is not None},
         **({"axes": state.axes} if state.axes else {}),
         **({"request": sweep.request} if sweep else {}),
         **({"progress": state.progress} if state.progress else {}),

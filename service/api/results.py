@@ -26,12 +26,10 @@ from service.auth.dependencies import READ
 from service.cache.hdf5 import BatchFile, to_hdf5
 from service.cache.record import Record
 from service.cache.tables import residuals_of
-from service.columns import csv_header, csv_row
 from service.errors import StorageError
 from service.jobs.models import CaseResult, JobState, Sweep
 from service.schemas import Result
 
-CSV = "text/csv"
 HDF5 = "application/x-hdf5"
 DOWNLOADS = "downloads"
 """Folder of files being written to be sent, in the data folder. Emptied at the start of the service."""
@@ -91,38 +89,6 @@ def in_pieces(items: Iterable[bytes]) -> Iterator[bytes]:
             piece, size = [], 0
     if piece:
         yield b"".join(piece)
-
-
-def csv_head(operation: str, sweep: Sweep | None) -> bytes:
-    """Return what stands before the rows: the base of a sweep as a comment, the names of the columns."""
-    if sweep is None:
-        return _rows([csv_header(operation)])
-    return b"# base: %b\r\n" % orjson.dumps(sweep.request["base"]) + _rows([csv_header(operation, sweep.fields)])
-
-
-def csv_rows(results: Iterable[CaseResult], operation: str, sweep: Sweep | None) -> bytes:
-    """Return the rows of these results."""
-    return _rows(_row(result, operation, sweep) for result in results)
-
-
-async def as_csv(blocks: AsyncIterator[list[CaseResult]], operation: str, sweep: Sweep | None) -> AsyncIterator[bytes]:
-    """Yield the table of the summaries."""
-    yield csv_head(operation, sweep)
-    async for results in blocks:
-        yield await run_sync(csv_rows, results, operation, sweep)
-
-
-def _row(result: CaseResult, operation: str, sweep: Sweep | None) -> list[Any]:
-    item: dict[str, Any] = {"index": result.number, "custom_id": result.custom_id, "problem": result.problem}
-    if result.record is not None:
-        item["result"] = {**result.record.answer, "key": result.record.key}
-    return csv_row(operation, item, sweep.point(result.number) if sweep else ())
-
-
-def _rows(rows: Iterable[list[Any]]) -> bytes:
-    text = io.StringIO()
-    csv.writer(text).writerows(rows)
-    return text.getvalue().encode()
 
 
 async def hdf5_response(
