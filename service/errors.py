@@ -192,6 +192,23 @@ class JobGoneError(StorageError):
     """The job has been deleted meanwhile."""
 
 
+class ReportsMissingError(ServiceError):
+    """What draws reports is not installed.
+
+    Parameters
+    ----------
+    package
+        The package that is missing.
+    """
+
+    status = HTTPStatus.NOT_IMPLEMENTED
+    type = "urn:ricochet:problem:reports-missing"
+    title = "Reports are not installed"
+
+    def __init__(self, package: str) -> None:
+        super().__init__(f"{package} is not installed; reports need it: install ricochet with its extra reports")
+
+
 class FolderInUseError(Exception):
     """The data folder belongs to another running service."""
 

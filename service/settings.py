@@ -3,10 +3,11 @@
 import math
 import os
 from importlib.util import find_spec
+from ipaddress import ip_network
 from pathlib import Path
 from typing import Annotated, Literal, Self, TypeAlias
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import BeforeValidator, Field, field_validator, model_validator
 from pydantic_settings import BaseSettings, NoDecode, SettingsConfigDict
 
 LOOPBACK = frozenset({"127.0.0.1", "::1", "localhost"})
@@ -34,6 +35,11 @@ def available_cores(control_group: Path = CONTROL_GROUP) -> int:
         except (OSError, ValueError):
             continue
     return cores
+
+
+def built_manual() -> Path:
+    """`build/manual` beside the packages."""
+    return Path(__file__).parents[1] / "build" / "manual"
 
 
 class Limits(BaseSettings):
@@ -166,6 +172,14 @@ class Settings(Limits):
             "them; none but the service's own if none is set."
         ),
     ] = ()
+    trusted_proxies: Annotated[
+        Names,
+        Field(
+            description="Addresses or networks of proxies, with commas between them, such as `127.0.0.1,10.0.0.0/8`: "
+            "the client and scheme that their `X-Forwarded-For` and `X-Forwarded-Proto` name are believed, and nobody "
+            "else's: any client could name another."
+        ),
+    ] = ()
     metrics_open: Annotated[
         bool, Field(description="Whether `/metrics` is open without a key: it holds counts, no case.")
     ] = False
@@ -181,6 +195,14 @@ class Settings(Limits):
     tls_key: Annotated[Path | None, Field(description="Private key of the certificate (PEM).")] = None
     port: Annotated[int, Field(ge=0, le=65535, description="Port to listen on; 0 takes a free one.")] = 8000
     data_dir: Annotated[Path, Field(description="Folder of results and jobs; made if it is not there.")] = Path("data")
+    manual_dir: Annotated[
+        Path,
+        Field(
+            default_factory=built_manual,
+            description="Folder of the built manual, served at `/manual`: `make docs` in a copy of the repository "
+            "makes it. A wheel does not carry it; without it `/manual` says so.",
+        ),
+    ]
     workers: Annotated[
         int, Field(default_factory=available_cores, ge=1, le=1024, description="Worker processes; the cores.")
     ]
@@ -311,6 +333,17 @@ class Settings(Limits):
         """Whether only this machine reaches the service."""
         return self.host in LOOPBACK
 
+    @field_validator("trusted_proxies")
+    @classmethod
+    def check_proxies(cls, proxies: tuple[str, ...]) -> tuple[str, ...]:
+        """See that each is an address or a network."""
+        for proxy in proxies:
+            try:
+                ip_network(proxy)
+            except ValueError as error:
+                raise ValueError(f"{proxy!r} is no address or network: {error}") from None
+        return proxies
+
     @model_validator(mode="after")
     def check_tls(self) -> Self:
         """See that both files of TLS are named, or none."""
@@ -323,5 +356,5 @@ class Settings(Limits):
         if self.executor == "dask" and not self.dask_scheduler:
             raise ValueError("RICOCHET_EXECUTOR=dask needs RICOCHET_DASK_SCHEDULER, such as tcp://scheduler:8786")
         if self.executor == "dask" and find_spec("distributed") is None:
-            raise ValueError('RICOCHET_EXECUTOR=dask needs the package distributed: install "ricochet[dask]"')
+            raise ValueError("RICOCHET_EXECUTOR=dask needs distributed: install ricochet with its extra dask")
         return self

@@ -14,7 +14,21 @@ from starlette.middleware.cors import CORSMiddleware
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from service import heap
-from service.api import batches, health, jobs, metrics, page, queries, results, telemetry, umbridge, uncertainty
+from service.api import (
+    batches,
+    health,
+    jobs,
+    manual,
+    mcp,
+    metrics,
+    page,
+    queries,
+    reports,
+    results,
+    telemetry,
+    umbridge,
+    uncertainty,
+)
 from service.api.body import KnownBodies
 from service.api.connection import BodyTimeoutMiddleware
 from service.api.contract import problems
@@ -38,9 +52,11 @@ from service.schemas import (
     CriticalAngleUncertaintyRequest,
     DepthCalibrationRequest,
     FormulasRequest,
+    JobChange,
     LimitSpeedRequest,
     MotionCalibrationRequest,
     ObliquityCalibrationRequest,
+    ReportRequest,
     ThicknessRequest,
     TrajectoryRequest,
     TrajectoryUncertaintyRequest,
@@ -60,7 +76,7 @@ TRACES_SECONDS = 0.5
 """For the last traces to be sent, when all else has ended."""
 STOP_SECONDS = POOL_SECONDS + 1
 """Part of the grace time for jobs and workers to end after the last request has been answered or given up."""
-RESOURCES = (queries, batches, uncertainty, umbridge, results, jobs, health, metrics, page)
+RESOURCES = (queries, batches, uncertainty, reports, umbridge, results, jobs, health, metrics, page, manual)
 """Routers in the order in which they are searched."""
 BODIES: tuple[type[Part], ...] = (
     TrajectoryRequest,
@@ -74,10 +90,12 @@ BODIES: tuple[type[Part], ...] = (
     LimitSpeedRequest,
     CriticalAngleUncertaintyRequest,
     TrajectoryUncertaintyRequest,
+    ReportRequest,
+    JobChange,
 )
 """Models of the bodies that routes read piece by piece, which FastAPI does not get to see."""
 CORS: dict[str, Any] = {
-    "allow_methods": ["GET", "HEAD", "POST", "DELETE"],
+    "allow_methods": ["GET", "HEAD", "POST", "PATCH", "DELETE"],
     "allow_headers": ["Authorization", "Content-Type", "Idempotency-Key", "If-None-Match", "Last-Event-ID", "Prefer"],
     "expose_headers": ["Cache-Status", "Content-Location", "ETag", "Location", "Preference-Applied", "Retry-After"],
 }
@@ -216,9 +234,12 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     install_problem_handlers(app)
     for resource in RESOURCES:
         app.include_router(resource.router)
+    if mcp.is_installed():
+        app.include_router(mcp.router)
     app.router.default = authorize_unrouted
     app.mount("/docs/assets", page.DOCS_ASSETS)
     app.mount("/page", page.ASSETS)
+    app.mount("/manual", manual.Manual(settings.manual_dir))
     return app
 
 
@@ -257,7 +278,10 @@ async def lifespan(app: FastAPI) -> AsyncIterator[None]:
             max_queued_cases=settings.max_queued_cases,
             count=services.metrics.count,
             give_back=services.quotas.give_back,
+            tracer=telemetry.tracer(services.traces),
         )
         await services.jobs.start()
         stack.push_async_callback(services.jobs.stop)
+        app.state.mcp = mcp.McpServer(settings.max_body_bytes)
+        stack.push_async_callback(app.state.mcp.stop)
         yield

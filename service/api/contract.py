@@ -54,6 +54,7 @@ PROBLEMS: Responses = {
     408: {"description": "The body comes too slowly."},
     429: {"description": "Too many cases wait, or were requested with this key.", "headers": RETRY_AFTER},
     500: {"description": "The service failed."},
+    501: {"description": "What draws reports is not installed."},
     503: {"description": "The service is not ready, or has no worker for the query.", "headers": RETRY_AFTER},
     507: {"description": "Nothing can be stored now."},
 }

@@ -1,5 +1,7 @@
 """The page at `/` and Swagger UI at `/docs`: static files, all of them served from here."""
 
+from base64 import b64encode
+from hashlib import sha256
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -17,8 +19,17 @@ NO_STYLE = "'sha256-47DEQpj8HBSa+/TImW+5JCeuQeRkm5NMpJWZG3hSuFU='"
 """Hash of the empty style sheet: Plotly adds one, and rules to it as the policy lets a script do."""
 MAP_STYLE = "'sha256-ji27qzEtxXZW+7dun6UwjHXJ18e6WAin1VvNtkzIE/o='"
 """Hash of the sheet for geographic maps that Plotly's bundle adds as it is loaded."""
+REPORT_SHEET = (Path(__file__).parents[1] / "reports" / "assessment.css").read_bytes()
+REPORT_STYLE = f"'sha256-{b64encode(sha256(REPORT_SHEET).digest()).decode()}'"
+"""Hash of the style sheet within a report: the page opens it in a new tab, which has the policy of the page."""
+REPORT_POLICY = (
+    f"default-src 'none'; style-src {REPORT_STYLE}; img-src data:; base-uri 'none'; form-action 'none'; "
+    "frame-ancestors 'none'"
+)
+"""Policy of a report that is answered: it runs and loads nothing."""
 POLICY = (
-    f"default-src 'none'; script-src 'self'; style-src 'self' {NO_STYLE} {MAP_STYLE}; img-src 'self' data: blob:; "
+    f"default-src 'none'; script-src 'self'; style-src 'self' {NO_STYLE} {MAP_STYLE} {REPORT_STYLE}; "
+    "img-src 'self' data: blob:; "
     "connect-src 'self'; font-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 )
 """A browser runs and loads nothing from elsewhere, whatever the page holds."""

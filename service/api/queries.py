@@ -4,11 +4,11 @@ import asyncio
 import time
 from contextlib import nullcontext
 from http import HTTPStatus
-from typing import Any
+from typing import Any, TypeVar
 
 from anyio.to_thread import run_sync
 from fastapi import APIRouter, Request, Response
-from pydantic import ValidationError
+from pydantic import BaseModel, ValidationError
 
 from service.api.body import JSON, KnownBody, next_turn, parse_json, read_body, require_type
 from service.api.contract import COMPUTED, one_body
@@ -42,6 +42,8 @@ from service.schemas.problems import json_pointer
 
 MAX_FIELDS = 20
 """Fields of an object of a calibration, which has half as many: listing a million errors would take a second."""
+
+Model = TypeVar("Model", bound=BaseModel)
 
 router = APIRouter(dependencies=[RUN])
 
@@ -251,12 +253,23 @@ def validated(content: Any, operation: str, services: Services) -> Any:
     InvalidBodyError, ParameterError
         If it is none, or takes more work than one run may.
     """
-    try:
-        case = OPERATIONS[operation].request.model_validate(content)
-    except ValidationError as error:
-        raise InvalidBodyError(validation_errors(error.errors())) from error
+    case = validated_as(OPERATIONS[operation].request, content)
     check_work(case, services.settings.max_panel_steps)
     return case
+
+
+def validated_as(model: type[Model], content: Any) -> Model:
+    """Return the content of a body as this model.
+
+    Raises
+    ------
+    InvalidBodyError
+        If it is none.
+    """
+    try:
+        return model.model_validate(content)
+    except ValidationError as error:
+        raise InvalidBodyError(validation_errors(error.errors())) from error
 
 
 def refuse_crowds(content: Any, steps: tuple[str | int, ...] = ()) -> None:

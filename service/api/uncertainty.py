@@ -6,7 +6,7 @@ import time
 from collections.abc import AsyncIterator, Coroutine
 from contextlib import nullcontext
 from http import HTTPStatus
-from typing import Any
+from typing import Any, TypeVar
 
 from anyio.to_thread import run_sync
 from fastapi import APIRouter, HTTPException, Request, Response
@@ -21,13 +21,15 @@ from service.errors import InvalidBodyError, PoolUnavailableError
 from service.jobs.models import Case
 from service.logs import BEGUN
 from service.operations import UNCERTAIN, KeyedRequest
-from service.queries import Answered, check_work
+from service.queries import check_work
 from service.schemas import (
     CriticalAngleUncertaintyAnswer,
     CriticalAngleUncertaintyRequest,
     TrajectoryUncertaintyAnswer,
     TrajectoryUncertaintyRequest,
 )
+
+Result = TypeVar("Result")
 
 router = APIRouter(dependencies=[RUN])
 
@@ -94,16 +96,16 @@ async def estimate(request: Request, operation: str, preference: Preference, ide
         return await answer_with_job(services, context, job, case, query, digest, begun)
     with services.owner_queries.held(context.principal.owner) if context.principal.key else nullcontext():
         answer = services.jobs.answer_study(operation, query, case, take=context.take, limiter=services.reading)
-        record, status = await unless_left(request, answer)
+        computed, status = await unless_left(request, answer)
     if status == "hit":  # computed for another request
         context.take(known.cases)
-    services.metrics.count(operation, record.outcome, status, 1)
+    services.metrics.count(operation, computed.outcome, status, 1)
     now = time.perf_counter()
     timing = f"validate;dur={1e3 * (read - begun):.2f}, compute;dur={1e3 * (now - read):.2f}"
-    return reply(record.json, status, f"{timing}, total;dur={1e3 * (now - begun):.2f}")
+    return reply(computed.json, status, f"{timing}, total;dur={1e3 * (now - begun):.2f}")
 
 
-async def unless_left(request: Request, work: Coroutine[Any, Any, Answered]) -> Answered:
+async def unless_left(request: Request, work: Coroutine[Any, Any, Result]) -> Result:
     """Return the result of work; cancel it once the client has left or the service is stopping.
 
     Raises

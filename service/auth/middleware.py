@@ -4,7 +4,7 @@ Keys and scopes are checked by the routes, in `service.auth.dependencies`.
 """
 
 from collections.abc import Mapping
-from functools import cache
+from functools import lru_cache
 from http import HTTPStatus
 from ipaddress import ip_address
 from typing import Any
@@ -68,7 +68,7 @@ class AuthMiddleware:
     keys, quotas
         Of the data folder.
     audit
-        Records every POST and DELETE when keys are required or an audit file is set.
+        Records every POST, PATCH and DELETE when keys are required or an audit file is set.
     """
 
     def __init__(
@@ -91,7 +91,8 @@ class AuthMiddleware:
             if scope["type"] == "lifespan":
                 await self._app(scope, receive, send)
             return
-        status, tls, key_required = 0, self._tls, self._requires_key(scope)
+        status, key_required = 0, self._requires_key(scope)
+        tls = self._tls or scope.get("scheme") == "https"  # at a trusted proxy
         public = self._metrics_open and scope["path"] == "/metrics"
         context = RequestContext(self._keys, self._quotas, key_required=key_required and not public)
         scope[CONTEXT] = context
@@ -115,11 +116,14 @@ class AuthMiddleware:
                 self._audit.record(scope, context, status or 500)
 
     def _requires_key(self, scope: Scope) -> bool:
-        """Return whether a key is required: from other machines always, unless the service is set to be open."""
+        """Return whether a key is required: from other machines always, unless the service is set to be open.
+
+        A client of a trusted proxy is on another machine, although the proxy is on this one.
+        """
         if self._access != "auto":
             return self._access == "keys"
         self._keys.reload()
-        return self._keys.required or is_loopback(address_of(scope)) is False
+        return self._keys.required or is_loopback(address_of(scope)) is False or is_loopback(client_of(scope)) is False
 
     def _check(self, scope: Scope, key_required: bool) -> None:
         """Refuse what no key permits.
@@ -149,7 +153,13 @@ def address_of(scope: Scope) -> str | None:
     return server[0] if server else None
 
 
-@cache
+def client_of(scope: Scope) -> str | None:
+    """Return the address of the client; behind a trusted proxy the one that the proxy names."""
+    client = scope.get("client")
+    return client[0] if client else None
+
+
+@lru_cache(maxsize=1024)
 def is_loopback(address: str | None) -> bool | None:
     """Return whether a connection to this address comes from this machine; None if it is no network address."""
     try:

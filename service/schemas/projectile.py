@@ -6,7 +6,7 @@ from pydantic import MISSING, Field
 from typing_extensions import TypeAliasType
 
 import solver
-from service.schemas.quantities import Num, Part, with_examples
+from service.schemas.quantities import Num, Part, with_examples, within
 from solver.cases import PAPER_PROJECTILE
 
 OGIVE = {"shape": "ogive", "caliber_radius_head": 3.0}
@@ -26,8 +26,7 @@ PROJECTILE = {
 CaliberRadiusHead = Annotated[
     Num,
     Field(
-        ge=0.5,
-        le=100.0,
+        **within("projectile.nose.caliber_radius_head"),
         description="Radius of the nose arc over the shank diameter; 0.5 is a hemisphere. [1] "
         "100 is a nose ten times as long as the shank is wide.",
     ),
@@ -56,7 +55,11 @@ class ConicalNose(Part):
 
     shape: Literal["conical"]
     length_to_diameter: Annotated[
-        Num, Field(gt=0.0, le=20.0, description="Height of the cone over the shank diameter. [1]")
+        Num,
+        Field(
+            **within("projectile.nose.length_to_diameter"),
+            description="Height of the cone over the shank diameter. [1]",
+        ),
     ]
 
     def to_solver(self) -> solver.Conical:
@@ -126,18 +129,22 @@ class Projectile(Part):
 
     nose: Nose
     diameter_m: Annotated[
-        Num, Field(ge=1e-3, le=5.0, description="Of the shank. [m] A pellet to far above any gun or bomb.")
+        Num,
+        Field(**within("projectile.diameter"), description="Of the shank. [m] A pellet to far above any gun or bomb."),
     ]
     length_m: Annotated[
-        Num, Field(ge=1e-3, le=20.0, description="From the nose tip to the base, at least the length of the nose. [m]")
+        Num,
+        Field(
+            **within("projectile.length"),
+            description="From the nose tip to the base, at least the length of the nose. [m]",
+        ),
     ]
-    mass_kg: Annotated[Num, Field(ge=1e-6, le=1e7, description="[kg] Up to 5 m by 20 m of uranium.")]
+    mass_kg: Annotated[Num, Field(**within("projectile.mass"), description="[kg] Up to 5 m by 20 m of uranium.")]
     center_of_gravity_m: (
         Annotated[
             Num,
             Field(
-                ge=1e-6,
-                lt=20.0,
+                **within("projectile.center_of_gravity"),
                 description="Distance behind the nose tip, less than the length; that of the homogeneous solid of the "
                 "outer shape when not given. [m]",
             ),
@@ -148,8 +155,7 @@ class Projectile(Part):
         Annotated[
             Num,
             Field(
-                ge=1e-15,
-                le=1e9,
+                **within("projectile.moment_of_inertia"),
                 description="About a transverse axis through the centre of gravity; that of the homogeneous solid of "
                 "the outer shape when not given. [kg m²]",
             ),

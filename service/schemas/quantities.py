@@ -5,6 +5,8 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, FiniteFloat, Strict
 
+from solver.bounds import BOUNDS
+
 Num = Annotated[FiniteFloat, Strict()]
 """A JSON number, 13 as good as 13.0. No text, no truth value, nothing infinite."""
 
@@ -30,6 +32,12 @@ class Part(BaseModel):
 def with_examples(*examples: Any) -> ConfigDict:
     """Model configuration that shows these in the schema."""
     return ConfigDict(json_schema_extra={"examples": list(examples)})
+
+
+def within(field: str) -> dict[str, Any]:
+    """Return the bounds of a field of the solver, as arguments of `Field`."""
+    bound = BOUNDS[field]
+    return {"gt" if bound.above else "ge": bound.lower, "lt" if bound.below else "le": bound.upper}
 
 
 def degrees(angle: float) -> float:

@@ -6,7 +6,7 @@ from typing import Annotated
 from pydantic import MISSING, Field
 
 import solver
-from service.schemas.quantities import Num, Part, with_examples
+from service.schemas.quantities import Num, Part, with_examples, within
 from solver.cases import PAPER_TARGET, PAPER_VELOCITY
 
 TARGET = {"compressive_strength_pa": PAPER_TARGET.compressive_strength, "density_kg_m3": PAPER_TARGET.density}
@@ -21,34 +21,33 @@ class Target(Part):
     compressive_strength_pa: Annotated[
         Num,
         Field(
-            ge=1e5,
-            le=1e9,
+            **within("target.compressive_strength"),
             description="Unconfined compressive strength. [Pa] From the weakest foam to above any concrete; the tests "
             "behind the model used 13 to 97 MPa.",
         ),
     ]
-    density_kg_m3: Annotated[Num, Field(ge=100.0, le=2e4, description="[kg/m³] From foam to above any heavy concrete.")]
+    density_kg_m3: Annotated[
+        Num, Field(**within("target.density"), description="[kg/m³] From foam to above any heavy concrete.")
+    ]
     youngs_modulus_pa: (
         Annotated[
             Num,
             Field(
-                ge=1e6,
-                le=1e12,
+                **within("target.youngs_modulus"),
                 description="Taken from the strength by ACI 318-19, 4700 MPa times the square root of the strength in "
                 "MPa, when not given. [Pa]",
             ),
         ]
         | MISSING
     ) = MISSING
-    poissons_ratio: Annotated[Num, Field(ge=0.0, le=0.5, description="0.5 is an incompressible solid. [1]")] = (
-        PAPER_TARGET.poissons_ratio
-    )
+    poissons_ratio: Annotated[
+        Num, Field(**within("target.poissons_ratio"), description="0.5 is an incompressible solid. [1]")
+    ] = PAPER_TARGET.poissons_ratio
     thickness_m: (
         Annotated[
             Num,
             Field(
-                gt=0.0,
-                le=1e3,
+                **within("target.thickness"),
                 description="Of a wall, at least a tenth of the diameter of the projectile; a half-space when not "
                 "given. [m]",
             ),
@@ -79,8 +78,7 @@ AngleOfAttack = Annotated[
 AngularVelocity = Annotated[
     Num,
     Field(
-        ge=-1e5,
-        le=1e5,
+        **within("impact.angular_velocity"),
         description="Rate of the axis angle, positive with the nose turning toward the face. [rad/s] Faster than "
         "any tumbling body holds together.",
     ),
@@ -102,7 +100,10 @@ class Strike(Part):
 
     velocity_m_s: Annotated[
         Num,
-        Field(ge=0.1, le=1e4, description="Of the centre of gravity. [m/s] Bodies stay rigid up to some 800 m/s."),
+        Field(
+            **within("impact.velocity"),
+            description="Of the centre of gravity. [m/s] Bodies stay rigid up to some 800 m/s.",
+        ),
     ]
     angle_of_attack_deg: AngleOfAttack = 0.0
     angular_velocity_rad_s: AngularVelocity = 0.0

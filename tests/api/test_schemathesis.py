@@ -10,7 +10,7 @@ import pytest
 
 from service.schemas.examples import PAPER
 
-LONG = "^/calibration/|/uncertainty$|^/thickness|^/limit-speed"
+LONG = "^/calibration/|/uncertainty$|^/thickness|^/limit-speed|^/report$"
 """Fits, studies and walls are apart: each takes as long as twenty to a thousand other queries."""
 
 

@@ -1,0 +1,68 @@
+"""Addresses of clients behind a proxy: believed from the proxies of the settings, and from nobody else."""
+
+import json
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import httpx
+import pytest
+from pydantic import ValidationError
+
+from service.schemas.examples import PAPER
+from service.settings import Settings
+from tests.conftest import Service
+
+PROXY, OTHER, CLIENT = "127.0.0.2", "127.0.0.1", "203.0.113.9"
+
+
+class Behind(NamedTuple):
+    """A service that believes one proxy of this machine, and its audit log."""
+
+    url: str
+    audit_log: Path
+
+    def post(self, address: str, **headers: str) -> tuple[httpx.Response, dict[str, Any]]:
+        """Send a query from this address; return the answer and its entry in the audit log."""
+        transport = httpx.HTTPTransport(local_address=address)
+        named = {name.replace("_", "-"): value for name, value in headers.items()}
+        with httpx.Client(base_url=self.url, transport=transport, timeout=180.0) as client:
+            answer = client.post("/cra", json=PAPER, headers=named)
+        return answer, json.loads(self.audit_log.read_text().splitlines()[-1])
+
+
+@pytest.fixture(scope="module")
+def behind(
+    service_on: Callable[..., AbstractContextManager[Service]], tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[Behind]:
+    folder = tmp_path_factory.mktemp("behind")
+    audit_log = folder / "audit.jsonl"
+    with service_on(folder, executor="in-process", trusted_proxies=PROXY, audit_log=str(audit_log)) as service:
+        yield Behind(service.url, audit_log)
+
+
+def test_client_of_a_trusted_proxy_is_the_one_it_names_last(behind: Behind) -> None:
+    """And needs a key: it is not on this machine, though the proxy is."""
+    answer, entry = behind.post(PROXY, X_Forwarded_For=f"{OTHER}, {CLIENT}")
+    assert (answer.status_code, entry["client"]) == (401, CLIENT)
+    answer, entry = behind.post(PROXY, X_Forwarded_For=OTHER)
+    assert (answer.status_code, entry["client"]) == (200, OTHER)
+
+
+def test_what_others_forward_counts_for_nothing(behind: Behind) -> None:
+    answer, entry = behind.post(OTHER, X_Forwarded_For=CLIENT, X_Forwarded_Proto="https")
+    assert (answer.status_code, entry["client"]) == (200, OTHER)
+    assert "Strict-Transport-Security" not in answer.headers
+
+
+def test_tls_at_a_trusted_proxy_is_tls(behind: Behind) -> None:
+    answer, _ = behind.post(PROXY, X_Forwarded_For=OTHER, X_Forwarded_Proto="https")
+    assert answer.headers["Strict-Transport-Security"]
+
+
+@pytest.mark.parametrize("proxies", ["*", "proxy.example.org", "10.0.0.1/8", "127.0.0.1,"])
+def test_proxies_are_addresses_or_networks(monkeypatch: pytest.MonkeyPatch, proxies: str) -> None:
+    monkeypatch.setenv("RICOCHET_TRUSTED_PROXIES", proxies)
+    with pytest.raises(ValidationError, match="is no address or network"):
+        Settings()

@@ -1,0 +1,146 @@
+"""The files of deploy/ against the tools that read them, and against the service and the image they are for."""
+
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import kubernetes_validate
+import pytest
+import yaml
+
+from service.settings import Settings
+from tests.container.dockerfile import ROOT, read
+
+DEPLOY = ROOT / "deploy"
+UNIT = (DEPLOY / "ricochet.service").read_text(encoding="utf-8")
+MANIFESTS = [
+    manifest
+    for name in ("kubernetes.yaml", "kubernetes-key.yaml")
+    for manifest in yaml.safe_load_all((DEPLOY / name).read_text(encoding="utf-8"))
+]
+PODS = [manifest["spec"]["template"]["spec"] for manifest in MANIFESTS if "template" in manifest["spec"]]
+KINDS = {manifest["kind"]: manifest for manifest in MANIFESTS}
+IMAGE = read()[-1]
+EXPOSURE = 25
+"""Of 100: `systemd-analyze security` calls 20 of these OK."""
+
+
+def settings_in(monkeypatch: pytest.MonkeyPatch, given: dict[str, str]) -> Settings:
+    """The settings of these variables, each of which must be one."""
+    variables = {name: value for name, value in given.items() if name.startswith("RICOCHET_")}
+    assert {name.removeprefix("RICOCHET_").lower() for name in variables} <= Settings.model_fields.keys()
+    for name, value in variables.items():
+        monkeypatch.setenv(name, value)
+    return Settings()
+
+
+@pytest.fixture
+def unit(tmp_path: Path) -> Path:
+    """The unit, with a program that is there: systemd looks for it."""
+    if shutil.which("systemd-analyze") is None:
+        pytest.skip("systemd-analyze is not there to check the unit")
+    text = UNIT.replace("/opt/ricochet/bin/ricochet", sys.executable)
+    path = tmp_path / "ricochet.service"
+    path.write_text(text)
+    return path
+
+
+def test_systemd_finds_nothing_wrong_with_the_unit(unit: Path) -> None:
+    done = subprocess.run(
+        ["systemd-analyze", "verify", "--man=no", str(unit)],  # noqa: S607
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    own = [line for line in done.stderr.splitlines() if "ricochet.service" in line]
+    assert (done.returncode, own) == (0, [])
+
+
+def test_unit_exposes_little_of_the_machine(unit: Path) -> None:
+    done = subprocess.run(
+        ["systemd-analyze", "security", "--offline=yes", f"--threshold={EXPOSURE}", "--no-pager", str(unit)],  # noqa: S607
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    if "unrecognized option" in done.stderr:
+        pytest.skip("this systemd-analyze does not look at files")
+    assert done.returncode == 0, done.stdout
+
+
+def test_unit_has_settings_of_the_service_and_lets_it_end_by_itself(monkeypatch: pytest.MonkeyPatch) -> None:
+    given = dict(line.split("=", 1) for line in re.findall(r"(?m)^Environment=(.+)$", UNIT))
+    settings = settings_in(monkeypatch, given)
+    assert settings.on_loopback
+    assert settings.trusted_proxies == ("127.0.0.1",)
+    assert f"StateDirectory={settings.data_dir.name}\n" in UNIT
+    [patience] = re.findall(r"TimeoutStopSec=(\d+)", UNIT)
+    assert int(patience) > settings.grace_seconds
+    assert "RestartPreventExitStatus=3\n" in UNIT
+    assert "MemoryDenyWriteExecute=" not in UNIT  # the solver is compiled as it runs
+    [files] = re.findall(r"LimitNOFILE=(\d+)", UNIT)
+    assert int(files) > 2 * settings.max_connections
+
+
+@pytest.mark.parametrize("manifest", MANIFESTS, ids=lambda manifest: manifest["kind"])
+def test_manifests_are_what_kubernetes_knows(manifest: dict[str, Any]) -> None:
+    kubernetes_validate.validate(manifest, kubernetes_validate.latest_version(), strict=True)
+
+
+def test_manifest_with_a_wrong_field_is_refused() -> None:
+    wrong = {**KINDS["Service"], "spec": {**KINDS["Service"]["spec"], "port": 80}}
+    with pytest.raises(kubernetes_validate.ValidationError):
+        kubernetes_validate.validate(wrong, kubernetes_validate.latest_version(), strict=True)
+
+
+@pytest.mark.parametrize("pod", PODS)
+def test_pods_run_the_image_as_its_user_and_may_nothing_else(pod: dict[str, Any]) -> None:
+    [container] = pod["containers"]
+    assert str(pod["securityContext"]["runAsUser"]) == IMAGE.last("USER").text
+    assert pod["securityContext"]["runAsNonRoot"]
+    assert pod["securityContext"]["seccompProfile"] == {"type": "RuntimeDefault"}
+    assert container["securityContext"] == {
+        "allowPrivilegeEscalation": False,
+        "readOnlyRootFilesystem": True,
+        "capabilities": {"drop": ["ALL"]},
+    }
+    assert not pod["automountServiceAccountToken"]
+    assert not pod["enableServiceLinks"]  # RICOCHET_PORT would be tcp://...
+    mounted = {mount["mountPath"] for mount in container["volumeMounts"]}
+    assert IMAGE.last("VOLUME").text in mounted
+    assert container["resources"]["limits"]["memory"]
+
+
+def test_deployment_has_settings_probes_and_one_pod_that_leaves_before_the_next(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    deployment = KINDS["Deployment"]["spec"]
+    assert (deployment["replicas"], deployment["strategy"]) == (1, {"type": "Recreate"})
+    pod = deployment["template"]["spec"]
+    [container] = pod["containers"]
+    settings = settings_in(monkeypatch, {each["name"]: each["value"] for each in container["env"]})
+    assert settings.access == "keys"
+    assert str(settings.workers) == container["resources"]["limits"]["cpu"]
+    assert str(container["ports"][0]["containerPort"]) == IMAGE.last("EXPOSE").text
+    paths = {name: container[f"{name}Probe"]["httpGet"]["path"] for name in ("startup", "liveness", "readiness")}
+    assert paths == {"startup": "/livez", "liveness": "/livez", "readiness": "/readyz"}
+    assert container["readinessProbe"]["timeoutSeconds"] > settings.probe_seconds
+    assert pod["terminationGracePeriodSeconds"] > settings.grace_seconds
+    claims = [volume["persistentVolumeClaim"]["claimName"] for volume in pod["volumes"] if "emptyDir" not in volume]
+    assert claims == [KINDS["PersistentVolumeClaim"]["metadata"]["name"]]
+    assert KINDS["Service"]["spec"]["selector"] == deployment["template"]["metadata"]["labels"]
+
+
+def test_image_says_what_it_is() -> None:
+    labels: dict[str, str] = {}
+    for step in IMAGE.steps:
+        if step.instruction == "LABEL":
+            labels |= step.assignments()
+    names = {name.removeprefix("org.opencontainers.image.") for name in labels}
+    assert names >= {"title", "description", "licenses", "version", "revision", "base.name"}
+    assert labels["org.opencontainers.image.base.name"].endswith(IMAGE.image)

@@ -1,0 +1,181 @@
+"""deploy/nginx.conf before a running service: clients that are slow, silent or too many hold up nobody else, and the
+service knows the address of each."""
+
+import json
+import re
+import shutil
+import socket
+import ssl
+import subprocess
+import time
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, ExitStack, suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+import httpx
+import pytest
+
+from service.schemas.examples import PAPER
+from tests.api.certificates import Certificate, make_certificate
+from tests.conftest import ROOT, Service, free_port
+
+pytestmark = [pytest.mark.system, pytest.mark.timeout(1200)]
+
+NGINX = shutil.which("nginx") or next((path for path in ("/usr/sbin/nginx",) if Path(path).exists()), None)
+LOOKS = 10
+LONGEST_S = 5.0
+"""That a probe may take: one that has to wait until nginx gives others up takes 10 s."""
+MONITOR, CROWD, SLOW, FAST = "127.0.0.1", "127.0.0.2", "127.0.0.3", "127.0.0.4"
+"""Addresses of this machine: limits are for each."""
+UNFINISHED = b"POST /cra HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Type: application/json\r\nContent-Length: 999\r\n\r\n{"
+
+
+@dataclass(frozen=True)
+class Proxy:
+    """nginx before a service that believes it."""
+
+    port: int
+    trusted: ssl.SSLContext
+    audit_log: Path
+
+    def client(self, address: str = MONITOR) -> httpx.Client:
+        """A client at this address."""
+        transport = httpx.HTTPTransport(verify=self.trusted, local_address=address)
+        return httpx.Client(base_url=f"https://127.0.0.1:{self.port}", transport=transport, timeout=60.0)
+
+    def connection(self, address: str, *, tls: bool = True) -> socket.socket:
+        """A bare connection from this address."""
+        plain = socket.create_connection(("127.0.0.1", self.port), timeout=30.0, source_address=(address, 0))
+        return self.trusted.wrap_socket(plain, server_hostname="127.0.0.1") if tls else plain
+
+    def entries(self) -> list[dict[str, str]]:
+        """The audit log."""
+        return [json.loads(line) for line in self.audit_log.read_text().splitlines()]
+
+
+def configuration(folder: Path, certificate: Certificate, port: int, service_port: str) -> str:
+    """deploy/nginx.conf with the ports, the certificate and the folder of a test in place of its own."""
+    text = (ROOT / "deploy" / "nginx.conf").read_text(encoding="utf-8")
+    own = {
+        "127.0.0.1:8000": f"127.0.0.1:{service_port}",
+        "listen 443 ssl;": f"listen 127.0.0.1:{port} ssl;",
+        "listen 80;": f"listen 127.0.0.1:{free_port()};",
+        "/etc/ssl/ricochet/fullchain.pem": str(certificate.certificate),
+        "/etc/ssl/ricochet/key.pem": str(certificate.key),
+        "/run/nginx.pid": f"{folder}/nginx.pid",
+        "/var/log/nginx/": f"{folder}/",
+        "http {": f"http {{ client_body_temp_path {folder}/body; proxy_temp_path {folder}/proxy;",
+    }
+    for before, after in own.items():
+        assert before in text, before
+        text = text.replace(before, after)
+    return re.sub(r"(?m)^user .*$", "user root;", text)  # reads the certificate of the test
+
+
+@pytest.fixture(scope="module")
+def proxy(
+    service_on: Callable[..., AbstractContextManager[Service]], tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[Proxy]:
+    if NGINX is None:
+        pytest.skip("nginx is not there")
+    folder = tmp_path_factory.mktemp("nginx")
+    certificate, port, audit_log = make_certificate(folder), free_port(), folder / "audit.jsonl"
+    settings = {"access": "open", "allowed_hosts": "127.0.0.1", "executor": "in-process"}
+    with service_on(folder, trusted_proxies="127.0.0.1", audit_log=str(audit_log), **settings) as service:
+        (folder / "nginx.conf").write_text(configuration(folder, certificate, port, service.url.rpartition(":")[2]))
+        command = [NGINX, "-c", str(folder / "nginx.conf"), "-p", str(folder), "-g", "daemon off;"]
+        subprocess.run([*command[:-2], "-t", "-q"], check=True, timeout=30)
+        with subprocess.Popen(command) as process:
+            found = Proxy(port, certificate.trusted(), audit_log)
+            try:
+                wait_for(port, process)
+                yield found
+            finally:
+                process.terminate()
+                process.wait(30)
+
+
+def wait_for(port: int, process: "subprocess.Popen[bytes]") -> None:
+    deadline = time.monotonic() + 30.0
+    while time.monotonic() < deadline:
+        assert process.poll() is None
+        with suppress(OSError), socket.create_connection(("127.0.0.1", port), timeout=1.0):
+            return
+        time.sleep(0.1)
+    pytest.fail("nginx does not listen")
+
+
+def slowest_probe(proxy: Proxy) -> float:
+    """Longest time of some probes of a new monitor each. [s]"""
+    longest = 0.0
+    for _ in range(LOOKS):
+        began = time.monotonic()
+        with proxy.client() as client:
+            assert client.get("/livez").status_code == 200
+        longest = max(longest, time.monotonic() - began)
+    return longest
+
+
+def test_answers_come_through_with_the_address_of_the_client(proxy: Proxy) -> None:
+    """What a client says of itself counts for nothing."""
+    with proxy.client(CROWD) as client:
+        answer = client.post("/cra", json=PAPER, headers={"X-Forwarded-For": "203.0.113.9"})
+    assert answer.json()["critical_angle_deg"] == pytest.approx(48.64, abs=0.1)
+    assert answer.headers["Strict-Transport-Security"]
+    assert proxy.entries()[-1]["client"] == CROWD
+
+
+@pytest.mark.timed
+def test_a_thousand_silent_connections_hold_up_nobody(proxy: Proxy) -> None:
+    with ExitStack() as opened:
+        for _ in range(1000):
+            opened.enter_context(proxy.connection(CROWD, tls=False))
+        assert slowest_probe(proxy) < LONGEST_S
+
+
+@pytest.mark.timed
+def test_slow_heads_and_bodies_hold_up_nobody_and_never_reach_the_service(proxy: Proxy) -> None:
+    known = len(proxy.entries())
+    with ExitStack() as opened:
+        heads = [opened.enter_context(proxy.connection(SLOW)) for _ in range(50)]
+        bodies = [opened.enter_context(proxy.connection(CROWD)) for _ in range(39)]
+        for head in heads:
+            head.sendall(b"POST /cra HTTP/1.1\r\nHost: 127.0.0.1\r\nX-Slow: ")
+        for body in bodies:
+            body.sendall(UNFINISHED)
+        assert slowest_probe(proxy) < LONGEST_S
+        assert len(proxy.entries()) == known
+        heads[0].settimeout(30.0)
+        assert heads[0].recv(4096) == b""  # nginx gives it up after 10 s
+
+
+def test_connections_of_one_address_are_bounded(proxy: Proxy) -> None:
+    with ExitStack() as opened:
+        for _ in range(40):
+            opened.enter_context(proxy.connection(SLOW)).sendall(UNFINISHED)
+        time.sleep(0.5)
+        with proxy.client(SLOW) as client:
+            assert client.get("/version").status_code == 429
+        with proxy.client(MONITOR) as client:
+            assert client.get("/version").status_code == 200
+
+
+def test_requests_of_one_address_are_bounded(proxy: Proxy) -> None:
+    with proxy.client(FAST) as client:
+        began = time.monotonic()
+        statuses = [client.get("/livez").status_code for _ in range(400)]
+        seconds = time.monotonic() - began
+    assert set(statuses) <= {200, 429}
+    assert statuses.count(200) <= 100 + 50 * seconds + 2
+    if seconds < 4.0:
+        assert statuses.count(429) > 0
+    with proxy.client(MONITOR) as client:
+        assert client.get("/version").status_code == 200
+
+
+def test_metrics_are_for_the_monitor_of_this_machine_alone(proxy: Proxy) -> None:
+    with proxy.client(CROWD) as client:
+        assert client.get("/metrics").status_code == 403
+    with proxy.client(MONITOR) as client:
+        assert "ricochet_workers" in client.get("/metrics").text
