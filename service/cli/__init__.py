@@ -23,22 +23,26 @@ class Command(NamedTuple):
 
 
 COMMANDS = (
+    Command("init", "write a commented file of a strike to start from", "service.cli.init"),
     Command("trajectory", "motion of one impact", "service.cli.single"),
     Command("cra", "critical ricochet angle of one impact", "service.cli.single"),
     Command("uncertainty", "how sure an angle or an outcome is", "service.cli.uncertainty"),
     Command("formulas", "penetration and least thickness by the formulas of the field", "service.cli.formulas"),
     Command("thickness", "least thickness of a wall that is not perforated", "service.cli.walls"),
     Command("limit-speed", "least speed that perforates a wall", "service.cli.walls"),
+    Command("report", "a strike on two pages to file, as HTML or PDF", "service.cli.reports"),
     Command("batch", "many cases from a file", "service.cli.batch"),
     Command("sweep", "one case over ranges of up to four of its fields", "service.cli.batch"),
     Command("jobs", "list, follow and cancel the jobs of a service", "service.cli.jobs"),
     Command("serve", "run the service, configured by RICOCHET_... variables", "service.cli.serve"),
+    Command("mcp", "offer the solver as tools of the Model Context Protocol", "service.cli.mcp"),
     Command("keys", "add, list and revoke the API keys of a service", "service.cli.data_folder"),
     Command("cache", "inspect and repair the stored results", "service.cli.data_folder"),
     Command("calibrate", "fit strength factors to tests or finite element histories", "service.cli.calibrate"),
     Command("reproduce", "recompute the source paper beside its printed numbers", "service.cli.reports"),
     Command("validate", "compare with published penetration tests", "service.cli.reports"),
     Command("openapi", "write the contract, openapi/openapi.json", "service.cli.serve"),
+    Command("completion", "print a script that completes commands and flags in a shell", "service.cli.completion"),
     Command("version", "print the versions of the package and the solver", "service.cli"),
 )
 
@@ -94,6 +98,11 @@ def main(arguments: list[str] | None = None) -> int:
         return FAILED
 
 
+def define(command: Command, parser: argparse.ArgumentParser) -> None:
+    """Add the flags of a command to its parser; imports its module."""
+    getattr(import_module(command.module), f"add_{command.name.replace('-', '_')}")(parser)
+
+
 def run(name: str, arguments: list[str]) -> int:
     """Parse the arguments and run the command; only its module is imported and only its flags are known."""
     parser = argparse.ArgumentParser(
@@ -109,7 +118,7 @@ def run(name: str, arguments: list[str]) -> int:
         subparser = commands.add_parser(command.name, help=command.help, formatter_class=Formatter, allow_abbrev=False)
         if command.name == name:
             selected = subparser
-            getattr(import_module(command.module), f"add_{command.name.replace('-', '_')}")(subparser)
+            define(command, subparser)
     args = parser.parse_args(arguments)
     try:
         status: int = args.run(args)

@@ -2,7 +2,7 @@
 
 import argparse
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -77,19 +77,42 @@ URL, DATA_DIR = "RICOCHET_URL", "RICOCHET_DATA_DIR"
 """Variables that replace flags."""
 
 
+def read_numbers(text: str) -> list[float]:
+    """Return the numbers of a text with commas between them."""
+    return [float(number) for number in text.split(",")]
+
+
+def read_points(text: str) -> list[list[float]]:
+    """Return the points X,R:X,R:... of a profile."""
+    points = [read_numbers(point) for point in text.split(":")]
+    if any(len(point) != 2 for point in points):
+        raise ValueError(text)
+    return points
+
+
 class Flag(NamedTuple):
-    """A flag for one number of a case.
+    """A flag for one field of a case.
 
     Parameters
     ----------
     steps
         Path of the field in the request body.
+    read
+        From the text of the command line to the value of the field.
+    choices
+        Values that it may have.
+    implies
+        Model that the field belongs to, where there are several: the shape of a nose, the law of a strength factor.
     """
 
     name: str
     steps: tuple[str, ...]
     help: str
     short: tuple[str, ...] = ()
+    read: Callable[[str], Any] = float
+    metavar: str = "NUMBER"
+    choices: tuple[str, ...] | None = None
+    implies: tuple[str, ...] = ()
 
     @property
     def pointer(self) -> str:
@@ -97,14 +120,36 @@ class Flag(NamedTuple):
         return "".join(f"/{step}" for step in self.steps)
 
 
+NOSE, STRENGTH = ("projectile", "nose"), ("resistance", "strength_factor")
+"""Parts of several models."""
+MODEL_NAMES: Mapping[tuple[str, ...], str] = {NOSE: "shape", STRENGTH: "model"}
+"""Field that names the model, by part."""
+SHAPES = ("ogive", "conical", "spherical", "flat", "profile")
+LAWS = ("constant", "obliquity_polynomial", "published_tests", "strength_power_law")
 BODY = (
     Flag("--diameter", ("projectile", "diameter_m"), "shank diameter [m]"),
     Flag("--length", ("projectile", "length_m"), "length from nose tip to base [m]"),
     Flag("--mass", ("projectile", "mass_kg"), "mass [kg]"),
+    Flag("--nose", ("projectile", "nose", "shape"), "shape of the nose", read=str, metavar="SHAPE", choices=SHAPES),
     Flag(
         "--caliber-radius-head",
         ("projectile", "nose", "caliber_radius_head"),
-        "ogive radius over diameter [1]; other nose shapes need a file or --set",
+        "of an ogive, or with --nose spherical a cap: radius over diameter [1]",
+        implies=("ogive", "spherical"),
+    ),
+    Flag(
+        "--length-to-diameter",
+        ("projectile", "nose", "length_to_diameter"),
+        "of a cone: height over diameter [1]",
+        implies=("conical",),
+    ),
+    Flag(
+        "--profile",
+        ("projectile", "nose", "points"),
+        "points of a convex nose from the tip, distances behind it and from the axis [m]",
+        read=read_points,
+        metavar="X,R:X,R...",
+        implies=("profile",),
     ),
     Flag(
         "--center-of-gravity",
@@ -125,6 +170,37 @@ BODY = (
     ),
     Flag("--poissons-ratio", ("target", "poissons_ratio"), "of the concrete [1] (default: 0.5)"),
     Flag("--thickness", ("target", "thickness_m"), "of the wall [m] (default: half-space)"),
+)
+RESISTANCE = (
+    Flag(
+        "--strength-law",
+        (*STRENGTH, "model"),
+        "law of the strength factor S (default: obliquity_polynomial, eq. 9)",
+        read=str,
+        metavar="LAW",
+        choices=LAWS,
+    ),
+    Flag("--strength-factor", (*STRENGTH, "value"), "a constant S [1]", implies=("constant",)),
+    Flag(
+        "--strength-coefficients",
+        (*STRENGTH, "coefficients"),
+        "of a polynomial S in the oblique angle, from the constant term [1, 1/°, 1/°²...]",
+        read=read_numbers,
+        metavar="A,B,C...",
+        implies=("obliquity_polynomial",),
+    ),
+    Flag(
+        "--strength-coefficient",
+        (*STRENGTH, "coefficient"),
+        "of a power law S of the compressive strength in MPa [1] (default: 82.6)",
+        implies=("strength_power_law",),
+    ),
+    Flag(
+        "--strength-exponent",
+        (*STRENGTH, "exponent"),
+        "of the strength in that power law [1] (default: -0.544)",
+        implies=("strength_power_law",),
+    ),
 )
 VELOCITY = Flag("--velocity", ("impact", "velocity_m_s"), "speed at first contact [m/s]")
 OBLIQUE_ANGLE = Flag(
@@ -151,30 +227,42 @@ def add_case(parser: argparse.ArgumentParser, flags: Sequence[Flag]) -> None:
         action="append",
         default=[],
         metavar="FIELD=VALUE",
-        help="set any field, such as resistance.free_surface.model=none or projectile.nose.shape=flat",
+        help="set any field, such as resistance.free_surface.model=none",
     )
 
 
 def add_numbers(parser: argparse.ArgumentParser, flags: Sequence[Flag]) -> "argparse._ArgumentGroup":
-    """Add the flags for the numbers of a case; return their group."""
+    """Add the flags for the fields of a case; return their group."""
     group = parser.add_argument_group("case", "SI units, angles in degrees from the normal; flags override the file")
     for flag in flags:
         group.add_argument(
-            flag.name, *flag.short, dest="/".join(flag.steps), type=float, metavar="NUMBER", help=flag.help
+            flag.name,
+            *flag.short,
+            dest="/".join(flag.steps),
+            type=flag.read,
+            metavar=flag.metavar,
+            choices=flag.choices,
+            help=f"{flag.help}: {', '.join(flag.choices)}" if flag.choices else flag.help,
         )
     return group
 
 
-def add_formats(parser: argparse.ArgumentParser, *, json: str, csv: str) -> None:
-    """Add `--json` and `--csv`, which exclude each other."""
+def add_formats(parser: argparse.ArgumentParser, *, json: str, csv: str) -> "argparse._MutuallyExclusiveGroup":
+    """Add `--json` and `--csv`, which exclude each other; return their group."""
     formats = parser.add_mutually_exclusive_group()
     formats.add_argument("--json", action="store_true", help=json)
     formats.add_argument("--csv", action="store_true", help=csv)
+    return formats
 
 
 def add_plot(parser: argparse.ArgumentParser, what: str) -> None:
     """Add `--plot`."""
     parser.add_argument("--plot", type=Path, metavar="FILE", help=f"plot {what}, as .svg, .png or .pdf")
+
+
+def add_verbose(parser: argparse.ArgumentParser, what: str) -> None:
+    """Add `--verbose`."""
+    parser.add_argument("-v", "--verbose", action="store_true", help=what)
 
 
 def add_alternatives(parser: argparse.ArgumentParser) -> None:
@@ -214,9 +302,17 @@ def add_operation(parser: argparse.ArgumentParser) -> None:
 
 
 def add_output(parser: argparse.ArgumentParser) -> None:
-    """Add `--output`."""
+    """Add `--output` and the formats of the results of many cases."""
     parser.add_argument(
-        "-o", "--output", type=Path, metavar="FILE", help="write the results to a file, as CSV if its name ends in .csv"
+        "-o",
+        "--output",
+        type=Path,
+        metavar="FILE",
+        help="write the results to a file, as CSV or Parquet if its name ends in .csv or .parquet",
+    )
+    formats = add_formats(parser, json="print JSON lines", csv="print the summaries as CSV")
+    formats.add_argument(
+        "--parquet", action="store_true", help="write the summaries as Parquet; needs the extra parquet at the service"
     )
 
 

@@ -1,6 +1,7 @@
 """`ricochet batch` and `ricochet sweep`: many cases, computed locally or by a service."""
 
 import argparse
+import math
 import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -9,26 +10,26 @@ from typing import Any, NamedTuple
 from service.cli.arguments import (
     BODY,
     IMPACT,
+    RESISTANCE,
     CommandError,
     RefusedError,
     UsageError,
     add_case,
     add_data_dir,
-    add_formats,
     add_operation,
     add_output,
     add_plot,
     add_url,
     examples,
 )
-from service.cli.jobs import BatchRequest, run_batch
-from service.cli.request_body import STDIN, RequestBody, read_body, without_sought
+from service.cli.jobs import BatchRequest, run_batch, write_results
+from service.cli.request_body import STDIN, RequestBody, explained, read_body, without_sought
 from service.cli.writers import Writer
 
 READ_SIZE = 256 * 1024
 """Bytes read from a file at a time."""
 JSONL = "application/jsonl"
-SWEEP_FLAGS = (*IMPACT, *BODY)
+SWEEP_FLAGS = (*IMPACT, *BODY, *RESISTANCE)
 MAX_PLOT_AXES = 2
 MAX_POINTS = 100_000
 """Points of a sweep; a service accepts no more."""
@@ -86,7 +87,6 @@ def add_sweep(parser: argparse.ArgumentParser) -> None:
 def _add_common(parser: argparse.ArgumentParser) -> None:
     add_operation(parser)
     add_output(parser)
-    add_formats(parser, json="print JSON lines", csv="print the summaries as CSV")
     add_data_dir(parser)
     add_url(parser)
 
@@ -128,17 +128,16 @@ def _explain_lines(error: RefusedError, file: str) -> CommandError:
         _, _, rest = each["pointer"].partition("/")
         index, _, pointer = rest.partition("/")
         line = f"{file}:{int(index) + 1}" if index.isdigit() else file
-        lines.append(": ".join(filter(None, (line, pointer and f"/{pointer}", each["detail"]))))
+        detail = explained(f"/{pointer}", each["detail"])
+        lines.append(": ".join(filter(None, (line, pointer and f"/{pointer}", detail))))
     return CommandError("\n".join(lines), error.status) if lines else error
 
 
 def run_sweep(args: argparse.Namespace) -> int:
     """Compute the points of a sweep; return 3 if some have a problem."""
-    from service.cli.client import JSON, dumps
-
     axes: list[Axis] = args.axis
     body = without_sought(read_body(args.case, args, SWEEP_FLAGS), args.operation)
-    content = dumps({"base": _fill(body.content, axes), "axes": [axis.content for axis in axes]})
+    content = {"base": _fill(body.content, axes), "axes": [axis.content for axis in axes]}
     writers: list[Writer] = []
     if args.plot:
         from service.cli.plots import SweepPlot, check_plot
@@ -147,11 +146,24 @@ def run_sweep(args: argparse.Namespace) -> int:
             raise UsageError(f"--plot needs one axis or two, not {len(axes)}")
         check_plot(args.plot)
         writers = [SweepPlot(args.plot, args.operation, [axis.field for axis in axes])]
-    path = f"/{args.operation}/sweep"
     try:
-        return run_batch(args, BatchRequest(path, lambda: content, JSON, writers))
+        return _compute_sweep(args, content, writers)
     except RefusedError as error:
         raise _explain_axes(error, body, axes) from None
+
+
+def _compute_sweep(args: argparse.Namespace, content: dict[str, Any], writers: Sequence[Writer]) -> int:
+    """Compute the points in this process if they are few and nothing is to be kept, else as a job."""
+    if not args.url and not args.data_dir:
+        from service.cli import local
+
+        count = math.prod(len(axis.values) for axis in args.axis)
+        if local.is_small(args.operation, count):
+            return write_results(args, local.compute_sweep(args.operation, content), count, content, writers)
+    from service.cli.client import JSON, dumps
+
+    body = dumps(content)
+    return run_batch(args, BatchRequest(f"/{args.operation}/sweep", lambda: body, JSON, writers))
 
 
 def read_axis(text: str) -> Axis:
@@ -211,9 +223,10 @@ def _explain_axes(error: RefusedError, body: RequestBody, axes: Sequence[Axis]) 
         if part == "base" and pointer not in by_pointer:
             lines.append(body.describe(pointer, each["detail"]))
         elif part == "base":
-            lines.append(f"--axis {by_pointer[pointer].text}: {each['detail']}")
+            lines.append(f"--axis {by_pointer[pointer].text}: {explained(pointer, each['detail'])}")
         elif part == "axes" and steps:
-            lines.append(f"--axis {axes[int(steps[0])].text}: {each['detail']}")
+            axis = axes[int(steps[0])]
+            lines.append(f"--axis {axis.text}: {explained('/' + axis.field.replace('.', '/'), each['detail'])}")
         else:
             lines.append(f"--axis: {each['detail']}")
     return CommandError("\n".join(lines), error.status) if lines else error

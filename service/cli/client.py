@@ -24,7 +24,7 @@ LONGEST_PAUSE = 60.0
 BUSY = frozenset({429, 503})
 """Statuses after which a request is repeated."""
 PAGE_SIZE = 1000
-JSON, CSV = "application/json", "text/csv"
+JSON, CSV, PARQUET = "application/json", "text/csv", "application/vnd.apache.parquet"
 
 Content: TypeAlias = Callable[[], "bytes | Iterable[bytes]"]
 """Returns a request body; called again when the request is repeated."""
@@ -72,6 +72,11 @@ class Client:
         content = dumps(body)
         return self._send("POST", f"/{operation.replace('_', '/')}", lambda: content, {"Content-Type": JSON}).content
 
+    def report(self, body: dict[str, Any]) -> bytes:
+        """Return the report of one strike, as HTML."""
+        content = dumps(body)
+        return self._send("POST", "/report", lambda: content, {"Content-Type": JSON}).content
+
     def submit(self, path: str, content: Content, media_type: str, token: str) -> dict[str, Any]:
         """Submit many cases as a job and return it; repeated with the same token, the request makes no second job."""
         headers = {"Content-Type": media_type, "Prefer": "respond-async", "Idempotency-Key": token}
@@ -104,6 +109,11 @@ class Client:
         """Return the summaries of at most `limit` results of a job, as CSV with line feeds at the ends of lines."""
         path = f"{path_of(job_id)}/results?limit={limit}&cursor={cursor}"
         return self._send("GET", path, headers={"Accept": CSV}).text.replace("\r\n", "\n")
+
+    def parquet(self, job_id: str, limit: int | None = None) -> bytes:
+        """Return the summaries of the finished results of a job, or of the first of them, as a Parquet file."""
+        path = f"{path_of(job_id)}/results" + ("" if limit is None else f"?limit={limit}")
+        return self._send("GET", path, headers={"Accept": PARQUET}).content
 
     def cancel(self, job_id: str) -> dict[str, Any]:
         """Cancel a job and return it."""

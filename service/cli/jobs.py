@@ -1,11 +1,12 @@
 """`ricochet jobs`, and how batches and sweeps run as jobs: submitted, followed, and written as results become ready."""
 
 import argparse
+import itertools
 import json
 import os
 import sys
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple, TextIO
@@ -16,7 +17,6 @@ from service.cli.arguments import (
     URL,
     CommandError,
     add_actions,
-    add_formats,
     add_output,
     add_url,
     examples,
@@ -26,7 +26,9 @@ from service.cli.writers import (
     Counts,
     Item,
     Report,
+    Table,
     Writer,
+    is_parquet,
     is_table,
     open_output,
     print_table,
@@ -61,7 +63,6 @@ def add_jobs(parser: argparse.ArgumentParser) -> None:
             subparser.add_argument("id", metavar="ID", help="id of the job")
         if action == "results":
             add_output(subparser)
-            add_formats(subparser, json="print JSON lines", csv="print the summaries as CSV")
         else:
             subparser.add_argument("--json", action="store_true", help="print the answer as the service sends it")
         add_url(subparser, DEFAULT_URL)
@@ -147,6 +148,48 @@ def run_batch(args: argparse.Namespace, request: BatchRequest) -> int:
                 client.delete(job["id"])
 
 
+def write_results(
+    args: argparse.Namespace,
+    results: Iterable[Item],
+    count: int,
+    content: Mapping[str, Any],
+    further: Sequence[Writer] = (),
+) -> int:
+    """Write the results of a sweep that is computed in this process; return the exit status.
+
+    Parameters
+    ----------
+    results
+        In order, each computed when it is taken.
+    count
+        Of the results.
+    content
+        Base and axes of the sweep.
+    further
+        Further writers of the results.
+    """
+    counts, results = Counts(), iter(results)
+    first = next(results)  # a request that is refused leaves an earlier output as it is
+    with open_output(args) as stream:
+        table = Table(stream, args.operation, content) if is_table(args) else writer_for(args, stream, args.operation)
+        writers = (table, *further, counts)
+        with progress("computing") as report:
+            for item in itertools.chain([first], results):
+                for writer in writers:
+                    writer.write([item])
+                report(counts.total, count)
+        for writer in writers:
+            writer.close()
+    report_counts(args, counts)
+    return counts.status
+
+
+def report_counts(args: argparse.Namespace, counts: Counts) -> None:
+    """Print the number of results on standard error, unless all of them went into a pipe and have no problem."""
+    if args.output or counts.failed or sys.stdout.isatty():
+        print(counts, file=sys.stderr)
+
+
 def service_for(args: argparse.Namespace) -> AbstractContextManager["Client"]:
     """Return a client of the service at `--url`, or of a service in this process."""
     if args.url:
@@ -178,7 +221,7 @@ def follow(
     Parameters
     ----------
     stream
-        Receives the results, in the format of the flags. CSV is the table of the service.
+        Receives the results, in the format of the flags. CSV and Parquet are tables of the service.
     further
         Further writers of the results.
 
@@ -188,8 +231,11 @@ def follow(
         If the job fails or is cancelled.
     """
     counts = Counts()
-    as_table = is_table(args)
-    writers = [*further, counts] if as_table else [writer_for(args, stream, job["operation"]), *further, counts]
+    as_table, as_parquet = is_table(args), is_parquet(args)
+    whole = as_table or as_parquet
+    writers = [*further, counts] if whole else [writer_for(args, stream, job["operation"]), *further, counts]
+    if as_parquet:
+        client.parquet(job["id"], limit=1)  # refused now rather than at the end, where the service cannot write it
     try:
         with progress("computing") as report:
             for page in pages(client, job["id"], report):
@@ -202,14 +248,16 @@ def follow(
     except KeyboardInterrupt:
         print(how_to_continue(job, args), file=sys.stderr)
         raise
+    if as_parquet:
+        stream.buffer.write(client.parquet(job["id"]))
+        stream.flush()
     for writer in writers:
         writer.close()
     state = client.job(job["id"])
     if state["status"] != "successful":
         reason = problem_text(state["problem"]) if "problem" in state else "it was cancelled"
         raise CommandError(f"job {job['id']} ended early, after {counts}: {reason}", FAILED)
-    if args.output or counts.failed or sys.stdout.isatty():
-        print(counts, file=sys.stderr)
+    report_counts(args, counts)
     return counts.status
 
 

@@ -44,7 +44,7 @@ def check_plot(path: Path) -> None:
     try:
         import_module("matplotlib")
     except ModuleNotFoundError as error:
-        text = f"{error.name} is not installed; plots need it: pip install 'ricochet[reports]'"
+        text = f"{error.name} is not installed; plots need it: install ricochet with its extra reports"
         raise CommandError(text, FAILED) from None
 
 

@@ -1,15 +1,204 @@
-"""`ricochet reproduce` and `ricochet validate`: reports as a page with figures and tables."""
+"""`ricochet report`, `ricochet reproduce` and `ricochet validate`: pages with figures and tables."""
 
 import argparse
+import json
+import os
+import shutil
+import subprocess
+import tempfile
 from collections.abc import Iterator
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from service.cli.arguments import FAILED, CommandError, examples
+from service.cli.arguments import (
+    BODY,
+    FAILED,
+    IMPACT,
+    CommandError,
+    RefusedError,
+    add_case,
+    add_url,
+    examples,
+)
+from service.cli.local import compute
+from service.cli.request_body import read_body
+from service.cli.writers import progress
 
 EXTRA = frozenset({"jinja2", "markupsafe", "matplotlib"})
 """Packages of the extra `reports`."""
+
+BROWSERS = (
+    "chromium",
+    "chromium-browser",
+    "google-chrome",
+    "google-chrome-stable",
+    "chrome",
+    "microsoft-edge",
+    "microsoft-edge-stable",
+    "msedge",
+)
+"""Commands of browsers that print to PDF without a window."""
+PRINTING = (
+    "--headless",
+    "--disable-gpu",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--no-first-run",
+    "--no-pdf-header-footer",
+)
+PRINT_SECONDS = 120.0
+
+
+def add_report(parser: argparse.ArgumentParser) -> None:
+    """Define `ricochet report`."""
+    parser.description = (
+        "Write the report of one strike on two pages of A4: its critical angle with the usual scatter and under other "
+        "models, runs just below and just above, limits of validity, and the formulas of the field. With --angle the "
+        "strike at that angle is judged too. It computes some 300 cases. A PDF is printed by an installed Chromium, "
+        "Chrome or Edge."
+    )
+    parser.epilog = examples("ricochet report strike.toml", "ricochet report strike.toml --angle 30 -o report.pdf")
+    add_case(parser, (*IMPACT, *BODY))
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        default=Path("report.html"),
+        metavar="FILE",
+        help="file to write, .html or .pdf (default: %(default)s)",
+    )
+    add_url(parser)
+    parser.set_defaults(run=run_report)
+
+
+def run_report(args: argparse.Namespace) -> int:
+    """Compute a strike and write its report.
+
+    Raises
+    ------
+    CommandError
+        If there is none, or the file cannot be written.
+    """
+    output: Path = args.output
+    kind = output.suffix.lower()
+    if kind not in {".html", ".pdf"}:
+        raise CommandError(f"--output {output}: must end in .html or .pdf")
+    browser = find_browser() if kind == ".pdf" else ""
+    body = read_body(args.case, args, (*IMPACT, *BODY))
+    try:
+        page = _fetch_report(args.url, body.content) if args.url else _make_report(body.content)
+    except RefusedError as error:
+        raise body.explain(error) from None
+    try:
+        if kind == ".pdf":
+            print_pdf(browser, page, output)
+        else:
+            output.write_bytes(page)
+    except OSError as error:
+        raise CommandError(f"--output {output}: {error.strerror or error}", FAILED) from None
+    print(f"wrote {output}")
+    return 0
+
+
+def _fetch_report(url: str, body: dict[str, Any]) -> bytes:
+    from service.cli.client import connect
+
+    with connect(url) as client:
+        return client.report(body)
+
+
+def _make_report(body: dict[str, Any]) -> bytes:
+    """Compute a report in this process; a bar on standard error shows the searches done."""
+    from datetime import UTC, datetime
+
+    from pydantic import ValidationError
+
+    from service.assessment import Query, first_queries, require_extra, strike_queries, write_page
+    from service.errors import InvalidBodyError, ReportsMissingError, problem_of, validation_errors
+    from service.schemas import ReportRequest
+    from solver import ParameterError
+
+    try:
+        require_extra()
+        request = ReportRequest.model_validate_json(json.dumps(body))
+        request.check()
+    except ReportsMissingError as error:
+        raise CommandError(str(error), FAILED) from None
+    except ValidationError as error:
+        raise RefusedError(problem_of(InvalidBodyError(validation_errors(error.errors())))) from None
+    except ParameterError as error:
+        raise RefusedError(problem_of(error)) from None
+
+    answers: dict[str, Any] = {}
+
+    def answer(queries: dict[str, Query]) -> None:
+        for name, (operation, content) in queries.items():
+            try:
+                answers[name] = json.loads(compute(operation, content))
+            except RefusedError as error:
+                if name == "cra":
+                    raise
+                answers[name] = {"problem": dict(error.problem)}
+            report(len(answers), total)
+
+    first = first_queries(request)
+    total = len(first) + 3
+    with progress("computing") as report:
+        answer(first)
+        answer(strike_queries(request, answers["cra"]))
+    made = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")
+    return write_page(body, answers, made, None).encode()
+
+
+def find_browser() -> str:
+    """Return the path of a browser that prints to PDF.
+
+    Raises
+    ------
+    CommandError
+        If none is installed.
+    """
+    found = next(filter(None, map(shutil.which, BROWSERS)), None)
+    if found is None:
+        text = (
+            "a PDF is printed by Chromium, Chrome or Edge, and none is on PATH: write the report with -o report.html, "
+            "open it in any browser and print it"
+        )
+        raise CommandError(text, FAILED)
+    return found
+
+
+def print_pdf(browser: str, page: bytes, output: Path) -> None:
+    """Print a page of HTML to a file.
+
+    Raises
+    ------
+    CommandError
+        If the browser fails.
+    OSError
+        If the file cannot be written.
+    """
+    # beside the output: a browser in a container of its distribution sees no other temporary folder
+    with tempfile.TemporaryDirectory(
+        prefix="ricochet-", dir=output.absolute().parent, ignore_cleanup_errors=True
+    ) as folder:
+        source, target = Path(folder) / "report.html", Path(folder) / "report.pdf"
+        source.write_bytes(page)
+        command = [browser, *PRINTING, f"--user-data-dir={folder}/profile", f"--print-to-pdf={target}"]
+        if getattr(os, "geteuid", lambda: 1)() == 0:
+            command.append("--no-sandbox")  # root cannot have one; the page is this command's and runs no script
+        try:
+            done = subprocess.run(  # noqa: S603 (a browser on PATH, with a file of this command)
+                [*command, source.as_uri()], capture_output=True, text=True, timeout=PRINT_SECONDS, check=False
+            )
+        except subprocess.TimeoutExpired:
+            raise CommandError(f"{browser} has not printed within {PRINT_SECONDS:g} s", FAILED) from None
+        if not target.exists():
+            reason = done.stderr.strip().splitlines()[-1:] or [f"exit status {done.returncode}"]
+            raise CommandError(f"{browser} has not printed the report: {reason[0]}", FAILED)
+        shutil.copyfile(target, output)
 
 
 def add_reproduce(parser: argparse.ArgumentParser) -> None:
@@ -33,7 +222,7 @@ def _add_output(parser: argparse.ArgumentParser, report: str, folder: Path) -> N
 
 
 def run(args: argparse.Namespace) -> int:
-    """Write a report.
+    """Write a report of the paper or of tests.
 
     Raises
     ------
@@ -46,7 +235,7 @@ def run(args: argparse.Namespace) -> int:
     except ModuleNotFoundError as error:
         if (error.name or "").partition(".")[0] not in EXTRA:
             raise
-        text = f"{error.name} is not installed; reports need it: pip install 'ricochet[reports]'"
+        text = f"{error.name} is not installed; reports need it: install ricochet with its extra reports"
         raise CommandError(text, FAILED) from None
     try:
         page = _write(writer, report, args.output)

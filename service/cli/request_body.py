@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import re
 import sys
 import tomllib
 from collections.abc import Mapping, Sequence
@@ -9,9 +10,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from service.cli.arguments import CommandError, Flag, RefusedError
+from service.cli.arguments import MODEL_NAMES, CommandError, Flag, RefusedError
+from service.cli.writers import unit_of
 
 STDIN = "-"
+UNKNOWN = "Extra inputs are not permitted"
+"""How validation refuses a field that a request does not have."""
+BOUND = re.compile(r"(than|equal to) (-?[\d.]+(e[+-]?\d+)?)$")
+"""Bound at the end of an error of validation, which has no unit."""
 WALL_PARTS = {"projectile", "target", "impact", "resistance", "numerics"}
 SOUGHT = {"thickness": ("target", "thickness_m"), "limit-speed": ("impact", "velocity_m_s")}
 """Field that a search for perforation finds, by operation."""
@@ -40,12 +46,13 @@ class RequestBody:
 
     def describe(self, pointer: str, detail: str) -> str:
         """Return an error at a pointer, with the flag or the file of that field."""
+        detail = explained(pointer, detail)
         if pointer in self.given:
             return f"{self.given[pointer]}: {detail}"
         if self.file is not None:
             return f"{self.file}: {pointer or '/'}: {detail}"
         if pointer == "/projectile/nose":
-            return "--caliber-radius-head is missing"
+            return "--nose or --caliber-radius-head is missing"
         return f"{self.flags[pointer].name} is missing" if pointer in self.flags else f"{pointer}: {detail}"
 
     def explain(self, error: RefusedError) -> CommandError:
@@ -68,14 +75,28 @@ def read_body(file: str | Path | None, args: argparse.Namespace, flags: Sequence
     given = {}
     for flag in flags:
         value = getattr(args, "/".join(flag.steps))
-        _put_number(content, flag, value)
+        if flag.steps[:-1] not in MODEL_NAMES:
+            _put_number(content, flag, value)
         if value is not None:
             given[flag.pointer] = flag.name
+    for part in MODEL_NAMES:
+        chosen = [(flag, getattr(args, "/".join(flag.steps))) for flag in flags if flag.steps[:-1] == part]
+        _put_model(content, part, [(flag, value) for flag, value in chosen if value is not None])
     for text in getattr(args, "set", ()):
         field, value = _split(text)
         _put_field(content, field.split("."), value, text)
         given["/" + field.replace(".", "/")] = f"--set {text}"
     return RequestBody(content, None if file is None else str(file), {flag.pointer: flag for flag in flags}, given)
+
+
+def explained(pointer: str, detail: str) -> str:
+    """Return an error of validation with the unit of its bound, or the field that an unknown one may be meant as."""
+    if detail.startswith(UNKNOWN):
+        from service.cli.fields import suggestion
+
+        return detail + suggestion(pointer)
+    unit = unit_of(pointer)
+    return f"{detail}{'' if unit == '°' else ' '}{unit}" if unit and BOUND.search(detail) else detail
 
 
 def without_sought(body: RequestBody, operation: str) -> RequestBody:
@@ -98,10 +119,30 @@ def _put_number(body: dict[str, Any], flag: Flag, value: float | None) -> None:
     for step in flag.steps[:-1]:
         parent = parent.setdefault(step, {}) if isinstance(parent, dict) else None
     if value is not None and isinstance(parent, dict):
-        if flag.steps[-2] == "nose":
-            parent.clear()
-            parent["shape"] = "ogive"
         parent[flag.steps[-1]] = value
+
+
+def _put_model(body: dict[str, Any], part: tuple[str, ...], chosen: Sequence[tuple[Flag, Any]]) -> None:
+    """Set a part of several models from its flags; the model of the file stays if it has their fields.
+
+    Raises
+    ------
+    CommandError
+        If a flag belongs to another model than one that names it.
+    """
+    holder: Any = body.setdefault(part[0], {}) if chosen or part[0] == "projectile" else None
+    if not chosen or not isinstance(holder, dict):
+        return
+    name, before = MODEL_NAMES[part], holder.get(part[1])
+    values = {flag.steps[-1]: value for flag, value in chosen}
+    model = values.get(name) or (before.get(name) if isinstance(before, dict) else None)
+    for flag, _ in chosen:
+        if flag.implies and model not in flag.implies:
+            if name in values:
+                raise CommandError(f"{flag.name}: is of {' or '.join(flag.implies)}, not of {model}")
+            model = flag.implies[0]
+    kept = before if isinstance(before, dict) and before.get(name) == model else {}
+    holder[part[1]] = {**kept, name: model, **values}
 
 
 def _split(text: str) -> tuple[str, Any]:

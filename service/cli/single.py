@@ -11,6 +11,7 @@ from service.cli.arguments import (
     ATTACK,
     BODY,
     IMPACT,
+    RESISTANCE,
     VELOCITY,
     CommandError,
     Flag,
@@ -20,13 +21,14 @@ from service.cli.arguments import (
     add_formats,
     add_plot,
     add_url,
+    add_verbose,
     examples,
 )
 from service.cli.request_body import RequestBody, read_body
-from service.cli.writers import heading, print_table, print_values, print_warnings
+from service.cli.writers import heading, print_table, print_values, print_warning_codes, print_warnings
 
-TRAJECTORY_FLAGS = (*IMPACT, *BODY)
-CRA_FLAGS = (VELOCITY, *ATTACK, *BODY)
+TRAJECTORY_FLAGS = (*IMPACT, *BODY, *RESISTANCE)
+CRA_FLAGS = (VELOCITY, *ATTACK, *BODY, *RESISTANCE)
 
 
 def add_trajectory(parser: argparse.ArgumentParser) -> None:
@@ -50,15 +52,17 @@ def add_trajectory(parser: argparse.ArgumentParser) -> None:
 def add_cra(parser: argparse.ArgumentParser) -> None:
     """Define `ricochet cra`."""
     parser.description = (
-        "Find the smallest oblique angle, from the inward normal of the face, at which a projectile ricochets. If "
-        "there is none in the range, the status of the answer says so."
+        "Find the smallest oblique angle, from the inward normal of the face, at which a projectile ricochets. Prints "
+        "one line; if there is no such angle in the range, it says so."
     )
     parser.epilog = examples(
         "ricochet cra strike.toml",
+        "ricochet cra strike.toml -v",
         "ricochet cra strike.toml --velocity 300 --set search.tolerance_deg=0.1 --json",
     )
     add_case(parser, CRA_FLAGS)
     add_formats(parser, json="print the answer as the service sends it", csv="print the trial angles")
+    add_verbose(parser, "print the trial angles and the warnings in full too")
     add_plot(parser, "the trial angles and the critical angle")
     add_alternatives(parser)
     add_url(parser)
@@ -97,7 +101,7 @@ def run_cra(args: argparse.Namespace) -> int:
         columns = {name: [trial[name] for trial in trials] for name in trials[0]}
         print_csv(alternatives_of(answer) if args.alternatives else columns)
     else:
-        print_search(answer)
+        print_search(answer, verbose=args.verbose)
     return 0
 
 
@@ -133,47 +137,11 @@ def answer_of(operation: str, body: RequestBody, url: str | None) -> bytes:
 
             with connect(url) as client:
                 return client.compute(operation, body.content)
-        return compute_locally(operation, body.content)
+        from service.cli.local import compute
+
+        return compute(operation, body.content)
     except RefusedError as error:
         raise body.explain(error) from None
-
-
-def compute_locally(name: str, body: dict[str, Any]) -> bytes:
-    """Return the answer that a service would send, computed in this process.
-
-    Raises
-    ------
-    RefusedError
-        If the request is invalid, or the computation fails.
-    """
-    from pydantic import ValidationError
-
-    from service.cache.record import Record
-    from service.errors import InvalidBodyError, problem_of, validation_errors
-    from service.operations import OPERATIONS, KeyedRequest
-    from service.schemas.alternatives import alternative_requests, answered_alternative, with_alternatives
-    from solver import RicochetError
-
-    def solve(request: Any) -> Record:
-        query = KeyedRequest.of(name, request)
-        return Record(query.key, name, query.json, *OPERATIONS[name].compute(query.json))
-
-    def solve_alternative(laws: dict[str, Any], request: Any) -> dict[str, Any]:
-        try:
-            return answered_alternative(laws, solve(request).answer)
-        except RicochetError as error:
-            return {**laws, "problem": {**problem_of(error), "instance": f"/{name}"}}
-
-    try:
-        request: Any = OPERATIONS[name].request.model_validate_json(json.dumps(body))
-        answer = solve(request).json
-    except ValidationError as error:
-        raise RefusedError(problem_of(InvalidBodyError(validation_errors(error.errors())))) from None
-    except RicochetError as error:
-        raise RefusedError(problem_of(error)) from None
-    if not getattr(request, "alternatives", False):
-        return answer
-    return with_alternatives(answer, [solve_alternative(*each) for each in alternative_requests(request)])
 
 
 def history_of(answer: Mapping[str, Any]) -> Mapping[str, Sequence[float]]:
@@ -213,28 +181,55 @@ def print_motion(answer: Mapping[str, Any]) -> None:
     print_warnings(answer["warnings"])
 
 
-def print_search(answer: Mapping[str, Any]) -> None:
-    """Print the trial angles of a search and its result."""
-    columns = ("oblique_angle_deg", "final_position_m", "outcome")
-    rows = [[trial[name] for name in columns] for trial in answer["iterations"]]
-    print_table([heading(name) for name in columns], rows)
-    found = {"status": answer["status"]}
-    for name in ("critical_angle_deg", "critical_angle_standard_error_deg"):
-        if name in answer:
-            found[heading(name)] = answer[name]
-    if "bracket_deg" in answer:
-        found[heading("bracket_deg")] = " to ".join(f"{angle:.5g}" for angle in answer["bracket_deg"])
-    if "strength_factor" in answer:
-        found[heading("strength_factor")] = answer["strength_factor"]
-    alternatives = answer.get("alternatives", ())
-    if angles := [each["critical_angle_deg"] for each in alternatives if "critical_angle_deg" in each]:
-        found["under other laws °"] = f"{min(angles):.5g} to {max(angles):.5g}"
-    if answer["other_crossings_deg"]:
-        found[heading("other_crossings_deg")] = ", ".join(f"{angle:.5g}" for angle in answer["other_crossings_deg"])
-    print()
-    print_values(found)
+def print_search(answer: Mapping[str, Any], *, verbose: bool) -> None:
+    """Print the result of a search in one line, and the trials and numbers behind it if verbose."""
+    if verbose:
+        columns = ("oblique_angle_deg", "final_position_m", "outcome")
+        rows = [[trial[name] for name in columns] for trial in answer["iterations"]]
+        print_table([heading(name) for name in columns], rows)
+        print()
+    print(sentence(answer))
+    if verbose:
+        found = {"status": answer["status"]}
+        for name in ("critical_angle_deg", "critical_angle_standard_error_deg"):
+            if name in answer:
+                found[heading(name)] = answer[name]
+        if "bracket_deg" in answer:
+            found[heading("bracket_deg")] = " to ".join(f"{angle:.5g}" for angle in answer["bracket_deg"])
+        if "strength_factor" in answer:
+            found[heading("strength_factor")] = answer["strength_factor"]
+        print()
+        print_values(found)
     print_alternatives(answer)
-    print_warnings(answer["warnings"])
+    if verbose:
+        print_warnings(answer["warnings"])
+    else:
+        print_warning_codes(answer["warnings"])
+
+
+def sentence(answer: Mapping[str, Any]) -> str:
+    """Return the result of a search as one line."""
+    trials = sorted(answer["iterations"], key=lambda trial: float(trial["oblique_angle_deg"]))
+    lowest, highest = (f"{trials[i]['oblique_angle_deg']:g}°" for i in (0, -1))
+    if "critical_angle_deg" in answer:
+        angle = answer["critical_angle_deg"]
+        error = answer.get("critical_angle_standard_error_deg")
+        fine = [trial for trial in trials if trial.get("fine", True)]
+        below = [trial["outcome"] for trial in fine if trial["oblique_angle_deg"] < angle]
+        text = f"critical angle {angle:.2f}°" + (f" ± {error:.2f}°" if error is not None else "")
+        text += " from the normal: ricochet at this angle"
+        text += f", {below[-1].replace('_', ' ')} just below it" if below else ""
+    else:
+        text = {
+            "no_ricochet": f"no ricochet at any angle tried from {lowest} to {highest} from the normal",
+            "always_ricochet": f"ricochet at every angle tried from {lowest} to {highest} from the normal",
+        }.get(answer["status"], f"no critical angle: the search from {lowest} to {highest} has not converged")
+    if others := answer["other_crossings_deg"]:
+        text += "; the outcome also changes at " + ", ".join(f"{other:.2f}°" for other in others)
+    angles = [each["critical_angle_deg"] for each in answer.get("alternatives", ()) if "critical_angle_deg" in each]
+    if angles:
+        text += f"; under other laws {min(angles):.2f}° to {max(angles):.2f}°"
+    return text
 
 
 def print_alternatives(answer: Mapping[str, Any]) -> None:

@@ -13,6 +13,7 @@ from service.cli.arguments import (
     BODY,
     FAILED,
     IMPACT,
+    RESISTANCE,
     CommandError,
     RefusedError,
     add_case,
@@ -27,6 +28,7 @@ from service.cli.request_body import RequestBody, read_body
 from service.cli.single import answer_of, print_csv, print_json
 from service.cli.writers import cell, heading, print_table, print_values, print_warnings, progress
 
+FLAGS = (*IMPACT, *BODY, *RESISTANCE)
 PARAMETERS = {
     "normal": ("mean", "standard_deviation"),
     "truncated_normal": ("mean", "standard_deviation", "lower", "upper"),
@@ -52,7 +54,7 @@ def add_uncertainty(parser: argparse.ArgumentParser) -> None:
         "ricochet uncertainty strike.toml --uncertain impact.velocity_m_s=normal:238:2.4",
         "ricochet uncertainty strike.toml --angle 50 --uncertain resistance.strength_residual=lognormal:1:0.1",
     )
-    add_case(parser, (*IMPACT, *BODY))
+    add_case(parser, FLAGS)
     parser.add_argument(
         "--uncertain",
         action="append",
@@ -70,7 +72,7 @@ def add_uncertainty(parser: argparse.ArgumentParser) -> None:
 
 def run_uncertainty(args: argparse.Namespace) -> int:
     """Estimate and print."""
-    body = read_body(args.case, args, (*IMPACT, *BODY))
+    body = read_body(args.case, args, FLAGS)
     for text in args.uncertain:
         body.content.setdefault("uncertain", []).append(uncertain_input(text))
     strike = "oblique_angle_deg" in body.content.get("impact", {})

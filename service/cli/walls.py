@@ -5,13 +5,23 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
-from service.cli.arguments import ATTACK, BODY, IMPACT, OBLIQUE_ANGLE, add_case, add_formats, add_url, examples
+from service.cli.arguments import (
+    ATTACK,
+    BODY,
+    IMPACT,
+    OBLIQUE_ANGLE,
+    RESISTANCE,
+    add_case,
+    add_formats,
+    add_url,
+    examples,
+)
 from service.cli.request_body import SOUGHT, read_body, without_sought
 from service.cli.single import answer_of, print_csv, print_json
 from service.cli.writers import heading, print_table, print_values, print_warnings
 
-STRIKE_FLAGS = (*IMPACT, *(flag for flag in BODY if flag.steps != SOUGHT["thickness"]))
-WALL_FLAGS = (OBLIQUE_ANGLE, *ATTACK, *BODY)
+STRIKE_FLAGS = (*IMPACT, *(flag for flag in BODY if flag.steps != SOUGHT["thickness"]), *RESISTANCE)
+WALL_FLAGS = (OBLIQUE_ANGLE, *ATTACK, *BODY, *RESISTANCE)
 
 
 def add_thickness(parser: argparse.ArgumentParser) -> None:

@@ -1,6 +1,7 @@
 """Output: JSON lines for programs; tables, warnings and progress bars for people."""
 
 import argparse
+import csv
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -9,7 +10,7 @@ from typing import Any, Protocol, TextIO, TypeAlias
 import orjson
 
 from service.cli.arguments import FAILED, SOME_FAILED, CommandError, problem_text
-from service.columns import summarize
+from service.columns import batch_columns, batch_row, summarize
 
 Item: TypeAlias = Mapping[str, Any]
 """Result or problem of one case of a job."""
@@ -62,6 +63,32 @@ class JsonLines:
     def write(self, items: Sequence[Item]) -> None:
         """Write a line for each result and flush, so that the reader of a pipe gets them at once."""
         self._stream.write(b"".join(orjson.dumps(item) + b"\n" for item in items).decode())
+        self._stream.flush()
+
+    def close(self) -> None:
+        """Do nothing."""
+
+
+class Table:
+    """Results of a sweep as CSV, with the base as a comment, as the service sends them."""
+
+    def __init__(self, stream: TextIO, operation: str, content: Mapping[str, Any]) -> None:
+        self._stream = stream
+        self._operation = operation
+        self._base = content["base"]
+        self._fields = tuple(axis["field"] for axis in content["axes"])
+        self._rows = csv.writer(stream, lineterminator="\n")
+        self._begun = False
+
+    def write(self, items: Sequence[Item]) -> None:
+        """Write a row for each result, the first time with the header above."""
+        if not self._begun:
+            self._stream.write(f"# base: {orjson.dumps(self._base).decode()}\n")
+            self._rows.writerow([column.name for column in batch_columns(self._operation, self._fields)])
+            self._begun = True
+        for item in items:
+            point = tuple(item["point"][field] for field in self._fields)
+            self._rows.writerow(batch_row(self._operation, item, point))
         self._stream.flush()
 
     def close(self) -> None:
@@ -121,7 +148,17 @@ class Counts:
 
 def is_table(args: argparse.Namespace) -> bool:
     """Return whether the results are written as CSV: by `--csv`, or into a file whose name ends in .csv."""
-    return bool(args.csv or (args.output and not args.json and args.output.suffix.lower() == ".csv"))
+    return bool(args.csv or _is_named(args, ".csv"))
+
+
+def is_parquet(args: argparse.Namespace) -> bool:
+    """Return whether the results are written as Parquet: by `--parquet`, or into a file whose name ends in .parquet."""
+    return bool(args.parquet or _is_named(args, ".parquet"))
+
+
+def _is_named(args: argparse.Namespace, ending: str) -> bool:
+    given = args.json or args.csv or args.parquet
+    return bool(args.output and not given and args.output.suffix.lower() == ending)
 
 
 @contextmanager
@@ -131,9 +168,11 @@ def open_output(args: argparse.Namespace) -> Iterator[TextIO]:
     Raises
     ------
     CommandError
-        If the file cannot be written.
+        If the file cannot be written, or Parquet would go to a terminal.
     """
     if args.output is None:
+        if is_parquet(args) and sys.stdout.isatty():
+            raise CommandError("Parquet is not for a terminal: name a file with -o")
         yield sys.stdout
         return
     try:
@@ -152,10 +191,14 @@ def writer_for(args: argparse.Namespace, stream: TextIO, operation: str) -> Writ
 def heading(name: str) -> str:
     """Return the name of a field as the heading of a column, with its unit last."""
     name = name.rpartition(".")[2]
-    for suffix, unit in UNITS.items():
-        if name.endswith(suffix):
-            return f"{name.removesuffix(suffix).replace('_', ' ')} {unit}"
-    return name.replace("_", " ")
+    unit = unit_of(name)
+    suffix = next((suffix for suffix in UNITS if name.endswith(suffix)), "")
+    return f"{name.removesuffix(suffix).replace('_', ' ')} {unit}".rstrip()
+
+
+def unit_of(name: str) -> str:
+    """Return the unit of a field by the end of its name; empty if it has none."""
+    return next((unit for suffix, unit in UNITS.items() if name.endswith(suffix)), "")
 
 
 def cell(value: Any) -> str:
@@ -197,6 +240,14 @@ def print_warnings(warnings: Iterable[Mapping[str, str]]) -> None:
     """Print the warnings of an answer on standard error."""
     for warning in warnings:
         print(f"warning: {warning['detail']}", file=sys.stderr)
+
+
+def print_warning_codes(warnings: Sequence[Mapping[str, str]]) -> None:
+    """Print how many warnings an answer has, and their codes, on standard error."""
+    if warnings:
+        count = "1 warning" if len(warnings) == 1 else f"{len(warnings)} warnings"
+        codes = ", ".join(dict.fromkeys(warning["code"] for warning in warnings))
+        print(f"{count} (-v explains): {codes}", file=sys.stderr)
 
 
 def _print_ruled(columns: Sequence[str], cells: Sequence[Sequence[str]], right: Sequence[bool], stream: TextIO) -> None:

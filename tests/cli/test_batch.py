@@ -12,6 +12,7 @@ from typing import Any
 
 import httpx
 import pytest
+from pyarrow import parquet
 
 from service import cli
 from service.cli.client import connect
@@ -70,6 +71,30 @@ def test_sweep_fills_a_table_and_draws_it(folder: Path) -> None:
     assert run(folder, "cache", "stat", RICOCHET_DATA_DIR="kept").out.startswith("6 results")
 
 
+@pytest.mark.parametrize("form", ["--json", "--csv"])
+def test_small_sweep_is_that_of_a_service_and_starts_none(
+    folder: Path, live_url: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], form: str
+) -> None:
+    """One point that only the solver can refuse stops nothing."""
+    monkeypatch.chdir(folder)
+    monkeypatch.delenv("RICOCHET_URL", raising=False)
+    monkeypatch.setenv("NO_PROXY", "*")
+    monkeypatch.setattr("service.cli.server.local_server", None)
+    args = ["sweep", "strike.toml", "--axis", "projectile.length_m=0.53,0.05", form]
+    assert cli.main(args) == 3
+    here = capsys.readouterr()
+    assert cli.main([*args, "--url", live_url]) == 3
+    there = capsys.readouterr()
+    assert here.err == there.err == "2 cases, 1 of them with a problem\n"
+    if form == "--csv":
+        assert here.out == there.out
+    else:
+        for ours, theirs in zip(items_of(here.out), items_of(there.out), strict=True):
+            ours.get("problem", {}).pop("instance", None)
+            theirs.get("problem", {}).pop("instance", None)
+            assert ours == theirs
+
+
 def test_sweep_of_walls_leaves_out_what_is_sought(served: Path, capsys: pytest.CaptureFixture[str]) -> None:
     coarse = ("--set", "numerics.relative_tolerance=1e-3", "--axis", "impact.oblique_angle_deg=0,20")
     case = {**case_at(238.0), "search": {"tolerance_deg": 1.0}}
@@ -116,6 +141,27 @@ def test_table_of_a_job_is_that_of_the_service(
     assert capsys.readouterr().out == expected
     assert cli.main(["jobs", "results", name, "-o", "results.csv"]) == 0
     assert (served / "results.csv").read_text() == expected
+
+
+def test_parquet_of_a_job_has_the_rows_of_the_table(
+    served: Path, client: httpx.Client, capsysbinary: pytest.CaptureFixture[bytes]
+) -> None:
+    axes = [{"field": "impact.velocity_m_s", "values": [238.0, 240.0]}]
+    job = client.post("/cra/sweep", json={"base": case_at(238.0), "axes": axes}, headers={"Prefer": "respond-async"})
+    name = job.json()["id"]
+    assert cli.main(["jobs", "results", name, "-o", "results.parquet"]) == 0
+    assert cli.main(["jobs", "results", name, "--csv", "-o", "table.parquet"]) == 0  # the flag counts
+    capsysbinary.readouterr()
+    assert cli.main(["jobs", "results", name, "--parquet"]) == 0
+    assert capsysbinary.readouterr().out == (served / "results.parquet").read_bytes()
+    rows = parquet.read_table(served / "results.parquet").to_pylist()
+    _, *table = (served / "table.parquet").read_text().splitlines()
+    expected = list(csv.DictReader(table))
+    assert [str(row["critical_angle_deg"]) for row in rows] == [row["critical_angle_deg"] for row in expected]
+    assert [row["impact.velocity_m_s"] for row in rows] == [238.0, 240.0]
+    sweep = ["sweep", "strike.toml", "--axis", "impact.velocity_m_s=238,240", "-o", "again.parquet"]
+    assert cli.main(sweep) == 0
+    assert parquet.read_table(served / "again.parquet").to_pylist() == rows
 
 
 def test_terminal_gets_the_head_of_a_table_and_no_lines_of_json(folder: Path, live_url: str) -> None:

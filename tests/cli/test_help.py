@@ -33,6 +33,7 @@ LIGHT = (
     "formulas",
     "thickness",
     "limit-speed",
+    "report",
     "batch",
     "sweep",
     "jobs",
@@ -42,6 +43,8 @@ LIGHT = (
     "reproduce",
     "validate",
     "openapi",
+    "init",
+    "completion",
     "version",
 )
 ACTIONS = {
@@ -54,9 +57,11 @@ ALL = [(command.name,) for command in cli.COMMANDS] + [
     (name, action) for name, actions in ACTIONS.items() for action in actions
 ]
 SINGLE = {"trajectory", "cra", "formulas", "thickness", "limit-speed"}
-LOCAL = [words for words in ALL if words[0] in SINGLE | {"calibrate", "cache", "openapi", "version"}]
+LOCAL = [
+    words for words in ALL if words[0] in SINGLE | {"calibrate", "cache", "completion", "init", "openapi", "version"}
+]
 SERVED = [words for words in ALL if words[0] in {"batch", "sweep", "jobs"}]
-"""`serve` is started by a fixture; `reproduce` and `validate` take a minute and are tested in tests/reports."""
+"""`serve` is started by a fixture; `report`, `reproduce` and `validate` take long and are tested in tests/reports."""
 TESTS_CSV = "velocity_m_s,depth_m\n238.1,0.30\n275.7,0.38\n314.0,0.45\n369.5,0.53\n"
 POINTS_CSV = "oblique_angle_deg,strength_factor\n0,8.52\n15,8.25\n30,7.91\n45,6.48\n"
 
@@ -105,6 +110,8 @@ def test_examples_of_the_help_work(
         assert cli.main(["trajectory", "strike.toml", "--angle", "30", "--csv"]) == 0
         (folder / "history.csv").write_text(motion_since_contact(capsys.readouterr().out))
         (folder / "runs.csv").write_text("file,oblique_angle_deg\nhistory.csv,30\n")
+    if words == ("init",):
+        (folder / "strike.toml").unlink()
     examples = examples_of(help_of(*words, capsys=capsys))
     assert examples
     for example in examples:

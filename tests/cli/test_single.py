@@ -34,7 +34,7 @@ def test_answer_of_a_service_is_printed_as_it_comes(folder: Path, client: httpx.
 
 
 def test_a_pipe_gets_aligned_text_and_a_terminal_a_table(folder: Path, live_url: str) -> None:
-    args = ["cra", "strike.toml", "--url", live_url]
+    args = ["cra", "strike.toml", "-v", "--url", live_url]
     piped, shown = run(folder, *args), run_on_terminal(folder, *args)
     assert (piped.status, shown.status) == (0, 0)
     assert "\x1b" not in piped.out + piped.err
@@ -49,7 +49,7 @@ def test_a_pipe_gets_aligned_text_and_a_terminal_a_table(folder: Path, live_url:
 
 
 def test_no_color_is_honoured(folder: Path, live_url: str) -> None:
-    shown = run_on_terminal(folder, "cra", "strike.toml", "--url", live_url, NO_COLOR="1")
+    shown = run_on_terminal(folder, "cra", "strike.toml", "-v", "--url", live_url, NO_COLOR="1")
     assert shown.status == 0
     assert "│" in shown.out
     assert "\x1b[3" not in shown.out
@@ -67,6 +67,35 @@ def answer(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict[str, Any
     assert cli.main([*arguments, "--json"]) == 0
     content: dict[str, Any] = json.loads(capsys.readouterr().out)
     return content
+
+
+def test_angle_is_one_line_and_warnings_another(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    found = answer(capsys, "cra", "strike.toml")
+    assert cli.main(["cra", "strike.toml"]) == 0
+    shown = capsys.readouterr()
+    angle = f"{found['critical_angle_deg']:.2f}°"
+    assert shown.out == f"critical angle {angle} from the normal: ricochet at this angle, embedded just below it\n"
+    codes = ", ".join(warning["code"] for warning in found["warnings"])
+    assert shown.err == f"{len(found['warnings'])} warnings (-v explains): {codes}\n"
+    assert cli.main(["cra", "strike.toml", "-v"]) == 0
+    verbose = capsys.readouterr()
+    assert shown.out in verbose.out
+    assert len(verbose.out.splitlines()) > len(found["iterations"])
+    assert all(warning["detail"] in verbose.err for warning in found["warnings"])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "line"),
+    [
+        ("--set search.lower_deg=5 --set search.upper_deg=20", "no ricochet at any angle tried from 5° to 20°"),
+        ("--set search.lower_deg=70 --set search.upper_deg=80", "ricochet at every angle tried from 70° to 80°"),
+    ],
+)
+def test_search_without_an_angle_says_so(
+    here: Path, capsys: pytest.CaptureFixture[str], arguments: str, line: str
+) -> None:
+    assert cli.main(["cra", "strike.toml", *arguments.split()]) == 0
+    assert capsys.readouterr().out == f"{line} from the normal\n"
 
 
 def test_file_flags_and_stdin_say_the_same(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -109,7 +138,7 @@ def test_alternatives_are_a_table_with_their_range(here: Path, capsys: pytest.Ca
     angles = [each["critical_angle_deg"] for each in found]
     assert cli.main(["cra", "strike.toml", "--alternatives"]) == 0
     text = capsys.readouterr().out
-    assert f"under other laws °  {min(angles):.5g} to {max(angles):.5g}" in text
+    assert f"under other laws {min(angles):.2f}° to {max(angles):.2f}°" in text.splitlines()[0]
     assert all(each["fitted_to"] in text for each in found)
     assert cli.main(["cra", "strike.toml", "--alternatives", "--csv"]) == 0
     rows = list(csv.DictReader(capsys.readouterr().out.splitlines()))
@@ -260,4 +289,4 @@ def test_missing_matplotlib_is_found_before_the_computation(folder: Path) -> Non
     (folder / "matplotlib.py").write_text("raise ModuleNotFoundError(name='matplotlib')")
     done = run(folder, "cra", "strike.toml", "--plot", "a.svg")
     assert (done.status, done.out) == (1, "")
-    assert "pip install 'ricochet[reports]'" in done.err
+    assert "install ricochet with its extra reports" in done.err

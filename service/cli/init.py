@@ -1,0 +1,74 @@
+"""`ricochet init`: a commented file of a strike."""
+
+import argparse
+from pathlib import Path
+
+from service.cli.arguments import FAILED, CommandError, examples
+
+STRIKE = """\
+# A strike, for `ricochet cra` and the other commands. SI units; angles in degrees from the inward normal of the face.
+# Lines that begin with "# " and hold a field are optional: remove the "# " to use one, in place of another of its name.
+
+[projectile]
+diameter_m = 0.08  # of the shank
+length_m = 0.53  # from the nose tip to the base
+mass_kg = 13.0
+nose = { shape = "ogive", caliber_radius_head = 3.0 }  # radius of the ogive over the diameter, 0.5 or more
+# nose = { shape = "conical", length_to_diameter = 1.5 }
+# nose = { shape = "spherical", caliber_radius_head = 0.5 }
+# nose = { shape = "flat" }
+# nose = { shape = "profile", points = [[0.0, 0.01], [0.06, 0.03], [0.12, 0.04]] }  # [m] from the tip: x, radius
+# center_of_gravity_m = 0.3  # behind the nose tip; that of a homogeneous body unless given
+# moment_of_inertia_kg_m2 = 0.25  # transverse, about the centre of gravity; likewise
+
+[target]
+compressive_strength_pa = 39e6  # unconfined, of the concrete: 39 MPa
+density_kg_m3 = 2250.0
+# youngs_modulus_pa = 29.5e9  # from the strength by ACI 318-19 unless given
+# poissons_ratio = 0.5
+# thickness_m = 0.5  # of a wall; a half-space unless given
+
+[impact]
+velocity_m_s = 238.0
+# angle_of_attack_deg = 1.0  # axis minus velocity, positive with the nose turned toward the face
+# angular_velocity_rad_s = 0.0
+# The oblique angle is sought by `cra`; other commands take it from --angle.
+
+[resistance]
+# strength_factor = { model = "obliquity_polynomial", coefficients = [8.469, 0.0149, -0.0013] }  # eq. 9, the default
+# strength_factor = { model = "constant", value = 8.52 }
+# strength_factor = { model = "published_tests" }
+# strength_factor = { model = "strength_power_law", coefficient = 82.6, exponent = -0.544 }
+# free_surface = { model = "elastic_plastic" }  # the default
+# free_surface = { model = "mohr_coulomb" }
+# free_surface = { model = "none" }
+# inertia_factor = 1.0
+"""
+
+
+def add_init(parser: argparse.ArgumentParser) -> None:
+    """Define `ricochet init`."""
+    parser.description = (
+        "Write a file of a strike to start from, that of the source paper, with every nose shape and strength law as a "
+        "comment. A file that is there already is left as it is."
+    )
+    parser.epilog = examples("ricochet init", "ricochet init wall.toml")
+    parser.add_argument(
+        "file", nargs="?", type=Path, default=Path("strike.toml"), metavar="FILE", help="default: strike.toml"
+    )
+    parser.set_defaults(run=run_init)
+
+
+def run_init(args: argparse.Namespace) -> int:
+    """Write the file."""
+    if args.file.suffix.lower() != ".toml":
+        raise CommandError(f"{args.file}: must end in .toml")
+    try:
+        with args.file.open("x", encoding="utf-8") as stream:
+            stream.write(STRIKE)
+    except FileExistsError:
+        raise CommandError(f"{args.file}: is there already; name another file") from None
+    except OSError as error:
+        raise CommandError(f"{args.file}: {error.strerror or error}", FAILED) from None
+    print(f"wrote {args.file}; next: ricochet cra {args.file}")
+    return 0

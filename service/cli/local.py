@@ -1,0 +1,128 @@
+"""Single answers and small sweeps, computed in this process; for larger ones see `server`."""
+
+import json
+from collections.abc import Iterator
+from typing import Any
+
+from service.cli.arguments import RefusedError
+from service.cli.writers import Item
+
+SMALL_CASES = 100
+"""Cases that take less time here than a service takes to start. A search for perforation counts as 20."""
+
+
+def is_small(operation: str, count: int) -> bool:
+    """Return whether so many cases are computed in this process."""
+    from service.operations import OPERATIONS
+
+    return count * OPERATIONS[operation].weight <= SMALL_CASES
+
+
+def compute(name: str, body: dict[str, Any]) -> bytes:
+    """Return the answer that a service would send, computed in this process.
+
+    Raises
+    ------
+    RefusedError
+        If the request is invalid, or the computation fails.
+    """
+    from pydantic import ValidationError
+
+    from service.errors import InvalidBodyError, problem_of, validation_errors
+    from service.operations import OPERATIONS
+    from service.schemas.alternatives import alternative_requests, answered_alternative, with_alternatives
+    from solver import RicochetError
+
+    def solve_alternative(laws: dict[str, Any], request: Any) -> dict[str, Any]:
+        try:
+            return answered_alternative(laws, _solve(name, request).answer)
+        except RicochetError as error:
+            return {**laws, "problem": {**problem_of(error), "instance": f"/{name}"}}
+
+    try:
+        request: Any = OPERATIONS[name].request.model_validate_json(json.dumps(body))
+        answer: bytes = _solve(name, request).json
+    except ValidationError as error:
+        raise RefusedError(problem_of(InvalidBodyError(validation_errors(error.errors())))) from None
+    except RicochetError as error:
+        raise RefusedError(problem_of(error)) from None
+    if not getattr(request, "alternatives", False):
+        return answer
+    return with_alternatives(answer, [solve_alternative(*each) for each in alternative_requests(request)])
+
+
+def compute_sweep(operation: str, content: dict[str, Any]) -> Iterator[Item]:
+    """Yield the results of a sweep in order, as a service sends them.
+
+    Parameters
+    ----------
+    operation
+        Operation of every point.
+    content
+        Base and axes, as a service takes them.
+
+    Raises
+    ------
+    RefusedError
+        If the base, an axis or a point is invalid; before the first result.
+    """
+    from service.errors import case_problem
+    from solver import RicochetError
+
+    for number, (point, request) in enumerate(_points(operation, content)):
+        item: dict[str, Any] = {"index": number, "point": point}
+        try:
+            yield item | {"result": json.loads(_solve(operation, request).json)}
+        except RicochetError as error:
+            yield item | {"problem": case_problem(error) | {"instance": f"/{operation}/sweep"}}
+
+
+def _solve(name: str, request: Any) -> Any:
+    """Return the record of a validated request."""
+    from service.cache.record import Record
+    from service.operations import OPERATIONS, KeyedRequest
+
+    query = KeyedRequest.of(name, request)
+    return Record(query.key, name, query.json, *OPERATIONS[name].compute(query.json))
+
+
+def _points(operation: str, content: dict[str, Any]) -> list[tuple[dict[str, float], Any]]:
+    """Return the values of the axes and the validated request of every point."""
+    from pydantic import ValidationError
+
+    from service.errors import InvalidBodyError, field_errors, problem_of, validation_errors
+    from service.schemas import sweeps
+    from solver import ParameterError
+
+    model: Any = {
+        "cra": sweeps.CriticalAngleSweep,
+        "trajectory": sweeps.TrajectorySweep,
+        "thickness": sweeps.ThicknessSweep,
+        "limit-speed": sweeps.LimitSpeedSweep,
+    }[operation]
+    base: Any = model.model_fields["base"].annotation
+
+    def refused(errors: list[dict[str, str]]) -> RefusedError:
+        return RefusedError(problem_of(InvalidBodyError(errors)))
+
+    try:
+        outline = sweeps.Outline.model_validate(content)
+    except ValidationError as error:
+        raise refused(validation_errors(error.errors())) from None
+    try:
+        base.model_validate(outline.base)
+        grid = sweeps.Grid(base, outline)
+    except ValidationError as error:
+        raise refused(validation_errors(error.errors(), "/base")) from None
+    except sweeps.AxisError as error:
+        raise refused([{"pointer": error.pointer, "detail": error.detail}]) from None
+    found = []
+    for number, values in enumerate(grid.points()):
+        try:
+            request = base.model_validate(grid.request(values))
+            request.canonical()
+        except (ValidationError, ParameterError) as error:
+            errors = field_errors(error) if isinstance(error, ParameterError) else validation_errors(error.errors())
+            raise refused([each | {"pointer": grid.pointer(number, each["pointer"])} for each in errors]) from None
+        found.append((dict(zip(grid.fields, values, strict=True)), request))
+    return found

@@ -1,0 +1,153 @@
+"""`ricochet init`, flags of noses and laws, and errors that name field, bound, unit and what was meant."""
+
+import json
+import re
+import subprocess
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from service import cli
+from service.schemas import CriticalAngleRequest
+from service.schemas.examples import PAPER
+
+LAW = "resistance.strength_factor"
+NUMBERS = "--diameter 0.08 --length 0.53 --mass 13 --compressive-strength 39e6 --density 2250 --velocity 238"
+
+
+@pytest.fixture
+def here(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The folder, as that of this process, which asks no service."""
+    monkeypatch.chdir(folder)
+    monkeypatch.delenv("RICOCHET_URL", raising=False)
+    return folder
+
+
+def test_init_writes_the_strike_of_the_paper_once(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["init", "new.toml"]) == 0
+    assert "ricochet cra new.toml" in capsys.readouterr().out
+    found = tomllib.loads((here / "new.toml").read_text())
+    assert found.pop("resistance") == {}
+    assert found == PAPER
+    (here / "new.toml").write_text("mine")
+    assert cli.main(["init", "new.toml"]) == 2
+    assert "new.toml: is there already" in capsys.readouterr().err
+    assert (here / "new.toml").read_text() == "mine"
+    assert cli.main(["init", "new.json"]) == 2
+    assert cli.main(["init", "nowhere/new.toml"]) == 1
+
+
+def test_every_line_that_init_leaves_out_is_a_field_of_the_contract(here: Path) -> None:
+    assert cli.main(["init", "new.toml"]) == 0
+    lines = (here / "new.toml").read_text().splitlines()
+    optional = [number for number, line in enumerate(lines) if re.match(r"# \w+ = ", line)]
+    assert len(optional) >= 16
+    for number in optional:
+        name = lines[number].split()[1]
+        changed = [line for line in lines if not line.startswith(f"{name} = ")]
+        text = "\n".join(changed).replace(lines[number], lines[number].removeprefix("# "))
+        CriticalAngleRequest.model_validate(tomllib.loads(text))
+
+
+def answer_of(arguments: str, capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
+    """The answer, whose key is that of the request."""
+    assert cli.main(["cra", *arguments.split(), "--json"]) == 0
+    found: dict[str, Any] = json.loads(capsys.readouterr().out)
+    return found
+
+
+@pytest.mark.parametrize(
+    ("flags", "field", "value"),
+    [
+        ("--nose flat", "projectile.nose", {"shape": "flat"}),
+        (
+            "--nose spherical --caliber-radius-head 0.7",
+            "projectile.nose",
+            {"shape": "spherical", "caliber_radius_head": 0.7},
+        ),
+        ("--caliber-radius-head 2", "projectile.nose", {"shape": "ogive", "caliber_radius_head": 2.0}),
+        ("--length-to-diameter 1.5", "projectile.nose", {"shape": "conical", "length_to_diameter": 1.5}),
+        ("--profile 0,0.01:0.1,0.04", "projectile.nose", {"shape": "profile", "points": [[0.0, 0.01], [0.1, 0.04]]}),
+        ("--strength-law published_tests", LAW, {"model": "published_tests"}),
+        ("--strength-factor 8.5", LAW, {"model": "constant", "value": 8.5}),
+        ("--strength-coefficients 8,0.01", LAW, {"model": "obliquity_polynomial", "coefficients": [8.0, 0.01]}),
+        (
+            "--strength-coefficient 72 --strength-exponent -0.5",
+            LAW,
+            {"model": "strength_power_law", "coefficient": 72.0, "exponent": -0.5},
+        ),
+    ],
+)
+def test_flags_set_every_nose_and_every_law(
+    here: Path, capsys: pytest.CaptureFixture[str], flags: str, field: str, value: dict[str, Any]
+) -> None:
+    rough = "--set search.tolerance_deg=1"
+    found = answer_of(f"strike.toml {rough} {flags}", capsys)
+    expected = answer_of(f"strike.toml {rough} --set {field}={json.dumps(value, separators=(',', ':'))}", capsys)
+    assert found["key"] == expected["key"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "reason"),
+    [
+        (
+            "cra strike.toml --nose flat --caliber-radius-head 3",
+            "--caliber-radius-head: is of ogive or spherical, not of flat",
+        ),
+        (
+            "cra strike.toml --strength-law constant --strength-exponent 1",
+            "--strength-exponent: is of strength_power_law",
+        ),
+        ("cra strike.toml --nose conical", "strike.toml: /projectile/nose/length_to_diameter: Field required"),
+        ("cra " + NUMBERS, "--nose or --caliber-radius-head is missing"),
+        ("cra strike.toml --set impact.velocity=3", "not permitted; did you mean `impact.velocity_m_s`?"),
+        ("cra strike.toml --set velocity=3", "not permitted; did you mean `impact.velocity_m_s`?"),
+        ("cra strike.toml --set projectile.mass=3", "not permitted; did you mean `projectile.mass_kg`?"),
+        ("cra strike.toml --set target.youngs_modulus=3", "did you mean `target.youngs_modulus_pa`?"),
+        ("cra strike.toml --set impact.speed=3", "; impact has angle_of_attack_deg, angular_velocity_rad_s, "),
+        (
+            "cra typo.toml",
+            "typo.toml: /projectile/diametre_m: Extra inputs are not permitted; did you mean `projectile.diameter_m`?",
+        ),
+        ("cra strike.toml --velocity -3", "--velocity: Input should be greater than or equal to 0.1 m/s"),
+        ("cra strike.toml --compressive-strength 39", "should be greater than or equal to 100000 Pa"),
+        ("trajectory strike.toml --angle 95", "--oblique-angle: Input should be less than 90°"),
+    ],
+)
+def test_errors_say_what_was_meant(here: Path, capsys: pytest.CaptureFixture[str], arguments: str, reason: str) -> None:
+    (here / "typo.toml").write_text((here / "strike.toml").read_text().replace("diameter_m", "diametre_m"))
+    assert cli.main(arguments.split()) == 2
+    assert reason in capsys.readouterr().err
+
+
+def completed(here: Path, words: str, capsys: pytest.CaptureFixture[str]) -> set[str]:
+    """What bash offers for the last of these words."""
+    assert cli.main(["completion", "bash"]) == 0
+    script = capsys.readouterr().out
+    *before, current = words.split(" ")
+    line = " ".join(f"'{word}'" for word in [*before, current])
+    program = (
+        f"{script}\nCOMP_WORDS=({line}); COMP_CWORD={len(before)}; _ricochet; printf '%s\\n' \"${{COMPREPLY[@]}}\""
+    )
+    done = subprocess.run(["bash", "-c", program], cwd=here, capture_output=True, text=True, check=True)  # noqa: S607
+    assert done.stderr == ""
+    return set(done.stdout.split())
+
+
+def test_bash_completes_commands_flags_choices_and_files(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert completed(here, "ricochet c", capsys) == {"cra", "cache", "calibrate", "completion"}
+    assert completed(here, "ricochet cra --vel", capsys) == {"--velocity"}
+    assert completed(here, "ricochet cra --nose ", capsys) == {"ogive", "conical", "spherical", "flat", "profile"}
+    assert completed(here, "ricochet jobs re", capsys) == {"results"}
+    assert completed(here, "ricochet cra stri", capsys) == {"strike.toml"}
+
+
+def test_zsh_reads_the_script_of_bash(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["completion", "bash"]) == 0
+    bash = capsys.readouterr().out
+    assert cli.main(["completion", "zsh"]) == 0
+    zsh = capsys.readouterr().out
+    assert zsh.endswith(bash)
+    assert "bashcompinit" in zsh.removesuffix(bash)
