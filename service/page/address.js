@@ -19,11 +19,16 @@ export function readCase(query) {
     if (part && name === tagOf(part) && part[name] !== text) values = withValue(values, holder, { [name]: text });
   }
   for (const [path, text] of given) {
-    const node = nodeAt(path, values);
-    const value = node && parse(text, node.type);
+    const value = readParameter(path, text, values);
     if (value !== undefined) values = withValue(values, path, value);
   }
   return values;
+}
+
+/** Return the value of a parameter of a case; undefined if the case has none such, or it cannot be read. */
+export function readParameter(path, text, values) {
+  const node = PARTS.includes(path.split(".")[0]) ? nodeAt(path, values) : undefined;
+  return node && parse(text, node);
 }
 
 /** Return the query of a case. */
@@ -86,8 +91,8 @@ function format(value) {
   return typeof value === "string" ? value : JSON.stringify(value);
 }
 
-function parse(text, type) {
-  if (type === "string") return text;
+function parse(text, { type, enum: names, const: only }) {
+  if (type === "string") return (names ?? [only ?? text]).includes(text) ? text : undefined;
   try {
     const value = JSON.parse(text);
     const isRight = type === "array" ? Array.isArray(value) : typeof value === (type === "integer" ? "number" : type);

@@ -6,19 +6,11 @@ import { fieldAt } from "./fields.js";
 import { ask } from "./service.js";
 import { degreesShown, outcomeShown, statusShown } from "./words.js";
 
-const REST_MS = 300; // without a change before the alternatives are computed: they are ten cases
 const STRENGTH_LAWS = {
   obliquity_polynomial: "Eq. 9",
   published_tests: "Published tests",
   strength_power_law: "82.6 (f'c/MPa)^-0.544",
 };
-
-/** Resolve after a moment without changes. */
-export function rest() {
-  return new Promise((resolve) => {
-    setTimeout(resolve, REST_MS);
-  });
-}
 
 /** Return the critical angle of a case with its alternatives. */
 export async function askAngles(values, signal) {

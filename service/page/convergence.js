@@ -17,13 +17,13 @@ const POSITIONS = {
 const ANGLES = { column: "oblique_angle_deg", factor: 1, title: "Oblique angle [°]", short: "Angle [°]" };
 
 /** Draw the angles tried, a panel for each search that was answered. */
-export function drawAngles(root, answers) {
-  return drawTrials(root, answers, ANGLES, "trial-angles");
+export function drawAngles(root, answers, values) {
+  return drawTrials(root, answers, values, ANGLES, "trial-angles");
 }
 
 /** Draw the final positions of the trials likewise; what is outside is above. */
-export function drawPositions(root, answers) {
-  return drawTrials(root, answers, POSITIONS, "final-positions");
+export function drawPositions(root, answers, values) {
+  return drawTrials(root, answers, values, POSITIONS, "final-positions");
 }
 
 /** Return a table of what the searches found. */
@@ -36,7 +36,7 @@ export function summary(answers) {
       String(found.iterations.length),
     ]),
   );
-  return table("What they find", ["Search", "Critical angle", "Last between", "Trials"], rows);
+  return table("Results", ["Search", "Critical angle", "Last between", "Trials"], rows);
 }
 
 /** Return a table of the trials of a search. */
@@ -52,14 +52,17 @@ export function trialTable(method, { iterations }) {
   return table(METHODS[method], ["Trial", "Angle [°]", "Final depth [mm]", "Outcome"], rows);
 }
 
-function drawTrials(root, answers, what, name) {
+function drawTrials(root, answers, values, what, part) {
   const methods = Object.keys(METHODS).filter((method) => method in answers);
   const isNarrow = root.clientWidth < NARROW;
   root.classList.toggle("tall", isNarrow);
   const traces = methods.map((method, panel) => trace(method, answers[method], what, panel));
   return draw(root, traces, layoutOf(answers, methods, what, isNarrow), {
-    name,
-    again: () => drawTrials(root, answers, what, name),
+    title: `${what.title}, trial by trial`,
+    values,
+    key: methods.map((method) => answers[method].key).join(", "),
+    part,
+    again: () => drawTrials(root, answers, values, what, part),
     csv: () => csvOf(tableOf(answers, methods)),
     label: `${what.title} by trial: ${methods.map((each) => METHODS[each]).join(", ")}; the tables have the numbers.`,
   });

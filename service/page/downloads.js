@@ -4,9 +4,9 @@ import { element, save, say } from "./elements.js";
 import { ask, isAbort } from "./service.js";
 
 const FORMS = {
-  CSV: { type: "text/csv", ending: "csv", about: "a row a case" },
-  JSONL: { type: "application/jsonl", ending: "jsonl", about: "all results, a line a case" },
-  HDF5: { type: "application/x-hdf5", ending: "h5", about: "all results as tables" },
+  CSV: { type: "text/csv", ending: "csv" },
+  JSONL: { type: "application/jsonl", ending: "jsonl" },
+  HDF5: { type: "application/x-hdf5", ending: "h5" },
 };
 
 /**
@@ -16,8 +16,8 @@ const FORMS = {
  * @param {(error: Error) => void} onError
  */
 export function downloadButtons(id, onError) {
-  return Object.entries(FORMS).map(([name, { type, ending, about }]) => {
-    const button = element("button", { type: "button", title: about, "aria-label": `${name} of job ${shortId(id)}` }, name);
+  return Object.entries(FORMS).map(([name, { type, ending }]) => {
+    const button = element("button", { type: "button", "aria-label": `${name} of job ${shortId(id)}` }, name);
     button.addEventListener("click", async () => {
       button.disabled = true;
       say(`${name} is being made ...`);

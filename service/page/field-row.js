@@ -6,6 +6,8 @@ import { element } from "./elements.js";
 import { readValue } from "./field-value.js";
 import { shownNumber, shownValue } from "./fields.js";
 
+const SI_UNIT = / ?\[(?:1|°|m|m\/s|rad\/s|kg|kg m²|kg\/m³|Pa)\]/g;
+
 /**
  * Build the row of a field.
  *
@@ -27,6 +29,7 @@ export function buildRow(field, values, { accept, refuse }) {
     field.unit && element("span.unit", { id: `${id}-unit` }, field.unit),
     field.slider && buildSlider(field, values, input, read),
     field.note && element("span.note", { id: `${id}-note` }, field.note),
+    helpOf(field, values) && element("span.note.help", { id: `${id}-help` }, helpOf(field, values)),
   ].filter(Boolean);
   const problem = element("p.problem", { id: `${id}-problem`, hidden: true });
   const described = notes.map((note) => note.id).filter(Boolean).join(" ");
@@ -49,6 +52,12 @@ export function showProblem({ root, input, problem, described }, text) {
   if (text) open(root);
 }
 
+/** Return what the contract says of a field, without its unit there. */
+function helpOf({ path, kind }, values) {
+  const isTyped = kind === "number" || kind === "numbers";
+  return isTyped ? nodeAt(path, values).description?.replaceAll(SI_UNIT, "").trim() : undefined;
+}
+
 function open(part) {
   const group = part.closest("details");
   if (!group) return;
@@ -58,14 +67,13 @@ function open(part) {
 
 const INPUTS = {
   number(field, values, read) {
-    const { default: usual, description } = nodeAt(field.path, values);
+    const { default: usual } = nodeAt(field.path, values);
     return element("input", {
       type: "text",
       inputmode: "decimal",
       autocomplete: "off",
       spellcheck: "false",
       placeholder: field.optional && (field.open ?? (usual === undefined ? "auto" : shownNumber(field, usual))),
-      title: description,
       value: shownValue(field, values) ?? "",
       oninput: ({ target }) => read(target.value),
     });
@@ -91,7 +99,6 @@ const INPUTS = {
         rows: field.pairs ? 4 : 2,
         spellcheck: "false",
         placeholder: field.optional && "auto",
-        title: nodeAt(field.path, values).description,
         oninput: ({ target }) => read(target.value),
       },
       lines.join(field.pairs ? "\n" : ", "),

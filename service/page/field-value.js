@@ -23,7 +23,7 @@ function readNumber(text, field, values) {
 }
 
 function outside(value, { unit }, { least, most, above, below }) {
-  const bound = (number) => `${number}${unit && unit !== "1" ? ` ${unit}` : ""}`;
+  const bound = (number) => `${number}${unit ? ` ${unit}` : ""}`;
   if (value < least) return `At least ${bound(least)}.`;
   if (value > most) return `At most ${bound(most)}.`;
   if (value <= above) return `More than ${bound(above)}.`;

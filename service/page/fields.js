@@ -33,8 +33,8 @@ export const GROUPS = [
         variant: true,
         choices: { ogive: "Ogive", conical: "Cone", spherical: "Spherical cap", flat: "Flat", profile: "Profile" },
       }),
-      number("projectile.nose.caliber_radius_head", "Caliber radius head ψ", "1"),
-      number("projectile.nose.length_to_diameter", "Cone height over diameter", "1"),
+      number("projectile.nose.caliber_radius_head", "Caliber radius head ψ", ""),
+      number("projectile.nose.length_to_diameter", "Cone height over diameter", ""),
       field("numbers", "projectile.nose.points", "Points x, r", "mm", { ...MM, pairs: true, note: "a pair a line" }),
       number("projectile.diameter_m", "Diameter", "mm", MM),
       number("projectile.length_m", "Length", "mm", MM),
@@ -53,8 +53,8 @@ export const GROUPS = [
       number("target.compressive_strength_pa", "Compressive strength", "MPa", MPA),
       number("target.density_kg_m3", "Density", "kg/m³"),
       number("target.youngs_modulus_pa", "Young's modulus", "GPa", { ...GPA, ...OPTIONAL }),
-      number("target.poissons_ratio", "Poisson's ratio", "1", OPTIONAL),
-      number("target.thickness_m", "Thickness", "m", { ...OPTIONAL, open: "∞", note: "of a wall" }),
+      number("target.poissons_ratio", "Poisson's ratio", "", OPTIONAL),
+      number("target.thickness_m", "Thickness", "mm", { ...MM, ...OPTIONAL, open: "∞", note: "of a wall" }),
     ],
   },
   {
@@ -69,12 +69,12 @@ export const GROUPS = [
           published_tests: "Published tests",
         },
       }),
-      number("resistance.strength_factor.value", "Value", "1"),
-      field("numbers", "resistance.strength_factor.coefficients", "Coefficients", "1, 1/°, ...", OPTIONAL),
-      number("resistance.strength_factor.coefficient", "Coefficient", "1", OPTIONAL),
-      number("resistance.strength_factor.exponent", "Exponent", "1", OPTIONAL),
+      number("resistance.strength_factor.value", "Value", ""),
+      field("numbers", "resistance.strength_factor.coefficients", "Coefficients", "°⁻ⁿ", OPTIONAL),
+      number("resistance.strength_factor.coefficient", "Coefficient", "", OPTIONAL),
+      number("resistance.strength_factor.exponent", "Exponent", "", OPTIONAL),
       number("resistance.strength_factor.reference_strength_pa", "Reference strength", "MPa", { ...MPA, ...OPTIONAL }),
-      number("resistance.strength_factor.diameter_exponent", "Diameter exponent", "1", OPTIONAL),
+      number("resistance.strength_factor.diameter_exponent", "Diameter exponent", "", OPTIONAL),
       number("resistance.strength_factor.reference_diameter_m", "Reference diameter", "mm", { ...MM, ...OPTIONAL }),
       field("choice", "resistance.strength_factor.obliquity_shape", "Over the angle", "", {
         choices: { constant: "Constant", equation_9: "As the polynomial" },
@@ -83,8 +83,8 @@ export const GROUPS = [
         choices: { elastic_plastic: "Elastic-plastic", mohr_coulomb: "Mohr-Coulomb", none: "None" },
       }),
       field("flag", "resistance.free_surface.inertia", "with inertia of the solid"),
-      number("resistance.inertia_factor", "Inertia factor", "1", OPTIONAL),
-      number("resistance.crater.depth_diameters", "Crater depth over diameter", "1", {
+      number("resistance.inertia_factor", "Inertia factor", "", OPTIONAL),
+      number("resistance.crater.depth_diameters", "Crater depth over diameter", "", {
         ...OPTIONAL,
         open: "none",
         note: "published: 2",
@@ -105,7 +105,7 @@ export const GROUPS = [
       number("search.lower_deg", "From", "°", OPTIONAL),
       number("search.upper_deg", "To", "°", OPTIONAL),
       number("search.tolerance_deg", "Tolerance", "°", OPTIONAL),
-      number("search.relative_tolerance", "Relative tolerance", "1", { ...OPTIONAL, note: "paper's searches" }),
+      number("search.relative_tolerance", "Relative tolerance", "", { ...OPTIONAL, note: "paper's searches" }),
     ],
   },
 ];
@@ -152,7 +152,13 @@ export function shownNumber({ factor }, value) {
   return Number((value / factor).toPrecision(12));
 }
 
+/** Return what the service says of a field, its lengths and pressures in the unit of the field. */
+export function inUnit(field, detail) {
+  const convert = (text, number) => (field.factor === 1 ? text : `${shownNumber(field, Number(number))} ${field.unit}`);
+  return detail.replace(/(-?\d+(?:\.\d+)?(?:e[+-]?\d+)?) (?:m|Pa)\b(?![²³/])/g, convert);
+}
+
 /** Return a field's label with its unit, for an axis or a column. */
 export function labelWithUnit({ label, unit }) {
-  return unit && unit !== "1" ? `${label} [${unit}]` : label;
+  return unit ? `${label} [${unit}]` : label;
 }

@@ -4,16 +4,18 @@ import { withValue } from "./case.js";
 import { exampleOf } from "./contract.js";
 import { element } from "./elements.js";
 import { buildRow, showProblem } from "./field-row.js";
-import { GROUPS, isThere } from "./fields.js";
+import { GROUPS, inUnit, isThere } from "./fields.js";
 
 /**
  * Build the form.
  *
  * @param {HTMLElement} root
  * @param {{case: object, onChange: (values: object, path: string) => void, include?: string[],
- *   without?: string[], open?: string[]}} options
- *   `onChange` is called with a case only if all its fields are in their bounds; `include` names the groups of fields.js,
- *   all if none, `without` fields to leave out by their paths; `open` the groups that are not folded at first
+ *   onRefuse?: () => void, without?: string[], open?: string[],
+ *   beside?: {root: HTMLElement, paths: string[]}}} options
+ *   `onChange` is called with a case only if all its fields are in their bounds, `onRefuse` otherwise; `include` names the groups of fields.js,
+ *   all if none, `without` fields to leave out by their paths; `open` the groups that are not folded at first; `beside`
+ *   where the fields with these paths are shown instead
  * @returns {{setCase: (values: object) => void, showProblems: (problem: Problem) => string, currentCase: () => object}}
  *   `showProblems` puts what the service says of a case at the fields it points to, and returns the rest
  */
@@ -34,8 +36,8 @@ class CaseForm {
   rows = [];
   wrong = new Set(); // paths of fields whose text is not accepted
 
-  constructor(root, { case: values, onChange, include, without = [], open = include }) {
-    Object.assign(this, { root, values, onChange, without, open });
+  constructor(root, { case: values, onChange, onRefuse, include, without = [], open = include, beside }) {
+    Object.assign(this, { root, values, onChange, onRefuse, without, open, beside });
     this.groups = GROUPS.filter(({ name }) => !include || include.includes(name));
   }
 
@@ -43,9 +45,13 @@ class CaseForm {
     const before = new Map([...this.root.children].map((group) => [group.dataset.name, group.open]));
     this.rows = [];
     this.wrong.clear();
+    const isBeside = ({ path }) => this.beside?.paths.includes(path) ?? false;
+    const there = this.groups.flatMap(({ fields }) => fields).filter((field) => this.has(field));
+    this.beside?.root.replaceChildren(...there.filter(isBeside).map((field) => this.addRow(field)));
     this.root.replaceChildren(
       ...this.groups.map(({ name, fields }) => {
-        const lines = fields.filter((field) => this.has(field)).map((field) => this.addRow(field));
+        const inside = fields.filter((field) => there.includes(field) && !isBeside(field));
+        const lines = inside.map((field) => this.addRow(field));
         const open = before.get(name) ?? (!this.open || this.open.includes(name));
         return element("details", { open, "data-name": name }, element("summary", {}, name), ...lines);
       }),
@@ -62,6 +68,7 @@ class CaseForm {
       refuse: (problem) => {
         this.wrong.add(field.path);
         showProblem(row, problem);
+        this.onRefuse?.();
       },
     });
     this.rows.push(row);
@@ -88,7 +95,7 @@ class CaseForm {
     const unplaced = errors.filter((error) => {
       const path = error.pointer.slice(1).replaceAll("/", ".");
       const row = this.rows.find(({ field }) => `${path}.`.startsWith(`${field.path}.`));
-      if (row) showProblem(row, error.detail);
+      if (row) showProblem(row, inUnit(row.field, error.detail));
       return !row;
     });
     return errors.length ? unplaced.map((error) => error.detail).join(" ") : detail;

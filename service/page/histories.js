@@ -35,7 +35,11 @@ export function drawHistories(root, run, row) {
   const isNarrow = root.clientWidth < NARROW;
   root.classList.toggle("tall", isNarrow);
   return draw(root, traces, layoutOf(run, row, isNarrow), {
-    name: "histories",
+    title: "Time histories",
+    values: run.values,
+    key: run.key,
+    part: "histories",
+    hasAngle: true,
     again: () => drawHistories(root, run, row),
     csv: () => csvOf(history),
     label: "Time histories: depth, axis angle, velocity and resistance. The CSV below has them as numbers.",

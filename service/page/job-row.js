@@ -2,6 +2,7 @@
 
 import { downloadButtons, shortId } from "./downloads.js";
 import { element } from "./elements.js";
+import { baseCase } from "./job-case.js";
 import { isFinal } from "./job-progress.js";
 import { isMap } from "./sweep.js";
 
@@ -28,9 +29,9 @@ const TIME = new Intl.DateTimeFormat(undefined, { dateStyle: "short", timeStyle:
 export class JobRow {
   /**
    * @param {object} job
-   * @param {{onCancel: (job: object) => void, onDelete: (job: object) => void, onError: (error: Error) => void}} listeners
+   * @param {{onCancel: (job: object) => void, onDelete: (job: object) => void, onRename: (job: object) => void, onError: (error: Error) => void}} listeners
    */
-  constructor(job, { onCancel, onDelete, onError }) {
+  constructor(job, { onCancel, onDelete, onRename, onError }) {
     const id = shortId(job.id);
     const act = (text, listener) =>
       element("button", { type: "button", "aria-label": `${text} job ${id}`, onclick: () => listener(this.job) }, text);
@@ -40,7 +41,8 @@ export class JobRow {
     this.cells = COLUMNS.map((name) => element("td", { role: "cell", "data-name": name }));
     this.root = element("tr", { role: "row" }, ...this.cells);
     const [name, operation, , progress, created, , , results, actions] = this.cells;
-    name.append(element("code", { title: job.id }, id));
+    this.title = element("strong", {}, titleOf(job));
+    name.append(element("div", {}, this.title, " ", element("code", {}, id), ...(job.axes ? [baseCase(job, onError)] : [])));
     operation.append(OPERATIONS[job.operation]);
     progress.append(element("div", {}, this.bar, this.counts));
     created.append(time(job.created));
@@ -48,7 +50,7 @@ export class JobRow {
     if (isMap(job)) {
       actions.append(element("a", { href: `#/map?job=${job.id}`, "aria-label": `Open job ${id} as a map` }, "Map"));
     }
-    actions.append(this.cancel, act("Delete", onDelete));
+    actions.append(this.cancel, act("Rename", onRename), act("Delete", onDelete));
     this.update(job);
   }
 
@@ -57,16 +59,21 @@ export class JobRow {
     this.job = job;
     const { total, done, cached, failed } = job.counts;
     const [, , status, , , finished, expires] = this.cells;
-    status.textContent = STATUSES[job.status];
-    status.title = job.problem?.detail ?? "";
+    this.title.textContent = titleOf(job);
+    status.textContent = STATUSES[job.status] + (job.problem ? `: ${job.problem.detail}` : "");
     this.bar.max = total;
     this.bar.value = done;
-    const parts = [`${done} of ${total}`, cached && `${cached} known before`, failed && `${failed} failed`];
+    const parts = [`${done} of ${total}`, cached && `${cached} from cache`, failed && `${failed} failed`];
     this.counts.textContent = parts.filter(Boolean).join(", ");
     finished.replaceChildren(job.finished ? time(job.finished) : "");
     expires.replaceChildren(job.expires ? time(job.expires) : "");
     this.cancel.hidden = isFinal(job);
   }
+}
+
+/** Return the title of a job: what it was given, or what it computes. */
+export function titleOf({ title, counts, operation }) {
+  return title ?? `${counts.total.toLocaleString("en")} × ${OPERATIONS[operation]}`;
 }
 
 function time(text) {

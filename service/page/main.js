@@ -3,8 +3,10 @@
 import { address, caseOf, readAddress } from "./address.js";
 import { loadContract } from "./contract.js";
 import { element, say } from "./elements.js";
+import { followPrinting } from "./print.js";
 import { ask, keyNeeds, useKey } from "./service.js";
 import { followTheme } from "./theme.js";
+import { unreadNote } from "./unread.js";
 
 const VIEWS = {
   explore: "Explore",
@@ -36,7 +38,10 @@ async function show() {
     if (turn !== shown) return;
     say("");
     const ending = await build(root, query);
-    if (turn === shown) leave = ending;
+    if (turn === shown) {
+      leave = ending;
+      root.prepend(...[unreadNote(view, query)].filter(Boolean));
+    }
     else ending?.();
   } catch (error) {
     if (turn !== shown) return;
@@ -76,6 +81,7 @@ document.querySelector(".skip").addEventListener("click", (event) => {
   main.focus();
 });
 followTheme(document.getElementById("theme"));
+followPrinting();
 offerKey();
 document.querySelector("nav").addEventListener("click", ({ target }) => {
   const { query } = readAddress(location.hash);

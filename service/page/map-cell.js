@@ -27,7 +27,7 @@ export function buildCellChoice(root) {
     const cell = cells[row * map.x.count + column];
     const warnings = (cell?.warnings ?? []).map(warningWords).join(", ");
     words.textContent = cellWords(map.operation, cell);
-    mind.textContent = warnings && `Mind: ${warnings}. Explore shows them in full.`;
+    mind.textContent = warnings && `Warnings: ${warnings}. Explore shows them in full.`;
     const query = caseQuery(caseAt(map, { column, row }, cell?.angle));
     explore.setAttribute("href", address("explore", query));
     search.setAttribute("href", address("critical-angle", query));

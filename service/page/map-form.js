@@ -5,7 +5,7 @@ import { boundsOf, fieldAt, labelWithUnit, numericFields, shownValue } from "./f
 import { isVariable, OPERATIONS } from "./sweep.js";
 
 const MOST_VALUES = 100; // of an axis: more than a picture can show
-const SIDES = { x: "Across", y: "Up" };
+const SIDES = { x: "Horizontal axis", y: "Vertical axis" };
 
 /**
  * Build the form of a map.
@@ -147,6 +147,7 @@ function problemOf({ field, start, stop, count }, other, values) {
     const broken = bounds.find(([bound, , holds]) => bound !== undefined && !holds(shown(end, factor)));
     if (broken) return { text: `Has to be ${broken[1]} ${broken[0]} ${unit}.`, parts: [part] };
   }
+  if (start > stop) return { text: "From has to be below To.", parts: [0, 1] };
   if (start === stop && count > 1) return { text: "The ends are the same.", parts: [0, 1] };
   const isCount = Number.isInteger(count) && count >= 1 && count <= MOST_VALUES;
   return isCount ? undefined : { text: `Takes 1 to ${MOST_VALUES} values.`, parts: [2] };

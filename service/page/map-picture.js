@@ -1,7 +1,7 @@
 // What is seen of a map: how far its job is, the picture, and one case in words.
 
 import { element } from "./elements.js";
-import { fieldAt } from "./fields.js";
+import { fieldAt, shownValue } from "./fields.js";
 import { buildCellChoice } from "./map-cell.js";
 import { cellsCsv, countWords } from "./map-cells.js";
 import { mapLayout, mapTraces } from "./map-plot.js";
@@ -67,12 +67,17 @@ export class MapPicture {
     this.cell.hidden = false;
     this.showCell(this.#map, this.#axes, cells);
     const about = {
-      name: `ricochet-map-${operation}`,
+      title: this.heading.textContent,
+      values: this.#map.values,
+      key: this.#map.job && `job ${this.#map.job}`,
+      part: `map-${operation}`,
+      hasAngle: hasAngle(this.#map),
       csv: () => cellsCsv(operation, this.#axes, cells),
       label: `${this.heading.textContent}: ${this.counts.textContent} Below, each case can be chosen and read.`,
     };
     const isNew = !this.plot.querySelector(".drawing");
-    const traces = mapTraces(operation, this.#axes, cells, this.#room());
+    const here = this.#axes.map(({ field }) => shownValue(fieldAt(field), this.#map.values));
+    const traces = mapTraces(operation, this.#axes, cells, this.#room(), here);
     const drawn = await draw(this.plot, traces, mapLayout(this.#axes), about);
     this.pick = (point) => {
       const [column, row] = [this.#axes[0].shown.indexOf(point.x), this.#axes[1].shown.indexOf(point.y)];

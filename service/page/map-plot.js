@@ -16,8 +16,9 @@ const PAPER = "#e8eaed"; // below the marks of the legend, in either theme
  * @param {{label: string, unit: string, shown: number[]}[]} axes across and up, values as shown
  * @param {object[]} cells row by row; those without a result are missing
  * @param {number} room for the mark of a cell [px]
+ * @param {number[]} here where the case itself is, as shown; one that is not on the map has no mark
  */
-export function mapTraces(operation, [x, y], cells, room) {
+export function mapTraces(operation, [x, y], cells, room, here) {
   const rows = (value) => y.shown.map((_, row) => x.shown.map((_, column) => value(cells[row * x.shown.length + column])));
   const place = { x: x.shown, y: y.shown };
   const rare = rareWarnings(cells);
@@ -30,13 +31,13 @@ export function mapTraces(operation, [x, y], cells, room) {
   );
   const surface = operation === "cra" ? angles : outcomes;
   const hover = { text: words, hovertemplate: "%{text}<extra></extra>", hoverongaps: true };
-  return [...surface(place, rows, hover), ...marks(operation, [x, y], cells, room), ...warned([x, y], cells, room, rare)];
+  return [...surface(place, rows, hover), ...marks(operation, [x, y], cells, room), ...warned([x, y], cells, room, rare), ...youAreHere([x, y], here)];
 }
 
 /** Return the layout of a map for Plotly. */
 export function mapLayout([x, y]) {
   const axis = ({ label, unit, shown }) => ({
-    title: { text: unit === "1" ? label : `${label} [${unit}]` },
+    title: { text: unit ? `${label} [${unit}]` : label },
     range: ends(shown),
     showgrid: false,
     zeroline: false,
@@ -59,7 +60,7 @@ function ends(shown) {
 
 function angles(place, rows, hover) {
   const z = rows((cell) => cell?.angle ?? null);
-  const bar = { title: { text: "°", side: "top" }, thickness: 12 };
+  const bar = { title: { text: "Critical angle [°]", side: "right" }, thickness: 12 };
   return [
     { ...place, type: "heatmap", z: rows((cell) => (cell && cell.angle === undefined ? 0 : null)), ...flat(NO_ANGLE) },
     { ...place, type: "heatmap", z, colorscale: scale(COLOURS), colorbar: bar, ...hover },
@@ -97,6 +98,15 @@ function marks(operation, axes, cells, room) {
   return Object.entries(ENDINGS[operation]).flatMap(([ending, { label, symbol }]) =>
     markers(axes, cells, { label, symbol, size: Math.min(6, room / 2), isMarked: (cell) => cell.ending === ending }),
   );
+}
+
+/** A mark at the case that the map varies. */
+function youAreHere([x, y], [across, up]) {
+  const isOn = (value, { shown }) => value >= Math.min(...shown) && value <= Math.max(...shown);
+  if (!isOn(across, x) || !isOn(up, y)) return [];
+  const marker = { symbol: "star", size: 15, color: "#ffffff", line: { width: 1.5, color: INK } };
+  const trace = { type: "scatter", mode: "markers", name: "you are here", x: [across], y: [up], marker, hoverinfo: "skip" };
+  return [{ ...trace, showlegend: true }];
 }
 
 /** A frame around what carries a warning that few others do. */

@@ -2,6 +2,7 @@
 
 import { isFinal, pause, resultsOf, statesOf } from "./job-progress.js";
 import { readCell } from "./map-cells.js";
+import { isLost } from "./service.js";
 
 const REDRAW_MS = 300;
 
@@ -32,7 +33,12 @@ export async function followMap(map, { onProgress, onCells }, signal) {
       isLast = job !== undefined && isFinal(job);
       if (job && job.counts.done !== known) {
         known = job.counts.done;
-        for await (const items of ready()) for (const item of items) cells[item.index] = readCell(item);
+        try {
+          for await (const items of ready()) for (const item of items) cells[item.index] = readCell(item);
+        } catch (error) {
+          if (!isLost(error)) throw error;
+          [known, isLast] = [undefined, false]; // the rest once the service is back
+        }
         await onCells(cells);
       }
       if (!isLast) await pause(REDRAW_MS, signal);
@@ -46,7 +52,7 @@ export async function followMap(map, { onProgress, onCells }, signal) {
 export function progressWords({ counts, status }, seconds, doneBefore) {
   const { total, done, cached, failed } = counts;
   const parts = [`${done} of ${total} cases`];
-  if (cached) parts.push(`${cached} known before`);
+  if (cached) parts.push(`${cached} from cache`);
   if (failed) parts.push(`${failed} failed`);
   const rate = (done - doneBefore) / seconds;
   if (status === "running" && seconds > 0.5 && rate > 0) {

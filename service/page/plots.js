@@ -1,6 +1,7 @@
 // A thin layer over Plotly: colours of the theme, downloads, words for those who do not see the picture.
 
 import { element, save } from "./elements.js";
+import { HEAD_PX, fileName, withHeader, withTitle } from "./exports.js";
 import { locate } from "./service.js";
 import { themeChanges } from "./theme.js";
 
@@ -14,19 +15,18 @@ let loading;
  * @param {HTMLElement} root
  * @param {object[]} traces as Plotly takes them
  * @param {object} layout likewise; what it says goes before what the theme does
- * @param {{name: string, csv: () => string, label: string, again?: () => any}} about the name of the files, the data,
- *   what is seen, and what draws it again in the colours of another theme, if the traces hold any
+ * @param {{title: string, values: object, key?: string, part?: string, hasAngle?: boolean, csv: () => string, label: string,
+ *   again?: () => any}} about what the files are called and say of themselves (exports.js), the data, what is seen, and
+ *   what draws it again in the colours of another theme, if the traces hold any
  * @returns {Promise<HTMLElement|undefined>} the element that Plotly drew into, for its events
  */
 export async function draw(root, traces, layout, about) {
   const Plotly = await loadPlotly();
   if (!root.isConnected) return undefined; // the view was left meanwhile
   const plot = root.querySelector(".drawing") ?? frame(root);
-  const isNew = !drawn.has(root);
   drawn.set(root, { traces, layout, about, plot });
   plot.setAttribute("aria-label", about.label);
   await Plotly.react(plot, traces, themed(layout), { displayModeBar: false, responsive: true });
-  if (isNew) root.removeAttribute("aria-busy");
   return plot;
 }
 
@@ -95,23 +95,26 @@ function frame(root) {
     element(
       "div.downloads",
       {},
-      download("SVG", "Download the plot as SVG", () => saveSvg(root)),
+      download("SVG", "Download the plot as SVG", () => savePicture(root, "svg")),
+      download("PNG", "Download the plot as PNG", () => savePicture(root, "png")),
       download("CSV", "Download the data of the plot as CSV", () => {
         const { about } = drawn.get(root);
-        save(about.csv(), `${about.name}.csv`, "text/csv");
+        save(withHeader(about.csv(), about), `${fileName(about)}.csv`, "text/csv");
       }),
     ),
   );
   return plot;
 }
 
-async function saveSvg(root) {
+async function savePicture(root, format) {
   const { plot, traces, about } = drawn.get(root);
   const { width, height } = plot.getBoundingClientRect();
-  const layout = { ...plot.layout, paper_bgcolor: colour("panel") };
+  const layout = withTitle({ ...plot.layout, paper_bgcolor: colour("panel") }, about);
   const picture = { data: traces, layout, config: {} };
-  const url = await window.Plotly.toImage(picture, { format: "svg", width, height, imageDataOnly: false });
-  save(decodeURIComponent(url.slice(url.indexOf(",") + 1)), `${about.name}.svg`, "image/svg+xml");
+  const url = await window.Plotly.toImage(picture, { format, width, height: height + HEAD_PX, scale: format === "png" ? 2 : 1 });
+  const content = url.slice(url.indexOf(",") + 1);
+  if (format === "svg") save(decodeURIComponent(content), `${fileName(about)}.svg`, "image/svg+xml");
+  else save(Uint8Array.from(atob(content), (byte) => byte.charCodeAt(0)), `${fileName(about)}.png`, "image/png");
 }
 
 function themed(layout) {

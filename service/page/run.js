@@ -16,7 +16,7 @@ let duration; // of the latest run, which the next is taken to be like. [s]
  * Ask for a trajectory with a history of 100 to 250 instants.
  *
  * @returns {Promise<object>} the answer, with `path`, columns of the nose tip and the speed, and what was given of
- *   `projectile` and `target`
+ *   `projectile`, `target` and all `values`
  */
 export async function askRun(values, signal) {
   const askLong = async (time) => {
@@ -28,7 +28,7 @@ export async function askRun(values, signal) {
   duration = run.final.time_s;
   const rows = run.history.time_s.length;
   if (rows < FEWEST || rows > MOST) run = await askLong(duration);
-  return { ...run, path: pathOf(run.history, values.projectile), projectile: values.projectile, target: values.target };
+  return { ...run, path: pathOf(run.history, values.projectile), projectile: values.projectile, target: values.target, values };
 }
 
 /** Return the row of a history that is nearest to an instant. [s] */

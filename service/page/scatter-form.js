@@ -116,7 +116,6 @@ class ScatterForm {
       inputmode: "decimal",
       autocomplete: "off",
       placeholder: usual === undefined ? undefined : shownNumber({ factor }, usual),
-      title: centre ? "The value of the case where it is left open." : undefined,
       value: given[name] === undefined ? "" : shownNumber({ factor }, given[name]),
       oninput: () => this.read(row, index, name, factor),
     });
@@ -168,7 +167,7 @@ class ScatterForm {
 
 /** Return what the service says of a parameter, its numbers in the unit shown. */
 function inUnit(detail, { unit, factor }) {
-  if (unit === "1") return detail;
+  if (!unit) return detail;
   return detail.replaceAll(NUMBER, (number) => `${shownNumber({ factor }, Number(number))} ${unit}`);
 }
 

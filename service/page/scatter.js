@@ -4,10 +4,10 @@ import { valueAt } from "./case.js";
 import { nodeAt } from "./contract.js";
 import { fieldAt, numericFields } from "./fields.js";
 
-const RESIDUAL = { path: "resistance.strength_residual", label: "Factor on the strength factor", unit: "1", factor: 1 };
+const RESIDUAL = { path: "resistance.strength_residual", label: "Factor on the strength factor", unit: "", factor: 1 };
 const OWN = "own"; // in the unit of the field
 const PERCENT = { unit: "%", factor: 0.01 };
-const PURE = { unit: "1", factor: 1 };
+const PURE = { unit: "", factor: 1 };
 const MEAN = { name: "mean", label: "Mean", scale: OWN, centre: true };
 const SPREAD = [
   { name: "coefficient_of_variation", label: "Coefficient of variation", scale: PERCENT },

@@ -55,6 +55,11 @@ export function isAbort(error) {
   return error?.name === "AbortError";
 }
 
+/** Tell whether an error says that the service is away or busy, so that the same request may succeed later. */
+export function isLost({ status }) {
+  return [0, 429, 502, 503, 504].includes(status);
+}
+
 async function reach(path, request) {
   try {
     return await fetch(locate(path), request);

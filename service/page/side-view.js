@@ -30,7 +30,10 @@ export async function drawSideView(root, runs, row) {
   const paths = runs.map((each, i) => pathTrace(each, i));
   const traces = [...outlines, ...moving, ...paths, ...beads];
   return draw(root, traces, layoutOf(traces, runs.length > 1, runs[0].run.target.thickness_m), {
-    name: "side-view",
+    title: `Side view: ${runs.map(({ run }) => outcomeShown(run.outcome)).join(", ")}`,
+    values: runs[0].run.values,
+    key: runs.map(({ run }) => run.key).join(", "),
+    hasAngle: true,
     again: () => drawSideView(root, runs, row),
     csv: () => csvOf(tableOf(runs)),
     label: `Side view to scale. ${runs.map(inWords).join(" ")}`,

@@ -10,7 +10,7 @@ const MARGIN_DEG = 4; // shown besides where the probability changes
 const [ROW_PX, AXIS_PX] = [38, 70];
 
 /** Draw the probability of ricochet over the oblique angle with its band. */
-export function drawCurve(root, study) {
+export function drawCurve(root, study, values) {
   const { oblique_angle_deg: x, ricochet_probability: y, lower, upper } = study.probability;
   const edge = { x, mode: "lines", line: { width: 0, simplify: false }, hoverinfo: "skip" };
   const traces = [
@@ -36,15 +36,18 @@ export function drawCurve(root, study) {
     yaxis: { title: { text: "Probability of ricochet" }, range: [-0.02, 1.02] },
   };
   return draw(root, traces, layout, {
-    name: "ricochet-probability",
-    again: () => drawCurve(root, study),
+    title: `Probability of ricochet, critical angle ${angle || "none"}`,
+    values,
+    key: study.key,
+    part: "probability",
+    again: () => drawCurve(root, study, values),
     csv: () => csvOf(study.probability),
     label: `Probability of ricochet over the oblique angle with its interval. Critical angle ${angle || "none"}.`,
   });
 }
 
 /** Draw how far each input moves the critical angle, the furthest on top. */
-export function drawTornado(root, study) {
+export function drawTornado(root, study, values) {
   const bars = swings(study).reverse(); // Plotly begins at the bottom
   root.querySelector(".drawing")?.style.setProperty("height", heightOf(bars));
   const trace = {
@@ -65,8 +68,11 @@ export function drawTornado(root, study) {
     yaxis: { type: "category" },
   };
   return draw(root, [trace], layout, {
-    name: "ricochet-swings",
-    again: () => drawTornado(root, study),
+    title: "Swing of the critical angle by input",
+    values,
+    key: study.key,
+    part: "swings",
+    again: () => drawTornado(root, study, values),
     csv: () => csvOf(swingColumns(study)),
     label: `Swing of the critical angle by input: ${bars.map(({ label, span }) => `${label} ${degreesShown(span)}`).reverse().join(", ")}.`,
   }).then((plot) => {
@@ -123,7 +129,7 @@ function swings({ sensitivity }) {
     .map(({ field, swing }) => {
       const { label, unit, factor, choices } = inputField(field);
       const shown = (value) =>
-        typeof value === "number" ? `${digits(value / factor, 4)}${unit && unit !== "1" ? ` ${unit}` : ""}` : choices[value];
+        typeof value === "number" ? `${digits(value / factor, 4)}${unit ? ` ${unit}` : ""}` : choices[value];
       const ends = swing
         .filter((each) => each.critical_angle_deg !== undefined)
         .map(({ value, critical_angle_deg: angle }) => ({ shown: shown(value), angle }))

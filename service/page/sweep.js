@@ -90,7 +90,8 @@ export function caseAt({ values, x, y }, { column, row }, angle) {
   return angle === undefined ? found : withValue(found, ANGLE, Number(angle.toFixed(2)));
 }
 
-function readAxis(text) {
+/** Return the axis that text of an address describes; undefined if it cannot be read. */
+export function readAxis(text) {
   const [field, ...rest] = (text ?? "").split(",");
   const [start, stop, count] = rest.map(Number);
   const isRight = fieldAt(field)?.kind === "number" && Number.isInteger(count) && count >= 1;

@@ -15,6 +15,8 @@ const STATUSES = {
   not_converged: "The search did not converge.",
 };
 
+const STANDING = new Set(["no_measured_angle"]); // of every case: the note in the footer
+
 /** Return a number as text with so many significant digits, without a trailing exponent where it can be. */
 export function digits(value, count = 3) {
   if (value === 0) return "0";
@@ -98,14 +100,15 @@ function rangeShown({ alternatives = [] }) {
   return none ? `${range}, none in ${none} of ${alternatives.length}` : range;
 }
 
-/** Return warnings as a list, each once; nothing if there are none. */
+/** Return warnings as a list, each once; nothing if there are none but those that hold for every case. */
 export function tellWarnings(...lists) {
-  const details = new Map(lists.flat().map(({ code, detail }) => [`${code} ${detail}`, { code, detail }]));
+  const own = lists.flat().filter(({ code }) => !STANDING.has(code));
+  const details = new Map(own.map(({ code, detail }) => [`${code} ${detail}`, { code, detail }]));
   if (!details.size) return [];
   const items = [...details.values()].map(({ code, detail }) =>
     element("li.warning", { "data-code": code }, sentence(detail)),
   );
-  return [element("h2", {}, "Mind"), element("ul.warnings", {}, ...items)];
+  return [element("h2", {}, "Warnings"), element("ul.warnings", {}, ...items)];
 }
 
 function sentence(text) {

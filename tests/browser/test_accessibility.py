@@ -44,7 +44,7 @@ def open_view(page: Page, view: str) -> None:
     if view == "how-sure":
         page.get_by_role("button", name="Run").click()
         expect(page.locator("#study-progress")).to_have_text("Done.", timeout=STUDY_MS)
-        page.get_by_text("Sampling").click()
+        page.get_by_text("Sampling", exact=True).click()
     if view in ("jobs", "walls"):
         expect(page.get_by_role("table")).to_be_visible()
     else:

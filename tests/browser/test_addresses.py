@@ -77,3 +77,13 @@ def test_back_leads_from_a_case_to_its_map(page: Page) -> None:
     expect(page).to_have_url(re.compile("#/explore"))
     page.go_back()
     expect(page.locator("#map-progress")).to_have_text("All 6 cases are computed.")
+
+
+def test_parameters_that_cannot_be_read_are_named(page: Page) -> None:
+    page.goto("/#/explore?impact.velocity_m_s=fast&speed=3&projectile.mass_kg=15")
+    note = page.get_by_role("alert").filter(has_text="Not understood in the address")
+    expect(note).to_have_text("Not understood in the address, and left out: impact.velocity_m_s=fast, speed=3.")
+    expect(page.get_by_label("Mass")).to_have_value("15")
+    page.goto("/#/explore?projectile.mass_kg=14")
+    expect(page.get_by_label("Mass")).to_have_value("14")
+    expect(note).to_have_count(0)

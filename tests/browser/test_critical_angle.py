@@ -11,6 +11,8 @@ from playwright.sync_api import Page, expect
 
 from service.schemas.examples import PAPER
 
+from .downloads import data_lines
+
 SEARCHES = {"Change of outcome": "outcome", "Bisection (paper)": "bisection", "Secant (paper)": "secant"}
 ALL_MS = 60_000
 """For the paper's searches, which take a second each on a machine that does nothing else."""
@@ -18,9 +20,10 @@ ALL_MS = 60_000
 
 def open_view(page: Page, query: str = "") -> None:
     page.goto(f"/#/critical-angle{query}")
+    page.get_by_text("How it was found").click()
     for caption in SEARCHES:
         expect(page.get_by_role("table", name=caption)).to_be_visible(timeout=ALL_MS)
-    expect(page.locator(".side-view .scatterlayer .trace").first).to_be_visible()
+    expect(page.locator(".side-view .scatterlayer .trace").last).to_be_visible()
 
 
 def cells(page: Page, caption: str) -> list[list[str]]:
@@ -37,7 +40,7 @@ def drawn(page: Page, plot: int) -> list[list[float]]:
 
 def test_searches_are_shown_side_by_side_as_the_service_answers_them(page: Page, client: httpx.Client) -> None:
     open_view(page)
-    summary = {row[0]: row[1:] for row in cells(page, "What they find")}
+    summary = {row[0]: row[1:] for row in cells(page, "Results")}
     for number, (caption, method) in enumerate(SEARCHES.items()):
         answer = client.post("/cra", json=PAPER | {"search": {"method": method}}).json()
         trials = answer["iterations"]
@@ -54,23 +57,27 @@ def test_paper_case_converges_on_its_angle_with_what_happens_around_it(page: Pag
     open_view(page)
     shown = float(page.locator(".angle").inner_text().rstrip("°"))
     assert round(abs(shown - 48.63), 9) <= 0.02  # hundredths are shown
-    picture = page.get_by_role("img", name=re.compile("Side view"))
-    expect(picture).to_have_attribute("aria-label", re.compile(r"48\.\d\d°: embedded.*49\.\d\d°: turned away"))
+    below, above = page.get_by_role("img", name=re.compile("Side view")).all()
+    expect(below).to_have_attribute("aria-label", re.compile(r"48\.\d\d°: embedded"))
+    expect(above).to_have_attribute("aria-label", re.compile(r"49\.\d\d°: turned away"))
 
 
 def test_distance_from_the_angle_is_in_the_address_and_reopened(page: Page, new_page: Callable[..., Page]) -> None:
     open_view(page)
     page.get_by_label("Distance from the critical angle").select_option("2°")
-    picture = re.compile(r"46\.6\d°: embedded.*50\.6\d°: turned away")
-    expect(page.get_by_role("img", name=picture)).to_be_visible()
+    pictures = [re.compile(r"46\.6\d°: embedded"), re.compile(r"50\.6\d°: turned away")]
+    for picture in pictures:
+        expect(page.get_by_role("img", name=picture)).to_be_visible()
     expect(page).to_have_url(re.compile("offset_deg=2"))
     other = new_page()
     other.goto(page.url)
-    expect(other.get_by_role("img", name=picture)).to_be_visible(timeout=ALL_MS)
+    for picture in pictures:
+        expect(other.get_by_role("img", name=picture)).to_be_visible(timeout=ALL_MS)
 
 
 def test_other_laws_are_listed_and_their_range_is_in_the_headline(page: Page, client: httpx.Client) -> None:
     open_view(page)
+    page.get_by_text("Under other laws").click()
     answer = client.post("/cra", json=PAPER | {"alternatives": True}).json()
     shown = [f"{each['critical_angle_deg']:.2f}°" for each in answer["alternatives"]]
     expect(page.get_by_role("table", name="Under other laws")).to_be_visible()
@@ -92,9 +99,52 @@ def test_range_without_ricochet_is_told_in_words(page: Page) -> None:
 def test_trials_are_downloaded_as_csv(page: Page, tmp_path: Path) -> None:
     open_view(page)
     with page.expect_download() as data:
-        page.get_by_role("button", name="Download the data of the plot as CSV").first.click()
+        page.locator(".angles").get_by_role("button", name="Download the data of the plot as CSV").click()
     data.value.save_as(tmp_path / "trials.csv")
-    rows = list(csv.DictReader((tmp_path / "trials.csv").read_text().splitlines()))
+    rows = list(csv.DictReader(data_lines(tmp_path / "trials.csv")))
     assert {row["search"] for row in rows} == set(SEARCHES.values())
     for caption, method in SEARCHES.items():
         assert sum(row["search"] == method for row in rows) == len(cells(page, caption))
+
+
+def test_spread_stands_beside_the_angle_and_is_refined_on_demand(page: Page, client: httpx.Client) -> None:
+    page.goto("/#/critical-angle")
+    spread = page.get_by_role("group", name="Spread")
+    expect(spread).to_contain_text("256 searches", timeout=ALL_MS)
+    found = re.search(r"Spread ([\d.]+)° to ([\d.]+)°", spread.inner_text())
+    assert found is not None
+    low, high = map(float, found.groups())
+    assert low < 48.63 < high
+    page.get_by_role("button", name="Refine the spread").click()
+    expect(spread).not_to_contain_text("256 searches", timeout=ALL_MS)
+    found = re.search(r"Spread ([\d.]+)° to ([\d.]+)°", spread.inner_text())
+    assert found is not None
+    assert list(map(float, found.groups())) == pytest.approx([low, high], abs=0.5)
+
+
+def test_model_is_chosen_beside_the_angle(page: Page, client: httpx.Client) -> None:
+    page.goto("/#/critical-angle")
+    models = page.get_by_role("region", name="Answer").get_by_role("group", name="Choice of model")
+    models.get_by_label("Free surface").select_option("mohr_coulomb")
+    body = PAPER | {"resistance": {"free_surface": {"model": "mohr_coulomb"}}}
+    angle = client.post("/cra", json=body).json()["critical_angle_deg"]
+    expect(page.locator(".angle")).to_have_text(f"{angle:.2f}°")
+
+
+def test_curves_are_a_sweep_around_the_case(page: Page, client: httpx.Client) -> None:
+    page.goto("/#/critical-angle")
+    expect(page.locator(".curves .scatterlayer .trace").last).to_be_visible()
+    curves = page.locator(".curves .drawing").evaluate("plot => plot.data.map(({ x, y }) => [[...x], [...y]])")
+    speeds, angles = curves[0]
+    assert 238.0 in speeds
+    for i in (0, 6, 12):
+        answer = client.post("/cra", json=PAPER | {"impact": {"velocity_m_s": speeds[i]}}).json()
+        assert angles[i] == pytest.approx(answer["critical_angle_deg"], abs=1e-9)
+    assert curves[1] == [[238.0], [angles[speeds.index(238.0)]]]
+
+
+def test_warning_of_every_case_is_one_standing_note(page: Page) -> None:
+    page.goto("/#/critical-angle")
+    expect(page.locator(".answer .warning").first).to_be_visible()
+    expect(page.locator(".warning[data-code='no_measured_angle']")).to_have_count(0)
+    expect(page.get_by_role("contentinfo")).to_contain_text("no test of the critical angle is known")

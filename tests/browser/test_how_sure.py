@@ -15,6 +15,7 @@ from playwright.sync_api import Page, Route, expect
 from service.schemas.examples import PAPER
 
 from .conftest import NewPage
+from .downloads import data_lines
 
 SVG = "{http://www.w3.org/2000/svg}"
 SPEED, STRENGTH = "impact.velocity_m_s", "target.compressive_strength_pa"
@@ -112,7 +113,7 @@ def test_band_is_shared_and_downloaded_with_the_numbers_of_the_service(
         with page.expect_download() as download:
             page.get_by_role("button", name=f"Download {what}").first.click()
         download.value.save_as(tmp_path / f"curve.{name.lower()}")
-    rows = list(csv.DictReader((tmp_path / "curve.csv").read_text().splitlines()))
+    rows = list(csv.DictReader(data_lines(tmp_path / "curve.csv")))
     table_of = {name: [float(row[name]) for row in rows] for name in rows[0]}
     assert table_of == probability
     picture = tmp_path / "curve.svg"

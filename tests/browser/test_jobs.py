@@ -10,6 +10,7 @@ import httpx
 import pytest
 from playwright.sync_api import Locator, Page, expect
 
+from service.schemas.examples import PAPER
 from tests.api.many import ASYNC, LINES, finished, lines, searches, slow_strikes
 
 
@@ -32,12 +33,38 @@ def test_job_is_seen_to_run_and_can_be_cancelled(page: Page, client: httpx.Clien
     assert client.get(f"/jobs/{job['id']}").json()["status"] == "dismissed"
 
 
-def test_table_has_the_jobs_of_all_pages(page: Page, client: httpx.Client) -> None:
+def test_table_has_the_newest_page_and_loads_older_jobs_on_demand(page: Page, client: httpx.Client) -> None:
     jobs = [client.post("/cra/batch", json={"cases": searches(1)}, headers=ASYNC).json() for _ in range(3)]
-    page.route("**/jobs?*", lambda route: route.continue_(url=route.request.url.replace("limit=1000", "limit=2")))
+    asked: list[str] = []
+    page.on("request", lambda request: asked.append(request.url) if "/jobs?" in request.url else None)
+    page.route("**/jobs?*", lambda route: route.continue_(url=route.request.url.replace("limit=50", "limit=2")))
     page.goto("/#/jobs")
-    for job in jobs:
-        expect(row_of(page, job)).to_have_count(1)
+    for job, count in zip(jobs, (0, 1, 1), strict=True):
+        expect(row_of(page, job)).to_have_count(count)
+    expect(page.get_by_text("The newest 2 jobs. There are older ones.")).to_be_visible()
+    assert not any("cursor" in url for url in asked)
+    page.get_by_role("button", name="Load older jobs").click()
+    expect(row_of(page, jobs[0])).to_have_count(1)
+    expect(row_of(page, jobs[2])).to_have_count(1)
+
+
+def test_sweep_is_titled_by_what_varies_shows_its_base_and_is_renamed(page: Page, client: httpx.Client) -> None:
+    axes = [
+        {"field": "impact.velocity_m_s", "values": [238.0, 300.0]},
+        {"field": "target.compressive_strength_pa", "start": 39e6, "stop": 49e6, "count": 3},
+    ]
+    job = client.post("/cra/sweep", json={"base": PAPER, "axes": axes}, headers=ASYNC).json()
+    page.goto("/#/jobs")
+    row = row_of(page, job)
+    expect(row).to_contain_text("speed × strength, 80 mm, 13 kg")
+    row.get_by_text("Base case").click()
+    expect(row).to_contain_text("39 to 49 MPa, 3 values")
+    expect(row).to_contain_text("2250 kg/m³")
+    row.get_by_role("button", name="Rename").click()
+    page.get_by_label("Title").fill("North wall")
+    page.keyboard.press("Enter")
+    expect(row).to_contain_text("North wall")
+    assert client.get(f"/jobs/{job['id']}").json()["title"] == "North wall"
 
 
 @pytest.mark.parametrize("form", ["CSV", "JSONL", "HDF5"])

@@ -36,7 +36,7 @@ def test_slider_answers_to_arrow_keys(page: Page) -> None:
 
 def test_map_is_run_read_and_opened_by_keys_alone(page: Page) -> None:
     page.goto("/#/map?x=impact.velocity_m_s,238,300,2&y=projectile.mass_kg,13,14,2")
-    tab_to(page, page.get_by_role("group", name="Up").get_by_label("Values"))
+    tab_to(page, page.get_by_role("group", name="Vertical axis").get_by_label("Values"))
     page.keyboard.press("ControlOrMeta+a")
     page.keyboard.type("3")
     expect(page.locator("#map-size")).to_have_text("6 cases")

@@ -9,6 +9,8 @@ from urllib.parse import parse_qs, urlsplit
 import httpx
 from playwright.sync_api import Page, expect
 
+from .downloads import data_lines
+
 ALL_DONE_MS = 120_000  # for 900 cases on a machine that does other things
 ROUGH = "search.tolerance_deg=1&search.lower_deg=40&search.upper_deg=80"
 
@@ -80,7 +82,7 @@ def test_map_of_outcomes_tells_them_apart_in_words(page: Page, tmp_path: Path) -
     with page.expect_download() as download:
         page.get_by_role("button", name="Download the data").click()
     download.value.save_as(tmp_path / "map.csv")
-    rows = list(csv.DictReader((tmp_path / "map.csv").read_text().splitlines()))
+    rows = list(csv.DictReader(data_lines(tmp_path / "map.csv")))
     assert [row["outcome"] for row in rows] == (["embedded"] * 2 + ["ricochet"] * 3) * 2
     assert [float(row["impact.oblique_angle_deg"]) for row in rows[:5]] == [40, 45, 50, 55, 60]
 
@@ -102,14 +104,45 @@ def test_cell_that_is_clicked_opens_in_explore(page: Page) -> None:
 
 def test_bad_axis_is_refused_at_its_field(page: Page) -> None:
     page.goto("/#/map")
-    page.get_by_role("group", name="Across").get_by_label("From").fill("-3")
+    start = page.get_by_role("group", name="Horizontal axis").get_by_label("From")
+    start.fill("-3")
     expect(page.get_by_text("Has to be at least 0.1 m/s.")).to_be_visible()
-    expect(page.get_by_role("group", name="Across").get_by_label("From")).to_have_attribute("aria-invalid", "true")
+    expect(start).to_have_attribute("aria-invalid", "true")
     expect(page.get_by_role("button", name="Run")).to_be_disabled()
-    page.get_by_role("group", name="Across").get_by_label("From").fill("100")
+    start.fill("100")
     expect(page.get_by_role("button", name="Run")).to_be_enabled()
-    page.get_by_role("group", name="Up").get_by_label("Field").select_option(label="Speed [m/s]")
+    page.get_by_role("group", name="Vertical axis").get_by_label("Field").select_option(label="Speed [m/s]")
     expect(page.get_by_text("Both axes have the same field.").first).to_be_visible()
+
+
+def test_ends_that_cross_are_refused_with_a_word(page: Page) -> None:
+    page.goto("/#/map")
+    page.get_by_role("group", name="Horizontal axis").get_by_label("From").fill("500")
+    expect(page.get_by_text("From has to be below To.")).to_be_visible()
+    expect(page.get_by_role("button", name="Run")).to_be_disabled()
+
+
+def test_map_names_its_colours_and_marks_the_case_itself(page: Page) -> None:
+    open_map(page, x="impact.velocity_m_s,230,300,2", y="projectile.mass_kg,12,14,2", rest="")
+    page.get_by_role("button", name="Run").click()
+    expect(page.locator("#map-progress")).to_have_text("All 4 cases are computed.")
+    expect(page.locator(".map .drawing")).to_contain_text("Critical angle [°]")
+    expect(page.locator(".map .drawing")).to_contain_text("you are here")
+    place = page.locator(".map .drawing").evaluate(
+        "plot => { const { x, y } = plot.data.at(-1); return [...x, ...y]; }"
+    )
+    assert place == [238, 13]
+
+
+def test_map_goes_on_once_the_service_is_back(page: Page, faults: list[str]) -> None:
+    open_map(page, x="impact.velocity_m_s,238,300,2", y="projectile.mass_kg,13,14,3", rest="")
+    page.route("**/jobs/*/results?*", lambda route: route.abort())
+    with page.expect_event("requestfailed"):
+        page.get_by_role("button", name="Run").click()
+    page.unroute("**/jobs/*/results?*")
+    expect(page.locator("#map-counts")).to_contain_text("6 with an angle")
+    assert all("ERR_FAILED" in fault for fault in faults)
+    faults.clear()
 
 
 def test_map_whose_job_is_gone_says_so_and_can_be_run_again(page: Page, faults: list[str]) -> None:

@@ -14,7 +14,8 @@ STRIKE = PAPER | {"impact": PAPER["impact"] | {"oblique_angle_deg": 45.0}}
 
 def rows(page: Page) -> dict[str, list[str]]:
     """Cells of the table by their first."""
-    expect(page.locator(".pictures")).not_to_have_attribute("aria-busy", "true", timeout=ALL_MS)
+    expect(page.get_by_role("table")).to_be_visible(timeout=ALL_MS)
+    expect(page.locator("[aria-busy=true]")).to_have_count(0, timeout=ALL_MS)
     lines = page.get_by_role("table").locator("tbody tr")
     cells = [line.locator("td").all_inner_texts() for line in lines.all()]
     return {first: rest for first, *rest in cells}

@@ -1,36 +1,68 @@
 // Critical angle: how three searches find it, and what happens just below and above.
 
 import { caseQuery, readCase, replaceAddress } from "../address.js";
-import { alternativesTable, askAngles, rest } from "../alternatives.js";
+import { alternativesTable, askAngles } from "../alternatives.js";
+import { Answer, MODEL_FIELDS } from "../answer.js";
 import { angleRequest, withValue } from "../case.js";
 import { METHODS, drawAngles, drawPositions, summary, trialTable } from "../convergence.js";
 import { copyButtons } from "../copy-as.js";
+import { askCurves, drawCurves } from "../curves.js";
 import { element } from "../elements.js";
+import { buildFold } from "../fold.js";
 import { buildForm } from "../form.js";
 import { latest } from "../latest.js";
 import { purge } from "../plots.js";
+import { presetLinks } from "../presets.js";
+import { reportButton } from "../report.js";
 import { askRun } from "../run.js";
-import { ask } from "../service.js";
+import { Problem, ask, isLost } from "../service.js";
 import { drawSideView } from "../side-view.js";
-import { outcomeShown, tellAngle, tellWarnings } from "../words.js";
+import { clearParts, markFresh, markStale } from "../stale.js";
+import { outcomeShown } from "../words.js";
 
 const OFFSET = "offset_deg";
 const OFFSETS = [0.01, 0.1, 0.5, 1, 2, 5];
 const LARGEST_DEG = 89.9;
+const REST_MS = 300; // without a change before the curves are computed: they are 26 searches
 
 /** Show the view. */
 export async function show(root, query) {
-  const parts = build(root, Number(query.get(OFFSET)));
-  let answers = {};
-
   const fail = (error) => {
+    if (isLost(error)) {
+      parts.problem.textContent = `${error.message} It is tried again until it does; what is grey is of the inputs before.`;
+      return;
+    }
+    if (error instanceof Problem && error.errors.length) refuse();
     parts.problem.textContent = error.errors ? form.showProblems(error) || "A field is not accepted." : error.message;
   };
+  let [found, foundFor] = [undefined, undefined]; // of the user's own search, and its case
+  const laws = buildFold(
+    "Under other laws",
+    element("div.laws-table"),
+    async (values, signal) => {
+      const other = await askAngles(values, signal);
+      if (signal.aborted) return;
+      answer.setAlternatives(other, values);
+      laws.root.lastChild.replaceChildren(alternativesTable(other));
+    },
+    fail,
+  );
+  const searches = buildFold("How it was found", searchParts(), (values, signal) => showSearches(searches.root, values, signal), fail);
+  const answer = new Answer({
+    onError: fail,
+    onAngle(data, values) {
+      [found, foundFor] = [data, values];
+      parts.problem.textContent = "";
+      askSides(values);
+      askAround(values);
+    },
+  });
+  const parts = build(root, Number(query.get(OFFSET)), answer.root, [searches.root, laws.root]);
 
   const askSides = latest(async (values, signal) => {
-    const angle = answers.outcome.critical_angle_deg;
+    const angle = found.critical_angle_deg;
     parts.sidePanel.hidden = angle === undefined;
-    if (angle === undefined) return;
+    if (angle === undefined) return markFresh(...parts.sides);
     const offset = Number(parts.offset.value);
     const angles = [Math.max(angle - offset, 0), Math.min(angle + offset, LARGEST_DEG)];
     const runs = await Promise.all(
@@ -39,37 +71,30 @@ export async function show(root, query) {
         return { run, name: `${each.toFixed(2)}°: ${outcomeShown(run.outcome)}` };
       }),
     );
-    await drawSideView(parts.side, runs, 0);
-  }, fail);
+    await Promise.all(runs.map((each, i) => drawSideView(parts.sides[i], [each], each.run.history.time_s.length - 1)));
+    if (!signal.aborted && !askSides.isBehind()) markFresh(...parts.sides);
+  }, fail, { supersede: true });
 
-  const askLaws = latest(async (values, signal) => {
-    await rest();
-    if (askLaws.isBehind()) return;
-    const found = await askAngles(values, signal);
-    if (askLaws.isBehind()) return;
-    answers = { ...answers, outcome: found };
-    parts.answer.replaceChildren(tellAngle(found));
-    parts.laws.replaceChildren(alternativesTable(found));
-    parts.laws.removeAttribute("aria-busy");
-  }, fail);
+  const askAround = latest(async (values, signal) => {
+    const curves = await askCurves(values, signal);
+    if (signal.aborted) return;
+    await drawCurves(parts.curves, curves, values, found);
+    if (!signal.aborted && !askAround.isBehind()) markFresh(parts.curves);
+  }, fail, { supersede: true, restMs: REST_MS });
 
-  const askers = Object.keys(METHODS).map((method) =>
-    latest(async (values, signal) => {
-      const search = method === values.search?.method ? values.search : { method };
-      const { data } = await ask("cra", { body: angleRequest(values, search), signal });
-      answers = { ...answers, [method]: data };
-      await showAnswers(parts, answers);
-      if (method === "outcome") {
-        askSides(values);
-        askLaws({ ...values, search });
-      }
-    }, fail),
-  );
-
-  const askAll = (values) => {
-    parts.problem.textContent = "";
-    parts.laws.setAttribute("aria-busy", "true");
-    for (const asker of askers) asker(values);
+  const ofCase = [...parts.sides, parts.curves];
+  const change = (values) => {
+    markStale(...ofCase);
+    for (const asker of [askSides, askAround]) asker.cancel();
+    answer.setCase(values);
+    for (const fold of [searches, laws]) fold.setCase(values);
+    readdress();
+  };
+  const refuse = () => {
+    for (const asker of [askSides, askAround]) asker.cancel();
+    answer.clear();
+    for (const fold of [searches, laws]) fold.clear();
+    clearParts(...ofCase);
   };
   const readdress = () => {
     const next = caseQuery(form.currentCase());
@@ -82,79 +107,94 @@ export async function show(root, query) {
     include: ["Strike", "Projectile", "Target", "Model"],
     without: ["impact.oblique_angle_deg"],
     open: matchMedia("(min-width: 60rem)").matches ? undefined : ["Strike"],
-    onChange(values) {
-      askAll(values);
-      readdress();
-    },
+    beside: { root: answer.models, paths: MODEL_FIELDS },
+    onChange: change,
+    onRefuse: refuse,
   });
   parts.copy.append(copyButtons(form.currentCase));
+  parts.problem.before(reportButton(() => angleRequest(form.currentCase()), fail));
   parts.offset.addEventListener("change", () => {
-    if (answers.outcome) askSides(form.currentCase());
+    markStale(...parts.sides);
+    if (foundFor === form.currentCase()) askSides(foundFor);
     readdress();
   });
-  askAll(form.currentCase());
+  change(form.currentCase());
   return () => {
-    for (const asker of [...askers, askSides, askLaws]) asker.stop();
-    for (const plot of [parts.side, parts.angles, parts.positions]) purge(plot);
+    for (const each of [answer, askSides, askAround, searches, laws]) each.stop();
+    for (const plot of root.querySelectorAll(".plot")) purge(plot);
   };
 }
 
-async function showAnswers(parts, answers) {
-  const methods = Object.keys(METHODS).filter((method) => method in answers);
-  const found = Object.fromEntries(methods.map((method) => [method, answers[method]]));
-  if (found.outcome) {
-    parts.answer.replaceChildren(tellAngle(found.outcome));
-    parts.warnings.replaceChildren(...tellWarnings(found.outcome.warnings));
-  }
-  parts.summary.replaceChildren(summary(found));
-  parts.tables.replaceChildren(...methods.map((method) => trialTable(method, found[method])));
-  await Promise.all([drawAngles(parts.angles, found), drawPositions(parts.positions, found)]);
+/** Return the search of a case by a method: with the settings of the case if that is its method. */
+function searchOf(values, method) {
+  return method === values.search?.method ? values.search : { method };
 }
 
-function build(root, offset) {
+function searchParts() {
+  const note = "Filled marks count as turned away, in the paper's searches by which side of the face the tip ends on.";
+  return element(
+    "div.searches",
+    {},
+    element("div.summary", {}),
+    element("h3", {}, "Angles tried"),
+    element("p.quiet", {}, `${note} The dashed line is the critical angle.`),
+    element("div.trials.angles", {}),
+    element("h3", {}, "Final positions"),
+    element("p.quiet", {}, "Outside the face is above."),
+    element("div.trials.positions", {}),
+    element("h3", {}, "Trials"),
+    element("div.thirds", {}),
+  );
+}
+
+/** Show how the three searches converge, the user's own first. */
+async function showSearches(root, values, signal) {
+  const part = (name) => root.querySelector(name);
+  const answers = {};
+  for (const method of Object.keys(METHODS)) {
+    answers[method] = (await ask("cra", { body: angleRequest(values, searchOf(values, method)), signal })).data;
+  }
+  if (signal.aborted) return;
+  part(".summary").replaceChildren(summary(answers));
+  part(".thirds").replaceChildren(...Object.keys(answers).map((method) => trialTable(method, answers[method])));
+  await Promise.all([drawAngles(part(".angles"), answers, values), drawPositions(part(".positions"), answers, values)]);
+}
+
+function build(root, offset, answer, folds) {
   const options = OFFSETS.map((each) => {
     const selected = each === (OFFSETS.includes(offset) ? offset : 0.5);
     return element("option", { value: each, selected }, `${each}°`);
   });
   const parts = {
-    form: element("form.panel", { "aria-label": "Case", onsubmit: (event) => event.preventDefault() }),
+    form: element("form", { "aria-label": "Case", onsubmit: (event) => event.preventDefault() }),
     copy: element("div", {}),
     problem: element("p.problem", { role: "alert" }),
-    answer: element("div.outcome", {}, element("p.quiet", {}, "Computing ...")),
-    warnings: element("div", {}),
-    summary: element("div", {}),
-    laws: element("section.panel.across", { "aria-label": "Other laws", "aria-busy": "true" }),
     offset: element("select", { id: "offset" }, ...options),
-    side: element("div.side-view", {}),
-    angles: element("div.trials", {}),
-    positions: element("div.trials", {}),
-    tables: element("div.thirds", {}),
+    sides: [0, 1].map(() => element("div.side-view", {})),
+    curves: element("div.curves", {}),
   };
   parts.sidePanel = element(
-    "section.panel",
+    "section.panel.across",
     {},
     element("h2", {}, "Just below and just above"),
     element("p", {}, element("label", { for: "offset" }, "Distance from the critical angle "), parts.offset),
-    parts.side,
+    element("div.pair", {}, ...parts.sides),
   );
   const section = (title, ...content) => element("section.panel", {}, element("h2", {}, title), ...content);
-  const note = "Filled marks count as turned away, in the paper's searches by which side of the face the tip ends on.";
   root.append(
     element("h1", {}, "Critical angle"),
     element(
       "div.sides",
       {},
-      parts.form,
+      element("div.panel", {}, presetLinks("critical-angle"), parts.form),
       element(
         "div.pictures",
         {},
-        element("section.panel.across", { "aria-label": "Answer" }, parts.answer, parts.problem, parts.summary),
-        parts.laws,
-        section("Angles tried", element("p.quiet", {}, `${note} The dashed line is the critical angle.`), parts.angles),
-        section("Final positions", element("p.quiet", {}, `${note} Outside the face is above.`), parts.positions),
+        parts.problem,
+        answer,
         parts.sidePanel,
-        element("section.panel", { "aria-label": "Warnings" }, parts.warnings),
-        element("section.panel.across", {}, element("h2", {}, "Trials"), parts.tables),
+        element("section.panel.across", {}, element("h2", {}, "Over speed and over strength"), parts.curves),
+        ...folds,
         section("Copy this case", parts.copy),
       ),
     ),

@@ -1,20 +1,27 @@
 // Explore: one strike, as its fields are changed.
 
-import { address, caseQuery, readCase, replaceAddress } from "../address.js";
-import { alternativesTable, askAngles, askOutcomes, rest } from "../alternatives.js";
-import { angleRequest } from "../case.js";
+import { caseQuery, readCase, replaceAddress } from "../address.js";
+import { alternativesTable, askAngles, askOutcomes } from "../alternatives.js";
+import { Answer, MODEL_FIELDS } from "../answer.js";
 import { copyButtons } from "../copy-as.js";
 import { element } from "../elements.js";
+import { buildFold } from "../fold.js";
 import { buildForm } from "../form.js";
 import { drawHistories, moveInstant } from "../histories.js";
 import { latest } from "../latest.js";
 import { purge } from "../plots.js";
+import { presetLinks } from "../presets.js";
+import { reportButton } from "../report.js";
 import { askRun, rowAt } from "../run.js";
 import { buildScrubber } from "../scrubber.js";
-import { Problem, ask } from "../service.js";
+import { Problem, isLost } from "../service.js";
 import { drawSideView, moveOutline } from "../side-view.js";
-import { headline, knownStudy } from "../study.js";
-import { tellAngle, tellRun, tellWarnings } from "../words.js";
+import { clearParts, markFresh, markStale } from "../stale.js";
+import { tellRun, tellWarnings } from "../words.js";
+
+const ABOUT =
+  "A rigid projectile strikes concrete at a slant: below the critical angle, measured from the normal, it digs in, above it is " +
+  "turned away. Try first: move the slider of the oblique angle through the critical angle and see the outcome flip.";
 
 /** Show the view. */
 export async function show(root, query) {
@@ -23,30 +30,50 @@ export async function show(root, query) {
 }
 
 class Explore {
-  warnings = { run: [], angle: [] };
   changed = performance.now(); // when a field was
 
   constructor(root, query) {
-    const parts = build(root);
+    this.laws = buildFold("Under other laws", element("div.laws-table"), (...given) => this.showLaws(...given), (error) => this.fail(error));
     const fail = (error) => this.fail(error);
+    this.answer = new Answer({ onError: fail, onAngle: () => this.showWarnings() });
+    const parts = build(root, this.answer.root, this.laws.root);
     this.parts = parts;
     this.instant = query.has("time_ms") ? Number(query.get("time_ms")) / 1e3 : Infinity; // the last unless chosen
     this.askPicture = latest((values, signal) => this.showPicture(values, signal), fail);
-    this.askAngle = latest((values, signal) => this.showAngle(values, signal), fail);
-    this.askLaws = latest((values, signal) => this.showLaws(values, signal), fail);
     this.scrubber = buildScrubber(parts.scrubber, (row) => this.showInstant(row));
     this.form = buildForm(parts.form, {
       case: readCase(query),
       open: matchMedia("(min-width: 60rem)").matches ? ["Strike", "Projectile", "Target", "Model"] : ["Strike"],
-      onChange: (values) => {
-        this.changed = performance.now();
-        parts.laws.setAttribute("aria-busy", "true");
-        this.askPicture(values);
-        this.readdress();
-      },
+      beside: { root: this.answer.models, paths: MODEL_FIELDS },
+      onChange: (values) => this.change(values),
+      onRefuse: () => this.refuse(),
     });
     parts.copy.append(copyButtons(this.form.currentCase));
-    this.askPicture(this.form.currentCase());
+    parts.problem.before(reportButton(this.form.currentCase, fail));
+    this.change(this.form.currentCase());
+  }
+
+  /** What belongs to this strike. */
+  get ofStrike() {
+    const { outcome, side, histories, warnings } = this.parts;
+    return [outcome, side, histories, warnings];
+  }
+
+  change(values) {
+    this.changed = performance.now();
+    markStale(...this.ofStrike);
+    this.answer.setCase(values);
+    this.askPicture(values);
+    this.laws.setCase(values);
+    this.readdress();
+  }
+
+  /** Nothing belongs to a case with a field that is not accepted. */
+  refuse() {
+    this.askPicture.cancel();
+    this.answer.clear();
+    this.laws.clear();
+    clearParts(...this.ofStrike);
   }
 
   async showPicture(values, signal) {
@@ -56,49 +83,31 @@ class Explore {
     this.row = rowAt(run, this.instant);
     this.scrubber.setTimes(run.history.time_s, this.row);
     await drawSideView(parts.side, [{ run, name: "Strike" }], this.row);
+    if (signal.aborted) return;
     performance.measure("ricochet: side view", { start });
-    parts.problem.textContent = "";
     parts.outcome.replaceChildren(...tellRun(run));
-    this.tellWarnings({ run: run.warnings });
-    this.askAngle(values);
+    this.showWarnings();
     if (this.askPicture.isBehind()) return;
+    markFresh(parts.outcome, parts.warnings, parts.side);
     await drawHistories(parts.histories, run, this.row);
+    if (signal.aborted || this.askPicture.isBehind()) return;
+    markFresh(parts.histories);
     performance.measure("ricochet: histories", { start });
     listen(parts, (row) => this.scrubber.move(row));
   }
 
-  async showAngle(values, signal) {
-    const body = angleRequest(values);
-    const asked = JSON.stringify(body);
-    if (asked !== this.angleAsked) {
-      // the oblique angle does not matter to it
-      const { data } = await ask("cra", { body, signal });
-      this.angleAsked = asked;
-      this.parts.angle.replaceChildren(tellAngle(data));
-      this.tellWarnings({ angle: data.warnings });
-    }
-    this.tellStudy(values);
-    this.askLaws(values);
-  }
-
-  /** Show how sure the critical angle is, once a study of this case was made. */
-  tellStudy(values) {
-    const study = knownStudy(values);
-    const text = study && headline(study);
-    const link = () => element("a", { href: address("how-sure", caseQuery(values)) }, "How sure");
-    const words = () => element("p", {}, link(), ": ", element("strong", {}, text), ", the median and nine in ten.");
-    this.parts.sure.replaceChildren(...(text ? [words()] : []));
+  /** Show the warnings to this strike that are not among those to the critical angle. */
+  showWarnings() {
+    this.found();
+    const known = new Set(this.answer.found?.warnings.map(({ code }) => code));
+    this.parts.warnings.replaceChildren(...tellWarnings((this.run?.warnings ?? []).filter(({ code }) => !known.has(code))));
   }
 
   async showLaws(values, signal) {
-    await rest();
-    if (this.askLaws.isBehind()) return;
     const [angles, outcomes] = await Promise.all([askAngles(values, signal), askOutcomes(values, signal)]);
-    if (this.askLaws.isBehind()) return;
-    const isShown = JSON.stringify(angleRequest(values)) === this.angleAsked;
-    if (isShown) this.parts.angle.replaceChildren(tellAngle(angles));
-    this.parts.laws.replaceChildren(alternativesTable(angles, outcomes));
-    this.parts.laws.removeAttribute("aria-busy");
+    if (signal.aborted) return;
+    this.answer.setAlternatives(angles, values);
+    this.laws.root.lastChild.replaceChildren(alternativesTable(angles, outcomes));
   }
 
   showInstant(row) {
@@ -110,64 +119,65 @@ class Explore {
     this.readdress();
   }
 
-  tellWarnings(some) {
-    Object.assign(this.warnings, some);
-    const { run, angle } = this.warnings;
-    const assumed = angle.some(({ code }) => code === "mass_properties_assumed"); // which says more than that of the run
-    const rest = run.filter(({ code }) => !(assumed && code === "mass_properties_assumed"));
-    this.parts.warnings.replaceChildren(...tellWarnings(rest, angle));
-  }
-
   readdress() {
     const query = caseQuery(this.form.currentCase());
     if (Number.isFinite(this.instant)) query.set("time_ms", Number((this.instant * 1e3).toPrecision(4)));
     replaceAddress("explore", query);
   }
 
+  /** The service answers: nothing is wrong any more. */
+  found() {
+    this.parts.problem.textContent = "";
+    this.parts.lost.textContent = "";
+  }
+
   fail(error) {
-    const isOfService = error instanceof Problem;
-    const unplaced = isOfService ? this.form.showProblems(error) : error.message;
-    this.parts.problem.textContent = unplaced || "A field is not accepted; the picture is of the case before.";
+    if (isLost(error)) {
+      this.parts.lost.textContent = `${error.message} It is tried again until it does; what is grey is of the inputs before.`;
+      return;
+    }
+    if (error instanceof Problem && error.errors.length) this.refuse();
+    const unplaced = error instanceof Problem ? this.form.showProblems(error) : error.message;
+    this.parts.problem.textContent = unplaced || "A field is not accepted.";
   }
 
   leave() {
     this.askPicture.stop();
-    this.askAngle.stop();
-    this.askLaws.stop();
+    this.answer.stop();
+    this.laws.stop();
     this.scrubber.stop();
     purge(this.parts.side);
     purge(this.parts.histories);
   }
 }
 
-function build(root) {
+function build(root, answer, laws) {
   const parts = {
     form: element("form", { "aria-label": "Case", onsubmit: (event) => event.preventDefault() }),
     copy: element("div", {}),
     problem: element("p.problem", { role: "alert" }),
     outcome: element("div", {}, element("p.quiet", {}, "Computing ...")),
-    angle: element("div", {}),
-    sure: element("div.sure", {}),
     warnings: element("div", {}),
-    laws: element("section.panel", { "aria-label": "Other laws", "aria-busy": "true" }),
-    side: element("div.side-view", { "aria-busy": "true" }),
+    side: element("div.side-view", {}),
+    lost: element("p.problem", { role: "alert" }),
     scrubber: element("div.scrubber", {}),
-    histories: element("div.histories", { "aria-busy": "true" }),
+    histories: element("div.histories", {}),
   };
   root.append(
     element("h1", {}, "Explore a strike"),
+    element("p.intro", {}, ABOUT),
     element(
       "div.sides",
       {},
-      element("div.panel", {}, parts.form, element("a", { href: "#/explore" }, "Start again from the paper's case")),
+      element("div.panel", {}, presetLinks("explore"), parts.form),
       element(
         "div.pictures",
         {},
-        element("section.panel.across", { "aria-label": "Outcome" }, parts.outcome, parts.angle, parts.sure, parts.problem),
-        element("section.panel", {}, element("h2", {}, "Side view"), parts.side, parts.scrubber),
+        answer,
+        element("section.panel.across", { "aria-label": "Outcome" }, parts.problem, parts.outcome, parts.warnings),
+        element("section.panel", {}, element("h2", {}, "Side view"), parts.lost, parts.side, parts.scrubber),
         element("section.panel", {}, element("h2", {}, "Histories"), parts.histories),
-        element("section.panel", { "aria-label": "Warnings" }, parts.warnings),
-        parts.laws,
+        laws,
         element("section.panel", {}, element("h2", {}, "Copy this case"), parts.copy),
       ),
     ),

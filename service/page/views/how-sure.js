@@ -16,7 +16,7 @@ import { tellWarnings } from "../words.js";
 
 const OPTION = { kind: "number", factor: 1, optional: true };
 const SAMPLING = [
-  { ...OPTION, path: "sampling.half_width", label: "Half width", unit: "1" },
+  { ...OPTION, path: "sampling.half_width", label: "Half width", unit: "" },
   { ...OPTION, path: "sampling.max_samples", label: "Samples at most", unit: "" },
   { ...OPTION, path: "sampling.seed", label: "Seed", unit: "" },
 ];
@@ -78,7 +78,10 @@ class HowSure {
     this.#stop("");
     const { parts } = this;
     parts.problem.textContent = "";
-    if (!parts.results.hidden) parts.progress.textContent = "What is shown is of the inputs before. Run again.";
+    if (!parts.results.hidden) {
+      parts.progress.textContent = "What is shown is of the inputs before. Run again.";
+      parts.results.setAttribute("aria-busy", "true");
+    }
     const inputs = this.scatter.inputs();
     parts.run.disabled = !inputs?.length || this.#wrong.size > 0;
     if (!inputs) return;
@@ -105,7 +108,7 @@ class HowSure {
       const study = { values: this.form.currentCase(), inputs, sampling: this.sampling };
       for await (const answer of askStudy(study, work.signal)) {
         if (work.signal.aborted) return;
-        await this.#show(answer);
+        await this.#show(answer, study.values);
       }
       if (!work.signal.aborted) this.#stop("Done.");
     } catch (error) {
@@ -117,20 +120,20 @@ class HowSure {
   }
 
   /** Show an answer, or the curve so far. */
-  async #show(study) {
+  async #show(study, values) {
     const { parts } = this;
     parts.progress.textContent = `${study.samples.toLocaleString("en")} samples ...`;
     if (!study.probability) return;
     parts.results.hidden = false;
-    await drawCurve(parts.curve, study);
+    await drawCurve(parts.curve, study, values);
+    parts.answerPanel.hidden = parts.sensitivity.hidden = !study.critical_angle;
+    parts.results.removeAttribute("aria-busy");
     if (!study.critical_angle) return; // of a job that goes on
-    parts.answerPanel.hidden = false;
-    parts.sensitivity.hidden = false;
     parts.answer.replaceChildren(...tellStudy(study));
     parts.warnings.hidden = !study.warnings.length;
     parts.warnings.replaceChildren(...tellWarnings(study.warnings));
     parts.table.replaceChildren(sensitivityTable(study));
-    await drawTornado(parts.tornado, study);
+    await drawTornado(parts.tornado, study, values);
   }
 
   #stop(text) {

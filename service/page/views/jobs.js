@@ -3,11 +3,11 @@
 import { element, say } from "../elements.js";
 import { shortId } from "../downloads.js";
 import { isFinal, pause } from "../job-progress.js";
-import { COLUMNS, JobRow } from "../job-row.js";
+import { COLUMNS, JobRow, titleOf } from "../job-row.js";
 import { ask, isAbort } from "../service.js";
 
 const [BUSY_MS, IDLE_MS] = [1000, 10_000]; // between two looks, while a job runs and while none does
-const PAGE = 1000; // the most the service gives at once
+const PAGE = 50; // jobs that are looked at each time
 
 /** Show the table of jobs, and keep it up to date. */
 export async function show(root) {
@@ -16,21 +16,10 @@ export async function show(root) {
   return () => view.leave();
 }
 
-/** Return all jobs, the newest first. */
-async function allJobs(signal) {
-  const jobs = [];
-  let cursor = "";
-  while (cursor !== undefined) {
-    const { data } = await ask(`jobs?limit=${PAGE}&cursor=${cursor}`, { signal });
-    jobs.push(...data.jobs);
-    cursor = data.next;
-  }
-  return jobs;
-}
-
 class JobsView {
   #life = new AbortController();
   #rows = new Map();
+  #older; // cursor of the jobs that are not shown; undefined if all are
 
   constructor(root) {
     this.problem = element("p.problem", { role: "alert", hidden: true });
@@ -39,11 +28,13 @@ class JobsView {
     this.body = element("tbody", { role: "rowgroup" });
     const head = element("thead", { role: "rowgroup" }, element("tr", { role: "row" }, ...heads));
     this.table = element("table", { role: "table", hidden: true, "aria-label": "Jobs, the newest first" }, head, this.body);
-    this.dialog = element("dialog", { "aria-labelledby": "delete-title" });
+    this.more = element("button", { type: "button", onclick: () => this.#loadOlder() }, "Load older jobs");
+    this.count = element("p.quiet", {});
+    this.dialog = element("dialog", { "aria-labelledby": "dialog-title" });
     root.append(
       element("h1", {}, "Jobs"),
       this.problem,
-      element("div.panel.jobs", {}, this.empty, this.table),
+      element("div.panel.jobs", {}, this.empty, this.table, element("p.actions", {}, this.count, this.more)),
       this.dialog,
     );
   }
@@ -53,14 +44,47 @@ class JobsView {
     while (!signal.aborted) {
       let isBusy = false;
       try {
-        const jobs = await allJobs(signal);
-        isBusy = jobs.some((job) => !isFinal(job));
-        this.#tell(jobs);
+        isBusy = (await this.#look(signal)).some((job) => !isFinal(job));
         this.problem.hidden = true;
       } catch (error) {
         this.#fail(error);
       }
       await pause(isBusy ? BUSY_MS : IDLE_MS, signal).catch(() => {});
+    }
+  }
+
+  /** Look at the newest jobs, and at older ones that are shown and have not ended; return all that are shown. */
+  async #look(signal) {
+    const { jobs: newest, next } = (await ask(`jobs?limit=${PAGE}`, { signal })).data;
+    if (!this.#rows.size) this.#older = next;
+    const seen = new Set(newest.map(({ id }) => id));
+    const oldest = newest.at(-1)?.created ?? "";
+    const shown = [...this.#rows.values()].map(({ job }) => job);
+    const older = next === undefined ? [] : shown.filter(({ id, created }) => !seen.has(id) && created < oldest);
+    const states = await Promise.all(older.map((job) => (isFinal(job) ? job : this.#stateOf(job, signal))));
+    const jobs = [...newest, ...states.filter(Boolean)];
+    if (next === undefined) this.#older = undefined;
+    this.#tell(jobs);
+    return jobs;
+  }
+
+  /** Return a job as it is now; undefined if it is gone. */
+  async #stateOf({ id }, signal) {
+    try {
+      return (await ask(`jobs/${id}`, { signal })).data;
+    } catch (error) {
+      if (error.status === 404) return undefined;
+      throw error;
+    }
+  }
+
+  async #loadOlder() {
+    try {
+      const { jobs, next } = (await ask(`jobs?limit=${PAGE}&cursor=${this.#older}`)).data;
+      this.#older = next;
+      this.#tell([...[...this.#rows.values()].map(({ job }) => job), ...jobs.filter(({ id }) => !this.#rows.has(id))]);
+    } catch (error) {
+      this.#fail(error);
     }
   }
 
@@ -74,6 +98,7 @@ class JobsView {
     const listeners = {
       onCancel: (job) => this.#cancel(job),
       onDelete: (job) => this.#delete(job),
+      onRename: (job) => this.#rename(job),
       onError: (error) => this.#fail(error),
     };
     this.#rows = new Map(jobs.map((job) => [job.id, before.get(job.id) ?? new JobRow(job, listeners)]));
@@ -87,6 +112,8 @@ class JobsView {
     }
     this.table.hidden = !jobs.length;
     this.empty.hidden = jobs.length > 0;
+    this.more.hidden = this.#older === undefined;
+    this.count.textContent = this.#older === undefined ? "" : `The newest ${jobs.length} jobs. There are older ones.`;
   }
 
   async #cancel(job) {
@@ -112,6 +139,34 @@ class JobsView {
     }
   }
 
+  /** Let a job be given another title; Escape keeps it. */
+  #rename(job) {
+    const input = element("input", { id: "job-title", value: titleOf(job), required: true, maxlength: 200 });
+    const onsubmit = async (event) => {
+      event.preventDefault();
+      this.dialog.close();
+      try {
+        const { data } = await ask(`jobs/${job.id}`, { method: "PATCH", body: { title: input.value } });
+        this.#rows.get(job.id)?.update(data);
+        say(`Job ${shortId(job.id)} has another title.`);
+      } catch (error) {
+        this.#fail(error);
+      }
+    };
+    this.dialog.replaceChildren(
+      element("h2", { id: "dialog-title" }, `Rename job ${shortId(job.id)}`),
+      element(
+        "form",
+        { onsubmit },
+        element("p", {}, element("label", { for: input.id }, "Title "), input),
+        element("button.main", {}, "Rename"),
+        element("button", { type: "button", onclick: () => this.dialog.close() }, "Cancel"),
+      ),
+    );
+    this.dialog.showModal();
+    input.select();
+  }
+
   /** Ask whether a job shall be deleted; Escape keeps it. */
   #confirm(job) {
     return new Promise((resolve) => {
@@ -120,7 +175,7 @@ class JobsView {
         resolve(answer);
       };
       this.dialog.replaceChildren(
-        element("h2", { id: "delete-title" }, `Delete job ${shortId(job.id)}?`),
+        element("h2", { id: "dialog-title" }, `Delete job ${shortId(job.id)}?`),
         element("p", {}, "It is cancelled if it runs, and its results can no longer be downloaded here."),
         element("button.main", { type: "button", onclick: end(true) }, "Delete"),
         element("button", { type: "button", autofocus: true, onclick: end(false) }, "Keep"),

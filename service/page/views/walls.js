@@ -5,7 +5,9 @@ import { withValue } from "../case.js";
 import { element } from "../elements.js";
 import { buildForm } from "../form.js";
 import { latest } from "../latest.js";
-import { ask } from "../service.js";
+import { presetLinks } from "../presets.js";
+import { ask, isLost } from "../service.js";
+import { clearParts, markFresh, markStale } from "../stale.js";
 import { digits, tellWarnings } from "../words.js";
 
 const THICKNESS = "target.thickness_m";
@@ -32,8 +34,17 @@ const STATUSES = {
 /** Show the view. */
 export async function show(root, query) {
   const parts = build(root);
+  const shown = [parts.answer, parts.warnings, parts.table];
+  const refuse = () => {
+    askAll.cancel();
+    clearParts(...shown);
+  };
   const fail = (error) => {
-    parts.results.removeAttribute("aria-busy");
+    if (isLost(error)) {
+      parts.problem.textContent = `${error.message} It is tried again until it does; what is grey is of the inputs before.`;
+      return;
+    }
+    refuse();
     parts.problem.textContent = error.errors ? form.showProblems(error) || "A field is not accepted." : error.message;
   };
   const askAll = latest(async (values, signal) => {
@@ -44,16 +55,16 @@ export async function show(root, query) {
     const table = await post("formulas", withValue({ projectile, target, impact }, THICKNESS));
     const isWall = target.thickness_m !== undefined;
     const speeds = await Promise.all(isWall ? models.map(({ body }) => post("limit-speed", slow(body))) : []);
-    if (askAll.isBehind()) return;
+    if (signal.aborted || askAll.isBehind()) return;
+    parts.problem.textContent = "";
     const lines = models.map((model, i) => ({ ...model, thickness: thick[i], speed: speeds[i] }));
     parts.answer.replaceChildren(...answer(lines, table, target.thickness_m));
     parts.warnings.replaceChildren(...tellWarnings(...thick.map(({ warnings }) => warnings)));
     parts.table.replaceChildren(tableOf(lines, table));
-    parts.results.removeAttribute("aria-busy");
-  }, fail);
+    markFresh(...shown);
+  }, fail, { supersede: true });
   const refresh = (values) => {
-    parts.problem.textContent = "";
-    parts.results.setAttribute("aria-busy", "true");
+    markStale(...shown);
     askAll(values);
   };
   const form = buildForm(parts.form, {
@@ -64,6 +75,7 @@ export async function show(root, query) {
       refresh(values);
       replaceAddress("walls", caseQuery(values));
     },
+    onRefuse: refuse,
   });
   refresh(form.currentCase());
   return () => askAll.stop();
@@ -152,7 +164,7 @@ function millimetres(value) {
 
 function build(root) {
   const parts = {
-    form: element("form.panel", { "aria-label": "Case", onsubmit: (event) => event.preventDefault() }),
+    form: element("form", { "aria-label": "Case", onsubmit: (event) => event.preventDefault() }),
     problem: element("p.problem", { role: "alert" }),
     answer: element("div.outcome", {}, element("p.quiet", {}, "Computing ...")),
     warnings: element("div", {}),
@@ -160,11 +172,11 @@ function build(root) {
   };
   parts.results = element(
     "div.pictures",
-    { "aria-busy": "true" },
+    {},
     parts.problem,
     element("section.panel", { "aria-label": "Answer" }, parts.answer, parts.warnings),
     element("section.panel", { "aria-label": "Thicknesses" }, parts.table),
   );
-  root.append(element("h1", {}, "Walls"), element("div.sides", {}, parts.form, parts.results));
+  root.append(element("h1", {}, "Walls"), element("div.sides", {}, element("div.panel", {}, presetLinks("walls"), parts.form), parts.results));
   return parts;
 }

@@ -1,0 +1,49 @@
+// The case of a job: what its cases have in common, and what varies.
+
+import { valueAt } from "./case.js";
+import { element } from "./elements.js";
+import { GROUPS, fieldAt, shownNumber } from "./fields.js";
+import { ask } from "./service.js";
+
+/**
+ * Return a folded list of the base case of a sweep, which is fetched when it is opened.
+ *
+ * @param {object} job
+ * @param {(error: Error) => void} onError
+ */
+export function baseCase(job, onError) {
+  const list = element("dl", {}, element("dd", {}, "Loading ..."));
+  const ontoggle = async () => {
+    if (!root.open) return;
+    try {
+      const { request } = (await ask(`jobs/${job.id}`)).data;
+      list.replaceChildren(...[...request.axes.map(axisWords), ...caseWords(request)].flatMap(line));
+    } catch (error) {
+      root.open = false;
+      onError(error);
+    }
+  };
+  const root = element("details", { ontoggle }, element("summary", {}, "Base case"), list);
+  return root;
+}
+
+function axisWords({ field, start, stop, count, values = [start, stop] }) {
+  const known = fieldAt(field) ?? { label: field, factor: 1, unit: "" };
+  const [least, most] = [values[0], values.at(-1)].map((value) => shownNumber(known, value));
+  return [known.label, `${least} to ${most} ${known.unit}, ${count ?? values.length} values`];
+}
+
+function caseWords({ base, axes }) {
+  const varied = new Set(axes.map(({ field }) => field));
+  const fields = GROUPS.flatMap((group) => group.fields).filter(({ path }) => !varied.has(path));
+  return fields.flatMap((field) => {
+    const value = valueAt(base, field.path);
+    if (value === undefined) return [];
+    if (field.kind === "number") return [[field.label, `${shownNumber(field, value)} ${field.unit}`]];
+    return [[field.label, field.choices?.[value] ?? String(value)]];
+  });
+}
+
+function line([name, text]) {
+  return [element("dt", {}, name), element("dd", {}, text.trim())];
+}

@@ -1,0 +1,36 @@
+// Marks on what is shown but does not belong to the inputs: greyed, and busy for those who hear the page.
+
+import { element, say } from "./elements.js";
+
+const stale = new Set();
+
+/** Mark parts of a view as those of inputs before; said in the status line. */
+export function markStale(...parts) {
+  for (const part of parts) {
+    part.setAttribute("aria-busy", "true");
+    stale.add(part);
+  }
+  say("Out of date. Computing ...");
+}
+
+/** Take the marks away: the parts are of the inputs that are shown. */
+export function markFresh(...parts) {
+  for (const part of parts) {
+    part.removeAttribute("aria-busy");
+    part.classList.remove("cleared");
+    stale.delete(part);
+  }
+  for (const part of stale) if (!part.isConnected) stale.delete(part); // of a view that was left
+  if (!stale.size) say("Up to date.");
+}
+
+/** Take away what parts show, as the inputs have no result; plots are hidden until they are drawn again. */
+export function clearParts(...parts) {
+  for (const part of parts) {
+    part.removeAttribute("aria-busy");
+    part.classList.add("cleared");
+    stale.delete(part);
+    if (!part.querySelector(".drawing")) part.replaceChildren(element("p.quiet", {}, "No result: a field is not accepted."));
+  }
+  say("A field is not accepted. Nothing is computed.");
+}

@@ -1,0 +1,32 @@
+// Parameters of an address that the page does not understand: named, so that nobody takes the case for another.
+
+import { readCase, readParameter } from "./address.js";
+import { element } from "./elements.js";
+import { readInputs } from "./scatter.js";
+import { OPERATIONS, readAxis } from "./sweep.js";
+
+const isNumber = (text) => text !== "" && Number.isFinite(Number(text));
+const isAxis = (text) => readAxis(text) !== undefined;
+/** Parameters of views beside those of the case, each with what can be read. */
+const OWN = {
+  explore: { time_ms: isNumber },
+  "critical-angle": { offset_deg: isNumber },
+  "how-sure": {
+    scatter: (text) => readInputs(new URLSearchParams({ scatter: text })) !== undefined,
+    "sampling.half_width": isNumber,
+    "sampling.max_samples": isNumber,
+    "sampling.seed": isNumber,
+  },
+  walls: {},
+  map: { operation: (text) => text in OPERATIONS, x: isAxis, y: isAxis, job: (text) => /^[0-9a-f]+$/.test(text) },
+  jobs: {},
+};
+
+/** Return a note that names the parameters of an address that cannot be read; undefined if there are none. */
+export function unreadNote(view, query) {
+  const values = readCase(query);
+  const isRead = ([name, text]) => (name in OWN[view] ? OWN[view][name](text) : readParameter(name, text, values) !== undefined);
+  const unread = [...query].filter((each) => !isRead(each)).map(([name, text]) => `${name}=${text}`);
+  if (!unread.length) return undefined;
+  return element("p.warning.unread", { role: "alert" }, `Not understood in the address, and left out: ${unread.join(", ")}.`);
+}

@@ -1,0 +1,52 @@
+"""Printing: any view is black on white without controls, no picture is cut; the report opens in a tab."""
+
+import re
+
+import pytest
+from playwright.sync_api import Page, ViewportSize, expect
+
+from .conftest import NewPage
+
+VIEWS = ("explore", "critical-angle", "how-sure", "walls", "map", "jobs")
+SHEET: ViewportSize = {"width": 703, "height": 1030}
+"""A4 between margins of 12 mm, in CSS pixels."""
+OVERHANG = """() => [...document.querySelectorAll(".drawing .main-svg, table, .panel")]
+  .filter((each) => each.getBoundingClientRect().width > 0)
+  .map((each) => [each.className.baseVal ?? each.className, each.getBoundingClientRect().right])
+  .filter(([, right]) => right > innerWidth + 1)"""
+COLOUR = "() => [document.documentElement, document.body].map((each) => getComputedStyle(each).color)"
+
+
+@pytest.mark.parametrize("view", VIEWS)
+def test_view_prints_black_on_white_without_controls(new_page: NewPage, view: str) -> None:
+    page = new_page(theme="dark")
+    page.goto(f"/#/{view}")
+    expect(page.locator("h1")).to_be_visible()
+    expect(page.locator("[aria-busy=true]:visible")).to_have_count(0)
+    page.set_viewport_size(SHEET)
+    page.emulate_media(media="print", color_scheme="dark")
+    page.evaluate("dispatchEvent(new Event('beforeprint'))")
+    assert page.evaluate(COLOUR) == ["rgb(0, 0, 0)"] * 2
+    assert page.evaluate("getComputedStyle(document.documentElement).backgroundColor") == "rgb(255, 255, 255)"
+    assert page.evaluate("document.documentElement.dataset.theme") == "light"
+    assert page.locator("button:visible, header nav:visible, input[type=range]:visible").count() == 0
+    assert page.evaluate(OVERHANG) == []
+    page.evaluate("dispatchEvent(new Event('afterprint'))")
+    assert page.evaluate("document.documentElement.dataset.theme") == "dark"
+    printed = page.pdf(prefer_css_page_size=True)
+    assert {
+        (round(float(w)), round(float(h))) for w, h in re.findall(rb"/MediaBox\s*\[0 0 ([\d.]+) ([\d.]+)\]", printed)
+    } == {(595, 842)}
+
+
+def test_report_opens_in_a_new_tab_with_its_style(page: Page) -> None:
+    page.goto("/#/explore?search.lower_deg=44&search.upper_deg=54&search.tolerance_deg=0.5&impact.oblique_angle_deg=50")
+    expect(page.locator(".outcome")).to_be_visible()
+    with page.expect_popup() as opened:
+        page.get_by_role("button", name="Report", exact=True).click()
+    report = opened.value
+    expect(report.get_by_role("heading", name="Answer")).to_be_visible(timeout=180_000)
+    assert report.url.startswith("blob:")
+    expect(report).to_have_title(re.compile("Ricochet assessment, 238 m/s, 39 MPa, 50°"))
+    assert report.evaluate("getComputedStyle(document.querySelector('table')).borderCollapse") == "collapse"
+    assert report.evaluate("[...document.images].every((each) => each.complete && each.naturalWidth > 0)")

@@ -1,0 +1,122 @@
+"""No number stands beside inputs that it does not belong to, unless it is marked."""
+
+import json
+from typing import Any
+
+import httpx
+from playwright.sync_api import Page, Route, expect
+
+from service.schemas.examples import PAPER
+
+SPEEDS = (260.0, 310.0, 345.5, 238.0)
+WATCH = """() => {
+    window.seen = [];
+    window.watch = setInterval(() => {
+        const angle = document.querySelector('.angle');
+        const outcome = document.querySelector('[data-outcome]');
+        const isMarked = (part) => Boolean(part.closest('[aria-busy=true]'));
+        const speed = document.getElementById('field-impact-velocity_m_s').value;
+        if (angle) window.seen.push([speed, 'angle', angle.textContent, isMarked(angle)]);
+        if (outcome) window.seen.push([speed, 'outcome', outcome.nextElementSibling.textContent, isMarked(outcome)]);
+    }, 20);
+}"""
+IDLE = "() => document.querySelector('.angle') && !document.querySelector('.pictures > :not(details) [aria-busy=true]')"
+
+
+def open_view(page: Page, view: str = "explore") -> None:
+    page.goto(f"/#/{view}")
+    page.wait_for_function(IDLE)
+
+
+def speed(page: Page) -> Any:
+    return page.get_by_label("Speed", exact=True)
+
+
+def test_number_that_is_not_of_the_inputs_shown_is_marked(page: Page, client: httpx.Client) -> None:
+    open_view(page)
+    page.evaluate(WATCH)
+    for value in SPEEDS:
+        speed(page).fill(str(value))
+        page.wait_for_timeout(60)  # the second half of them changes before the answer is there
+    page.wait_for_function(IDLE)
+    for value in SPEEDS[:2]:
+        speed(page).fill(str(value))
+        page.wait_for_function(IDLE)
+        page.wait_for_timeout(60)
+    seen = page.evaluate("() => { clearInterval(window.watch); return window.seen; }")
+    angles = {}
+    for value in SPEEDS:
+        body = PAPER | {"impact": {"velocity_m_s": value}}
+        angles[value] = f"{client.post('/cra', json=body).json()['critical_angle_deg']:.2f}°"
+    unmarked = {(float(value), text) for value, what, text, marked in seen if what == "angle" and not marked}
+    assert unmarked <= {(value, angles[value]) for value in SPEEDS}
+    assert len(unmarked) >= 3
+    told: dict[str, set[str]] = {}
+    for value, what, text, marked in seen:
+        if what == "outcome" and not marked:
+            told.setdefault(value, set()).add(text)
+    assert len(told) >= 3
+    assert all(len(texts) == 1 for texts in told.values()), told
+    assert any(marked for *_, marked in seen)
+
+
+def test_field_that_is_not_accepted_takes_the_numbers_away(page: Page) -> None:
+    open_view(page)
+    speed(page).fill("-5")
+    expect(page.locator(".angle")).to_have_count(0)
+    expect(page.locator("[data-outcome]")).to_have_count(0)
+    expect(page.locator(".side-view .drawing")).to_be_hidden()
+    expect(page.locator("#status")).to_have_text("A field is not accepted. Nothing is computed.")
+    speed(page).fill("250")
+    page.wait_for_function(IDLE)
+    expect(page.locator(".side-view .drawing")).to_be_visible()
+    expect(page.locator("#status")).to_have_text("Up to date.")
+
+
+def test_lost_service_is_said_beside_the_picture_and_tried_again(page: Page, faults: list[str]) -> None:
+    open_view(page)
+    before = page.locator(".angle").inner_text()
+    lost = [0]
+
+    def lose(route: Route) -> None:
+        lost[0] += 1
+        route.abort()
+
+    for path in ("**/cra", "**/cra/uncertainty", "**/trajectory"):
+        page.route(path, lose)
+    speed(page).fill("300")
+    panel = page.locator(".panel", has=page.locator(".side-view"))
+    expect(panel.get_by_role("alert")).to_contain_text("The service does not answer.")
+    expect(page.locator("[aria-busy=true]").filter(has=page.locator(".angle"))).to_have_count(1)
+    for path in ("**/cra", "**/cra/uncertainty", "**/trajectory"):
+        page.unroute(path)
+    expect(page.locator(".angle")).not_to_have_text(before)
+    page.wait_for_function(IDLE)
+    expect(panel.get_by_role("alert")).to_have_count(0)
+    assert lost[0] >= 2
+    assert faults
+    assert all("ERR_FAILED" in fault for fault in faults)
+    faults.clear()  # browsers put each into the console
+
+
+def test_papers_searches_wait_until_they_are_opened_and_end_with_the_inputs(page: Page) -> None:
+    asked: list[str] = []
+    ended: list[str] = []
+
+    def method(request: Any) -> str:
+        is_search = request.method == "POST" and request.url.endswith("/cra")
+        return str(json.loads(request.post_data).get("search", {}).get("method", "")) if is_search else ""
+
+    page.on("request", lambda request: asked.append(method(request)))
+    page.on("requestfailed", lambda request: ended.append(method(request)))
+    open_view(page, "critical-angle")
+    assert "outcome" in asked
+    assert "bisection" not in asked
+    page.get_by_text("How it was found").click()
+    with page.expect_request(lambda request: method(request) == "bisection"):
+        pass
+    page.route("**/cra", lambda route: route.continue_())
+    speed(page).fill("301")
+    expect(page.get_by_role("table", name="Secant (paper)")).to_be_visible()
+    assert asked.count("secant") == 1, "those of the inputs before are given up"
+    assert "bisection" in ended
