@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
-PAGES = sorted([ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").glob("*.md")])
+PAGES = sorted([ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").rglob("*.md")])
 FENCE = re.compile(r"^(?P<fence>```+)(?P<info>[^\n`]*)\n(?P<text>.*?)^(?P=fence)[ ]*$", re.MULTILINE | re.DOTALL)
 COMMANDS = frozenset({"", "sh", "bash", "shell", "console", "python"})
 """Languages of blocks that somebody may want to run; no language may be anything."""
@@ -45,7 +45,13 @@ class Block:
         return f"{self.page.relative_to(ROOT)}:{self.line}"
 
 
+def name_of(page: Path) -> str:
+    return page.relative_to(ROOT).as_posix()
+
+
 def blocks(page: Path) -> Iterator[Block]:
     text = page.read_text(encoding="utf-8")
     for found in FENCE.finditer(text):
+        if found["info"].startswith("{"):  # a directive of the manual
+            continue
         yield Block(page, text.count("\n", 0, found.start()) + 2, tuple(found["info"].split()), found["text"])

@@ -1,0 +1,207 @@
+"""Text of the manual that the code and the contract give: routes, objects, flags of the commands.
+
+A page has a comment `<!-- generated: NAME -->` where the text goes; nothing of it is written to a file.
+"""
+
+import argparse
+import inspect
+import json
+import re
+from collections.abc import Iterator, Sequence
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from docs.figures import manual
+from service import cli
+from service.cli.arguments import Formatter
+
+ROOT = Path(__file__).parents[1]
+PLACE = re.compile(r"<!-- generated: ([\w-]+) -->")
+REFERENCE = "#/components/schemas/"
+BOUNDS = {
+    "minimum": "≥ {}",
+    "exclusiveMinimum": "> {}",
+    "maximum": "≤ {}",
+    "exclusiveMaximum": "< {}",
+    "minItems": "at least {} items",
+    "maxItems": "at most {} items",
+    "minLength": "at least {} characters",
+    "maxLength": "at most {} characters",
+}
+
+
+def filled(page: str) -> str:
+    """Return a page with its places filled."""
+    return PLACE.sub(lambda place: TEXTS[place[1]](), page)
+
+
+def contract() -> Any:
+    """Return the committed contract."""
+    return json.loads((ROOT / "openapi" / "openapi.json").read_text(encoding="utf-8"))
+
+
+def routes() -> str:
+    """Return the routes of the contract by their tags, as Markdown."""
+    read = contract()
+    by_tag: dict[str, list[str]] = {}
+    for path, operations in read["paths"].items():
+        for method, operation in operations.items():
+            by_tag.setdefault(operation["tags"][0], []).append(
+                "\n\n".join(route(method.upper(), path, operation, read["components"]["schemas"]))
+            )
+    return "\n\n".join(f"## {tag[:1].upper()}{tag[1:]}\n\n" + "\n\n".join(texts) for tag, texts in by_tag.items())
+
+
+def route(method: str, path: str, operation: dict[str, Any], schemas: dict[str, Any]) -> Iterator[str]:
+    """Yield the paragraphs about one route."""
+    yield f"({operation['operationId'].replace('_', '-')})="
+    yield f"### `{method} {path}`"
+    yield prose(operation.get("description", ""))
+    rows = [
+        (f"`{each['name']}`", each["in"], kind(each["schema"]), limits(each["schema"]), cell(each.get("description")))
+        for each in operation.get("parameters", ())
+    ]
+    if rows:
+        yield table(("parameter", "in", "type", "bounds", "what"), rows)
+    if "requestBody" in operation:
+        content = operation["requestBody"]["content"]
+        forms = [f"{kind(form['schema'])} as `{media_type}`" for media_type, form in content.items()]
+        yield f"Body: {', or '.join(forms)}."
+        example = first_example(content.get("application/json", {}).get("schema", {}), schemas)
+        if example is not None:
+            yield f"```json\n{json.dumps(example, indent=2, ensure_ascii=False)}\n```"
+    answers, problems = [], []
+    for status, response in operation["responses"].items():
+        if status >= "400":
+            problems.append(f"{status}")
+            continue
+        content = response.get("content", {})
+        forms = [f"{kind(form.get('schema', {}))} as `{media_type}`" for media_type, form in content.items()]
+        answers.append((status, cell(response["description"]), "; ".join(forms)))
+    yield table(("status", "answer", "body"), answers)
+    scopes = [scope for each in operation.get("security", ()) for scope in each.get("key", ())]
+    access = f"Needs the scope `{scopes[0]}` where keys are required. " if scopes else ""
+    yield f"{access}Problems ({link('Problem')}): {', '.join(problems)}."
+
+
+def objects() -> str:
+    """Return the objects of the contract in alphabetical order, as Markdown."""
+    schemas = contract()["components"]["schemas"]
+    return "\n\n".join("\n\n".join(described(name, schemas[name])) for name in sorted(schemas))
+
+
+def described(name: str, schema: dict[str, Any]) -> Iterator[str]:
+    """Yield the paragraphs about one object."""
+    yield f"({target(name)})="
+    yield f"## {name}"
+    yield prose(schema.get("description", ""))
+    if "properties" not in schema:
+        yield f"{kind(schema)[:1].upper()}{kind(schema)[1:]}."
+        return
+    required = set(schema.get("required", ()))
+    rows = [
+        (
+            f"`{field}`" + (" *" if field in required else ""),
+            kind(each),
+            limits(each),
+            cell(each.get("description")),
+        )
+        for field, each in schema["properties"].items()
+    ]
+    yield table(("field", "type", "bounds, default", "what"), rows)
+
+
+def target(name: str) -> str:
+    """Return the name of the link target of an object."""
+    return f"object-{name.lower()}"
+
+
+def link(name: str) -> str:
+    """Return a link to an object."""
+    return f"[{name}](#{target(name)})"
+
+
+def kind(schema: dict[str, Any]) -> str:
+    """Return the type of a value in words, with links to objects."""
+    if "$ref" in schema:
+        return link(schema["$ref"].removeprefix(REFERENCE))
+    if union := schema.get("oneOf", schema.get("anyOf")):
+        return " or ".join(dict.fromkeys(map(kind, union)))
+    if values := schema.get("enum", [schema["const"]] if "const" in schema else ()):
+        return " or ".join(f"`{value}`" for value in values)
+    if schema.get("type") == "array":
+        return f"list of {kind(schema.get('items', {}))}"
+    if isinstance(schema.get("additionalProperties"), dict):
+        return f"object of {kind(schema['additionalProperties'])}"
+    return str(schema.get("type", "any"))
+
+
+def limits(schema: dict[str, Any]) -> str:
+    """Return the bounds and the default of a value in words."""
+    found = [text.format(f"{schema[name]:g}") for name, text in BOUNDS.items() if name in schema]
+    if "default" in schema:
+        found.append(f"default `{json.dumps(schema['default'])}`")
+    return cell(", ".join(found))
+
+
+def first_example(schema: dict[str, Any], schemas: dict[str, Any]) -> Any:
+    """Return the first example of the object that a body is; None if there is none."""
+    found = schemas.get(schema.get("$ref", "").removeprefix(REFERENCE), {})
+    return next(iter(found.get("examples", ())), None)
+
+
+def prose(text: str) -> str:
+    """Return a text of the contract as Markdown: brackets around units are none of a link."""
+    return text.replace("<", "\\<").replace("[", "\\[")
+
+
+def cell(text: str | None) -> str:
+    """Return a text as a cell of a table."""
+    return prose(text or "").replace("\n", " ").replace("|", "\\|")
+
+
+def table(head: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> str:
+    """Return a table of Markdown."""
+    return "\n".join("| " + " | ".join(line) + " |" for line in (head, ("---",) * len(head), *rows))
+
+
+def commands() -> str:
+    """Return the help of every command and its subcommands, as Markdown."""
+    texts = []
+    for command in cli.COMMANDS:
+        parser = argparse.ArgumentParser(prog=f"ricochet {command.name}", formatter_class=Formatter)
+        getattr(import_module(command.module), f"add_{command.name.replace('-', '_')}")(parser)
+        texts += [f"## {command.name}", f"```text\n{parser.format_help()}```"]
+        for action in parser._actions:  # noqa: SLF001 (subcommands are nowhere else)
+            if isinstance(action, argparse._SubParsersAction):  # noqa: SLF001
+                for name, subparser in action.choices.items():
+                    texts += [f"### {command.name} {name}", f"```text\n{subparser.format_help()}```"]
+    return "\n\n".join(texts)
+
+
+def warning_codes() -> str:
+    """Return the codes of all model warnings that the solver gives, as Markdown."""
+    text = "".join(
+        inspect.getsource(import_module(f"solver.{name}"))
+        for name in ("warnings", "calibration.depth", "calibration.motion", "calibration.obliquity")
+    )
+    return ", ".join(f"`{code}`" for code in sorted(set(re.findall(r"ModelWarning\(\s*\"(\w+)\"", text))))
+
+
+def terms() -> str:
+    """Return the critical angles with one thing changed at a time, as tables of Markdown."""
+    texts = []
+    for group, angles in manual.terms().items():
+        rows = [(label, f"{angle:.1f}") for label, angle in angles.items()]
+        texts += [f"### {group}", table(("what", "critical angle [°]"), rows)]
+    return "\n\n".join(texts)
+
+
+TEXTS = {
+    "terms": terms,
+    "routes": routes,
+    "objects": objects,
+    "commands": commands,
+    "warning-codes": warning_codes,
+}
