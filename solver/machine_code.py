@@ -1,0 +1,232 @@
+"""numba behind the decorators of `solver.compilation`: its cache in files of our own, and calls by address.
+
+Imported when the first compiled function is called, since numba takes half of the time to import the solver.
+"""
+
+import fcntl
+import hashlib
+import io
+import os
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any, BinaryIO, cast
+
+from numba import config, njit, typeof
+from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile, _CacheLocator
+from numba.core.compiler_lock import global_compiler_lock
+from numba.core.errors import TypingError
+from numba.core.registry import cpu_target
+from numba.extending import intrinsic
+from numba.np import linalg
+
+from solver.compilation import CPU, FOLDERS, PACKAGE, PORTABLE_CPU, SHIPPED, SOURCE_DIGEST
+
+LOCK_SECONDS = 900.0
+"""How long another process may compile before this one does the same: longer than all of the solver takes."""
+DIGEST_BYTES = hashlib.sha256().digest_size
+
+if CPU == "generic":
+    config.CPU_NAME = CPU  # type: ignore[attr-defined]
+
+
+def _import_array_functions() -> None:
+    """Import those of numba without the check that SciPy is there: it is, and its import takes a fifth of a second."""
+    check, linalg.ensure_blas = linalg.ensure_blas, lambda: None
+    try:
+        import numba.np.arraymath  # noqa: F401, PLC0415 (runs the check)
+    finally:
+        linalg.ensure_blas = check
+
+
+_import_array_functions()
+
+
+class _Locator(_CacheLocator):
+    """Names the files of a function by its place in the package."""
+
+    def __init__(self, function: Callable[..., object], file: str) -> None:
+        self._py_file = file
+        self._line = function.__code__.co_firstlineno
+        self._folder = Path(file).resolve().relative_to(PACKAGE.resolve()).parent
+
+    @classmethod
+    def from_function(cls, function: Callable[..., object], file: str) -> "_Locator":
+        return cls(function, file)
+
+    def get_cache_path(self) -> str:
+        return str(self._folder)
+
+    def get_source_stamp(self) -> str:
+        return SOURCE_DIGEST
+
+    def get_disambiguator(self) -> str:
+        return str(self._line)
+
+    def ensure_cache_path(self) -> None:
+        """Do nothing: folders are made when code is written."""
+
+
+class _CheckedFile(IndexDataCacheFile):
+    """numba's files of a function in one folder, each with its digest at the end; a damaged one counts as absent."""
+
+    def _load_index(self) -> dict[Any, str]:
+        return super()._load_index() if _is_intact(self._index_path) else {}
+
+    def _load_data(self, name: str) -> Any:
+        if not _is_intact(self._data_path(name)):
+            raise FileNotFoundError(name)
+        return super()._load_data(name)
+
+    @contextmanager
+    def _open_for_write(self, path: str) -> Iterator[BinaryIO]:
+        content = io.BytesIO()
+        yield content
+        Path(path).parent.mkdir(parents=True, exist_ok=True)
+        with super()._open_for_write(path) as file:
+            file.write(content.getvalue() + hashlib.sha256(content.getvalue()).digest())
+
+
+def _is_intact(path: str) -> bool:
+    try:
+        content = Path(path).read_bytes()
+    except OSError:
+        return False
+    return hashlib.sha256(content[:-DIGEST_BYTES]).digest() == content[-DIGEST_BYTES:]
+
+
+class _Files:
+    """The files of a function in all folders, as numba uses those in one."""
+
+    def __init__(self, folder: str, name: str) -> None:
+        self._files = [_CheckedFile(str(base / folder), name, SOURCE_DIGEST) for base in FOLDERS]
+        self._shipped = _CheckedFile(str(SHIPPED / folder), name, SOURCE_DIGEST) if CPU == PORTABLE_CPU else None
+
+    def load(self, key: Any) -> object:
+        sources = [(files, key) for files in self._files]
+        if self._shipped is not None:
+            signature, (triple, _, _), hashes = key  # numba's, with the processor's name and features
+            sources.insert(0, (self._shipped, (signature, (triple, PORTABLE_CPU, ""), hashes)))
+        for files, known_as in sources:
+            found = cast("tuple[object, object] | None", files.load(known_as))
+            if found and found[0] == known_as:
+                return found[1]
+        return None
+
+    def save(self, key: object, data: object) -> None:
+        for files in self._files:
+            with suppress(OSError):  # read-only, full or gone
+                files.save(key, (key, data))  # the key too: a writer may be killed between index and data
+                return
+
+    def flush(self) -> None:
+        for files in self._files:
+            with suppress(OSError):
+                files.flush()
+
+
+class _LocatedCode(CompileResultCacheImpl):
+    _locator_classes = [_Locator]  # noqa: RUF012 (as in its base)
+
+
+class _Cache(FunctionCache):
+    """numba's cache of a function, over these files."""
+
+    _impl_class = _LocatedCode
+
+    def __init__(self, function: Callable[..., object]) -> None:
+        super().__init__(function)
+        self._cache_file = _Files(self._cache_path, self._impl.filename_base)  # type: ignore[assignment]
+
+
+class _ProcessLock:
+    """Lets one process compile at a time; held and counted under numba's own lock, which lets one thread."""
+
+    def __init__(self) -> None:
+        self._depth = 0
+        self._folder: int | None = None
+
+    def __enter__(self) -> None:
+        if self._depth == 0:
+            self._folder = _lock_folder()
+        self._depth += 1
+
+    def __exit__(self, *_: object) -> None:
+        self._depth -= 1
+        if self._depth == 0 and self._folder is not None:
+            os.close(self._folder)
+
+
+def _lock_folder() -> int | None:
+    """Return the open folder that is locked; None if none can be."""
+    deadline = time.monotonic() + LOCK_SECONDS
+    for folder in FOLDERS:
+        with suppress(OSError):
+            folder.mkdir(parents=True, exist_ok=True)
+        with suppress(OSError):
+            opened = os.open(folder, os.O_RDONLY)
+            while time.monotonic() < deadline:
+                try:
+                    fcntl.flock(opened, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                except BlockingIOError:
+                    time.sleep(0.02)
+                except OSError:  # a file system without locks
+                    break
+                else:
+                    return opened
+            os.close(opened)
+    return None
+
+
+_LOCK = _ProcessLock()
+
+
+def dispatcher(function: Callable[..., object], options: dict[str, Any]) -> Any:
+    """Return numba's object for a function, which compiles or loads it for arguments of new types."""
+    made = njit(error_model="numpy", nogil=True, **options)(function)
+    made._cache = _Cache(function)  # noqa: SLF001 (there is no other way to give it one)
+    compile_here = made.compile
+
+    def compile_alone(signature: object) -> object:
+        with global_compiler_lock, _LOCK:
+            return compile_here(signature)
+
+    made.compile = compile_alone
+    return made
+
+
+_addressed: set[tuple[object, ...]] = set()
+"""Types of arguments for which an address was made."""
+
+
+def address_of(made: Any, arguments: tuple[object, ...]) -> Any:
+    """Return the address of the function of a dispatcher for arguments of these types."""
+    signature = tuple(typeof(argument) for argument in arguments)
+    _addressed.add(signature)
+    made.compile(signature)
+    result = made.overloads[signature]
+    return result.library.get_pointer_to_function(result.fndesc.llvm_func_name)
+
+
+@intrinsic
+def _call(_typing: Any, address: Any, arguments: Any, example: Any) -> tuple[Any, Callable[..., Any]]:
+    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        convention, types = context.call_conv, signature.args[1].types
+        kind = convention.get_function_type(signature.return_type, types).as_pointer()
+        unpacked = [builder.extract_value(values[1], i) for i in range(len(types))]
+        status, result = convention.call_function(
+            builder, builder.inttoptr(values[0], kind), signature.return_type, types, unpacked
+        )
+        with builder.if_then(status.is_error, likely=False):
+            convention.return_status_propagate(builder, status)
+        return result
+
+    if tuple(arguments.types) not in _addressed:  # the function would read them as something else
+        raise TypingError(f"no address was made for arguments of the types {arguments.types}")
+    return example(address, arguments, example), generate
+
+
+def type_of_call() -> Any:
+    """Return the type of `solver.compilation.call_address` in compiled code."""
+    return cpu_target.typing_context.resolve_value_type(_call)
