@@ -354,6 +354,7 @@ async def test_service_that_stops_goes_on_at_the_next_start(pool: ProcessPool, t
         following = asyncio.ensure_future(follow(manager, job))
         await until_done(manager, job, 10)
         before = await manager.job(job.id)
+        assert before is not None
         began = time.monotonic()
     assert time.monotonic() - began < 1.0
     assert not (await following).final
