@@ -174,7 +174,7 @@ def test_explore_says_how_sure_once_a_study_of_the_case_is_there(page: Page) -> 
 
 def test_study_that_is_stopped_while_it_is_submitted_leaves_no_job_running(page: Page) -> None:
     held: list[Route] = []
-    page.route("**/cra/uncertainty", held.append)
+    page.route("**/cra/uncertainty", lambda route: held.append(route))  # noqa: PLW0108 (Playwright marks the function)
     with page.expect_request("**/cra/uncertainty"):
         page.goto(f"/#/how-sure?{TWO}&sampling.half_width=0.0001&sampling.max_samples=4096&sampling.seed=4")
     page.get_by_role("button", name="Stop").click()
