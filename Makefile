@@ -6,10 +6,11 @@ PYTHON ?= $(shell for p in python3 python3.14 python3.13 python3.12 python3.11; 
 	"$$p" -c 'import sys; sys.exit(not (3, 11) <= sys.version_info < (3, 15))' 2>/dev/null && { echo "$$p"; break; }; done)
 COMPILE := $(BIN)/uv pip compile --universal --python-version 3.11 --fork-strategy fewest --generate-hashes \
 	--custom-compile-command "make lock" --quiet
+INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile --no-deps --require-hashes --only-binary :all:
 # In the order of the files: the default begins with those of many tests, and ends with one that takes a minute.
 PYTEST := $(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder
 # Else all that the tests start would compile it at the same time.
-WARM_UP = echo "compiling the solver unless that was done, one to three minutes ..." && $(BIN)/python -c "import solver; solver.warm_up()"
+WARM_UP = echo "compiling the solver unless that was done, about half a minute ..." && $(BIN)/python -c "import solver; solver.warm_up()"
 
 # Bytecode is kept, whatever the environment says: a process that compiles all it imports takes three times as long to start.
 export PYTHONDONTWRITEBYTECODE :=
@@ -21,21 +22,26 @@ export PYTHONDONTWRITEBYTECODE :=
 help: ## list what can be made
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-11s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
-setup: .venv/.locked .venv/.installed ## build .venv from the lock, with everything in it
+setup: .venv/.developing .venv/.installed ## build .venv from the lock, with everything in it
 
-.venv/.locked: $(DEV)
+# What the service runs on comes first, so that `make demo` need not wait for the tools of its developers.
+.venv/.running: requirements/run.txt requirements/build.txt
 	@test -n "$(PYTHON)" || { echo "no Python 3.11 to 3.14 found; name one: make PYTHON=/path/to/python3"; exit 1; }
-	@echo "building .venv with $$($(PYTHON) --version), about a minute ..."
+	@echo "building .venv with $$($(PYTHON) --version), a quarter of a minute ..."
 	@$(PYTHON) -m venv --clear .venv
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile --no-deps --require-hashes \
-		--only-binary :all: -r $(DEV)
+	@$(INSTALL) -r requirements/run.txt -r requirements/build.txt
 	@touch $@
 
-.venv/.installed: .venv/.locked pyproject.toml
+.venv/.developing: .venv/.running $(DEV)
+	@echo "installing the tools of developers, half a minute ..."
+	@$(INSTALL) -r $(DEV)
+	@touch $@
+
+.venv/.installed: .venv/.running pyproject.toml
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-index --no-deps --no-build-isolation -e .
 	@touch $@
 
-demo: setup ## ask a fresh service for the paper's critical ricochet angle
+demo: .venv/.installed ## ask a fresh service for the paper's critical ricochet angle
 	@$(BIN)/python examples/demo.py
 
 serve: setup ## run the service; RICOCHET_HOST, RICOCHET_PORT, RICOCHET_DATA_DIR, RICOCHET_WORKERS
@@ -68,7 +74,7 @@ audit: setup ## look for known vulnerabilities in what the service runs on
 	@$(BIN)/python requirements/audit.py
 
 wheel: setup ## build a wheel for this platform that carries compiled code, into dist; on x86-64 for processors with AVX2
-	@echo "compiling the solver, one to three minutes ..."
+	@echo "compiling the solver, about half a minute ..."
 	@rm -rf build/compiled
 	@NUMBA_CACHE_DIR=build/compiled NUMBA_CPU_NAME=x86-64-v3 NUMBA_CPU_FEATURES= $(BIN)/python -c "import solver; solver.warm_up()"
 	@RICOCHET_COMPILED=build/compiled $(BIN)/python -m pip wheel --quiet --disable-pip-version-check --no-index --no-deps \

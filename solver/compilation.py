@@ -7,7 +7,7 @@ or checked out again is not.
 
 A folder that can only be read will do if the code is in it; what it lacks goes to the user's cache, or is compiled at
 each start. Every file ends with its SHA-256, and what does not match is compiled anew: a flipped bit in machine code
-would otherwise run. Processes that start together compile one at a time and load what the others have compiled.
+would otherwise run. Processes that start together compile each function once, and load what another has compiled.
 
 A wheel for one platform (`make wheel`) and the container image carry code for x86-64-v3, the processors with AVX2,
 which is as fast as code for the very processor. On an older one everything is compiled at the first start, as without.
@@ -115,6 +115,12 @@ def compilation_progress() -> tuple[int, int]:
     return min(len(found), len(_functions)), len(_functions)
 
 
+def can_keep() -> bool:
+    """Whether compiled code can be written to one of the folders."""
+    places = (next(place for place in (folder, *folder.parents) if os.path.exists(place)) for folder in FOLDERS)  # noqa: PTH110 (no error where a folder cannot be searched)
+    return any(os.access(place, os.W_OK) for place in places)
+
+
 class Compiled:
     """A function that numba compiles, or loads, when it is first needed; numba itself is imported then.
 
@@ -190,6 +196,12 @@ vectorised = _decorator(_nrt=False, fastmath={"contract", "nsz", "arcp", "reasso
 def address_of(function: Callable[..., object], *arguments: object) -> Any:
     """Return the address of an inner function for arguments of these types, compiled or loaded if need be."""
     return _machine_code().address_of(cast(Any, function).dispatcher, arguments) if JIT else function
+
+
+def expect_address(*arguments: object) -> None:
+    """Let functions be compiled that call the address of a function of these types, before that function is."""
+    if JIT:
+        _machine_code().expect_address(arguments)
 
 
 def keep_types(function: Callable[..., object]) -> None:

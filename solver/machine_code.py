@@ -7,9 +7,12 @@ import fcntl
 import hashlib
 import io
 import os
+import tempfile
 import time
+import zlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, BinaryIO, cast
 
@@ -140,46 +143,40 @@ class _Cache(FunctionCache):
         self._cache_file = _Files(self._cache_path, self._impl.filename_base)  # type: ignore[assignment]
 
 
-class _ProcessLock:
-    """Lets one process compile at a time; held and counted under numba's own lock, which lets one thread."""
-
-    def __init__(self) -> None:
-        self._depth = 0
-        self._folder: int | None = None
-
-    def __enter__(self) -> None:
-        if self._depth == 0:
-            self._folder = _lock_folder()
-        self._depth += 1
-
-    def __exit__(self, *_: object) -> None:
-        self._depth -= 1
-        if self._depth == 0 and self._folder is not None:
-            os.close(self._folder)
+LOCK_FILE = Path(tempfile.gettempdir()) / f"ricochet-{os.getuid()}-{SOURCE_DIGEST}.lock"
 
 
-def _lock_folder() -> int | None:
-    """Return the open folder that is locked; None if none can be."""
-    deadline = time.monotonic() + LOCK_SECONDS
-    for folder in FOLDERS:
-        with suppress(OSError):
-            folder.mkdir(parents=True, exist_ok=True)
-        with suppress(OSError):
-            opened = os.open(folder, os.O_RDONLY)
-            while time.monotonic() < deadline:
-                try:
-                    fcntl.flock(opened, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                except BlockingIOError:
-                    time.sleep(0.02)
-                except OSError:  # a file system without locks
-                    break
-                else:
-                    return opened
-            os.close(opened)
+@lru_cache(1)
+def _lock_file() -> int | None:
+    """Return the open file that is locked in parts, one for each function; None if there can be none."""
+    with suppress(OSError):
+        return os.open(LOCK_FILE, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
     return None
 
 
-_LOCK = _ProcessLock()
+@contextmanager
+def _one_process(function: Callable[..., object]) -> Iterator[None]:
+    """Let one process compile a function at a time, for `LOCK_SECONDS` at most; others may be compiled beside it.
+
+    Functions are locked after those that call them, so that two processes never wait for each other.
+    """
+    file, part = _lock_file(), zlib.crc32(f"{function.__module__}.{function.__qualname__}".encode())
+    deadline = time.monotonic() + LOCK_SECONDS
+    while file is not None and time.monotonic() < deadline:
+        try:
+            fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB, 1, part)
+        except (BlockingIOError, PermissionError):
+            time.sleep(0.02)
+        except OSError:  # a file system without locks
+            break
+        else:
+            break
+    try:
+        yield
+    finally:
+        if file is not None:
+            with suppress(OSError):
+                fcntl.lockf(file, fcntl.LOCK_UN, 1, part)
 
 
 def dispatcher(function: Callable[..., object], options: dict[str, Any]) -> Any:
@@ -189,7 +186,7 @@ def dispatcher(function: Callable[..., object], options: dict[str, Any]) -> Any:
     compile_here = made.compile
 
     def compile_alone(signature: object) -> object:
-        with global_compiler_lock, _LOCK:
+        with global_compiler_lock, _one_process(function):
             return compile_here(signature)
 
     made.compile = compile_alone
@@ -197,13 +194,19 @@ def dispatcher(function: Callable[..., object], options: dict[str, Any]) -> Any:
 
 
 _addressed: set[tuple[object, ...]] = set()
-"""Types of arguments for which an address was made."""
+"""Types of arguments for which there is an address, or will be."""
+
+
+def expect_address(arguments: tuple[object, ...]) -> tuple[object, ...]:
+    """Let functions be compiled that call an address with arguments of these types; return the types."""
+    signature = tuple(typeof(argument) for argument in arguments)
+    _addressed.add(signature)
+    return signature
 
 
 def address_of(made: Any, arguments: tuple[object, ...]) -> Any:
     """Return the address of the function of a dispatcher for arguments of these types."""
-    signature = tuple(typeof(argument) for argument in arguments)
-    _addressed.add(signature)
+    signature = expect_address(arguments)
     made.compile(signature)
     result = made.overloads[signature]
     return result.library.get_pointer_to_function(result.fndesc.llvm_func_name)

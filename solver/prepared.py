@@ -85,7 +85,13 @@ class PreparedCase:
     target: Target
     resistance: Resistance
     numerics: ResolvedNumerics
-    model: Model
+    model_without_address: Model
+    """Its right-hand side is not compiled yet."""
+
+    @property
+    def model(self) -> Model:
+        """What the compiled code takes."""
+        return with_right_hand_side(self.model_without_address)
 
     def strength_factor_at(self, oblique_angle: float) -> float:
         """Strength factor of a strike at this angle. [1]
@@ -102,7 +108,7 @@ class PreparedCase:
     def law_at(self, impact: Impact) -> Law:
         """Resistance with the strength factor of this strike."""
         factor = self.strength_factor_at(impact.oblique_angle)
-        return self.model.law._replace(
+        return self.model_without_address.law._replace(
             static_stress=factor * self.target.compressive_strength,
             ramp_velocity=RAMP_FRACTION * impact.velocity,
         )
@@ -150,7 +156,7 @@ def prepare(
         panels=panels,
         right_hand_side=0,
     )
-    return PreparedCase(projectile, target, resistance, numerics, with_right_hand_side(model))
+    return PreparedCase(projectile, target, resistance, numerics, model)
 
 
 def check_case(projectile: Projectile, target: Target) -> None:

@@ -302,13 +302,13 @@ def _find_changes(
         points=numerics.points,
         tolerance=search.tolerance,
     )
-    found = search_outcome(_scan(search), inputs, prepared.model, levels)
-    rows = found.trials.tolist()
+    found = search_outcome(_scan(search), inputs, prepared.model_without_address, levels)
+    rows, body = found.trials.tolist(), prepared.model_without_address.body
     if rows[-1][END] == Termination.NO_STRENGTH:  # raises, with what the model gives
         prepared.strength_factor_at(rows[-1][ANGLE])
     check_end(rows[-1][END], numerics.termination_time)
     trials = tuple(
-        Trial(angle, position, outcome := OUTCOMES[end], fine > 0.0, exit_of(outcome, state, prepared.model.body))
+        Trial(angle, position, outcome := OUTCOMES[end], fine > 0.0, exit_of(outcome, state, body))
         for angle, position, end, _, fine, *state in rows
     )
     below, above, with_inertia = found.nearby.tolist()

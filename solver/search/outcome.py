@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 
 from solver.arrays import FloatArray, IntArray
-from solver.compilation import address_of, compiled, keep_types, lean
-from solver.motion import Model
+from solver.compilation import address_of, compiled, expect_address, keep_types, lean
+from solver.motion import Model, with_right_hand_side
 from solver.search.levels import ASKED, MIDDLE, ROUGH, Level, Levels
 from solver.search.refine import MOST_TRIALS, is_same_change, refine
 from solver.search.trials import (
@@ -207,16 +207,18 @@ def search_outcome(angles: FloatArray, inputs: TrialInputs, model: Model, levels
     """Scan `angles`, which rise, then narrow every change of outcome level by level.
 
     If a trial could not be integrated, or the strength factor is not above zero at one of the angles, that trial is the
-    last of the table, and there are no brackets.
+    last of the table, and there are no brackets. The model may lack the address of its right-hand side: the search is
+    compiled first, so that another process may compile that one.
     """
     with _first:
         if not _addresses:
-            state = SearchState(inputs, model, levels, make_trial_table(1), 0)
-            address = address_of(run_trial, 0.0, levels[ROUGH], state)
+            trial = 0.0, levels[ROUGH], SearchState(inputs, model, levels, make_trial_table(1), 0)
+            expect_address(*trial)
             address_of(_search, angles, inputs, model, levels, 0)  # compiles or loads it
             keep_types(_search)
-            _addresses.append(address)
-    return _search(angles, inputs, model, levels, _addresses[0])
+            with_right_hand_side(model)
+            _addresses.append(address_of(run_trial, *trial))
+    return _search(angles, inputs, with_right_hand_side(model), levels, _addresses[0])
 
 
 @compiled

@@ -60,6 +60,7 @@ class Little:
         self.package = folder / "little"
         self.run = RUN
         self.environment = {"PYTHONPATH": str(folder), "HOME": str(folder / "home"), "PATH": os.environ["PATH"]}
+        self.environment["TMPDIR"] = str(folder)
 
     def ship(self) -> None:
         """Compile for x86-64-v3 and leave only that code, where a wheel has it."""
@@ -252,8 +253,9 @@ def test_process_that_never_ends_compiling_is_not_waited_for(little: Little) -> 
     little.compiled()
     for file in little.code.rglob("*.nb?"):
         file.unlink()
-    held = os.open(little.code, os.O_RDONLY)
-    fcntl.flock(held, fcntl.LOCK_EX)
+    (lock,) = little.folder.glob("*.lock")
+    held = os.open(lock, os.O_RDWR)
+    fcntl.lockf(held, fcntl.LOCK_EX)
     try:
         assert little.compiled() == 2
     finally:
@@ -263,6 +265,8 @@ def test_process_that_never_ends_compiling_is_not_waited_for(little: Little) -> 
 def test_solver_is_found_in_a_copy_that_can_only_be_read(tmp_path: Path) -> None:
     """As root installs it for others; what compiles here was compiled already."""
     solver.warm_up()
+    done, functions = compilation.compilation_progress()
+    assert done == functions > 0
     source = Path(str(solver.__file__)).parent
     (code,) = (folder for folder in compilation.FOLDERS if folder.exists())
     ignored = shutil.ignore_patterns("__pycache__")
