@@ -80,7 +80,7 @@ def _chosen_cpu() -> str:
         if IS_X86:
             warn(
                 "this processor lacks AVX2 or others of x86-64-v3: the solver is compiled for it now, "
-                "which takes one to three minutes",
+                "which takes half a minute or more",
                 RuntimeWarning,
                 stacklevel=2,
             )
