@@ -1,11 +1,15 @@
 """Free memory goes back to the system."""
 
 import ctypes
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
 from service.heap import give_back
+from service.workers import preload
 
 BLOCK, BLOCKS, PINNED = 4096, 40_000, 50
 """Bytes; blocks; one in so many stays. Pages between them are free, but not at the end of the heap."""
@@ -28,3 +32,26 @@ def test_memory_between_what_stays_is_given_back() -> None:
     give_back()
     assert before - resident_bytes() > 0.5 * BLOCK * BLOCKS
     assert all(block[0] == 1 for block in pinned)
+
+
+def test_fork_server_compiles_in_no_other_process_where_the_code_cannot_be_kept(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(preload, "compilation_progress", lambda: (0, 1))
+    monkeypatch.setattr(preload, "cache_folders", lambda: [Path("/proc/nothing")])
+    monkeypatch.setattr("os.fork", lambda: pytest.fail("it would compile twice"))
+    preload.compile_in_child()
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+@pytest.mark.skipif(not Path("/proc/self/smaps_rollup").exists(), reason="reads /proc")
+def test_fork_server_that_has_compiled_takes_no_more_memory_than_one_that_has_loaded(tmp_path: Path) -> None:
+    def memory() -> int:
+        program = "import service.workers.preload, tests.service.test_heap as h; print(h.resident_bytes())"
+        environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
+        done = subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True, check=True)
+        return int(done.stdout)
+
+    compiled, loaded = memory(), memory()
+    assert compiled < loaded + 20e6
