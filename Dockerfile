@@ -1,17 +1,19 @@
 # The service and nothing else: no tests, no developers' tools, no compiler.
 #   docker build --tag ricochet .
 #   docker build --build-arg REQUIREMENTS=cluster --tag ricochet:cluster .    # with Dask, see compose.yaml
+#   docker build --build-arg REQUIREMENTS=full --tag ricochet:full .    # with every extra: reports, Parquet, /mcp, traces, Dask
 #   docker run --rm --volume ricochet:/data ricochet ricochet keys add --owner NAME
 #   docker run --init --publish 127.0.0.1:8000:8000 --volume ricochet:/data ricochet
 # It listens on all addresses and so takes a key; RICOCHET_ACCESS=open lets everybody in (docs/access.md).
 
-FROM python:3.13-slim AS build
+# The digest is that of the index for all platforms: Python 3.13.15 on Debian 13. Both lines have the same; see CONTRIBUTING.md.
+FROM python:3.13-slim@sha256:7c61056e61ac89e852de05f3dc6fa51a6dd2181797bceed46aa725dd7cb2cd3b AS build
 
 ENV PIP_NO_CACHE_DIR=1 PIP_DISABLE_PIP_VERSION_CHECK=1 PIP_ROOT_USER_ACTION=ignore
 ARG REQUIREMENTS=run
 WORKDIR /src
 RUN python -m venv /opt/ricochet
-COPY requirements/build.txt requirements/run.txt requirements/cluster.txt requirements/
+COPY requirements/build.txt requirements/run.txt requirements/cluster.txt requirements/full.txt requirements/
 RUN python -m pip install --require-hashes --only-binary :all: --requirement requirements/build.txt \
     && /opt/ricochet/bin/python -m pip install --require-hashes --only-binary :all: \
         --requirement "requirements/${REQUIREMENTS:-run}.txt"
@@ -21,7 +23,7 @@ COPY solver/ solver/
 RUN python -m pip wheel --no-index --no-deps --no-build-isolation --wheel-dir wheel . \
     && /opt/ricochet/bin/python -m pip install --no-index --no-deps wheel/*.whl
 
-FROM python:3.13-slim
+FROM python:3.13-slim@sha256:7c61056e61ac89e852de05f3dc6fa51a6dd2181797bceed46aa725dd7cb2cd3b
 
 ARG VERSION=unknown REVISION=unknown
 LABEL org.opencontainers.image.title="ricochet" \
@@ -29,7 +31,8 @@ LABEL org.opencontainers.image.title="ricochet" \
     org.opencontainers.image.licenses="BSD-3-Clause" \
     org.opencontainers.image.version="${VERSION}" \
     org.opencontainers.image.revision="${REVISION}" \
-    org.opencontainers.image.base.name="python:3.13-slim"
+    org.opencontainers.image.base.name="docker.io/library/python:3.13-slim" \
+    org.opencontainers.image.base.digest="sha256:7c61056e61ac89e852de05f3dc6fa51a6dd2181797bceed46aa725dd7cb2cd3b"
 
 # Compiled for processors with AVX2, as fast as for the very one. On an older one the solver says so and compiles at its start;
 # on others than x86-64 this counts as `generic`.

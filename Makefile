@@ -70,8 +70,8 @@ check: setup ## lint, format, types, layers, committed contract and tables, Dock
 	$(BIN)/hadolint Dockerfile
 	$(BIN)/python requirements/audit.py
 
-audit: setup ## look for known vulnerabilities in what the service runs on
-	@$(BIN)/python requirements/audit.py
+audit: setup ## look for known vulnerabilities in what the service can run on; fails if it cannot look
+	@$(BIN)/python requirements/audit.py --strict
 
 wheel: setup ## build a wheel for this platform that carries compiled code, into dist; on x86-64 for processors with AVX2
 	@echo "compiling the solver, about half a minute ..."
@@ -135,6 +135,7 @@ lock: setup ## pin the newest version of every package; the other locks follow t
 	$(COMPILE) --upgrade pyproject.toml --group dev --all-extras -o $(DEV)
 	$(COMPILE) --no-annotate -c $(DEV) pyproject.toml -o requirements/run.txt
 	$(COMPILE) --no-annotate -c $(DEV) --extra dask pyproject.toml -o requirements/cluster.txt
+	$(COMPILE) --no-annotate -c $(DEV) --all-extras pyproject.toml -o requirements/full.txt
 	$(COMPILE) --no-annotate -c $(DEV) --group build -o requirements/build.txt
 
 clean: ## remove .venv and every cache

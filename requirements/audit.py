@@ -1,7 +1,8 @@
-"""Look for known vulnerabilities in what the service runs on, requirements/run.txt; arguments go to pip-audit.
+"""Look for known vulnerabilities in what the service can run on, requirements/full.txt; arguments go to pip-audit.
 
 Ends in 1 if there are any, in 0 if there are none or if the database cannot be asked, which it says: a check that needs
-somebody else's server must not stop work without it.
+somebody else's server must not stop work without it. With `--strict` it ends in 1 as well if any package could not be
+looked up.
 """
 
 import json
@@ -11,7 +12,9 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-LOCK = Path(__file__).with_name("run.txt")
+LOCK = Path(__file__).with_name("full.txt")
+"""The other locks of the service are parts of it."""
+STRICT = "--strict"
 ANSWER_S, ALL_S = 10, 120
 """For one answer of the database, and for all of them."""
 UNREACHABLE = ("requests.exceptions.", "ServiceError", "Could not connect")
@@ -32,8 +35,9 @@ def ask(folder: Path, arguments: list[str]) -> tuple[list[dict[str, Any]] | None
 
 def main() -> int:
     """Say what is known; return 1 if it is bad."""
+    strict = STRICT in sys.argv[1:]
     with tempfile.TemporaryDirectory(prefix="ricochet-") as folder:
-        packages, said = ask(Path(folder), sys.argv[1:])
+        packages, said = ask(Path(folder), [argument for argument in sys.argv[1:] if argument != STRICT])
     if packages is None and not any(sign in said for sign in UNREACHABLE):
         print(said, file=sys.stderr)
         return 1
@@ -41,7 +45,7 @@ def main() -> int:
     if not known:
         reason = "it knows none of the packages" if packages else said.strip().rpartition("\n")[2][:200]
         print(f"audit skipped: the advisory database cannot be reached ({reason})")
-        return 0
+        return 1 if strict else 0
     found = [(package, each) for package in known for each in package["vulns"]]
     for package, each in found:
         mended = ", ".join(each["fix_versions"]) or "no version yet"
@@ -50,7 +54,7 @@ def main() -> int:
         f"; {len(packages or []) - len(known)} are not in the database" if len(known) < len(packages or []) else ""
     )
     print(f"{len(found)} known vulnerabilities in {len(known)} packages{unknown}")
-    return 1 if found else 0
+    return 1 if found or (strict and unknown) else 0
 
 
 if __name__ == "__main__":

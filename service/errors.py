@@ -188,6 +188,22 @@ class StorageError(ServiceError):
     title = "Nothing can be stored now"
 
 
+class DamagedCasesError(ServiceError):
+    """What was stored of a block of cases cannot be read.
+
+    Parameters
+    ----------
+    first, last
+        Its cases, from 0.
+    """
+
+    type = "urn:ricochet:problem:damaged"
+    title = "What was stored of the case is damaged"
+
+    def __init__(self, first: int, last: int) -> None:
+        super().__init__(f"what was stored of cases {first} to {last} of the job is damaged: submit them again")
+
+
 class JobGoneError(StorageError):
     """The job has been deleted meanwhile."""
 

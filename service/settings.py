@@ -2,6 +2,7 @@
 
 import math
 import os
+from contextlib import suppress
 from importlib.util import find_spec
 from ipaddress import ip_network
 from pathlib import Path
@@ -20,20 +21,28 @@ Names: TypeAlias = Annotated[
 """Separated by commas."""
 
 
-CONTROL_GROUP = Path("/sys/fs/cgroup")
-"""Folder of the control group of this process, of version 2 (``cpu.max``) or 1 (``cpu/cpu.cfs_quota_us``)."""
+CONTROL_GROUPS = Path("/sys/fs/cgroup")
+"""Control groups, of version 2 or, in `cpu`, of version 1."""
+MEMBERSHIP = Path("/proc/self/cgroup")
+"""Control group of this process; the topmost one as seen in a container."""
 
 
-def available_cores(control_group: Path = CONTROL_GROUP) -> int:
-    """Cores this process may use, within the quota of its container."""
+def available_cores(control_groups: Path = CONTROL_GROUPS, membership: Path = MEMBERSHIP) -> int:
+    """Cores this process may use, within the quota of its container or of its unit of systemd."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    for names in (("cpu.max",), ("cpu/cpu.cfs_quota_us", "cpu/cpu.cfs_period_us")):
-        try:
-            quota, period = " ".join((control_group / name).read_text() for name in names).split()
-            if int(quota) > 0:  # -1 in version 1 and "max" in version 2 are no quota
-                cores = min(cores, math.ceil(int(quota) / int(period)))
-        except (OSError, ValueError):
-            continue
+    groups = {"": "", "cpu": ""}
+    with suppress(OSError, ValueError):
+        for line in membership.read_text().splitlines():
+            _, controllers, path = line.split(":", 2)
+            groups |= dict.fromkeys(controllers.split(","), path.strip("/"))
+    for controller, names in (("", ("cpu.max",)), ("cpu", ("cpu.cfs_quota_us", "cpu.cfs_period_us"))):
+        inside = Path(groups[controller])
+        for group in (inside, *inside.parents):  # each is within the quotas of those above it
+            with suppress(OSError, ValueError):
+                folder = control_groups / controller / group
+                quota, period = " ".join((folder / name).read_text() for name in names).split()
+                if int(quota) > 0:  # -1 in version 1 and "max" in version 2 are no quota
+                    cores = min(cores, math.ceil(int(quota) / int(period)))
     return cores
 
 
@@ -285,6 +294,13 @@ class Settings(Limits):
         float,
         Field(gt=0.0, description="How long a job is kept after its end: over a weekend and a few days more."),
     ] = 7.0
+    gzip: Annotated[
+        bool,
+        Field(
+            description="Whether answers of 8 KiB and more are compressed for clients that accept gzip. A history of "
+            "72 kB becomes 35 kB in a millisecond, which pays over slow networks; on fast ones it takes longer."
+        ),
+    ] = False
     most_wait_seconds: Annotated[
         float,
         Field(

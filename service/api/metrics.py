@@ -3,6 +3,7 @@
 from collections import Counter as Tally
 from typing import get_args
 
+from anyio.to_thread import run_sync
 from fastapi import APIRouter, Request, Response
 from fastapi.responses import PlainTextResponse
 from prometheus_client import (
@@ -20,7 +21,7 @@ from service.api.contract import problems
 from service.auth.dependencies import READ
 from service.cache.cache import ResultCache
 from service.jobs.manager import JobManager
-from service.jobs.models import JobState, Status
+from service.jobs.models import Status
 from service.operations import SCHEMA_VERSION
 from service.workers.base import Executor
 from solver import ENGINE_VERSION
@@ -75,8 +76,8 @@ class Metrics:
         """Count cases that have been answered, computed (`miss`) or from the cache (`hit`)."""
         self._cases.labels(operation, outcome, cache).inc(count)
 
-    def look_up(self, manager: JobManager, executor: Executor, cache: ResultCache, jobs: list[JobState]) -> None:
-        """Note how things are now."""
+    def look_up(self, manager: JobManager, executor: Executor, cache: ResultCache, jobs: Tally[Status]) -> None:
+        """Note how things are now; `jobs` by status."""
         stored = cache.statistics()
         values = {
             "queued_queries": executor.queued,
@@ -92,14 +93,14 @@ class Metrics:
             self._gauges[name].set(value)
         self._restarts.inc(executor.restarts - self._restarts_counted)
         self._restarts_counted = executor.restarts
-        tally = Tally(job.status for job in jobs)
         for status in get_args(Status):
-            self._jobs.labels(status).set(tally[status])
+            self._jobs.labels(status).set(jobs[status])
 
 
 @router.get("/metrics", response_class=PlainTextResponse, response_description="The metrics.", responses=problems(500))
 async def metrics(request: Request) -> Response:
     """Tell what the service has done and how it is, in the text format of Prometheus."""
     services = request.app.state.services
-    services.metrics.look_up(services.jobs, services.executor, services.cache, await services.jobs.jobs(None))
-    return Response(generate_latest(services.metrics.registry), media_type=CONTENT_TYPE_LATEST)
+    services.metrics.look_up(services.jobs, services.executor, services.cache, await services.jobs.tally())
+    content = await run_sync(generate_latest, services.metrics.registry)  # thousands of lines of a busy service
+    return Response(content, media_type=CONTENT_TYPE_LATEST)

@@ -2,6 +2,7 @@
 
 import asyncio
 import logging
+from collections import Counter
 from collections.abc import AsyncGenerator, AsyncIterator, Callable, Sequence
 from contextlib import aclosing, suppress
 from dataclasses import replace
@@ -13,7 +14,7 @@ from opentelemetry.trace import Tracer
 
 from service.errors import IdempotencyBusyError, IdempotencyConflictError, QueueFullError, StorageError
 from service.jobs.fairness import PrioritySemaphore
-from service.jobs.models import BLOCK_SIZE, Case, CaseBlock, CaseResult, Charge, Idempotency, JobState, Sweep
+from service.jobs.models import BLOCK_SIZE, Case, CaseBlock, CaseResult, Charge, Idempotency, JobState, Status, Sweep
 from service.jobs.results import InlineBatch, ResultReader
 from service.jobs.scheduler import GiveBack, Scheduler, problem_name
 from service.jobs.store import JobStore
@@ -230,6 +231,11 @@ class JobManager:
         """Jobs of the owner, newest first; None stands for all owners. `before` and `limit` as in `JobStore.jobs`."""
         stored = await self._thread(lambda: self._jobs.jobs(owner, before=before, limit=limit))
         return [self._present(state.id) or state for state in stored]
+
+    async def tally(self) -> Counter[Status]:
+        """Return how many jobs of all owners there are, by status."""
+        present = self._scheduler.unwritten | {name: job.state for name, job in self._scheduler.active.items()}
+        return await self._thread(self._jobs.tally, present) + Counter(state.status for state in present.values())
 
     async def sweep(self, job: JobState) -> Sweep | None:
         """Return the request of a job, if it is a sweep."""

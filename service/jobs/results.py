@@ -13,9 +13,9 @@ import orjson
 from anyio.to_thread import run_sync
 
 from service.cache.record import Record
-from service.errors import ComputationCancelled, PoolUnavailableError, QueueFullError, case_problem
+from service.errors import ComputationCancelled, DamagedCasesError, PoolUnavailableError, QueueFullError, case_problem
 from service.jobs.fairness import ChunkSizer, PrioritySemaphore
-from service.jobs.models import Case, CaseResult, CaseRow, CaseState, JobState
+from service.jobs.models import Case, CaseResult, CaseRow, CaseState, JobState, block_of
 from service.jobs.store import VERSIONS, JobStore
 from service.jobs.studies import StudyService
 from service.operations import UNCERTAIN, KeyedRequest, result_key
@@ -215,22 +215,30 @@ class ResultReader:
         """Compute these cases again."""
 
         def load() -> list[Case]:
-            requests = self._jobs.requests(state.number, [row.number for row in rows])
             keys = [row.key for row in rows]
             if state.versions != VERSIONS:  # they are of an earlier engine, whose results cannot be had any more
                 keys = [result_key(state.operation, orjson.loads(requests[row.number])) for row in rows]
             found = zip(rows, keys, strict=True)
             return [Case(KeyedRequest(key, requests[row.number]), row.custom_id) for row, key in found]
 
+        requests = await self._thread(self._jobs.requests, state.number, [row.number for row in rows])
+        lost = {row.number: self._lost(state, row) for row in rows if row.number not in requests}
+        rows = [row for row in rows if row.number in requests]
         cases = await self._thread(load)
         if state.operation in UNCERTAIN:
-            return {row.number: await self._study(state, row, case) for row, case in zip(rows, cases, strict=True)}
-        found: dict[int, CaseResult] = {}
+            found = {row.number: await self._study(state, row, case) for row, case in zip(rows, cases, strict=True)}
+            return found | lost
+        found = lost
         async with aclosing(self._inline.run(state.operation, cases)) as results:
             async for result in results:
                 row = rows[result.number]
                 found[row.number] = replace(result, number=row.number, cached=row.state == CaseState.CACHED)
         return found
+
+    def _lost(self, state: JobState, row: CaseRow) -> CaseResult:
+        """Result of a case that neither the cache nor the jobs have any more."""
+        problem = case_problem(DamagedCasesError(*block_of(row.number, state.total)))
+        return CaseResult(row.number, row.custom_id, None, problem, cached=False)
 
     async def _study(self, state: JobState, row: CaseRow, case: Case) -> CaseResult:
         """Compute a study again, of whose samples most may still be there."""

@@ -18,6 +18,7 @@ from opentelemetry.trace import Tracer
 
 from service.errors import (
     ComputationCancelled,
+    DamagedCasesError,
     JobGoneError,
     PoolUnavailableError,
     QueueFullError,
@@ -25,7 +26,7 @@ from service.errors import (
     case_problem,
 )
 from service.jobs.fairness import ChunkSizer, FairQueue, Permit, PrioritySemaphore
-from service.jobs.models import BLOCK_SIZE, CaseState, JobState, Status
+from service.jobs.models import BLOCK_SIZE, CaseState, JobState, Status, block_of
 from service.jobs.store import VERSIONS, JobStore
 from service.jobs.studies import Report, RunCases, StudyService
 from service.jobs.traces import span_of
@@ -75,6 +76,8 @@ class ActiveJob:
     """Looking up, and chunks."""
     stops: set[Callable[[], object]] = field(default_factory=set)
     """End what the work waits for."""
+    damaged: set[int] = field(default_factory=set)
+    """Blocks of cases that cannot be read."""
     ending: bool = False
     changed: asyncio.Event = field(default_factory=asyncio.Event)
     """Set at the next change, and another one put in its place."""
@@ -307,6 +310,9 @@ class Scheduler:
         if state.versions != VERSIONS:
             await self.thread(self._jobs.renew_keys, state.number)
             job.state = replace(state, versions=VERSIONS)
+        if not job.looked_up and (repaired := await self.thread(self._jobs.repair, state.number)):
+            log.error("job %s: what was stored of its progress is damaged; it goes on with what is left", state.id)
+            job.update(repaired)
         if state.status == "accepted":
             job.update(await self.thread(self._jobs.begin, state.number))
         if not job.waiting:
@@ -386,7 +392,14 @@ class Scheduler:
         updates = CaseUpdates(dict.fromkeys((n for key in known for n in numbers[key]), CaseState.CACHED))
         first = {key: cases[0] for key, cases in numbers.items() if key not in known}
         requests = self._jobs.requests(job.state.number, first.values())
-        return [KeyedRequest(key, requests[number]) for key, number in first.items()], updates
+        for key, number in first.items():
+            if number not in requests:
+                error = DamagedCasesError(*block_of(number, job.state.total))
+                updates.fail(numbers[key], error)
+                if number // BLOCK_SIZE not in job.damaged:
+                    log.error("job %s: %s", job.state.id, error)
+                    job.damaged.add(number // BLOCK_SIZE)
+        return [KeyedRequest(key, requests[number]) for key, number in first.items() if number in requests], updates
 
     async def _stoppable(
         self,

@@ -10,6 +10,7 @@ import secrets
 import sqlite3
 import time
 import zlib
+from collections import Counter
 from collections.abc import Collection, Mapping
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -32,9 +33,10 @@ from service.jobs.models import (
     Status,
     Sweep,
     join_keys,
-    split_custom_ids,
-    split_keys,
-    split_requests,
+    sound_custom_ids,
+    sound_keys,
+    sound_requests,
+    sound_states,
 )
 from service.jobs.titles import title_of
 from service.operations import SCHEMA_VERSION, result_key
@@ -136,15 +138,18 @@ class JobStore:
         """Note results of cases, by their number; the job ends with the last of them."""
         counts = dict.fromkeys(CaseState, 0)
         with self._database.writing() as database:
+            sizes = _block_sizes(database, job)
+            if not sizes:
+                raise JobGoneError("the job has been deleted")
             for number, cases in itertools.groupby(sorted(states), key=lambda case: case // BLOCK_SIZE):
                 place = (job, number)
                 found = database.execute("SELECT states FROM states WHERE job = ? AND slice = ?", place).fetchone()
-                stored = bytearray(found[0])
+                stored = bytearray(sound_states(found[0] if found else None, sizes[number]))
                 for case in cases:
                     if stored[case % BLOCK_SIZE] == CaseState.WAITING:
                         stored[case % BLOCK_SIZE] = states[case]
                         counts[states[case]] += 1
-                database.execute("UPDATE states SET states = ? WHERE job = ? AND slice = ?", (stored, *place))
+                database.execute("INSERT OR REPLACE INTO states VALUES (?, ?, ?)", (*place, stored))
             rows = [(job, case, orjson.dumps(problem).decode()) for case, problem in (problems or {}).items()]
             database.executemany("INSERT OR IGNORE INTO problems VALUES (?, ?, ?)", rows)
             changes = "done = done + ?, cached = cached + ?, failed = failed + ?, revision = revision + 1"
@@ -152,6 +157,30 @@ class JobStore:
             state = _changed(database, job, changes, added)
             finished = state.done == state.total and not state.final
             return self._end(database, job, "successful", None) if finished else state
+
+    def repair(self, job: int) -> JobState | None:
+        """Make the counts of an unfinished job those of its cases; return it if they were others.
+
+        Cases whose state is damaged are without a result again.
+        """
+        with self._database.writing() as database:
+            stored = dict(database.execute("SELECT slice, states FROM states WHERE job = ?", (job,)))
+            sizes = _block_sizes(database, job)
+            sound = {number: sound_states(stored.get(number), size) for number, size in sizes.items()}
+            states = b"".join(sound.values())
+            counts = (
+                len(states) - states.count(CaseState.WAITING),
+                states.count(CaseState.CACHED),
+                states.count(CaseState.FAILED),
+            )
+            statement = "SELECT done, cached, failed FROM jobs WHERE number = ?"
+            if sound == stored and counts == database.execute(statement, (job,)).fetchone():
+                return None
+            rows = [(job, number, states) for number, states in sound.items()]
+            database.executemany("INSERT OR REPLACE INTO states VALUES (?, ?, ?)", rows)
+            changes = "done = ?, cached = ?, failed = ?, revision = revision + 1"
+            state = _changed(database, job, changes, counts)
+            return self._end(database, job, "successful", None) if state.done == state.total else state
 
     def report(self, job: int, progress: dict[str, Any], partial: dict[str, Any] | None = None) -> JobState:
         """Note how far a study is; without another partial answer, that of before stays."""
@@ -213,23 +242,28 @@ class JobStore:
             return self._jobs(condition, *values)
         return self._jobs(f"owner = ? AND {condition}", owner, *values)
 
+    def tally(self, others: Collection[str] = ()) -> Counter[Status]:
+        """Return how many jobs there are by status, but for those with these ids."""
+        statement = (
+            "SELECT status, count(*) FROM jobs WHERE status != 'accepting' "
+            "AND id NOT IN (SELECT value FROM json_each(?)) GROUP BY status"
+        )
+        with self._database.reading() as database:
+            return Counter(dict(database.execute(statement, (orjson.dumps(list(others)).decode(),))))
+
     def unfinished(self) -> list[JobState]:
         """Jobs to go on with, in order of arrival."""
         return self._jobs("status IN ('accepted', 'running') ORDER BY number")
 
     def waiting(self, job: int, first: int, count: int) -> list[tuple[int, str]]:
         """Numbers and keys of the cases in these slices that have no result yet."""
-        statement = (
-            "SELECT slice, keys, states FROM slices JOIN states USING (job, slice) "
-            "WHERE job = ? AND slice BETWEEN ? AND ? ORDER BY slice"
-        )
         with self._database.reading() as database:
-            slices = database.execute(statement, (job, first, first + count - 1)).fetchall()
+            blocks = _blocks(database, job, "keys", first, first + count - 1)
         return [
             (number * BLOCK_SIZE + i, key)
-            for number, keys, states in slices
+            for number, states, keys in blocks
             if CaseState.WAITING in states
-            for i, key in enumerate(split_keys(keys))
+            for i, key in enumerate(sound_keys(keys, number * BLOCK_SIZE, len(states)))
             if states[i] == CaseState.WAITING
         ]
 
@@ -237,54 +271,44 @@ class JobStore:
         """Up to so many cases in order."""
         end = start + limit
         with self._database.reading() as database:
-            statement = (
-                "SELECT slice, keys, custom_ids, states FROM slices JOIN states USING (job, slice) "
-                "WHERE job = ? AND slice BETWEEN ? AND ? ORDER BY slice"
-            )
-            slices = database.execute(statement, (job, start // BLOCK_SIZE, (end - 1) // BLOCK_SIZE)).fetchall()
+            blocks = _blocks(database, job, "keys, custom_ids", start // BLOCK_SIZE, (end - 1) // BLOCK_SIZE)
             statement = "SELECT number, problem FROM problems WHERE job = ? AND number >= ? AND number < ?"
             problems = dict(database.execute(statement, (job, start, end)))
         rows: list[CaseRow] = []
-        for number, keys, custom_ids, states in slices:
+        for number, states, keys, custom_ids in blocks:
             first, skipped, taken = (
                 number * BLOCK_SIZE,
                 max(0, start - number * BLOCK_SIZE),
                 min(len(states), end - number * BLOCK_SIZE),
             )
-            split, names = split_keys(keys), split_custom_ids(custom_ids, len(states))
+            split, names = sound_keys(keys, first, len(states)), sound_custom_ids(custom_ids, len(states))
             for i in range(skipped, taken):
                 problem = orjson.loads(problems[first + i]) if first + i in problems else None
                 rows.append(CaseRow(first + i, CaseState(states[i]), split[i], names[i], problem))
         return rows
 
     def requests(self, job: int, cases: Collection[int]) -> dict[int, bytes]:
-        """Canonical requests of these cases, as JSON."""
+        """Canonical requests of these cases, as JSON; those that are damaged are left out."""
         found: dict[int, bytes] = {}
-        statement = "SELECT requests FROM slices WHERE job = ? AND slice = ?"
         with self._database.reading() as database:
             for number, group in itertools.groupby(sorted(cases), key=lambda case: case // BLOCK_SIZE):
-                lines = split_requests(database.execute(statement, (job, number)).fetchone()[0])
-                found |= {case: lines[case % BLOCK_SIZE] for case in group}
+                lines = _requests_of(database, job, number)
+                found |= {case: lines[case % BLOCK_SIZE] for case in group if case % BLOCK_SIZE < len(lines)}
         return found
 
     def renew_keys(self, job: int) -> None:
         """Make the keys of a job that an earlier engine has accepted anew: its cases are now another's results."""
-        number = 0
         operation = self._jobs("number = ?", job)[0].operation
-        while found := self.requests_of(job, number):
-            keys = join_keys(result_key(operation, orjson.loads(line)) for line in found)
+        with self._database.reading() as database:
+            sizes = _block_sizes(database, job)
+        for number in sizes:
+            with self._database.reading() as database:
+                requests = _requests_of(database, job, number)
+            keys = join_keys(result_key(operation, orjson.loads(line)) for line in requests)
             with self._database.writing() as database:
                 database.execute("UPDATE slices SET keys = ? WHERE job = ? AND slice = ?", (keys, job, number))
-            number += 1
         with self._database.writing() as database:
             _changed(database, job, "versions = ?", (VERSIONS,))
-
-    def requests_of(self, job: int, number: int) -> tuple[bytes, ...]:
-        """Canonical requests of a slice; none if there is no such slice."""
-        with self._database.reading() as database:
-            statement = "SELECT requests FROM slices WHERE job = ? AND slice = ?"
-            found = database.execute(statement, (job, number)).fetchone()
-        return split_requests(found[0]) if found else ()
 
     def close(self) -> None:
         """Let go of the file."""
@@ -301,6 +325,36 @@ class JobStore:
         statement = f"SELECT {COLUMNS} FROM {TABLES} WHERE {condition}"  # noqa: S608 (of this file)
         with self._database.reading() as database:
             return [_state(row) for row in database.execute(statement, values)]
+
+
+def _block_sizes(database: sqlite3.Connection, job: int) -> dict[int, int]:
+    """Number of cases in each block of an accepted job, also of those that are damaged or lost."""
+    found = database.execute("SELECT total FROM jobs WHERE number = ?", (job,)).fetchone()
+    total = found[0] if found else 0
+    return {first // BLOCK_SIZE: min(BLOCK_SIZE, total - first) for first in range(0, total, BLOCK_SIZE)}
+
+
+def _blocks(
+    database: sqlite3.Connection, job: int, columns: str, first: int, last: int
+) -> list[tuple[int, bytes, *tuple[bytes | None, ...]]]:
+    """Number and states of these blocks, and columns of theirs, which may be lost."""
+    within = "WHERE job = ? AND slice BETWEEN ? AND ?"
+    place = (job, first, last)
+    states = dict(database.execute(f"SELECT slice, states FROM states {within}", place))  # noqa: S608 (of this file)
+    rows = {row[0]: row[1:] for row in database.execute(f"SELECT slice, {columns} FROM slices {within}", place)}  # noqa: S608
+    lost = (None,) * len(columns.split(","))
+    return [
+        (number, sound_states(states.get(number), size), *rows.get(number, lost))
+        for number, size in _block_sizes(database, job).items()
+        if first <= number <= last
+    ]
+
+
+def _requests_of(database: sqlite3.Connection, job: int, number: int) -> tuple[bytes, ...]:
+    """Canonical requests of a block; none if they are damaged."""
+    statement = "SELECT requests FROM slices WHERE job = ? AND slice = ?"
+    found = database.execute(statement, (job, number)).fetchone()
+    return sound_requests(found[0] if found else None)
 
 
 def _changed(

@@ -2,6 +2,7 @@
 
 import json
 import re
+import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -10,8 +11,10 @@ import httpx
 import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
+from service.api.app import create_app
 from service.api.metrics import Metrics
 from service.schemas.examples import PAPER
+from service.settings import Settings
 from solver import ENGINE_VERSION
 from tests.conftest import ROOT
 
@@ -109,6 +112,28 @@ def test_log_has_a_line_of_json_for_each_request(tmp_path: Path, service_on: Cal
     ] * 2
     assert all(0.0 < line["seconds"] < 60.0 and line["timestamp"] for line in asked)
     assert "/results/{key}" in {line["path"] for line in requests}
+
+
+@pytest.mark.anyio
+async def test_metrics_are_written_beside_the_event_loop_and_no_job_is_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    threads: set[int] = set()
+
+    class Collector:
+        def collect(self) -> Iterator[Any]:
+            threads.add(threading.get_ident())
+            return iter(())
+
+    app = create_app(Settings(data_dir=tmp_path, workers=1, executor="in-process"))
+    app.state.services.metrics.registry.register(Collector())
+    threads.clear()
+    async with app.router.lifespan_context(app):
+        monkeypatch.setattr("service.jobs.store._state", lambda _: pytest.fail("a job was read"))
+        async with httpx.AsyncClient(transport=httpx.ASGITransport(app), base_url="http://127.0.0.1") as client:
+            assert (await client.get("/metrics")).is_success
+    assert threads
+    assert threading.get_ident() not in threads
 
 
 def test_names_of_metrics_follow_the_conventions_of_prometheus() -> None:

@@ -124,11 +124,11 @@ def copy_tree(source: Path, target: Path, but: str = "") -> None:
 
 def build(stages: Sequence[Stage], folder: Path, wheels: Path) -> Container:
     """Take the steps of all stages, each in a copy of its base; return the last one."""
-    bases = {image: base_root(image, folder) for image in {stage.image for stage in stages}}
+    bases = {tag: base_root(tag, folder) for tag in {stage.tag for stage in stages}}
     built: dict[str, Container] = {}
     for stage in stages:
         container = Container(folder / (stage.name or "image"))
-        copy_tree(bases[stage.image], container.root)
+        copy_tree(bases[stage.tag], container.root)
         if any("pip" in step.text for step in stage.steps):
             copy_tree(wheels, container.inside(WHEELS))
         for step in stage.steps:

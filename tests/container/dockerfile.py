@@ -41,6 +41,11 @@ class Stage:
     name: str
     steps: list[Step] = field(default_factory=list)
 
+    @property
+    def tag(self) -> str:
+        """The image it starts from, without the digest."""
+        return self.image.partition("@")[0]
+
     def last(self, instruction: str) -> Step:
         """The one that counts."""
         return [step for step in self.steps if step.instruction == instruction][-1]

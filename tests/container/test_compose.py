@@ -2,11 +2,12 @@
 
 import os
 import re
+import shutil
 import subprocess
 import sys
 import time
 from collections.abc import Callable
-from contextlib import AbstractContextManager, ExitStack
+from contextlib import AbstractContextManager, ExitStack, suppress
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from service.cli.arguments import CommandError
 from service.cli.serve import check_access
 from service.schemas.examples import PAPER
 from service.settings import Settings
+from solver import warm_up
 from tests.conftest import START_LIMIT_S, free_port
 
 from .dockerfile import ROOT, read
@@ -89,6 +91,71 @@ def test_scheduler_and_workers_are_in_a_network_that_leads_nowhere() -> None:
     networks = yaml.safe_load(TEXT)["networks"]
     assert networks["cluster"]["internal"] is True
     assert services()["scheduler"]["networks"] == services()["worker"]["networks"] == ["cluster"]
+
+
+@pytest.mark.parametrize("name", services())
+def test_container_may_write_to_its_volume_and_tmp_alone_and_has_no_rights_and_limits(name: str) -> None:
+    service = services()[name]
+    assert service["read_only"] is True
+    assert service["cap_drop"] == ["ALL"]
+    assert service["security_opt"] == ["no-new-privileges:true"]
+    assert [entry.partition(":")[0] for entry in service["tmpfs"]] == ["/tmp"]  # noqa: S108
+    assert service.get("volumes", []) == (["data:/data"] if name == "service" else [])
+    assert service["pids_limit"] > 0
+    assert re.fullmatch(r"\d+[gm]", service["mem_limit"])
+
+
+def test_engine_leaves_the_service_its_time_to_end() -> None:
+    assert {service["stop_grace_period"] for service in services().values()} == {"15s"}
+    assert Settings().grace_seconds < 15
+
+
+@pytest.mark.system
+def test_service_works_where_only_its_data_and_tmp_can_be_written(tmp_path: Path) -> None:
+    """As with `read_only`, `tmpfs` and `cap_drop`."""
+    if os.geteuid() != 0 or not all(map(shutil.which, ("unshare", "setpriv"))):
+        pytest.skip("only root may take the right to write away")
+    warm_up()  # what is compiled is read from there
+    port = str(free_port())
+    data, temporary = tmp_path / "data", tmp_path / "tmp"
+    temporary.mkdir()
+    enter = f"""
+        mount --make-rprivate / && mount --bind {tmp_path} {tmp_path} && mount -o remount,bind,ro / || exit 77
+        mount -t tmpfs -o mode=1777 tmpfs /dev/shm
+        if touch /var/written 2>/dev/null; then exit 77; fi
+        exec setpriv --no-new-privs --bounding-set=-all --inh-caps=-all {sys.executable} -m service.cli serve
+    """
+    environment = os.environ | {"RICOCHET_DATA_DIR": str(data), "RICOCHET_PORT": port, "RICOCHET_WORKERS": "1"}
+    environment |= {"TMPDIR": str(temporary)}
+    with (tmp_path / "log").open("wb") as log:
+        process = subprocess.Popen(
+            ["unshare", "--mount", "sh", "-c", enter],  # noqa: S607
+            cwd=ROOT,
+            env=environment,
+            stderr=log,
+        )
+    try:
+        url, deadline = f"http://127.0.0.1:{port}", time.monotonic() + START_LIMIT_S
+        while True:
+            if process.poll() == 77:
+                pytest.skip("this machine does not let processes have mounts of their own")
+            assert process.poll() is None, (tmp_path / "log").read_text()
+            assert time.monotonic() < deadline
+            with suppress(httpx.TransportError):
+                if httpx.get(f"{url}/readyz", trust_env=False).is_success:
+                    break
+            time.sleep(0.2)
+        answer = httpx.post(f"{url}/cra", json=PAPER, timeout=60.0, trust_env=False)
+        assert answer.json()["status"] == "converged"
+        assert "not_cached" not in answer.text
+        headers = {"Prefer": "respond-async"}
+        job = httpx.post(f"{url}/cra/batch", json={"cases": [PAPER]}, headers=headers, trust_env=False).json()
+        table = httpx.get(f"{url}{job['links']['results']}", headers={"Accept": "application/x-hdf5"}, trust_env=False)
+        assert table.is_success
+    finally:
+        process.terminate()
+        process.wait()
+    assert "Traceback" not in (tmp_path / "log").read_text()
 
 
 @pytest.mark.system

@@ -1,6 +1,8 @@
 """What the Dockerfile says, against what the service and the Makefile say."""
 
+import re
 import subprocess
+import tomllib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -30,6 +32,27 @@ def test_its_variables_are_settings_within_their_bounds(monkeypatch: pytest.Monk
     settings = Settings()
     assert str(settings.port) == IMAGE.last("EXPOSE").text
     assert str(settings.data_dir) == IMAGE.last("VOLUME").text
+
+
+def test_both_stages_start_from_one_image_pinned_by_its_digest() -> None:
+    (base,) = {stage.image for stage in STAGES}
+    tag, _, digest = base.partition("@")
+    assert re.fullmatch("sha256:[0-9a-f]{64}", digest)
+    labels = IMAGE.last("LABEL").assignments()
+    assert labels["org.opencontainers.image.base.digest"] == digest
+    assert labels["org.opencontainers.image.base.name"].endswith(f"/{tag}")
+
+
+def test_full_lock_has_what_every_extra_and_every_other_lock_of_the_service_has() -> None:
+    def locked(name: str) -> set[str]:
+        return set(re.findall(r"(?m)^([\w.-]+==[^\s;]+)", (ROOT / "requirements" / f"{name}.txt").read_text()))
+
+    full = locked("full")
+    assert locked("run") | locked("cluster") <= full
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+    wanted = {re.split(r"[^\w.-]", requirement)[0] for extra in extras.values() for requirement in extra}
+    assert wanted <= {package.partition("==")[0] for package in full}
+    assert any("requirements/full.txt" in step.text for step in STAGES[0].steps if step.instruction == "COPY")
 
 
 def test_it_runs_as_nobody_who_may_do_more() -> None:

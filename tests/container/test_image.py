@@ -31,7 +31,7 @@ STAGES = read()
 def wheels(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """What the steps install, as the index gives it to the Python of the image: these hashes or none."""
     folder = tmp_path_factory.mktemp("wheels")
-    _, version = RELEASES[STAGES[0].image]
+    _, version = RELEASES[STAGES[0].tag]
     command = ["download", "--quiet", "--require-hashes", "--only-binary", ":all:", "--python-version", version]
     for lock in ("build.txt", "run.txt"):
         words = [sys.executable, "-m", "pip", *command, "--requirement", str(ROOT / "requirements" / lock)]

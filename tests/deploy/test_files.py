@@ -143,4 +143,4 @@ def test_image_says_what_it_is() -> None:
             labels |= step.assignments()
     names = {name.removeprefix("org.opencontainers.image.") for name in labels}
     assert names >= {"title", "description", "licenses", "version", "revision", "base.name"}
-    assert labels["org.opencontainers.image.base.name"].endswith(IMAGE.image)
+    assert labels["org.opencontainers.image.base.name"].endswith(IMAGE.tag)

@@ -12,7 +12,7 @@ HERE = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.
 
 def write(folder: Path, files: dict[str, str]) -> Path:
     for name, text in files.items():
-        (folder / name).parent.mkdir(exist_ok=True)
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).write_text(text)
     return folder
 
@@ -32,3 +32,24 @@ def write(folder: Path, files: dict[str, str]) -> Path:
 )
 def test_quota_of_the_container_counts(files: dict[str, str], cores: int, tmp_path: Path) -> None:
     assert available_cores(write(tmp_path, files)) == cores
+
+
+@pytest.mark.skipif(HERE < 2, reason="a quota of one core is no limit here")
+@pytest.mark.parametrize(
+    ("group", "files"),
+    [
+        ("0::/system.slice/a.service", {"system.slice/a.service/cpu.max": "100000 100000\n"}),
+        ("0::/a.slice/b.scope", {"a.slice/cpu.max": "100000 100000\n", "a.slice/b.scope/cpu.max": "max 100000\n"}),
+        (
+            "7:memory:/x\n4:cpu,cpuacct:/a/b",
+            {"cpu/a/b/cpu.cfs_quota_us": "100000\n", "cpu/a/b/cpu.cfs_period_us": "100000\n"},
+        ),
+    ],
+    ids=["unit of systemd", "slice above", "version 1"],
+)
+def test_quota_of_the_group_of_the_process_and_of_those_above_it_count(
+    group: str, files: dict[str, str], tmp_path: Path
+) -> None:
+    membership = tmp_path / "membership"
+    membership.write_text(group + "\n")
+    assert available_cores(write(tmp_path / "groups", files), membership) == 1

@@ -1,6 +1,7 @@
 """`make audit` against databases of advisories that answer, that are silent, and that are not there."""
 
 import json
+import re
 import subprocess
 import sys
 import threading
@@ -66,8 +67,8 @@ def test_vulnerability_found_fails_and_is_named_with_what_mends_it() -> None:
 def test_every_locked_package_is_looked_up_and_none_found_passes() -> None:
     with database(200) as url:
         ended = audited("-s", "osv", "--osv-url", url)
-    locked = [line for line in (ROOT / "requirements" / "run.txt").read_text().splitlines() if "==" in line]
-    here = [line for line in locked if "sys_platform == 'win32'" not in line]
+    locked = [line for line in (ROOT / "requirements" / "full.txt").read_text().splitlines() if "==" in line]
+    here = [line for line in locked if not re.search("sys_platform == '(win32|emscripten)'", line)]
     assert ended.returncode == 0
     assert ended.stdout == f"0 known vulnerabilities in {len(here)} packages\n"
 
@@ -79,6 +80,16 @@ def test_database_that_is_not_there_or_fails_is_distinguished_from_one_that_find
     for ended in (failing, missing):
         assert ended.returncode == 0
         assert ended.stdout.startswith("audit skipped: the advisory database cannot be reached")
+
+
+def test_strict_audit_that_cannot_look_fails_and_one_that_finds_nothing_passes() -> None:
+    with database(200) as url:
+        looked = audited("--strict", "-s", "osv", "--osv-url", url)
+    missing = audited("--strict", "-s", "osv", "--osv-url", url)
+    assert looked.returncode == 0
+    assert missing.returncode == 1
+    assert missing.stdout.startswith("audit skipped: the advisory database cannot be reached")
+    assert "requirements/audit.py --strict" in (ROOT / "Makefile").read_text().partition("\naudit:")[2]
 
 
 def test_what_is_wrong_here_is_not_taken_for_a_database_that_is_not_there() -> None:
