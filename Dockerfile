@@ -31,24 +31,21 @@ LABEL org.opencontainers.image.title="ricochet" \
     org.opencontainers.image.licenses="BSD-3-Clause" \
     org.opencontainers.image.version="${VERSION}" \
     org.opencontainers.image.revision="${REVISION}" \
-    org.opencontainers.image.base.name="docker.io/library/python:3.13-slim" \
+    org.opencontainers.image.base.name="python:3.13-slim" \
     org.opencontainers.image.base.digest="sha256:7c61056e61ac89e852de05f3dc6fa51a6dd2181797bceed46aa725dd7cb2cd3b"
 
-# Compiled for processors with AVX2, as fast as for the very one. On an older one the solver says so and compiles at its start;
-# on others than x86-64 this counts as `generic`.
 ENV PATH=/opt/ricochet/bin:$PATH \
     PYTHONUNBUFFERED=1 \
     NUMBA_CACHE_DIR=/var/cache/ricochet \
-    NUMBA_CPU_NAME=x86-64-v3 \
-    NUMBA_CPU_FEATURES="" \
     RICOCHET_HOST=0.0.0.0 \
     RICOCHET_PORT=8000 \
     RICOCHET_DATA_DIR=/data
 RUN useradd --system --user-group --uid 10001 --no-create-home --shell /usr/sbin/nologin ricochet \
     && install --directory --owner ricochet --group ricochet /data /var/cache/ricochet
 COPY --from=build /opt/ricochet /opt/ricochet
+# On x86-64 for processors with AVX2 and, if this one is such, with AVX-512. On an older one the solver says so and compiles at its start.
+RUN python -c "import solver.compilation as c; from solver.warm_up import compile_portable; compile_portable(str(c.SHIPPED))"
 USER 10001
-RUN python -c "import solver; solver.warm_up()"
 
 VOLUME /data
 EXPOSE 8000

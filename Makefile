@@ -73,10 +73,10 @@ check: setup ## lint, format, types, layers, committed contract and tables, Dock
 audit: setup ## look for known vulnerabilities in what the service can run on; fails if it cannot look
 	@$(BIN)/python requirements/audit.py --strict
 
-wheel: setup ## build a wheel for this platform that carries compiled code, into dist; on x86-64 for processors with AVX2
-	@echo "compiling the solver, about half a minute ..."
+wheel: setup ## build a wheel for this platform that carries compiled code, into dist; on x86-64 for processors with AVX2 and with AVX-512
+	@echo "compiling the solver, about a minute ..."
 	@rm -rf build/compiled
-	@NUMBA_CACHE_DIR=build/compiled NUMBA_CPU_NAME=x86-64-v3 NUMBA_CPU_FEATURES= $(BIN)/python -c "import solver; solver.warm_up()"
+	@$(BIN)/python -c "from solver.warm_up import compile_portable; compile_portable('build/compiled')"
 	@RICOCHET_COMPILED=build/compiled $(BIN)/python -m pip wheel --quiet --disable-pip-version-check --no-index --no-deps \
 		--no-build-isolation --no-cache-dir --wheel-dir dist .
 

@@ -9,13 +9,12 @@ A folder that can only be read will do if the code is in it; what it lacks goes 
 each start. Every file ends with its SHA-256, and what does not match is compiled anew: a flipped bit in machine code
 would otherwise run. Processes that start together compile each function once, and load what another has compiled.
 
-A wheel for one platform (`make wheel`) and the container image carry code for x86-64-v3, the processors with AVX2,
-which is as fast as code for the very processor. On an older one everything is compiled at the first start, as without.
+Code that a wheel carries (`solver.processors`) is as fast as code for the very processor. On another than those it is
+for, everything is compiled at the first start, as without.
 """
 
 import hashlib
 import os
-import platform
 import re
 import threading
 from collections.abc import Callable, Iterator
@@ -27,17 +26,14 @@ from types import ModuleType
 from typing import Any, TypeVar, cast
 from warnings import warn
 
-from llvmlite.binding import get_host_cpu_features, get_host_cpu_name
+from llvmlite.binding import get_host_cpu_name
+
+from solver.processors import PORTABLE, WITH_512_BITS, Processor
 
 PACKAGE = Path(__file__).parent
 IMPORT = re.compile(rf"^\s*from {__package__}([.\w]*) import (\([^)]*\)|.*)$", re.MULTILINE)
 JIT = os.environ.get("NUMBA_DISABLE_JIT", "0") in {"", "0"}
 """Whether anything is compiled."""
-IS_X86 = platform.machine() in {"x86_64", "AMD64"}
-PORTABLE_CPU = "x86-64-v3" if IS_X86 else "generic"
-"""Processors that shipped code is compiled for, by LLVM's name."""
-PORTABLE_FEATURES = ("avx2", "bmi", "bmi2", "f16c", "fma", "lzcnt", "movbe") if IS_X86 else ()
-"""What they have and earlier ones lack."""
 
 
 def _source_digest() -> str:
@@ -73,34 +69,31 @@ def cache_folders() -> list[Path]:
     return [base / f"compiled-{SOURCE_DIGEST}" for base in bases]
 
 
-def _chosen_cpu() -> str:
-    """Return the processor to compile for; a chosen one that this machine is not is replaced."""
-    chosen = os.environ.get("NUMBA_CPU_NAME")
-    if chosen == "x86-64-v3" and not (IS_X86 and IS_PORTABLE):
-        if IS_X86:
-            warn(
-                "this processor lacks AVX2 or others of x86-64-v3: the solver is compiled for it now, "
-                "which takes half a minute or more",
-                RuntimeWarning,
-                stacklevel=2,
-            )
-        chosen = "generic"
-    if not chosen and SHIPPED.is_dir() and IS_PORTABLE:
-        return PORTABLE_CPU
-    return chosen or get_host_cpu_name()
+def _shipped() -> Processor | None:
+    """Return the first processor that this one is like and that there is shipped code for."""
+    if os.environ.get("NUMBA_CPU_NAME") or not SHIPPED.is_dir():
+        return None
+    found = next((each for each in PORTABLE if each.suits_here and (SHIPPED / each.name).is_dir()), None)
+    if found is None:
+        warn(
+            f"this processor is not one that code was shipped for ({', '.join(each.name for each in PORTABLE)}): "
+            "the solver is compiled for it now, which takes half a minute or more",
+            RuntimeWarning,
+            stacklevel=2,
+        )
+    return found
 
 
 SOURCE_DIGEST = _source_digest()
 FOLDERS = cache_folders()
 """All are read; new code goes to the first that can be written."""
-SHIPPED = PACKAGE / "compiled" / f"compiled-{SOURCE_DIGEST}"
-"""Code that a wheel for this platform carries."""
-IS_PORTABLE = all(get_host_cpu_features().get(feature) for feature in PORTABLE_FEATURES)
-CPU = _chosen_cpu()
-
-
-VECTOR_WIDTH = 8 if CPU.startswith(("znver4", "znver5")) else 4
-"""Numbers that loops take at a time. LLVM uses registers of 512 bits on AMD's processors, half of that on Intel's."""
+SHIPPED = PACKAGE / "compiled"
+"""Where a wheel for this platform has its code, in a folder for each processor."""
+SHIPPED_FOR = _shipped()
+SHIPPED_FOLDERS = [SHIPPED / SHIPPED_FOR.name / f"compiled-{SOURCE_DIGEST}"] if SHIPPED_FOR else []
+CPU = os.environ.get("NUMBA_CPU_NAME") or (SHIPPED_FOR.name if SHIPPED_FOR else get_host_cpu_name())
+VECTOR_WIDTH = 8 if CPU.startswith((*WITH_512_BITS, "x86-64-v4")) else 4
+"""Numbers that loops take at a time."""
 
 Function = TypeVar("Function", bound=Callable[..., object])
 
@@ -110,15 +103,17 @@ _functions: list["Compiled"] = []
 
 def compilation_progress() -> tuple[int, int]:
     """Return how many functions have compiled code on disk, from this process or another, and how many there are."""
-    folders = [*FOLDERS, SHIPPED]
+    folders = [*FOLDERS, *SHIPPED_FOLDERS]
     found = {file.relative_to(folder) for folder in folders for file in folder.rglob("*.nbi")}
     return min(len(found), len(_functions)), len(_functions)
 
 
 def can_keep() -> bool:
     """Whether compiled code can be written to one of the folders."""
-    places = (next(place for place in (folder, *folder.parents) if os.path.exists(place)) for folder in FOLDERS)  # noqa: PTH110 (no error where a folder cannot be searched)
-    return any(os.access(place, os.W_OK) for place in places)
+    for folder in FOLDERS:
+        with suppress(OSError):
+            folder.mkdir(parents=True, exist_ok=True)
+    return any(os.access(folder, os.W_OK) for folder in FOLDERS)
 
 
 class Compiled:

@@ -16,7 +16,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any, BinaryIO, cast
 
-from numba import config, njit, typeof
+from numba import njit, typeof
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile, _CacheLocator
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.errors import TypingError
@@ -24,14 +24,11 @@ from numba.core.registry import cpu_target
 from numba.extending import intrinsic
 from numba.np import linalg
 
-from solver.compilation import CPU, FOLDERS, PACKAGE, PORTABLE_CPU, SHIPPED, SOURCE_DIGEST
+from solver.compilation import FOLDERS, PACKAGE, SHIPPED_FOLDERS, SHIPPED_FOR, SOURCE_DIGEST
 
 LOCK_SECONDS = 900.0
 """How long another process may compile before this one does the same: longer than all of the solver takes."""
 DIGEST_BYTES = hashlib.sha256().digest_size
-
-if CPU == "generic":
-    config.CPU_NAME = CPU  # type: ignore[attr-defined]
 
 
 def _import_array_functions() -> None:
@@ -104,13 +101,14 @@ class _Files:
 
     def __init__(self, folder: str, name: str) -> None:
         self._files = [_CheckedFile(str(base / folder), name, SOURCE_DIGEST) for base in FOLDERS]
-        self._shipped = _CheckedFile(str(SHIPPED / folder), name, SOURCE_DIGEST) if CPU == PORTABLE_CPU else None
+        self._shipped = [_CheckedFile(str(base / folder), name, SOURCE_DIGEST) for base in SHIPPED_FOLDERS]
 
     def load(self, key: Any) -> object:
         sources = [(files, key) for files in self._files]
-        if self._shipped is not None:
+        if SHIPPED_FOR is not None:
             signature, (triple, _, _), hashes = key  # numba's, with the processor's name and features
-            sources.insert(0, (self._shipped, (signature, (triple, PORTABLE_CPU, ""), hashes)))
+            known_as = signature, (triple, SHIPPED_FOR.name, SHIPPED_FOR.features), hashes
+            sources = [*((files, known_as) for files in self._shipped), *sources]
         for files, known_as in sources:
             found = cast("tuple[object, object] | None", files.load(known_as))
             if found and found[0] == known_as:

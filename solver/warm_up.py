@@ -7,6 +7,7 @@ import sys
 from solver.cases import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY, paper_impact
 from solver.compilation import can_keep, compilation_progress
 from solver.numerics import Numerics
+from solver.processors import PORTABLE
 from solver.search.critical_angle import critical_angle
 from solver.trajectory import simulate
 
@@ -27,6 +28,16 @@ def warm_up() -> None:
             process.wait()
     run_trajectories()
     run_search()
+
+
+def compile_portable(folder: str) -> None:
+    """Compile for each of the processors of `solver.processors` that this one can run, into a folder of its name."""
+    for each in PORTABLE:
+        if each.runs_here:
+            chosen = {"NUMBA_CPU_NAME": each.name, "NUMBA_CPU_FEATURES": each.features}
+            environment = os.environ | chosen | {"NUMBA_CACHE_DIR": os.path.join(folder, each.name)}  # noqa: PTH118 (a string)
+            command = [sys.executable, "-c", "import solver; solver.warm_up()"]
+            subprocess.run(command, env=environment, check=True)  # noqa: S603 (our own)
 
 
 def run_trajectories() -> None:
