@@ -1,8 +1,9 @@
 // Explore: one strike, as its fields are changed.
 
-import { caseQuery, readCase, replaceAddress } from "../address.js";
+import { address, caseOf, caseQuery, readAddress, readCase, replaceAddress } from "../address.js";
 import { alternativesTable, askAngles, askOutcomes } from "../alternatives.js";
 import { Answer, MODEL_FIELDS } from "../answer.js";
+import { Compare, readPins, writePins } from "../compare.js";
 import { copyButtons } from "../copy-as.js";
 import { element } from "../elements.js";
 import { buildFold } from "../fold.js";
@@ -35,8 +36,9 @@ class Explore {
   constructor(root, query) {
     this.laws = buildFold("Under other laws", element("div.laws-table"), (...given) => this.showLaws(...given), (error) => this.fail(error));
     const fail = (error) => this.fail(error);
-    this.answer = new Answer({ onError: fail, onAngle: () => this.showWarnings() });
-    const parts = build(root, this.answer.root, this.laws.root);
+    this.answer = new Answer({ onError: fail, onAngle: (found, values) => this.showAngle(found, values) });
+    this.compare = new Compare(readPins(query), { currentCase: () => this.form.currentCase(), onChange: () => this.changePins() });
+    const parts = build(root, this.answer.root, this.compare.root, this.laws.root);
     this.parts = parts;
     this.instant = query.has("time_ms") ? Number(query.get("time_ms")) / 1e3 : Infinity; // the last unless chosen
     this.askPicture = latest((values, signal) => this.showPicture(values, signal), fail);
@@ -49,14 +51,15 @@ class Explore {
       onRefuse: () => this.refuse(),
     });
     parts.copy.append(copyButtons(this.form.currentCase));
-    parts.problem.before(reportButton(this.form.currentCase, fail));
+    parts.problem.before(element("p.actions", {}, this.compare.button, reportButton(this.form.currentCase, fail)));
+    parts.presets.addEventListener("click", ({ target }) => this.keepPins(target));
     this.change(this.form.currentCase());
   }
 
   /** What belongs to this strike. */
   get ofStrike() {
     const { outcome, side, histories, warnings } = this.parts;
-    return [outcome, side, histories, warnings];
+    return [outcome, side, histories, warnings, ...(this.compare.pinned.length ? [this.compare.table] : [])];
   }
 
   change(values) {
@@ -78,22 +81,49 @@ class Explore {
 
   async showPicture(values, signal) {
     const { parts, changed: start } = this;
-    const run = await askRun(values, signal);
+    const [run] = await Promise.all([askRun(values, signal), this.compare.load(signal)]);
+    const runs = this.compare.withRuns(run);
     this.run = run;
     this.row = rowAt(run, this.instant);
     this.scrubber.setTimes(run.history.time_s, this.row);
-    await drawSideView(parts.side, [{ run, name: "Strike" }], this.row);
+    await drawSideView(parts.side, runs, this.row);
     if (signal.aborted) return;
     performance.measure("ricochet: side view", { start });
     parts.outcome.replaceChildren(...tellRun(run));
     this.showWarnings();
+    this.showDifferences();
     if (this.askPicture.isBehind()) return;
     markFresh(parts.outcome, parts.warnings, parts.side);
-    await drawHistories(parts.histories, run, this.row);
+    await drawHistories(parts.histories, runs, this.row);
     if (signal.aborted || this.askPicture.isBehind()) return;
     markFresh(parts.histories);
     performance.measure("ricochet: histories", { start });
     listen(parts, (row) => this.scrubber.move(row));
+  }
+
+  showAngle(found, values) {
+    this.angleOf = values;
+    this.showWarnings();
+    this.showDifferences();
+  }
+
+  /** Show the table once it can be of the inputs: run and critical angle come by themselves. */
+  showDifferences() {
+    const values = this.form.currentCase();
+    if (!this.compare.pinned.length || this.run?.values !== values || this.angleOf !== values) return;
+    if (this.compare.show({ values, run: this.run, found: this.answer.found })) markFresh(this.compare.table);
+  }
+
+  changePins() {
+    const values = this.form.currentCase();
+    markStale(this.parts.side, this.parts.histories);
+    this.askPicture(values);
+    this.readdress();
+  }
+
+  /** Take what is pinned along to another case of this view. */
+  keepPins(link) {
+    if (link.hash) link.hash = address("explore", writePins(caseOf(readAddress(link.hash).query), this.compare.cases));
   }
 
   /** Show the warnings to this strike that are not among those to the critical angle. */
@@ -120,7 +150,7 @@ class Explore {
   }
 
   readdress() {
-    const query = caseQuery(this.form.currentCase());
+    const query = writePins(caseQuery(this.form.currentCase()), this.compare.cases);
     if (Number.isFinite(this.instant)) query.set("time_ms", Number((this.instant * 1e3).toPrecision(4)));
     replaceAddress("explore", query);
   }
@@ -151,7 +181,7 @@ class Explore {
   }
 }
 
-function build(root, answer, laws) {
+function build(root, answer, compare, laws) {
   const parts = {
     form: element("form", { "aria-label": "Case", onsubmit: (event) => event.preventDefault() }),
     copy: element("div", {}),
@@ -162,6 +192,7 @@ function build(root, answer, laws) {
     lost: element("p.problem", { role: "alert" }),
     scrubber: element("div.scrubber", {}),
     histories: element("div.histories", {}),
+    presets: presetLinks("explore"),
   };
   root.append(
     element("h1", {}, "Explore a strike"),
@@ -169,12 +200,13 @@ function build(root, answer, laws) {
     element(
       "div.sides",
       {},
-      element("div.panel", {}, presetLinks("explore"), parts.form),
+      element("div.panel", {}, parts.presets, parts.form),
       element(
         "div.pictures",
         {},
         answer,
         element("section.panel.across", { "aria-label": "Outcome" }, parts.problem, parts.outcome, parts.warnings),
+        compare,
         element("section.panel", {}, element("h2", {}, "Side view"), parts.lost, parts.side, parts.scrubber),
         element("section.panel", {}, element("h2", {}, "Histories"), parts.histories),
         laws,
@@ -189,6 +221,9 @@ function build(root, answer, laws) {
 function listen({ side, histories }, move) {
   for (const plot of [side, histories].map((each) => each.querySelector(".drawing"))) {
     plot.removeAllListeners("plotly_hover");
-    plot.on("plotly_hover", ({ points }) => move(points[0].pointIndex));
+    plot.on("plotly_hover", ({ points }) => {
+      const own = points.find(({ data }) => !data.meta); // not of a strike that is compared
+      if (own) move(own.pointIndex);
+    });
   }
 }
