@@ -4,6 +4,7 @@ import { VIRIDIS, viridis } from "./colours.js";
 import { aboutRuns } from "./exports.js";
 import { closedOutline, placed } from "./outline.js";
 import { colour, csvOf, draw, restyle } from "./plots.js";
+import { criticalChange, faceNames, holeTrace, markTraces } from "./side-view-marks.js";
 import { digits, outcomeShown } from "./words.js";
 
 const OUTLINES = [6, 3]; // of a run by itself, and of each that is compared
@@ -21,8 +22,11 @@ const GRID_M = 0.1; // ends of the axes, so that the view does not tremble while
  * @param {{run: object, name: string}[]} runs as `askRun` returns them; the first has a movable outline and the colours of
  *   its speed, the others a colour each
  * @param {number} row of the first run's history at which its outline is emphasised
+ * @param {{critical?: number, turns?: boolean, isHeld?: boolean}} options `critical` is the critical angle to mark [°];
+ *   with `turns` there is room for every oblique angle, so that the scale stays while it changes; `isHeld` keeps the
+ *   ranges of the axes as they are
  */
-export async function drawSideView(root, runs, row) {
+export async function drawSideView(root, runs, row, { critical, turns = false, isHeld = false } = {}) {
   const [{ run: own }, ...others] = runs;
   const range = [0, Math.max(...own.path.speed)];
   const count = OUTLINES[Math.min(others.length, 1)];
@@ -30,11 +34,15 @@ export async function drawSideView(root, runs, row) {
   const outlines = evenRows(own, count).map((each) => outlineTrace(own, each, range));
   const paths = runs.map((each, i) => pathTrace(each, i, others.length > 0));
   const beads = beadTrace(own, evenRows(own, BEADS), range);
-  const traces = [...compared, ...outlines, movingTrace(own, row, range), ...paths, beads];
-  return draw(root, traces, layoutOf(traces, others.length > 0 && (root.clientWidth < NARROW ? -0.25 : -0.14), own.target.thickness_m), {
+  const isNarrow = root.clientWidth < NARROW;
+  const marks = markTraces(own, critical, isNarrow);
+  const traces = [holeTrace(own), ...compared, ...outlines, movingTrace(own, row, range), ...paths, beads, ...marks];
+  const held = isHeld ? root.querySelector(".drawing")?.layout : undefined;
+  const room = turns ? [own.projectile.length_m] : [];
+  return draw(root, traces, layoutOf(traces, others.length > 0 && (isNarrow ? -0.25 : -0.14), own.target.thickness_m, room, held), {
     title: `Side view: ${runs.map(({ run }) => outcomeShown(run.outcome)).join(", ")}`,
     ...aboutRuns(runs),
-    again: () => drawSideView(root, runs, row),
+    again: () => drawSideView(root, runs, row, { critical, turns }),
     csv: () => csvOf(tableOf(runs)),
     label: `Side view to scale. ${runs.map(inWords).join(" ")}`,
   });
@@ -45,6 +53,12 @@ export function moveOutline(root, run, row) {
   const { x, y, fillcolor } = movingTrace(run, row, [0, Math.max(...run.path.speed)]);
   const place = root.querySelector(".drawing")?.data?.findIndex(({ name }) => name === MOVING);
   return place >= 0 && restyle(root, { x: [x], y: [y], fillcolor: [fillcolor] }, [place]);
+}
+
+/** Mark another critical angle, or none. */
+export function markCritical(root, run, critical) {
+  const plot = root.querySelector(".drawing");
+  return plot?.data && restyle(root, ...criticalChange(plot, run, critical));
 }
 
 function evenRows({ history: { time_s: time } }, count) {
@@ -130,7 +144,8 @@ function beadTrace({ path }, rows, range) {
   };
 }
 
-function layoutOf(traces, legend, thickness = FAR_M) {
+function layoutOf(traces, legend, wall, room, held) {
+  const thickness = wall ?? FAR_M;
   const ends = (given) => {
     const values = given.filter((value) => value !== null); // between outlines
     return [
@@ -138,18 +153,19 @@ function layoutOf(traces, legend, thickness = FAR_M) {
       Math.ceil(values.reduce((a, b) => Math.max(a, b)) / GRID_M) * GRID_M,
     ];
   };
-  const [left, right] = ends(traces.flatMap(({ x }) => x));
-  const [top, deepest] = ends(traces.flatMap(({ y }) => y));
+  const [left, right] = ends([...traces.flatMap(({ x }) => x), ...room.map((reach) => -reach)]);
+  const [top, deepest] = ends([...traces.flatMap(({ y }) => y), ...room.map((reach) => -reach)]);
   const bottom = thickness < NEAR * deepest ? Math.max(deepest, thickness + GRID_M) : deepest;
   const across = { xref: "paper", x0: 0, x1: 1, y0: 0, layer: "below" };
   const face = { color: colour("edge"), width: 1.5 };
   return {
-    xaxis: { title: { text: "Along the face [m]" }, range: [left, right], zeroline: false },
-    yaxis: { title: { text: "Depth [m]" }, range: [Math.max(bottom, GRID_M), top], scaleanchor: "x", zeroline: false },
+    xaxis: { title: { text: "Along the face [m]" }, range: held?.xaxis.range ?? [left, right], zeroline: false },
+    yaxis: { title: { text: "Depth [m]" }, range: held?.yaxis.range ?? [Math.max(bottom, GRID_M), top], scaleanchor: "x", zeroline: false },
     shapes: [
       { ...across, type: "rect", y1: thickness, fillcolor: colour("concrete"), line: { width: 0 } },
       ...[0, thickness].map((y) => ({ ...across, type: "line", y0: y, y1: y, line: face })),
     ],
+    annotations: faceNames(wall),
     showlegend: legend !== false,
     legend: { orientation: "h", y: legend || 0 },
     hovermode: "closest",

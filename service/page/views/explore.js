@@ -16,9 +16,10 @@ import { reportButton } from "../report.js";
 import { askRun, rowAt } from "../run.js";
 import { buildScrubber } from "../scrubber.js";
 import { Problem, isLost } from "../service.js";
-import { drawSideView, moveOutline } from "../side-view.js";
+import { drawSideView, markCritical, moveOutline } from "../side-view.js";
 import { clearParts, markFresh, markStale } from "../stale.js";
-import { tellRun, tellWarnings } from "../words.js";
+import { TurnHandle } from "../turn-handle.js";
+import { outcomeShown, tellRun, tellWarnings } from "../words.js";
 
 const ABOUT =
   "A rigid projectile strikes concrete at a slant: below the critical angle, measured from the normal, it digs in, above it is " +
@@ -36,12 +37,20 @@ class Explore {
   constructor(root, query) {
     this.laws = buildFold("Under other laws", element("div.laws-table"), (...given) => this.showLaws(...given), (error) => this.fail(error));
     const fail = (error) => this.fail(error);
-    this.answer = new Answer({ onError: fail, onAngle: (found, values) => this.showAngle(found, values) });
+    this.answer = new Answer({ onError: fail, onAngle: (_, values) => this.showAngle(values) });
     this.compare = new Compare(readPins(query), { currentCase: () => this.form.currentCase(), onChange: () => this.changePins() });
     const parts = build(root, this.answer.root, this.compare.root, this.laws.root);
     this.parts = parts;
     this.instant = query.has("time_ms") ? Number(query.get("time_ms")) / 1e3 : Infinity; // the last unless chosen
     this.askPicture = latest((values, signal) => this.showPicture(values, signal), fail);
+    this.handle = new TurnHandle(parts.side, {
+      onTurn: (angle) => this.form.setField("impact.oblique_angle_deg", angle),
+      onHold: () => this.holdRoom(true),
+      onRelease: () => {
+        this.holdRoom(false);
+        this.askPicture(this.form.currentCase()); // the axes fit again
+      },
+    });
     this.scrubber = buildScrubber(parts.scrubber, (row) => this.showInstant(row));
     this.form = buildForm(parts.form, {
       case: readCase(query),
@@ -86,14 +95,19 @@ class Explore {
     this.run = run;
     this.row = rowAt(run, this.instant);
     this.scrubber.setTimes(run.history.time_s, this.row);
-    await drawSideView(parts.side, runs, this.row);
-    if (signal.aborted) return;
-    performance.measure("ricochet: side view", { start });
-    parts.outcome.replaceChildren(...tellRun(run));
+    parts.outcome.replaceChildren(...tellRun(run)); // the words do not wait for what draws
     this.showWarnings();
     this.showDifferences();
+    this.handle.stay();
+    if (!this.askPicture.isBehind()) markFresh(parts.outcome, parts.warnings);
+    const marked = { critical: this.criticalOf(values), turns: true, isHeld: this.handle.isHeld };
+    if (!(await drawSideView(parts.side, runs, this.row, marked)) || signal.aborted) return;
+    const critical = this.criticalOf(values);
+    if (critical !== marked.critical) markCritical(parts.side, run, critical); // found while what draws was loaded
+    this.handle.follow(run, outcomeShown(run.outcome));
+    performance.measure("ricochet: side view", { start });
     if (this.askPicture.isBehind()) return;
-    markFresh(parts.outcome, parts.warnings, parts.side);
+    markFresh(parts.side);
     await drawHistories(parts.histories, runs, this.row);
     if (signal.aborted || this.askPicture.isBehind()) return;
     markFresh(parts.histories);
@@ -101,10 +115,22 @@ class Explore {
     listen(parts, (row) => this.scrubber.move(row));
   }
 
-  showAngle(found, values) {
+  showAngle(values) {
     this.angleOf = values;
+    if (this.run) markCritical(this.parts.side, this.run, this.criticalOf(this.run.values));
     this.showWarnings();
     this.showDifferences();
+  }
+
+  /** Keep what is above the side view from shrinking. */
+  holdRoom(isHeld) {
+    const panel = this.parts.outcome.parentElement;
+    panel.style.minHeight = isHeld ? `${panel.offsetHeight}px` : "";
+  }
+
+  /** Return the critical angle of a case, if it is known: it is the same at every oblique angle. */
+  criticalOf(values) {
+    return this.answer.isOf(values) ? this.answer.found.critical_angle_deg : undefined;
   }
 
   /** Show the table once it can be of the inputs: run and critical angle come by themselves. */
