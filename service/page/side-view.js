@@ -15,6 +15,8 @@ const NEAR = 2; // a rear face is in view up to this many times the depth that i
 const MOVING = "moving"; // name of the trace of the outline that is moved
 const GRID_M = 0.1; // ends of the axes, so that the view does not tremble while a slider moves
 
+const marked = new WeakMap(); // critical angles by the element they are drawn into
+
 /**
  * Draw one or more runs.
  *
@@ -36,13 +38,14 @@ export async function drawSideView(root, runs, row, { critical, turns = false, i
   const beads = beadTrace(own, evenRows(own, BEADS), range);
   const isNarrow = root.clientWidth < NARROW;
   const marks = markTraces(own, critical, isNarrow);
+  marked.set(root, critical);
   const traces = [holeTrace(own), ...compared, ...outlines, movingTrace(own, row, range), ...paths, beads, ...marks];
   const held = isHeld ? root.querySelector(".drawing")?.layout : undefined;
   const room = turns ? [own.projectile.length_m] : [];
   return draw(root, traces, layoutOf(traces, others.length > 0 && (isNarrow ? -0.25 : -0.14), own.target.thickness_m, room, held), {
     title: `Side view: ${runs.map(({ run }) => outcomeShown(run.outcome)).join(", ")}`,
     ...aboutRuns(runs),
-    again: () => drawSideView(root, runs, row, { critical, turns }),
+    again: () => drawSideView(root, runs, row, { critical: marked.get(root), turns }),
     csv: () => csvOf(tableOf(runs)),
     label: `Side view to scale. ${runs.map(inWords).join(" ")}`,
   });
@@ -58,6 +61,7 @@ export function moveOutline(root, run, row) {
 /** Mark another critical angle, or none. */
 export function markCritical(root, run, critical) {
   const plot = root.querySelector(".drawing");
+  marked.set(root, critical);
   return plot?.data && restyle(root, ...criticalChange(plot, run, critical));
 }
 

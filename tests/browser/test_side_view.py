@@ -7,6 +7,8 @@ from typing import Any
 import pytest
 from playwright.sync_api import Locator, Page, expect
 
+from .conftest import NewPage
+
 IDLE = "() => document.querySelector('.angle') && !document.querySelector('.pictures > :not(details) [aria-busy=true]')"
 PAPER_ANGLE_DEG = 48.63
 
@@ -123,3 +125,23 @@ def test_wall_has_a_hole_through_to_its_rear_face(page: Page) -> None:
     page.get_by_label("Thickness").fill("")
     page.wait_for_function(IDLE)
     assert "rear face" not in words(page)
+
+
+def test_picture_comes_to_the_slider_on_a_phone(new_page: NewPage) -> None:
+    page = new_page(width=390, height=844)
+    open_explore(page)
+    slider = page.get_by_label("Oblique angle, slider")
+    box = slider.bounding_box()
+    assert box is not None
+    picture = page.locator(".side-view .drawing")
+    expect(picture).not_to_be_in_viewport()
+    page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    page.mouse.down()
+    page.mouse.move(box["x"] + 0.8 * box["width"], box["y"] + box["height"] / 2, steps=4)
+    expect(picture).to_be_in_viewport(ratio=1.0)
+    expect(picture).to_have_attribute("aria-label", re.compile("turned away"))
+    page.mouse.up()
+    expect(picture).not_to_be_in_viewport()
+    box_after = slider.bounding_box()
+    assert box_after is not None
+    assert box_after["y"] == box["y"], "the slider stays below the finger"
