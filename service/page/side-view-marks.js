@@ -7,6 +7,8 @@ import { degreesShown, digits } from "./words.js";
 const RADIAN = Math.PI / 180;
 const CRITICAL = "critical"; // name of the trace of the critical angle
 const SWEPT = 48; // instants whose outlines together are the hole
+const THINNED = 20; // points of an outline, above which the hole takes every fourth of its nose
+const ARC_POINTS = 16;
 const LEAST_DEG = 0.05; // smaller angles of attack have no mark of their own
 /** Distances from the point of contact, in lengths of the projectile. */
 const RADII = { theta: 0.6, delta: 0.82, phi: 0.42, normal: 0.95, critical: 1.12, exit: 0.3 };
@@ -24,7 +26,10 @@ export function criticalChange(plot, run, critical) {
 
 /** Return the concrete that the projectile went through, as a trace to go below the outlines. */
 export function holeTrace({ path, projectile, target }) {
-  const outline = closedOutline(projectile);
+  const whole = closedOutline(projectile);
+  const radius = projectile.diameter_m / 2;
+  const isKept = ([, off], i) => whole.length < THINNED || i % 4 === 0 || Math.abs(off) >= radius * (1 - 1e-9);
+  const outline = whole.filter(isKept);
   const last = path.depth.length - 1;
   const rows = Array.from({ length: SWEPT }, (_, i) => Math.round((i * last) / (SWEPT - 1)));
   const parts = rows.map((row) => {
@@ -54,25 +59,28 @@ export function faceNames(thickness) {
   return [name("face", 0, "bottom"), ...(thickness === undefined ? [] : [name("rear face", thickness, "top")])];
 }
 
-/** The normal, and arcs from it: θ to the velocity, φ to the axis, and δ between them where there is an angle of attack. */
+/**
+ * The normal, and arcs from it: θ to the velocity, φ to the axis, and δ between them where there is an angle of attack. All
+ * lines are one trace and all words another: each trace costs milliseconds.
+ */
 function angleTraces({ values, history, projectile: { length_m: length } }) {
   const theta = values.impact.oblique_angle_deg;
   const phi = history.axis_angle_deg[0];
-  const [normal, velocity] = [[0, 0], [theta, theta]].map(([angle]) => [0, RADII.normal].map((radius) => from(angle, radius * length)));
-  const lines = [lineTrace(normal, { dash: "dash" })];
-  const arc = (begin, end, radius, text) => {
-    const points = Array.from({ length: 25 }, (_, i) => from(begin + (i / 24) * (end - begin), radius * length));
-    const isFromNormal = begin === 0; // then the words are on the other side of it, where no outline is
-    const [at, side] = isFromNormal ? [from(0, radius * length), "right"] : [from((begin + end) / 2, (radius + 0.03) * length), "left"];
-    return [lineTrace(points), labelTrace(at, text, `middle ${side}`)];
-  };
-  if (Math.abs(phi - theta) < LEAST_DEG) return [...lines, ...arc(0, theta, RADII.theta, `θ = φ = ${shown(theta)}`)];
+  const ray = (angle) => [[0, 0], from(angle, RADII.normal * length)];
+  const arc = (begin, end, radius) =>
+    Array.from({ length: ARC_POINTS + 1 }, (_, i) => from(begin + (i / ARC_POINTS) * (end - begin), radius * length));
+  const beside = (radius) => from(0, radius * length); // the other side of the normal, where no outline is
+  const [toTheta, toPhi] = [arc(0, theta, RADII.theta), arc(0, phi, RADII.phi)];
+  if (Math.abs(phi - theta) < LEAST_DEG) {
+    return [linesTrace([ray(0), toTheta]), labelsTrace([[beside(RADII.theta), `θ = φ = ${shown(theta)}`, "right"]])];
+  }
   return [
-    ...lines,
-    lineTrace(velocity, { dash: "dot" }),
-    ...arc(0, theta, RADII.theta, `θ = ${shown(theta)}`),
-    ...arc(0, phi, RADII.phi, `φ = ${shown(phi)}`),
-    ...arc(theta, phi, RADII.delta, `δ = ${shown(phi - theta)}`),
+    linesTrace([ray(0), ray(theta), toTheta, toPhi, arc(theta, phi, RADII.delta)]),
+    labelsTrace([
+      [beside(RADII.theta), `θ = ${shown(theta)}`, "right"],
+      [beside(RADII.phi), `φ = ${shown(phi)}`, "right"],
+      [from((theta + phi) / 2, (RADII.delta + 0.03) * length), `δ = ${shown(phi - theta)}`, "left"],
+    ]),
   ];
 }
 
@@ -118,8 +126,21 @@ function lineTrace(points, line = {}) {
   };
 }
 
-function labelTrace([x, y], text, textposition) {
-  return { x: [x], y: [y], mode: "text", text: [text], textposition, hoverinfo: "skip", showlegend: false };
+/** Return lines as one trace, with gaps between them. */
+function linesTrace(lines) {
+  return lineTrace(lines.flatMap((points) => [...points, [null, null]]));
+}
+
+function labelsTrace(labels) {
+  return {
+    x: labels.map(([[x]]) => x),
+    y: labels.map(([[, y]]) => y),
+    text: labels.map(([, text]) => text),
+    textposition: labels.map(([, , side]) => `middle ${side}`),
+    mode: "text",
+    hoverinfo: "skip",
+    showlegend: false,
+  };
 }
 
 /** Where a body comes from at an angle from the normal: along the face and depth, at a distance from the contact. */

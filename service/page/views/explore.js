@@ -117,7 +117,7 @@ class Explore {
 
   showAngle(values) {
     this.angleOf = values;
-    if (this.run) markCritical(this.parts.side, this.run, this.criticalOf(this.run.values));
+    if (this.run?.values === values) markCritical(this.parts.side, this.run, this.criticalOf(values)); // else it is drawn with it
     this.showWarnings();
     this.showDifferences();
   }
