@@ -13,7 +13,8 @@ from tests.browser.chromium import executable, running_chromium
 
 ROOT = Path(__file__).parents[2]
 FOLDER = ROOT / "build" / "screenshots"
-SHOWN = {"explore-1440-light": "explore.png", "map-1440-light": "map.png"}
+SHOWN = {"explore-1440-light": ("explore.png", 1440), "map-1440-light": ("map.png", 900)}
+"""Pictures of the README, each so high that what it is about is on it. [px]"""
 SIZES = {1440: 900, 380: 800}
 THEMES: tuple[Literal["light", "dark"], ...] = ("light", "dark")
 MAP = "x=impact.velocity_m_s,150,450,30&y=target.compressive_strength_pa,20000000,60000000,30"
@@ -61,7 +62,10 @@ def take(browser: Browser, address: str, width: int, theme: Literal["light", "da
         name = f"{view}-{width}-{theme}"
         page.screenshot(path=FOLDER / f"{name}.png", full_page=True)
         if name in SHOWN:
-            page.screenshot(path=Path(__file__).with_name(SHOWN[name]))
+            file, height = SHOWN[name]
+            page.set_viewport_size({"width": width, "height": height})
+            page.wait_for_timeout(500)
+            page.screenshot(path=Path(__file__).with_name(file))
         page.close()
         print(f"took {name}", flush=True)
     context.close()

@@ -12,7 +12,6 @@ import { degreesShown, digits, tellAngle, tellWarnings } from "./words.js";
 
 const REST_MS = 300; // without a change before the spread is computed: it is hundreds of searches
 const QUICK = { max_samples: 256, method: "direct", half_width: 0.5 }; // the fewest samples that the service takes
-const NUMBERS = usualInputs().filter(({ type }) => type !== "discrete");
 const USUAL = "when speed, strength, density, mass and angle of attack scatter as is usual";
 
 /** Fields that are shown beside the answer instead of in the form. */
@@ -55,6 +54,11 @@ export class Answer {
     this.askAngle(values);
   }
 
+  /** Tell whether the angle that is shown is that of a case. */
+  isOf(values) {
+    return keyOf(values) === this.#key;
+  }
+
   /** Show none, as a field is not accepted. */
   clear() {
     this.askAngle.cancel();
@@ -93,7 +97,8 @@ export class Answer {
 
   async #showSpread({ values, sampling }, signal) {
     const known = knownStudy(values);
-    const uncertain = NUMBERS.map((input) => uncertainInput(input, values));
+    const numbers = usualInputs().filter(({ type }) => type !== "discrete");
+    const uncertain = numbers.map((input) => uncertainInput(input, values));
     const body = { ...angleRequest(values), uncertain, sensitivity: false, sampling };
     const study = known ?? (await ask("cra/uncertainty", { body, signal })).data;
     if (signal.aborted) return;

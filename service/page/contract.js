@@ -1,4 +1,4 @@
-// What the contract (openapi.json) says of the fields: examples, bounds, choices. Nothing of it is repeated here.
+// What the contract (the schemas of openapi.json) says of the fields: examples, bounds, choices. Nothing of it is repeated here.
 
 import { ask } from "./service.js";
 
@@ -6,10 +6,16 @@ const TAGS = ["shape", "model"];
 const ROOTS = { search: "CriticalAngleRequest", sampling: "CriticalAngleUncertaintyRequest" };
 
 let schemas;
+let scatter;
 
 /** Fetch the contract; the rest of this module needs it. */
 export async function loadContract() {
-  schemas ??= (await ask("openapi.json")).data.components.schemas;
+  if (!schemas) ({ schemas, usual_scatter: scatter } = (await ask("page/contract.json")).data);
+}
+
+/** Return the distributions of the inputs that usually scatter, by field: without the parameter that is the case's value. */
+export function usualScatter() {
+  return scatter;
 }
 
 /**

@@ -16,8 +16,8 @@ import { GROUPS, inUnit, isThere } from "./fields.js";
  *   `onChange` is called with a case only if all its fields are in their bounds, `onRefuse` otherwise; `include` names the groups of fields.js,
  *   all if none, `without` fields to leave out by their paths; `open` the groups that are not folded at first; `beside`
  *   where the fields with these paths are shown instead
- * @returns {{setCase: (values: object) => void, showProblems: (problem: Problem) => string, currentCase: () => object}}
- *   `showProblems` puts what the service says of a case at the fields it points to, and returns the rest
+ * @returns {{setCase: (values: object) => void, setField: (path: string, shown: number) => void, showProblems: (problem: Problem) => string, currentCase: () => object}}
+ *   `setField` fills in a field as if it were typed; `showProblems` puts what the service says of a case at the fields it points to, and returns the rest
  */
 export function buildForm(root, options) {
   const form = new CaseForm(root, options);
@@ -28,6 +28,7 @@ export function buildForm(root, options) {
       form.values = values;
       form.rebuild();
     },
+    setField: (path, value) => form.setField(path, value),
     showProblems: (problem) => form.showProblems(problem),
   };
 }
@@ -56,6 +57,12 @@ class CaseForm {
         return element("details", { open, "data-name": name }, element("summary", {}, name), ...lines);
       }),
     );
+  }
+
+  setField(path, shown) {
+    const { input } = this.rows.find(({ field }) => field.path === path);
+    input.value = shown;
+    input.dispatchEvent(new Event("input")); // its slider listens too
   }
 
   has(field) {

@@ -1,5 +1,6 @@
 // Time histories of a run, with the instant that the side view shows.
 
+import { aboutRuns } from "./exports.js";
 import { colour, csvOf, draw, relayout } from "./plots.js";
 
 const NARROW = 640; // px
@@ -16,34 +17,53 @@ const PANELS = [
   { title: "Resistance [kN]", columns: { depth_force_n: "inward", lateral_force_n: "along face" }, factor: 1e-3 },
 ];
 
-/** Draw the histories of a run, as `askRun` returns it, with a line at a row of them. */
-export function drawHistories(root, run, row) {
-  const { history } = run;
-  const time = history.time_s.map((seconds) => seconds * 1e3);
-  const traces = PANELS.flatMap(({ columns, factor }, panel) =>
-    Object.entries(columns).map(([column, name], i) => ({
-      x: time,
-      y: history[column].map((value) => value * factor),
-      name,
-      mode: "lines",
-      line: { color: colour(["accent", "path"][i]), dash: DASHES[i], width: 1.8 },
-      xaxis: axis("x", panel),
-      yaxis: axis("y", panel),
-      hovertemplate: "%{y:.4~g}",
-    })),
-  );
+/**
+ * Draw the histories of one or more runs.
+ *
+ * @param {HTMLElement} root
+ * @param {{run: object, name: string}[]} runs as `askRun` returns them
+ * @param {number} row of the first run's history at which there is a line
+ */
+export function drawHistories(root, runs, row) {
+  const traces = runs.flatMap((each, index) => tracesOf(each, index, runs.length > 1));
+  const [{ run }] = runs;
   const isNarrow = root.clientWidth < NARROW;
   root.classList.toggle("tall", isNarrow);
-  return draw(root, traces, layoutOf(run, row, isNarrow), {
+  const names = runs.length > 1 ? ` of ${runs.map(({ name }) => name).join(", ")}` : "";
+  return draw(root, traces, layoutOf(run, row, isNarrow, runs.length > 1), {
     title: "Time histories",
-    values: run.values,
-    key: run.key,
+    ...aboutRuns(runs),
     part: "histories",
-    hasAngle: true,
-    again: () => drawHistories(root, run, row),
-    csv: () => csvOf(history),
-    label: "Time histories: depth, axis angle, velocity and resistance. The CSV below has them as numbers.",
+    again: () => drawHistories(root, runs, row),
+    csv: () => csvOf(runs.length > 1 ? tableOf(runs) : run.history),
+    label: `Time histories${names}: depth, axis angle, velocity and resistance. The CSV below has them as numbers.`,
   });
+}
+
+/** Lines of a run: in two colours by itself, in one where it is compared. */
+function tracesOf({ run: { history }, name }, index, isCompared) {
+  const time = history.time_s.map((seconds) => seconds * 1e3);
+  return PANELS.flatMap(({ columns, factor }, panel) =>
+    Object.entries(columns).map(([column, quantity], i) => ({
+      x: time,
+      y: history[column].map((value) => value * factor),
+      name: isCompared ? name : quantity,
+      meta: index,
+      mode: "lines",
+      line: { color: colour(index ? `run-${index}` : ["accent", isCompared ? "accent" : "path"][i]), dash: DASHES[i], width: 1.8 },
+      xaxis: axis("x", panel),
+      yaxis: axis("y", panel),
+      showlegend: isCompared && panel === 0 && i === 0,
+      hovertemplate: isCompared ? `${name}: %{y:.4~g}<extra></extra>` : "%{y:.4~g}",
+    })),
+  );
+}
+
+function tableOf(runs) {
+  const columns = Object.keys(runs[0].run.history);
+  const all = (make) => runs.flatMap(({ run: { history }, name }) => history.time_s.map((_, row) => make(history, row, name)));
+  const numbers = columns.map((column) => [column, all((history, row) => history[column][row])]);
+  return { run: all((_, __, name) => name), ...Object.fromEntries(numbers) };
 }
 
 /** Move the line to another row of the histories. */
@@ -51,10 +71,11 @@ export function moveInstant(root, run, row) {
   return relayout(root, { shapes: linesAt(run, row) });
 }
 
-function layoutOf(run, row, isNarrow) {
+function layoutOf(run, row, isNarrow, isCompared) {
   const columns = isNarrow ? 1 : 2;
   const rows = PANELS.length / columns;
-  const layout = { shapes: linesAt(run, row), annotations: [], showlegend: false, hovermode: "x", dragmode: false };
+  const layout = { shapes: linesAt(run, row), annotations: [], showlegend: isCompared, hovermode: "x", dragmode: false };
+  if (isCompared) layout.legend = { orientation: "h", y: isNarrow ? -0.08 : -0.16, yanchor: "top" };
   PANELS.forEach(({ title, columns: lines }, panel) => {
     const [across, down] = [panel % columns, Math.floor(panel / columns)];
     const x = [across / columns + (across ? 0.05 : 0), (across + 1) / columns - (across + 1 < columns ? 0.03 : 0)];

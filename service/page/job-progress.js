@@ -1,6 +1,6 @@
 // A job as it goes: submitted, followed to its end, its results read as they become ready.
 
-import { ask, isAbort } from "./service.js";
+import { ask, isAbort, isLost } from "./service.js";
 
 const PAGE = 1000; // results requested at once
 const PAUSE_MS = 1000; // before a broken stream is opened anew
@@ -42,9 +42,12 @@ export async function submit(path, body, signal) {
  *
  * Server-sent events report it, read with fetch because an EventSource sends no key; while they fail it is polled.
  *
+ * @param {string} id
+ * @param {AbortSignal} signal
+ * @param {(error: Error) => void} onLost called whenever the service does not answer
  * @throws {Problem} if the service does not know the job
  */
-export async function* statesOf(id, signal) {
+export async function* statesOf(id, signal, onLost = () => {}) {
   let last = "";
   for (;;) {
     try {
@@ -58,6 +61,7 @@ export async function* statesOf(id, signal) {
       }
     } catch (error) {
       if (signal.aborted || isRefusal(error)) throw error;
+      if (isLost(error)) onLost(error);
     }
     await pause(PAUSE_MS, signal);
     const job = await ask(`jobs/${id}`, { signal }).then(({ data }) => data, unlessRefused);

@@ -33,8 +33,7 @@ async function show() {
   const root = element("div.view");
   main.replaceChildren(root);
   try {
-    await loadContract();
-    const { show: build } = await import(`./views/${view}.js`);
+    const [{ show: build }] = await Promise.all([import(`./views/${view}.js`), loadContract()]);
     if (turn !== shown) return;
     say("");
     const ending = await build(root, query);

@@ -41,10 +41,11 @@ export function buildCellChoice(root) {
     element("p.links", {}, explore, " ", search),
   );
   return (map, axes, cells) => {
-    if (shown?.map !== map) {
+    const isOther = JSON.stringify(axes) !== JSON.stringify(shown?.axes); // else what is chosen stays
+    if (isOther) {
       [across, up].forEach((select, i) => fill(select, labels[i], axes[i]));
     }
-    shown = { map, cells };
+    shown = { map, axes, cells };
     tell();
   };
 }

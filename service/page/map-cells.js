@@ -2,12 +2,23 @@
 
 import { csvOf } from "./plots.js";
 
+/** What a map shows by colours, of its cells that have it: `column` in CSV, in SI units. Outcomes have none. */
+export const QUANTITIES = {
+  cra: { label: "Critical angle [°]", name: "an angle", column: "critical_angle_deg", of: ({ angle }) => angle, factor: 1 },
+  thickness: { label: "Least thickness [mm]", name: "a thickness", column: "least_thickness_m", of: ({ thickness }) => thickness, factor: 1e3 },
+};
+
 /** Ways to end that differ on a map, with the mark each has there. */
 export const ENDINGS = {
   cra: {
     no_ricochet: { label: "never turned away", symbol: "x-thin" },
     always_ricochet: { label: "turned away at every angle", symbol: "circle-open" },
     not_converged: { label: "not converged", symbol: "diamond-open" },
+    failed: { label: "failed", symbol: "cross-thin" },
+  },
+  thickness: {
+    always_perforated: { label: "perforated however thick", symbol: "x-thin" },
+    never_perforated: { label: "never perforated", symbol: "circle-open" },
     failed: { label: "failed", symbol: "cross-thin" },
   },
   trajectory: {
@@ -23,8 +34,8 @@ export const ENDINGS = {
  * Return what a map shows of one result.
  *
  * @param {{result?: object, problem?: object}} item of a job
- * @returns {{ending: string, angle?: number, depth?: number, warnings: string[], detail?: string}} `angle` in degrees,
- *   `depth` in metres
+ * @returns {{ending: string, angle?: number, depth?: number, thickness?: number, warnings: string[], detail?: string}}
+ *   `angle` in degrees, `depth` and `thickness` in metres
  */
 export function readCell({ result, problem }) {
   if (!result) return { ending: "failed", warnings: [], detail: problem?.detail };
@@ -32,6 +43,7 @@ export function readCell({ result, problem }) {
     ending: result.status ?? result.outcome,
     angle: result.critical_angle_deg,
     depth: result.maximum_depth_m,
+    thickness: result.least_thickness_m,
     warnings: [...new Set(result.warnings.map(({ code }) => code))],
   };
 }
@@ -41,6 +53,7 @@ export function cellWords(operation, cell) {
   if (!cell) return "not computed";
   const { label } = ENDINGS[operation][cell.ending] ?? {};
   if (cell.ending === "failed") return `${label}: ${cell.detail}`;
+  if (cell.thickness !== undefined) return `stopped by ${(1000 * cell.thickness).toFixed(0)} mm`;
   const words = cell.angle === undefined ? label : `turned away from ${cell.angle.toFixed(2)}° on`;
   return cell.depth === undefined || cell.ending === "perforated" ? words : `${words}, ${(1000 * cell.depth).toFixed(0)} mm deep`;
 }
@@ -69,7 +82,7 @@ export function countWords(operation, cells) {
   const counts = {};
   for (const cell of cells) if (cell) counts[cell.ending] = (counts[cell.ending] ?? 0) + 1;
   const words = Object.entries(counts).map(([ending, count]) => {
-    const label = ending === "converged" ? "with an angle" : ENDINGS[operation][ending].label;
+    const label = ending === "converged" ? `with ${QUANTITIES[operation].name}` : ENDINGS[operation][ending].label;
     return `${count} ${label}`;
   });
   const warnings = localWarnings(cells).map(([code, count]) => `${warningWords(code)} (${count})`);
@@ -80,12 +93,12 @@ export function countWords(operation, cells) {
 export function cellsCsv(operation, [x, y], cells) {
   const found = [...cells.keys()].filter((index) => cells[index]);
   const column = (value) => found.map((index) => value(cells[index]));
-  const isAngle = operation === "cra";
+  const quantity = QUANTITIES[operation];
   return csvOf({
     [x.field]: found.map((index) => x.values[index % x.values.length]),
     [y.field]: found.map((index) => y.values[Math.floor(index / x.values.length)]),
-    [isAngle ? "status" : "outcome"]: column(({ ending }) => ending),
-    [isAngle ? "critical_angle_deg" : "maximum_depth_m"]: column(({ angle, depth }) => (isAngle ? angle : depth)),
+    [quantity ? "status" : "outcome"]: column(({ ending }) => ending),
+    [quantity?.column ?? "maximum_depth_m"]: column(quantity?.of ?? (({ depth }) => depth)),
     warnings: column(({ warnings }) => warnings.join(" ")),
   });
 }

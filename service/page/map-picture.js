@@ -3,10 +3,11 @@
 import { element } from "./elements.js";
 import { fieldAt, shownValue } from "./fields.js";
 import { buildCellChoice } from "./map-cell.js";
-import { cellsCsv, countWords } from "./map-cells.js";
+import { cellsCsv, countWords, QUANTITIES } from "./map-cells.js";
 import { mapLayout, mapTraces } from "./map-plot.js";
 import { endWords, progressWords } from "./map-run.js";
 import { draw, purge } from "./plots.js";
+import { markFresh, markUntilRun } from "./stale.js";
 import { hasAngle, numbers, OPERATIONS } from "./sweep.js";
 import { valueAt } from "./case.js";
 
@@ -31,7 +32,8 @@ export class MapPicture {
     this.panel = element("section.panel", { hidden: true, "aria-label": "Picture" });
     this.panel.append(this.heading, this.bar, this.words, this.plot, this.counts);
     this.showCell = buildCellChoice(this.cell);
-    root.append(this.panel, this.cell);
+    this.root = element("div.column", {}, this.panel, this.cell);
+    root.append(this.root);
   }
 
   /** Begin with a map, none of whose cells are there yet. */
@@ -43,6 +45,7 @@ export class MapPicture {
     this.bar.removeAttribute("value");
     this.heading.textContent = titleOf(map, this.#axes);
     this.words.textContent = "Waiting for the service ...";
+    this.compare(true, true);
   }
 
   /** Show how far the job is. */
@@ -57,12 +60,27 @@ export class MapPicture {
   /** Show how the job has ended. */
   tellEnd(job) {
     this.words.textContent = endWords(job);
+    this.bar.max = job.counts.total;
+    this.bar.value = job.counts.done;
   }
 
-  /** Draw what is there of the cells. */
-  async showCells(cells) {
+  /** Show that the service is away. */
+  tellLost(error) {
+    this.words.textContent = `${error.message} It is tried again until it does.`;
+  }
+
+  /** Mark what is shown as that of the inputs, or of those before; take it away where a field is not accepted. */
+  compare(isSame, isAccepted) {
+    const parts = [this.panel, this.cell];
+    this.root.hidden = !isAccepted;
+    if (isSame || !isAccepted) markFresh(...parts);
+    else markUntilRun(...parts);
+  }
+
+  /** Draw what is there of the cells, and of a coarse grid where there are none yet. */
+  async showCells(cells, rough = []) {
     const { operation } = this.#map;
-    const lines = hasAngle(this.#map) ? "greatest depth of the nose tip [mm]" : "critical angle [°]";
+    const lines = QUANTITIES[operation]?.label.toLowerCase() ?? "greatest depth of the nose tip [mm]";
     this.counts.textContent = `${countWords(operation, cells)}. Lines: ${lines}.`;
     this.cell.hidden = false;
     this.showCell(this.#map, this.#axes, cells);
@@ -77,7 +95,7 @@ export class MapPicture {
     };
     const isNew = !this.plot.querySelector(".drawing");
     const here = this.#axes.map(({ field }) => shownValue(fieldAt(field), this.#map.values));
-    const traces = mapTraces(operation, this.#axes, cells, this.#room(), here);
+    const traces = mapTraces(operation, this.#axes, cells, rough, this.#room(), here);
     const drawn = await draw(this.plot, traces, mapLayout(this.#axes), about);
     this.pick = (point) => {
       const [column, row] = [this.#axes[0].shown.indexOf(point.x), this.#axes[1].shown.indexOf(point.y)];
@@ -109,6 +127,8 @@ function shownAxis(axis) {
 function titleOf(map, [x, y]) {
   const isVaried = [map.x, map.y].some(({ field }) => field === "impact.oblique_angle_deg");
   const angle = valueAt(map.values, "impact.oblique_angle_deg");
-  const what = hasAngle(map) ? (isVaried ? "Outcome" : `Outcome at ${angle}°`) : OPERATIONS[map.operation].label;
+  const { label } = OPERATIONS[map.operation];
+  const named = label.replace(/ at an angle$/, "");
+  const what = hasAngle(map) && !isVaried ? `${named} at ${angle}°` : named;
   return `${what} over ${x.label.toLowerCase()} and ${y.label.toLowerCase()}`;
 }

@@ -1,6 +1,6 @@
 // The picture of a map: colours for what was asked, contour lines over it, a mark where there is no angle.
 
-import { cellWords, ENDINGS, rareWarnings, warningWords } from "./map-cells.js";
+import { cellWords, ENDINGS, QUANTITIES, rareWarnings, warningWords } from "./map-cells.js";
 
 // Viridis from a quarter on, so that dark lines and words can be read upon all of it.
 const COLOURS = ["#3b528b", "#2c728e", "#21918c", "#28ae80", "#5ec962", "#addc30", "#fde725"];
@@ -12,14 +12,16 @@ const PAPER = "#e8eaed"; // below the marks of the legend, in either theme
 /**
  * Return the traces of a map for Plotly.
  *
- * @param {"cra"|"trajectory"} operation
+ * @param {keyof QUANTITIES|"trajectory"} operation
  * @param {{label: string, unit: string, shown: number[]}[]} axes across and up, values as shown
  * @param {object[]} cells row by row; those without a result are missing
+ * @param {object[]} rough likewise, what is nearest of a coarse grid: its colours are shown where there is no result yet
  * @param {number} room for the mark of a cell [px]
  * @param {number[]} here where the case itself is, as shown; one that is not on the map has no mark
  */
-export function mapTraces(operation, [x, y], cells, room, here) {
-  const rows = (value) => y.shown.map((_, row) => x.shown.map((_, column) => value(cells[row * x.shown.length + column])));
+export function mapTraces(operation, [x, y], cells, rough, room, here) {
+  const cellAt = (index) => cells[index] ?? rough[index];
+  const rows = (value) => y.shown.map((_, row) => x.shown.map((_, column) => value(cellAt(row * x.shown.length + column))));
   const place = { x: x.shown, y: y.shown };
   const rare = rareWarnings(cells);
   const words = y.shown.map((up, row) =>
@@ -29,9 +31,10 @@ export function mapTraces(operation, [x, y], cells, room, here) {
       return `${format(across)} ${x.unit}, ${format(up)} ${y.unit}<br>${cellWords(operation, cell)}${warnings.join("")}`;
     }),
   );
-  const surface = operation === "cra" ? angles : outcomes;
   const hover = { text: words, hovertemplate: "%{text}<extra></extra>", hoverongaps: true };
-  return [...surface(place, rows, hover), ...marks(operation, [x, y], cells, room), ...warned([x, y], cells, room, rare), ...youAreHere([x, y], here)];
+  const quantity = QUANTITIES[operation];
+  const surface = quantity ? amounts(place, rows, hover, quantity) : outcomes(place, rows, hover);
+  return [...surface, ...marks(operation, [x, y], cells, room), ...warned([x, y], cells, room, rare), ...youAreHere([x, y], here)];
 }
 
 /** Return the layout of a map for Plotly. */
@@ -58,11 +61,12 @@ function ends(shown) {
   return [low - half, high + half];
 }
 
-function angles(place, rows, hover) {
-  const z = rows((cell) => cell?.angle ?? null);
-  const bar = { title: { text: "Critical angle [°]", side: "right" }, thickness: 12 };
+function amounts(place, rows, hover, { label, of, factor }) {
+  const has = (cell) => cell && of(cell) !== undefined;
+  const z = rows((cell) => (has(cell) ? factor * of(cell) : null));
+  const bar = { title: { text: label, side: "right" }, thickness: 12 };
   return [
-    { ...place, type: "heatmap", z: rows((cell) => (cell && cell.angle === undefined ? 0 : null)), ...flat(NO_ANGLE) },
+    { ...place, type: "heatmap", z: rows((cell) => (cell && !has(cell) ? 0 : null)), ...flat(NO_ANGLE) },
     { ...place, type: "heatmap", z, colorscale: scale(COLOURS), colorbar: bar, ...hover },
     contours(place, z),
   ];

@@ -2,25 +2,51 @@
 
 import { isFinal, pause, resultsOf, statesOf } from "./job-progress.js";
 import { readCell } from "./map-cells.js";
-import { isLost } from "./service.js";
+import { ask, isLost } from "./service.js";
+import { quickSweep } from "./sweep.js";
 
 const REDRAW_MS = 300;
+
+/**
+ * Compute the cases of a map that are answered at once: all of a small one, a coarse grid of a large one.
+ *
+ * @returns {Promise<{cells: object[], isWhole: boolean}|undefined>} the nearest of them for each cell; undefined if there
+ *   are none such
+ */
+export async function quickMap(map, signal) {
+  const quick = quickSweep(map);
+  if (!quick) return undefined;
+  const { request, places, isWhole } = quick;
+  const { results } = (await ask(request.path, { body: request.body, signal })).data;
+  if (!results) return undefined; // a job: this service answers fewer at once
+  const found = results.map(readCell);
+  const nearest = (count, some) => Array.from({ length: count }, (_, i) => indexOfNearest(some, i));
+  const [columns, rows] = [nearest(map.x.count, places.x), nearest(map.y.count, places.y)];
+  return { isWhole, cells: rows.flatMap((row) => columns.map((column) => found[row * places.x.length + column])) };
+}
+
+function indexOfNearest(places, place) {
+  const distances = places.map((each) => Math.abs(each - place));
+  return distances.indexOf(Math.min(...distances));
+}
 
 /**
  * Follow the job of a map.
  *
  * @param {object} map with its job
- * @param {{onProgress: (job: object) => void, onCells: (cells: object[]) => Promise<void>}} listeners called whenever the
- *   job has changed, and of the cells, row by row, whenever there are more; those without a result are missing
+ * @param {{onProgress: (job: object) => void, onCells: (cells: object[]) => Promise<void>,
+ *   onLost: (error: Error) => void}} listeners called whenever the job has changed, and of the cells, row by row, whenever
+ *   there are more; those without a result are missing; `onLost` whenever the service does not answer
  * @param {AbortSignal} signal
+ * @param {object[]} known cells that are there already
  * @returns {Promise<object>} the job at its end
  */
-export async function followMap(map, { onProgress, onCells }, signal) {
-  const cells = new Array(map.x.count * map.y.count).fill(undefined);
+export async function followMap(map, { onProgress, onCells, onLost }, signal, known = []) {
+  const cells = Array.from({ length: map.x.count * map.y.count }, (_, i) => known[i]);
   const ready = resultsOf(map.job, signal);
   let job;
   const follow = async () => {
-    for await (job of statesOf(map.job, signal)) {
+    for await (job of statesOf(map.job, signal, onLost)) {
       if (job.operation !== map.operation || job.counts.total !== cells.length) {
         throw new Error("The job is that of another map. Run this one.");
       }
@@ -37,6 +63,7 @@ export async function followMap(map, { onProgress, onCells }, signal) {
           for await (const items of ready()) for (const item of items) cells[item.index] = readCell(item);
         } catch (error) {
           if (!isLost(error)) throw error;
+          onLost(error);
           [known, isLast] = [undefined, false]; // the rest once the service is back
         }
         await onCells(cells);

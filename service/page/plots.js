@@ -1,7 +1,7 @@
 // A thin layer over Plotly: colours of the theme, downloads, words for those who do not see the picture.
 
 import { element, save } from "./elements.js";
-import { HEAD_PX, fileName, withHeader, withTitle } from "./exports.js";
+import { fileName, headPx, withHeader, withTitle } from "./exports.js";
 import { locate } from "./service.js";
 import { themeChanges } from "./theme.js";
 
@@ -111,7 +111,7 @@ async function savePicture(root, format) {
   const { width, height } = plot.getBoundingClientRect();
   const layout = withTitle({ ...plot.layout, paper_bgcolor: colour("panel") }, about);
   const picture = { data: traces, layout, config: {} };
-  const url = await window.Plotly.toImage(picture, { format, width, height: height + HEAD_PX, scale: format === "png" ? 2 : 1 });
+  const url = await window.Plotly.toImage(picture, { format, width, height: height + headPx(about), scale: format === "png" ? 2 : 1 });
   const content = url.slice(url.indexOf(",") + 1);
   if (format === "svg") save(decodeURIComponent(content), `${fileName(about)}.svg`, "image/svg+xml");
   else save(Uint8Array.from(atob(content), (byte) => byte.charCodeAt(0)), `${fileName(about)}.png`, "image/png");

@@ -1,7 +1,7 @@
 // Inputs that scatter: their distributions, what is usual, and how they stand in a request and in an address.
 
 import { valueAt } from "./case.js";
-import { nodeAt } from "./contract.js";
+import { nodeAt, usualScatter } from "./contract.js";
 import { fieldAt, numericFields } from "./fields.js";
 
 const RESIDUAL = { path: "resistance.strength_residual", label: "Factor on the strength factor", unit: "", factor: 1 };
@@ -33,20 +33,18 @@ export const DISTRIBUTIONS = {
   },
 };
 
-const normal = (spread) => ({ type: "normal", given: { coefficient_of_variation: spread } });
-/** What usually scatters how much; `note` says between what that lies. */
-const PRESETS = {
-  "impact.velocity_m_s": { ...normal(0.02), note: "Usually scatters by 1 to 5 %." },
-  "target.compressive_strength_pa": { type: "lognormal", given: { dispersion: 0.12 }, note: "Usually scatters by 10 to 15 %." },
-  "target.density_kg_m3": normal(0.02),
-  "projectile.mass_kg": normal(0.005),
-  "impact.angle_of_attack_deg": { type: "normal", given: { standard_deviation: 1 }, note: "Usually scatters by about 1°." },
-  "resistance.free_surface.model": { type: "discrete", given: { elastic_plastic: 0.8, mohr_coulomb: 0.2 } },
+const NOTES = {
+  "impact.velocity_m_s": "Usually scatters by 1 to 5 %.",
+  "target.compressive_strength_pa": "Usually scatters by 10 to 15 %.",
+  "impact.angle_of_attack_deg": "Usually scatters by about 1°.",
+};
+/** What is offered of inputs that do not scatter unless they are added. */
+const ADDED = {
   "resistance.strength_factor.model": { type: "discrete", given: { obliquity_polynomial: 0.5, published_tests: 0.5 } },
   [RESIDUAL.path]: { type: "lognormal", given: { dispersion: 0.1 } },
 };
-const MODELS = Object.keys(PRESETS).filter((path) => path.endsWith(".model"));
-const USUAL = Object.keys(PRESETS).slice(0, 6);
+const ANY = { type: "normal", given: { coefficient_of_variation: 0.05 } };
+const MODELS = ["resistance.free_surface.model", "resistance.strength_factor.model"];
 
 /** Return the fields of a case that may scatter. */
 export function scatterFields(values) {
@@ -63,18 +61,23 @@ export function inputField(path) {
 
 /** Return an input with what usually scatters of this field; 5 % where nothing is usual. */
 export function usualInput(field) {
-  const { type, given } = PRESETS[field] ?? normal(0.05);
+  const usual = usualScatter()[field];
+  const { type, given } = usual ? inputOf(usual) : (ADDED[field] ?? ANY);
   return { field, type, given };
 }
 
 /** Return a note on how much a field usually scatters; undefined where nothing is usual. */
 export function usualNote(field) {
-  return PRESETS[field]?.note;
+  return NOTES[field];
 }
 
 /** Return the inputs that usually scatter. */
 export function usualInputs() {
-  return USUAL.map(usualInput);
+  return Object.keys(usualScatter()).map(usualInput);
+}
+
+function inputOf({ type, values, weights, ...given }) {
+  return { type, given: values ? Object.fromEntries(values.map((value, i) => [value, weights[i]])) : given };
 }
 
 /**

@@ -6,11 +6,21 @@ const stale = new Set();
 
 /** Mark parts of a view as those of inputs before; said in the status line. */
 export function markStale(...parts) {
+  mark(parts);
+  say("Out of date. Computing ...");
+}
+
+/** Mark parts of a view that are computed only when they are run; said in the status line. */
+export function markUntilRun(...parts) {
+  mark(parts);
+  say("Out of date. Run again.");
+}
+
+function mark(parts) {
   for (const part of parts) {
     part.setAttribute("aria-busy", "true");
     stale.add(part);
   }
-  say("Out of date. Computing ...");
 }
 
 /** Take the marks away: the parts are of the inputs that are shown. */

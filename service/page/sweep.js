@@ -9,18 +9,22 @@ import { fieldAt } from "./fields.js";
 export const OPERATIONS = {
   cra: { label: "Critical angle", path: "cra/sweep" },
   trajectory: { label: "Outcome at an angle", path: "trajectory/sweep" },
+  thickness: { label: "Least thickness at an angle", path: "thickness/sweep" },
 };
+const AT_ONCE = 100; // cases that the service answers without a job
+const COARSE = 8; // rows and columns of what is seen of a large map first
+const THICKNESS = "target.thickness_m";
 const ANGLE = "impact.oblique_angle_deg";
 const USUAL = {
-  x: { field: "impact.velocity_m_s", start: 150, stop: 450, count: 15 },
-  y: { field: "target.compressive_strength_pa", start: 20e6, stop: 60e6, count: 15 },
+  x: { field: "impact.velocity_m_s", start: 150, stop: 450, count: 9 },
+  y: { field: "target.compressive_strength_pa", start: 20e6, stop: 60e6, count: 9 },
 };
 
 /**
  * Return the map of a query.
  *
  * @param {URLSearchParams} query
- * @returns {{values: object, operation: "cra"|"trajectory", x: Axis, y: Axis, job: string}} `values` is the case that
+ * @returns {{values: object, operation: keyof OPERATIONS, x: Axis, y: Axis, job: string}} `values` is the case that
  *   every point has but for its two fields; an axis has `field`, `start` and `stop` in SI units, and `count`
  */
 export function readMap(query) {
@@ -60,18 +64,44 @@ export function mapQuery({ values, operation, x, y, job }) {
 
 /** Return the path of the sweep, and its body: row by row, from left to right. */
 export function sweepRequest({ values, operation, x, y }) {
-  const base = operation === "cra" ? angleRequest(values) : trajectoryRequest(values);
-  return { path: OPERATIONS[operation].path, body: { base, axes: [y, x] } };
+  return { path: OPERATIONS[operation].path, body: { base: BASES[operation](values), axes: [y, x] } };
+}
+
+const BASES = {
+  cra: (values) => angleRequest(values),
+  trajectory: (values) => trajectoryRequest(values),
+  thickness: ({ projectile, target, impact, resistance }) => withValue({ projectile, target, impact, resistance }, THICKNESS),
+};
+
+/**
+ * Return a map of so few cases that they are answered at once; undefined if they never are.
+ *
+ * @returns {{request: object, places: {x: number[], y: number[]}, isWhole: boolean}|undefined} `places` are the columns
+ *   and rows of the map that are computed, from both ends evenly; `isWhole` if they are all
+ */
+export function quickSweep(map) {
+  if (map.operation === "thickness") return undefined; // a case counts as 20
+  const isWhole = map.x.count * map.y.count <= AT_ONCE;
+  const [x, y] = [map.x, map.y].map(({ count }) => evenly(count, isWhole ? count : COARSE));
+  const axis = (side, places) => ({ field: side.field, values: places.map((place) => numbers(side)[place]) });
+  const request = sweepRequest({ ...map, x: axis(map.x, x), y: axis(map.y, y) });
+  return { request, places: { x, y }, isWhole };
+}
+
+function evenly(count, most) {
+  if (count <= most) return Array.from({ length: count }, (_, i) => i);
+  return Array.from({ length: most }, (_, i) => Math.round((i * (count - 1)) / (most - 1)));
 }
 
 /** Tell whether the cases of a map have an oblique angle. */
 export function hasAngle({ operation }) {
-  return operation === "trajectory";
+  return operation !== "cra";
 }
 
 /** Tell whether an axis may be laid along a field: a critical angle has no angle to vary. */
 export function isVariable(map, field) {
   const [part] = field.split(".");
+  if (map.operation === "thickness" && field === THICKNESS) return false; // it is what is sought
   return hasAngle(map) ? part !== "search" : field !== ANGLE;
 }
 

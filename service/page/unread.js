@@ -1,15 +1,23 @@
 // Parameters of an address that the page does not understand: named, so that nobody takes the case for another.
 
 import { readCase, readParameter } from "./address.js";
+import { MOST_PINS } from "./compare.js";
 import { element } from "./elements.js";
 import { readInputs } from "./scatter.js";
 import { OPERATIONS, readAxis } from "./sweep.js";
 
 const isNumber = (text) => text !== "" && Number.isFinite(Number(text));
+/** A pinned strike is a query within the query; those after the last that is taken are left out. */
+const isPin = (text, query) => {
+  const pinned = [...new URLSearchParams(text)];
+  const values = readCase(new URLSearchParams(text));
+  const isTaken = query.getAll("pin").indexOf(text) < MOST_PINS;
+  return isTaken && pinned.every(([name, given]) => readParameter(name, given, values) !== undefined);
+};
 const isAxis = (text) => readAxis(text) !== undefined;
 /** Parameters of views beside those of the case, each with what can be read. */
 const OWN = {
-  explore: { time_ms: isNumber },
+  explore: { time_ms: isNumber, pin: isPin },
   "critical-angle": { offset_deg: isNumber },
   "how-sure": {
     scatter: (text) => readInputs(new URLSearchParams({ scatter: text })) !== undefined,
@@ -25,7 +33,7 @@ const OWN = {
 /** Return a note that names the parameters of an address that cannot be read; undefined if there are none. */
 export function unreadNote(view, query) {
   const values = readCase(query);
-  const isRead = ([name, text]) => (name in OWN[view] ? OWN[view][name](text) : readParameter(name, text, values) !== undefined);
+  const isRead = ([name, text]) => (name in OWN[view] ? OWN[view][name](text, query) : readParameter(name, text, values) !== undefined);
   const unread = [...query].filter((each) => !isRead(each)).map(([name, text]) => `${name}=${text}`);
   if (!unread.length) return undefined;
   return element("p.warning.unread", { role: "alert" }, `Not understood in the address, and left out: ${unread.join(", ")}.`);

@@ -12,17 +12,21 @@ from service.schemas.resistance import FreeSurfaceModel
 from service.schemas.strike import STRIKE, ObliqueAngle, Strike
 from solver import ParameterError
 
-SPREADS: dict[str, dict[str, float]] = {
-    "impact.velocity_m_s": {"coefficient_of_variation": 0.02},
-    "target.density_kg_m3": {"coefficient_of_variation": 0.02},
-    "projectile.mass_kg": {"coefficient_of_variation": 0.005},
-    "impact.angle_of_attack_deg": {"standard_deviation": 1.0},
+USUAL_SCATTER: dict[str, dict[str, Any]] = {
+    "impact.velocity_m_s": {"type": "normal", "coefficient_of_variation": 0.02},
+    "target.compressive_strength_pa": {"type": "lognormal", "dispersion": 0.12},
+    "target.density_kg_m3": {"type": "normal", "coefficient_of_variation": 0.02},
+    "projectile.mass_kg": {"type": "normal", "coefficient_of_variation": 0.005},
+    "impact.angle_of_attack_deg": {"type": "normal", "standard_deviation": 1.0},
+    "resistance.free_surface.model": {
+        "type": "discrete",
+        "values": [FreeSurfaceModel.ELASTIC_PLASTIC.value, FreeSurfaceModel.MOHR_COULOMB.value],
+        "weights": [0.8, 0.2],
+    },
 }
-"""Usual scatter of inputs that are normally distributed around the value of the case."""
-STRENGTH_DISPERSION = 0.12
-"""Usual standard deviation of the logarithm of the compressive strength. [1]"""
-DECAY_WEIGHTS = {FreeSurfaceModel.ELASTIC_PLASTIC: 0.8, FreeSurfaceModel.MOHR_COULOMB: 0.2}
-"""Weights of the two theories of the decay. [1]"""
+"""Distributions of the inputs that usually scatter, around the value of the case; the page takes them from here."""
+CENTRES = {"normal": "mean", "lognormal": "median"}
+"""Parameter of a distribution that is the value of the case."""
 
 
 class ReportedStrike(Strike):
@@ -63,18 +67,12 @@ class ReportRequest(CriticalAngleRequest):
         """
         case = self.model_dump(mode="json")
         found = []
-        for field, spread in SPREADS.items():
-            part, name = field.split(".")
-            found.append({"field": field, "distribution": {"type": "normal", "mean": case[part][name], **spread}})
-        strength = {"type": "lognormal", "median": self.target.compressive_strength_pa}
-        found.insert(
-            1,
-            {
-                "field": "target.compressive_strength_pa",
-                "distribution": strength | {"dispersion": STRENGTH_DISPERSION},
-            },
-        )
-        if self.resistance.free_surface.model in DECAY_WEIGHTS:
-            laws = {"values": [law.value for law in DECAY_WEIGHTS], "weights": list(DECAY_WEIGHTS.values())}
-            found.append({"field": "resistance.free_surface.model", "distribution": {"type": "discrete", **laws}})
+        for field, usual in USUAL_SCATTER.items():
+            value: Any = case
+            for name in field.split("."):
+                value = value[name]
+            if usual["type"] in CENTRES:
+                found.append({"field": field, "distribution": usual | {CENTRES[usual["type"]]: value}})
+            elif value in usual["values"]:
+                found.append({"field": field, "distribution": usual})
         return found

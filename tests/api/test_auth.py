@@ -309,6 +309,7 @@ def opens(client: httpx.Client, path: str) -> bool:
         ("GET", "/livez", None),
         ("GET", "/docs/assets/swagger-ui.css", None),
         ("GET", "/page/main.js", None),
+        ("GET", "/page/contract.json", None),
         ("GET", "/metrics", "read"),
         ("GET", "/page", "read"),
         ("GET", "/livez/", "read"),

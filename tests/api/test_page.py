@@ -10,6 +10,7 @@ import httpx
 import pytest
 
 from service.api.page import FOLDER, MAP_STYLE, NO_STYLE, plotly_folder
+from service.schemas.reports import USUAL_SCATTER
 
 PLOTLY = "page/plotly/plotly.min.js"
 FILES = sorted(path.relative_to(FOLDER).as_posix() for path in FOLDER.rglob("*") if path.is_file())
@@ -92,6 +93,29 @@ def test_no_file_names_another_host() -> None:
     for name in FILES:
         text = (FOLDER / name).read_text("utf-8").replace('xmlns="http://www.w3.org/2000/svg"', "")
         assert not re.search(r"https?://|[\"'`]//", text), name
+
+
+@pytest.mark.parametrize("address", ["/", "/page/main.js", f"/{PLOTLY}", "/page/contract.json"])
+def test_page_is_compressed_for_those_who_accept_it(client: httpx.Client, address: str) -> None:
+    answer = client.get(address, headers={"Accept-Encoding": "gzip"})
+    assert answer.headers["Content-Encoding"] == "gzip"
+    assert int(answer.headers["Content-Length"]) < 0.6 * len(answer.content)
+    assert_guarded(answer)
+    again = client.get(address, headers={"Accept-Encoding": "gzip", "If-None-Match": answer.headers["ETag"]})
+    assert again.status_code == 304
+    assert again.content == b""
+
+
+def test_page_is_sent_as_it_is_to_others(client: httpx.Client) -> None:
+    answer = client.get("/page/main.js", headers={"Accept-Encoding": "identity"})
+    assert "Content-Encoding" not in answer.headers
+    assert answer.headers["Vary"] == "Accept-Encoding"
+    assert answer.content == (FOLDER / "main.js").read_bytes()
+
+
+def test_page_takes_the_schemas_of_the_contract(client: httpx.Client) -> None:
+    schemas = client.get("/openapi.json").json()["components"]["schemas"]
+    assert client.get("/page/contract.json").json() == {"schemas": schemas, "usual_scatter": USUAL_SCATTER}
 
 
 def test_plotly_is_the_installed_one(client: httpx.Client) -> None:

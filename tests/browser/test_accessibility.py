@@ -14,6 +14,7 @@ from .conftest import NewPage
 
 KEEPS_OUT = {"serious", "critical"}
 OPTIONS = {"resultTypes": ["violations"]}
+COMPARED = "explore?impact.velocity_m_s=300&pin=&pin=projectile.mass_kg%3D16"
 SMALL_MAP = "#/map?x=impact.velocity_m_s,150,240,3&y=target.compressive_strength_pa,39e6,60e6,3"
 STUDY_MS = 180_000
 
@@ -45,13 +46,15 @@ def open_view(page: Page, view: str) -> None:
         page.get_by_role("button", name="Run").click()
         expect(page.locator("#study-progress")).to_have_text("Done.", timeout=STUDY_MS)
         page.get_by_text("Sampling", exact=True).click()
+    if view == COMPARED:
+        expect(page.get_by_role("group", name="Table of differences")).to_be_visible()
     if view in ("jobs", "walls"):
         expect(page.get_by_role("table")).to_be_visible()
     else:
         expect(page.locator(".drawing .main-svg").first).to_be_visible()
 
 
-@pytest.mark.parametrize("view", ["explore", "critical-angle", "how-sure", "walls", "map", "jobs"])
+@pytest.mark.parametrize("view", ["explore", COMPARED, "critical-angle", "how-sure", "walls", "map", "jobs"])
 @pytest.mark.parametrize("theme", ["light", "dark"])
 @pytest.mark.usefixtures("job")
 def test_no_serious_violation(new_page: NewPage, theme: Literal["light", "dark"], view: str) -> None:
@@ -66,7 +69,7 @@ def test_violations_are_noticed(page: Page) -> None:
     assert [fault.partition(":")[0] for fault in violations(page)] == ["select-name"]
 
 
-@pytest.mark.parametrize("view", ["explore", "critical-angle", "how-sure", "map", "jobs"])
+@pytest.mark.parametrize("view", ["explore", COMPARED, "critical-angle", "how-sure", "map", "jobs"])
 @pytest.mark.usefixtures("job")
 def test_narrow_window_needs_no_sideways_scrolling(new_page: NewPage, view: str) -> None:
     page = new_page(width=380, height=800)

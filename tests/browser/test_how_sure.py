@@ -164,17 +164,22 @@ def test_explore_says_how_sure_once_a_study_of_the_case_is_there(page: Page) -> 
     wait(page)
     headline = page.locator(".angle").inner_text()
     page.get_by_role("link", name="Explore").click()
-    sure = page.locator(".sure")
-    expect(sure).to_contain_text(headline)
+    spread = page.get_by_role("group", name="Spread")
+    expect(spread).to_contain_text(headline)
     page.get_by_role("slider", name="Speed").fill("250")
-    expect(sure).to_be_empty()
+    expect(spread).to_contain_text("256 searches")
+    expect(spread).not_to_contain_text(headline)
     page.get_by_role("slider", name="Speed").fill("238")
-    expect(sure).to_contain_text(headline)
+    expect(spread).to_contain_text(headline)
 
 
 def test_study_that_is_stopped_while_it_is_submitted_leaves_no_job_running(page: Page) -> None:
     held: list[Route] = []
-    page.route("**/cra/uncertainty", lambda route: held.append(route))  # noqa: PLW0108 (Playwright marks the function)
+
+    def hold(route: Route) -> None:
+        held.append(route)
+
+    page.route("**/cra/uncertainty", hold)
     with page.expect_request("**/cra/uncertainty"):
         page.goto(f"/#/how-sure?{TWO}&sampling.half_width=0.0001&sampling.max_samples=4096&sampling.seed=4")
     page.get_by_role("button", name="Stop").click()
@@ -195,3 +200,21 @@ def test_study_is_stopped_and_a_changed_form_gives_it_up(page: Page) -> None:
     page.get_by_label("Dispersion").fill("0.2")
     expect(stop).to_be_disabled()
     expect(page).to_have_url(re.compile("dispersion%3A0.2"))
+
+
+def test_numbers_of_inputs_before_are_marked_until_they_are_run_again(page: Page) -> None:
+    page.goto(f"/#/how-sure?{TWO}&sampling.max_samples=1024")
+    wait(page)
+    stale = page.locator("[aria-busy=true]").filter(has=page.locator(".angle"))
+    dispersion = page.get_by_label("Dispersion")
+    dispersion.fill("0.2")
+    expect(stale).to_have_count(1)
+    expect(page.locator("#status")).to_have_text("Out of date. Run again.")
+    run(page)
+    expect(stale).to_have_count(0)
+    page.get_by_text("The case", exact=True).click()
+    page.get_by_label("Speed", exact=True).fill("-5")
+    expect(page.locator(".angle")).to_be_hidden()
+    expect(page.get_by_role("button", name="Run")).to_be_disabled()
+    page.get_by_label("Speed", exact=True).fill("240")
+    expect(page.get_by_role("button", name="Run")).to_be_enabled()

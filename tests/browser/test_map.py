@@ -7,7 +7,10 @@ from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
 import httpx
+import pytest
 from playwright.sync_api import Page, expect
+
+from service.schemas.examples import PAPER
 
 from .downloads import data_lines
 
@@ -134,12 +137,13 @@ def test_map_names_its_colours_and_marks_the_case_itself(page: Page) -> None:
     assert place == [238, 13]
 
 
-def test_map_goes_on_once_the_service_is_back(page: Page, faults: list[str]) -> None:
+def test_map_says_that_the_service_is_away_and_goes_on_once_it_is_back(page: Page, faults: list[str]) -> None:
     open_map(page, x="impact.velocity_m_s,238,300,2", y="projectile.mass_kg,13,14,3", rest="")
-    page.route("**/jobs/*/results?*", lambda route: route.abort())
-    with page.expect_event("requestfailed"):
-        page.get_by_role("button", name="Run").click()
-    page.unroute("**/jobs/*/results?*")
+    page.route("**/jobs/**", lambda route: route.abort())
+    page.get_by_role("button", name="Run").click()
+    expect(page.locator("#map-progress")).to_have_text("The service does not answer. It is tried again until it does.")
+    page.unroute("**/jobs/**")
+    expect(page.locator("#map-progress")).to_have_text("All 6 cases are computed.")
     expect(page.locator("#map-counts")).to_contain_text("6 with an angle")
     assert all("ERR_FAILED" in fault for fault in faults)
     faults.clear()
@@ -152,3 +156,64 @@ def test_map_whose_job_is_gone_says_so_and_can_be_run_again(page: Page, faults: 
     expect(page.locator("#map-progress")).to_have_text("All 6 cases are computed.")
     assert all("404" in fault for fault in faults)
     faults.clear()
+
+
+def test_map_opens_with_a_small_one_without_a_job(page: Page, client: httpx.Client) -> None:
+    before = client.get("/jobs").json()["jobs"]
+    page.goto("/#/map?impact.velocity_m_s=260")
+    expect(page.locator("#map-progress")).to_have_text("All 81 cases are computed.")
+    angles = heat(page, 1)
+    assert (len(angles), len(angles[0])) == (9, 9)
+    body = PAPER | {"impact": {"velocity_m_s": 150.0}, "target": PAPER["target"] | {"compressive_strength_pa": 20e6}}
+    assert angles[0][0] == client.post("/cra", json=body).json()["critical_angle_deg"]
+    assert client.get("/jobs").json()["jobs"] == before
+    expect(page.locator(".map .drawing")).to_contain_text("you are here")
+
+
+def test_large_map_is_seen_coarse_before_it_is_fine(page: Page) -> None:
+    open_map(page, x="impact.velocity_m_s,207,397,20", y="target.compressive_strength_pa,32e6,51e6,20")
+    page.route("**/jobs/*/results?*", lambda route: route.abort())
+    page.get_by_role("button", name="Run").click()
+    expect(page.locator(".map .drawing .hm image").first).to_be_visible()
+    coarse = heat(page, 1)
+    assert len({value for row in coarse for value in row}) <= 64
+    assert all(value is not None for row in coarse for value in row)
+    page.unroute("**/jobs/*/results?*")
+    expect(page.locator("#map-progress")).to_have_text("All 400 cases are computed.", timeout=ALL_DONE_MS)
+    expect(page.locator("#map-counts")).to_contain_text("400 with an angle")
+    fine = heat(page, 1)
+    assert len({value for row in fine for value in row}) > 64
+    assert fine[0][0] == pytest.approx(coarse[0][0], abs=1.0)
+    assert fine[-1][-1] == pytest.approx(coarse[-1][-1], abs=1.0)
+
+
+def test_map_of_least_thickness_is_that_of_the_service(page: Page, client: httpx.Client, tmp_path: Path) -> None:
+    page.goto("/#/map?operation=thickness&x=impact.velocity_m_s,200,300,2&y=impact.oblique_angle_deg,0,30,2")
+    page.get_by_role("button", name="Run").click()
+    expect(page.locator("#map-progress")).to_have_text("All 4 cases are computed.", timeout=ALL_DONE_MS)
+    expect(page.locator("#map-counts")).to_contain_text("4 with a thickness")
+    expect(page.locator(".map .drawing")).to_contain_text("Least thickness [mm]")
+    results = client.get(f"/jobs/{job_of(page)}/results").json()["results"]
+    thickness = [1e3 * item["result"]["least_thickness_m"] for item in results]
+    assert heat(page, 1) == [pytest.approx(thickness[:2]), pytest.approx(thickness[2:])]
+    expect(page.get_by_role("region", name="One case").get_by_role("status")).to_contain_text("stopped by")
+    with page.expect_download() as download:
+        page.get_by_role("button", name="Download the data").click()
+    download.value.save_as(tmp_path / "map.csv")
+    rows = list(csv.DictReader(data_lines(tmp_path / "map.csv")))
+    assert [1e3 * float(row["least_thickness_m"]) for row in rows] == pytest.approx(thickness)
+
+
+def test_map_of_inputs_before_is_marked(page: Page) -> None:
+    page.goto("/#/map?x=impact.velocity_m_s,230,300,2&y=projectile.mass_kg,12,14,2")
+    expect(page.locator("#map-progress")).to_have_text("All 4 cases are computed.")
+    picture = page.get_by_role("region", name="Picture")
+    stop = page.get_by_role("group", name="Horizontal axis").get_by_label("To")
+    for value, marked in (("310", 1), ("300", 0)):
+        stop.fill(value)
+        expect(page.locator("[aria-busy=true]").filter(has=page.locator(".map"))).to_have_count(marked)
+    expect(picture).to_be_visible()
+    stop.fill("310")
+    page.get_by_role("button", name="Run").click()
+    expect(page.locator("#map-progress")).to_have_text("All 4 cases are computed.")
+    expect(page.locator("[aria-busy=true]")).to_have_count(0)

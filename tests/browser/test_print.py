@@ -41,7 +41,7 @@ def test_view_prints_black_on_white_without_controls(new_page: NewPage, view: st
 
 def test_report_opens_in_a_new_tab_with_its_style(page: Page) -> None:
     page.goto("/#/explore?search.lower_deg=44&search.upper_deg=54&search.tolerance_deg=0.5&impact.oblique_angle_deg=50")
-    expect(page.locator(".outcome")).to_be_visible()
+    expect(page.locator("[data-outcome]")).to_be_visible()
     with page.expect_popup() as opened:
         page.get_by_role("button", name="Report", exact=True).click()
     report = opened.value

@@ -112,7 +112,7 @@ export async function show(root, query) {
     onRefuse: refuse,
   });
   parts.copy.append(copyButtons(form.currentCase));
-  parts.problem.before(reportButton(() => angleRequest(form.currentCase()), fail));
+  parts.problem.before(element("p.actions", {}, reportButton(() => angleRequest(form.currentCase()), fail)));
   parts.offset.addEventListener("change", () => {
     markStale(...parts.sides);
     if (foundFor === form.currentCase()) askSides(foundFor);

@@ -1,8 +1,9 @@
 // Explore: one strike, as its fields are changed.
 
-import { caseQuery, readCase, replaceAddress } from "../address.js";
+import { address, caseOf, caseQuery, readAddress, readCase, replaceAddress } from "../address.js";
 import { alternativesTable, askAngles, askOutcomes } from "../alternatives.js";
 import { Answer, MODEL_FIELDS } from "../answer.js";
+import { Compare, readPins, writePins } from "../compare.js";
 import { copyButtons } from "../copy-as.js";
 import { element } from "../elements.js";
 import { buildFold } from "../fold.js";
@@ -15,9 +16,10 @@ import { reportButton } from "../report.js";
 import { askRun, rowAt } from "../run.js";
 import { buildScrubber } from "../scrubber.js";
 import { Problem, isLost } from "../service.js";
-import { drawSideView, moveOutline } from "../side-view.js";
+import { drawSideView, markCritical, moveOutline } from "../side-view.js";
 import { clearParts, markFresh, markStale } from "../stale.js";
-import { tellRun, tellWarnings } from "../words.js";
+import { TurnHandle } from "../turn-handle.js";
+import { outcomeShown, tellRun, tellWarnings } from "../words.js";
 
 const ABOUT =
   "A rigid projectile strikes concrete at a slant: below the critical angle, measured from the normal, it digs in, above it is " +
@@ -35,11 +37,20 @@ class Explore {
   constructor(root, query) {
     this.laws = buildFold("Under other laws", element("div.laws-table"), (...given) => this.showLaws(...given), (error) => this.fail(error));
     const fail = (error) => this.fail(error);
-    this.answer = new Answer({ onError: fail, onAngle: () => this.showWarnings() });
-    const parts = build(root, this.answer.root, this.laws.root);
+    this.answer = new Answer({ onError: fail, onAngle: (_, values) => this.showAngle(values) });
+    this.compare = new Compare(readPins(query), { currentCase: () => this.form.currentCase(), onChange: () => this.changePins() });
+    const parts = build(root, this.answer.root, this.compare.root, this.laws.root);
     this.parts = parts;
     this.instant = query.has("time_ms") ? Number(query.get("time_ms")) / 1e3 : Infinity; // the last unless chosen
     this.askPicture = latest((values, signal) => this.showPicture(values, signal), fail);
+    this.handle = new TurnHandle(parts.side, {
+      onTurn: (angle) => this.form.setField("impact.oblique_angle_deg", angle),
+      onHold: () => this.holdRoom(true),
+      onRelease: () => {
+        this.holdRoom(false);
+        this.askPicture(this.form.currentCase()); // the axes fit again
+      },
+    });
     this.scrubber = buildScrubber(parts.scrubber, (row) => this.showInstant(row));
     this.form = buildForm(parts.form, {
       case: readCase(query),
@@ -49,14 +60,15 @@ class Explore {
       onRefuse: () => this.refuse(),
     });
     parts.copy.append(copyButtons(this.form.currentCase));
-    parts.problem.before(reportButton(this.form.currentCase, fail));
+    parts.problem.before(element("p.actions", {}, this.compare.button, reportButton(this.form.currentCase, fail)));
+    parts.presets.addEventListener("click", ({ target }) => this.keepPins(target));
     this.change(this.form.currentCase());
   }
 
   /** What belongs to this strike. */
   get ofStrike() {
     const { outcome, side, histories, warnings } = this.parts;
-    return [outcome, side, histories, warnings];
+    return [outcome, side, histories, warnings, ...(this.compare.pinned.length ? [this.compare.table] : [])];
   }
 
   change(values) {
@@ -78,22 +90,66 @@ class Explore {
 
   async showPicture(values, signal) {
     const { parts, changed: start } = this;
-    const run = await askRun(values, signal);
+    const [run] = await Promise.all([askRun(values, signal), this.compare.load(signal)]);
+    const runs = this.compare.withRuns(run);
     this.run = run;
     this.row = rowAt(run, this.instant);
     this.scrubber.setTimes(run.history.time_s, this.row);
-    await drawSideView(parts.side, [{ run, name: "Strike" }], this.row);
-    if (signal.aborted) return;
-    performance.measure("ricochet: side view", { start });
-    parts.outcome.replaceChildren(...tellRun(run));
+    parts.outcome.replaceChildren(...tellRun(run)); // the words do not wait for what draws
     this.showWarnings();
+    this.showDifferences();
+    this.handle.stay();
+    if (!this.askPicture.isBehind()) markFresh(parts.outcome, parts.warnings);
+    const marked = { critical: this.criticalOf(values), turns: true, isHeld: this.handle.isHeld };
+    if (!(await drawSideView(parts.side, runs, this.row, marked)) || signal.aborted) return;
+    const critical = this.criticalOf(values);
+    if (critical !== marked.critical) markCritical(parts.side, run, critical); // found while what draws was loaded
+    this.handle.follow(run, outcomeShown(run.outcome));
+    performance.measure("ricochet: side view", { start });
     if (this.askPicture.isBehind()) return;
-    markFresh(parts.outcome, parts.warnings, parts.side);
-    await drawHistories(parts.histories, run, this.row);
+    markFresh(parts.side);
+    await drawHistories(parts.histories, runs, this.row);
     if (signal.aborted || this.askPicture.isBehind()) return;
     markFresh(parts.histories);
     performance.measure("ricochet: histories", { start });
     listen(parts, (row) => this.scrubber.move(row));
+  }
+
+  showAngle(values) {
+    this.angleOf = values;
+    if (this.run?.values === values) markCritical(this.parts.side, this.run, this.criticalOf(values)); // else it is drawn with it
+    this.showWarnings();
+    this.showDifferences();
+  }
+
+  /** Keep what is above the side view from shrinking. */
+  holdRoom(isHeld) {
+    const panel = this.parts.outcome.parentElement;
+    panel.style.minHeight = isHeld ? `${panel.offsetHeight}px` : "";
+  }
+
+  /** Return the critical angle of a case, if it is known: it is the same at every oblique angle. */
+  criticalOf(values) {
+    return this.answer.isOf(values) ? this.answer.found.critical_angle_deg : undefined;
+  }
+
+  /** Show the table once it can be of the inputs: run and critical angle come by themselves. */
+  showDifferences() {
+    const values = this.form.currentCase();
+    if (!this.compare.pinned.length || this.run?.values !== values || this.angleOf !== values) return;
+    if (this.compare.show({ values, run: this.run, found: this.answer.found })) markFresh(this.compare.table);
+  }
+
+  changePins() {
+    const values = this.form.currentCase();
+    markStale(this.parts.side, this.parts.histories);
+    this.askPicture(values);
+    this.readdress();
+  }
+
+  /** Take what is pinned along to another case of this view. */
+  keepPins(link) {
+    if (link.hash) link.hash = address("explore", writePins(caseOf(readAddress(link.hash).query), this.compare.cases));
   }
 
   /** Show the warnings to this strike that are not among those to the critical angle. */
@@ -120,7 +176,7 @@ class Explore {
   }
 
   readdress() {
-    const query = caseQuery(this.form.currentCase());
+    const query = writePins(caseQuery(this.form.currentCase()), this.compare.cases);
     if (Number.isFinite(this.instant)) query.set("time_ms", Number((this.instant * 1e3).toPrecision(4)));
     replaceAddress("explore", query);
   }
@@ -151,7 +207,7 @@ class Explore {
   }
 }
 
-function build(root, answer, laws) {
+function build(root, answer, compare, laws) {
   const parts = {
     form: element("form", { "aria-label": "Case", onsubmit: (event) => event.preventDefault() }),
     copy: element("div", {}),
@@ -162,6 +218,7 @@ function build(root, answer, laws) {
     lost: element("p.problem", { role: "alert" }),
     scrubber: element("div.scrubber", {}),
     histories: element("div.histories", {}),
+    presets: presetLinks("explore"),
   };
   root.append(
     element("h1", {}, "Explore a strike"),
@@ -169,12 +226,13 @@ function build(root, answer, laws) {
     element(
       "div.sides",
       {},
-      element("div.panel", {}, presetLinks("explore"), parts.form),
+      element("div.panel", {}, parts.presets, parts.form),
       element(
         "div.pictures",
         {},
         answer,
         element("section.panel.across", { "aria-label": "Outcome" }, parts.problem, parts.outcome, parts.warnings),
+        compare,
         element("section.panel", {}, element("h2", {}, "Side view"), parts.lost, parts.side, parts.scrubber),
         element("section.panel", {}, element("h2", {}, "Histories"), parts.histories),
         laws,
@@ -189,6 +247,9 @@ function build(root, answer, laws) {
 function listen({ side, histories }, move) {
   for (const plot of [side, histories].map((each) => each.querySelector(".drawing"))) {
     plot.removeAllListeners("plotly_hover");
-    plot.on("plotly_hover", ({ points }) => move(points[0].pointIndex));
+    plot.on("plotly_hover", ({ points }) => {
+      const own = points.find(({ data }) => !data.meta); // not of a strike that is compared
+      if (own) move(own.pointIndex);
+    });
   }
 }

@@ -10,6 +10,7 @@ import { purge } from "../plots.js";
 import { readInputs, usualInputs, writeInput } from "../scatter.js";
 import { buildScatterForm } from "../scatter-form.js";
 import { isAbort } from "../service.js";
+import { markFresh, markUntilRun } from "../stale.js";
 import { askStudy } from "../study.js";
 import { drawCurve, drawTornado, sensitivityTable, tellStudy } from "../study-plots.js";
 import { tellWarnings } from "../words.js";
@@ -29,6 +30,7 @@ export async function show(root, query) {
 
 class HowSure {
   #work; // given up when the form changes
+  #isRefused = false; // whether a field of the case is not accepted
   #wrong = new Set(); // paths of sampling whose text is not accepted
 
   constructor(root, query) {
@@ -42,7 +44,12 @@ class HowSure {
       case: values,
       without: ["impact.oblique_angle_deg"],
       onChange: (changed) => {
+        this.#isRefused = false;
         this.scatter.setCase(changed);
+        this.#change();
+      },
+      onRefuse: () => {
+        this.#isRefused = true;
         this.#change();
       },
     });
@@ -78,13 +85,15 @@ class HowSure {
     this.#stop("");
     const { parts } = this;
     parts.problem.textContent = "";
+    const inputs = this.scatter.inputs();
+    const isRight = Boolean(inputs?.length) && !this.#wrong.size && !this.#isRefused;
+    parts.run.disabled = !isRight;
+    if (!isRight) parts.results.hidden = true; // nothing belongs to a field that is not accepted
     if (!parts.results.hidden) {
       parts.progress.textContent = "What is shown is of the inputs before. Run again.";
-      parts.results.setAttribute("aria-busy", "true");
+      markUntilRun(parts.results);
     }
-    const inputs = this.scatter.inputs();
-    parts.run.disabled = !inputs?.length || this.#wrong.size > 0;
-    if (!inputs) return;
+    if (!inputs || this.#isRefused) return;
     const query = caseQuery(this.form.currentCase());
     for (const input of inputs) query.append("scatter", writeInput(input));
     for (const { path } of SAMPLING) {
@@ -96,7 +105,7 @@ class HowSure {
 
   async #run() {
     const inputs = this.scatter.inputs();
-    if (!inputs?.length || this.#wrong.size) return;
+    if (!inputs?.length || this.#wrong.size || this.#isRefused) return;
     this.#change();
     const work = new AbortController();
     this.#work = work;
@@ -127,7 +136,7 @@ class HowSure {
     parts.results.hidden = false;
     await drawCurve(parts.curve, study, values);
     parts.answerPanel.hidden = parts.sensitivity.hidden = !study.critical_angle;
-    parts.results.removeAttribute("aria-busy");
+    markFresh(parts.results);
     if (!study.critical_angle) return; // of a job that goes on
     parts.answer.replaceChildren(...tellStudy(study));
     parts.warnings.hidden = !study.warnings.length;

@@ -6,9 +6,9 @@ import { buildForm } from "../form.js";
 import { submit } from "../job-progress.js";
 import { buildMapForm } from "../map-form.js";
 import { MapPicture } from "../map-picture.js";
-import { endWords, followMap } from "../map-run.js";
+import { endWords, followMap, quickMap } from "../map-run.js";
 import { ask, isAbort } from "../service.js";
-import { caseAt, mapOfJob, mapQuery, readMap, sweepRequest } from "../sweep.js";
+import { caseAt, mapOfJob, mapQuery, quickSweep, readMap, sweepRequest } from "../sweep.js";
 
 /** Show the map of a query; if it names a job, that of the job with its results. */
 export async function show(root, query) {
@@ -49,7 +49,12 @@ class MapView {
     );
     if (map.job) this.#follow(map);
     this.axes = buildMapForm(axes, map, (changed) => this.#change(changed));
-    buildForm(others, { case: map.values, onChange: (values) => this.axes.setCase(values) });
+    buildForm(others, {
+      case: map.values,
+      onChange: (values) => this.axes.setCase(values),
+      onRefuse: () => this.#change(undefined),
+    });
+    if (!map.job && this.#form && isQuick(this.#form)) this.#preview(this.#form);
   }
 
   leave() {
@@ -62,12 +67,28 @@ class MapView {
     this.runButton.disabled = !map;
     this.size.textContent = map ? `${(map.x.count * map.y.count).toLocaleString("en")} cases` : "";
     if (map) replaceAddress("map", mapQuery({ ...map, job: this.#jobOf(map) }));
+    if (this.#shown) this.picture.compare(map && isSame(map, this.#shown), Boolean(map));
   }
 
   /** Return the job of a map if it is the one that is shown. */
   #jobOf(map) {
-    const bare = (one) => mapQuery({ ...one, job: "" }).toString();
-    return this.#shown && bare(map) === bare(this.#shown) ? this.#shown.job : "";
+    return this.#shown && isSame(map, this.#shown) ? this.#shown.job : "";
+  }
+
+  /** Show a small map, or a coarse grid of a large one, without a job. */
+  async #preview(map) {
+    this.#begin(map);
+    const { signal } = this.#work;
+    try {
+      const quick = await quickMap(map, signal);
+      if (!quick || signal.aborted) return;
+      await this.picture.showCells(quick.cells);
+      const total = map.x.count * map.y.count;
+      this.picture.tellEnd({ status: "successful", counts: { total, done: total } });
+      say(`All ${total} cases are computed.`);
+    } catch (error) {
+      this.#fail(error);
+    }
   }
 
   async #run() {
@@ -76,14 +97,17 @@ class MapView {
     this.#begin(map);
     try {
       const { path, body } = sweepRequest(map);
-      const job = await submit(path, body, this.#work.signal);
-      await this.#follow({ ...map, job: job.id });
+      const { signal } = this.#work;
+      const quick = await quickMap(map, signal).catch(giveUp); // the job says what is wrong
+      if (quick && !signal.aborted) await this.picture.showCells(quick.isWhole ? quick.cells : [], quick.cells);
+      const job = await submit(path, body, signal);
+      await this.#follow({ ...map, job: job.id }, quick);
     } catch (error) {
       this.#fail(error);
     }
   }
 
-  async #follow(map) {
+  async #follow(map, quick) {
     this.#begin(map);
     const { signal } = this.#work;
     if (this.#form) replaceAddress("map", mapQuery(map));
@@ -91,11 +115,12 @@ class MapView {
     const listeners = {
       onProgress: (job) => this.picture.tellProgress(job),
       onCells: async (cells) => {
-        if (!signal.aborted) await this.picture.showCells(cells);
+        if (!signal.aborted) await this.picture.showCells(cells, quick?.cells);
       },
+      onLost: (error) => this.picture.tellLost(error),
     };
     try {
-      const job = await followMap(map, listeners, signal);
+      const job = await followMap(map, listeners, signal, quick?.isWhole ? quick.cells : []);
       this.picture.tellEnd(job);
       say(endWords(job));
     } catch (error) {
@@ -135,4 +160,19 @@ class MapView {
   #open(place, cell) {
     location.hash = address("explore", caseQuery(caseAt(this.#shown, place, cell?.angle)));
   }
+}
+
+/** Tell whether two maps show the same, by whatever job. */
+function isSame(one, other) {
+  const bare = (map) => mapQuery({ ...map, job: "" }).toString();
+  return bare(one) === bare(other);
+}
+
+/** Tell whether a map is answered at once as a whole. */
+function isQuick(map) {
+  return quickSweep(map)?.isWhole ?? false;
+}
+
+function giveUp(error) {
+  if (isAbort(error)) throw error;
 }

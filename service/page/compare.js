@@ -1,0 +1,160 @@
+// Compare: strikes that are pinned, beside the one that the fields have. They are in the address.
+
+import { address, caseQuery, readCase } from "./address.js";
+import { angleRequest, valueAt } from "./case.js";
+import { element, say } from "./elements.js";
+import { GROUPS, isThere, labelWithUnit, shownValue } from "./fields.js";
+import { askRun } from "./run.js";
+import { ask, isAbort, isLost } from "./service.js";
+import { markFresh, markStale } from "./stale.js";
+import { outcomeShown, statusShown } from "./words.js";
+
+/** With the strike of the fields four are compared. */
+export const MOST_PINS = 3;
+const OWN = "This strike";
+const ABOUT =
+  "Change a field, or take another preset: this strike then differs from those that are pinned. In brackets is how far it is from each.";
+const LETTERS = ["A", "B", "C"];
+/** What became of a strike, as the table has it: a number with its decimals, or a word. */
+const RESULTS = [
+  ["Outcome", ({ run }) => outcomeShown(run.outcome)],
+  ["Critical angle [°]", ({ found }) => found.critical_angle_deg ?? statusShown(found.status), 2],
+  ["Greatest depth [mm]", ({ run }) => (run.outcome === "perforated" ? "through" : 1e3 * run.maximum_depth_m), 1],
+  ["End of motion [ms]", ({ run }) => 1e3 * run.final.time_s, 2],
+  ["Axis angle at the end [°]", ({ run }) => run.final.axis_angle_deg, 1],
+  ["Speed at the exit [m/s]", ({ run }) => run.exit?.speed_m_s ?? "none", 1],
+  ["Direction at the exit, from the face [°]", ({ run }) => run.exit?.elevation_deg ?? "none", 1],
+  ["Strength factor", ({ run }) => run.strength_factor, 2],
+];
+
+/** Return the strikes that a query pins. */
+export function readPins(query) {
+  return query.getAll("pin").slice(0, MOST_PINS).map((text) => readCase(new URLSearchParams(text)));
+}
+
+/** Add strikes that are pinned to a query. */
+export function writePins(query, pins) {
+  for (const values of pins) query.append("pin", caseQuery(values));
+  return query;
+}
+
+/** The pinned strikes, the button that pins another, and the table of differences. */
+export class Compare {
+  /**
+   * @param {object[]} pins cases
+   * @param {{currentCase: () => object, onChange: () => void}} listeners `onChange` is called when others are pinned
+   */
+  constructor(pins, { currentCase, onChange }) {
+    Object.assign(this, { currentCase, onChange });
+    this.pinned = pins.map((values) => ({ values }));
+    this.button = element("button", { type: "button", onclick: () => this.#pin() }, "Pin to compare");
+    this.problem = element("p.problem", { role: "alert" });
+    this.table = element("div", {}, element("p.quiet", {}, "Computing ..."));
+    this.root = element("section.panel.across.compare", { "aria-label": "Comparison" }, element("h2", {}, "Comparison"), element("p.quiet", {}, ABOUT), this.problem, this.table);
+    this.#refresh();
+  }
+
+  /** The cases that are pinned. */
+  get cases() {
+    return this.pinned.map(({ values }) => values);
+  }
+
+  /** Compute those that are pinned; one that the service does not accept is left out. */
+  async load(signal) {
+    const load = async (pin) => {
+      try {
+        pin.run ??= await askRun(pin.values, signal);
+        pin.found ??= (await ask("cra", { body: angleRequest(pin.values), signal })).data;
+      } catch (error) {
+        if (isAbort(error) || isLost(error)) throw error;
+        this.#unpin(pin);
+        this.problem.textContent = `A pinned strike is not accepted, and left out: ${error.message}`;
+      }
+    };
+    await Promise.all(this.pinned.map(load));
+  }
+
+  /** Return the runs to draw: the strike of the fields, and those that are pinned. */
+  withRuns(run) {
+    const others = this.pinned.filter((pin) => pin.run).map((pin, i) => ({ run: pin.run, name: LETTERS[i] }));
+    return [{ run, name: others.length ? OWN : "Strike" }, ...others];
+  }
+
+  /** Show how the strike of the fields differs from those that are pinned. */
+  show(own) {
+    const others = this.pinned.filter(({ run, found }) => run && found);
+    if (others.length < this.pinned.length) return false;
+    this.table.replaceChildren(this.#tableOf([own, ...others]));
+    return true;
+  }
+
+  #pin() {
+    const values = this.currentCase();
+    if (this.cases.some((each) => JSON.stringify(each) === JSON.stringify(values))) return say("This strike is pinned already.");
+    this.pinned.push({ values });
+    this.#refresh();
+    return this.onChange();
+  }
+
+  #unpin(pin) {
+    this.pinned = this.pinned.filter((each) => each !== pin);
+    this.#refresh();
+    this.onChange();
+  }
+
+  #refresh() {
+    this.root.hidden = !this.pinned.length;
+    this.button.disabled = this.pinned.length >= MOST_PINS;
+    this.button.textContent = this.button.disabled ? `Pinned: ${MOST_PINS}, the most` : "Pin to compare";
+    if (this.root.hidden) markFresh(this.table);
+    else markStale(this.table);
+  }
+
+  #tableOf(strikes) {
+    const numbers = RESULTS.map(([name, make, decimals]) => resultRow(name, strikes.map(make), decimals));
+    const heads = [element("th", { scope: "col" }, ""), element("th", { scope: "col" }, OWN), ...this.pinned.map((pin, i) => this.#head(pin, i))];
+    return element(
+      "div.wide",
+      { tabindex: 0, role: "group", "aria-label": "Table of differences" },
+      element("table", {}, element("thead", {}, element("tr", {}, ...heads)), element("tbody", {}, ...fieldRows(strikes), ...numbers)),
+    );
+  }
+
+  #head(pin, index) {
+    const name = LETTERS[index];
+    const others = this.cases.filter((each) => each !== pin.values);
+    const open = address("explore", writePins(caseQuery(pin.values), [...others, this.currentCase()]));
+    const remove = element("button", { type: "button", "aria-label": `Remove ${name}`, onclick: () => this.#unpin(pin) }, "Remove");
+    return element("th", { scope: "col" }, `${name} `, element("a", { href: open, "aria-label": `Open ${name}` }, "Open"), " ", remove);
+  }
+}
+
+function fieldRows(strikes) {
+  return GROUPS.flatMap(({ fields }) => fields).flatMap((field) => {
+    const texts = strikes.map(({ values }) => fieldShown(field, values));
+    if (texts.every((text) => text === texts[0])) return [];
+    return [rowOf(labelWithUnit(field), texts)];
+  });
+}
+
+function fieldShown(field, values) {
+  if (!isThere(field, values)) return "-";
+  const value = shownValue(field, values);
+  if (value === undefined || value === "") return field.open ?? "auto";
+  if (field.choices) return field.choices[value];
+  return Array.isArray(value) ? JSON.stringify(valueAt(values, field.path)) : String(value);
+}
+
+function resultRow(name, [own, ...others], decimals) {
+  const text = (value) => (typeof value === "number" ? value.toFixed(decimals) : value);
+  const further = (value) => {
+    if (typeof value !== "number" || typeof own !== "number") return text(value);
+    const difference = own - value;
+    return `${text(value)} (${difference < 0 ? "−" : "+"}${text(Math.abs(difference))})`;
+  };
+  return rowOf(name, [text(own), ...others.map(further)]);
+}
+
+function rowOf(name, texts) {
+  return element("tr", {}, element("th", { scope: "row" }, name), ...texts.map((text) => element("td", {}, text)));
+}

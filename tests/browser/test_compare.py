@@ -1,0 +1,130 @@
+"""Strikes that are compared: pinned, drawn over one another, tabled, in the address."""
+
+import csv
+import re
+from pathlib import Path
+from typing import Any
+
+import httpx
+from playwright.sync_api import Locator, Page, expect
+
+from service.schemas.examples import PAPER_AT_45
+
+from .conftest import NewPage
+from .downloads import data_lines
+
+IDLE = "() => document.querySelector('.angle') && !document.querySelector('.pictures > :not(details) [aria-busy=true]')"
+
+
+def pin(page: Page) -> None:
+    page.get_by_role("button", name="Pin to compare").click()
+
+
+def speed(page: Page) -> Locator:
+    return page.get_by_label("Speed", exact=True)
+
+
+def table(page: Page) -> dict[str, list[str]]:
+    rows = page.get_by_role("region", name="Comparison").locator("tbody tr")
+    return {row.locator("th").inner_text(): row.locator("td").all_inner_texts() for row in rows.all()}
+
+
+def traces(page: Page, plot: str) -> list[Any]:
+    found: list[Any] = page.locator(f".{plot} .drawing").evaluate(
+        "plot => plot.data.filter(({ meta }) => meta !== undefined).map(({ meta, name, y }) => [meta, name, [...y]])"
+    )
+    return found
+
+
+def test_strike_is_pinned_and_the_next_is_laid_over_it(page: Page, client: httpx.Client) -> None:
+    page.goto("/#/explore")
+    page.wait_for_function(IDLE)
+    pin(page)
+    speed(page).fill("300")
+    comparison = page.get_by_role("region", name="Comparison")
+    expect(comparison).to_contain_text("Speed [m/s]")
+    page.wait_for_function(IDLE)
+
+    angles, depths = [], []
+    for velocity in (300.0, 238.0):
+        impact = PAPER_AT_45["impact"] | {"velocity_m_s": velocity}
+        run = client.post("/trajectory", json=PAPER_AT_45 | {"impact": impact}).json()
+        depths.append(1e3 * run["maximum_depth_m"])
+        searched = {name: part for name, part in PAPER_AT_45.items() if name != "impact"}
+        found = client.post("/cra", json=searched | {"impact": {"velocity_m_s": velocity}}).json()
+        angles.append(found["critical_angle_deg"])
+    told = table(page)
+    assert told["Speed [m/s]"] == ["300", "238"]
+    assert "Mass [kg]" not in told
+    assert told["Critical angle [°]"] == [f"{angles[0]:.2f}", f"{angles[1]:.2f} (+{angles[0] - angles[1]:.2f})"]
+    assert told["Greatest depth [mm]"] == [f"{depths[0]:.1f}", f"{depths[1]:.1f} (+{depths[0] - depths[1]:.1f})"]
+
+    drawn = traces(page, "side-view")
+    assert [(meta, name) for meta, name, _ in drawn] == [(0, "This strike"), (1, "A")]
+    assert [round(1e3 * max(y), 1) for *_, y in drawn] == [round(depth, 1) for depth in depths]
+    assert {meta for meta, *_ in traces(page, "histories")} == {0, 1}
+    expect(page.locator(".side-view .legend")).to_contain_text("This strike")
+
+
+def test_pinned_strikes_are_in_the_address_and_reopened(page: Page, new_page: NewPage) -> None:
+    page.goto("/#/explore")
+    page.wait_for_function(IDLE)
+    for value in ("300", "260", "200"):
+        pin(page)
+        speed(page).fill(value)
+    expect(page.get_by_role("button", name="Pinned: 3, the most")).to_be_disabled()
+    page.wait_for_function(IDLE)
+    expect(page).to_have_url(re.compile("(pin=.*){3}"))
+    told = table(page)
+    assert told["Speed [m/s]"] == ["200", "238", "300", "260"]
+    other = new_page(theme="dark")
+    other.goto(page.url)
+    other.wait_for_function(IDLE)
+    assert table(other) == told
+    expect(other.get_by_role("alert").filter(has_text="Not understood")).to_have_count(0)
+    other.get_by_role("button", name="Remove B").click()
+    other.wait_for_function(IDLE)
+    assert table(other)["Speed [m/s]"] == ["200", "238", "260"]
+    other.get_by_role("link", name="Open A").click()
+    expect(speed(other)).to_have_value("238")
+    other.wait_for_function(IDLE)
+    assert table(other)["Speed [m/s]"] == ["238", "260", "200"]
+
+
+def test_preset_is_compared_with_what_is_pinned(page: Page) -> None:
+    page.goto("/#/explore")
+    page.wait_for_function(IDLE)
+    pin(page)
+    page.get_by_role("link", name="155 mm body").click()
+    expect(page.get_by_label("Diameter", exact=True)).to_have_value("155")
+    page.wait_for_function(IDLE)
+    assert table(page)["Diameter [mm]"] == ["155", "80"]
+
+
+def test_files_of_compared_strikes_have_all_of_them(page: Page, tmp_path: Path) -> None:
+    page.goto("/#/explore?impact.velocity_m_s=300&pin=")
+    page.wait_for_function(IDLE)
+    for plot in ("side-view", "histories"):
+        with page.expect_download() as download:
+            page.locator(f".{plot}").get_by_role("button", name="Download the data of the plot as CSV").click()
+        assert "compared" in download.value.suggested_filename
+        download.value.save_as(tmp_path / f"{plot}.csv")
+        rows = list(csv.DictReader(data_lines(tmp_path / f"{plot}.csv")))
+        assert {row["run"] for row in rows} == {"This strike", "A"}
+        assert "# A: {" in (tmp_path / f"{plot}.csv").read_text()
+
+
+def test_pinned_strike_that_cannot_be_read_is_named(page: Page) -> None:
+    page.goto("/#/explore?pin=impact.velocity_m_s%3Dfast")
+    expect(page.get_by_role("alert").filter(has_text="Not understood")).to_contain_text("pin=impact.velocity_m_s=fast")
+
+
+def test_pinned_strike_that_the_service_refuses_is_left_out(page: Page, faults: list[str]) -> None:
+    page.goto("/#/explore?pin=projectile.length_m%3D0.05")
+    words = page.get_by_text("A pinned strike is not accepted, and left out")
+    expect(words).to_have_count(1)
+    page.wait_for_function(IDLE)
+    assert "pin" not in page.url
+    assert faults
+    assert all("422" in fault for fault in faults)
+    faults.clear()

@@ -1,0 +1,106 @@
+"""How many actions a task takes: clicks, choices and fields that are filled in."""
+
+import re
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Locator, Page, expect
+
+IDLE = "() => document.querySelector('.angle') && !document.querySelector('.pictures > :not(details) [aria-busy=true]')"
+DONE_MS = 180_000
+
+
+class Actions:
+    """Acts on a page as a user does, and counts it."""
+
+    def __init__(self) -> None:
+        self.count = 0
+
+    def click(self, part: Locator) -> None:
+        self.count += 1
+        part.click()
+
+    def fill(self, part: Locator, text: str) -> None:
+        self.count += 1
+        part.fill(text)
+
+    def choose(self, part: Locator, label: str) -> None:
+        self.count += 1
+        part.select_option(label=label)
+
+
+@pytest.fixture
+def act() -> Actions:
+    return Actions()
+
+
+@pytest.fixture
+def explore(page: Page) -> Page:
+    """The page as it opens."""
+    page.goto("/")
+    page.wait_for_function(IDLE)
+    return page
+
+
+def test_critical_angle_of_a_new_body_takes_six_inputs_at_most(explore: Page, act: Actions) -> None:
+    act.click(explore.get_by_role("link", name="Cone"))
+    values = {"Speed": "250", "Cone height over diameter": "2", "Diameter": "60", "Length": "400", "Mass": "7.2"}
+    for label, text in values.items():
+        act.fill(explore.get_by_label(label, exact=True), text)
+    explore.wait_for_function(IDLE)
+    expect(explore.locator(".angle")).to_have_text(re.compile(r"^\d\d\.\d\d°$"))
+    for label, text in values.items():
+        expect(explore.get_by_label(label, exact=True)).to_have_value(text)
+    assert act.count <= 6
+
+
+def test_map_of_speed_and_strength_to_csv_and_png_takes_ten_actions_at_most(
+    explore: Page, act: Actions, tmp_path: Path
+) -> None:
+    act.click(explore.get_by_role("link", name="Map", exact=True))
+    for side, end in (("Horizontal axis", "300"), ("Vertical axis", "50")):
+        axis = explore.get_by_role("group", name=side)
+        act.fill(axis.get_by_label("To"), end)
+        act.fill(axis.get_by_label("Values"), "12")
+    act.click(explore.get_by_role("button", name="Run"))
+    expect(explore.locator("#map-progress")).to_have_text("All 144 cases are computed.", timeout=DONE_MS)
+    expect(explore.locator("#map-counts")).to_contain_text("144 ")
+    for name in ("Download the data of the plot as CSV", "Download the plot as PNG"):
+        with explore.expect_download() as download:
+            act.click(explore.get_by_role("button", name=name))
+        download.value.save_as(tmp_path / download.value.suggested_filename)
+    csv, png = sorted(tmp_path.iterdir())
+    assert len(csv.read_text().splitlines()) == 3 + 1 + 144
+    assert png.read_bytes().startswith(b"\x89PNG")
+    assert act.count <= 10
+
+
+def test_comparison_of_two_strikes_takes_four_actions_at_most(explore: Page, act: Actions) -> None:
+    act.click(explore.get_by_role("button", name="Pin to compare"))
+    act.fill(explore.get_by_label("Oblique angle", exact=True), "55")
+    comparison = explore.get_by_role("region", name="Comparison")
+    expect(comparison.get_by_role("row", name="Oblique angle [°] 55 45")).to_be_visible()
+    expect(comparison.get_by_role("row", name="Outcome turned away embedded")).to_be_visible()
+    assert act.count <= 4
+
+
+def test_spread_for_a_strength_factor_within_ten_per_cent_takes_four_actions_at_most(
+    explore: Page, act: Actions
+) -> None:
+    act.click(explore.get_by_role("link", name="How sure, input by input"))
+    act.choose(explore.get_by_label("Another input"), "Factor on the strength factor")
+    act.click(explore.get_by_role("button", name="Add"))
+    factor = explore.get_by_role("group", name="Factor on the strength factor")
+    expect(factor.get_by_label("Dispersion")).to_have_value("0.1")
+    act.click(explore.get_by_role("button", name="Run"))
+    expect(explore.locator("#study-progress")).to_have_text("Done.", timeout=DONE_MS)
+    expect(explore.locator(".angle")).to_have_text(re.compile(r"\d"))
+    assert act.count <= 4
+
+
+def test_report_takes_two_actions_at_most(page: Page, act: Actions) -> None:
+    page.goto("/#/explore?search.lower_deg=44&search.upper_deg=54&search.tolerance_deg=0.5")
+    with page.expect_popup() as opened:
+        act.click(page.get_by_role("button", name="Report", exact=True))
+    expect(opened.value.get_by_role("heading", name="Answer")).to_be_visible(timeout=DONE_MS)
+    assert act.count <= 2
