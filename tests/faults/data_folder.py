@@ -11,8 +11,9 @@ import h5py
 
 SEGMENTS = Path("results", "segments")
 INDEX = Path("results", "index.sqlite")
+JOURNAL = Path("results", "journal.sqlite")
 JOBS = Path("jobs.sqlite")
-EXPECTED = {"lock"} | {f"{path}{end}" for path in (INDEX, JOBS) for end in ("", "-wal", "-shm")}
+EXPECTED = {"lock"} | {f"{path}{end}" for path in (INDEX, JOURNAL, JOBS) for end in ("", "-wal", "-shm")}
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +55,7 @@ def faults_of(data: Path, indexed: str) -> list[str]:
     expected = EXPECTED | {str(path.relative_to(data)) for path in stored}
     files = {str(path.relative_to(data)) for path in data.rglob("*") if path.is_file()}
     faults += [f"stray file {name}" for name in sorted(files - expected)]
-    for name in (INDEX, JOBS):
+    for name in (INDEX, JOURNAL, JOBS):
         with closing(sqlite3.connect(f"{(data / name).resolve().as_uri()}?mode=ro", uri=True, timeout=10.0)) as file:
             for check in ("PRAGMA integrity_check", "PRAGMA foreign_key_check"):
                 faults += [f"{name}: {row}" for row in file.execute(check) if row != ("ok",)]
