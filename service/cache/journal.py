@@ -9,6 +9,7 @@ import hashlib
 import sqlite3
 import threading
 from collections.abc import Iterable
+from contextlib import closing
 from pathlib import Path
 
 from service.cache.index import discard_index
@@ -88,6 +89,21 @@ class Journal:
         """Let go of the file."""
         with self._lock:
             self._connection.close()
+
+
+def count_results(path: Path) -> int:
+    """Return how many results a journal has, also while a service has it open; 0 if there is none.
+
+    Raises
+    ------
+    sqlite3.Error
+        If it cannot be read.
+    """
+    if not path.exists():
+        return 0
+    with closing(sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True)) as connection:
+        found: int = connection.execute("SELECT count(*) FROM results").fetchone()[0]
+    return found
 
 
 def digest(*row: str | bytes) -> bytes:

@@ -54,6 +54,7 @@ def test_single_results_are_found_at_once_and_become_one_segment_as_large_as_tha
         assert cache.known([record.key for record in records]) == {record.key for record in records[:-1]}
         assert cache.get(records[0].key) is records[0]
         assert keys_in_journal(tmp_path / "single") == {record.key for record in records[:-1]}
+        assert stat(tmp_path / "single").cases == JOURNAL_RECORDS - 1
         cache.put(records[-1])
         single = cache.statistics()
         assert keys_in_journal(tmp_path / "single") == set()
