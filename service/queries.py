@@ -195,13 +195,11 @@ class QueryService:
         if queued >= self._max_waiting:
             raise QueriesWaitingError(self._rate.seconds_for(queued))
         compute = self.operations[operation].compute
-        json, outcome, segments = await self.executor.submit(
-            compute_single, compute, operation, request.key, request.json
-        )
+        json, outcome = await self.executor.submit(compute_single, compute, operation, request.key, request.json)
         self._rate.add(1)
         self._count(operation, outcome, "miss", 1)
         record = Record(request.key, operation, request.json, json=json, outcome=outcome)
-        return await run_sync(self.cache.put, record, segments), "miss"
+        return await run_sync(self.cache.put, record), "miss"
 
     async def _keep(
         self,

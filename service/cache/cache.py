@@ -1,5 +1,6 @@
-"""Results on disk, in segments of one or many, and the latest of them in memory.
+"""Results on disk, in segments of many, and the latest of them in memory.
 
+    results/journal.sqlite   results of single queries that are in no segment yet; see `service.cache.journal`
     results/index.sqlite     which result is in which segment; made anew from the segments if it is lost
     results/segments/        see `service.cache.segments`
 
@@ -18,6 +19,7 @@ from pathlib import Path
 
 from service.cache.hdf5 import DamagedFileError, Segment, encode_segments, read_keys, read_records
 from service.cache.index import Index, Location, Statistics, discard_index
+from service.cache.journal import Journal
 from service.cache.record import RecentRecords, Record
 from service.cache.segments import FolderLock, Segments, discard, name_of
 
@@ -25,6 +27,8 @@ NOT_CACHED = "result_not_cached"
 KEY = re.compile(r"[0-9a-f]{64}")
 PROBE = bytes(65_536)
 """Enough for a full disk to refuse it."""
+JOURNAL_RECORDS, JOURNAL_BYTES = 200, 2 * 1024 * 1024
+"""What the journal holds before it becomes a segment, some tens of milliseconds of work."""
 EVICTED_SHARE = 0.1
 """Share of the limit made free at once, so that not every new result has to."""
 EVICTED_AT_ONCE = 64
@@ -66,6 +70,9 @@ class ResultCache:
         self._changing = threading.Lock()
         """Held while files and index change together."""
         self._evicting = threading.Lock()
+        self._flushing = threading.Lock()
+        self._pending: dict[str, Record] = {}
+        """What is in the journal and in no segment yet."""
         self._lock: FolderLock | None = None
         with self._noting():
             self._lock = FolderLock(folder)
@@ -73,6 +80,8 @@ class ResultCache:
         self.writable()  # which makes the folder
         self._index = self._open_index()
         self._reconcile()
+        self._journal = self._open_journal()
+        self.flush()
         self._make_room()
 
     def __enter__(self) -> "ResultCache":
@@ -94,7 +103,7 @@ class ResultCache:
 
     def get_many(self, keys: Sequence[str]) -> dict[str, Record]:
         """Records of these keys, as far as there are any. Memory keeps what it has: a batch would fill it."""
-        found = {key: record for key in keys if (record := self._recent.get(key))}
+        found = {key: record for key in keys if (record := self._recent.get(key) or self._pending.get(key))}
         wanted: dict[str, dict[str, int]] = defaultdict(dict)
         for key, place in self._find([key for key in keys if key not in found]).items():
             wanted[place.segment][key] = place.row
@@ -104,17 +113,38 @@ class ResultCache:
         return found
 
     def known(self, keys: Sequence[str]) -> set[str]:
-        """Those of these keys whose records are on disk, in segments seen to be whole."""
-        places = self._find(keys)
+        """Those of these keys whose records are on disk, in the journal or in segments seen to be whole."""
+        pending = {key for key in keys if key in self._pending}
+        places = self._find([key for key in keys if key not in pending])
         whole = {name for name in {place.segment for place in places.values()} if self._check(name)}
         self._use(whole)
-        return {key for key, place in places.items() if place.segment in whole}
+        return pending | {key for key, place in places.items() if place.segment in whole}
 
-    def put(self, record: Record, segments: Sequence[Segment] = ()) -> Record:
+    def put(self, record: Record) -> Record:
         """Keep the record; return it as it is to be answered, with a warning if it could not be written."""
-        [record] = self.put_many([record], segments)
+        if self._journal is None:
+            [record] = self.put_many([record])
+        elif not self._add_to_journal(self._journal, record):
+            record = record.with_warning(NOT_CACHED, f"this result was not stored: {self.last_error}")
         self._recent.put(record)
+        pending = list(self._pending.values())
+        if len(pending) >= JOURNAL_RECORDS or sum(len(record.json) for record in pending) >= JOURNAL_BYTES:
+            self.flush()
         return record
+
+    def flush(self) -> None:
+        """Put what is in the journal into segments, one for each operation."""
+        with self._flushing, self._noting():
+            groups: dict[tuple[str, str, str], list[Record]] = defaultdict(list)
+            for record in list(self._pending.values()):
+                groups[record.operation, record.engine_version, record.schema_version].append(record)
+            for records in groups.values():
+                kept = self.put_many(records)
+                stored = [record.key for record, same in zip(records, kept, strict=True) if same is record]
+                for key in stored:
+                    del self._pending[key]
+                if self._journal is not None:
+                    self._journal.remove(stored)  # if that fails, the next start does it
 
     def put_many(self, records: Sequence[Record], segments: Sequence[Segment] = ()) -> list[Record]:
         """Keep records of one operation in as few segments as their size allows; return them likewise.
@@ -177,6 +207,10 @@ class ResultCache:
 
     def close(self) -> None:
         """Write what is left and give the folder up."""
+        self.flush()
+        with self._noting():
+            if self._journal is not None:
+                self._journal.close()
         with self._noting():
             self._index.close()
         if self._lock is not None:
@@ -186,6 +220,25 @@ class ResultCache:
         with self._noting():
             return Index(self._index_path)
         return Index(None)  # what is stored can be read all the same
+
+    def _open_journal(self) -> Journal | None:
+        """Open the journal and take up what a process that was killed has left in it."""
+        with self._noting():
+            journal = Journal(self._index_path.with_name("journal.sqlite"))
+            left = journal.records()
+            stored = self._find([record.key for record in left])
+            journal.remove(stored)
+            self._pending = {record.key: record for record in left if record.key not in stored}
+            return journal
+        return None
+
+    def _add_to_journal(self, journal: Journal, record: Record) -> bool:
+        with self._noting():
+            journal.add(record)
+            self._pending[record.key] = record
+            self._note(None)
+            return True
+        return False
 
     def _reconcile(self) -> None:
         """Make the index agree with the files: a crash may come between the change of one and of the other."""

@@ -4,11 +4,12 @@ import sqlite3
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from service.cache.cache import ResultCache
 from service.cache.index import Statistics, read_statistics
+from service.cache.journal import count_results
 from service.errors import FolderInUseError
 
 
@@ -26,7 +27,7 @@ class Verified:
 
 
 def stat(folder: Path) -> Statistics:
-    """Tell what is stored; a service may be running.
+    """Tell what is stored, results of the journal too; a service may be running.
 
     Raises
     ------
@@ -34,9 +35,10 @@ def stat(folder: Path) -> Statistics:
         If there are no results, or they cannot be read.
     """
     try:
-        return read_statistics(_index_of(folder))
+        indexed = read_statistics(_index_of(folder))
+        return replace(indexed, cases=indexed.cases + count_results(_index_of(folder).with_name("journal.sqlite")))
     except sqlite3.Error as error:
-        raise UnusableFolderError(f"the index of the results cannot be read: {error}") from error
+        raise UnusableFolderError(f"the index or the journal of the results cannot be read: {error}") from error
 
 
 def verify(folder: Path) -> Verified:

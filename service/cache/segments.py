@@ -89,8 +89,10 @@ class Segments:
         self._whole: dict[str, tuple[int, int]] = {}
 
     def sweep(self) -> None:
-        """Remove what a crash left half written."""
+        """Remove what a crash left half written, and make the folder: it is copied when there is none in it too."""
         shutil.rmtree(self._partial, ignore_errors=True)
+        with suppress(OSError):
+            self._segments.mkdir(parents=True, exist_ok=True)
 
     def names(self) -> set[str]:
         """Names of all that are there."""

@@ -334,9 +334,7 @@ def _block_sizes(database: sqlite3.Connection, job: int) -> dict[int, int]:
     return {first // BLOCK_SIZE: min(BLOCK_SIZE, total - first) for first in range(0, total, BLOCK_SIZE)}
 
 
-def _blocks(
-    database: sqlite3.Connection, job: int, columns: str, first: int, last: int
-) -> list[tuple[int, bytes, *tuple[bytes | None, ...]]]:
+def _blocks(database: sqlite3.Connection, job: int, columns: str, first: int, last: int) -> list[tuple[Any, ...]]:
     """Number and states of these blocks, and columns of theirs, which may be lost."""
     within = "WHERE job = ? AND slice BETWEEN ? AND ?"
     place = (job, first, last)

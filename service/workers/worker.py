@@ -31,10 +31,10 @@ _chunks: dict[str, list[Record]] = {}
 """Records of the chunk being computed, by its id. A worker runs one chunk at a time."""
 
 
-def compute_single(compute: Compute, operation: str, key: str, request: bytes) -> tuple[bytes, str, Sequence[Segment]]:
-    """Return the answer to one request as it is sent, its outcome, and the file of the result."""
+def compute_single(compute: Compute, operation: str, key: str, request: bytes) -> tuple[bytes, str]:
+    """Return the answer to one request as it is sent, and its outcome."""
     record = Record(key, operation, request, *compute(request))
-    return record.json, record.outcome, encode_segments([record])
+    return record.json, record.outcome
 
 
 def compute_case(compute: Compute, operation: str, key: str, request: bytes, chunk: str) -> tuple[bytes, str]:

@@ -11,8 +11,9 @@ import h5py
 
 SEGMENTS = Path("results", "segments")
 INDEX = Path("results", "index.sqlite")
+JOURNAL = Path("results", "journal.sqlite")
 JOBS = Path("jobs.sqlite")
-EXPECTED = {"lock"} | {f"{path}{end}" for path in (INDEX, JOBS) for end in ("", "-wal", "-shm")}
+EXPECTED = {"lock"} | {f"{path}{end}" for path in (INDEX, JOURNAL, JOBS) for end in ("", "-wal", "-shm")}
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,20 +42,27 @@ def keys_of(stored: dict[Path, Segment]) -> Counter[str]:
     return Counter(key for segment in stored.values() for key in segment.keys)
 
 
+def journaled(data: Path) -> Counter[str]:
+    """The results that are in the journal."""
+    with closing(sqlite3.connect(f"{(data / JOURNAL).resolve().as_uri()}?mode=ro", uri=True, timeout=10.0)) as file:
+        return Counter(key for (key,) in file.execute("SELECT key FROM results"))
+
+
 def faults_of(data: Path, indexed: str) -> list[str]:
     """What is wrong with the folder of a service that has started and finished its jobs.
 
-    `indexed` is the output of `ricochet cache stat`: how many results and files the index lists.
+    `indexed` is the output of `ricochet cache stat`: how many results and files there are.
     """
     stored = segments(data)
     faults = []
-    if not indexed.startswith(f"{keys_of(stored).total()} results, {len(stored)} files,"):
-        faults.append(f"{keys_of(stored).total()} results in {len(stored)} files, but the index has {indexed}")
-    faults += [f"stored {count} times: {key}" for key, count in keys_of(stored).items() if count > 1]
+    keys = keys_of(stored) + journaled(data)
+    if not indexed.startswith(f"{keys.total()} results, {len(stored)} files,"):
+        faults.append(f"{keys.total()} results in {len(stored)} files, but the index has {indexed}")
+    faults += [f"stored {count} times: {key}" for key, count in keys.items() if count > 1]
     expected = EXPECTED | {str(path.relative_to(data)) for path in stored}
     files = {str(path.relative_to(data)) for path in data.rglob("*") if path.is_file()}
     faults += [f"stray file {name}" for name in sorted(files - expected)]
-    for name in (INDEX, JOBS):
+    for name in (INDEX, JOURNAL, JOBS):
         with closing(sqlite3.connect(f"{(data / name).resolve().as_uri()}?mode=ro", uri=True, timeout=10.0)) as file:
             for check in ("PRAGMA integrity_check", "PRAGMA foreign_key_check"):
                 faults += [f"{name}: {row}" for row in file.execute(check) if row != ("ok",)]

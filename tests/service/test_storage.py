@@ -36,7 +36,7 @@ def test_stat_shows_what_is_there_even_beside_a_service(folder: Path) -> None:
     for _ in range(2):
         assert (stat(folder).bytes, stat(folder).segments, stat(folder).cases) == (size, 3, 30)
     with ResultCache(folder, memory_bytes=0, disk_bytes=10**9) as cache:
-        cache.put(critical_angle(99))
+        cache.put_many([critical_angle(99)])
         assert stat(folder).cases == 31
 
 

@@ -1,0 +1,164 @@
+"""Results of single queries: kept at once in a journal, and many of them in a segment later."""
+
+import os
+import resource
+import signal
+import sqlite3
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from service.cache.cache import JOURNAL_BYTES, JOURNAL_RECORDS, NOT_CACHED, ResultCache
+from service.cache.maintenance import stat
+from tests.service.records import critical_angle, key_of, trajectory
+
+ROOT = Path(__file__).parents[2]
+WRITER = """
+import sys
+from pathlib import Path
+from service.cache.cache import ResultCache
+from tests.service.records import critical_angle
+
+cache = ResultCache(Path(sys.argv[1]), memory_bytes=0, disk_bytes=10**9)
+number = 0
+while True:
+    cache.put(critical_angle(number))
+    print(number, flush=True)
+    number += 1
+"""
+
+
+def cache_in(folder: Path) -> ResultCache:
+    return ResultCache(folder, memory_bytes=0, disk_bytes=10**9)
+
+
+def journal_of(folder: Path) -> Path:
+    return folder / "results" / "journal.sqlite"
+
+
+def keys_in_journal(folder: Path) -> set[str]:
+    with sqlite3.connect(journal_of(folder)) as connection:
+        keys = {key for (key,) in connection.execute("SELECT key FROM results")}
+    connection.close()
+    return keys
+
+
+def test_single_results_are_found_at_once_and_become_one_segment_as_large_as_that_of_a_batch(tmp_path: Path) -> None:
+    records = [critical_angle(number) for number in range(JOURNAL_RECORDS)]
+    with cache_in(tmp_path / "single") as cache:
+        for record in records[:-1]:
+            assert cache.put(record) is record
+        assert cache.statistics().segments == 0
+        assert cache.known([record.key for record in records]) == {record.key for record in records[:-1]}
+        assert cache.get(records[0].key) is records[0]
+        assert keys_in_journal(tmp_path / "single") == {record.key for record in records[:-1]}
+        assert stat(tmp_path / "single").cases == JOURNAL_RECORDS - 1
+        cache.put(records[-1])
+        single = cache.statistics()
+        assert keys_in_journal(tmp_path / "single") == set()
+        found = cache.get_many([record.key for record in records])
+        assert [found[record.key].json for record in records] == [record.json for record in records]
+    with cache_in(tmp_path / "batch") as cache:
+        cache.put_many(records)
+        assert single == cache.statistics()
+
+
+def test_large_results_become_a_segment_sooner_and_each_operation_has_its_own(tmp_path: Path) -> None:
+    with cache_in(tmp_path) as cache:
+        cache.put(critical_angle(1))
+        large = [trajectory(number, rows=5000) for number in range(2, 10)]
+        assert sum(len(record.json) for record in large) > JOURNAL_BYTES
+        for record in large:
+            cache.put(record)
+        assert 2 <= cache.statistics().segments <= 5
+    assert stat(tmp_path).cases == 9
+
+
+def test_end_puts_all_that_is_left_into_segments(tmp_path: Path) -> None:
+    with cache_in(tmp_path) as cache:
+        cache.put(critical_angle(1))
+    assert stat(tmp_path).cases == 1
+    assert keys_in_journal(tmp_path) == set()
+
+
+def test_answered_results_survive_a_kill_at_any_instant_and_are_stored_once(tmp_path: Path) -> None:
+    answered = 0
+    for rounds in range(4):
+        command = [sys.executable, "-c", WRITER, str(tmp_path / str(rounds))]
+        with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=ROOT) as writer:
+            assert writer.stdout
+            for _ in range(90 + 77 * rounds):
+                answered = int(writer.stdout.readline())
+            os.kill(writer.pid, signal.SIGKILL)
+            rest = writer.stdout.read()
+            answered = max([answered, *map(int, rest[: rest.rfind("\n") + 1].split())])
+        with cache_in(tmp_path / str(rounds)) as cache:
+            wanted = [key_of(number) for number in range(answered + 1)]
+            assert cache.known(wanted) == set(wanted)
+            found = cache.get_many(wanted)
+            assert all(found[key_of(i)].json == critical_angle(i).json for i in range(answered + 1))
+            assert cache.statistics().cases - (answered + 1) in {0, 1}  # one may not have been reported
+            assert cache.verify() == []
+
+
+def test_result_that_is_in_a_segment_already_leaves_the_journal_at_the_start(tmp_path: Path) -> None:
+    with cache_in(tmp_path) as cache:
+        cache.put(critical_angle(1))
+        with sqlite3.connect(journal_of(tmp_path)) as connection:
+            rows = connection.execute("SELECT * FROM results").fetchall()
+        cache.flush()
+        connection.executemany("INSERT INTO results VALUES (?, ?, ?, ?, ?, ?, ?)", rows)
+        connection.commit()
+        connection.close()
+    with cache_in(tmp_path) as cache:
+        assert (cache.statistics().segments, cache.statistics().cases) == (1, 1)
+        assert keys_in_journal(tmp_path) == set()
+
+
+@pytest.mark.parametrize("damage", ["a row", "the file", "no database"])
+def test_damage_of_the_journal_costs_what_is_damaged(damage: str, tmp_path: Path) -> None:
+    cache = cache_in(tmp_path)
+    for number in range(3):
+        cache.put(critical_angle(number))
+    with sqlite3.connect(journal_of(tmp_path)) as connection:
+        rows = connection.execute("SELECT * FROM results").fetchall()
+    connection.close()
+    cache.close()
+    with sqlite3.connect(journal_of(tmp_path)) as connection:
+        connection.executemany("INSERT INTO results VALUES (?, ?, ?, ?, ?, ?, ?)", rows)
+        if damage == "a row":
+            connection.execute("UPDATE results SET json = replace(json, '1', '2') WHERE key = ?", (key_of(1),))
+    connection.close()
+    for path in (tmp_path / "results" / "segments").rglob("*.h5"):
+        path.unlink()
+    if damage != "a row":
+        size = journal_of(tmp_path).stat().st_size
+        journal_of(tmp_path).write_bytes(b"nothing" if damage == "no database" else b"\xff" * size)
+    with cache_in(tmp_path) as cache:
+        left = {key_of(0), key_of(2)} if damage == "a row" else set()
+        assert cache.known([key_of(number) for number in range(3)]) == left
+        assert cache.put(critical_angle(5)).key == key_of(5)
+        assert cache.last_error is None
+
+
+def test_full_disk_is_answered_with_a_warning_and_nothing_is_lost_or_stored_twice(tmp_path: Path) -> None:
+    with cache_in(tmp_path) as cache:
+        kept = [critical_angle(number) for number in range(20)]
+        for record in kept:
+            cache.put(record)
+        soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (4096, hard))
+        try:
+            refused = cache.put(critical_angle(99))
+            cache.flush()
+            assert cache.last_error
+            assert cache.known([record.key for record in kept]) == {record.key for record in kept}
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+        assert refused.answer["warnings"][-1]["code"] == NOT_CACHED
+        assert cache.put(critical_angle(100)).key == key_of(100)
+        cache.flush()
+        assert (cache.statistics().segments, cache.statistics().cases) == (1, 21)
+    assert keys_in_journal(tmp_path) == set()
