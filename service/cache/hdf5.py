@@ -33,6 +33,7 @@ from service.cache.tables import (
     memory_file,
     read_single,
     residual_table,
+    residuals_of,
     summary_of,
     table_of,
     trials_of,
@@ -99,13 +100,16 @@ def to_hdf5(*records: Record) -> bytes:
 
 
 def encode_segments(records: Sequence[Record]) -> list[Segment]:
-    """Return the files that hold these records of one operation: one, or several if their histories are very large."""
+    """Return the files that hold these records of one operation.
+
+    One, or several if their histories are very large; one for each result that has residuals.
+    """
     segments: list[Segment] = []
     part: list[Record] = []
     size = 0
     for record in records:
         nbytes = sum(column.nbytes for column in (record.history or {}).values())
-        if part and size + nbytes > SEGMENT_BYTES:
+        if part and (size + nbytes > SEGMENT_BYTES or residuals_of(record)):
             segments.append(([each.key for each in part], to_hdf5(*part)))
             part, size = [], 0
         part.append(record)

@@ -100,3 +100,17 @@ def same(one: Record | None, other: Record) -> bool:
         and (one.history is None) == (other.history is None)
         and all(np.array_equal((one.history or {})[name], column) for name, column in (other.history or {}).items())
     )
+
+
+def obliquity_fit(number: int = 0) -> Record:
+    """A calibration, which has residuals."""
+    points = [{"oblique_angle_deg": angle, "strength_factor": 9.0 + number} for angle in (0.0, 20.0, 45.0)]
+    return made(
+        key=key_of(number),
+        operation="calibration_obliquity",
+        request={"points": points},
+        answer={"degree": 1, "residuals": [0.1, -0.2, 0.1], "warnings": []},
+        history=None,
+        engine_version="1",
+        schema_version="2",
+    )

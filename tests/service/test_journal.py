@@ -12,7 +12,7 @@ import pytest
 
 from service.cache.cache import JOURNAL_BYTES, JOURNAL_RECORDS, NOT_CACHED, ResultCache
 from service.cache.maintenance import stat
-from tests.service.records import critical_angle, key_of, trajectory
+from tests.service.records import critical_angle, key_of, obliquity_fit, trajectory
 
 ROOT = Path(__file__).parents[2]
 WRITER = """
@@ -74,6 +74,17 @@ def test_large_results_become_a_segment_sooner_and_each_operation_has_its_own(tm
             cache.put(record)
         assert 2 <= cache.statistics().segments <= 5
     assert stat(tmp_path).cases == 9
+
+
+def test_results_with_residuals_become_a_segment_each(tmp_path: Path) -> None:
+    records = [obliquity_fit(number) for number in range(3)]
+    with cache_in(tmp_path) as cache:
+        for record in records:
+            cache.put(record)
+        cache.flush()
+        assert cache.statistics().segments == 3
+        found = cache.get_many([record.key for record in records])
+        assert [found[record.key].answer for record in records] == [record.answer for record in records]
 
 
 def test_end_puts_all_that_is_left_into_segments(tmp_path: Path) -> None:
