@@ -16,7 +16,7 @@ WARM_UP = echo "compiling the solver unless that was done, about half a minute .
 export PYTHONDONTWRITEBYTECODE :=
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo serve test test-system test-all check audit wheel sbom format openapi docs bench accuracy load call-path soak cluster \
+.PHONY: help setup demo serve test test-system test-all check audit wheel sbom format openapi docs clients bench accuracy load call-path soak cluster \
 	slider reproduce validate figures screenshots lock clean
 
 help: ## list what can be made
@@ -97,6 +97,9 @@ docs: setup ## write the tables of docs/operating.md that the code says, and bui
 	$(BIN)/python docs/tables.py
 	$(BIN)/python -m sphinx --builder html --fresh-env --fail-on-warning --keep-going --quiet \
 		--doctree-dir build/doctrees docs build/manual
+
+clients: setup ## build a Python wheel and an npm package of clients made from the contract, into dist
+	@$(BIN)/python clients/build.py
 
 bench: setup ## measure the solver: routes, start, accuracy against time, two cores; ARGS="--quick"
 	@for script in routes startup work_precision scaling; do $(BIN)/python benchmarks/$$script.py $(ARGS) || exit; done

@@ -1,13 +1,15 @@
-"""A Python client made by openapi-python-client from the live contract, and used as its users would."""
+"""The Python client that `make clients` builds from the contract, used as its users would."""
 
+import json
 import os
 import subprocess
 import sys
+import zipfile
 from pathlib import Path
 
 import pytest
 
-CLIENT = Path(__file__).parents[1] / "clients" / "python"
+ROOT = Path(__file__).parents[2]
 PARTS = [
     "find_one_angle",
     "compute_some_motions",
@@ -21,21 +23,20 @@ PARTS = [
 
 
 @pytest.fixture(scope="module")
-def generated(live_url: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Folder of a package `ricochet_client`; its formatter is the ruff beside the Python that runs the tests."""
-    folder = tmp_path_factory.mktemp("generated")
-    scripts = Path(sys.executable).parent
-    command = [str(scripts / "openapi-python-client"), "generate", "--url", f"{live_url}/openapi.json"]
-    command += ["--output-path", "ricochet_client", "--meta", "none", "--fail-on-warning"]
-    command += ["--config", str(CLIENT / "config.yml")]
-    environment = os.environ | {"PATH": f"{scripts}{os.pathsep}{os.environ['PATH']}", "NO_PROXY": "*"}
-    done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stdout + done.stderr
+def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder with the content of the wheel."""
+    folder = tmp_path_factory.mktemp("clients")
+    command = [sys.executable, str(ROOT / "clients" / "build.py"), "--only", "python", "--output", str(folder)]
+    subprocess.run(command, check=True)
+    (wheel,) = folder.glob("*.whl")
+    contract = json.loads((ROOT / "openapi" / "openapi.json").read_text(encoding="utf-8"))
+    assert wheel.name == f"ricochet_client-{contract['info']['version']}.0.0-py3-none-any.whl"
+    zipfile.ZipFile(wheel).extractall(folder)
     return folder
 
 
-def test_generated_client_asks_follows_reads_and_cancels(generated: Path, live_url: str) -> None:
-    command = [sys.executable, "-W", "error", str(CLIENT / "conversation.py"), live_url]
-    environment = os.environ | {"NO_PROXY": "*", "PYTHONPATH": str(generated)}
+def test_generated_client_asks_follows_reads_and_cancels(installed: Path, live_url: str) -> None:
+    command = [sys.executable, "-W", "error", str(ROOT / "tests" / "clients" / "python" / "conversation.py"), live_url]
+    environment = os.environ | {"NO_PROXY": "*", "PYTHONPATH": str(installed)}
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout.split()) == (0, PARTS), done.stdout + done.stderr

@@ -1,5 +1,6 @@
-"""A TypeScript client made by openapi-typescript from the committed contract, and used as its users would."""
+"""The TypeScript client that `make clients` builds from the contract, used as its users would."""
 
+import json
 import os
 import re
 import shutil
@@ -11,8 +12,8 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 CONTRACT = ROOT / "openapi" / "openapi.json"
-CLIENT = ROOT / "tests" / "clients" / "typescript"
-FILES = ("package.json", "package-lock.json", ".npmrc", "tsconfig.json", "conversation.ts")
+CLIENT = ROOT / "clients" / "typescript"
+CONVERSATION = ROOT / "tests" / "clients" / "typescript"
 PARTS = ("findOneAngle", "findSomeAtOnce", "sweepTwoAxes", "calibrate", "followAJob", "cancelAJob", "getProblems")
 
 OLDEST_NODE = 20
@@ -51,8 +52,8 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
     version = run(folder, "node", "--version").stdout.strip()
     if int(version.lstrip("v").partition(".")[0]) < OLDEST_NODE:
         pytest.skip(f"Node.js {OLDEST_NODE} or later is needed, here is {version}")
-    for name in FILES:
-        shutil.copy(CLIENT / name, folder)
+    for source in (CLIENT, CONVERSATION):
+        shutil.copytree(source, folder, dirs_exist_ok=True, ignore=shutil.ignore_patterns("node_modules"))
     shutil.copy(CONTRACT, folder / "contract.json")
     patience = (
         "--prefer-offline",
@@ -67,8 +68,11 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
     if installed.returncode and (reason := OUT_OF_REACH.search(installed.stderr)):
         pytest.skip(f"npm cannot reach its registry: {reason[0]}")
     assert installed.returncode == 0, installed.stdout + installed.stderr
-    checked = run(folder, "npm", "run", "build")
-    assert checked.returncode == 0, checked.stdout + checked.stderr
+    for command in (["npm", "run", "build"], ["npx", "tsc", "--project", "tsconfig.conversation.json"]):
+        built = run(folder, *command)
+        assert built.returncode == 0, built.stdout + built.stderr
+    packed = json.loads(run(folder, "npm", "pack", "--dry-run", "--json").stdout)
+    assert {"dist/index.js", "dist/index.d.ts", "dist/contract.d.ts"} <= {file["path"] for file in packed[0]["files"]}
     return folder
 
 

@@ -24,6 +24,7 @@ NOT_RUN = {
     "make test": "what CI runs itself, and this is part of it",
     "make setup": "done by all others",
     "make check": "what CI runs itself",
+    "make clients": "tests/api/test_generated_client.py and test_typescript_client.py build the same",
     "make serve": "runs until it is stopped; `server` blocks have a service",
     ". .venv/bin/activate": "done for every block that runs",
     "pip install ": "what setup does from the lock",

@@ -1,21 +1,14 @@
 // What a program in TypeScript asks of the service: types from the contract, calls by openapi-fetch.
 //
-//     cp ../../../openapi/openapi.json contract.json
-//     npm ci && npm run build && npm start http://127.0.0.1:8000
-//
-// Fields with a default may be left out of a request; `--default-non-nullable false` tells openapi-typescript so.
+// tests/api/test_typescript_client.py puts this beside the package and compiles it with the same settings.
+// Fields with a default may be left out of a request.
 
 import assert from "node:assert/strict";
 
-import createClient from "openapi-fetch";
-
-import type { components, paths } from "./contract.js";
-
-type Schemas = components["schemas"];
-type Json = `application/${string}json`; // answers and problems; other forms are asked for by `parseAs`
+import { createClient, type Schemas } from "ricochet-client";
 
 const [, , baseUrl] = process.argv;
-const client = createClient<paths, Json>({ baseUrl: baseUrl ?? "http://127.0.0.1:8000" });
+const client = createClient({ baseUrl: baseUrl ?? "http://127.0.0.1:8000" });
 
 const paper: Schemas["CriticalAngleCase"] = {
   projectile: {
