@@ -22,7 +22,7 @@ WALKERS, STEPS, DISCARDED = 12, 300, 100
 def log_posterior(parameters: FloatArray) -> float:
     """Logarithm of the posterior density, up to a constant, of ln S and the logarithm of the scatter in metres."""
     strength_factor, scatter = np.exp(parameters)
-    if not (1.0 < strength_factor < 100.0 and 0.001 < scatter < 0.3):  # the prior is uniform in the logarithms
+    if not (1.0 < strength_factor < 100.0 and 0.001 < scatter < 0.1):  # the prior is uniform in the logarithms
         return -np.inf
     depths = penetration_depths(
         projectile=PROJECTILE,
@@ -39,6 +39,7 @@ def main() -> None:
     """Sample, print."""
     start = np.log([8.0, 0.03]) + 0.1 * np.random.default_rng(7).standard_normal((WALKERS, 2))
     sampler = emcee.EnsembleSampler(WALKERS, 2, log_posterior)
+    sampler.random_state = np.random.RandomState(7).get_state()  # the same at every run
     sampler.run_mcmc(start, STEPS)
     samples = np.exp(sampler.get_chain(discard=DISCARDED, flat=True))
     for name, column, unit in (("S", samples[:, 0], "1"), ("scatter", 1e3 * samples[:, 1], "mm")):
