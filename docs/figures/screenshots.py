@@ -23,6 +23,7 @@ VIEWS = {
     "explore": "explore",
     "critical-angle": "critical-angle",
     "how-sure": "how-sure",
+    "walls": "walls",
     "map": f"map?{MAP}",
     "map-outcomes": f"map?{OUTCOMES}",
     "jobs": "jobs",
