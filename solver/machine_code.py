@@ -7,6 +7,7 @@ import fcntl
 import hashlib
 import io
 import os
+import sys
 import tempfile
 import time
 import zlib
@@ -24,11 +25,20 @@ from numba.core.registry import cpu_target
 from numba.extending import intrinsic
 from numba.np import linalg
 
-from solver.compilation import FOLDERS, PACKAGE, SHIPPED_FOLDERS, SHIPPED_FOR, SOURCE_DIGEST
+from solver.compilation import (
+    FOLDERS,
+    PACKAGE,
+    SHIPPED_FOLDERS,
+    SHIPPED_FOR,
+    SOURCE_DIGEST,
+    compilation_progress,
+    read_intact,
+)
 
 LOCK_SECONDS = 900.0
 """How long another process may compile before this one does the same: longer than all of the solver takes."""
-DIGEST_BYTES = hashlib.sha256().digest_size
+LONG = 10
+"""Functions that take some seconds to compile."""
 
 
 def _import_array_functions() -> None:
@@ -72,10 +82,10 @@ class _CheckedFile(IndexDataCacheFile):
     """numba's files of a function in one folder, each with its digest at the end; a damaged one counts as absent."""
 
     def _load_index(self) -> dict[Any, str]:
-        return super()._load_index() if _is_intact(self._index_path) else {}
+        return super()._load_index() if read_intact(Path(self._index_path)) is not None else {}
 
     def _load_data(self, name: str) -> Any:
-        if not _is_intact(self._data_path(name)):
+        if read_intact(Path(self._data_path(name))) is None:
             raise FileNotFoundError(name)
         return super()._load_data(name)
 
@@ -88,12 +98,12 @@ class _CheckedFile(IndexDataCacheFile):
             file.write(content.getvalue() + hashlib.sha256(content.getvalue()).digest())
 
 
-def _is_intact(path: str) -> bool:
-    try:
-        content = Path(path).read_bytes()
-    except OSError:
-        return False
-    return hashlib.sha256(content[:-DIGEST_BYTES]).digest() == content[-DIGEST_BYTES:]
+@lru_cache(1)
+def _announce() -> None:
+    """Write to a terminal, once in a process, that much has to be compiled before the first result."""
+    left = len(compilation_progress().left)
+    if left > LONG and sys.stderr is not None and sys.stderr.isatty():
+        sys.stderr.write(f"compiling the solver, once on a machine: {left} functions, about half a minute\n")
 
 
 class _Files:
@@ -113,6 +123,7 @@ class _Files:
             found = cast("tuple[object, object] | None", files.load(known_as))
             if found and found[0] == known_as:
                 return found[1]
+        _announce()
         return None
 
     def save(self, key: object, data: object) -> None:
