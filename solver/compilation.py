@@ -109,11 +109,17 @@ class Progress(NamedTuple):
 
     functions: int
     left: list[str]
-    """Functions that no folder has intact code of for this processor, called ones before those that call them."""
+    """Functions that no folder has intact code of for this processor."""
+    now: str = ""
+    """The one of them that is being compiled, the latest if several processes compile; empty if none is."""
 
     def __str__(self) -> str:
         done = f"{self.functions - len(self.left)} of {self.functions} functions"
-        return f"compiling the solver, once on a machine: {done}" + (f", next {self.left[0]}" if self.left else "")
+        return f"compiling the solver, once on a machine: {done}" + (f", now {self.now}" if self.now else "")
+
+
+COMPILING = "compiling.txt"
+"""File in a folder of compiled code with the name of the function that is being compiled for it."""
 
 
 def compilation_progress() -> Progress:
@@ -125,7 +131,15 @@ def compilation_progress() -> Progress:
     if SHIPPED_FOR:
         places += [(folder, (SHIPPED_FOR.name, SHIPPED_FOR.features)) for folder in SHIPPED_FOLDERS]
     left = [each.name for each in _functions if not any(each.is_compiled(*place) for place in places)]
-    return Progress(len(_functions), left)
+    names = (content.decode() for folder in FOLDERS if (content := _read(folder / COMPILING)) is not None)
+    return Progress(len(_functions), left, next((name for name in names if name in left), ""))
+
+
+def _read(file: Path) -> bytes | None:
+    try:
+        return file.read_bytes()
+    except OSError:
+        return None
 
 
 DIGEST_BYTES = hashlib.sha256().digest_size
@@ -133,11 +147,8 @@ DIGEST_BYTES = hashlib.sha256().digest_size
 
 def read_intact(file: Path) -> bytes | None:
     """Return the content of a file that ends with its digest, without that; None if it is damaged or cannot be read."""
-    try:
-        content = file.read_bytes()
-    except OSError:
-        return None
-    content, digest = content[:-DIGEST_BYTES], content[-DIGEST_BYTES:]
+    whole = _read(file) or b""
+    content, digest = whole[:-DIGEST_BYTES], whole[-DIGEST_BYTES:]
     return content if hashlib.sha256(content).digest() == digest else None
 
 

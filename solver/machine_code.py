@@ -26,6 +26,7 @@ from numba.extending import intrinsic
 from numba.np import linalg
 
 from solver.compilation import (
+    COMPILING,
     FOLDERS,
     PACKAGE,
     SHIPPED_FOLDERS,
@@ -106,10 +107,27 @@ def _announce() -> None:
         sys.stderr.write(f"compiling the solver, once on a machine: {left} functions, about half a minute\n")
 
 
+_begun: list[str] = []
+"""Functions that are being compiled in this process, each called by those before it."""
+
+
+def _write_begun() -> None:
+    """Write the last of them where `solver.compilation.compilation_progress` finds it."""
+    for folder in FOLDERS:
+        with suppress(OSError):
+            folder.mkdir(parents=True, exist_ok=True)
+            if _begun:
+                (folder / COMPILING).write_text(_begun[-1])
+            else:
+                (folder / COMPILING).unlink(missing_ok=True)
+            return
+
+
 class _Files:
     """The files of a function in all folders, as numba uses those in one."""
 
     def __init__(self, folder: str, name: str) -> None:
+        self._function = name.rpartition("-")[0]
         self._files = [_CheckedFile(str(base / folder), name, SOURCE_DIGEST) for base in FOLDERS]
         self._shipped = [_CheckedFile(str(base / folder), name, SOURCE_DIGEST) for base in SHIPPED_FOLDERS]
 
@@ -124,9 +142,14 @@ class _Files:
             if found and found[0] == known_as:
                 return found[1]
         _announce()
+        _begun.append(self._function)
+        _write_begun()
         return None
 
     def save(self, key: object, data: object) -> None:
+        if self._function in _begun:
+            _begun.remove(self._function)
+            _write_begun()
         for files in self._files:
             with suppress(OSError):  # read-only, full or gone
                 files.save(key, (key, data))  # the key too: a writer may be killed between index and data

@@ -27,7 +27,7 @@ def warm_up(report: Report | None = None) -> None:
     Parameters
     ----------
     report
-        Called with a line of text, such as `print`, at the beginning and whenever more functions have been compiled.
+        Called with a line of text, such as `print`, at the beginning and once a second while that changes.
     """
     progress = compilation_progress()
     if progress.left and sys.executable and can_keep():
@@ -49,7 +49,7 @@ def _compile_elsewhere(report: Report, progress: Progress) -> None:
             try:
                 _, errors = process.communicate(timeout=POLL_SECONDS)
             except subprocess.TimeoutExpired:
-                if (now := compilation_progress()).left != progress.left:
+                if (now := compilation_progress()) != progress:
                     progress = now
                     report(str(progress))
         if process.returncode:
