@@ -10,7 +10,7 @@ INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no
 # In the order of the files: the default begins with those of many tests, and ends with one that takes a minute.
 PYTEST := $(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder
 # Else all that the tests start would compile it at the same time.
-WARM_UP = echo "compiling the solver unless that was done, about half a minute ..." && $(BIN)/python -c "import solver; solver.warm_up()"
+WARM_UP = $(BIN)/python -u -c "import solver; solver.warm_up(print)"
 
 # Bytecode is kept, whatever the environment says: a process that compiles all it imports takes three times as long to start.
 export PYTHONDONTWRITEBYTECODE :=
@@ -74,7 +74,6 @@ audit: setup ## look for known vulnerabilities in what the service can run on; f
 	@$(BIN)/python requirements/audit.py --strict
 
 wheel: setup ## build a wheel for this platform that carries compiled code, into dist; on x86-64 for processors with AVX2 and with AVX-512
-	@echo "compiling the solver, about a minute ..."
 	@rm -rf build/compiled
 	@$(BIN)/python -c "from solver.warm_up import compile_portable; compile_portable('build/compiled')"
 	@RICOCHET_COMPILED=build/compiled $(BIN)/python -m pip wheel --quiet --disable-pip-version-check --no-index --no-deps \

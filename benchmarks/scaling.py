@@ -107,10 +107,10 @@ def main() -> None:
     print_machine()
     warm_up()
     cases = random_cases(count, SEED)
-    with process_pool(1) as one, process_pool(2) as two:
+    with process_pool(1) as single, process_pool(2) as pair:
         works: dict[str, Work] = {
             "threads": partial(in_threads, cases),
-            "processes": partial(in_processes, list(one_by_one(cases)), {1: one, 2: two}),
+            "processes": partial(in_processes, list(one_by_one(cases)), {1: single, 2: pair}),
             "multiply-adds in the first-level cache": in_loops(multiply_adds),
             "a short loop in registers": in_loops(registers),
         }
@@ -118,6 +118,8 @@ def main() -> None:
             name: [(measure(work, 1), measure(work, 2), measure(work, 1)) for _ in range(turns)]
             for name, work in works.items()
         }
+    one, two = ([count / round_[index].wall for round_ in seen["threads"]] for index in (0, 1))
+    print(f"searches a second, random strikes: {spread(one)} on one thread, {spread(two)} on two\n")
     rows = []
     for name, rounds in seen.items():
         gain = [0.5 * (before.wall + after.wall) / both.wall for before, both, after in rounds]

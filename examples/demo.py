@@ -60,11 +60,10 @@ def wait_until_ready(client: httpx.Client, process: subprocess.Popen[bytes]) -> 
         if elapsed > COMPILING_AFTER_S:
             from solver.compilation import compilation_progress  # noqa: PLC0415 (takes a second, and is seldom needed)
 
-            compiled, functions = compilation_progress()
-            text = f"compiling the solver, once on a machine: {compiled} of {functions} functions"
-            if compiled < functions and text != shown:
-                print(text, flush=True)
-                shown = text
+            progress = compilation_progress()
+            if progress.left and str(progress) != shown:
+                shown = str(progress)
+                print(shown, flush=True)
         time.sleep(2.0 if shown else 0.1)
     raise DemoError(f"the service was not ready after {START_LIMIT_S:.0f} s")
 

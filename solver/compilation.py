@@ -9,13 +9,16 @@ A folder that can only be read will do if the code is in it; what it lacks goes 
 each start. Every file ends with its SHA-256, and what does not match is compiled anew: a flipped bit in machine code
 would otherwise run. Processes that start together compile each function once, and load what another has compiled.
 
-Code that a wheel carries (`solver.processors`) is as fast as code for the very processor. On another than those it is
-for, everything is compiled at the first start, as without.
+Code that a wheel carries (`solver.processors`) is as fast as code compiled on the machine itself. A processor that it
+is not for compiles everything at the first start, as without such a wheel.
 """
 
 import hashlib
+import io
 import os
+import pickle
 import re
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import suppress
@@ -23,10 +26,10 @@ from functools import update_wrapper
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
-from typing import Any, TypeVar, cast
+from typing import Any, NamedTuple, TypeVar, cast
 from warnings import warn
 
-from llvmlite.binding import get_host_cpu_name
+from llvmlite.binding import get_host_cpu_features, get_host_cpu_name
 
 from solver.processors import PORTABLE, WITH_512_BITS, Processor
 
@@ -101,11 +104,74 @@ _functions: list["Compiled"] = []
 """All that are compiled, of the modules imported so far."""
 
 
-def compilation_progress() -> tuple[int, int]:
-    """Return how many functions have compiled code on disk, from this process or another, and how many there are."""
-    folders = [*FOLDERS, *SHIPPED_FOLDERS]
-    found = {file.relative_to(folder) for folder in folders for file in folder.rglob("*.nbi")}
-    return min(len(found), len(_functions)), len(_functions)
+class Progress(NamedTuple):
+    """How much of the solver is compiled, by this process or another."""
+
+    functions: int
+    left: list[str]
+    """Functions that no folder has intact code of for this processor."""
+    now: str = ""
+    """The one of them that is being compiled, the latest if several processes compile; empty if none is."""
+
+    def __str__(self) -> str:
+        done = f"{self.functions - len(self.left)} of {self.functions} functions"
+        return f"compiling the solver, once on a machine: {done}" + (f", now {self.now}" if self.now else "")
+
+
+COMPILING = "compiling.txt"
+"""File in a folder of compiled code with the name of the function that is being compiled for it."""
+
+
+def compilation_progress() -> Progress:
+    """Return how much is compiled, from the files on disk; numba is not imported."""
+    name = os.environ.get("NUMBA_CPU_NAME")
+    features = os.environ.get("NUMBA_CPU_FEATURES", "" if name == "generic" else get_host_cpu_features().flatten())
+    here = name or get_host_cpu_name(), features
+    places = [(folder, here) for folder in FOLDERS]
+    if SHIPPED_FOR:
+        places += [(folder, (SHIPPED_FOR.name, SHIPPED_FOR.features)) for folder in SHIPPED_FOLDERS]
+    left = [each.name for each in _functions if not any(each.is_compiled(*place) for place in places)]
+    names = (content.decode() for folder in FOLDERS if (content := _read(folder / COMPILING)) is not None)
+    return Progress(len(_functions), left, next((name for name in names if name in left), ""))
+
+
+def _read(file: Path) -> bytes | None:
+    try:
+        return file.read_bytes()
+    except OSError:
+        return None
+
+
+DIGEST_BYTES = hashlib.sha256().digest_size
+
+
+def read_intact(file: Path) -> bytes | None:
+    """Return the content of a file that ends with its digest, without that; None if it is damaged or cannot be read."""
+    whole = _read(file) or b""
+    content, digest = whole[:-DIGEST_BYTES], whole[-DIGEST_BYTES:]
+    return content if hashlib.sha256(content).digest() == digest else None
+
+
+class _Placeholder:
+    """Stands for an object of numba in an index, so that numba need not be imported to read it."""
+
+    def __new__(cls, *_: object) -> "_Placeholder":
+        return super().__new__(cls)
+
+    def __setstate__(self, _: object) -> None:
+        pass
+
+
+class _IndexReader(pickle.Unpickler):
+    """Reads the text and the tuples of an index and nothing else."""
+
+    def find_class(self, _module: str, _name: str) -> type[_Placeholder]:
+        return _Placeholder
+
+
+def _without_avx(features: str) -> list[str]:
+    """Return the features that numba does not switch off on some processors."""
+    return [each for each in features.split(",") if not each[1:].startswith("avx")]
 
 
 def can_keep() -> bool:
@@ -129,12 +195,33 @@ class Compiled:
 
     def __init__(self, function: Callable[..., object], options: dict[str, Any]) -> None:
         update_wrapper(self, function)
+        self.name = f"{function.__module__.rpartition('.')[2]}.{function.__qualname__}"
+        """Module and function, as numba names its files."""
         self._options = options
         self._made: Any = None
 
     def __call__(self, *arguments: object) -> object:
         """Compute, in machine code."""
         return self.dispatcher(*arguments)
+
+    def is_compiled(self, folder: Path, processor: tuple[str, str]) -> bool:
+        """Return whether a folder has intact code of the function for a processor, by its name and features."""
+        code = self.__wrapped__.__code__  # type: ignore[attr-defined]
+        version = f"{sys.version_info.major}{sys.version_info.minor}{sys.abiflags}"
+        place = folder / Path(code.co_filename).resolve().relative_to(PACKAGE.resolve()).parent
+        content = read_intact(place / f"{self.name}-{code.co_firstlineno}.py{version}.nbi")
+        if content is None:
+            return False
+        index = io.BytesIO(content)
+        try:
+            _IndexReader(index).load()  # the version of numba
+            _, overloads = _IndexReader(index).load()
+            known = {(name, *_without_avx(features)): data for (_, (_, name, features), _), data in overloads.items()}
+        except (pickle.UnpicklingError, TypeError, ValueError):  # of another version of numba
+            return False
+        name, features = processor
+        data = known.get((name, *_without_avx(features)))
+        return data is not None and read_intact(place / data) is not None
 
     @property
     def dispatcher(self) -> Any:

@@ -7,6 +7,7 @@ import fcntl
 import hashlib
 import io
 import os
+import sys
 import tempfile
 import time
 import zlib
@@ -24,11 +25,21 @@ from numba.core.registry import cpu_target
 from numba.extending import intrinsic
 from numba.np import linalg
 
-from solver.compilation import FOLDERS, PACKAGE, SHIPPED_FOLDERS, SHIPPED_FOR, SOURCE_DIGEST
+from solver.compilation import (
+    COMPILING,
+    FOLDERS,
+    PACKAGE,
+    SHIPPED_FOLDERS,
+    SHIPPED_FOR,
+    SOURCE_DIGEST,
+    compilation_progress,
+    read_intact,
+)
 
 LOCK_SECONDS = 900.0
 """How long another process may compile before this one does the same: longer than all of the solver takes."""
-DIGEST_BYTES = hashlib.sha256().digest_size
+LONG = 10
+"""Functions that take some seconds to compile."""
 
 
 def _import_array_functions() -> None:
@@ -72,10 +83,10 @@ class _CheckedFile(IndexDataCacheFile):
     """numba's files of a function in one folder, each with its digest at the end; a damaged one counts as absent."""
 
     def _load_index(self) -> dict[Any, str]:
-        return super()._load_index() if _is_intact(self._index_path) else {}
+        return super()._load_index() if read_intact(Path(self._index_path)) is not None else {}
 
     def _load_data(self, name: str) -> Any:
-        if not _is_intact(self._data_path(name)):
+        if read_intact(Path(self._data_path(name))) is None:
             raise FileNotFoundError(name)
         return super()._load_data(name)
 
@@ -88,18 +99,35 @@ class _CheckedFile(IndexDataCacheFile):
             file.write(content.getvalue() + hashlib.sha256(content.getvalue()).digest())
 
 
-def _is_intact(path: str) -> bool:
-    try:
-        content = Path(path).read_bytes()
-    except OSError:
-        return False
-    return hashlib.sha256(content[:-DIGEST_BYTES]).digest() == content[-DIGEST_BYTES:]
+@lru_cache(1)
+def _announce() -> None:
+    """Write to a terminal, once in a process, that much has to be compiled before the first result."""
+    left = len(compilation_progress().left)
+    if left > LONG and sys.stderr is not None and sys.stderr.isatty():
+        sys.stderr.write(f"compiling the solver, once on a machine: {left} functions, about half a minute\n")
+
+
+_begun: list[str] = []
+"""Functions that are being compiled in this process, each called by those before it."""
+
+
+def _write_begun() -> None:
+    """Write the last of them where `solver.compilation.compilation_progress` finds it."""
+    for folder in FOLDERS:
+        with suppress(OSError):
+            folder.mkdir(parents=True, exist_ok=True)
+            if _begun:
+                (folder / COMPILING).write_text(_begun[-1])
+            else:
+                (folder / COMPILING).unlink(missing_ok=True)
+            return
 
 
 class _Files:
     """The files of a function in all folders, as numba uses those in one."""
 
     def __init__(self, folder: str, name: str) -> None:
+        self._function = name.rpartition("-")[0]
         self._files = [_CheckedFile(str(base / folder), name, SOURCE_DIGEST) for base in FOLDERS]
         self._shipped = [_CheckedFile(str(base / folder), name, SOURCE_DIGEST) for base in SHIPPED_FOLDERS]
 
@@ -113,9 +141,15 @@ class _Files:
             found = cast("tuple[object, object] | None", files.load(known_as))
             if found and found[0] == known_as:
                 return found[1]
+        _announce()
+        _begun.append(self._function)
+        _write_begun()
         return None
 
     def save(self, key: object, data: object) -> None:
+        if self._function in _begun:
+            _begun.remove(self._function)
+            _write_begun()
         for files in self._files:
             with suppress(OSError):  # read-only, full or gone
                 files.save(key, (key, data))  # the key too: a writer may be killed between index and data

@@ -1,4 +1,4 @@
-"""What processors code is compiled for: the one at hand, or one of a few that many are like.
+"""Processors that code is compiled for: the one of this machine, or one of a few levels that many processors share.
 
 A wheel for one platform (`make wheel`) and the container image carry code for x86-64-v3, the processors with AVX2, and
 for AMD's with AVX-512, which gain a tenth to a fifth by registers of 512 bits (`benchmarks/NOTES.md`).
@@ -11,16 +11,16 @@ from llvmlite.binding import get_host_cpu_features, get_host_cpu_name
 
 
 class Processor(NamedTuple):
-    """Something that code can be compiled for and carried to others."""
+    """A level of processors: code compiled for it runs on every processor that has these features."""
 
     name: str
-    """LLVM's, of `NUMBA_CPU_NAME`."""
+    """Value of `NUMBA_CPU_NAME`, a processor that LLVM knows."""
     features: str = ""
-    """Likewise, of `NUMBA_CPU_FEATURES`."""
+    """Value of `NUMBA_CPU_FEATURES`, features to switch on (+) or off (-)."""
     needs: tuple[str, ...] = ()
-    """Features of those that can run it."""
+    """Features that a processor must have to run the code."""
     gain: tuple[str, ...] = ("",)
-    """How LLVM's names of those begin that gain by it."""
+    """First letters of LLVM's names of the processors on which this code is the fastest."""
 
     @property
     def runs_here(self) -> bool:
@@ -30,12 +30,12 @@ class Processor(NamedTuple):
 
     @property
     def suits_here(self) -> bool:
-        """Whether it also gains by it."""
+        """Whether this is also the fastest code for it."""
         return self.runs_here and get_host_cpu_name().startswith(self.gain)
 
 
 WITH_512_BITS = ("znver4", "znver5")
-"""Names of processors on which LLVM is to use registers of 512 bits: on Intel's, half of that is as fast."""
+"""Processors on which LLVM uses registers of 512 bits; on those of Intel, 256 bits are as fast."""
 AVX2 = ("avx2", "bmi", "bmi2", "f16c", "fma", "lzcnt", "movbe")
 AVX512 = ("avx512f", "avx512bw", "avx512cd", "avx512dq", "avx512vl")
 PORTABLE = (

@@ -3,41 +3,72 @@
 import os
 import subprocess
 import sys
+from collections.abc import Callable
+from warnings import warn
 
 from solver.cases import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY, paper_impact
-from solver.compilation import can_keep, compilation_progress
+from solver.compilation import Progress, can_keep, compilation_progress
 from solver.numerics import Numerics
 from solver.processors import PORTABLE
 from solver.search.critical_angle import critical_angle
 from solver.trajectory import simulate
 
+POLL_SECONDS = 1.0
 
-def warm_up() -> None:
+Report = Callable[[str], object]
+
+
+def warm_up(report: Report | None = None) -> None:
     """Run both routes and a search once: half a minute on a new machine, a fraction of a second after.
 
     What is not on disk is compiled in two other processes, each of which begins with another half; the memory that the
-    compiler takes ends with them.
+    compiler takes ends with them. If one of them fails, a `RuntimeWarning` says so and this process compiles the rest.
+
+    Parameters
+    ----------
+    report
+        Called with a line of text, such as `print`, at the beginning and once a second while that changes.
     """
-    compiled, functions = compilation_progress()
-    if compiled < functions and can_keep():
-        environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
-        scripts = (f"from solver.warm_up import {name}; {name}()" for name in ("run_trajectories", "run_search"))
-        commands = ([sys.executable, "-c", script] for script in scripts)
-        begun = [subprocess.Popen(command, env=environment) for command in commands]  # noqa: S603 (our own)
-        for process in begun:
-            process.wait()
+    progress = compilation_progress()
+    if progress.left and sys.executable and can_keep():
+        _compile_elsewhere(report or (lambda _: None), progress)
     run_trajectories()
     run_search()
 
 
+def _compile_elsewhere(report: Report, progress: Progress) -> None:
+    report(str(progress))
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    begun = []
+    for name in ("run_trajectories", "run_search"):
+        command = [sys.executable, "-c", f"from solver.warm_up import {name}; {name}()"]
+        begun.append(subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True))  # noqa: S603 (our own)
+    for process in begun:
+        errors = None
+        while errors is None:
+            try:
+                _, errors = process.communicate(timeout=POLL_SECONDS)
+            except subprocess.TimeoutExpired:
+                if (now := compilation_progress()) != progress:
+                    progress = now
+                    report(str(progress))
+        if process.returncode:
+            cause = (errors.strip().splitlines() or ["no message"])[-1]
+            text = f"a process that compiles the solver ended with code {process.returncode}: {cause}"
+            warn(text, RuntimeWarning, stacklevel=3)
+
+
 def compile_portable(folder: str) -> None:
-    """Compile for each of the processors of `solver.processors` that this one can run, into a folder of its name."""
+    """Compile for each of the processors of `solver.processors` that this one can run, into a folder of its name.
+
+    Progress goes to standard output. There may be no such processor: the folder is not made then.
+    """
     for each in PORTABLE:
         if each.runs_here:
             chosen = {"NUMBA_CPU_NAME": each.name, "NUMBA_CPU_FEATURES": each.features}
             environment = os.environ | chosen | {"NUMBA_CACHE_DIR": os.path.join(folder, each.name)}  # noqa: PTH118 (a string)
-            command = [sys.executable, "-c", "import solver; solver.warm_up()"]
-            subprocess.run(command, env=environment, check=True)  # noqa: S603 (our own)
+            script = f"import solver; solver.warm_up(lambda text: print('{each.name}:', text))"
+            subprocess.run([sys.executable, "-u", "-c", script], env=environment, check=True)  # noqa: S603 (our own)
 
 
 def run_trajectories() -> None:

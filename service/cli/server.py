@@ -90,9 +90,9 @@ class Server(uvicorn.Server):
             await asyncio.wait({starting}, timeout=1 / TICKS_PER_SECOND)
             if loop.time() > reported + PROGRESS_SECONDS:
                 reported = loop.time()
-                compiled, functions = compilation_progress()
-                if compiled < functions:
-                    log.info("compiling the solver, once on a machine: %d of %d functions", compiled, functions)
+                progress = compilation_progress()
+                if progress.left:
+                    log.info("%s", progress)
         if self.should_exit:  # workers that compile the solver would hold up the end for minutes
             starting.cancel()
             await asyncio.gather(starting, return_exceptions=True)

@@ -8,11 +8,14 @@ import fcntl
 import importlib
 import json
 import os
+import pty
+import re
 import shutil
+import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -89,6 +92,20 @@ class Little:
         """How many functions a start compiles; it has to compute right."""
         return ended(self.start())
 
+    def left(self) -> list[str]:
+        """The functions that count as not yet compiled, found without numba."""
+        script = (
+            "import json, sys; from little import compilation, functions\n"
+            "print(json.dumps([compilation.compilation_progress().left, 'numba' in sys.modules]))"
+        )
+        command = [*bound_by_permissions(), sys.executable, "-c", script]
+        done = subprocess.run(
+            command, env=self.environment, capture_output=True, text=True, cwd=self.folder, check=True, timeout=START_S
+        )
+        left, numba = json.loads(done.stdout)
+        assert not numba
+        return list(left)
+
 
 def ended(process: subprocess.Popen[str]) -> int:
     output, errors = process.communicate(timeout=START_S)
@@ -148,6 +165,12 @@ def ready(tmp_path: Path, started: Little) -> Little:
 
 def test_code_is_compiled_once(started: Little) -> None:
     assert started.compiled() == 0
+
+
+def test_what_is_left_is_counted_without_numba(little: Little) -> None:
+    assert little.left() == ["functions.half", "functions.quarter"]
+    little.compiled()
+    assert little.left() == []
 
 
 def test_code_is_found_in_a_copy_elsewhere(ready: Little) -> None:
@@ -226,8 +249,10 @@ def test_damaged_code_is_compiled_anew(little: Little, damage: str, suffix: str)
     assert len(files) == 2
     for file in files:
         file.write_bytes(DAMAGES[damage](file.read_bytes()))
+    assert len(little.left()) == 2
     assert little.compiled() == 2
     assert little.compiled() == 0
+    assert not little.left()
 
 
 def test_unreadable_code_is_compiled_anew(little: Little) -> None:
@@ -268,8 +293,9 @@ def test_process_that_never_ends_compiling_is_not_waited_for(little: Little) -> 
 def test_solver_is_found_in_a_copy_that_can_only_be_read(tmp_path: Path) -> None:
     """As root installs it for others; what compiles here was compiled already."""
     solver.warm_up()
-    compiled, functions = compilation.compilation_progress()
-    assert compiled == functions > 0
+    progress = compilation.compilation_progress()
+    assert progress.functions > 0
+    assert not progress.left
     source = Path(str(solver.__file__)).parent
     code = next(folder for folder in compilation.FOLDERS if any(folder.rglob("*.nbi")))
     ignored = shutil.ignore_patterns("__pycache__")
@@ -296,10 +322,82 @@ def test_solver_is_found_in_a_copy_that_can_only_be_read(tmp_path: Path) -> None
 def test_where_code_cannot_be_kept_no_other_process_compiles_it(monkeypatch: pytest.MonkeyPatch) -> None:
     solver.warm_up()
     warm_up = importlib.import_module("solver.warm_up")
-    monkeypatch.setattr(warm_up, "compilation_progress", lambda: (0, 1))
+    monkeypatch.setattr(warm_up, "compilation_progress", lambda: compilation.Progress(1, ["all"]))
     monkeypatch.setattr(compilation, "FOLDERS", [Path("/proc/nothing")])
     monkeypatch.setattr("subprocess.Popen", lambda *_, **__: pytest.fail("it would be compiled twice"))
     warm_up.warm_up()
+
+
+def test_process_that_cannot_compile_is_reported(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    solver.warm_up()
+    warm_up = importlib.import_module("solver.warm_up")
+    monkeypatch.setattr(warm_up, "compilation_progress", lambda: compilation.Progress(1, ["all"]))
+    program = tmp_path / "python"
+    program.write_text("#!/bin/sh\necho out of memory >&2\nexit 7\n")
+    program.chmod(0o755)
+    monkeypatch.setattr(sys, "executable", str(program))
+    with pytest.warns(RuntimeWarning, match="ended with code 7: out of memory"):
+        warm_up.warm_up()
+
+
+@pytest.fixture
+def compiling(tmp_path: Path) -> Iterator[Callable[..., subprocess.Popen[str]]]:
+    """Starts a script that has to compile all of the solver; it is killed at the end."""
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "empty"), "XDG_CACHE_HOME": str(tmp_path / "user")}
+    environment |= {"TMPDIR": str(tmp_path)}
+    processes: list[subprocess.Popen[str]] = []
+
+    def start(script: str, stderr: int | None = None) -> subprocess.Popen[str]:
+        command = [sys.executable, "-u", "-c", script]
+        process = subprocess.Popen(
+            command, env=environment, text=True, start_new_session=True, stdout=subprocess.PIPE, stderr=stderr
+        )
+        processes.append(process)
+        return process
+
+    yield start
+    for process in processes:
+        os.killpg(process.pid, signal.SIGKILL)
+        process.communicate()
+
+
+def test_progress_says_how_much_is_compiled_and_what_is_being_compiled(
+    compiling: Callable[..., subprocess.Popen[str]],
+) -> None:
+    process = compiling("import solver; solver.warm_up(print)")
+    assert process.stdout is not None
+    form = re.compile(r"compiling the solver, once on a machine: (\d+) of (\d+) functions(, now [a-z_]+\.[a-z_]+)?\n")
+    compiled: list[int] = []
+    named = False
+    while not named or compiled[-1] == 0:
+        line = process.stdout.readline()
+        match = form.fullmatch(line)
+        assert match, line
+        compiled.append(int(match[1]))
+        named |= bool(match[3])
+        assert compiled[-1] < int(match[2])
+    assert compiled[0] == 0
+
+
+def test_first_call_on_a_terminal_announces_that_it_compiles(compiling: Callable[..., subprocess.Popen[str]]) -> None:
+    script = (
+        "from solver import critical_angle\n"
+        "from solver.cases import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY\n"
+        "critical_angle(projectile=PAPER_PROJECTILE, target=PAPER_TARGET, velocity=PAPER_VELOCITY)"
+    )
+    ours, theirs = pty.openpty()
+    compiling(script, stderr=theirs)
+    os.close(theirs)
+    with os.fdopen(ours) as terminal:
+        assert re.fullmatch(
+            r"compiling the solver, once on a machine: \d+ functions, about half a minute\n", terminal.readline()
+        )
+
+
+def test_import_loads_neither_numba_nor_scipy() -> None:
+    script = "import sys, solver; print([name for name in ('numba', 'scipy') if name in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert done.stdout == "[]\n"
 
 
 needs_avx2 = pytest.mark.skipif(not WITH_AVX2.needs or not WITH_AVX2.runs_here, reason="this processor has no AVX2")
@@ -315,8 +413,23 @@ binding.get_host_cpu_features = lambda: FeatureMap({"sse4.2": True})
 def test_code_of_a_wheel_is_used_on_any_processor_it_is_for(little: Little) -> None:
     little.ship()
     set_writable(little.package, False)
+    assert not little.left()
     assert little.compiled() == 0
     assert not list((little.folder / "home").rglob("*.nbc"))
+
+
+@needs_avx2
+def test_code_for_another_processor_is_not_counted_and_stays(little: Little) -> None:
+    little.environment["NUMBA_CPU_NAME"] = WITH_AVX2.name
+    assert little.compiled() == 2
+    assert not little.left()
+    del little.environment["NUMBA_CPU_NAME"]
+    assert len(little.left()) == 2
+    assert little.compiled() == 2
+    assert not little.left()
+    little.environment["NUMBA_CPU_NAME"] = WITH_AVX2.name
+    assert not little.left()
+    assert little.compiled() == 0
 
 
 @needs_avx2
