@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 from enum import StrEnum
+from functools import partial
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
@@ -16,7 +17,7 @@ from service.schemas.examples import PAPER, PAPER_AT_45
 from service.schemas.numerics import Search
 from service.schemas.quantities import WHOLE, Count, Flag, Num, Part, degrees, with_examples
 from service.schemas.requests import Case, CriticalAngleBase, TrajectoryFields
-from service.schemas.resistance import Resistance
+from service.schemas.resistance import STRENGTH_FACTORS, FreeSurface, Resistance
 from service.schemas.strike import Impact, Strike
 from service.schemas.sweeps import check_field, put
 from solver import Outcome, ParameterError
@@ -41,6 +42,7 @@ from solver.uncertainty import (
     Uniform,
     scaled,
 )
+from solver.uncertainty.inputs import check_values
 
 SAMPLING = Sampling()
 MOST_SAMPLES = 131_072
@@ -296,7 +298,8 @@ class UncertainCase(Case):
         Raises
         ------
         ParameterError
-            If a field is no number of the request, or a distribution is not valid.
+            If a field is no number of the request, a distribution is not valid, or a value that it states is outside
+            the accepted range of its field.
         """
         found = []
         for index, each in enumerate(self.uncertain):
@@ -310,13 +313,54 @@ class UncertainCase(Case):
                 raise ParameterError(f"{place}.distribution.values", f"must be numbers, but for {' and '.join(MODELS)}")
             if each.field in MODELS:
                 _check_models(model, base, place, each.field, distribution, names=names)
-            elif each.field != RESIDUAL:
-                try:
-                    check_field(model, base, each.field.split("."))
-                except LookupError as error:
-                    raise ParameterError(f"{place}.field", f"{each.field!r} {error.args[0]}") from None
             found.append(Uncertain(each.field, distribution))
+        for index, number in enumerate(found):
+            if number.field not in MODELS:
+                at = _bases_of(model, base, found, index)[0]
+                check_values(index, number, partial(_check, model, at, number.field))
         return found
+
+
+def _bases_of(
+    model: type[BaseModel], base: dict[str, Any], uncertain: Sequence[Uncertain], index: int
+) -> list[dict[str, Any]]:
+    """Return the requests in which a number is set: one, or one with each of the models whose number it is.
+
+    Raises
+    ------
+    ParameterError
+        If it is no number of one of them.
+    """
+    field = uncertain[index].field
+    if field == RESIDUAL:
+        return [base]
+    bases, chosen = [base], ""
+    for number, each in enumerate(uncertain):
+        if each.field in MODELS and field.startswith(each.field.removesuffix("model")):
+            assert isinstance(each.distribution, Discrete)  # noqa: S101 (checked)
+            bases = [with_values(base, [each.field], [name]) for name in each.distribution.values]
+            chosen = f"; it must be a number of every model of uncertain.{number}"
+    for request in bases:
+        try:
+            check_field(model, request, field.split("."))
+        except LookupError as error:
+            raise ParameterError(f"uncertain.{index}.field", f"{field!r} {error.args[0]}{chosen}") from None
+    return bases
+
+
+def _check(model: Any, base: Mapping[str, Any], field: str, value: float) -> None:
+    """Refuse a value of a field that the contract does not accept.
+
+    Raises
+    ------
+    ParameterError
+        If it does not.
+    """
+    try:
+        model.model_validate(with_values(base, [field], [value])).arguments()
+    except ValidationError as error:
+        detail = error.errors()[0]["msg"]
+        raise ParameterError(field, f"{detail[0].lower()}{detail[1:]}, got {value:g}") from None
 
 
 def _check_models(
@@ -330,7 +374,7 @@ def _check_models(
             model.model_validate(with_values(base, [field], [name]))
         except ValidationError:
             raise ParameterError(
-                f"{place}.distribution.values.{number}", f"{name!r} is no model of this kind"
+                f"{place}.distribution.values.{number}", f"{name!r} is no model of this kind with default numbers"
             ) from None
 
 
@@ -343,11 +387,23 @@ def with_values(base: Mapping[str, Any], fields: Sequence[str], values: Sequence
         elif field in MODELS:
             part = field.split(".")[1]
             resistance = request.get("resistance", {})
-            if resistance.get(part, {}).get("model") != value:
-                request["resistance"] = {**resistance, part: {"model": value}}
+            given = resistance.get(part, {})
+            if given.get("model") != value:
+                request["resistance"] = {**resistance, part: _with_model(given, value)}
         else:
             request = put(request, field.split("."), value)
     return request if residual is None else _with_residual(request, residual)
+
+
+def _with_model(given: Mapping[str, Any], name: str) -> dict[str, Any]:
+    """Return a part with another model; an option set to other than its default stays if that model has it too."""
+    own, other = (STRENGTH_FACTORS.get(each, FreeSurface) for each in (str(given.get("model")), name))
+    kept = {
+        option: value
+        for option, value in given.items()
+        if option in own.model_fields and option in other.model_fields and value != own.model_fields[option].default
+    }
+    return {**kept, "model": name}
 
 
 def _with_residual(request: Mapping[str, Any], factor: float) -> dict[str, Any]:
@@ -402,12 +458,23 @@ class CriticalAngleUncertaintyRequest(UncertainCase):
             If values do not go together.
         """
         lower, upper = self.search.to_solver().bounds
+        inputs = self.inputs(CriticalAngleBase, self.base)
+
+        def accepts(index: int, value: float) -> bool:
+            base = _bases_of(CriticalAngleBase, self.base, inputs, index)[0]
+            try:
+                _check(CriticalAngleBase, base, inputs[index].field, value)
+            except ParameterError:
+                return False
+            return True
+
         return AngleStudy(
-            self.inputs(CriticalAngleBase, self.base),
+            inputs,
             self.oblique_angles_deg.radians(),
             self.sampling.to_solver(),
             sensitivity=self.sensitivity,
             bounds=(lower, upper),
+            accepts=accepts,
         )
 
 

@@ -2,8 +2,9 @@
 
 import itertools
 import math
-from collections.abc import Sequence
-from typing import Any, cast
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any, TypeAlias, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -19,8 +20,12 @@ MOST_ALTERNATIVES = 8
 SWING_LEVELS = (0.05, 0.95)
 """Quantiles of an input between which its swing is computed."""
 
+BISECTIONS = 60
+
 Point = tuple[Any, ...]
 """A value of each input, in their order."""
+Accepts: TypeAlias = Callable[[int, float], bool]
+"""Whether a value of an input is one that the model accepts."""
 
 
 class Design:
@@ -110,6 +115,21 @@ class Design:
                 place = place * len(self._discrete(i).values) + self._discrete(i).places(unit[..., i])
         return place
 
+    def beyond(self, unit: FloatArray, accepts: Accepts) -> npt.NDArray[np.bool_]:
+        """Return which points have a continuous input outside the range that is accepted of it.
+
+        Each input is judged alone, the others as in the strike: what is accepted of it is an interval around its
+        median, whose ends are found by bisection.
+        """
+        found = np.zeros(unit.shape[:-1], bool)
+        for i in self.continuous:
+            distribution = cast(Continuous, self.uncertain[i].distribution)
+            values = distribution.value(distribution.standard(unit[..., i]))
+            for end, outside in ((float(values.min()), np.less), (float(values.max()), np.greater)):
+                if not accepts(i, end):
+                    found |= outside(values, _last_accepted(partial(accepts, i), self._middle(i), end))
+        return found
+
     def _swing_points(self) -> list[tuple[int, Point]]:
         middle = [self._middle(i) for i in range(len(self.uncertain))]
         return [
@@ -139,3 +159,11 @@ class Design:
         if isinstance(distribution, Discrete):
             return list(distribution.values)
         return [float(each) for each in distribution.value(distribution.standard(np.array(SWING_LEVELS)))]
+
+
+def _last_accepted(accepts: Callable[[float], bool], inside: float, outside: float) -> float:
+    """Return the number between these that is accepted and next to one that is not."""
+    for _ in range(BISECTIONS):
+        middle = 0.5 * (inside + outside)
+        inside, outside = (middle, outside) if accepts(middle) else (inside, middle)
+    return inside

@@ -28,7 +28,7 @@ class Sampling:
     Parameters
     ----------
     half_width
-        Of the interval of every probability, at which sampling ends. [1]
+        Of the interval of every probability, cut off at 0 and 1, at which sampling ends. [1]
     confidence
         Of every interval. [1]
     max_samples
@@ -60,7 +60,7 @@ class Sampling:
 
     @property
     def student_quantile(self) -> float:
-        """Likewise where the standard error comes from the scramblings.
+        """Standard errors of the half width where the standard error comes from the scramblings.
 
         Their means are not quite normal: with half the risk, true values are found within their intervals as often as
         the confidence says (`tests/uncertainty/test_coverage.py`).

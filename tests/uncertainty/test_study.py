@@ -34,6 +34,18 @@ def test_smooth_function_is_answered_by_the_surrogate_exactly() -> None:
     assert misses(Linear(), answer) == []
 
 
+def test_surrogate_admits_the_share_that_its_samples_cannot_show() -> None:
+    answer = run(Linear(), half_width=0.002)
+    first, last = answer.convergence[0], answer.convergence[-1]
+    assert answer.method == "surrogate"
+    assert answer.converged
+    assert first.samples < last.samples  # not by the 65,536 points at which it is evaluated
+    unseen = answer.share_without.upper
+    assert (answer.upper - answer.probability)[answer.probability < 0.5] == pytest.approx(unseen, rel=0.1)
+    assert (answer.probability - answer.lower)[answer.probability > 0.5] == pytest.approx(unseen, rel=0.1)
+    assert last.half_width >= unseen  # both sides of a probability between
+
+
 def test_rough_function_is_sampled_directly() -> None:
     function = Ishigami()
     answer = run(function, seed=1)
