@@ -70,6 +70,22 @@ def test_service_gives_the_same_answer(strike: Path, folder: Path, live_url: str
     assert "/uncertain/1/distribution/lower: is no value of" in refused.err
 
 
+def test_calibrated_strength_factor_is_an_uncertain_input(folder: Path) -> None:
+    (folder / "case.toml").write_text(STRIKE_TOML)
+    (folder / "tests.csv").write_text("velocity_m_s,depth_m\n238.1,0.30\n275.7,0.38\n314.0,0.45\n369.5,0.53\n")
+    fit = json.loads(run(folder, "calibrate", "depth", "tests.csv", "--case", "case.toml", "--json").out)
+    tables = run(folder, "calibrate", "depth", "tests.csv", "--case", "case.toml", "--uncertain")
+    assert tables.status == 0, tables.err
+    (folder / "fitted.toml").write_text(STRIKE_TOML + tables.out)
+    done = run(folder, "uncertainty", "fitted.toml", "--json")
+    assert done.status == 0, done.err
+    [sensitivity] = json.loads(done.out)["sensitivity"]
+    assert sensitivity["field"] == "resistance.strength_factor.value"
+    low, high = (each["value"] for each in sensitivity["swing"])
+    assert 0.5 * (low + high) == pytest.approx(fit["strength_factor"], rel=1e-4)
+    assert high - low == pytest.approx(2.0 * 1.645 * fit["standard_error"], rel=1e-2)
+
+
 def test_terminal_shows_the_half_width_reached_and_requested(strike: Path, folder: Path) -> None:
     study = ("--set", "sampling.half_width=0.001", "--set", "sampling.max_samples=520", "--set", "sensitivity=false")
     done = run_on_terminal(folder, "uncertainty", strike.name, *study)
