@@ -44,6 +44,10 @@ def test_answer_of_a_job_is_that_given_at_once(client: httpx.Client) -> None:
         "requested_half_width": 0.03,
     }
     assert "partial" not in job
+    assert job["request"]["uncertain"] == body["uncertain"]
+    assert job["request"]["sampling"] == body["sampling"] | {"method": "auto"}
+    again = client.post("/cra/uncertainty", json=job["request"])
+    assert again.json()["key"] == item["result"]["key"]
     at_once = client.post("/cra/uncertainty", json=body)
     assert at_once.status_code == 200
     assert at_once.content == stored.content
