@@ -295,11 +295,13 @@ def compute_trajectory_uncertainty(request: bytes) -> Answer:
     return answer_study("trajectory_uncertainty", TrajectoryUncertaintyRequest.model_validate_json(request)), None
 
 
-def answer_study(operation: str, request: UncertainCase, report: StudyReport = lambda *_: None) -> dict[str, Any]:
+def answer_study(operation: str, request: Any, report: StudyReport = lambda *_: None) -> dict[str, Any]:
     """Return the answer of a study without key and version, its samples computed one after the other.
 
     Parameters
     ----------
+    request
+        The validated request of the operation.
     report
         Called before every sample with the number of those done and the half width reached, None before there is one.
     """

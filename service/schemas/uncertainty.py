@@ -12,7 +12,7 @@ from pydantic_core import PydanticCustomError
 from typing_extensions import TypeAliasType
 
 from service.schemas.answers import VERSIONED, WARNING, EngineVersion, Key, ModelWarning
-from service.schemas.building import warning_texts
+from service.schemas.building import EXIT_NAMES, exit_in, warning_texts
 from service.schemas.examples import PAPER, PAPER_AT_45
 from service.schemas.numerics import Search
 from service.schemas.quantities import WHOLE, Count, Flag, Num, Part, degrees, with_examples
@@ -49,11 +49,11 @@ MOST_SAMPLES = 131_072
 """In one request: some minutes of two cores."""
 MODELS = ("resistance.free_surface.model", "resistance.strength_factor.model")
 """Fields whose alternatives are names."""
-TWO_PERCENT = {"type": "normal", "mean": 238.0, "standard_deviation": 2.4}
+SPEEDS = {"type": "normal", "mean": 238.0, "coefficient_of_variation": 0.02}
 STRENGTHS = {"type": "lognormal", "median": 39e6, "dispersion": 0.12}
 DECAYS = {"type": "discrete", "values": ["elastic_plastic", "mohr_coulomb"], "weights": [0.8, 0.2]}
 SCATTER = [
-    {"field": "impact.velocity_m_s", "distribution": TWO_PERCENT},
+    {"field": "impact.velocity_m_s", "distribution": SPEEDS},
     {"field": "target.compressive_strength_pa", "distribution": STRENGTHS},
     {"field": "resistance.free_surface.model", "distribution": DECAYS},
 ]
@@ -74,7 +74,7 @@ class Spread(Part):
 class NormalDistribution(Spread):
     """Normal distribution."""
 
-    model_config = with_examples(TWO_PERCENT)
+    model_config = with_examples(SPEEDS)
 
     type: Literal["normal"]
 
@@ -249,7 +249,12 @@ class SamplingSettings(Part):
     model_config = with_examples({"half_width": 0.02, "confidence": 0.95, "max_samples": 16384, "seed": 7})
 
     half_width: Annotated[
-        Num, Field(ge=1e-4, le=0.5, description="Of the interval of every probability, at which sampling ends. [1]")
+        Num,
+        Field(
+            ge=1e-4,
+            le=0.5,
+            description="Of the interval of every probability, cut off at 0 and 1, at which sampling ends. [1]",
+        ),
     ] = SAMPLING.half_width
     confidence: Annotated[Num, Field(ge=0.5, le=0.9999, description="Of every interval. [1]")] = SAMPLING.confidence
     max_samples: Annotated[
@@ -516,10 +521,8 @@ def crossings_in(answer: Mapping[str, Any]) -> Crossings:
 
 def ending_in(answer: Mapping[str, Any]) -> Ending:
     """Return what a study keeps of the answer to a trajectory."""
-    final = answer["final"]
-    return Ending.from_motion(
-        answer["outcome"], answer["maximum_depth_m"], final["depth_velocity_m_s"], final["lateral_velocity_m_s"]
-    )
+    left = answer.get("exit")
+    return Ending(answer["outcome"], answer["maximum_depth_m"], None if left is None else exit_in(left))
 
 
 ESTIMATE = {"value": 0.22, "lower": 0.21, "upper": 0.23}
@@ -590,8 +593,8 @@ class SensitivityAnswer(Part):
     )
 
     field: str
-    first_order: Annotated[EstimateAnswer, Field(description="By itself. [1]")] | MISSING = MISSING
-    total: Annotated[EstimateAnswer, Field(description="With others too. [1]")] | MISSING = MISSING
+    first_order: Annotated[EstimateAnswer, Field(description="Share of the input alone. [1]")] | MISSING = MISSING
+    total: Annotated[EstimateAnswer, Field(description="Share with its interactions. [1]")] | MISSING = MISSING
     swing: list[SwingAnswer]
 
 
@@ -609,10 +612,10 @@ class UncertaintyAnswer(Part):
 
     convergence: ConvergenceAnswer
     converged: Annotated[bool, Field(description="Whether every interval is within the half width wanted.")]
-    samples: Annotated[Count, Field(description="In all.")]
-    samples_failed: Annotated[Count, Field(description="Of them, those that could not be computed.")]
+    samples: Annotated[Count, Field(description="Searches or runs.")]
+    samples_failed: Annotated[Count, Field(description="Those that could not be computed.")]
     samples_outside: Annotated[
-        Count, Field(description="Those outside what the contract takes: like the former, they count as not known.")
+        Count, Field(description="Those outside the accepted range: they count as not known, as failed ones do.")
     ]
     seed: Count
     warnings: list[ModelWarning]
@@ -697,6 +700,23 @@ class OutcomeProbability(EstimateAnswer):
     outcome: Outcome
 
 
+EXIT_QUANTILES: dict[str, Any] = {name: [] for name in EXIT_NAMES.values()}
+
+
+class ExitQuantilesAnswer(Part):
+    """Quantiles of how projectiles leave the target, each quantity as in the `exit` of a trajectory."""
+
+    model_config = with_examples(EXIT_QUANTILES)
+
+    speed_m_s: list[QuantileAnswer]
+    direction_deg: list[QuantileAnswer]
+    elevation_deg: list[QuantileAnswer]
+    axis_angle_deg: list[QuantileAnswer]
+    angular_velocity_rad_s: list[QuantileAnswer]
+    kinetic_energy_j: list[QuantileAnswer]
+    lateral_m: list[QuantileAnswer]
+
+
 class TrajectoryUncertaintyAnswer(UncertaintyAnswer):
     """How sure the outcome of one strike is."""
 
@@ -706,16 +726,20 @@ class TrajectoryUncertaintyAnswer(UncertaintyAnswer):
 
     outcomes: list[OutcomeProbability]
     maximum_depth_m: Annotated[list[QuantileAnswer], Field(description="Quantiles over all runs. [m]")]
+    ricochet_exit: Annotated[ExitQuantilesAnswer, Field(description="Of those turned away, if any.")] | MISSING = (
+        MISSING
+    )
+    perforation_exit: (
+        Annotated[ExitQuantilesAnswer, Field(description="Of those that perforated, if any.")] | MISSING
+    ) = MISSING
     exit_speed_m_s: (
-        Annotated[list[QuantileAnswer], Field(description="Quantiles over those turned away, if any. [m/s]")] | MISSING
+        Annotated[list[QuantileAnswer], Field(description="`speed_m_s` of `ricochet_exit`. [m/s]")] | MISSING
     ) = MISSING
     exit_angle_deg: (
-        Annotated[list[QuantileAnswer], Field(description="Likewise, of the velocity from the outward normal. [°]")]
-        | MISSING
+        Annotated[list[QuantileAnswer], Field(description="`direction_deg` of `ricochet_exit`. [°]")] | MISSING
     ) = MISSING
     residual_speed_m_s: (
-        Annotated[list[QuantileAnswer], Field(description="Quantiles over those that perforated, if any. [m/s]")]
-        | MISSING
+        Annotated[list[QuantileAnswer], Field(description="`speed_m_s` of `perforation_exit`. [m/s]")] | MISSING
     ) = MISSING
 
 
@@ -808,9 +832,12 @@ def trajectory_uncertainty_answer(found: TrajectoryUncertainty) -> dict[str, Any
         "outcomes": [{"outcome": name} | _estimate(estimate) for name, estimate in found.outcomes],
         "maximum_depth_m": _quantiles(found.maximum_depth),
     }
-    if found.exit_speed:
-        answer["exit_speed_m_s"] = _quantiles(found.exit_speed)
-        answer["exit_angle_deg"] = _quantiles(found.exit_angle, angle=True)
-    if found.residual_speed:
-        answer["residual_speed_m_s"] = _quantiles(found.residual_speed)
+    for name, exits in (("ricochet_exit", found.ricochet_exit), ("perforation_exit", found.perforation_exit)):
+        if exits:
+            answer[name] = {to: _quantiles(exits[own], angle=to.endswith("_deg")) for own, to in EXIT_NAMES.items()}
+    if found.ricochet_exit:
+        answer["exit_speed_m_s"] = answer["ricochet_exit"]["speed_m_s"]
+        answer["exit_angle_deg"] = answer["ricochet_exit"]["direction_deg"]
+    if found.perforation_exit:
+        answer["residual_speed_m_s"] = answer["perforation_exit"]["speed_m_s"]
     return answer | _sampled(found)

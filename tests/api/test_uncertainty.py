@@ -104,6 +104,24 @@ def test_outcome_of_one_strike(client: httpx.Client) -> None:
     assert sum(shares.values()) == pytest.approx(1.0)
     text = client.get(f"/results/{answer['key']}", headers={"Accept": "text/csv"}).text
     assert text.splitlines()[0] == "quantity,level,value,lower,upper"
+    assert "ricochet_exit_kinetic_energy_j,0.5," in text
+    assert answer["ricochet_exit"]["direction_deg"] == answer["exit_angle_deg"]
+    assert "perforation_exit" not in answer
+
+
+def test_perforation_has_the_quantiles_of_its_exit(client: httpx.Client) -> None:
+    target = PAPER["target"] | {"thickness_m": 0.2}
+    body = STRIKE | {"target": target, "impact": {"velocity_m_s": 238.0, "oblique_angle_deg": 10.0}}
+    answer = client.post("/trajectory/uncertainty", json=body).json()
+    TrajectoryUncertaintyAnswer.model_validate(answer)
+    alone = client.post("/trajectory", json={name: body[name] for name in (*PAPER, "impact")}).json()
+    assert alone["outcome"] == "perforated"
+    quantiles = answer["perforation_exit"]
+    assert list(quantiles) == list(alone["exit"])
+    for name, exact in alone["exit"].items():
+        middle = {each["level"]: each["value"] for each in quantiles[name]}[0.5]
+        assert middle == pytest.approx(exact, rel=0.05, abs=0.1), name
+    assert quantiles["speed_m_s"] == answer["residual_speed_m_s"]
 
 
 def test_samples_outside_the_contract_are_counted(client: httpx.Client) -> None:
