@@ -36,7 +36,8 @@ from service.schemas import (
 from service.schemas.alternatives import alternative_requests
 from service.schemas.quantities import Part
 from service.schemas.requests import Case, TrajectoryFields
-from service.schemas.uncertainty import UncertainCase, crossings_in, ending_in, with_values
+from service.schemas.uncertain_inputs import with_values
+from service.schemas.uncertainty import UncertainCase, crossings_in, ending_in
 from solver import ENGINE_VERSION
 from solver.arrays import FloatArray
 from solver.calibration import fit_decay_laws, fit_depth, fit_obliquity, penetration_depths, predict_motion

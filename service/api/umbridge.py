@@ -26,7 +26,7 @@ from service.operations import OPERATIONS, KeyedRequest
 from service.schemas.examples import PAPER, PAPER_AT_45
 from service.schemas.quantities import Num, Part
 from service.schemas.sweeps import check_field
-from service.schemas.uncertainty import MODELS, with_values
+from service.schemas.uncertain_inputs import MODELS, with_values
 from solver import Outcome, RicochetError, SearchStatus
 from solver.uncertainty.inputs import MOST_INPUTS, RESIDUAL
 

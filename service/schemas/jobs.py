@@ -15,13 +15,12 @@ from service.schemas.perforation import LimitSpeedAnswer, ThicknessAnswer
 from service.schemas.problems import Problem
 from service.schemas.quantities import Count, Part, with_examples
 from service.schemas.sweeps import EVEN, LISTED, Axis
-from service.schemas.uncertainty import (
+from service.schemas.uncertainty import CriticalAngleUncertaintyRequest, TrajectoryUncertaintyRequest
+from service.schemas.uncertainty_answers import (
     CriticalAngleUncertaintyAnswer,
-    CriticalAngleUncertaintyRequest,
     PartialUncertainty,
     StudyProgress,
     TrajectoryUncertaintyAnswer,
-    TrajectoryUncertaintyRequest,
 )
 
 ID = "0123456789abcdef0123456789abcdef"
