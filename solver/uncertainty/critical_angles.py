@@ -11,13 +11,15 @@ import numpy.typing as npt
 
 from solver.arrays import FloatArray
 from solver.errors import ParameterError
-from solver.uncertainty.design import Accepts, Design, Point
 from solver.uncertainty.inputs import Uncertain, check_inputs
 from solver.uncertainty.results import LEVELS, AngleUncertainty, Change, Crossings, Round, Sensitivity
 from solver.uncertainty.sampling import (
     FIRST_POINTS,
     SCRAMBLINGS,
+    Accepts,
+    Design,
     Estimate,
+    Point,
     Sampling,
     jackknifed,
     quantile_estimate,

@@ -18,10 +18,9 @@ from solver.strike_fields import strike_parts
 from solver.target import Target
 from solver.trajectory import simulate
 from solver.uncertainty.critical_angles import AngleStudy
-from solver.uncertainty.design import Point
 from solver.uncertainty.inputs import Strike, Uncertain
 from solver.uncertainty.results import AngleUncertainty, Crossings, TrajectoryUncertainty
-from solver.uncertainty.sampling import Sampling
+from solver.uncertainty.sampling import Point, Sampling
 from solver.uncertainty.trajectories import Ending, TrajectoryStudy
 from solver.validation import require
 

@@ -11,7 +11,6 @@ from solver.arrays import FloatArray
 from solver.errors import ParameterError, RicochetError
 from solver.prepared import Exit, Outcome
 from solver.trajectory import Trajectory
-from solver.uncertainty.design import Design, Point
 from solver.uncertainty.inputs import Uncertain, check_inputs
 from solver.uncertainty.results import (
     EXIT_QUANTITIES,
@@ -24,7 +23,9 @@ from solver.uncertainty.results import (
 from solver.uncertainty.sampling import (
     FIRST_POINTS,
     SCRAMBLINGS,
+    Design,
     Estimate,
+    Point,
     Sampling,
     quantile_estimate,
     share_half_width,
