@@ -87,7 +87,10 @@ class SamplingSettings(Part):
     )
     method: Annotated[
         SamplingMethod,
-        Field(description="`auto` uses the surrogate where it passes its check, `direct` never."),
+        Field(
+            description="`auto` uses the surrogate where it passes its check and gives the narrower intervals, "
+            "`direct` never."
+        ),
     ] = SamplingMethod.AUTO
 
     def to_solver(self) -> Sampling:

@@ -169,10 +169,13 @@ class AngleStudy:
 
     def _answer(self, tables: "_Tables", history: Sequence[Round]) -> AngleUncertainty:
         expansion = None if self.sampling.method == "direct" else self._expansion(tables)
-        usable = expansion is not None and float(expansion.errors.max()) <= SURROGATE_ERROR
-        answer = self._by_surrogate(tables, expansion) if expansion and usable else self._direct(tables)
+        answer = self._direct(tables)
+        if expansion is not None and float(expansion.errors.max()) <= SURROGATE_ERROR:
+            by_surrogate = self._by_surrogate(tables, expansion)
+            # Its error stays however many samples there are: at some number of them the others know more.
+            answer = min(by_surrogate, answer, key=_half_width)
         error = None if expansion is None else float(expansion.errors.max())
-        half = float((0.5 * (answer.upper - answer.lower)).max())
+        half = _half_width(answer)
         return replace(
             answer,
             surrogate_error=error,
@@ -351,6 +354,11 @@ class AngleStudy:
         if not math.isnan(found.angle):
             return found.angle
         return self.bounds[0] if found.starts_turned_away else self.bounds[1]
+
+
+def _half_width(answer: AngleUncertainty) -> float:
+    """Half the width of the widest interval of a probability."""
+    return float((0.5 * (answer.upper - answer.lower)).max())
 
 
 def _moments(values: FloatArray, weights: FloatArray, sampling: Sampling) -> tuple[Estimate | None, Estimate | None]:

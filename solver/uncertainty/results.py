@@ -108,7 +108,7 @@ class AngleUncertainty:
     standard_deviation: Estimate | None
     """Mean and standard deviation of the critical angle among the samples that have one; None if none has. [rad]"""
     quantiles: tuple[tuple[float, Estimate], ...]
-    """Likewise, as probability and angle. [1, rad]"""
+    """Quantiles of the critical angle of these samples, as probability and angle. [1, rad]"""
     share_without: Estimate
     """Share of samples without a critical angle in the range. [1]"""
     sensitivity: tuple[Sensitivity, ...]

@@ -75,8 +75,9 @@ def critical_angle_uncertainty(
     Notes
     -----
     A polynomial chaos stands in for the search where every sample has one change of outcome and the error at held-out
-    points is at most 0.1°; otherwise, outcomes of randomised Sobol points are counted. A sample outside what the model
-    accepts, or one that fails, counts as not known and widens the intervals. So does what no search has shown yet: of
+    points is at most 0.1°, as long as it gives the narrower intervals; otherwise, outcomes of randomised Sobol points
+    are counted. A sample outside what the model accepts, or one that fails, counts as not known and widens the
+    intervals. So does what no search has shown yet: of
     n searches that all have one change of outcome, about 3/n may have another at 95 %.
 
     Examples

@@ -47,6 +47,24 @@ def test_surrogate_admits_the_share_that_its_samples_cannot_show() -> None:
     assert last.half_width >= unseen  # both sides of a probability between
 
 
+def test_surrogate_gives_way_once_counting_is_more_exact() -> None:
+    """A sum with a small step, of an error that more samples do not reduce."""
+
+    class Stepped(Linear):
+        def __call__(self, x: FloatArray) -> FloatArray:
+            return 0.01 * super().__call__(x) + 0.0015 * np.sign(x[:, 0])
+
+        grid = 0.01 * Linear.grid
+
+    coarse = run(Stepped(), half_width=0.1, sensitivity=False)
+    assert coarse.method == "surrogate"
+    fine = run(Stepped(), half_width=0.01, sensitivity=False)
+    assert fine.method == "direct"
+    assert fine.converged
+    assert fine.surrogate_error is not None
+    assert fine.surrogate_error < math.radians(0.1)
+
+
 def test_rough_function_is_sampled_directly() -> None:
     function = Ishigami()
     answer = run(function, seed=1)
