@@ -84,9 +84,9 @@ ESTIMATE = (
     Column("confidence_high", "upper end of it"),
 )
 SAMPLED = (
-    Column("samples", "in all", "<i8"),
-    Column("samples_failed", "of them, those that could not be computed", "<i8"),
-    Column("samples_outside", "of them, those outside what the contract takes", "<i8"),
+    Column("samples", "searches or runs", "<i8"),
+    Column("samples_failed", "samples that could not be computed", "<i8"),
+    Column("samples_outside", "samples outside the accepted range", "<i8"),
     Column("converged", "whether every interval is within the half width wanted", "?"),
 )
 OUTCOMES = ("ricochet", "embedded", "in_motion", "perforated")

@@ -36,7 +36,8 @@ from service.schemas import (
 from service.schemas.alternatives import alternative_requests
 from service.schemas.quantities import Part
 from service.schemas.requests import Case, TrajectoryFields
-from service.schemas.uncertainty import UncertainCase, crossings_in, ending_in, with_values
+from service.schemas.uncertain_inputs import with_values
+from service.schemas.uncertainty import UncertainCase, crossings_in, ending_in
 from solver import ENGINE_VERSION
 from solver.arrays import FloatArray
 from solver.calibration import fit_decay_laws, fit_depth, fit_obliquity, penetration_depths, predict_motion
@@ -218,6 +219,10 @@ def compute_limit_speed(request: bytes) -> Answer:
     return limit_speed_answer(LimitSpeedRequest.model_validate_json(request)), None
 
 
+StudyReport: TypeAlias = Callable[[int, float | None], None]
+"""Takes the number of samples done and the half width reached, if there is one."""
+
+
 @dataclass(frozen=True, slots=True)
 class StudyOperation:
     """How a study of uncertainty computes its samples: each is a request of another operation.
@@ -231,7 +236,7 @@ class StudyOperation:
     finding
         Returns what the study keeps of an answer.
     failed, outside
-        What it keeps of a sample that could not be computed, or is outside what the contract takes.
+        What it keeps of a sample that could not be computed, or is outside the accepted range.
     answer
         Returns the answer of the study as JSON data.
     """
@@ -248,7 +253,7 @@ class StudyOperation:
         return self.model.model_validate(request.base)
 
     def requests(self, request: Any, points: Sequence[Sequence[Any]]) -> list[KeyedRequest | None]:
-        """Return the request of every sample; None for one outside what the contract takes."""
+        """Return the request of every sample; None for one outside the accepted range."""
         base, fields = request.base, [each.field for each in request.uncertain]
         found: list[KeyedRequest | None] = []
         for point in points:
@@ -283,15 +288,24 @@ UNCERTAIN: Mapping[str, StudyOperation] = {
 
 def compute_critical_angle_uncertainty(request: bytes) -> Answer:
     """Sample critical angles, one after the other."""
-    return _study("cra_uncertainty", CriticalAngleUncertaintyRequest.model_validate_json(request)), None
+    return answer_study("cra_uncertainty", CriticalAngleUncertaintyRequest.model_validate_json(request)), None
 
 
 def compute_trajectory_uncertainty(request: bytes) -> Answer:
     """Sample runs, one after the other."""
-    return _study("trajectory_uncertainty", TrajectoryUncertaintyRequest.model_validate_json(request)), None
+    return answer_study("trajectory_uncertainty", TrajectoryUncertaintyRequest.model_validate_json(request)), None
 
 
-def _study(operation: str, request: CriticalAngleUncertaintyRequest | TrajectoryUncertaintyRequest) -> dict[str, Any]:
+def answer_study(operation: str, request: Any, report: StudyReport = lambda *_: None) -> dict[str, Any]:
+    """Return the answer of a study without key and version, its samples computed one after the other.
+
+    Parameters
+    ----------
+    request
+        The validated request of the operation.
+    report
+        Called before every sample with the number of those done and the half width reached, None before there is one.
+    """
     study: Any = UNCERTAIN[operation]
     compute = OPERATIONS[study.sample].compute
 
@@ -304,9 +318,14 @@ def _study(operation: str, request: CriticalAngleUncertaintyRequest | Trajectory
             return study.outside if isinstance(error, solver.ParameterError) else study.failed
 
     steps: Any = request.study().steps()
-    batch = next(steps)
+    batch, done = next(steps), 0
     while True:
-        found = [evaluate(sample) for sample in study.requests(request, batch.points)]
+        half_width = None if batch.so_far is None else batch.so_far.convergence[-1].half_width
+        found = []
+        for sample in study.requests(request, batch.points):
+            report(done, half_width)
+            found.append(evaluate(sample))
+            done += 1
         try:
             batch = steps.send(found)
         except StopIteration as end:

@@ -260,20 +260,22 @@ def job_response(
     state: JobState,
     status: HTTPStatus = HTTPStatus.OK,
     headers: dict[str, str] | None = None,
-    sweep: Sweep | None = None,
+    request: dict[str, Any] | None = None,
     partial: dict[str, Any] | None = None,
 ) -> Response:
     """Return a job as the answer."""
-    return Response(job_json(state, sweep, partial), status, media_type=JSON, headers=headers)
+    return Response(job_json(state, request, partial), status, media_type=JSON, headers=headers)
 
 
-def job_json(state: JobState, sweep: Sweep | None = None, partial: dict[str, Any] | None = None) -> bytes:
+def job_json(state: JobState, request: dict[str, Any] | None = None, partial: dict[str, Any] | None = None) -> bytes:
     """Return a job as JSON."""
-    return orjson.dumps(to_job(state, sweep, partial), option=orjson.OPT_UTC_Z)
+    return orjson.dumps(to_job(state, request, partial), option=orjson.OPT_UTC_Z)
 
 
-def to_job(state: JobState, sweep: Sweep | None = None, partial: dict[str, Any] | None = None) -> dict[str, Any]:
-    """Return a job as the contract has it, with the request of a sweep or a partial answer if it is given."""
+def to_job(
+    state: JobState, request: dict[str, Any] | None = None, partial: dict[str, Any] | None = None
+) -> dict[str, Any]:
+    """Return a job as the contract has it, with the request of a sweep or a study or a partial answer if given."""
     path = f"/jobs/{state.id}"
     times = {name: getattr(state, name) for name in ("created", "started", "finished", "expires")}
     problem = None if state.problem is None else {**state.problem, "instance": path}
@@ -284,7 +286,7 @@ def to_job(state: JobState, sweep: Sweep | None = None, partial: dict[str, Any] 
         "counts": {name: getattr(state, name) for name in ("total", "done", "cached", "failed")},
         **{k: v for k, v in {"title": state.title, **times, "problem": problem}.items() if v is not None},
         **({"axes": state.axes} if state.axes else {}),
-        **({"request": sweep.request} if sweep else {}),
+        **({"request": request} if request else {}),
         **({"progress": state.progress} if state.progress else {}),
         **({"partial": partial} if partial else {}),
         "links": {"self": path, **{name: f"{path}/{name}" for name in ("results", "events", "cancel")}},

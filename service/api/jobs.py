@@ -120,9 +120,9 @@ async def list_jobs(
     responses={200: RETRY_LATER, **problems(404, 422, 500, 507)},
 )
 async def get_job(job: RequestedJob, jobs: CurrentManager) -> Response:
-    """Return a job: how far it is; the request of a sweep; of a study of uncertainty, the answer so far."""
+    """Return a job: how far it is; the request of a sweep or a study of uncertainty; of a study, the answer so far."""
     headers = {} if job.final else retry_after(job, jobs)
-    return job_response(job, headers=headers, sweep=await jobs.sweep(job), partial=await jobs.partial(job))
+    return job_response(job, headers=headers, request=await jobs.request(job), partial=await jobs.partial(job))
 
 
 @router.get("/jobs/{job_id}/results", response_model=JobResults, responses=RESULTS)  # noqa: FAST003

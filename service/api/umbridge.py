@@ -24,9 +24,9 @@ from service.auth.dependencies import RUN, context_in
 from service.errors import InvalidBodyError, ProblemType, ServiceError, problem_of, validation_errors
 from service.operations import OPERATIONS, KeyedRequest
 from service.schemas.examples import PAPER, PAPER_AT_45
-from service.schemas.quantities import Num, Part, degrees
+from service.schemas.quantities import Num, Part
 from service.schemas.sweeps import check_field
-from service.schemas.uncertainty import MODELS, ending_in, with_values
+from service.schemas.uncertain_inputs import MODELS, with_values
 from solver import Outcome, RicochetError, SearchStatus
 from solver.uncertainty.inputs import MOST_INPUTS, RESIDUAL
 
@@ -62,13 +62,9 @@ def critical_angle_output(answer: Mapping[str, Any]) -> list[float]:
 
 def trajectory_output(answer: Mapping[str, Any]) -> list[float]:
     """Return outcome, greatest depth, exit speed and exit angle, the latter 0 unless the strike was turned away."""
-    ending = ending_in(answer)
-    motion = [0.0, 0.0]
-    if ending.outcome == Outcome.RICOCHET.value:
-        motion = [ending.exit_speed, degrees(ending.exit_angle)]
-    elif ending.outcome == Outcome.PERFORATED.value:
-        motion = [ending.residual_speed, 0.0]
-    return [float(OUTCOMES.index(Outcome(ending.outcome))), ending.maximum_depth, *motion]
+    outcome, left = Outcome(answer["outcome"]), answer.get("exit", {"speed_m_s": 0.0})
+    angle = left["direction_deg"] if outcome is Outcome.RICOCHET else 0.0
+    return [float(OUTCOMES.index(outcome)), answer["maximum_depth_m"], left["speed_m_s"], angle]
 
 
 @dataclass(frozen=True, slots=True)

@@ -49,7 +49,7 @@ async def estimate_critical_angle(
     Up to 131,072 searches, each a case that is kept and counted like any other; a request that is sent again is
     answered from the cache. `max_samples` above 16,384 (unless the service is set otherwise) or `Prefer:
     respond-async` makes a job, which counts as `max_samples` cases until it ends, then as the samples it has taken. A
-    sample outside what the contract takes counts as not known and widens the intervals.
+    sample outside the accepted range counts as not known and widens the intervals.
     """
     return await estimate(request, "cra_uncertainty", preference, idempotency_key)
 

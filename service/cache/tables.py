@@ -99,6 +99,9 @@ def _estimates(answer: Mapping[str, Any]) -> dict[str, list[Any]]:
     rows = [{"quantity": each["outcome"], "level": math.nan, **each} for each in answer["outcomes"]]
     for name in ("maximum_depth_m", "exit_speed_m_s", "exit_angle_deg", "residual_speed_m_s"):
         rows += [{"quantity": name, **each} for each in answer.get(name, ())]
+    for part in ("ricochet_exit", "perforation_exit"):
+        for name, quantiles in answer.get(part, {}).items():
+            rows += [{"quantity": f"{part}_{name}", **each} for each in quantiles]
     return {name: [row[name] for row in rows] for name in ("quantity", "level", "value", "lower", "upper")}
 
 

@@ -134,6 +134,8 @@ def calibrate_depth(args: argparse.Namespace) -> None:
         _write_csv(args.curves, answer["curves"])
     if args.json:
         _print_json(answer)
+    elif args.uncertain:
+        print(as_uncertain(fit.estimate))
     else:
         _print_depth(tests, fit)
 
@@ -161,8 +163,23 @@ def calibrate_motion(args: argparse.Namespace) -> None:
         _write_csv(args.histories, _compared_tables(answer))
     if args.json:
         _print_json(_with_impacts(answer, inputs))
+    elif args.uncertain:
+        print(as_uncertain(fits.requested.estimate))
     else:
         _print_motion(inputs, fits)
+
+
+def as_uncertain(estimate: Estimate) -> str:
+    """Return a fitted strength factor as tables of a case: the constant law, and its value as an uncertain input."""
+    factor, error = f"{estimate.strength_factor:.6g}", f"{estimate.standard_error:.3g}"
+    return f"""
+[resistance.strength_factor]
+model = "constant"
+value = {factor}
+
+[[uncertain]]
+field = "resistance.strength_factor.value"
+distribution = {{ type = "normal", mean = {factor}, standard_deviation = {error} }}"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

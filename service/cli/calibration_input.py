@@ -152,7 +152,14 @@ def _add_fit_flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--confidence", type=float, default=0.95, metavar="P", help="level of the interval (%(default)s)"
     )
-    parser.add_argument("--json", action="store_true", help="print the answer as one line of JSON")
+    forms = parser.add_mutually_exclusive_group()
+    forms.add_argument("--json", action="store_true", help="print the answer as one line of JSON")
+    forms.add_argument(
+        "--uncertain",
+        action="store_true",
+        help="print the strength factor and its standard error as TOML tables, to append to a file for `ricochet "
+        "uncertainty`",
+    )
     parser.add_argument(
         "--strength-factors", type=float, nargs="+", default=[], metavar="S", help="further factors to compare with"
     )

@@ -1,7 +1,7 @@
 """Single answers and small sweeps, computed in this process; for larger ones see `server`."""
 
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 from service.cli.arguments import RefusedError
@@ -18,8 +18,13 @@ def is_small(operation: str, count: int) -> bool:
     return count * OPERATIONS[operation].weight <= SMALL_CASES
 
 
-def compute(name: str, body: dict[str, Any]) -> bytes:
+def compute(name: str, body: dict[str, Any], report: Callable[[int, float | None], None] | None = None) -> bytes:
     """Return the answer that a service would send, computed in this process.
+
+    Parameters
+    ----------
+    report
+        Called before every sample of a study of uncertainty; see `service.operations.answer_study`.
 
     Raises
     ------
@@ -41,7 +46,7 @@ def compute(name: str, body: dict[str, Any]) -> bytes:
 
     try:
         request: Any = OPERATIONS[name].request.model_validate_json(json.dumps(body))
-        answer: bytes = _solve(name, request).json
+        answer: bytes = (_solve(name, request) if report is None else _study(name, request, report)).json
     except ValidationError as error:
         raise RefusedError(problem_of(InvalidBodyError(validation_errors(error.errors())))) from None
     except RicochetError as error:
@@ -84,6 +89,15 @@ def _solve(name: str, request: Any) -> Any:
 
     query = KeyedRequest.of(name, request)
     return Record(query.key, name, query.json, *OPERATIONS[name].compute(query.json))
+
+
+def _study(name: str, request: Any, report: Callable[[int, float | None], None]) -> Any:
+    """Return the record of a validated study."""
+    from service.cache.record import Record
+    from service.operations import KeyedRequest, answer_study
+
+    query = KeyedRequest.of(name, request)
+    return Record(query.key, name, query.json, answer_study(name, request, report))
 
 
 def _points(operation: str, content: dict[str, Any]) -> list[tuple[dict[str, float], Any]]:

@@ -25,7 +25,7 @@ from service.cli.arguments import (
 )
 from service.cli.plots import check_plot, figure_file
 from service.cli.request_body import RequestBody, read_body
-from service.cli.single import answer_of, print_csv, print_json
+from service.cli.single import print_csv, print_json
 from service.cli.writers import cell, heading, print_table, print_values, print_warnings, progress
 
 FLAGS = (*IMPACT, *BODY, *RESISTANCE)
@@ -81,7 +81,7 @@ def run_uncertainty(args: argparse.Namespace) -> int:
             raise CommandError("--plot: there is a curve to plot without --angle only")
         check_plot(args.plot)
     operation = "trajectory_uncertainty" if strike else "cra_uncertainty"
-    text = estimate(operation, body, args.url) if args.url else answer_of(operation, body, None)
+    text = estimate(operation, body, args.url) if args.url else estimate_here(operation, body)
     answer: dict[str, Any] = json.loads(text)
     if args.plot:
         plot_probability(args.plot, answer["probability"])
@@ -92,6 +92,35 @@ def run_uncertainty(args: argparse.Namespace) -> int:
     else:
         print_answer(answer)
     return 0
+
+
+def estimate_here(operation: str, body: RequestBody) -> bytes:
+    """Return the answer as JSON, computed in this process.
+
+    Raises
+    ------
+    CommandError
+        If there is none; it names the flag or the field of the file that is invalid.
+    """
+    from service.cli.local import compute
+    from service.schemas.uncertainty import SAMPLING
+
+    sampling = body.content.get("sampling", {})
+    with progress("sampling") as report:
+
+        def show(samples: int, half_width: float | None) -> None:
+            wanted = sampling.get("half_width", SAMPLING.half_width)
+            report(samples, sampling.get("max_samples", SAMPLING.max_samples), reached(half_width, wanted))
+
+        try:
+            return compute(operation, body.content, show)
+        except RefusedError as error:
+            raise body.explain(error) from None
+
+
+def reached(half_width: float | None, requested: float) -> str:
+    """Return the half width reached, if there is one, and the one requested."""
+    return "" if half_width is None else f"half width {half_width:.2g}, requested {requested:g}"
 
 
 def estimate(operation: str, body: RequestBody, url: str) -> bytes:
@@ -115,14 +144,31 @@ def estimate(operation: str, body: RequestBody, url: str) -> bytes:
                 time.sleep(POLL_SECONDS)
                 job = client.job(job["id"])
                 if "progress" in job:
-                    report(job["progress"]["samples"], job["progress"]["max_samples"])
+                    now = job["progress"]
+                    width = reached(now.get("half_width"), now["requested_half_width"])
+                    report(now["samples"], now["max_samples"], width)
         except KeyboardInterrupt:
             print(f"the job continues; for its results: ricochet jobs results {job['id']} --url {url}", file=sys.stderr)
             raise
         if job["status"] != "successful":
             reason = problem_text(job["problem"]) if "problem" in job else "it was cancelled"
             raise CommandError(f"job {job['id']} ended early: {reason}", FAILED)
-        return client.result(client.page(job["id"], "")["results"][0]["result"]["key"])
+        [item] = client.page(job["id"], "")["results"]
+        return client.result(key_of(item))
+
+
+def key_of(item: Mapping[str, Any]) -> str:
+    """Return the key of the result of a study.
+
+    Raises
+    ------
+    CommandError
+        If it failed.
+    """
+    if "problem" in item:
+        raise CommandError(f"the study failed: {problem_text(item['problem'])}", FAILED)
+    key: str = item["result"]["key"]
+    return key
 
 
 def uncertain_input(text: str) -> dict[str, Any]:

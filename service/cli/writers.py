@@ -14,7 +14,7 @@ from service.columns import batch_columns, batch_row, summarize
 
 Item: TypeAlias = Mapping[str, Any]
 """Result or problem of one case of a job."""
-Report: TypeAlias = Callable[[int, int], None]
+Report: TypeAlias = Callable[..., None]
 """Called with the number of finished cases and the total."""
 
 HEAD_ROWS = 20
@@ -275,4 +275,8 @@ def progress(description: str) -> Iterator[Report]:
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=Console(stderr=True), transient=True, redirect_stdout=False) as bars:
         task = bars.add_task(description, total=None)
-        yield lambda done, total: bars.update(task, completed=done, total=total)
+
+        def report(done: int, total: int, detail: str = "") -> None:
+            bars.update(task, completed=done, total=total, description=f"{description} {detail}".rstrip())
+
+        yield report

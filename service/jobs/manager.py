@@ -8,6 +8,7 @@ from contextlib import aclosing, suppress
 from dataclasses import replace
 from typing import Any, TypeVar
 
+import orjson
 from anyio import CancelScope, CapacityLimiter
 from anyio.to_thread import run_sync
 from opentelemetry.trace import Tracer
@@ -20,7 +21,7 @@ from service.jobs.scheduler import GiveBack, Scheduler, problem_name
 from service.jobs.store import JobStore
 from service.jobs.studies import StudyService
 from service.jobs.traces import NO_TRACER, current_traceparent
-from service.operations import KeyedRequest
+from service.operations import UNCERTAIN, KeyedRequest
 from service.queries import Answered, Count, QueryService, Rate
 
 CHUNKS_KEPT = 2
@@ -240,6 +241,14 @@ class JobManager:
     async def sweep(self, job: JobState) -> Sweep | None:
         """Return the request of a job, if it is a sweep."""
         return await self._thread(self._jobs.sweep, job.number)
+
+    async def request(self, job: JobState) -> dict[str, Any] | None:
+        """Return the request of a job, if it is a sweep or a study; None too if that of a study is damaged."""
+        if job.operation not in UNCERTAIN:
+            sweep = await self.sweep(job)
+            return None if sweep is None else sweep.request
+        stored = await self._thread(self._jobs.requests, job.number, [0])
+        return orjson.loads(stored[0]) if stored else None
 
     async def partial(self, job: JobState) -> dict[str, Any] | None:
         """Return the latest partial answer of a study that is not finished."""

@@ -135,7 +135,7 @@ async def run_study(
     take
         Called with the number of samples before they are computed.
     report
-        Called after every part of the samples.
+        Called after every part of the samples, and with the partial answer at the end of every round.
     limiter
         Of the threads in which samples are validated.
     """
@@ -145,6 +145,8 @@ async def run_study(
     done = 0
     while answer is None:
         partial = None if batch.so_far is None else await run_sync(partial_answer, found, batch.so_far)
+        if partial is not None:
+            await report(progress_of(study, done, partial), partial)
         results: list[Any] = []
         for begin in range(0, len(batch.points), PART):
             points = batch.points[begin : begin + PART]
@@ -153,7 +155,7 @@ async def run_study(
             take(len(cases))
             results += await _findings(found, len(points), cases, run)
             done += len(points)
-            await report(progress_of(study, done, partial), partial if begin == 0 else None)
+            await report(progress_of(study, done, partial), None)
         batch, answer = await run_sync(advance, steps, results)
     content = await run_sync(found.answer, answer)
     await report(progress_of(study, done, content), None)

@@ -112,11 +112,11 @@ export class Answer {
   }
 }
 
-/** Return what a spread is in words: nine in ten, its half width, and a button for a narrower one. */
+/** Return what a spread is in words: the 90 % range, its half width, and a button for a narrower one. */
 function tellSpread(study, known, refine) {
   const [low, high] = [0.05, 0.95].map((level) => quantileOf(study, level));
   if (low === undefined) return [element("p", {}, "No sample has a critical angle.")];
-  if (known) return [element("p", {}, "Spread ", element("strong", {}, headline(study)), ", the median and nine in ten.")];
+  if (known) return [element("p", {}, "Spread ", element("strong", {}, headline(study)), ", the median and the 90 % range.")];
   const without = study.critical_angle.share_without_angle.value;
   const none = without > 0 ? `, ${digits(100 * without, 2)} % without an angle` : "";
   const by = study.method === "surrogate" ? "a polynomial chaos" : `${study.samples.toLocaleString("en")} searches`;
@@ -125,7 +125,7 @@ function tellSpread(study, known, refine) {
     {},
     "Spread ",
     element("strong", {}, `${degreesShown(low)} to ${degreesShown(high)}`),
-    `, nine in ten, ${USUAL} (by ${by}${none}).`,
+    `, the 90 % range, ${USUAL} (by ${by}${none}).`,
   );
   const isQuick = study.samples === QUICK.max_samples && study.method === "direct";
   return isQuick ? [words, element("button", { type: "button", onclick: refine }, "Refine the spread")] : [words];

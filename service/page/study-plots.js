@@ -114,11 +114,11 @@ export function tellStudy(study) {
     `${study.samples.toLocaleString("en")} samples, half width ${digits(width, 2)}${study.converged ? "" : ", wider than requested"};`,
     `${study.method === "surrogate" ? "by a polynomial chaos" : "counted directly"}.`,
     study.samples_failed ? `${study.samples_failed} samples could not be computed.` : "",
-    study.samples_outside ? `${study.samples_outside} samples are outside what the contract takes.` : "",
+    study.samples_outside ? `${study.samples_outside} samples are outside the accepted range.` : "",
   ];
   return [
     angle
-      ? element("p", {}, "Critical angle ", element("strong.angle", {}, angle), ": the median, and nine in ten.")
+      ? element("p", {}, "Critical angle ", element("strong.angle", {}, angle), ": the median and the 90 % range.")
       : element("p", {}, "No sample has a critical angle."),
     element("p", {}, parts.filter(Boolean).join(" ")),
   ];

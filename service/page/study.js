@@ -55,7 +55,7 @@ export function quantileOf({ critical_angle: angle }, level) {
   return angle?.quantiles.find((each) => each.level === level)?.value;
 }
 
-/** Return the median with the range of nine in ten, as in "49° (45° to 53°)"; empty if there is no angle. */
+/** Return the median with the 90 % range, as in "49° (45° to 53°)"; empty if there is no angle. */
 export function headline(study) {
   const [low, middle, high] = [0.05, 0.5, 0.95].map((level) => quantileOf(study, level));
   if (middle === undefined) return "";

@@ -41,11 +41,10 @@ from service.schemas.perforation import (
 from service.schemas.reports import ReportRequest
 from service.schemas.requests import CriticalAngleBase, CriticalAngleRequest, TrajectoryRequest
 from service.schemas.sweeps import CriticalAngleSweep, LimitSpeedSweep, ThicknessSweep, TrajectorySweep
-from service.schemas.uncertainty import (
+from service.schemas.uncertainty import CriticalAngleUncertaintyRequest, TrajectoryUncertaintyRequest
+from service.schemas.uncertainty_answers import (
     CriticalAngleUncertaintyAnswer,
-    CriticalAngleUncertaintyRequest,
     TrajectoryUncertaintyAnswer,
-    TrajectoryUncertaintyRequest,
     critical_angle_uncertainty_answer,
     trajectory_uncertainty_answer,
 )

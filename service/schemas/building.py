@@ -1,5 +1,7 @@
 """From what the solver returns to answers."""
 
+import math
+from collections.abc import Mapping
 from dataclasses import fields
 from typing import Any
 
@@ -28,21 +30,34 @@ NAMES = {
 """The quantities of a motion in the solver and in the contract."""
 
 
+EXIT_NAMES = {
+    "speed": "speed_m_s",
+    "direction": "direction_deg",
+    "elevation": "elevation_deg",
+    "axis_angle": "axis_angle_deg",
+    "angular_velocity": "angular_velocity_rad_s",
+    "kinetic_energy": "kinetic_energy_j",
+    "lateral": "lateral_m",
+}
+"""The quantities of an exit in the solver and in the contract."""
+
+
 def exit_answer(left: solver.Exit | None) -> dict[str, Any]:
     """Return the exit of a run as a field of an answer; nothing if the projectile stayed."""
     if left is None:
         return {}
-    return {
-        "exit": {
-            "speed_m_s": left.speed,
-            "direction_deg": degrees(left.direction),
-            "elevation_deg": degrees(left.elevation),
-            "axis_angle_deg": degrees(left.axis_angle),
-            "angular_velocity_rad_s": left.angular_velocity,
-            "kinetic_energy_j": left.kinetic_energy,
-            "lateral_m": left.lateral,
+    values = {to: (degrees if to.endswith("_deg") else float)(getattr(left, own)) for own, to in EXIT_NAMES.items()}
+    return {"exit": values}
+
+
+def exit_in(answer: Mapping[str, float]) -> solver.Exit:
+    """Return the exit of an answer."""
+    return solver.Exit(
+        **{
+            own: math.radians(answer[name]) if name.endswith("_deg") else answer[name]
+            for own, name in EXIT_NAMES.items()
         }
-    }
+    )
 
 
 def trajectory_answer(trajectory: solver.Trajectory) -> tuple[dict[str, Any], Columns | None]:

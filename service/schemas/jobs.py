@@ -15,7 +15,8 @@ from service.schemas.perforation import LimitSpeedAnswer, ThicknessAnswer
 from service.schemas.problems import Problem
 from service.schemas.quantities import Count, Part, with_examples
 from service.schemas.sweeps import EVEN, LISTED, Axis
-from service.schemas.uncertainty import (
+from service.schemas.uncertainty import CriticalAngleUncertaintyRequest, TrajectoryUncertaintyRequest
+from service.schemas.uncertainty_answers import (
     CriticalAngleUncertaintyAnswer,
     PartialUncertainty,
     StudyProgress,
@@ -148,7 +149,13 @@ class Job(Part):
     problem: Annotated[Problem, Field(description="Why it failed.")] | MISSING = MISSING
     axes: Annotated[list[str], Field(description="Fields that vary, if it is a sweep.")] | MISSING = MISSING
     request: (
-        Annotated[SweepRequest, Field(description="The sweep that it computes, as it was sent; not in lists of jobs.")]
+        Annotated[
+            SweepRequest | CriticalAngleUncertaintyRequest | TrajectoryUncertaintyRequest,
+            Field(
+                description="What it computes, not in lists of jobs: a sweep as it was sent, or a study of uncertainty "
+                "with every default filled in."
+            ),
+        ]
         | MISSING
     ) = MISSING
     progress: (

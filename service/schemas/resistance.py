@@ -1,6 +1,7 @@
 """How the target resists, as the contract has it."""
 
 import math
+from collections.abc import Mapping
 from enum import StrEnum
 from typing import Annotated, Literal
 
@@ -155,6 +156,15 @@ StrengthFactor = TypeAliasType(
         Field(discriminator="model", description="Model of the strength factor."),
     ],
 )
+
+
+STRENGTH_FACTORS: Mapping[str, type[Part]] = {
+    "constant": ConstantStrengthFactor,
+    "obliquity_polynomial": ObliquityPolynomial,
+    "strength_power_law": StrengthPowerLaw,
+    "published_tests": PublishedTests,
+}
+"""Models of the strength factor by name."""
 
 
 class FreeSurfaceModel(StrEnum):

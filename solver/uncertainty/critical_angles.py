@@ -3,6 +3,7 @@
 import math
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -10,13 +11,15 @@ import numpy.typing as npt
 
 from solver.arrays import FloatArray
 from solver.errors import ParameterError
-from solver.uncertainty.design import Design, Point
 from solver.uncertainty.inputs import Uncertain, check_inputs
 from solver.uncertainty.results import LEVELS, AngleUncertainty, Change, Crossings, Round, Sensitivity
 from solver.uncertainty.sampling import (
     FIRST_POINTS,
     SCRAMBLINGS,
+    Accepts,
+    Design,
     Estimate,
+    Point,
     Sampling,
     jackknifed,
     quantile_estimate,
@@ -35,8 +38,8 @@ SURROGATE_POINTS = 4096
 RESAMPLES, BATCH = 499, 50
 FEWEST_BASE_SAMPLES = 64
 """For Sobol indices by the direct method."""
-SENSITIVITY_SAMPLES = 4096
-"""Base samples for them at most: their intervals are then some hundredths wide."""
+SENSITIVITY_SAMPLES = 512
+"""Base samples for them at most, each one search for every input and one more."""
 MOST_ANGLES = 2001
 
 
@@ -74,6 +77,9 @@ class AngleStudy:
         Whether to compute Sobol indices.
     bounds
         Of the search: in the indices, a sample without an angle counts as one end of it. [rad]
+    accepts
+        Whether a value of an input, given by its place, is one that the model accepts; every value unless given. The
+        surrogate has an answer for other values too, which counts as not known.
 
     Raises
     ------
@@ -99,6 +105,7 @@ class AngleStudy:
         *,
         sensitivity: bool = True,
         bounds: tuple[float, float] = (math.radians(5.0), math.radians(85.0)),
+        accepts: Accepts = lambda _, __: True,
     ) -> None:
         check_inputs(uncertain)
         angles = np.asarray(oblique_angles, float)
@@ -111,6 +118,17 @@ class AngleStudy:
         self.sampling = sampling
         self.sensitivity = sensitivity
         self.bounds = bounds
+        self.accepts = accepts
+
+    @cached_property
+    def _unit(self) -> FloatArray:
+        """Points between 0 and 1 at which the surrogate is evaluated."""
+        return scrambled(self.sampling.seed, len(self.design.uncertain), SURROGATE_POINTS, stream=1)
+
+    @cached_property
+    def _beyond(self) -> npt.NDArray[np.bool_]:
+        """Which of them have an input that the model does not accept."""
+        return self.design.beyond(self._unit, self.accepts)
 
     def steps(self) -> Steps:
         """Yield batches, take their results, return the answer."""
@@ -151,16 +169,19 @@ class AngleStudy:
 
     def _answer(self, tables: "_Tables", history: Sequence[Round]) -> AngleUncertainty:
         expansion = None if self.sampling.method == "direct" else self._expansion(tables)
-        usable = expansion is not None and float(expansion.errors.max()) <= SURROGATE_ERROR
-        answer = self._by_surrogate(tables, expansion) if expansion and usable else self._direct(tables)
+        answer = self._direct(tables)
+        if expansion is not None and float(expansion.errors.max()) <= SURROGATE_ERROR:
+            by_surrogate = self._by_surrogate(tables, expansion)
+            # Its error stays however many samples there are: at some number of them the others know more.
+            answer = min(by_surrogate, answer, key=_half_width)
         error = None if expansion is None else float(expansion.errors.max())
-        half = float((0.5 * (answer.upper - answer.lower)).max())
+        half = _half_width(answer)
         return replace(
             answer,
             surrogate_error=error,
             convergence=(*history, Round(tables.samples, half)),
             converged=half <= self.sampling.half_width,
-            warnings=_warnings(tables, answer),
+            warnings=_warnings(tables, answer, self._beyond if answer.method == "surrogate" else None),
         )
 
     def _expansion(self, tables: "_Tables") -> Expansion | None:
@@ -175,14 +196,18 @@ class AngleStudy:
         )
 
     def _by_surrogate(self, tables: "_Tables", expansion: Expansion) -> AngleUncertainty:
+        """Return the answer of the surrogate.
+
+        Its probabilities have the interval of shares of the samples that it was fitted to, not of the many more points
+        at which it is evaluated: a kind of outcome that none of those samples shows may have that share.
+        """
         design, sampling = self.design, self.sampling
-        unit = scrambled(sampling.seed, len(design.uncertain), SURROGATE_POINTS, stream=1)
-        predicted = np.stack([expansion.at(design.standard(each)) for each in unit])
+        predicted = np.stack([expansion.at(design.standard(each)) for each in self._unit])
+        known = ~self._beyond[..., None]
         shift = sampling.normal_quantile * expansion.errors
-        count = predicted[..., 0].size
         shares = []
         for by in (0.0, -1.0, 1.0):
-            parts = np.sort(predicted - by * shift, axis=1)
+            parts = np.sort(np.where(known, predicted - by * shift, np.inf), axis=1)
             counts = np.array(
                 [
                     [np.searchsorted(part[:, k], self.angles, side="right") for k in range(design.alternatives)]
@@ -191,12 +216,13 @@ class AngleStudy:
             )
             shares.append(np.einsum("k,rka->ra", design.weights, counts / SURROGATE_POINTS))
         middle, low, high = (each.mean(axis=0) for each in shares)
-        half = share_half_width(shares[0], sampling, count)
+        half = share_half_width(shares[0], sampling, tables.base_samples)
+        high = high + self._beyond.mean()
         moments = expansion_moments(expansion, design.choice_weights, sampling)
-        weights = np.broadcast_to(design.weights / SURROGATE_POINTS, predicted.shape)
+        weights = np.broadcast_to(design.weights / SURROGATE_POINTS, predicted.shape) * known
         flat, weights = predicted.reshape(SCRAMBLINGS, -1), weights.reshape(SCRAMBLINGS, -1)
         shifts = np.broadcast_to(shift, predicted.shape).reshape(SCRAMBLINGS, -1)
-        unseen = share_estimate(np.zeros(SCRAMBLINGS), sampling, tables.samples)
+        unseen = share_estimate(np.zeros(SCRAMBLINGS), sampling, tables.base_samples)
         return self._assemble(
             tables,
             curve=(middle, np.clip(low - half, 0.0, 1.0), np.clip(high + half, 0.0, 1.0)),
@@ -330,6 +356,11 @@ class AngleStudy:
         return self.bounds[0] if found.starts_turned_away else self.bounds[1]
 
 
+def _half_width(answer: AngleUncertainty) -> float:
+    """Half the width of the widest interval of a probability."""
+    return float((0.5 * (answer.upper - answer.lower)).max())
+
+
 def _moments(values: FloatArray, weights: FloatArray, sampling: Sampling) -> tuple[Estimate | None, Estimate | None]:
     """Mean and standard deviation of (scramblings, n) values."""
     totals = weights.sum(axis=1)
@@ -460,9 +491,18 @@ class _Tables:
                 self.turned_away[number, np.searchsorted(self._angles, angle) :] += sign * weight
 
 
-def _warnings(tables: _Tables, answer: AngleUncertainty) -> tuple[ModelWarning, ...]:
-    """Warnings of samples without an outcome or an angle."""
+def _warnings(
+    tables: _Tables, answer: AngleUncertainty, beyond: npt.NDArray[np.bool_] | None = None
+) -> tuple[ModelWarning, ...]:
+    """Warnings of samples without an outcome or an angle, and of points of the surrogate that are not accepted."""
     found = []
+    if beyond is not None and beyond.any():
+        detail = (
+            f"{int(beyond.sum())} of the {beyond.size} points at which the surrogate is evaluated are outside what the "
+            "model accepts: a distribution reaches too far. They count as not known: the upper end of each interval is "
+            "as if all were turned away"
+        )
+        found.append(ModelWarning("samples_outside", detail))
     if tables.outside:
         detail = (
             f"{tables.outside} of {tables.samples} samples are outside what the model accepts: a distribution reaches "

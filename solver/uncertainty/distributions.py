@@ -1,6 +1,7 @@
 """Distributions of uncertain inputs, from the parameters that engineers have."""
 
 import math
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Protocol, TypeAlias
@@ -18,6 +19,8 @@ NODES = 48
 """Nodes of a quadrature: exact for the squares of every polynomial in use with a smooth density."""
 FAR = 9.0
 """Standard deviations beyond which a normal density counts for nothing. [1]"""
+LARGEST_DISPERSION = 10.0
+"""A factor of 22,000 either way at one standard deviation. [1]"""
 WEIGHTS_SUM = 1e-9
 """Difference from 1 that weights may sum up to."""
 
@@ -48,6 +51,17 @@ def _spread(mean: float, deviation: float | None, variation: float | None) -> fl
     return variation * abs(mean)
 
 
+def _spread_name(deviation: float | None) -> str:
+    """Return the name of the parameter that gives the spread."""
+    return "coefficient_of_variation" if deviation is None else "standard_deviation"
+
+
+def _require_finite_spread(name: str, middle: float, deviation: float) -> None:
+    """Refuse a normal distribution that reaches beyond the numbers there are."""
+    reach = abs(middle) + FAR * deviation
+    require(math.isfinite(reach), f"{FIELD}.{name}", f"is too large: {FAR:g} of them from the mean is no finite number")
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Normal:
     """Normal distribution.
@@ -67,7 +81,8 @@ class Normal:
 
     def __post_init__(self) -> None:
         require_finite(f"{FIELD}.mean", self.mean)
-        _spread(self.mean, self.standard_deviation, self.coefficient_of_variation)
+        deviation = _spread(self.mean, self.standard_deviation, self.coefficient_of_variation)
+        _require_finite_spread(_spread_name(self.standard_deviation), self.mean, deviation)
 
     def standard(self, u: FloatArray) -> FloatArray:
         """Return standard deviations from the mean at these probabilities."""
@@ -103,7 +118,8 @@ class TruncatedNormal:
 
     def __post_init__(self) -> None:
         require_finite(f"{FIELD}.mean", self.mean)
-        _spread(self.mean, self.standard_deviation, self.coefficient_of_variation)
+        deviation = _spread(self.mean, self.standard_deviation, self.coefficient_of_variation)
+        _require_finite_spread(_spread_name(self.standard_deviation), self.mean, deviation)
         require(not (self.lower is None and self.upper is None), f"{FIELD}.lower", "must be given, or else upper")
         if self.lower is not None:
             require_finite(f"{FIELD}.lower", self.lower)
@@ -171,12 +187,24 @@ class Lognormal:
             require(self.dispersion is not None, f"{FIELD}.dispersion", "must be given with median")
             assert self.dispersion is not None  # noqa: S101 (just required)
             require_positive(f"{FIELD}.dispersion", self.dispersion)
+            largest = f"must be at most {LARGEST_DISPERSION:g}, got {self.dispersion:g}"
+            require(self.dispersion <= LARGEST_DISPERSION, f"{FIELD}.dispersion", largest)
+            self._require_finite_values(f"{FIELD}.median")
             return
         require(self.dispersion is None, f"{FIELD}.median", "must be given with dispersion")
         require(self.mean is not None, f"{FIELD}.median", "must be given with dispersion, or else mean")
         assert self.mean is not None  # noqa: S101 (just required)
         require_positive(f"{FIELD}.mean", self.mean)
-        _spread(self.mean, self.standard_deviation, self.coefficient_of_variation)
+        variation = _spread(self.mean, self.standard_deviation, self.coefficient_of_variation) / self.mean
+        most = math.sqrt(math.expm1(LARGEST_DISPERSION**2))
+        field = f"{FIELD}.{_spread_name(self.standard_deviation)}"
+        require(variation <= most, field, f"must be at most {most:.3g} means")
+        self._require_finite_values(f"{FIELD}.mean")
+
+    def _require_finite_values(self, field: str) -> None:
+        middle, deviation = self._logarithm
+        finite = middle + FAR * deviation <= math.log(sys.float_info.max)
+        require(finite, field, f"is too large: {FAR:g} dispersions above it is no finite number")
 
     @property
     def _logarithm(self) -> tuple[float, float]:
@@ -313,6 +341,14 @@ class Discrete:
 
 
 Distribution: TypeAlias = Normal | TruncatedNormal | Lognormal | Uniform | Triangular | Discrete
+
+
+def stated_values(distribution: Distribution) -> list[tuple[str, Any]]:
+    """Return the parameters that are values of the field, with their names: discrete values, bounds, mean or median."""
+    if isinstance(distribution, Discrete):
+        return [(f"values.{number}", value) for number, value in enumerate(distribution.values)]
+    names = ("lower", "median", "mean", "upper")
+    return [(name, value) for name in names if (value := getattr(distribution, name, None)) is not None]
 
 
 def _hermite() -> tuple[FloatArray, FloatArray]:

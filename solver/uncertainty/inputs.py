@@ -1,11 +1,13 @@
 """Uncertain inputs of a strike by the names of the solver."""
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
+from functools import partial
 from typing import Any
 
 from solver.errors import ParameterError
+from solver.prepared import check_case
 from solver.resistance import (
     ConstantStrengthFactor,
     ObliquityPolynomial,
@@ -13,7 +15,7 @@ from solver.resistance import (
     StrengthFactor,
 )
 from solver.strike_fields import is_part, put
-from solver.uncertainty.distributions import Discrete, Distribution
+from solver.uncertainty.distributions import Discrete, Distribution, stated_values
 from solver.validation import require, require_positive
 
 RESIDUAL = "resistance.strength_residual"
@@ -48,6 +50,24 @@ def check_inputs(uncertain: Sequence[Uncertain]) -> None:
             raise ParameterError(f"uncertain.{later}.field", f"{field!r} is the field of another input, {index}")
 
 
+def check_values(index: int, uncertain: Uncertain, check: Callable[[Any], object]) -> None:
+    """Refuse a distribution whose discrete values, bounds, mean or median are not accepted as values of its field.
+
+    Parameters
+    ----------
+    index
+        Place of the input.
+    check
+        Takes a value; raises ParameterError if it is not accepted.
+    """
+    for name, value in stated_values(uncertain.distribution):
+        try:
+            check(value)
+        except ParameterError as error:
+            field = f"uncertain.{index}.distribution.{name}"
+            raise ParameterError(field, f"is no value of {uncertain.field!r}: {error.requirement}") from None
+
+
 def scaled(model: StrengthFactor, factor: float) -> StrengthFactor:
     """Return a strength factor model with all its values multiplied."""
     require_positive(RESIDUAL, factor)
@@ -73,7 +93,7 @@ class Strike:
     Raises
     ------
     ParameterError
-        If a field is no number of the strike.
+        If a field is no number of the strike, or a distribution is not of values that the model accepts.
     """
 
     def __init__(self, parts: Mapping[str, Any], uncertain: Sequence[Uncertain]) -> None:
@@ -82,6 +102,27 @@ class Strike:
         self._paths = [each.field.split(".") for each in uncertain]
         for index, each in enumerate(uncertain):
             self._check(index, each)
+        for index, each in enumerate(uncertain):
+            check_values(index, each, partial(self.check, index))
+
+    def check(self, index: int, value: Any) -> None:
+        """Refuse a value of one input that the model does not accept, the others as in the strike.
+
+        Raises
+        ------
+        ParameterError
+            If it is not accepted.
+        """
+        parts = self._with([(self._paths[index], value)])
+        check_case(parts["projectile"], parts["target"])
+
+    def accepts(self, index: int, value: Any) -> bool:
+        """Return whether the model accepts a value of one input, the others as in the strike."""
+        try:
+            self.check(index, value)
+        except ParameterError:
+            return False
+        return True
 
     def sample(self, values: Sequence[Any]) -> dict[str, Any]:
         """Return the parts with these values of the inputs.
@@ -91,8 +132,11 @@ class Strike:
         ParameterError
             If a value is outside what the model accepts.
         """
+        return self._with(zip(self._paths, values, strict=True))
+
+    def _with(self, values: Iterable[tuple[Sequence[str], Any]]) -> dict[str, Any]:
         parts, residual = dict(self._parts), None
-        for (name, *path), value in sorted(zip(self._paths, values, strict=True), key=lambda each: len(each[0])):
+        for (name, *path), value in sorted(values, key=lambda each: len(each[0])):
             if ".".join((name, *path)) == RESIDUAL:
                 residual = value
             else:

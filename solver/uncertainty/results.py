@@ -1,8 +1,9 @@
 """Answers of a study of uncertainty."""
 
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
 from html import escape
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -11,12 +12,18 @@ from solver.display import card, line
 from solver.errors import ParameterError, RicochetError
 from solver.frame import Columns, dataframe
 from solver.plots import plot_probability
+from solver.prepared import Exit
 from solver.search.types import CriticalAngle, SearchStatus
 from solver.uncertainty.sampling import Estimate
 from solver.warnings import ModelWarning
 
 LEVELS = (0.025, 0.05, 0.25, 0.5, 0.75, 0.95, 0.975)
 """Probabilities of the quantiles in an answer."""
+
+Quantiles: TypeAlias = tuple[tuple[float, Estimate], ...]
+"""Probabilities, each with the value that is not exceeded with it."""
+ExitQuantiles: TypeAlias = Mapping[str, Quantiles]
+EXIT_QUANTITIES = tuple(each.name for each in fields(Exit))
 
 Problem = Literal["", "failed", "outside"]
 """Why a sample has no outcome: it could not be computed, or is outside what the model accepts."""
@@ -101,7 +108,7 @@ class AngleUncertainty:
     standard_deviation: Estimate | None
     """Mean and standard deviation of the critical angle among the samples that have one; None if none has. [rad]"""
     quantiles: tuple[tuple[float, Estimate], ...]
-    """Likewise, as probability and angle. [1, rad]"""
+    """Quantiles of the critical angle of these samples, as probability and angle. [1, rad]"""
     share_without: Estimate
     """Share of samples without a critical angle in the range. [1]"""
     sensitivity: tuple[Sensitivity, ...]
@@ -181,11 +188,10 @@ class TrajectoryUncertainty:
     ``perforated`` where a wall was."""
     maximum_depth: tuple[tuple[float, Estimate], ...]
     """Quantiles over all runs. [1, m]"""
-    exit_speed: tuple[tuple[float, Estimate], ...]
-    exit_angle: tuple[tuple[float, Estimate], ...]
-    """Quantiles over those turned away; the angle of their velocity from the outward normal. [1, m/s or rad]"""
-    residual_speed: tuple[tuple[float, Estimate], ...]
-    """Quantiles over those that perforated. [1, m/s]"""
+    ricochet_exit: ExitQuantiles
+    perforation_exit: ExitQuantiles
+    """Quantiles of the exit of those turned away, and of those that perforated: by the names of `solver.Exit`, empty
+    where there is none. [1, unit of the quantity]"""
     convergence: tuple[Round, ...]
     converged: bool
     samples: int
@@ -193,6 +199,21 @@ class TrajectoryUncertainty:
     outside: int
     seed: int
     warnings: tuple[ModelWarning, ...] = field(default=())
+
+    @property
+    def exit_speed(self) -> Quantiles:
+        """Quantiles of the speed of those turned away. [1, m/s]"""
+        return self.ricochet_exit.get("speed", ())
+
+    @property
+    def exit_angle(self) -> Quantiles:
+        """Quantiles of the angle of that velocity from the outward normal. [1, rad]"""
+        return self.ricochet_exit.get("direction", ())
+
+    @property
+    def residual_speed(self) -> Quantiles:
+        """Quantiles of the speed of those that perforated. [1, m/s]"""
+        return self.perforation_exit.get("speed", ())
 
     def __repr__(self) -> str:
         shares = (f"{name} {estimate.value:.3f}" for name, estimate in self.outcomes)

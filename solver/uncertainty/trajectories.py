@@ -9,15 +9,23 @@ import numpy as np
 
 from solver.arrays import FloatArray
 from solver.errors import ParameterError, RicochetError
-from solver.prepared import Outcome
+from solver.prepared import Exit, Outcome
 from solver.trajectory import Trajectory
-from solver.uncertainty.design import Design, Point
 from solver.uncertainty.inputs import Uncertain, check_inputs
-from solver.uncertainty.results import LEVELS, Problem, Round, TrajectoryUncertainty
+from solver.uncertainty.results import (
+    EXIT_QUANTITIES,
+    LEVELS,
+    ExitQuantiles,
+    Problem,
+    Round,
+    TrajectoryUncertainty,
+)
 from solver.uncertainty.sampling import (
     FIRST_POINTS,
     SCRAMBLINGS,
+    Design,
     Estimate,
+    Point,
     Sampling,
     quantile_estimate,
     share_half_width,
@@ -31,12 +39,8 @@ class Ending(NamedTuple):
     outcome: str = ""
     maximum_depth: float = math.nan
     """[m]"""
-    exit_speed: float = math.nan
-    """[m/s]"""
-    exit_angle: float = math.nan
-    """Angle of the velocity from the outward normal. [rad]"""
-    residual_speed: float = math.nan
-    """Beyond a wall. [m/s]"""
+    exit: Exit | None = None
+    """None if it stays."""
     problem: Problem = ""
 
     @classmethod
@@ -44,20 +48,7 @@ class Ending(NamedTuple):
         """Return what to keep of an answer of `simulate`."""
         if isinstance(found, RicochetError):
             return cls(problem="outside" if isinstance(found, ParameterError) else "failed")
-        final = found.final
-        return cls.from_motion(found.outcome.value, found.maximum_depth, final.depth_velocity, final.lateral_velocity)
-
-    @classmethod
-    def from_motion(
-        cls, outcome: str, maximum_depth: float, depth_velocity: float, lateral_velocity: float
-    ) -> "Ending":
-        """Return an ending from the velocity of the centre of gravity, which counts if it has left the target."""
-        speed = math.hypot(depth_velocity, lateral_velocity)
-        if outcome == Outcome.RICOCHET.value:
-            return cls(outcome, maximum_depth, speed, math.atan2(lateral_velocity, -depth_velocity))
-        if outcome == Outcome.PERFORATED.value:
-            return cls(outcome, maximum_depth, residual_speed=speed)
-        return cls(outcome, maximum_depth)
+        return cls(found.outcome.value, found.maximum_depth, found.exit)
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,9 +124,8 @@ class TrajectoryStudy:
         return TrajectoryUncertainty(
             outcomes=tuple(shares),
             maximum_depth=self._quantiles([[each.maximum_depth for each in row] for row in found], weights),
-            exit_speed=self._quantiles([[each.exit_speed for each in row] for row in found], weights),
-            exit_angle=self._quantiles([[each.exit_angle for each in row] for row in found], weights),
-            residual_speed=self._quantiles([[each.residual_speed for each in row] for row in found], weights),
+            ricochet_exit=self._exits(found, weights, Outcome.RICOCHET),
+            perforation_exit=self._exits(found, weights, Outcome.PERFORATED),
             convergence=(*history, Round(samples, widest)),
             converged=widest <= sampling.half_width,
             samples=samples,
@@ -144,6 +134,17 @@ class TrajectoryStudy:
             seed=sampling.seed,
             warnings=_warnings(samples, failed, outside),
         )
+
+    def _exits(self, found: list[list[Ending]], weights: FloatArray, outcome: Outcome) -> ExitQuantiles:
+        """Return the quantiles of every quantity of the exits with this outcome."""
+
+        def quantity(each: Ending, name: str) -> float:
+            left = each.outcome == outcome.value and each.exit is not None
+            return getattr(each.exit, name) if left else math.nan
+
+        rows = {name: [[quantity(each, name) for each in row] for row in found] for name in EXIT_QUANTITIES}
+        known = {name: self._quantiles(row, weights) for name, row in rows.items()}
+        return {name: quantiles for name, quantiles in known.items() if quantiles}
 
     def _quantiles(self, rows: list[list[float]], weights: FloatArray) -> tuple[tuple[float, Estimate], ...]:
         values = np.array(rows)

@@ -44,6 +44,10 @@ STRIKE: dict[str, Any] = PAPER | {
 }
 
 
+def discrete(field: str, *values: Any) -> dict[str, Any]:
+    return {"field": field, "distribution": {"type": "discrete", "values": list(values)}}
+
+
 def test_curve_is_that_of_the_solver(client: httpx.Client) -> None:
     response = client.post("/cra/uncertainty", json=BODY)
     assert response.status_code == 200, response.text
@@ -100,6 +104,24 @@ def test_outcome_of_one_strike(client: httpx.Client) -> None:
     assert sum(shares.values()) == pytest.approx(1.0)
     text = client.get(f"/results/{answer['key']}", headers={"Accept": "text/csv"}).text
     assert text.splitlines()[0] == "quantity,level,value,lower,upper"
+    assert "ricochet_exit_kinetic_energy_j,0.5," in text
+    assert answer["ricochet_exit"]["direction_deg"] == answer["exit_angle_deg"]
+    assert "perforation_exit" not in answer
+
+
+def test_perforation_has_the_quantiles_of_its_exit(client: httpx.Client) -> None:
+    target = PAPER["target"] | {"thickness_m": 0.2}
+    body = STRIKE | {"target": target, "impact": {"velocity_m_s": 238.0, "oblique_angle_deg": 10.0}}
+    answer = client.post("/trajectory/uncertainty", json=body).json()
+    TrajectoryUncertaintyAnswer.model_validate(answer)
+    alone = client.post("/trajectory", json={name: body[name] for name in (*PAPER, "impact")}).json()
+    assert alone["outcome"] == "perforated"
+    quantiles = answer["perforation_exit"]
+    assert list(quantiles) == list(alone["exit"])
+    for name, exact in alone["exit"].items():
+        middle = {each["level"]: each["value"] for each in quantiles[name]}[0.5]
+        assert middle == pytest.approx(exact, rel=0.05, abs=0.1), name
+    assert quantiles["speed_m_s"] == answer["residual_speed_m_s"]
 
 
 def test_samples_outside_the_contract_are_counted(client: httpx.Client) -> None:
@@ -123,6 +145,49 @@ def test_budget_that_the_fewest_samples_exceed_is_refused_with_the_least_one(cli
         assert "must be at least 260" in error["detail"]
     answer = client.post("/cra/uncertainty", json=BODY | {"sampling": {"max_samples": 260, "half_width": 1e-4}}).json()
     assert answer["samples"] == 260
+
+
+LAW, COEFFICIENT = "resistance.strength_factor.model", "resistance.strength_factor.coefficient"
+
+
+@pytest.mark.parametrize(
+    ("part", "given", "other"),
+    [
+        ("free_surface", {"model": "elastic_plastic", "inertia": True}, {"model": "mohr_coulomb", "inertia": True}),
+        (
+            "strength_factor",
+            {"model": "strength_power_law", "obliquity_shape": "equation_9"},
+            {"model": "published_tests", "obliquity_shape": "equation_9"},
+        ),
+        ("strength_factor", {"model": "published_tests"}, {"model": "strength_power_law"}),
+    ],
+)
+def test_alternative_model_keeps_the_options_that_it_has_too(
+    client: httpx.Client, part: str, given: dict[str, Any], other: dict[str, Any]
+) -> None:
+    models = discrete(f"resistance.{part}.model", given["model"], other["model"])
+    body = BODY | {"resistance": {part: given}, "uncertain": [models], "sampling": {"max_samples": 258}}
+    answer = client.post("/cra/uncertainty", json=body).json()
+    swing = {each["value"]: each["critical_angle_deg"] for each in answer["sensitivity"][0]["swing"]}
+    for model in (given, other):
+        alone = client.post("/cra", json=PAPER | {"resistance": {part: model}}).json()
+        assert swing[model["model"]] == alone["critical_angle_deg"]
+
+
+def test_threshold_and_strength_law_scatter_as_alternatives(client: httpx.Client) -> None:
+    threshold = discrete("numerics.retention_energy_fraction", 0.005, 0.02)
+    law = discrete(LAW, "obliquity_polynomial", "published_tests")
+    answer = client.post("/cra/uncertainty", json=BODY | {"uncertain": [ATTACK, threshold, law]}).json()
+    by_threshold, by_law = (
+        {each["value"]: each["critical_angle_deg"] for each in one["swing"]} for one in answer["sensitivity"][1:]
+    )
+    for fraction, angle in by_threshold.items():
+        alone = client.post("/cra", json=PAPER | {"numerics": {"retention_energy_fraction": fraction}}).json()
+        assert angle == pytest.approx(alone["critical_angle_deg"], rel=1e-9)
+    published = client.post("/cra", json=PAPER | {"resistance": {"strength_factor": {"model": "published_tests"}}})
+    # The likeliest of equal weights is the first: the threshold of 0.005 beside the laws.
+    assert by_law["published_tests"] == pytest.approx(published.json()["critical_angle_deg"], abs=1.0)
+    assert abs(by_law["published_tests"] - by_law["obliquity_polynomial"]) > 1.0
 
 
 def changed(**distribution: Any) -> dict[str, Any]:
@@ -156,6 +221,36 @@ REFUSED: list[tuple[list[dict[str, Any]], str, str]] = [
         "/uncertain/0/distribution/lower",
         "below the mean, 238",
     ),
+]
+
+
+DENSITY = {"field": "target.density_kg_m3", "distribution": {"type": "uniform", "lower": -500.0, "upper": -100.0}}
+
+
+REFUSED += [
+    ([DENSITY], "/uncertain/0/distribution/lower", "greater than or equal to 100, got -500"),
+    ([discrete("impact.velocity_m_s", 238.0, -5.0)], "/uncertain/0/distribution/values/1", "got -5"),
+    ([changed(mean=-3.0)], "/uncertain/0/distribution/mean", "got -3"),
+    ([changed(type="truncated_normal", upper=2e4)], "/uncertain/0/distribution/upper", "got 20000"),
+    (
+        [SPEED | {"distribution": {"type": "lognormal", "median": 1e5, "dispersion": 0.1}}],
+        "/uncertain/0/distribution/median",
+        "got 100000",
+    ),
+    (
+        [SPEED | {"distribution": {"type": "lognormal", "median": 238.0, "dispersion": 430.0}}],
+        "/uncertain/0/distribution/dispersion",
+        "at most 10",
+    ),
+    (
+        [
+            discrete(LAW, "strength_power_law", "published_tests"),
+            {"field": COEFFICIENT, "distribution": {"type": "normal", "mean": 72.0, "standard_deviation": 5.0}},
+        ],
+        "/uncertain/1/field",
+        "it must be a number of every model of uncertain.0",
+    ),
+    ([discrete(LAW, "constant", "published_tests")], "/uncertain/0/distribution/values/0", "is no model"),
 ]
 
 

@@ -44,6 +44,10 @@ def test_answer_of_a_job_is_that_given_at_once(client: httpx.Client) -> None:
         "requested_half_width": 0.03,
     }
     assert "partial" not in job
+    assert job["request"]["uncertain"] == body["uncertain"]
+    assert job["request"]["sampling"] == body["sampling"] | {"method": "auto"}
+    again = client.post("/cra/uncertainty", json=job["request"])
+    assert again.json()["key"] == item["result"]["key"]
     at_once = client.post("/cra/uncertainty", json=body)
     assert at_once.status_code == 200
     assert at_once.content == stored.content
@@ -88,7 +92,7 @@ def test_large_study_shows_progress_and_the_curve_so_far_until_it_is_cancelled(c
             if "partial" in state:
                 break
     assert [each["samples"] for each in reached] == sorted(each["samples"] for each in reached)
-    assert 256 < reached[-1]["samples"] < reached[-1]["max_samples"] == 131_072
+    assert 256 <= reached[-1]["samples"] < reached[-1]["max_samples"] == 131_072
     assert reached[-1]["requested_half_width"] == 0.0001 < reached[-1]["half_width"]
     curve = state["partial"]["probability"]
     assert len(curve["lower"]) == len(curve["oblique_angle_deg"]) == 81

@@ -1,14 +1,16 @@
 """`ricochet uncertainty`: scatter from flags and from the file, estimates as text, table, JSON and picture."""
 
 import json
+import re
 from pathlib import Path
 
 import pytest
 
 from service import cli
 from service.cli.arguments import CommandError
-from service.cli.uncertainty import uncertain_input
-from tests.cli.commands import STRIKE_TOML, run
+from service.cli.uncertainty import key_of, uncertain_input
+from service.errors import PoolUnavailableError, problem_of
+from tests.cli.commands import STRIKE_TOML, run, run_on_terminal
 
 TABLES = """
 [[uncertain]]
@@ -55,6 +57,46 @@ def test_strike_at_an_angle_has_probabilities_of_outcomes(strike: Path, capsys: 
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == "outcome,value,lower,upper"
     assert lines[1].startswith("ricochet,1.0,")
+
+
+def test_service_gives_the_same_answer(strike: Path, folder: Path, live_url: str) -> None:
+    here, there = (run(folder, "uncertainty", strike.name, "--json", *more) for more in ((), ("--url", live_url)))
+    assert (there.status, there.err) == (0, ""), there.err
+    assert there.out == here.out
+    refused = run(
+        folder, "uncertainty", strike.name, "--uncertain", "target.density_kg_m3=uniform:-5:9", "--url", live_url
+    )
+    assert refused.status == 2
+    assert "/uncertain/1/distribution/lower: is no value of" in refused.err
+
+
+def test_calibrated_strength_factor_is_an_uncertain_input(folder: Path) -> None:
+    (folder / "case.toml").write_text(STRIKE_TOML)
+    (folder / "tests.csv").write_text("velocity_m_s,depth_m\n238.1,0.30\n275.7,0.38\n314.0,0.45\n369.5,0.53\n")
+    fit = json.loads(run(folder, "calibrate", "depth", "tests.csv", "--case", "case.toml", "--json").out)
+    tables = run(folder, "calibrate", "depth", "tests.csv", "--case", "case.toml", "--uncertain")
+    assert tables.status == 0, tables.err
+    (folder / "fitted.toml").write_text(STRIKE_TOML + tables.out)
+    done = run(folder, "uncertainty", "fitted.toml", "--json")
+    assert done.status == 0, done.err
+    [sensitivity] = json.loads(done.out)["sensitivity"]
+    assert sensitivity["field"] == "resistance.strength_factor.value"
+    low, high = (each["value"] for each in sensitivity["swing"])
+    assert 0.5 * (low + high) == pytest.approx(fit["strength_factor"], rel=1e-4)
+    assert high - low == pytest.approx(2.0 * 1.645 * fit["standard_error"], rel=1e-2)
+
+
+def test_terminal_shows_the_half_width_reached_and_requested(strike: Path, folder: Path) -> None:
+    study = ("--set", "sampling.half_width=0.001", "--set", "sampling.max_samples=520", "--set", "sensitivity=false")
+    done = run_on_terminal(folder, "uncertainty", strike.name, *study)
+    assert done.status == 0, done.out
+    assert re.search(r"sampling half width 0\.0\d+, requested 0\.001 .*\d+/520", done.out)
+
+
+def test_study_that_failed_is_reported_with_its_problem() -> None:
+    with pytest.raises(CommandError, match=r"the study failed: .*the pool is gone"):
+        key_of({"index": 0, "problem": problem_of(PoolUnavailableError("the pool is gone"))})
+    assert key_of({"index": 0, "result": {"key": "a1"}}) == "a1"
 
 
 def test_short_forms_of_distributions() -> None:

@@ -1,8 +1,9 @@
 """Studies of uncertainty: the same bytes whatever computes their samples, and one computation for equal ones."""
 
 import asyncio
+import json
 from collections import Counter
-from collections.abc import AsyncIterator, Iterator, Sequence
+from collections.abc import AsyncGenerator, AsyncIterator, Iterator, Sequence
 from contextlib import asynccontextmanager
 from functools import cache
 from pathlib import Path
@@ -15,8 +16,9 @@ from service.cache.record import Record
 from service.dask.executor import DaskExecutor
 from service.errors import QuotaError
 from service.jobs.manager import JobManager
-from service.jobs.models import Case, JobState
+from service.jobs.models import Case, CaseResult, JobState
 from service.jobs.store import JobStore
+from service.jobs.studies import run_study
 from service.operations import OPERATIONS, KeyedRequest
 from service.queries import QueryService
 from service.schemas.examples import PAPER
@@ -39,15 +41,27 @@ STUDIES = {
         "uncertain": [SPEED, DECAY],
         "sampling": SAMPLING,
     },
-    "cra_uncertainty": PAPER
+    "direct": PAPER
     | {"uncertain": [SPEED], "search": {"tolerance_deg": 1.0}, "sampling": SAMPLING | {"method": "direct"}},
+    "direct with indices": PAPER
+    | {
+        "uncertain": [SPEED],
+        "search": {"tolerance_deg": 1.0},
+        "sampling": SAMPLING | {"method": "direct", "max_samples": 600},
+    },
+    "surrogate": PAPER | {"uncertain": [SPEED], "sampling": SAMPLING | {"half_width": 0.1}},
 }
 STRIKE = "trajectory_uncertainty"
 
 
-def request_of(operation: str, seed: int = 7) -> tuple[KeyedRequest, Any]:
+def operation_of(name: str) -> str:
+    """The operation of a study."""
+    return name if name == STRIKE else "cra_uncertainty"
+
+
+def request_of(name: str, seed: int = 7) -> tuple[KeyedRequest, Any]:
     """A study as it is keyed and as it is validated."""
-    body = STUDIES[operation]
+    body, operation = STUDIES[name], operation_of(name)
     study: Any = OPERATIONS[operation].request.model_validate(body | {"sampling": body["sampling"] | {"seed": seed}})
     return KeyedRequest.of(operation, study), study
 
@@ -72,9 +86,10 @@ async def running(folder: Path, executor: Executor, counts: Counter[str] | None 
 
 
 @cache
-def computed_alone(operation: str) -> bytes:
+def computed_alone(name: str) -> bytes:
     """The answer of one process that computes sample after sample."""
-    request, _ = request_of(operation)
+    request, _ = request_of(name)
+    operation = operation_of(name)
     answer, _ = OPERATIONS[operation].compute(request.json)
     return Record(request.key, operation, request.json, answer).json
 
@@ -99,17 +114,28 @@ async def executor(request: pytest.FixtureRequest) -> AsyncIterator[Executor]:
     await found.stop(2.0)
 
 
-@pytest.mark.parametrize("operation", STUDIES)
+@pytest.mark.parametrize("name", STUDIES)
 async def test_seed_gives_the_same_bytes_wherever_samples_are_computed(
-    executor: Executor, operation: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    executor: Executor, name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    request, study = request_of(operation)
+    request, study = request_of(name)
     for part in (16, 256):
         monkeypatch.setattr("service.jobs.studies.PART", part)
         async with running(tmp_path / str(part), executor) as manager:
-            record, status = await manager.answer_study(operation, request, study)
+            record, status = await manager.answer_study(operation_of(name), request, study)
         assert status == "miss"
-        assert record.json == computed_alone(operation), f"{part} samples at a time"
+        assert record.json == computed_alone(name), f"{part} samples at a time"
+
+
+def test_studies_use_both_methods_and_compute_indices() -> None:
+    answers = {name: json.loads(computed_alone(name)) for name in STUDIES if name != STRIKE}
+    assert {name: each["method"] for name, each in answers.items()} == {
+        "direct": "direct",
+        "direct with indices": "direct",
+        "surrogate": "surrogate",
+    }
+    indexed = {name for name, each in answers.items() if all("total" in part for part in each["sensitivity"])}
+    assert indexed == {"direct with indices", "surrogate"}
 
 
 @pytest.fixture
@@ -118,6 +144,30 @@ async def thread() -> AsyncIterator[Executor]:
     await found.start()
     yield found
     await found.stop(2.0)
+
+
+async def test_curve_of_a_round_is_reported_before_more_samples_are_computed(thread: Executor, tmp_path: Path) -> None:
+    operation = "cra_uncertainty"
+    body = STUDIES["direct"] | {"sensitivity": False}
+    body["sampling"] = body["sampling"] | {"max_samples": 512}
+    study: Any = OPERATIONS[operation].request.model_validate(body)
+    computed, reported = 0, []
+
+    async def report(progress: dict[str, Any], partial: dict[str, Any] | None) -> None:
+        if partial is not None:
+            reported.append((computed, progress["samples"], partial["convergence"]["samples"][-1]))
+
+    async with running(tmp_path, thread) as manager:
+
+        async def run(name: str, cases: Sequence[Case]) -> AsyncGenerator[CaseResult, None]:
+            nonlocal computed
+            async for result in manager.run_now(name, cases):
+                computed += 1
+                yield result
+
+        answer = await run_study(operation, study, run, take=lambda _: None, report=report, limiter=None)
+    assert reported == [(256, 256, 256)]
+    assert answer["samples"] == computed == 512
 
 
 async def test_equal_studies_in_flight_are_computed_once(thread: Executor, tmp_path: Path) -> None:

@@ -24,6 +24,7 @@ from solver.uncertainty import (
     Lognormal,
     Normal,
     Sampling,
+    TruncatedNormal,
     Uncertain,
     Uniform,
     critical_angle_uncertainty,
@@ -105,6 +106,45 @@ def test_samples_outside_the_model_are_counted() -> None:
     assert answer.outside == pytest.approx(256 * share, abs=3)
     assert answer.upper[0] >= 0.9 * share
     assert "samples_outside" in {warning.code for warning in answer.warnings}
+
+
+@pytest.mark.parametrize(
+    ("field", "distribution", "parameter", "requirement"),
+    [
+        ("target.density", Uniform(lower=-500.0, upper=-100.0), "lower", "greater than 0, got -500"),
+        ("target.density", Normal(mean=-1.0, standard_deviation=1.0), "mean", "got -1"),
+        ("target.density", TruncatedNormal(mean=2e3, standard_deviation=9.0, upper=3e4), "upper", "got 30000"),
+        ("impact.velocity", Lognormal(median=1e5, dispersion=0.1), "median", "got 100000"),
+        ("impact.velocity", Discrete(values=[238.0, -5.0]), "values.1", "got -5"),
+        (RESIDUAL, Uniform(lower=-0.5, upper=2.0), "lower", "greater than 0"),
+    ],
+)
+def test_distribution_of_values_that_the_model_does_not_accept_is_refused(
+    field: str, distribution: Any, parameter: str, requirement: str
+) -> None:
+    uncertain = [ATTACK, Uncertain(field, distribution)]
+    with pytest.raises(ParameterError) as error:
+        critical_angle_uncertainty(**PAPER, uncertain=uncertain)
+    assert error.value.field == f"uncertain.1.distribution.{parameter}"
+    assert requirement in error.value.requirement
+
+
+def test_points_of_the_surrogate_that_the_model_does_not_accept_count_as_not_known() -> None:
+    """3.3 standard deviations above the lower bound: no search is below it, 0.05 % of the surrogate's points are."""
+    deviation = (2250.0 - BOUNDS["target.density"].lower) / 3.3
+    density = Uncertain("target.density", Normal(mean=2250.0, standard_deviation=deviation))
+    sampling = Sampling(half_width=0.5)
+    wide, narrow = (
+        critical_angle_uncertainty(**PAPER, uncertain=[each], oblique_angles=ANGLES, sampling=sampling)
+        for each in (density, DENSITY)
+    )
+    assert wide.method == narrow.method == "surrogate"
+    assert wide.outside == 0
+    [warning] = [each for each in wide.warnings if each.code == "samples_outside"]
+    counted = int(warning.detail.split()[0])
+    assert counted == pytest.approx(65_536 * stats.norm.cdf(-3.3), abs=6)
+    assert wide.upper[0] - narrow.upper[0] == pytest.approx(counted / 65_536)
+    assert narrow.warnings == ()
 
 
 def test_outcome_of_the_papers_strike_near_its_angle() -> None:

@@ -1,11 +1,12 @@
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
 import pytest
 
-from solver import ParameterError
+from solver import Exit, ParameterError
 from solver.arrays import FloatArray
 from solver.uncertainty import (
     AngleStudy,
@@ -32,6 +33,36 @@ def test_smooth_function_is_answered_by_the_surrogate_exactly() -> None:
     assert known(answer.standard_deviation).value == pytest.approx(math.sqrt(14.0))
     assert [known(each.total).value for each in answer.sensitivity] == pytest.approx([1 / 14, 4 / 14, 9 / 14])
     assert misses(Linear(), answer) == []
+
+
+def test_surrogate_admits_the_share_that_its_samples_cannot_show() -> None:
+    answer = run(Linear(), half_width=0.002)
+    first, last = answer.convergence[0], answer.convergence[-1]
+    assert answer.method == "surrogate"
+    assert answer.converged
+    assert first.samples < last.samples  # not by the 65,536 points at which it is evaluated
+    unseen = answer.share_without.upper
+    assert ((answer.upper - answer.probability)[answer.probability < 0.5] >= unseen).all()
+    assert ((answer.probability - answer.lower)[answer.probability > 0.5] >= unseen).all()
+    assert last.half_width >= unseen  # both sides of a probability between
+
+
+def test_surrogate_gives_way_once_counting_is_more_exact() -> None:
+    """A sum with a small step, of an error that more samples do not reduce."""
+
+    class Stepped(Linear):
+        def __call__(self, x: FloatArray) -> FloatArray:
+            return 0.01 * super().__call__(x) + 0.0015 * np.sign(x[:, 0])
+
+        grid = 0.01 * Linear.grid
+
+    coarse = run(Stepped(), half_width=0.1, sensitivity=False)
+    assert coarse.method == "surrogate"
+    fine = run(Stepped(), half_width=0.01, sensitivity=False)
+    assert fine.method == "direct"
+    assert fine.converged
+    assert fine.surrogate_error is not None
+    assert fine.surrogate_error < math.radians(0.1)
 
 
 def test_rough_function_is_sampled_directly() -> None:
@@ -200,7 +231,8 @@ def test_outcomes_of_a_strike_and_quantiles_of_how_it_ends() -> None:
     inputs = [Uncertain("x", Uniform(lower=0.0, upper=1.0))]
 
     def ending(x: float) -> Ending:
-        return Ending.from_motion("ricochet" if x > 0.25 else "embedded", x, -60.0 * x, 80.0 * x)
+        left = Exit(100.0 * x, math.atan2(80.0, 60.0), math.atan2(60.0, 80.0), -x, 5.0, 1e3 * x, x)
+        return Ending("ricochet", x, left) if x > 0.25 else Ending("embedded", x)
 
     answer = answer_of(
         TrajectoryStudy(inputs, Sampling(half_width=0.02)), lambda points: [ending(x) for (x,) in points]
@@ -213,6 +245,12 @@ def test_outcomes_of_a_strike_and_quantiles_of_how_it_ends() -> None:
     assert depth.lower <= 0.5 <= depth.upper
     assert speed.lower <= 62.5 <= speed.upper
     assert angle.value == pytest.approx(math.atan2(80.0, 60.0))
+    middle = {name: dict(quantiles)[0.5].value for name, quantiles in answer.ricochet_exit.items()}
+    assert list(middle) == [each.name for each in fields(Exit)]
+    assert middle["kinetic_energy"] == pytest.approx(625.0, abs=10.0)
+    assert middle["axis_angle"] == pytest.approx(-0.625, abs=0.01)
+    assert middle["elevation"] == pytest.approx(math.atan2(60.0, 80.0))
+    assert answer.perforation_exit == {}
 
 
 def test_wrong_sampling_is_refused() -> None:

@@ -90,7 +90,7 @@ class HowSure {
     parts.run.disabled = !isRight;
     if (!isRight) parts.results.hidden = true; // nothing belongs to a field that is not accepted
     if (!parts.results.hidden) {
-      parts.progress.textContent = "What is shown is of the inputs before. Run again.";
+      parts.progress.textContent = "Results are for the previous inputs. Run again.";
       markUntilRun(parts.results);
     }
     if (!inputs || this.#isRefused) return;

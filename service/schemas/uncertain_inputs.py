@@ -1,0 +1,345 @@
+"""Uncertain inputs as the contract has them: distributions, their fields, and requests with values of them."""
+
+from collections.abc import Mapping, Sequence
+from functools import partial
+from typing import Annotated, Any, Literal
+
+from pydantic import MISSING, BaseModel, Field, StringConstraints, ValidationError
+from typing_extensions import TypeAliasType
+
+from service.schemas.quantities import Num, Part, with_examples
+from service.schemas.resistance import STRENGTH_FACTORS, FreeSurface, Resistance
+from service.schemas.sweeps import check_field, put
+from solver import ParameterError
+from solver.uncertainty import (
+    RESIDUAL,
+    Discrete,
+    Distribution,
+    Lognormal,
+    Normal,
+    Triangular,
+    TruncatedNormal,
+    Uncertain,
+    Uniform,
+    scaled,
+)
+from solver.uncertainty.inputs import check_values
+
+MODELS = ("resistance.free_surface.model", "resistance.strength_factor.model")
+"""Fields whose alternatives are names."""
+SPEEDS = {"type": "normal", "mean": 238.0, "coefficient_of_variation": 0.02}
+STRENGTHS = {"type": "lognormal", "median": 39e6, "dispersion": 0.12}
+DECAYS = {"type": "discrete", "values": ["elastic_plastic", "mohr_coulomb"], "weights": [0.8, 0.2]}
+SCATTER = [
+    {"field": "impact.velocity_m_s", "distribution": SPEEDS},
+    {"field": "target.compressive_strength_pa", "distribution": STRENGTHS},
+    {"field": "resistance.free_surface.model", "distribution": DECAYS},
+]
+
+Finite = Annotated[Num, Field(ge=-1e300, le=1e300)]
+
+
+class Spread(Part):
+    """A mean with a standard deviation or a coefficient of variation."""
+
+    mean: Finite
+    standard_deviation: Annotated[Finite, Field(description="In the unit of the field.")] | MISSING = MISSING
+    coefficient_of_variation: Annotated[Finite, Field(description="Instead of it: over the mean. [1]")] | MISSING = (
+        MISSING
+    )
+
+
+class NormalDistribution(Spread):
+    """Normal distribution."""
+
+    model_config = with_examples(SPEEDS)
+
+    type: Literal["normal"]
+
+    def to_solver(self) -> Normal:
+        """Return the solver's distribution."""
+        return Normal(**_given(self))
+
+
+class TruncatedNormalDistribution(Spread):
+    """Normal distribution cut off at one or two bounds; mean and deviation are those before that."""
+
+    model_config = with_examples(
+        {"type": "truncated_normal", "mean": 0.02, "standard_deviation": 0.01, "lower": 0.005, "upper": 0.05}
+    )
+
+    type: Literal["truncated_normal"]
+    lower: Finite | MISSING = MISSING
+    upper: Finite | MISSING = MISSING
+
+    def to_solver(self) -> TruncatedNormal:
+        """Return the solver's distribution."""
+        return TruncatedNormal(**_given(self))
+
+
+class LognormalDistribution(Part):
+    """A number whose logarithm is normal: by median and dispersion, or by mean and deviation of the number itself."""
+
+    model_config = with_examples(STRENGTHS)
+
+    type: Literal["lognormal"]
+    median: Finite | MISSING = MISSING
+    dispersion: Annotated[Finite, Field(description="Standard deviation of the natural logarithm. [1]")] | MISSING = (
+        MISSING
+    )
+    mean: Finite | MISSING = MISSING
+    standard_deviation: Annotated[Finite, Field(description="In the unit of the field.")] | MISSING = MISSING
+    coefficient_of_variation: Annotated[Finite, Field(description="Instead of it: over the mean. [1]")] | MISSING = (
+        MISSING
+    )
+
+    def to_solver(self) -> Lognormal:
+        """Return the solver's distribution."""
+        return Lognormal(**_given(self))
+
+
+class UniformDistribution(Part):
+    """Every value between two bounds is as likely."""
+
+    model_config = with_examples({"type": "uniform", "lower": 2200.0, "upper": 2400.0})
+
+    type: Literal["uniform"]
+    lower: Finite
+    upper: Finite
+
+    def to_solver(self) -> Uniform:
+        """Return the solver's distribution."""
+        return Uniform(**_given(self))
+
+
+class TriangularDistribution(Part):
+    """A density that rises from the lower bound to the mode and falls to the upper bound."""
+
+    model_config = with_examples({"type": "triangular", "lower": 12.9, "mode": 13.0, "upper": 13.2})
+
+    type: Literal["triangular"]
+    lower: Finite
+    mode: Finite
+    upper: Finite
+
+    def to_solver(self) -> Triangular:
+        """Return the solver's distribution."""
+        return Triangular(**_given(self))
+
+
+Name = Annotated[str, StringConstraints(strict=True, min_length=1, max_length=100)]
+
+
+DiscreteValues = TypeAliasType(
+    "DiscreteValues",
+    Annotated[
+        list[Finite] | list[Name], Field(min_length=1, max_length=100, description="Numbers, or names of models.")
+    ],
+)
+"""What a discrete distribution chooses from."""
+
+
+class DiscreteDistribution(Part):
+    """Some values, each with its weight: numbers, or names of models."""
+
+    model_config = with_examples(DECAYS)
+
+    type: Literal["discrete"]
+    values: DiscreteValues
+    weights: (
+        Annotated[
+            list[Finite],
+            Field(min_length=1, max_length=100, description="Probabilities; they sum to 1. Equal when not given."),
+        ]
+        | MISSING
+    ) = MISSING
+
+    def to_solver(self) -> Discrete:
+        """Return the solver's distribution."""
+        return Discrete(**_given(self))
+
+
+DistributionOf = TypeAliasType(
+    "DistributionOf",
+    Annotated[
+        NormalDistribution
+        | TruncatedNormalDistribution
+        | LognormalDistribution
+        | UniformDistribution
+        | TriangularDistribution
+        | DiscreteDistribution,
+        Field(discriminator="type", description="In the unit of the field."),
+    ],
+)
+
+
+def _given(part: Part) -> dict[str, Any]:
+    return part.model_dump(exclude={"type"})
+
+
+class UncertainInput(Part):
+    """An input that scatters, independent of the others."""
+
+    model_config = with_examples(*SCATTER)
+
+    field: Annotated[
+        str,
+        StringConstraints(strict=True, min_length=1, max_length=200),
+        Field(
+            description="Dotted path to a number of the request, such as `impact.velocity_m_s`; "
+            "`resistance.free_surface.model` or `resistance.strength_factor.model` with names; "
+            f"`{RESIDUAL}`, a factor on the strength factor whatever its law."
+        ),
+    ]
+    distribution: DistributionOf
+
+
+def inputs_of(uncertain: Sequence[UncertainInput], model: type[BaseModel], base: dict[str, Any]) -> list[Uncertain]:
+    """Return the inputs of the solver, those of a request that differs from a base in their values.
+
+    Raises
+    ------
+    ParameterError
+        If a field is no number of the request, a distribution is not valid, or a value that it states is outside
+        the accepted range of its field.
+    """
+    found = []
+    for index, each in enumerate(uncertain):
+        place = f"uncertain.{index}"
+        try:
+            distribution = each.distribution.to_solver()
+        except ParameterError as error:
+            raise ParameterError(f"{place}.{error.field}", error.requirement) from None
+        names = isinstance(distribution, Discrete) and isinstance(distribution.values[0], str)
+        if names and each.field not in MODELS:
+            raise ParameterError(f"{place}.distribution.values", f"must be numbers, but for {' and '.join(MODELS)}")
+        if each.field in MODELS:
+            _check_models(model, base, place, each.field, distribution, names=names)
+        found.append(Uncertain(each.field, distribution))
+    for index, number in enumerate(found):
+        if number.field not in MODELS:
+            at = _bases_of(model, base, found, index)[0]
+            check_values(index, number, partial(_check, model, at, number.field))
+    return found
+
+
+def _bases_of(
+    model: type[BaseModel], base: dict[str, Any], uncertain: Sequence[Uncertain], index: int
+) -> list[dict[str, Any]]:
+    """Return the requests in which a number is set: one, or one with each of the models whose number it is.
+
+    Raises
+    ------
+    ParameterError
+        If it is no number of one of them.
+    """
+    field = uncertain[index].field
+    if field == RESIDUAL:
+        return [base]
+    bases, chosen = [base], ""
+    for number, each in enumerate(uncertain):
+        if each.field in MODELS and field.startswith(each.field.removesuffix("model")):
+            assert isinstance(each.distribution, Discrete)  # noqa: S101 (checked)
+            bases = [with_values(base, [each.field], [name]) for name in each.distribution.values]
+            chosen = f"; it must be a number of every model of uncertain.{number}"
+    for request in bases:
+        try:
+            check_field(model, request, field.split("."))
+        except LookupError as error:
+            raise ParameterError(f"uncertain.{index}.field", f"{field!r} {error.args[0]}{chosen}") from None
+    return bases
+
+
+def _check(model: Any, base: Mapping[str, Any], field: str, value: float) -> None:
+    """Refuse a value of a field that the contract does not accept.
+
+    Raises
+    ------
+    ParameterError
+        If it does not.
+    """
+    try:
+        model.model_validate(with_values(base, [field], [value])).arguments()
+    except ValidationError as error:
+        detail = error.errors()[0]["msg"]
+        raise ParameterError(field, f"{detail[0].lower()}{detail[1:]}, got {value:g}") from None
+
+
+def accepts(
+    model: type[BaseModel], base: dict[str, Any], uncertain: Sequence[Uncertain], index: int, value: float
+) -> bool:
+    """Return whether the contract accepts a value of an input, the others as in the request."""
+    at = _bases_of(model, base, uncertain, index)[0]
+    try:
+        _check(model, at, uncertain[index].field, value)
+    except ParameterError:
+        return False
+    return True
+
+
+def _check_models(
+    model: type[BaseModel], base: dict[str, Any], place: str, field: str, distribution: Distribution, *, names: bool
+) -> None:
+    """Refuse alternatives of a model that are no models."""
+    if not isinstance(distribution, Discrete) or not names:
+        raise ParameterError(f"{place}.distribution", f"of {field!r} must be discrete, with names of models")
+    for number, name in enumerate(distribution.values):
+        try:
+            model.model_validate(with_values(base, [field], [name]))
+        except ValidationError:
+            raise ParameterError(
+                f"{place}.distribution.values.{number}", f"{name!r} is no model of this kind with default numbers"
+            ) from None
+
+
+def with_values(base: Mapping[str, Any], fields: Sequence[str], values: Sequence[Any]) -> dict[str, Any]:
+    """Return a request with these values of the fields; models first, then their numbers, a residual last."""
+    request, residual = dict(base), None
+    for field, value in sorted(zip(fields, values, strict=True), key=lambda each: each[0] not in MODELS):
+        if field == RESIDUAL:
+            residual = value
+        elif field in MODELS:
+            part = field.split(".")[1]
+            resistance = request.get("resistance", {})
+            given = resistance.get(part, {})
+            if given.get("model") != value:
+                request["resistance"] = {**resistance, part: _with_model(given, value)}
+        else:
+            request = put(request, field.split("."), value)
+    return request if residual is None else _with_residual(request, residual)
+
+
+def _with_model(given: Mapping[str, Any], name: str) -> dict[str, Any]:
+    """Return a part with another model; an option set to other than its default stays if that model has it too."""
+    own, other = (STRENGTH_FACTORS.get(each, FreeSurface) for each in (str(given.get("model")), name))
+    kept = {
+        option: value
+        for option, value in given.items()
+        if option in own.model_fields and option in other.model_fields and value != own.model_fields[option].default
+    }
+    return {**kept, "model": name}
+
+
+def _with_residual(request: Mapping[str, Any], factor: float) -> dict[str, Any]:
+    """Return a request with a multiple of its strength factor, as a law that the contract has."""
+    resistance = Resistance.model_validate(request.get("resistance", {}))
+    law = scaled(resistance.to_solver().strength_factor, factor)
+    content: dict[str, Any] = {"model": law.name}
+    for name, field in LAW_FIELDS.items():
+        if hasattr(law, name):
+            value = getattr(law, name)
+            content[field] = list(value) if isinstance(value, tuple) else value
+    return {**request, "resistance": {**request.get("resistance", {}), "strength_factor": content}}
+
+
+LAW_FIELDS = {
+    "value": "value",
+    "coefficients": "coefficients",
+    "coefficient": "coefficient",
+    "exponent": "exponent",
+    "reference_strength": "reference_strength_pa",
+    "diameter_exponent": "diameter_exponent",
+    "reference_diameter": "reference_diameter_m",
+    "obliquity_shape": "obliquity_shape",
+}
+"""Constants of strength factor models in the solver and in the contract."""
