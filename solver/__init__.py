@@ -6,7 +6,7 @@ from solver.errors import IntegrationError, ParameterError, RicochetError, StepL
 from solver.formulas import FormulaResult, OutOfRange, cea_edf_limit_speed, formulas
 from solver.free_surface import ElasticPlastic, MohrCoulomb, NoFreeSurface, decay_factor
 from solver.impact import Impact
-from solver.many import critical_angle_many, simulate_many
+from solver.many import critical_angle_many, least_thickness_many, limit_velocity_many, simulate_many
 from solver.nose import Conical, Flat, Ogive, Profile, Spherical
 from solver.numerics import Numerics
 from solver.penetration import closed_form_depth
@@ -94,7 +94,9 @@ __all__ = [
     "decay_factor",
     "formulas",
     "least_thickness",
+    "least_thickness_many",
     "limit_velocity",
+    "limit_velocity_many",
     "mass_properties",
     "simulate",
     "simulate_many",

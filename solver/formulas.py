@@ -3,13 +3,14 @@
 Every formula answers for a wall struck by a rigid projectile: how deep it goes into thick concrete, below which
 thickness the back of the wall scabs, and below which it is perforated. They are fitted to different tests and differ by
 half and more; that spread is what they are good for beside a model. None has an angle: as is common practice, and
-nothing better, an oblique strike counts with the normal component of its velocity.
+nothing better, an oblique strike counts with the normal component of its velocity. Some were fitted to flat noses and
+have no factor for others; their sources do not say how far a pointed nose is off, so that it is out of their range.
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from typing import Literal, TypeAlias, get_args
 
 from solver.errors import ParameterError
 from solver.impact import Impact
@@ -25,7 +26,9 @@ HUGHES_NOSE: Mapping[NoseClass, float] = {"flat": 1.0, "hemispherical": 1.12, "b
 NDRC_CONSTANT = 3.8e-5
 """In SI units; converted exactly, the form in US units has 3.8034e-5, 0.1 % more."""
 SCABBING_MARGIN, PERFORATION_MARGIN = 1.1, 1.2
-"""Factors on the limit thicknesses that DOE-STD-3014-2006 asks of a design. [1]"""
+"""Factors on the limit thicknesses that DOE-STD-3014-2006 requires in a design. [1]"""
+TENSILE_LAW_STRENGTH = 50e6
+"""Highest compressive strength of the law of the fib Model Code 2010 that `hughes` uses. [Pa]"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,17 +52,47 @@ class FormulaResult:
     """Least thickness of a wall whose back does not scab. [m]"""
     perforation_thickness: float | None = None
     """Least thickness of a wall that is not perforated. [m]"""
+    limit_speed: float | None = None
+    """Least speed that perforates the wall. [m/s]"""
     out_of_range: tuple[OutOfRange, ...] = ()
     """What the formula was not fitted to; empty within its range."""
+    range_known: bool = True
+    """Whether a source gives the range of the formula."""
     source: str
     """Authors and year."""
     verified: bool
-    """Whether its constants were compared with an original or a standard; the others come from secondary sources."""
+    """Whether its constants were compared with an original, a standard or a published shot; the others come from
+    secondary sources alone."""
 
     @property
     def in_range(self) -> bool:
-        """Whether every input and result lies within the range of the formula."""
-        return not self.out_of_range
+        """Whether the range of the formula is known, and every input and result lies within it."""
+        return self.range_known and not self.out_of_range
+
+
+Limit: TypeAlias = Literal["penetration_depth", "scabbing_thickness", "perforation_thickness"]
+LIMITS: tuple[Limit, ...] = get_args(Limit)
+"""What formulas give."""
+
+
+@dataclass(frozen=True, slots=True)
+class Spread:
+    """The lowest and the highest answer of the formulas that are in range."""
+
+    lowest: float
+    highest: float
+    """[m]"""
+    count: int
+    """How many different answers there are."""
+
+
+def spread(results: Iterable[FormulaResult], limit: Limit) -> Spread | None:
+    """Spread of a limit over the formulas in range; None if none of these has an answer.
+
+    An answer that a formula takes from another counts once: Kar's for steel and Degen's depth are modified NDRC's.
+    """
+    values = {value for each in results if each.in_range and (value := getattr(each, limit)) is not None}
+    return Spread(min(values), max(values), len(values)) if values else None
 
 
 def nose_class(projectile: Projectile) -> NoseClass:
@@ -85,7 +118,10 @@ def modified_ndrc(*, projectile: Projectile, target: Target, impact: Impact) -> 
     -----
     NDRC (1946) with the limits of Kennedy (1976), as in DOE-STD-3014-2006, appendix C:
     ``G = 3.8e-5 N M / (d sqrt(f'c)) (V/d)^1.8`` in SI units, ``x/d = 2 sqrt(G)`` up to G = 1 and ``G + 1`` beyond. The
-    form in US units, converted, is 0.1 % larger.
+    form in US units, converted, is 0.1 % larger. With X = x/d, ``e/d = 3.19 X - 0.718 X²`` up to X = 1.35 and
+    ``1.32 + 1.24 X`` beyond, ``h/d = 7.91 X - 5.06 X²`` up to X = 0.65 and ``2.12 + 1.36 X`` beyond, each up to 18
+    diameters. The bound of 3 diameters that is often quoted is where the straight lines begin; the standard has the
+    parabolas below it.
     """
     return _by_ndrc_limits(
         "modified_ndrc",
@@ -97,7 +133,7 @@ def modified_ndrc(*, projectile: Projectile, target: Target, impact: Impact) -> 
 
 
 def kar(*, projectile: Projectile, target: Target, impact: Impact, stiffness_ratio: float = 1.0) -> FormulaResult:
-    """Kar's extension of the NDRC formula to projectiles less stiff than steel.
+    """Kar's extension of the NDRC formula to projectiles less stiff than steel; for steel it is that formula.
 
     Parameters
     ----------
@@ -140,7 +176,7 @@ def ace(*, projectile: Projectile, target: Target, impact: Impact) -> FormulaRes
     Notes
     -----
     ACE (1946): ``x/d = 3.5e-4 / sqrt(f'c) (M/d³) d^0.215 V^1.5 + 0.5`` and ``e/d = 1.32 + 1.24 x/d`` for x/d from 1.35
-    to 13.5. Two secondary sources agree.
+    to 13.5. Two secondary sources agree; neither has a form for shallower penetration.
     """
     d, v = projectile.diameter, _normal_velocity(impact)
     ratio = 3.5e-4 / math.sqrt(target.compressive_strength) * (projectile.mass / d**3) * d**0.215 * v**1.5 + 0.5
@@ -168,6 +204,7 @@ def brl(*, projectile: Projectile, target: Target, impact: Impact) -> FormulaRes
         formula="brl",
         penetration_depth=depth,
         perforation_thickness=1.3 * depth,
+        range_known=False,
         source="Ballistic Research Laboratory 1941, after Chelapati, Kennedy and Wall 1972",
         verified=False,
     )
@@ -191,7 +228,8 @@ def chang(*, projectile: Projectile, target: Target, impact: Impact) -> FormulaR
         out_of_range=_outside("impact.velocity", v, 16.0, 312.0, "m/s along the normal")
         + _outside("projectile.mass", projectile.mass, 0.11, 343.0, "kg")
         + _outside("projectile.diameter", 1e3 * d, 50.0, 300.0, "mm")
-        + _outside("target.compressive_strength", 1e-6 * strength, 23.0, 46.0, "MPa"),
+        + _outside("target.compressive_strength", 1e-6 * strength, 23.0, 46.0, "MPa")
+        + _not_flat(projectile),
         source="Chang 1981",
         verified=False,
     )
@@ -215,28 +253,40 @@ def cea_edf(*, projectile: Projectile, target: Target, impact: Impact) -> Formul
     return FormulaResult(
         formula="cea_edf",
         perforation_thickness=thickness,
-        out_of_range=_outside("impact.velocity", v, 20.0, 200.0, "m/s along the normal"),
+        out_of_range=_outside("impact.velocity", v, 20.0, 200.0, "m/s along the normal") + _not_flat(projectile),
         source="Berriaud et al. 1978",
         verified=False,
     )
 
 
-def cea_edf_limit_speed(*, projectile: Projectile, target: Target, thickness: float) -> float:
-    """Least speed along the normal that perforates a wall, by the formula of CEA and EDF. [m/s]
+def cea_edf_limit_speed(
+    *, projectile: Projectile, target: Target, thickness: float, oblique_angle: float = 0.0
+) -> FormulaResult:
+    """Least speed that perforates a wall, by the formula of CEA and EDF for flat noses.
 
     Parameters
     ----------
     thickness
         Of the wall. [m]
+    oblique_angle
+        From the inward normal of the face to the velocity; the formula is for the component along the normal. [rad]
 
     Notes
     -----
     ``V = 1.3 ρ^(1/6) f'c^0.5 (d H² / M)^(2/3)``, fitted from 20 to 200 m/s; see `cea_edf`.
     """
     require_positive("thickness", thickness)
+    cosine = _normal_velocity(Impact(velocity=1.0, oblique_angle=oblique_angle))
     slenderness = projectile.diameter * thickness**2 / projectile.mass
     strength = math.sqrt(target.compressive_strength)
-    return 1.3 * math.pow(target.density, 1.0 / 6.0) * strength * math.pow(slenderness, 2.0 / 3.0)
+    normal = 1.3 * math.pow(target.density, 1.0 / 6.0) * strength * math.pow(slenderness, 2.0 / 3.0)
+    return FormulaResult(
+        formula="cea_edf",
+        limit_speed=normal / cosine,
+        out_of_range=_outside("limit_speed", normal, 20.0, 200.0, "m/s along the normal") + _not_flat(projectile),
+        source="Berriaud et al. 1978",
+        verified=False,
+    )
 
 
 def ukaea(*, projectile: Projectile, target: Target, impact: Impact) -> FormulaResult:
@@ -261,7 +311,7 @@ def ukaea(*, projectile: Projectile, target: Target, impact: Impact) -> FormulaR
         scabbing_thickness=5.3 * g**0.33 * d,
         out_of_range=_outside("impact.velocity", _normal_velocity(impact), 25.0, 300.0, "m/s along the normal")
         + _outside("target.compressive_strength", 1e-6 * target.compressive_strength, 22.0, 44.0, "MPa")
-        + _outside("projectile.mass", projectile.mass / d**3, 5e3, 2e5, "kg/m³ over the cube of the diameter"),
+        + _outside("projectile.mass", projectile.mass / d**3, 5e3, 2e5, "(M/d³ in kg/m³)"),
         source="Barr 1990 (UKAEA)",
         verified=False,
     )
@@ -281,10 +331,15 @@ def hughes(
     -----
     Hughes (1984): ``x/d = 0.19 N I / (1 + 12.3 ln(1 + 0.03 I))`` with ``I = M V² / (d³ f_t)``; ``e/d = 3.6 X`` below
     X = x/d = 0.7 and ``1.58 X + 1.4`` beyond, ``h/d = 5 X`` and ``1.74 X + 2.3``. Constants not compared with the
-    original.
+    original; no range was found. The law for the tensile strength is for concrete up to 50 MPa.
     """
+    out_of_range: tuple[OutOfRange, ...] = ()
     if tensile_strength is None:
-        tensile_strength = 0.3e6 * (target.compressive_strength / 1e6) ** (2.0 / 3.0)
+        strength = target.compressive_strength
+        tensile_strength = 0.3e6 * (strength / 1e6) ** (2.0 / 3.0)
+        if strength > TENSILE_LAW_STRENGTH:
+            limit = f"the tensile strength follows a law for at most {1e-6 * TENSILE_LAW_STRENGTH:g} MPa"
+            out_of_range = (OutOfRange("target.compressive_strength", f"{limit}, here {1e-6 * strength:.6g}"),)
     require_positive("tensile_strength", tensile_strength)
     d = projectile.diameter
     energy = projectile.mass * _normal_velocity(impact) ** 2 / (d**3 * tensile_strength)
@@ -294,6 +349,8 @@ def hughes(
         penetration_depth=ratio * d,
         scabbing_thickness=(5.0 * ratio if ratio < 0.7 else 1.74 * ratio + 2.3) * d,
         perforation_thickness=(3.6 * ratio if ratio < 0.7 else 1.58 * ratio + 1.4) * d,
+        out_of_range=out_of_range,
+        range_known=False,
         source="Hughes 1984",
         verified=False,
     )
@@ -313,7 +370,8 @@ def li_chen(
     -----
     Li and Chen (2003): ``I = M V² / (S d³ f'c)``, ``N = M / (N* ρ d³)`` and a crater of ``k = 0.707 + h/d`` diameters,
     h the length of the nose. ``x/d = sqrt(4 k I / π (1 + k π / (4 N)) / (1 + I / N))`` up to I = π k / 4, and
-    ``2 N / π ln((1 + I / N) / (1 + k π / (4 N))) + k`` beyond. With k = 2 the latter is `closed_form_depth`.
+    ``2 N / π ln((1 + I / N) / (1 + k π / (4 N))) + k`` beyond. With k = 2 the latter is `closed_form_depth`. Compared
+    with that and with one published shot, not with the original.
     """
     if strength_factor is None:
         (strength_factor,) = StrengthPowerLaw().polynomial(target=target, projectile=projectile)
@@ -408,15 +466,22 @@ def _by_ndrc_limits(
         penetration_depth=ratio * d,
         scabbing_thickness=scabbing * d,
         perforation_thickness=perforation * d,
-        out_of_range=_outside("perforation_thickness", perforation, 3.0, 18.0, "diameters")
-        + _outside("scabbing_thickness", scabbing, 3.0, 18.0, "diameters"),
+        out_of_range=_outside("perforation_thickness", perforation, 0.0, 18.0, "diameters")
+        + _outside("scabbing_thickness", scabbing, 0.0, 18.0, "diameters"),
         source=source,
         verified=verified,
     )
 
 
+def _not_flat(projectile: Projectile) -> tuple[OutOfRange, ...]:
+    nose = nose_class(projectile)
+    return () if nose == "flat" else (OutOfRange("projectile.nose", f"fitted to flat noses, here {nose}"),)
+
+
 def _outside(field: str, value: float, lowest: float, highest: float, unit: str) -> tuple[OutOfRange, ...]:
     if lowest <= value <= highest:
         return ()
-    bounds = f"at least {lowest:g}" if math.isinf(highest) else f"from {lowest:g} to {highest:g}"
-    return (OutOfRange(field, f"fitted {bounds} {unit}, here {value:.3g}"),)
+    bounds = f"from {lowest:g} to {highest:g}" if lowest > 0.0 else f"up to {highest:g}"
+    if math.isinf(highest):
+        bounds = f"at least {lowest:g}"
+    return (OutOfRange(field, f"fitted {bounds} {unit}, here {value:.6g}"),)

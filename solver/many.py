@@ -13,6 +13,7 @@ from solver.arrays import FloatArray
 from solver.errors import ParameterError, RicochetError
 from solver.impact import Impact
 from solver.numerics import Numerics
+from solver.perforation import TOLERANCE, PerforationLimit, least_thickness, limit_velocity
 from solver.projectile import Projectile
 from solver.resistance import EQUATION_9, Resistance
 from solver.search.critical_angle import critical_angle
@@ -111,6 +112,90 @@ def simulate_many(
         resistance=EQUATION_9 if resistance is None else resistance,
     )
     return _run(lambda strike: simulate(**strike, numerics=numerics, sample_interval=sample_interval), strikes, threads)
+
+
+def least_thickness_many(
+    *,
+    projectile: OneOrMany[Projectile],
+    target: OneOrMany[Target],
+    impact: OneOrMany[Impact],
+    resistance: OneOrMany[Resistance] | None = None,
+    numerics: Numerics | None = None,
+    tolerance: float = TOLERANCE,
+    threads: int = 1,
+) -> Iterator[PerforationLimit | RicochetError]:
+    """Least thicknesses that stop many strikes.
+
+    Parameters
+    ----------
+    projectile, target, impact, resistance
+        As for `least_thickness`: one for all strikes, or a sequence with one for each.
+    numerics, tolerance
+        The same for all.
+    threads
+        How many strikes run at a time.
+
+    Yields
+    ------
+    PerforationLimit or RicochetError
+        In the order of the strikes; one that failed yields its error and stops nothing.
+
+    Raises
+    ------
+    ParameterError
+        If the sequences differ in length.
+    """
+    strikes = Cases(
+        projectile=projectile,
+        target=target,
+        impact=impact,
+        resistance=EQUATION_9 if resistance is None else resistance,
+    )
+    return _run(lambda strike: least_thickness(**strike, numerics=numerics, tolerance=tolerance), strikes, threads)
+
+
+def limit_velocity_many(
+    *,
+    projectile: OneOrMany[Projectile],
+    target: OneOrMany[Target],
+    oblique_angle: OneOrMany[float],
+    angle_of_attack: OneOrMany[float] = 0.0,
+    angular_velocity: OneOrMany[float] = 0.0,
+    resistance: OneOrMany[Resistance] | None = None,
+    numerics: Numerics | None = None,
+    tolerance: float = TOLERANCE,
+    threads: int = 1,
+) -> Iterator[PerforationLimit | RicochetError]:
+    """Least velocities that perforate many walls.
+
+    Parameters
+    ----------
+    projectile, target, oblique_angle, angle_of_attack, angular_velocity, resistance
+        As for `limit_velocity`: one for all walls, or a sequence or array with one for each.
+    numerics, tolerance
+        The same for all.
+    threads
+        How many walls run at a time.
+
+    Yields
+    ------
+    PerforationLimit or RicochetError
+        In the order of the walls; one that failed yields its error and stops nothing.
+
+    Raises
+    ------
+    ParameterError
+        If the sequences differ in length.
+    """
+    walls = Cases(
+        projectile=projectile,
+        target=target,
+        oblique_angle=oblique_angle,
+        angle_of_attack=angle_of_attack,
+        angular_velocity=angular_velocity,
+        resistance=EQUATION_9 if resistance is None else resistance,
+    )
+    return _run(lambda wall: limit_velocity(**wall, numerics=numerics, tolerance=tolerance), walls, threads)
 
 
 class Cases:

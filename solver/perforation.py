@@ -18,7 +18,7 @@ from solver.resistance import EQUATION_9, Resistance
 from solver.target import Target
 from solver.trajectory import run_warnings
 from solver.validation import require, require_between
-from solver.warnings import ModelWarning
+from solver.warnings import UNDECIDED, ModelWarning, decided_by_time, undecided
 
 MOST_DIAMETERS = 1000.0
 """Thickest wall that is tried, over the diameter of the projectile: far more than a rigid projectile goes. [1]"""
@@ -69,6 +69,8 @@ class PerforationLimit:
     iterations: tuple[PerforationTrial, ...]
     """Every trial, in order."""
     warnings: tuple[ModelWarning, ...]
+    """Those of the trial at `value`, of the last trial if there is none, and ``undecided`` if a trial on either side of
+    the change, or any trial if there is none, was still in motion at its termination time."""
 
     def columns(self) -> Columns:
         """Return the trials as arrays by name, in order."""
@@ -138,8 +140,9 @@ def least_thickness(
 
     Notes
     -----
-    Each wall is half as thick again as the one before until one holds; bisection follows. The model has no crater and
-    no plug that shears out, so that real walls have to be thicker: compare with `solver.formulas`.
+    Each wall is half as thick again as the one before until one holds; bisection follows. A wall that is not perforated
+    by the termination time counts as one that holds, with a warning if it is next to the change. Without a plug that
+    shears out and a crater, see `Resistance`, real walls have to be thicker: compare with `solver.formulas`.
 
     Examples
     --------
@@ -202,7 +205,8 @@ def limit_velocity(
 
     Notes
     -----
-    Each velocity is half as high again as the one before, from 1 m/s, until one perforates; bisection follows.
+    Each velocity is half as high again as the one before, from 1 m/s, until one perforates; bisection follows. A wall
+    that is not perforated by the termination time counts as one that holds, with a warning if it is next to the change.
 
     Examples
     --------
@@ -251,10 +255,10 @@ def _search(
     """Least value from the lower bound on at which the wall is perforated, or is not, unlike at that bound."""
     require_between("tolerance", tolerance, 1e-8, 0.1)
     trials: list[PerforationTrial] = []
-    warnings: tuple[ModelWarning, ...] = ()
+    warnings: dict[float, tuple[ModelWarning, ...]] = {}
+    end_times: dict[float, float] = {}
 
     def changed(value: float) -> bool:
-        nonlocal warnings
         prepared, impact = strike(value)
         model, retention = (
             prepared.model._replace(law=prepared.law_at(impact)),
@@ -263,13 +267,18 @@ def _search(
         run, _ = integrate(prepared, model, impact, keep_steps=False, thresholds=Thresholds(retention, retention))
         outcome = OUTCOMES[run.end]
         trials.append(PerforationTrial(value, outcome, exit_of(outcome, run.state.tolist(), model.body)))
-        warnings = run_warnings(prepared, impact, run, outcome)
+        warnings[value] = run_warnings(prepared, impact, run, outcome)
+        if outcome is Outcome.IN_MOTION:
+            end_times[value] = run.time
         return (outcome is Outcome.PERFORATED) is not perforated_at_first
 
     def answer(status: PerforationStatus, bracket: tuple[float, float] | None = None) -> PerforationLimit:
         value = None if bracket is None else bracket[1]
         quantity: Literal["thickness", "velocity"] = "thickness" if perforated_at_first else "velocity"
-        return PerforationLimit(quantity, status, value, bracket, tuple(trials), warnings)
+        found = [each for each in warnings[value or trials[-1].value] if each.code != UNDECIDED]
+        if unfinished := [end_times[each] for each in bracket or end_times if each in end_times]:
+            found.append((undecided if bracket is None else decided_by_time)(termination_time=max(unfinished)))
+        return PerforationLimit(quantity, status, value, bracket, tuple(trials), tuple(found))
 
     always, never = PerforationStatus.ALWAYS_PERFORATED, PerforationStatus.NEVER_PERFORATED
     value, upper = bounds

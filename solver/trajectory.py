@@ -278,8 +278,7 @@ def run_warnings(prepared: PreparedCase, impact: Impact, run: Run, outcome: Outc
         projectile=prepared.projectile,
         target=prepared.target,
         resistance=prepared.resistance,
-        velocity=impact.velocity,
-        oblique_angle=impact.oblique_angle,
+        impact=impact,
     )
     if abs(impact.axis_angle) > math.pi / 2.0:
         found.append(model_warnings.BASE_FIRST)

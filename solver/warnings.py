@@ -4,6 +4,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from solver.formulas import formulas, spread
+from solver.impact import Impact
 from solver.projectile import Projectile
 from solver.resistance import (
     EQUATION_9_COEFFICIENTS,
@@ -106,10 +108,10 @@ def _mass_properties_assumed(projectile: Projectile, angle_shift: float | None) 
 
 
 def law_warnings(
-    *, projectile: Projectile, target: Target, resistance: Resistance, velocity: float, oblique_angle: float
+    *, projectile: Projectile, target: Target, resistance: Resistance, impact: Impact
 ) -> tuple[ModelWarning, ...]:
     """Warnings about laws that were fitted to other angles, another concrete or other strikes, or leave much out."""
-    model = resistance.strength_factor
+    model, oblique_angle = resistance.strength_factor, impact.oblique_angle
     found = []
     by_angle = isinstance(model, ObliquityPolynomial) or (
         isinstance(model, StrengthPowerLaw | PublishedTests) and model.obliquity_shape == "equation_9"
@@ -126,19 +128,31 @@ def law_warnings(
     if isinstance(model, ObliquityPolynomial) and model.coefficients == EQUATION_9_COEFFICIENTS:
         found += _other_concrete(projectile, target)
     if isinstance(model, PublishedTests):
-        found += _beyond_published_tests(projectile, target, velocity)
+        found += _beyond_published_tests(projectile, target, impact.velocity)
     if resistance.crater is not None and oblique_angle != 0.0:
         found.append(CRATER_AT_OBLIQUITY)
     if target.thickness is not None:
-        found.append(_rear_face(resistance))
+        found.append(_rear_face(projectile=projectile, target=target, resistance=resistance, impact=impact))
     return tuple(found)
 
 
-def _rear_face(resistance: Resistance) -> ModelWarning:
-    """Warning about what the model of the rear face leaves out."""
+def _rear_face(*, projectile: Projectile, target: Target, resistance: Resistance, impact: Impact) -> ModelWarning:
+    """Warning about what the model of the rear face leaves out, with what the formulas require against the strike."""
     if resistance.rear_plug is not None:
-        return REAR_PLUG_QUASI_STATIC
-    return REAR_FACE_UNCONSERVATIVE if resistance.crater is None else REAR_FACE_WITHOUT_PLUG
+        code, detail = "rear_plug_quasi_static", REAR_PLUG_QUASI_STATIC
+    else:
+        front = "" if resistance.crater is not None else " and the impact face no crater"
+        code = "rear_face_unconservative"
+        detail = f"the rear face has no plug that shears out{front}: walls hold less than this says"
+    strike = f"{impact.velocity:.4g} m/s at {math.degrees(abs(impact.oblique_angle)):.4g}° from the normal"
+    answers = formulas(projectile=projectile, target=target, impact=impact)
+    if required := spread(answers, "perforation_thickness"):
+        thicknesses = sorted({f"{1e3 * each:.3g}" for each in (required.lowest, required.highest)}, key=float)
+        by = "formula within its range requires" if required.count == 1 else "formulas within their range require"
+        detail += f"; against {strike} {required.count} {by} {' to '.join(thicknesses)} mm"
+    else:
+        detail += f"; no formula is within its range for {strike}"
+    return ModelWarning(code, detail)
 
 
 def _other_concrete(projectile: Projectile, target: Target) -> tuple[ModelWarning, ...]:
@@ -181,18 +195,23 @@ def _beyond_published_tests(projectile: Projectile, target: Target, velocity: fl
     )
 
 
+UNDECIDED = "undecided"
+"""Code of the warnings about runs that the termination time ended."""
+
+
 def undecided(*, termination_time: float) -> ModelWarning:
     """Warning of a run that was still going on at its termination time."""
     return ModelWarning(
-        "undecided",
-        f"still loaded or moving in at the termination time, {termination_time:g} s: neither embedded nor turned away",
+        UNDECIDED,
+        f"still loaded or moving in at the termination time, {termination_time:g} s: neither embedded, turned away nor "
+        "through",
     )
 
 
 def decided_by_time(*, termination_time: float) -> ModelWarning:
     """Warning of an angle, or another change of outcome, that such a run is next to."""
     return ModelWarning(
-        "undecided",
+        UNDECIDED,
         "next to a change of outcome, a trial was still loaded or moving in at the termination time, "
         f"{termination_time:g} s: that change separates what leaves by then, moves with that time, and is less certain "
         "than its bracket is wide",
@@ -237,27 +256,21 @@ def shallow(*, depth: float, diameter: float) -> tuple[ModelWarning, ...]:
     )
 
 
-REAR_FACE_UNCONSERVATIVE = ModelWarning(
-    "rear_face_unconservative",
-    "the rear face has no plug that shears out and the impact face no crater: walls hold less than this says; "
-    "modified NDRC asks for 1.7 times the thickness that stops the paper's projectile at normal impact",
-)
-
 CRATER_AT_OBLIQUITY = ModelWarning(
     "crater_at_obliquity",
     "the crater is that of normal impact: at an angle it weakens all that keeps near the face, and moves the critical "
     "angle of the paper's strike from 48.6° to 67.6° at two diameters",
 )
 
-REAR_FACE_WITHOUT_PLUG = ModelWarning(
-    "rear_face_unconservative",
-    "the rear face has no plug that shears out: walls hold less than this says",
+REAR_PLUG_QUASI_STATIC = (
+    "nothing resists within the plug that shears out of the rear, of a height for quasi-static loads: its mass, its "
+    "energy and reinforcement do not count"
 )
 
-REAR_PLUG_QUASI_STATIC = ModelWarning(
-    "rear_plug_quasi_static",
-    "nothing resists within the plug that shears out of the rear, of a height for quasi-static loads: its mass, its "
-    "energy and reinforcement do not count; compare with the formulas",
+NORMAL_COMPONENT_ONLY = ModelWarning(
+    "normal_component_only",
+    "the formulas have no angle: the component of the velocity along the normal takes its place, which is common "
+    "practice and no more than that",
 )
 
 BASE_FIRST = ModelWarning(

@@ -71,7 +71,7 @@ async def find_critical_angle(request: Request) -> Response:
     tags=["trajectory"],
 )
 async def compute_trajectory(request: Request) -> Response:
-    """Compute the motion of a projectile from first contact until it is turned away, at rest, or out of time."""
+    """Compute the motion of a projectile until it is turned away, through, at rest, or out of time."""
     return await answer(request, "trajectory")
 
 

@@ -8,7 +8,7 @@ from typing import Any
 from service.cli.arguments import BODY, IMPACT, add_case, add_formats, add_url, examples
 from service.cli.request_body import read_body
 from service.cli.single import answer_of, print_csv, print_json
-from service.cli.writers import heading, print_table, print_values
+from service.cli.writers import heading, print_table, print_values, print_warnings
 
 FLAGS = (*IMPACT, *BODY)
 PARTS = {"projectile", "target", "impact"}
@@ -20,7 +20,8 @@ def add_formulas(parser: argparse.ArgumentParser) -> None:
     parser.description = (
         "Evaluate the empirical formulas of the field: how deep a projectile goes into thick concrete, and the least "
         "thickness of a wall that does not scab, and that is not perforated. Each formula says whether the strike is "
-        "in the range it was fitted to. An oblique strike counts with the component of its velocity along the normal. "
+        "in the range it was fitted to. The formulas have no angle: as is common practice, an oblique strike "
+        "counts with the component of its velocity along the normal. "
         "Other parts of a file than projectile, target and impact are left out."
     )
     parser.epilog = examples("ricochet formulas strike.toml", "ricochet formulas strike.toml --velocity 60 --csv")
@@ -59,6 +60,7 @@ def print_formulas(answer: Mapping[str, Any]) -> None:
     for row in answer["formulas"]:
         for each in row["out_of_range"]:
             print(f"* {row['formula']}: {each['pointer']}: {each['detail']}")
+    print("? the range of the formula is not known: it is left out of the figures below")
     print("+ constants from secondary sources, not compared with an original\n")
     values = {}
     for name in ("penetration_depth", "scabbing_thickness", "perforation_thickness"):
@@ -67,7 +69,9 @@ def print_formulas(answer: Mapping[str, Any]) -> None:
             values[label] = f"{spread['lowest']:.4g} to {spread['highest']:.4g}"
     margins = f"{answer['scabbing_margin']:g} on scabbing, {answer['perforation_margin']:g} on perforation"
     print_values(values | {"margins of a design, DOE-STD-3014-2006": margins, "nose class": answer["nose_class"]})
+    print_warnings(answer["warnings"])
 
 
 def _marks(row: Mapping[str, Any]) -> str:
-    return ("" if row["in_range"] else "*") + ("" if row["verified"] else "+")
+    marks = (("*", row["out_of_range"]), ("?", not row["range_known"]), ("+", not row["verified"]))
+    return "".join(mark for mark, holds in marks if holds)

@@ -22,14 +22,16 @@ from service.cli.writers import heading, print_table, print_values, print_warnin
 
 STRIKE_FLAGS = (*IMPACT, *(flag for flag in BODY if flag.steps != SOUGHT["thickness"]), *RESISTANCE)
 WALL_FLAGS = (OBLIQUE_ANGLE, *ATTACK, *BODY, *RESISTANCE)
+FORMULA_VALUES = {"least_thickness_m": "perforation_thickness_m", "limit_speed_m_s": "limit_speed_m_s"}
+"""What formulas give for what was sought."""
 
 
 def add_thickness(parser: argparse.ArgumentParser) -> None:
     """Define `ricochet thickness`."""
     parser.description = (
         "Find the least thickness of a wall that a strike does not perforate, beside what the empirical formulas of "
-        "the field say. A thickness in the file is left out, and so are other parts than projectile, target, impact, "
-        "resistance and numerics."
+        "the field say, which take the component of the velocity along the normal. A thickness in the file is left "
+        "out, and so are other parts than projectile, target, impact, resistance and numerics."
     )
     parser.epilog = examples(
         "ricochet thickness strike.toml --angle 30", "ricochet thickness strike.toml --angle 0 --json"
@@ -43,8 +45,8 @@ def add_thickness(parser: argparse.ArgumentParser) -> None:
 def add_limit_speed(parser: argparse.ArgumentParser) -> None:
     """Define `ricochet limit-speed`."""
     parser.description = (
-        "Find the least speed at which a projectile perforates a wall. A speed in the file is left out, and so are "
-        "other parts than projectile, target, impact, resistance and numerics."
+        "Find the least speed at which a projectile perforates a wall, beside that of CEA and EDF's formula. A speed "
+        "in the file is left out, and so are other parts than projectile, target, impact, resistance and numerics."
     )
     parser.epilog = examples("ricochet limit-speed strike.toml --thickness 0.2 --angle 20")
     add_case(parser, WALL_FLAGS)
@@ -81,8 +83,8 @@ def _print(args: argparse.Namespace, text: bytes, value: str, bracket: str) -> i
         print_values(_found(answer, value, bracket))
         if rows := answer.get("formulas"):
             print()
-            cells = [[row["formula"], row["perforation_thickness_m"], _range(row)] for row in rows]
-            print_table(["formula", heading("perforation_thickness_m"), "range"], cells)
+            name = FORMULA_VALUES[value]
+            print_table(["formula", heading(name), "range"], [[row["formula"], row[name], _range(row)] for row in rows])
         print_warnings(answer["warnings"])
     return 0
 
@@ -96,4 +98,6 @@ def _found(answer: Mapping[str, Any], value: str, bracket: str) -> dict[str, Any
 
 
 def _range(row: Mapping[str, Any]) -> str:
-    return "in range" if row["in_range"] else "out of range"
+    if row["in_range"]:
+        return "in range"
+    return "out of range" if row["range_known"] else "range not known"

@@ -39,14 +39,14 @@ def walls_section(_: Assessment) -> Section:
     """Compare thicknesses and limit speeds of both models of the rear face with the formulas and with tests."""
     thicknesses, speeds = _thickness_table(), _speed_table()
     model, plugged, both = (row[1] for row in thicknesses.rows[: len(MODELS)])
-    asked = sorted(
+    required = sorted(
         float(str(row[1])) for row in thicknesses.rows[len(MODELS) :] if row[1] != "" and row[-1] == "in range"
     )
     slow, plug_slow, both_slow = (row[1] for row in speeds.rows[: len(MODELS)])
     text = f"""
         Least thickness of the paper's strike at normal impact: {model} mm by the default, {plugged} mm with a plug that
-        shears out of the rear, {both} mm with a front crater as well. The formulas within their range ask for
-        {asked[0]:g} to {asked[-1]:g} mm.
+        shears out of the rear, {both} mm with a front crater as well. The formulas within their range require
+        {required[0]:g} to {required[-1]:g} mm.
 
         Hanchak, Forrestal, Young and Ehrgott (1992) shot projectiles of {SLAB_SHOT.diameter * 1e3:g} mm and
         {SLAB_SHOT.mass:g} kg through reinforced slabs {SLAB * 1e3:g} mm thick. Their abstract, which is all of it that
@@ -74,10 +74,12 @@ def _thickness_table() -> Table:
         limits = [_millimetres(each.perforation_thickness) for each in results]
         outside = ", ".join(sorted({each.field for result in results for each in result.out_of_range}))
         source = f"{first.source}{'' if first.verified else ' (not compared with the original)'}"
-        rows.append((first.formula, *limits, source, f"out of range: {outside}" if outside else "in range"))
+        known = "in range" if first.range_known else "range not known"
+        rows.append((first.formula, *limits, source, f"out of range: {outside}" if outside else known))
     angles = [f"at {angle:g}° [mm]" for angle in ANGLES_DEG]
     caption = (
-        "Least thickness that is not perforated by the paper's strike; formulas take the normal part of the speed."
+        "Least thickness that is not perforated by the paper's strike; formulas have no angle and take, as is common "
+        "practice, the normal part of the speed."
     )
     return Table(name="walls", caption=caption, columns=("by", *angles, "source", "range"), rows=rows)
 
@@ -93,7 +95,8 @@ def _speed_table() -> Table:
         ]
         rows.append((name, *("" if each is None else round(each) for each in found)))
     by_formula = [cea_edf_limit_speed(projectile=SLAB_SHOT, target=wall, thickness=SLAB) for wall in walls]
-    rows.append(("cea_edf", *(round(each) for each in by_formula)))
+    name = "cea_edf" if all(each.in_range for each in by_formula) else "cea_edf, out of range"
+    rows.append((name, *("" if each.limit_speed is None else round(each.limit_speed) for each in by_formula)))
     rows.append(("tests, slowest with a residual speed", *(f"≤ {SLAB_SLOWEST:g}" for _ in walls)))
     strengths = [f"{strength / 1e6:g} MPa [m/s]" for strength in SLAB_STRENGTHS]
     caption = f"Limit speeds of slabs {SLAB * 1e3:g} mm thick at normal impact, S of `published_tests`."

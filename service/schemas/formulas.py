@@ -5,16 +5,16 @@ from typing import Annotated, Any
 from pydantic import MISSING, Field
 
 import solver
-from service.schemas.answers import VERSIONED, EngineVersion, Key
+from service.schemas.answers import VERSIONED, EngineVersion, Key, ModelWarning
+from service.schemas.building import warning_texts
 from service.schemas.examples import PAPER
 from service.schemas.problems import pointer_of_parameter
 from service.schemas.projectile import Projectile
 from service.schemas.quantities import Num, Part, with_examples
 from service.schemas.strike import STRIKE, Impact, Target
-from solver.formulas import PERFORATION_MARGIN, SCABBING_MARGIN, FormulaResult, formulas, nose_class
+from solver.formulas import LIMITS, PERFORATION_MARGIN, SCABBING_MARGIN, formulas, nose_class, spread
+from solver.warnings import NORMAL_COMPONENT_ONLY
 
-LIMITS = ("penetration_depth", "scabbing_thickness", "perforation_thickness")
-"""What formulas give."""
 REQUEST = {name: PAPER[name] for name in ("projectile", "target")} | {"impact": STRIKE}
 NOT_FITTED = {"pointer": "/impact/velocity_m_s", "detail": "fitted from 20 to 200 m/s along the normal, here 238"}
 ROW = {
@@ -23,11 +23,13 @@ ROW = {
     "scabbing_thickness_m": 0.4976,
     "perforation_thickness_m": 0.4047,
     "in_range": True,
+    "range_known": True,
     "out_of_range": [],
     "verified": True,
     "source": "NDRC 1946; Kennedy 1976; DOE-STD-3014-2006, appendix C",
 }
-SPREAD = {"lowest": 0.3457, "highest": 0.5335, "formulas": 7}
+SPREAD = {"lowest": 0.3664, "highest": 0.4047, "formulas": 2}
+WARNING = {"code": NORMAL_COMPONENT_ONLY.code, "detail": NORMAL_COMPONENT_ONLY.detail}
 
 
 class FormulaImpact(Impact):
@@ -94,13 +96,23 @@ class FormulaRow(Part):
         Annotated[Num, Field(description="Least thickness of a wall that is not perforated, without a margin. [m]")]
         | MISSING
     ) = MISSING
-    in_range: Annotated[bool, Field(description="Whether `out_of_range` is empty.")]
+    limit_speed_m_s: (
+        Annotated[
+            Num,
+            Field(description="Least speed that perforates the wall, in an answer to `/limit-speed` only. [m/s]"),
+        ]
+        | MISSING
+    ) = MISSING
+    in_range: Annotated[
+        bool, Field(description="Whether the range of the formula is known and `out_of_range` is empty.")
+    ]
+    range_known: Annotated[bool, Field(description="Whether a source gives the range of the formula.")]
     out_of_range: list[NotFitted]
     verified: Annotated[
         bool,
         Field(
-            description="Whether the constants were compared with an original or a standard; those of the other "
-            "formulas come from secondary sources."
+            description="Whether the constants were compared with an original, a standard or a published shot; those "
+            "of the other formulas come from secondary sources alone."
         ),
     ]
     source: Annotated[str, Field(description="Authors and year.")]
@@ -113,7 +125,13 @@ class FormulaSpread(Part):
 
     lowest: Annotated[Num, Field(description="[m]")]
     highest: Annotated[Num, Field(description="[m]")]
-    formulas: Annotated[int, Field(description="In range, with an answer.")]
+    formulas: Annotated[
+        int,
+        Field(
+            description="In range, with an answer. One that a formula takes from another, as Kar's for steel takes "
+            "that of modified NDRC, counts once."
+        ),
+    ]
 
 
 class FormulasAnswer(Part):
@@ -126,6 +144,7 @@ class FormulasAnswer(Part):
             "nose_class": "sharp",
             "scabbing_margin": SCABBING_MARGIN,
             "perforation_margin": PERFORATION_MARGIN,
+            "warnings": [WARNING],
         }
         | VERSIONED
     )
@@ -138,11 +157,12 @@ class FormulasAnswer(Part):
         str, Field(description="In the sense of the formulas, from the length of the nose: flat to sharp.")
     ]
     scabbing_margin: Annotated[
-        Num, Field(description="Factor on a scabbing thickness that DOE-STD-3014-2006 asks of a design. [1]")
+        Num, Field(description="Factor on a scabbing thickness that DOE-STD-3014-2006 requires in a design. [1]")
     ]
     perforation_margin: Annotated[
-        Num, Field(description="Factor on a perforation thickness that DOE-STD-3014-2006 asks of a design. [1]")
+        Num, Field(description="Factor on a perforation thickness that DOE-STD-3014-2006 requires in a design. [1]")
     ]
+    warnings: Annotated[list[ModelWarning], Field(description="`normal_component_only` for an oblique strike.")]
     key: Key
     engine_version: EngineVersion
 
@@ -157,29 +177,33 @@ def formulas_answer(request: FormulasRequest) -> dict[str, Any]:
     """
     arguments = request.arguments()
     found = formulas(**arguments)
-    spreads = {f"{name}_spread": spread for name in LIMITS if (spread := _spread(found, name))}
+    spreads = {f"{name}_spread": each for name in LIMITS if (each := spread(found, name))}
+    oblique = arguments["impact"].oblique_angle != 0.0
     return {
-        "formulas": [_row(result) for result in found],
-        **spreads,
+        "formulas": [formula_row(result) for result in found],
+        **{
+            name: {"lowest": each.lowest, "highest": each.highest, "formulas": each.count}
+            for name, each in spreads.items()
+        },
         "nose_class": nose_class(arguments["projectile"]),
         "scabbing_margin": SCABBING_MARGIN,
         "perforation_margin": PERFORATION_MARGIN,
+        "warnings": warning_texts((NORMAL_COMPONENT_ONLY,) if oblique else ()),
     }
 
 
-def _row(result: FormulaResult) -> dict[str, Any]:
+def formula_row(result: solver.FormulaResult) -> dict[str, Any]:
+    """Return the answer of one formula as the contract has it."""
     values = {f"{name}_m": value for name in LIMITS if (value := getattr(result, name)) is not None}
+    if result.limit_speed is not None:
+        values["limit_speed_m_s"] = result.limit_speed
     outside = [{"pointer": pointer_of_parameter(each.field), "detail": each.detail} for each in result.out_of_range]
     return {
         "formula": result.formula,
         **values,
         "in_range": result.in_range,
+        "range_known": result.range_known,
         "out_of_range": outside,
         "verified": result.verified,
         "source": result.source,
     }
-
-
-def _spread(found: tuple[solver.FormulaResult, ...], name: str) -> dict[str, Any] | None:
-    values = [value for each in found if each.in_range and (value := getattr(each, name)) is not None]
-    return {"lowest": min(values), "highest": max(values), "formulas": len(values)} if values else None

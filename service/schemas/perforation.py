@@ -8,7 +8,7 @@ import solver
 from service.schemas.answers import EXIT, VERSIONED, WARNING, EngineVersion, Exit, Key, ModelWarning
 from service.schemas.building import exit_answer, warning_texts
 from service.schemas.examples import PAPER, PAPER_AT_45
-from service.schemas.formulas import ROW, FormulaRow, FormulasRequest, formulas_answer
+from service.schemas.formulas import ROW, FormulaRow, FormulasRequest, formula_row, formulas_answer
 from service.schemas.numerics import Method
 from service.schemas.quantities import Num, Part, with_examples
 from service.schemas.requests import Case
@@ -32,11 +32,21 @@ THICKNESS = {
     "formulas": [ROW],
     "warnings": [WARNING],
 }
+SPEED_ROW = {
+    "formula": "cea_edf",
+    "limit_speed_m_s": 123.0,
+    "in_range": False,
+    "range_known": True,
+    "out_of_range": [{"pointer": "/projectile/nose", "detail": "fitted to flat noses, here sharp"}],
+    "verified": False,
+    "source": "Berriaud et al. 1978",
+}
 SPEED = {
     "status": "converged",
     "limit_speed_m_s": 218.7,
     "bracket_m_s": [218.7, 218.7],
     "iterations": [SPEED_TRIAL],
+    "formulas": [SPEED_ROW],
     "warnings": [WARNING],
 }
 
@@ -130,6 +140,16 @@ class LimitSpeedRequest(Case):
         case = self.resolved()
         return case.shared_arguments() | case.impact.arguments()
 
+    def formulas(self) -> list[dict[str, Any]]:
+        """Return the limit speeds of the empirical formulas; nothing for a strike along the face."""
+        arguments = self.arguments()
+        strike = {name: arguments[name] for name in ("projectile", "target", "oblique_angle")}
+        try:
+            found = solver.cea_edf_limit_speed(**strike, thickness=arguments["target"].thickness)
+        except ParameterError:
+            return []
+        return [formula_row(found)]
+
 
 class PerforationTrial(Part):
     """How one run of a search for perforation ended."""
@@ -165,7 +185,8 @@ class ThicknessAnswer(Part):
             Num,
             Field(
                 description="Least thickness seen to stop the projectile, if there is one from a tenth to a thousand "
-                "diameters. The model has no crater and no plug: a real wall has to be thicker. [m]"
+                "diameters. Unless `resistance` has a `rear_plug` and a `crater`, the wall has neither, and a real one "
+                "has to be thicker. [m]"
             ),
         ]
         | MISSING
@@ -196,8 +217,9 @@ class LimitSpeedAnswer(Part):
         Annotated[
             Num,
             Field(
-                description="Least speed seen to perforate, if there is one from 1 to 2,000 m/s. The model has no "
-                "crater and no plug: slower projectiles perforate real walls. [m/s]"
+                description="Least speed seen to perforate, if there is one from 1 to 2,000 m/s. Unless `resistance` "
+                "has a `rear_plug` and a `crater`, the wall has neither, and slower projectiles perforate real ones. "
+                "[m/s]"
             ),
         ]
         | MISSING
@@ -210,6 +232,9 @@ class LimitSpeedAnswer(Part):
         | MISSING
     ) = MISSING
     iterations: Annotated[list[SpeedTrial], Field(description="Every speed tried, in order.")]
+    formulas: Annotated[
+        list[FormulaRow], Field(description="Empirical formulas with a limit speed for the same wall and angle.")
+    ]
     warnings: list[ModelWarning]
     key: Key
     engine_version: EngineVersion
@@ -226,7 +251,7 @@ def limit_speed_answer(request: LimitSpeedRequest) -> dict[str, Any]:
     """Search, and return the answer without its key and version."""
     found = solver.limit_velocity(**request.arguments())
     answer = _answer(found, "velocity_m_s", "limit_speed_m_s", "bracket_m_s")
-    return answer | {"warnings": warning_texts(found.warnings)}
+    return answer | {"formulas": request.formulas(), "warnings": warning_texts(found.warnings)}
 
 
 def _answer(found: solver.PerforationLimit, tried: str, value: str, bracket: str) -> dict[str, Any]:

@@ -358,8 +358,7 @@ def _warnings(
         projectile=prepared.projectile,
         target=prepared.target,
         resistance=prepared.resistance,
-        velocity=impact.velocity,
-        oblique_angle=reach,
+        impact=replace(impact, oblique_angle=reach),
     )
     if change.starts_turned_away:
         warnings.append(model_warnings.RICOCHET_AT_LOWER_BOUND)

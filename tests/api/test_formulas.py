@@ -42,7 +42,8 @@ def test_rows_are_those_of_the_solver(client: httpx.Client) -> None:
         row = rows.pop(result.formula)
         for name in ("penetration_depth", "scabbing_thickness", "perforation_thickness"):
             assert row.get(f"{name}_m") == getattr(result, name)
-        assert (row["in_range"], row["verified"], row["source"]) == (result.in_range, result.verified, result.source)
+        assert (row["in_range"], row["range_known"]) == (result.in_range, result.range_known)
+        assert (row["verified"], row["source"]) == (result.verified, result.source)
     assert not rows
 
 
@@ -56,17 +57,25 @@ def test_what_is_out_of_range_is_answered_and_points_at_the_field(client: httpx.
     assert row["perforation_thickness_m"] > 0.0
     assert not row["in_range"]
     assert row["out_of_range"] == [
-        {"pointer": "/impact/velocity_m_s", "detail": "fitted from 20 to 200 m/s along the normal, here 238"}
+        {"pointer": "/impact/velocity_m_s", "detail": "fitted from 20 to 200 m/s along the normal, here 238"},
+        {"pointer": "/projectile/nose", "detail": "fitted to flat noses, here sharp"},
     ]
+
+
+def test_formula_without_a_known_range_is_flagged(client: httpx.Client) -> None:
+    rows = rows_of(client.post("/formulas", json=BODY).json())
+    assert {name for name, row in rows.items() if not row["range_known"]} == {"brl", "hughes"}
+    assert not rows["brl"]["in_range"]
+    assert rows["brl"]["out_of_range"] == []
 
 
 def test_spread_is_over_the_formulas_in_range(client: httpx.Client) -> None:
     answer = client.post("/formulas", json=BODY).json()
-    found = [
+    found = {
         row["perforation_thickness_m"]
         for row in answer["formulas"]
         if row["in_range"] and "perforation_thickness_m" in row
-    ]
+    }
     assert answer["perforation_thickness_spread"] == {
         "lowest": min(found),
         "highest": max(found),
@@ -75,10 +84,13 @@ def test_spread_is_over_the_formulas_in_range(client: httpx.Client) -> None:
     assert len(found) < sum("perforation_thickness_m" in row for row in answer["formulas"])
 
 
-def test_oblique_strike_counts_with_its_normal_component(client: httpx.Client) -> None:
+def test_oblique_strike_counts_with_its_normal_component_and_says_so(client: httpx.Client) -> None:
     oblique = BODY | {"impact": {"velocity_m_s": 238.0, "oblique_angle_deg": 60.0}}
     half = BODY | {"impact": {"velocity_m_s": 119.0}}
-    first, second = (rows_of(client.post("/formulas", json=body).json()) for body in (oblique, half))
+    answers = [client.post("/formulas", json=body).json() for body in (oblique, half)]
+    assert [[each["code"] for each in answer["warnings"]] for answer in answers] == [["normal_component_only"], []]
+    assert "common practice" in answers[0]["warnings"][0]["detail"]
+    first, second = map(rows_of, answers)
     for name, row in first.items():
         assert row.get("perforation_thickness_m", 0.0) == pytest.approx(
             second[name].get("perforation_thickness_m", 0.0)
@@ -93,7 +105,8 @@ def test_result_is_kept_as_json_csv_and_hdf5(client: httpx.Client) -> None:
     table = list(csv.DictReader(io.StringIO(client.get(address, headers={"Accept": "text/csv"}).text)))
     assert [row["formula"] for row in table] == [row["formula"] for row in answer["formulas"]]
     assert math.isnan(float(table[1]["scabbing_thickness_m"]))
-    assert table[2]["in_range"] == "no"
+    in_range = {row["formula"]: row["in_range"] for row in table}
+    assert [in_range[name] for name in ("cea_edf", "brl", "modified_ndrc")] == ["no", "unknown", "yes"]
     file = io.BytesIO(client.get(address, headers={"Accept": "application/x-hdf5"}).content)
     with h5py.File(file) as content:
         assert any("residuals" in name for name in content)

@@ -18,7 +18,7 @@ from service.schemas import (
     ThicknessResults,
 )
 from service.schemas.examples import PAPER
-from solver import least_thickness, limit_velocity
+from solver import cea_edf_limit_speed, least_thickness, limit_velocity
 from solver.cases import PAPER_PROJECTILE, PAPER_TARGET, paper_impact
 
 from .many import ASYNC, LINES, finished, items_of, lines
@@ -44,7 +44,10 @@ def test_thickness_is_that_of_the_solver_beside_the_formulas(client: httpx.Clien
     assert len(answer["iterations"]) == len(found.iterations)
     thicknesses = {row["formula"]: row["perforation_thickness_m"] for row in answer["formulas"]}
     assert thicknesses["modified_ndrc"] > answer["least_thickness_m"]
-    assert "rear_face_unconservative" in {warning["code"] for warning in answer["warnings"]}
+    details = {warning["code"]: warning["detail"] for warning in answer["warnings"]}
+    within = [1e3 * row["perforation_thickness_m"] for row in answer["formulas"] if row["in_range"]]
+    assert f"{min(within):.0f} to {max(within):.0f} mm" in details["rear_face_unconservative"]
+    assert "238 m/s at 30° from the normal" in details["rear_face_unconservative"]
 
 
 def test_answer_is_found_again_by_its_body_and_by_its_key(client: httpx.Client) -> None:
@@ -60,6 +63,10 @@ def test_limit_speed_is_that_of_the_solver(client: httpx.Client) -> None:
     wall = replace(PAPER_TARGET, thickness=0.2)
     found = limit_velocity(projectile=PAPER_PROJECTILE, target=wall, oblique_angle=math.radians(0.0))
     assert answer["limit_speed_m_s"] == pytest.approx(found.value, rel=1e-6)
+    by_formula = cea_edf_limit_speed(projectile=PAPER_PROJECTILE, target=PAPER_TARGET, thickness=0.2)
+    (row,) = answer["formulas"]
+    assert (row["formula"], row["limit_speed_m_s"]) == ("cea_edf", by_formula.limit_speed)
+    assert [each["pointer"] for each in row["out_of_range"]] == ["/projectile/nose"]
     perforated = [trial for trial in answer["iterations"] if trial["outcome"] == "perforated"]
     assert perforated
     assert all(trial["exit"]["speed_m_s"] < trial["velocity_m_s"] for trial in perforated)
@@ -72,12 +79,6 @@ def test_limit_speed_is_that_of_the_solver(client: httpx.Client) -> None:
         ("/thickness", STRIKE | {"impact": {"velocity_m_s": 238.0}}, "/impact/oblique_angle_deg", "Field required"),
         ("/limit-speed", WALL | {"target": PAPER["target"]}, "/target/thickness_m", "must be given"),
         ("/limit-speed", WALL | {"impact": STRIKE["impact"]}, "/impact/velocity_m_s", "Extra inputs"),
-        (
-            "/limit-speed",
-            WALL | {"target": WALL["target"] | {"thickness_m": 0.001}},
-            "/target/thickness_m",
-            "a tenth of the diameter",
-        ),
     ],
 )
 def test_what_does_not_fit_is_refused_with_its_place(
@@ -88,6 +89,18 @@ def test_what_does_not_fit_is_refused_with_its_place(
     [error] = response.json()["errors"]
     assert error["pointer"] == pointer
     assert detail in error["detail"]
+
+
+@pytest.mark.parametrize(
+    ("thickness", "reason"),
+    [(0.0, "greater than 0"), (-0.2, "greater than 0"), (0.0079, "at least a tenth of the diameter, 0.008 m")],
+)
+@pytest.mark.parametrize(("path", "body"), [("/trajectory", STRIKE), ("/cra", PAPER), ("/limit-speed", WALL)])
+def test_thickness_that_is_none_is_refused_with_the_reason(
+    client: httpx.Client, path: str, body: dict[str, Any], thickness: float, reason: str
+) -> None:
+    wall = body | {"target": PAPER["target"] | {"thickness_m": thickness}}
+    test_what_does_not_fit_is_refused_with_its_place(client, path, wall, "/target/thickness_m", reason)
 
 
 @pytest.mark.parametrize(

@@ -15,6 +15,8 @@ def test_table_tells_apart_what_is_in_range(folder: Path) -> None:
     lines = {line.split()[0]: line for line in done.out.splitlines() if line.strip()}
     assert "*+" in lines["cea_edf"]
     assert "*" not in lines["modified_ndrc"]
+    assert "?+" in lines["brl"]
+    assert "? the range of the formula is not known" in done.out
     assert "* cea_edf: /impact/velocity_m_s: fitted from 20 to 200 m/s along the normal, here 238" in done.out
     assert "1.2 on perforation" in done.out
 

@@ -2,7 +2,9 @@
 
 import math
 import threading
+from dataclasses import replace
 from itertools import islice
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,6 +20,10 @@ from solver import (
     Search,
     critical_angle,
     critical_angle_many,
+    least_thickness,
+    least_thickness_many,
+    limit_velocity,
+    limit_velocity_many,
     simulate,
     simulate_many,
 )
@@ -61,6 +67,23 @@ def test_many_trajectories_are_those_of_one_by_one(threads: int) -> None:
             projectile=PAPER_PROJECTILE, target=PAPER_TARGET, impact=impact, numerics=numerics, sample_interval=None
         )
         assert trajectory == alone
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_many_walls_are_those_of_one_by_one_beside_one_that_fails(threads: int) -> None:
+    numerics, tolerance = Numerics(relative_tolerance=1e-3), 1e-3
+    angles = np.radians([0.0, 20.0, 40.0])
+    impacts = [Impact(velocity=238.0, oblique_angle=float(angle)) for angle in angles]
+    thick = [PAPER_TARGET, replace(PAPER_TARGET, thickness=0.2), PAPER_TARGET]
+    options: dict[str, Any] = {"projectile": PAPER_PROJECTILE, "numerics": numerics, "tolerance": tolerance}
+    thicknesses = list(least_thickness_many(target=thick, impact=impacts, threads=threads, **options))
+    walls = [replace(PAPER_TARGET, thickness=0.2), PAPER_TARGET, replace(PAPER_TARGET, thickness=0.1)]
+    velocities = list(limit_velocity_many(target=walls, oblique_angle=angles, threads=threads, **options))
+    assert isinstance(thicknesses[1], ParameterError)
+    assert isinstance(velocities[1], ParameterError)
+    for i in (0, 2):
+        assert thicknesses[i] == least_thickness(target=thick[i], impact=impacts[i], **options)
+        assert velocities[i] == limit_velocity(target=walls[i], oblique_angle=float(angles[i]), **options)
 
 
 @pytest.mark.parametrize("threads", [1, 2])

@@ -8,10 +8,13 @@ import pytest
 
 from solver import (
     Impact,
+    ModelWarning,
     Numerics,
     Outcome,
     ParameterError,
     PerforationStatus,
+    Projectile,
+    Spherical,
     Target,
     least_thickness,
     limit_velocity,
@@ -62,6 +65,52 @@ def test_thickness_and_velocity_are_each_the_inverse_of_the_other() -> None:
         oblique_angle=math.radians(10.0),
     )
     assert back.value == pytest.approx(PAPER_VELOCITY, rel=1e-3)
+
+
+def codes(warnings: tuple[ModelWarning, ...]) -> set[str]:
+    return {warning.code for warning in warnings}
+
+
+@pytest.mark.parametrize("angle", [0.0, 30.0])
+def test_warnings_are_those_of_the_wall_that_is_answered(angle: float) -> None:
+    """The sphere stops within the crater, with a warning that a perforated wall has not."""
+    sphere = Projectile(nose=Spherical(caliber_radius_head=0.5), diameter=0.08, length=0.08, mass=2.1)
+    impact = replace(paper_impact(oblique_angle_degrees=angle), velocity=100.0)
+    found = least_thickness(projectile=sphere, target=PAPER_TARGET, impact=impact)
+    assert found.value is not None
+    wall = replace(PAPER_TARGET, thickness=1.001 * found.value)
+    run = simulate(projectile=sphere, target=wall, impact=impact, sample_interval=None)
+    assert codes(found.warnings) == codes(run.warnings)
+    assert "shallow_penetration" in codes(found.warnings)
+
+
+SHORT = Numerics(termination_time=4e-3)
+"""Thick walls, and slow projectiles, are still in motion then."""
+
+
+def test_limit_next_to_a_trial_in_motion_is_uncertain() -> None:
+    impact = paper_impact(oblique_angle_degrees=0.0)
+    thickness = least_thickness(projectile=PAPER_PROJECTILE, target=PAPER_TARGET, impact=impact, numerics=SHORT)
+    velocity = limit_velocity(projectile=PAPER_PROJECTILE, target=WALL, oblique_angle=0.0, numerics=SHORT)
+    for found in (thickness, velocity):
+        ends = {trial.outcome for trial in found.iterations if found.bracket and trial.value in found.bracket}
+        assert ends == {Outcome.PERFORATED, Outcome.IN_MOTION}
+        (undecided,) = (warning for warning in found.warnings if warning.code == "undecided")
+        assert "next to a change of outcome" in undecided.detail
+    usual = least_thickness(projectile=PAPER_PROJECTILE, target=PAPER_TARGET, impact=impact)
+    assert thickness.value is not None
+    assert usual.value is not None
+    assert thickness.value < usual.value
+    assert "undecided" not in codes(usual.warnings)
+
+
+def test_search_without_a_limit_warns_of_trials_in_motion() -> None:
+    impact = paper_impact(oblique_angle_degrees=0.0)
+    numerics = Numerics(termination_time=2e-3)
+    found = least_thickness(projectile=PAPER_PROJECTILE, target=PAPER_TARGET, impact=impact, numerics=numerics)
+    assert found.status is PerforationStatus.NEVER_PERFORATED
+    assert found.iterations[0].outcome is Outcome.IN_MOTION
+    assert [warning.code for warning in found.warnings].count("undecided") == 1
 
 
 def test_finer_runs_find_the_same() -> None:

@@ -22,11 +22,13 @@ from solver import (
     Target,
     Trajectory,
     critical_angle,
+    formulas,
     least_thickness,
     limit_velocity,
     simulate,
 )
 from solver.cases import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY, paper_impact
+from solver.formulas import spread
 
 WALL = replace(PAPER_TARGET, thickness=0.2)
 ROD = Projectile(nose=Flat(), diameter=0.05, length=0.4, mass=6.0)
@@ -183,6 +185,31 @@ def test_warning_says_what_the_rear_face_leaves_out() -> None:
     assert "rear_face_unconservative" in codes() & codes(crater=Crater())
     assert "rear_plug_quasi_static" in codes(rear_plug=ShearPlug()) - codes()
     assert "crater_at_obliquity" in codes(crater=Crater()) - codes()
+
+
+@pytest.mark.parametrize("spalling", [{}, {"crater": Crater()}, {"rear_plug": ShearPlug()}])
+def test_warning_of_the_rear_face_has_what_the_formulas_require_against_the_strike(spalling: dict[str, Any]) -> None:
+    def detail(impact: Impact) -> str:
+        run = simulate(
+            projectile=PAPER_PROJECTILE,
+            target=WALL,
+            impact=impact,
+            resistance=Resistance(**spalling),
+            sample_interval=None,
+        )
+        (found,) = (each for each in run.warnings if each.code.startswith("rear_"))
+        return found.detail
+
+    impact = paper_impact(oblique_angle_degrees=30.0)
+    answers = formulas(projectile=PAPER_PROJECTILE, target=PAPER_TARGET, impact=impact)
+    found = spread(answers, "perforation_thickness")
+    assert found is not None
+    assert detail(impact).endswith(
+        f"against 238 m/s at 30° from the normal {found.count} formulas within their range require "
+        f"{1e3 * found.lowest:.0f} to {1e3 * found.highest:.0f} mm"
+    )
+    fast = replace(impact, velocity=1000.0)
+    assert detail(fast).endswith("no formula is within its range for 1000 m/s at 30° from the normal")
 
 
 @pytest.mark.parametrize("depth", [0.0, -1.0, 21.0, math.nan, math.inf])

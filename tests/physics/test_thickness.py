@@ -159,8 +159,15 @@ def test_brute_force_follows_twelve_histories(angle: float, thickness: float) ->
     routes_agree({"projectile": PAPER_PROJECTILE, "target": wall, "impact": impact})
 
 
-def test_work_of_the_resistance_is_the_energy_lost() -> None:
-    history = strike(30.0, sample_interval=2e-6).history
+@settings(max_examples=8)
+@given(strikes(), st.floats(0.5, 5.0))
+def test_work_of_the_resistance_is_the_energy_lost(arguments: dict[str, Any], diameters: float) -> None:
+    diameter, impact = arguments["projectile"].diameter, arguments["impact"]
+    wall = replace(arguments["target"], thickness=diameters * diameter)
+    interval = 1e-3 * diameter / impact.velocity
+    run = simulate(**arguments | {"target": wall}, sample_interval=interval)
+    assume(run.outcome is not Outcome.IN_MOTION)
+    history = run.history
     assert history is not None
     power = (
         history.depth_force * history.depth_velocity
@@ -169,7 +176,7 @@ def test_work_of_the_resistance_is_the_energy_lost() -> None:
     )
     work = np.trapezoid(power, history.time)
     lost = history.kinetic_energy[-1] - history.kinetic_energy[0]
-    assert work == pytest.approx(lost, rel=1e-4)
+    assert work == pytest.approx(lost, rel=2e-3)
     assert np.diff(history.kinetic_energy).max() <= 1e-6 * history.kinetic_energy[0]
 
 

@@ -132,7 +132,7 @@ function tableOf(lines, { formulas, scabbing_margin: scabbing, perforation_margi
       millimetres(each.perforation_thickness_m),
       millimetres(each.scabbing_thickness_m),
       millimetres(each.penetration_depth_m),
-      each.in_range ? "within" : `outside: ${each.out_of_range.map(({ detail }) => detail).join("; ")}`,
+      rangeShown(each),
     ]),
   );
   const title = (name, column) => element(isNumber(column) ? "th.number" : "th", { scope: "col" }, name);
@@ -140,14 +140,20 @@ function tableOf(lines, { formulas, scabbing_margin: scabbing, perforation_margi
   const caption = element("caption", {}, "By model and by formula, without margins");
   const table = element("table.laws", {}, caption, element("thead", {}, head), element("tbody", {}, ...models, ...others));
   const note =
-    `Formulas take the normal component of the speed. DOE-STD-3014 asks for ${scabbing} times the scabbing and ${perforation} ` +
-    "times the perforation limit in a design. * Constants from secondary sources.";
+    "Formulas have no angle: as is common practice, they take the normal component of the speed. DOE-STD-3014 requires " +
+    `${scabbing} times the scabbing and ${perforation} times the perforation limit in a design. * Constants from secondary sources.`;
   return element(
     "div",
     {},
     element("div.wide", { tabindex: 0, role: "group", "aria-label": "Table of thicknesses" }, table),
     element("p.quiet", {}, note),
   );
+}
+
+function rangeShown({ in_range: isWithin, range_known: isKnown, out_of_range: outside }) {
+  if (isWithin) return "within";
+  const reasons = outside.map(({ detail }) => detail).join("; ");
+  return isKnown ? `outside: ${reasons}` : `not known${reasons && `; ${reasons}`}`;
 }
 
 function thicknessShown({ status, least_thickness_m: found }, unit = " mm") {
