@@ -44,7 +44,9 @@ def require_kind(field: str, value: object, union: object) -> None:
     if isinstance(value, kinds):
         return
     *names, last = (f"{kind.__name__}(...)" for kind in kinds)
-    found = value.__name__ if isinstance(value, type) else repr(value) if isinstance(value, str) else type(value).__name__
+    found = (
+        value.__name__ if isinstance(value, type) else repr(value) if isinstance(value, str) else type(value).__name__
+    )
     meant = [f"; give {kind.__name__}(...)" for kind in kinds if value is kind or value == kind.name]
     raise ParameterError(field, f"must be {', '.join(names)} or {last}, got {found}{''.join(meant)}")
 

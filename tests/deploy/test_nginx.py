@@ -147,7 +147,13 @@ def test_slow_heads_and_bodies_hold_up_nobody_and_never_reach_the_service(proxy:
         assert slowest_probe(proxy) < LONGEST_S
         assert len(proxy.entries()) == known
         heads[0].settimeout(30.0)
-        assert heads[0].recv(4096) == b""  # nginx gives it up after 10 s
+        assert heads[0].recv(4096) == b""  # client_header_timeout is 10 s
+        bodies[0].settimeout(30.0)
+        began = time.monotonic()
+        ended = bodies[0].recv(4096)  # client_body_timeout is 20 s, from the last byte
+        assert time.monotonic() - began < 20.0
+        assert ended == b"" or b" 408 " in ended.splitlines()[0]
+        assert len(proxy.entries()) == known
 
 
 def test_connections_of_one_address_are_bounded(proxy: Proxy) -> None:
