@@ -10,7 +10,7 @@ STRIKE = """\
 # Lines that begin with "# " and hold a field are optional: remove the "# " to use one, in place of another of its name.
 
 [projectile]
-diameter_m = 0.08  # of the shank
+diameter_m = 0.08  # diameter of the shank
 length_m = 0.53  # from the nose tip to the base
 mass_kg = 13.0
 nose = { shape = "ogive", caliber_radius_head = 3.0 }  # radius of the ogive over the diameter, 0.5 or more
@@ -19,14 +19,14 @@ nose = { shape = "ogive", caliber_radius_head = 3.0 }  # radius of the ogive ove
 # nose = { shape = "flat" }
 # nose = { shape = "profile", points = [[0.0, 0.01], [0.06, 0.03], [0.12, 0.04]] }  # [m] from the tip: x, radius
 # center_of_gravity_m = 0.3  # behind the nose tip; that of a homogeneous body unless given
-# moment_of_inertia_kg_m2 = 0.25  # transverse, about the centre of gravity; likewise
+# moment_of_inertia_kg_m2 = 0.25  # transverse, about the centre of gravity; that of a homogeneous body unless given
 
 [target]
 compressive_strength_pa = 39e6  # unconfined, of the concrete: 39 MPa
 density_kg_m3 = 2250.0
 # youngs_modulus_pa = 29.5e9  # from the strength by ACI 318-19 unless given
 # poissons_ratio = 0.5
-# thickness_m = 0.5  # of a wall; a half-space unless given
+# thickness_m = 0.5  # a wall; a half-space unless given
 
 [impact]
 velocity_m_s = 238.0

@@ -3,6 +3,7 @@
 import argparse
 import json
 from collections.abc import Mapping
+from http import HTTPStatus
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
@@ -56,17 +57,19 @@ async def serve(client: "Client") -> None:
     from mcp.server.stdio import stdio_server
 
     from service.api.mcp_tools import ToolError, server_of
+    from service.errors import InvalidBodyError, ProblemType
 
     async def compute(operation: str, body: Mapping[str, Any], _: Any) -> dict[str, Any]:
         try:
             answer: dict[str, Any] = json.loads(await run_sync(client.compute, operation, dict(body)))
             if "key" not in answer:  # a job: more samples than are answered at once
                 await run_sync(client.delete, answer["id"])
-                raise ToolError({"title": "This takes too many samples: lower sampling.max_samples"})
+                detail = "more samples than are answered at once: lower it"
+                raise InvalidBodyError([{"pointer": "/sampling/max_samples", "detail": detail}])
         except RefusedError as error:
             raise ToolError(error.problem) from None
         except CommandError as error:
-            raise ToolError({"title": "The service gives no answer", "detail": str(error)}) from None
+            raise ToolError(ProblemType.of_status(HTTPStatus.BAD_GATEWAY).content(str(error))) from None
         return answer
 
     server = server_of(compute)

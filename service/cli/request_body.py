@@ -2,16 +2,17 @@
 
 import argparse
 import json
+import math
 import re
 import sys
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from service.cli.arguments import MODEL_NAMES, CommandError, Flag, RefusedError
-from service.cli.writers import unit_of
+from service.cli.writers import UNITS, unit_of
 
 STDIN = "-"
 UNKNOWN = "Extra inputs are not permitted"
@@ -46,7 +47,7 @@ class RequestBody:
 
     def describe(self, pointer: str, detail: str) -> str:
         """Return an error at a pointer, with the flag or the file of that field."""
-        detail = explained(pointer, detail)
+        detail = explained(pointer, detail, self.value_at(pointer))
         if pointer in self.given:
             return f"{self.given[pointer]}: {detail}"
         if self.file is not None:
@@ -54,6 +55,13 @@ class RequestBody:
         if pointer == "/projectile/nose":
             return "--nose or --caliber-radius-head is missing"
         return f"{self.flags[pointer].name} is missing" if pointer in self.flags else f"{pointer}: {detail}"
+
+    def value_at(self, pointer: str) -> Any:
+        """Return the value at a pointer, or None."""
+        value: Any = self.content
+        for step in pointer.split("/")[1:]:
+            value = value.get(step) if isinstance(value, dict) else None
+        return value
 
     def explain(self, error: RefusedError) -> CommandError:
         """Return a problem with the flag or the file of each invalid field."""
@@ -89,14 +97,36 @@ def read_body(file: str | Path | None, args: argparse.Namespace, flags: Sequence
     return RequestBody(content, None if file is None else str(file), {flag.pointer: flag for flag in flags}, given)
 
 
-def explained(pointer: str, detail: str) -> str:
-    """Return an error of validation with the unit of its bound, or the field that an unknown one may be meant as."""
+def explained(pointer: str, detail: str, *values: Any) -> str:
+    """Return an error of validation with the unit of its bound, or the field that an unknown one may be meant as.
+
+    A value of the field that is outside the bounds of the solver gets the error of the solver, which also names the
+    unit that the number may have been meant in.
+    """
+    if found := _bound_error(pointer, values):
+        return found
     if detail.startswith(UNKNOWN):
         from service.cli.fields import suggestion
 
         return detail + suggestion(pointer)
     unit = unit_of(pointer)
     return f"{detail}{'' if unit == '°' else ' '}{unit}" if unit and BOUND.search(detail) else detail
+
+
+def _bound_error(pointer: str, values: Iterable[Any]) -> str | None:
+    """Return the solver's error for the first of these values of a field that is outside its bounds, if any."""
+    from solver import ParameterError
+    from solver.bounds import BOUNDS, require_bounds
+
+    suffix = next((suffix for suffix in UNITS if pointer.endswith(suffix)), "")
+    field = pointer.strip("/").replace("/", ".").removesuffix(suffix)
+    for value in values if field in BOUNDS else ():
+        if isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value):
+            try:
+                require_bounds(field, value)
+            except ParameterError as error:
+                return error.requirement
+    return None
 
 
 def without_sought(body: RequestBody, operation: str) -> RequestBody:

@@ -202,8 +202,8 @@ def test_wrong_line_is_named(served: Path, capsys: pytest.CaptureFixture[str], l
     [
         ("--axis impact.speed=1,2", "--axis impact.speed=1,2: Extra inputs are not permitted"),
         ("--axis projectile.nose.width=1,2", "nose.width=1,2: Extra inputs"),
-        ("--axis impact.velocity_m_s=300,-1", "--axis impact.velocity_m_s=300,-1: Input should be greater"),
-        ("--axis impact.velocity_m_s=300 --mass -1", "--mass: Input should be greater"),
+        ("--axis impact.velocity_m_s=300,-1", "--axis impact.velocity_m_s=300,-1: must be 0.1 to 10000 m/s"),
+        ("--axis impact.velocity_m_s=300 --mass -1", "--mass: must be 1e-06"),
         ("--axis impact.velocity_m_s=1:2:100000 --axis projectile.mass_kg=1:2:100000", "points; 100,000 at most"),
     ],
 )

@@ -183,7 +183,7 @@ def test_pictures_are_drawn(here: Path, capsys: pytest.CaptureFixture[str], name
     [
         ("cra", "--caliber-radius-head is missing"),
         ("cra strike.toml --velocity nan", "--velocity: Input should be a finite number"),
-        ("cra strike.toml --velocity -3", "--velocity: Input should be greater than or equal to 0.1"),
+        ("cra strike.toml --velocity -3", "--velocity: must be 0.1 to 10000 m/s, got -3 m/s"),
         ("cra strike.toml --set impact.speed=3", "--set impact.speed=3: Extra inputs are not permitted"),
         ("cra strike.toml --set impact", "--set impact: must be FIELD=VALUE"),
         ("cra strike.toml --set impact.velocity_m_s.x=3", "velocity_m_s is not an object"),
