@@ -98,7 +98,7 @@ class Flag(NamedTuple):
     steps
         Path of the field in the request body.
     read
-        From the text of the command line to the value of the field.
+        Converts the text of the command line to the value of the field.
     choices
         Values that it may have.
     implies

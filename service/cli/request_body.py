@@ -103,12 +103,12 @@ def explained(pointer: str, detail: str, *values: Any) -> str:
     A value of the field that is outside the bounds of the solver gets the error of the solver, which also names the
     unit that the number may have been meant in.
     """
-    if found := _bound_error(pointer, values):
-        return found
     if detail.startswith(UNKNOWN):
         from service.cli.fields import suggestion
 
         return detail + suggestion(pointer)
+    if found := _bound_error(pointer, values):
+        return found
     unit = unit_of(pointer)
     return f"{detail}{'' if unit == '°' else ' '}{unit}" if unit and BOUND.search(detail) else detail
 

@@ -69,7 +69,7 @@ def read_obliquity_points(
     Parameters
     ----------
     columns, units
-        As for `read_depth_tests`.
+        Columns and units, as for `read_depth_tests`.
 
     Raises
     ------

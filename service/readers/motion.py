@@ -58,7 +58,7 @@ class MotionRunRow:
     file
         The file with the history, beside the table if its path is relative.
     line
-        Of the table.
+        Line of the table.
     impact
         The given quantities of the impact, by name. [m/s, rad, rad/s]
     until

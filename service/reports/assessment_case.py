@@ -46,7 +46,7 @@ FIELDS: Final[Mapping[str, Field]] = {
     "/impact/angular_velocity_rad_s": Field(STRIKE, "Angular velocity", "rad/s"),
     "/resistance/strength_factor/model": Field(MODEL, "Strength factor S"),
     "/resistance/strength_factor/value": Field(MODEL, "Value of S"),
-    "/resistance/strength_factor/coefficients": Field(MODEL, "Coefficients of 1, θ/°, ..."),
+    "/resistance/strength_factor/coefficients": Field(MODEL, "Coefficients, θ in °"),
     "/resistance/strength_factor/covariance": Field(MODEL, "Covariance"),
     "/resistance/strength_factor/coefficient": Field(MODEL, "Coefficient"),
     "/resistance/strength_factor/exponent": Field(MODEL, "Exponent of strength"),
@@ -82,7 +82,7 @@ ASSUMED: Final[Mapping[str, str]] = {
     "/projectile/moment_of_inertia_kg_m2": "default: homogeneous",
     "/target/youngs_modulus_pa": "default: ACI 318-19",
 }
-"""Where values of inputs that are not given come from."""
+"""Sources of the values of inputs that are not given."""
 WORDS: Final[Mapping[str, str]] = {
     "ogive": "ogive",
     "conical": "cone",
@@ -109,7 +109,7 @@ def rows(numbers: Numbers, given: Mapping[str, Any], case: Mapping[str, Any]) ->
     Parameters
     ----------
     numbers
-        With the case and what is assumed where it is silent.
+        Numbers of the case and of what is assumed where it has none.
     given
         The request as received: what it lacks is a default.
     case

@@ -35,7 +35,7 @@ class Attempts:
 
     @property
     def turned_away(self) -> list[bool]:
-        """As the paper decides it: the final position is above the face."""
+        """Whether the final position is above the face, the criterion of the paper."""
         return [depth < 0.0 for depth in self.final]
 
 
@@ -198,7 +198,7 @@ def _trial_columns(attempts: dict[SearchMethod, Attempts]) -> dict[str, list[obj
 INSTANTS = (0.0, 1e-3, 2e-3, 3.2e-3, 5e-3)
 """[s]"""
 ASIDE = math.radians(0.5)
-"""From the critical angle to the strikes beside it. [rad]"""
+"""Distance of the strikes just below and above from the critical angle. [rad]"""
 RUNS = ("oblique-48", "oblique-50", "oblique-52")
 VIEW_LATERAL, VIEW_DEPTH = (-0.52, 0.95), (-0.42, 0.2)
 """[m]"""

@@ -46,7 +46,7 @@ class PenetrationTest:
 
     series: str
     row: int
-    """In the data set it was taken from."""
+    """Row in the data set that it was taken from."""
     mass: float
     """[kg]"""
     diameter: float
@@ -79,15 +79,15 @@ class FiniteElementRun:
     greatest_tip_depth: float
     """[m]"""
     outcome: str
-    """As the solver names them; `in_motion` if the run ends before it is decided."""
+    """Name of the outcome in the solver; `in_motion` if the run ends before it is decided."""
     cpu_seconds: float | None
     """None where it was not recorded."""
     time: FloatArray
     """[s]"""
     depth_displacement: FloatArray
-    """Displacement of the centre of gravity. [m]"""
+    """Displacement of the centre of gravity along the inward normal. [m]"""
     lateral_displacement: FloatArray
-    """Likewise. [m]"""
+    """Displacement of the centre of gravity along the face. [m]"""
     rotation: FloatArray
     """Positive as the nose turns toward the face. [rad]"""
     depth_velocity: FloatArray
@@ -124,7 +124,7 @@ def paper_value(quantity: str, key: str | None = None) -> float:
     Parameters
     ----------
     quantity, key
-        As in `paper_tables.csv`; the key where a quantity has several values.
+        Names in `paper_tables.csv`; the key where a quantity has several values.
     """
     (found,) = (each for each in paper_numbers() if each.quantity == quantity and key in (None, each.key))
     return found.value

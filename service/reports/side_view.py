@@ -45,11 +45,11 @@ def tip_path(
     projectile
         Its centre of gravity is behind the tip.
     time
-        Since first contact, from 0. [s]
+        Time since first contact, from 0. [s]
     depth_displacement, lateral_displacement
-        Of the centre of gravity since then. [m]
+        Displacement of the centre of gravity since first contact. [m]
     axis_angle
-        From the inward normal to the axis. [rad]
+        Angle from the inward normal to the axis. [rad]
     """
     ahead = mass_properties(projectile).center_of_gravity
     lateral, depth = ahead * np.sin(axis_angle), ahead * np.cos(axis_angle)

@@ -54,9 +54,9 @@ def panels(count: int, *, height: float = 3.2, rows: int = 1, **options: Any) ->
     Parameters
     ----------
     count
-        Of panels.
+        Number of panels.
     height
-        Of the figure. [in]
+        Height of the figure. [in]
     rows
         The panels are spread over these, the last row may end early.
     **options

@@ -25,7 +25,7 @@ pytestmark = [pytest.mark.system, pytest.mark.timeout(1200)]
 NGINX = shutil.which("nginx") or next((path for path in ("/usr/sbin/nginx",) if Path(path).exists()), None)
 LOOKS = 10
 LONGEST_S = 5.0
-"""That a probe may take: one that has to wait until nginx gives others up takes 10 s."""
+"""Longest time of a probe: one that has to wait until nginx gives others up takes 10 s."""
 MONITOR, CROWD, SLOW, FAST = "127.0.0.1", "127.0.0.2", "127.0.0.3", "127.0.0.4"
 """Addresses of this machine: limits are for each."""
 UNFINISHED = b"POST /cra HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Type: application/json\r\nContent-Length: 999\r\n\r\n{"
@@ -55,7 +55,7 @@ class Proxy:
 
 
 def configuration(folder: Path, certificate: Certificate, port: int, service_port: str) -> str:
-    """deploy/nginx.conf with the ports, the certificate and the folder of a test in place of its own."""
+    """deploy/nginx.conf with the ports, the certificate and the folder of a test in place of those of the file."""
     text = (ROOT / "deploy" / "nginx.conf").read_text(encoding="utf-8")
     own = {
         "127.0.0.1:8000": f"127.0.0.1:{service_port}",
