@@ -1,12 +1,13 @@
 """The request body of one case, from a file and from flags, and errors that name the file or flag of a field."""
 
 import argparse
+import difflib
 import json
 import math
 import re
 import sys
 import tomllib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,8 @@ UNKNOWN = "Extra inputs are not permitted"
 """How validation refuses a field that a request does not have."""
 BOUND = re.compile(r"(than|equal to) (-?[\d.]+(e[+-]?\d+)?)$")
 """Bound at the end of an error of validation, which has no unit."""
+CLOSE = 0.8
+"""Likeness of two names from which one may be meant as the other, by difflib."""
 WALL_PARTS = {"projectile", "target", "impact", "resistance", "numerics"}
 SOUGHT = {"thickness": ("target", "thickness_m"), "limit-speed": ("impact", "velocity_m_s")}
 """Field that a search for perforation finds, by operation."""
@@ -104,9 +107,7 @@ def explained(pointer: str, detail: str, *values: Any) -> str:
     unit that the number may have been meant in.
     """
     if detail.startswith(UNKNOWN):
-        from service.cli.fields import suggestion
-
-        return detail + suggestion(pointer)
+        return detail + _suggestion(pointer)
     if found := _bound_error(pointer, values):
         return found
     unit = unit_of(pointer)
@@ -127,6 +128,38 @@ def _bound_error(pointer: str, values: Iterable[Any]) -> str | None:
             except ParameterError as error:
                 return error.requirement
     return None
+
+
+def _suggestion(pointer: str) -> str:
+    """Return the end of an error for an unknown field: the field it may be meant as, or those beside it."""
+    from service.schemas import CriticalAngleRequest, TrajectoryRequest
+    from service.schemas.sweeps import schema_of
+
+    field = pointer.strip("/").replace("/", ".")
+    models = (CriticalAngleRequest, TrajectoryRequest)
+    known = sorted({name for model in models for name in _field_names(schema_of(model))})
+    if field in known:  # of another request
+        return ""
+    holder, _, last = field.rpartition(".")
+    anywhere = {name.rpartition(".")[2]: name for name in known}
+    beside = {name.rpartition(".")[2]: name for name in known if name.rpartition(".")[0] == holder}
+    for names in (beside, anywhere):
+        without_unit = [name for name in names if name.startswith(f"{last}_")]
+        if close := without_unit or difflib.get_close_matches(last, names, 1, CLOSE):
+            return f"; did you mean `{names[close[0]]}`?"
+    return f"; {holder} has {', '.join(beside)}" if beside and holder else ""
+
+
+def _field_names(schema: dict[str, Any], node: dict[str, Any] | None = None, before: str = "") -> Iterator[str]:
+    """Yield the fields of a schema, and of its parts."""
+    node = schema if node is None else node
+    while "$ref" in node:
+        node = schema["$defs"][node["$ref"].rpartition("/")[2]]
+    for variant in node.get("oneOf", node.get("anyOf", ())):
+        yield from _field_names(schema, variant, before)
+    for name, field in node.get("properties", {}).items():
+        yield f"{before}{name}"
+        yield from _field_names(schema, field, f"{before}{name}.")
 
 
 def without_sought(body: RequestBody, operation: str) -> RequestBody:

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Arc
 
 from service.reports import style
-from service.reports.side_view import TIP_PATH, TipPath, draw_concrete, draw_path, silhouette, tip_path
+from service.reports.style import TIP_PATH, TipPath, draw_concrete, draw_path, silhouette, tip_path
 from solver.projectile import Projectile
 
 SNAPSHOTS = 4

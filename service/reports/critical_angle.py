@@ -10,10 +10,18 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from service.reports import style
-from service.reports.reference import finite_element_run, finite_element_runs, paper_value
+from service.reports.reference import (
+    finite_element_run,
+    finite_element_runs,
+    history_of,
+    impact_of,
+    motion_of,
+    paper_strike,
+    paper_value,
+    path_of,
+)
 from service.reports.report import Column, Comparison, Figure, Progress, Section, Table, paragraphs, stack
-from service.reports.side_view import TipPath, draw_concrete, draw_path
-from service.reports.strike import history_of, impact_of, motion_of, paper_strike, path_of
+from service.reports.style import TipPath, draw_concrete, draw_path
 from solver import CriticalAngle, Numerics, Resistance, Search, critical_angle, simulate, strength_factor
 from solver.calibration import predict_motion
 from solver.cases import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY

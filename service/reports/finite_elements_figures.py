@@ -19,9 +19,18 @@ from service.reports.finite_elements_fits import (
     Prediction,
     Predictions,
 )
-from service.reports.reference import MESHES, FiniteElementRun, Mesh, equation_9, table_2
+from service.reports.reference import (
+    MESHES,
+    FiniteElementRun,
+    Mesh,
+    equation_9,
+    history_of,
+    impact_of,
+    motion_of,
+    path_of,
+    table_2,
+)
 from service.reports.report import Column, Figure, stack
-from service.reports.strike import history_of, impact_of, motion_of, path_of
 from solver import ObliquityPolynomial
 from solver.arrays import FloatArray
 from solver.calibration import Estimate, MotionHistory

@@ -92,7 +92,9 @@ def test_every_block_of_a_page_that_is_to_run_runs(page: Path, run_page: Callabl
     if page.name == "README.md":
         python, commands, cra = printed.values()
         assert f"critical angle {float(python.split()[-1]):.2f}°" in commands
-        [said] = re.findall(r'"critical_angle_deg": ([0-9.]+)\.\.\.', page.read_text(encoding="utf-8"))
+        text = page.read_text(encoding="utf-8")
+        [said] = re.findall(r'"critical_angle_deg": ([0-9.]+)\.\.\.', text)
+        assert f"prints `embedded converged {said}...`" in text
         assert json.loads(cra)["critical_angle_deg"] == pytest.approx(float(said), abs=TOLERANCE_DEG)
         assert float(python.split()[-1]) == pytest.approx(float(said), abs=TOLERANCE_DEG)
 
