@@ -45,7 +45,15 @@ TEST_NUMBERS = (
 )
 GROUP = Quantity("group", None, required=True)
 DEPTH_TESTS = (*TEST_NUMBERS, GROUP)
-SI_UNIT = {"velocity": "m/s", "depth": "m", "mass": "kg"}
+SI_UNIT = {
+    "velocity": "m/s",
+    "depth": "m",
+    "mass": "kg",
+    "time": "s",
+    "depth_displacement": "m",
+    "lateral_displacement": "m",
+    "rotation": "rad",
+}
 OBLIQUITY_POINTS = (
     Quantity("oblique_angle", ANGLE, required=True),
     Quantity("strength_factor", PURE, required=True),
@@ -199,7 +207,6 @@ MOTION = (
     Quantity("lateral_displacement", LENGTH),
     Quantity("rotation", ANGLE),
 )
-SI_UNIT = {"time": "s", "depth_displacement": "m", "lateral_displacement": "m", "rotation": "rad"}
 MAX_SPEED_RATIO, MIN_SPEED_RATIO = 1.5, 0.1
 """Plausible speeds over the initial one, in the first half of the motion; wrong units mostly differ by 1000. [1]"""
 
