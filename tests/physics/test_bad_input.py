@@ -264,7 +264,7 @@ def test_number_in_another_unit_is_refused_with_the_unit_it_needs(
         ("projectile.diameter", lambda: projectile(diameter=MANY), "one number, got ndarray of 2"),
         ("projectile.center_of_gravity", lambda: projectile(center_of_gravity="0.3"), "must be a number"),
         (CRH, lambda: Ogive(caliber_radius_head=MANY), "one number, got ndarray of 2"),
-        ("target.density", lambda: target(density=[2250.0]), "one number, got list of 1"),
+        ("target.density", lambda: Target(compressive_strength=39e6, density=MANY), "one number, got ndarray of 2"),
         (S, lambda: resistance(strength_factor="published_tests"), "give PublishedTests(...)"),
         (S, lambda: resistance(strength_factor=8.2), "must be ConstantStrengthFactor(...), "),
         ("resistance.free_surface", lambda: resistance(free_surface="none"), "give NoFreeSurface(...)"),
