@@ -41,7 +41,7 @@ setup: .venv/.developing .venv/.installed ## build .venv from the lock, with eve
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-index --no-deps --no-build-isolation -e .
 	@touch $@
 
-demo: .venv/.installed ## ask a fresh service for the paper's critical ricochet angle
+demo: .venv/.installed ## compute the paper's critical ricochet angle with a fresh service
 	@$(BIN)/python examples/demo.py
 
 serve: setup ## run the service; RICOCHET_HOST, RICOCHET_PORT, RICOCHET_DATA_DIR, RICOCHET_WORKERS
@@ -79,11 +79,13 @@ wheel: setup ## build a wheel for this platform that carries compiled code, into
 	@RICOCHET_COMPILED=build/compiled $(BIN)/python -m pip wheel --quiet --disable-pip-version-check --no-index --no-deps \
 		--no-build-isolation --no-cache-dir --wheel-dir dist .
 
-sbom: setup ## list what the service runs on as CycloneDX, into build/sbom.cdx.json
+sbom: setup ## list the packages of each image as CycloneDX, into build/sbom-run.cdx.json, -cluster and -full
 	@mkdir -p build
-	@PYTHONWARNINGS=ignore $(BIN)/cyclonedx-py requirements requirements/run.txt --pyproject pyproject.toml --mc-type application \
-		--output-reproducible --output-format JSON --output-file build/sbom.cdx.json
-	@echo "wrote build/sbom.cdx.json"
+	@for image in run cluster full; do \
+		PYTHONWARNINGS=ignore $(BIN)/cyclonedx-py requirements requirements/$$image.txt --pyproject pyproject.toml --mc-type application \
+			--output-reproducible --output-format JSON --output-file build/sbom-$$image.cdx.json || exit; \
+		echo "wrote build/sbom-$$image.cdx.json"; \
+	done
 
 format: setup ## format the code and mend what ruff can
 	$(BIN)/ruff format

@@ -1,7 +1,7 @@
-"""Ask a service of our own for the critical ricochet angle of the source paper's case, once computed and once cached.
+"""Request the critical ricochet angle of the source paper's case from a fresh service, once computed and once cached.
 
-Starts the service on a free port with an empty data folder, asks, prints, stops it. Ends in 0 if the angle is the
-expected one and every answer came as it should.
+Starts the service on a free port with an empty data folder, sends the requests, prints the answers and stops it. The
+exit status is 0 if the angle is the expected one and every answer came as it should.
 """
 
 import os

@@ -131,7 +131,7 @@ def write_page(given: Mapping[str, Any], answers: Mapping[str, Any], made: str, 
     made
         Date and time, as text.
     address
-        Of the service that computed it; None if it was computed without one.
+        Address of the service that computed it; None if it was computed without one.
     """
     from service.reports.assessment import Assessed, page  # noqa: PLC0415 (an extra, and slow to import)
 

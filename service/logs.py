@@ -120,7 +120,9 @@ class RequestLog:
         finally:
             seconds, route = time.perf_counter() - begun, route_of(scope)
             self._observe(scope["method"], route, status, seconds)
-            self._log.info("request", method=scope["method"], path=route, status=int(status), seconds=round(seconds, 6))
+            self._log.info(
+                "request", method=scope["method"], route=route, status=int(status), duration_s=round(seconds, 6)
+            )
 
 
 def id_of(scope: Scope) -> bytes:

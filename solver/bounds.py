@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 from solver.errors import ParameterError
+from solver.validation import require_number
 
 
 class Bound(NamedTuple):
@@ -72,26 +73,6 @@ def require_bounds(field: str, value: object) -> None:
             text += f"; give {bound.name}, {meant} for {number:g} {other}"
             break
     raise ParameterError(field, text)
-
-
-def require_number(field: str, value: object) -> float:
-    """Return a number, which may be one of NumPy's; refuse arrays, texts and other objects.
-
-    Raises
-    ------
-    ParameterError
-        If it is none.
-    """
-    if isinstance(value, float | int) and not isinstance(value, bool):
-        return float(value)
-    if hasattr(value, "__float__") and getattr(value, "ndim", None) == 0:
-        return float(value)
-    if hasattr(value, "__len__") and not isinstance(value, str):
-        found = f"{type(value).__name__} of {len(value)}"
-        raise ParameterError(
-            field, f"must be one number, got {found}: simulate_many and critical_angle_many take many cases"
-        )
-    raise ParameterError(field, f"must be a number, got {value!r}")
 
 
 def require_one(field: str, value: object, kind: type) -> None:

@@ -12,7 +12,7 @@ from typing import ClassVar, Protocol, TypeAlias
 import numpy as np
 
 from solver.arrays import FloatArray
-from solver.validation import require, require_finite, require_positive
+from solver.validation import require, require_finite, require_number, require_positive
 
 
 @dataclass(frozen=True, slots=True)
@@ -222,8 +222,10 @@ NoseShape: TypeAlias = Ogive | Conical | Spherical | Flat | Profile
 
 
 def _require_caliber_radius_head(value: float) -> None:
+    field = "projectile.nose.caliber_radius_head"
+    require_number(field, value)
     require(
         math.isfinite(value) and value >= 0.5,
-        "projectile.nose.caliber_radius_head",
+        field,
         f"must be at least 0.5, got {value:g}",
     )

@@ -6,7 +6,7 @@ from functools import lru_cache
 
 from solver.nose import Line, NoseShape, OutlinePiece, Profile
 from solver.quadrature import gauss_rule
-from solver.validation import require, require_positive
+from solver.validation import require, require_kind, require_number, require_positive
 
 GAUSS_POINTS = 48  # on one piece of the outline; exact for lines, near machine precision for arcs
 MATCH = 1e-9  # relative; how closely a profile must end at the radius of the shank
@@ -21,13 +21,13 @@ class Projectile:
     nose
         Shape of the nose.
     diameter, length
-        Of the shank, and from the tip to the flat base. [m]
+        Diameter of the shank, and distance from the tip to the flat base. [m]
     mass
         [kg]
     center_of_gravity
         Distance behind the nose tip; that of the homogeneous solid when not given. [m]
     moment_of_inertia
-        About a transverse axis through the centre of gravity; likewise. [kg m²]
+        About a transverse axis through the centre of gravity; that of the homogeneous solid when not given. [kg m²]
 
     Raises
     ------
@@ -43,6 +43,7 @@ class Projectile:
     moment_of_inertia: float | None = None
 
     def __post_init__(self) -> None:
+        require_kind("projectile.nose", self.nose, NoseShape)
         require_positive("projectile.diameter", self.diameter)
         require_positive("projectile.length", self.length)
         require_positive("projectile.mass", self.mass)
@@ -59,6 +60,7 @@ class Projectile:
             f"must be at least the length of the nose, {self.nose_length:.6g} m, got {self.length:g} m",
         )
         if self.center_of_gravity is not None:
+            require_number("projectile.center_of_gravity", self.center_of_gravity)
             inside = math.isfinite(self.center_of_gravity) and 0.0 < self.center_of_gravity < self.length
             require(
                 inside,

@@ -15,7 +15,7 @@ from solver.free_surface import ElasticPlastic, FreeSurface
 from solver.projectile import Projectile
 from solver.spalling import Crater, ShearPlug
 from solver.target import Target
-from solver.validation import require, require_finite, require_positive
+from solver.validation import require, require_finite, require_kind, require_number, require_positive
 
 FIELD = "resistance.strength_factor"
 ROUNDING = 1e-6
@@ -204,9 +204,9 @@ class PublishedTests:
     compressive_strengths: ClassVar[tuple[float, float]] = (23e6, 108.3e6)
     """Least and greatest of the tests. [Pa]"""
     diameters: ClassVar[tuple[float, float]] = (0.0203, 0.0762)
-    """Likewise. [m]"""
+    """Least and greatest of the tests. [m]"""
     velocities: ClassVar[tuple[float, float]] = (139.3, 815.0)
-    """Likewise. [m/s]"""
+    """Least and greatest of the tests. [m/s]"""
     obliquity_shape: ObliquityShape = "equation_9"
 
     def __post_init__(self) -> None:
@@ -245,6 +245,9 @@ class Resistance:
     rear_plug: ShearPlug | None = None
 
     def __post_init__(self) -> None:
+        require_kind(FIELD, self.strength_factor, StrengthFactor)
+        require_kind("resistance.free_surface", self.free_surface, FreeSurface)
+        require_number("resistance.inertia_factor", self.inertia_factor)
         require(
             math.isfinite(self.inertia_factor) and self.inertia_factor >= 0.0,
             "resistance.inertia_factor",

@@ -11,7 +11,7 @@ export type { components, operations, paths } from "./contract.js";
 
 /** Objects of the contract by name. */
 export type Schemas = components["schemas"];
-/** Answers and problems; other forms are asked for by `parseAs`. */
+/** Answers and problems; `parseAs` requests other forms. */
 export type Json = `application/${string}json`;
 
 /** Return a client with a method for each verb, whose first argument is a path of the contract. */

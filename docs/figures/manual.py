@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Arc
 
 from service.reports import style
-from service.reports.side_view import silhouette
+from service.reports.style import silhouette
 from solver import (
     ConstantStrengthFactor,
     Crater,

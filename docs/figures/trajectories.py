@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from service.reports.side_view import draw_concrete, draw_path, tip_path
+from service.reports.style import draw_concrete, draw_path, tip_path
 from solver import simulate
 from solver.cases import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY, paper_impact
 

@@ -6,6 +6,7 @@ the text says the same in short. A refusal has `is_error` and the problem (RFC 9
 
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from dataclasses import dataclass
+from http import HTTPStatus
 from importlib.metadata import version
 from typing import Any, TypeAlias
 
@@ -23,7 +24,7 @@ from pydantic import BaseModel
 from pydantic.json_schema import models_json_schema
 
 from service.columns import summarize
-from service.errors import InvalidBodyError, problem_of
+from service.errors import InvalidBodyError, ProblemType, problem_of
 from service.schemas import (
     CriticalAngleAnswer,
     CriticalAngleRequest,
@@ -109,7 +110,11 @@ class ToolOperation:
             }
         outputs = joined_schema(self.answers, "serialization")
         references = outputs.pop("references")
-        limits = {"type": "array", "items": {"type": "string"}, "description": "Of every answer of the model."}
+        limits = {
+            "type": "array",
+            "items": {"type": "string"},
+            "description": "Limits that hold for every answer of the model.",
+        }
         outputs |= {
             "type": "object",
             "properties": {
@@ -204,13 +209,13 @@ def server_of(compute: Compute) -> Server[Any]:
 
     async def call_tool(context: ServerRequestContext[Any], params: CallToolRequestParams) -> CallToolResult:
         if params.name not in tools:
-            return refusal({"type": "about:blank", "title": f"There is no tool {params.name!r}"})
+            return refusal(ProblemType.of_status(HTTPStatus.NOT_FOUND).content(f"there is no tool {params.name!r}"))
         before = ""
         try:
             operation, before, request = tools[params.name].request_in(params.arguments or {})
             answer = await compute(operation, request, context.request)
         except InvalidBodyError as error:
-            return refusal(problem_of(error))
+            return refusal(problem_of(error), before)
         except ToolError as error:
             return refusal(error.problem, before)
         return to_result(operation, answer)
@@ -231,7 +236,7 @@ def to_result(operation: str, answer: dict[str, Any]) -> CallToolResult:
         motion.pop("history", None)
     lines = [
         operation.replace("_", " of "),
-        *(f"{name}: {value}" for name, value in summarize(answer).items() if value),
+        *(f"{name}: {value}" for name, value in summarize(answer).items() if value != ""),
     ]
     warnings = [f"- {warning['detail']}" for warning in answer["warnings"]]
     lines += ["", "Warnings:", *(warnings or ["- none"]), "", "Validity limits:"]

@@ -1,7 +1,7 @@
 """Traces of requests for OpenTelemetry, through FastAPI's own hook, and of jobs; only if they are enabled.
 
-Where they go, and how many of them, say the variables of OpenTelemetry itself (`OTEL_EXPORTER_OTLP_ENDPOINT`,
-`OTEL_TRACES_SAMPLER` and so on).
+OpenTelemetry's variables set the collector and the sampling, such as `OTEL_EXPORTER_OTLP_ENDPOINT` and
+`OTEL_TRACES_SAMPLER`.
 """
 
 import threading

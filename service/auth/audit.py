@@ -64,7 +64,7 @@ class AuditLog:
             "key": principal.key.id if principal.key else None,
             "client": client[0] if client else None,
             "method": scope["method"],
-            "operation": route_of(dict(scope)),
+            "route": route_of(dict(scope)),
             "cases": context.cases,
             "job": context.job or None,
             "status": status,

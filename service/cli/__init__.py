@@ -35,14 +35,14 @@ COMMANDS = (
     Command("sweep", "one case over ranges of up to four of its fields", "service.cli.batch"),
     Command("jobs", "list, follow and cancel the jobs of a service", "service.cli.jobs"),
     Command("serve", "run the service, configured by RICOCHET_... variables", "service.cli.serve"),
-    Command("mcp", "offer the solver as tools of the Model Context Protocol", "service.cli.mcp"),
+    Command("mcp", "offer the solver as tools of the Model Context Protocol", "service.cli.serve"),
     Command("keys", "add, list and revoke the API keys of a service", "service.cli.data_folder"),
     Command("cache", "inspect and repair the stored results", "service.cli.data_folder"),
     Command("calibrate", "fit strength factors to tests or finite element histories", "service.cli.calibrate"),
     Command("reproduce", "recompute the source paper beside its printed numbers", "service.cli.reports"),
     Command("validate", "compare with published penetration tests", "service.cli.reports"),
     Command("openapi", "write the contract, openapi/openapi.json", "service.cli.serve"),
-    Command("completion", "print a script that completes commands and flags in a shell", "service.cli.completion"),
+    Command("completion", "print a script that completes commands and flags in a shell", "service.cli.init"),
     Command("version", "print the versions of the package and the solver", "service.cli"),
 )
 

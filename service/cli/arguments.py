@@ -98,7 +98,7 @@ class Flag(NamedTuple):
     steps
         Path of the field in the request body.
     read
-        From the text of the command line to the value of the field.
+        Converts the text of the command line to the value of the field.
     choices
         Values that it may have.
     implies
@@ -120,12 +120,13 @@ class Flag(NamedTuple):
         return "".join(f"/{step}" for step in self.steps)
 
 
-NOSE, STRENGTH = ("projectile", "nose"), ("resistance", "strength_factor")
+NOSE, STRENGTH, FREE_SURFACE = ("projectile", "nose"), ("resistance", "strength_factor"), ("resistance", "free_surface")
 """Parts of several models."""
-MODEL_NAMES: Mapping[tuple[str, ...], str] = {NOSE: "shape", STRENGTH: "model"}
+MODEL_NAMES: Mapping[tuple[str, ...], str] = {NOSE: "shape", STRENGTH: "model", FREE_SURFACE: "model"}
 """Field that names the model, by part."""
 SHAPES = ("ogive", "conical", "spherical", "flat", "profile")
 LAWS = ("constant", "obliquity_polynomial", "published_tests", "strength_power_law")
+DECAYS = ("elastic_plastic", "mohr_coulomb", "none")
 BODY = (
     Flag("--diameter", ("projectile", "diameter_m"), "shank diameter [m]"),
     Flag("--length", ("projectile", "length_m"), "length from nose tip to base [m]"),
@@ -134,13 +135,13 @@ BODY = (
     Flag(
         "--caliber-radius-head",
         ("projectile", "nose", "caliber_radius_head"),
-        "of an ogive, or with --nose spherical a cap: radius over diameter [1]",
+        "radius of an ogive, or with --nose spherical of a cap, over the diameter [1]",
         implies=("ogive", "spherical"),
     ),
     Flag(
         "--length-to-diameter",
         ("projectile", "nose", "length_to_diameter"),
-        "of a cone: height over diameter [1]",
+        "height of a cone over the diameter [1]",
         implies=("conical",),
     ),
     Flag(
@@ -159,7 +160,7 @@ BODY = (
     Flag(
         "--moment-of-inertia",
         ("projectile", "moment_of_inertia_kg_m2"),
-        "transverse, about the centre of gravity [kg m²] (default: homogeneous projectile)",
+        "transverse moment of inertia about the centre of gravity [kg m²] (default: homogeneous projectile)",
     ),
     Flag("--compressive-strength", ("target", "compressive_strength_pa"), "strength of the concrete [Pa]"),
     Flag("--density", ("target", "density_kg_m3"), "density of the concrete [kg/m³]"),
@@ -168,8 +169,8 @@ BODY = (
         ("target", "youngs_modulus_pa"),
         "modulus of the concrete [Pa] (default: from the strength, ACI 318-19)",
     ),
-    Flag("--poissons-ratio", ("target", "poissons_ratio"), "of the concrete [1] (default: 0.5)"),
-    Flag("--thickness", ("target", "thickness_m"), "of the wall [m] (default: half-space)"),
+    Flag("--poissons-ratio", ("target", "poissons_ratio"), "Poisson's ratio of the concrete [1] (default: 0.5)"),
+    Flag("--thickness", ("target", "thickness_m"), "thickness of the wall [m] (default: half-space)"),
 )
 RESISTANCE = (
     Flag(
@@ -184,7 +185,7 @@ RESISTANCE = (
     Flag(
         "--strength-coefficients",
         (*STRENGTH, "coefficients"),
-        "of a polynomial S in the oblique angle, from the constant term [1, 1/°, 1/°²...]",
+        "coefficients of a polynomial S in the oblique angle, from the constant term [1, 1/°, 1/°²...]",
         read=read_numbers,
         metavar="A,B,C...",
         implies=("obliquity_polynomial",),
@@ -192,14 +193,49 @@ RESISTANCE = (
     Flag(
         "--strength-coefficient",
         (*STRENGTH, "coefficient"),
-        "of a power law S of the compressive strength in MPa [1] (default: 82.6)",
+        "coefficient of a power law S of the compressive strength [1] (default: 82.6)",
         implies=("strength_power_law",),
     ),
     Flag(
         "--strength-exponent",
         (*STRENGTH, "exponent"),
-        "of the strength in that power law [1] (default: -0.544)",
+        "exponent of the strength in that power law [1] (default: -0.544)",
         implies=("strength_power_law",),
+    ),
+    Flag(
+        "--reference-strength",
+        (*STRENGTH, "reference_strength_pa"),
+        "strength that the power law divides by [Pa] (default: 1e6)",
+        implies=("strength_power_law",),
+    ),
+    Flag(
+        "--diameter-exponent",
+        (*STRENGTH, "diameter_exponent"),
+        "exponent of the diameter in the power law [1] (default: 0)",
+        implies=("strength_power_law",),
+    ),
+    Flag(
+        "--reference-diameter",
+        (*STRENGTH, "reference_diameter_m"),
+        "diameter that the power law divides by [m] (default: 0.0762)",
+        implies=("strength_power_law",),
+    ),
+    Flag(
+        "--obliquity-shape",
+        (*STRENGTH, "obliquity_shape"),
+        "change of the power law, or of the law of published tests, with the oblique angle",
+        read=str,
+        metavar="SHAPE",
+        choices=("constant", "equation_9"),
+        implies=("published_tests", "strength_power_law"),
+    ),
+    Flag(
+        "--free-surface",
+        (*FREE_SURFACE, "model"),
+        "decay of the resistance near the faces (default: elastic_plastic)",
+        read=str,
+        metavar="MODEL",
+        choices=DECAYS,
     ),
 )
 VELOCITY = Flag("--velocity", ("impact", "velocity_m_s"), "speed at first contact [m/s]")

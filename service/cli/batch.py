@@ -223,10 +223,12 @@ def _explain_axes(error: RefusedError, body: RequestBody, axes: Sequence[Axis]) 
         if part == "base" and pointer not in by_pointer:
             lines.append(body.describe(pointer, each["detail"]))
         elif part == "base":
-            lines.append(f"--axis {by_pointer[pointer].text}: {explained(pointer, each['detail'])}")
+            axis = by_pointer[pointer]
+            lines.append(f"--axis {axis.text}: {explained(pointer, each['detail'], *axis.values)}")
         elif part == "axes" and steps:
             axis = axes[int(steps[0])]
-            lines.append(f"--axis {axis.text}: {explained('/' + axis.field.replace('.', '/'), each['detail'])}")
+            detail = explained("/" + axis.field.replace(".", "/"), each["detail"], *axis.values)
+            lines.append(f"--axis {axis.text}: {detail}")
         else:
             lines.append(f"--axis: {each['detail']}")
     return CommandError("\n".join(lines), error.status) if lines else error

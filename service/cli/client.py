@@ -185,7 +185,7 @@ def refusal(response: httpx.Response) -> RefusedError:
     problem: Any = None
     if response.headers.get("content-type", "").startswith("application/problem+json"):
         problem = parse(response)
-    return RefusedError(problem or {"title": f"{response.status_code} {response.reason_phrase}"})
+    return RefusedError(problem or {"type": "about:blank", "title": f"{response.status_code} {response.reason_phrase}"})
 
 
 def retry_pause(response: httpx.Response) -> float:

@@ -1,6 +1,7 @@
-"""`ricochet init`: a commented file of a strike."""
+"""`ricochet init` and `ricochet completion`: a commented file of a strike, and a script for a shell."""
 
 import argparse
+from collections.abc import Iterator
 from pathlib import Path
 
 from service.cli.arguments import FAILED, CommandError, examples
@@ -10,7 +11,7 @@ STRIKE = """\
 # Lines that begin with "# " and hold a field are optional: remove the "# " to use one, in place of another of its name.
 
 [projectile]
-diameter_m = 0.08  # of the shank
+diameter_m = 0.08  # diameter of the shank
 length_m = 0.53  # from the nose tip to the base
 mass_kg = 13.0
 nose = { shape = "ogive", caliber_radius_head = 3.0 }  # radius of the ogive over the diameter, 0.5 or more
@@ -19,14 +20,14 @@ nose = { shape = "ogive", caliber_radius_head = 3.0 }  # radius of the ogive ove
 # nose = { shape = "flat" }
 # nose = { shape = "profile", points = [[0.0, 0.01], [0.06, 0.03], [0.12, 0.04]] }  # [m] from the tip: x, radius
 # center_of_gravity_m = 0.3  # behind the nose tip; that of a homogeneous body unless given
-# moment_of_inertia_kg_m2 = 0.25  # transverse, about the centre of gravity; likewise
+# moment_of_inertia_kg_m2 = 0.25  # transverse, about the centre of gravity; that of a homogeneous body unless given
 
 [target]
 compressive_strength_pa = 39e6  # unconfined, of the concrete: 39 MPa
 density_kg_m3 = 2250.0
 # youngs_modulus_pa = 29.5e9  # from the strength by ACI 318-19 unless given
 # poissons_ratio = 0.5
-# thickness_m = 0.5  # of a wall; a half-space unless given
+# thickness_m = 0.5  # a wall; a half-space unless given
 
 [impact]
 velocity_m_s = 238.0
@@ -44,6 +45,24 @@ velocity_m_s = 238.0
 # free_surface = { model = "none" }
 # inertia_factor = 1.0
 """
+BASH = """\
+# Completion of ricochet
+_ricochet() {
+    local words="" before="${COMP_WORDS[COMP_CWORD-1]}" current="${COMP_WORDS[COMP_CWORD]}"
+    case "${COMP_WORDS[1]-} $before" in
+%(choices)s
+        *)
+            if [ "$COMP_CWORD" -eq 1 ]; then words="%(commands)s --help --version"
+            else case "${COMP_WORDS[1]-}" in
+%(flags)s
+            esac; fi ;;
+    esac
+    COMPREPLY=($(compgen -W "$words" -- "$current"))
+    if [ "${#COMPREPLY[@]}" -eq 0 ]; then COMPREPLY=($(compgen -f -- "$current")); fi
+}
+complete -o filenames -F _ricochet ricochet
+"""
+ZSH = "autoload -Uz compinit bashcompinit && compinit && bashcompinit\n"
 
 
 def add_init(parser: argparse.ArgumentParser) -> None:
@@ -72,3 +91,59 @@ def run_init(args: argparse.Namespace) -> int:
         raise CommandError(f"{args.file}: {error.strerror or error}", FAILED) from None
     print(f"wrote {args.file}; next: ricochet cra {args.file}")
     return 0
+
+
+def add_completion(parser: argparse.ArgumentParser) -> None:
+    """Define `ricochet completion`."""
+    parser.description = (
+        "Print a script with which a shell completes commands, flags, their choices and files. Append it to ~/.bashrc "
+        "or ~/.zshrc."
+    )
+    parser.epilog = examples("ricochet completion bash", "ricochet completion zsh")
+    parser.add_argument("shell", choices=("bash", "zsh"), help="the shell that reads it")
+    parser.set_defaults(run=run_completion)
+
+
+def run_completion(args: argparse.Namespace) -> int:
+    """Print the script."""
+    from service.cli import COMMANDS, define
+
+    flags, choices = [], []
+    for command in COMMANDS:
+        parser = argparse.ArgumentParser(prog=f"ricochet {command.name}")
+        define(command, parser)
+        flags.append(f'                {command.name}) words="{" ".join(sorted(set(_words(parser))))}" ;;')
+        for names, values in _choices(parser):
+            places = "|".join(f'"{command.name} {name}"' for name in names)
+            choices.append(f'        {places}) words="{" ".join(values)}" ;;')
+    script = BASH % {
+        "commands": " ".join(command.name for command in COMMANDS),
+        "flags": "\n".join(flags),
+        "choices": "\n".join(choices),
+    }
+    print((ZSH if args.shell == "zsh" else "") + script, end="")
+    return 0
+
+
+def _actions(parser: argparse.ArgumentParser) -> Iterator[argparse.Action]:
+    """Yield what a parser takes, and what those of its actions take."""
+    for action in parser._actions:  # noqa: SLF001 (argparse has no other list)
+        yield action
+        if isinstance(action, argparse._SubParsersAction):  # noqa: SLF001
+            for subparser in action.choices.values():
+                yield from _actions(subparser)
+
+
+def _words(parser: argparse.ArgumentParser) -> Iterator[str]:
+    """Yield flags, and the words that stand for themselves."""
+    for action in _actions(parser):
+        yield from action.option_strings
+        if not action.option_strings and action.choices:
+            yield from map(str, action.choices)
+
+
+def _choices(parser: argparse.ArgumentParser) -> Iterator[tuple[list[str], list[str]]]:
+    """Yield the names of every flag that has choices, and these."""
+    for action in _actions(parser):
+        if action.option_strings and action.choices:
+            yield list(action.option_strings), list(map(str, action.choices))

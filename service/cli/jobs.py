@@ -160,9 +160,9 @@ def write_results(
     Parameters
     ----------
     results
-        In order, each computed when it is taken.
+        Results in order, each computed when it is taken.
     count
-        Of the results.
+        Number of results.
     content
         Base and axes of the sweep.
     further

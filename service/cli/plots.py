@@ -52,7 +52,7 @@ def plot_motion(path: Path, body: dict[str, Any], answer: Mapping[str, Any], his
     """Plot the projectile from the side at several instants."""
     import numpy as np
 
-    from service.reports.side_view import draw_concrete, draw_path, silhouette, tip_path
+    from service.reports.style import draw_concrete, draw_path, silhouette, tip_path
     from service.schemas.projectile import Projectile
 
     projectile = Projectile.model_validate(body["projectile"]).to_solver()

@@ -15,6 +15,7 @@ from service.cli.arguments import (
     BODY,
     FAILED,
     IMPACT,
+    RESISTANCE,
     CommandError,
     RefusedError,
     add_case,
@@ -49,6 +50,7 @@ PRINTING = (
     "--no-pdf-header-footer",
 )
 PRINT_SECONDS = 120.0
+REPORT_FLAGS = (*IMPACT, *BODY, *RESISTANCE)
 
 
 def add_report(parser: argparse.ArgumentParser) -> None:
@@ -60,7 +62,7 @@ def add_report(parser: argparse.ArgumentParser) -> None:
         "Chrome or Edge."
     )
     parser.epilog = examples("ricochet report strike.toml", "ricochet report strike.toml --angle 30 -o report.pdf")
-    add_case(parser, (*IMPACT, *BODY))
+    add_case(parser, REPORT_FLAGS)
     parser.add_argument(
         "-o",
         "--output",
@@ -86,7 +88,7 @@ def run_report(args: argparse.Namespace) -> int:
     if kind not in {".html", ".pdf"}:
         raise CommandError(f"--output {output}: must end in .html or .pdf")
     browser = find_browser() if kind == ".pdf" else ""
-    body = read_body(args.case, args, (*IMPACT, *BODY))
+    body = read_body(args.case, args, REPORT_FLAGS)
     try:
         page = _fetch_report(args.url, body.content) if args.url else _make_report(body.content)
     except RefusedError as error:

@@ -1,4 +1,4 @@
-"""`ricochet serve` and `ricochet openapi`: run the service, and write its contract."""
+"""`ricochet serve`, `ricochet mcp` and `ricochet openapi`: run the service or its MCP tools, and write the contract."""
 
 import argparse
 import asyncio
@@ -7,14 +7,26 @@ import json
 import logging
 import signal
 import sys
+from collections.abc import Mapping
 from contextlib import suppress
+from http import HTTPStatus
+from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from service.cli.arguments import FAILED, CommandError, examples, read_settings
+from service.cli.arguments import (
+    FAILED,
+    CommandError,
+    RefusedError,
+    add_data_dir,
+    add_url,
+    examples,
+    read_settings,
+)
 
 if TYPE_CHECKING:
     from service.auth.api_keys import ApiKeyStore
+    from service.cli.client import Client
     from service.settings import Settings
 
 NOT_STARTED = 3
@@ -130,6 +142,63 @@ def print_address(settings: "Settings", port: int | None) -> None:
         scheme = "https" if settings.tls_certificate else "http"
         host = f"[{settings.host}]" if ":" in settings.host else settings.host
         print(f"ricochet {package_version()} on {scheme}://{host}:{port}", file=sys.stderr)
+
+
+def add_mcp(parser: argparse.ArgumentParser) -> None:
+    """Define `ricochet mcp`."""
+    parser.description = (
+        "Offer critical angles, trajectories, uncertainty and wall thicknesses as tools of the Model Context Protocol, "
+        "over standard input and output, until the input ends. Computed here or by a service. Needs the extra mcp."
+    )
+    parser.epilog = examples("ricochet mcp", "ricochet mcp --url http://127.0.0.1:8000")
+    add_data_dir(parser)
+    add_url(parser)
+    parser.set_defaults(run=run_mcp)
+
+
+def run_mcp(args: argparse.Namespace) -> int:
+    """Serve until standard input ends.
+
+    Raises
+    ------
+    CommandError
+        If the SDK of the protocol is not installed.
+    """
+    if find_spec("mcp") is None:
+        raise CommandError("needs the package mcp, which is not installed: install ricochet with its extra mcp", FAILED)
+    import anyio
+
+    from service.cli.jobs import service_for
+
+    with service_for(args) as client:
+        anyio.run(serve_tools, client)
+    return 0
+
+
+async def serve_tools(client: "Client") -> None:
+    """Answer messages; their computations run in threads, one for each."""
+    from anyio.to_thread import run_sync
+    from mcp.server.stdio import stdio_server
+
+    from service.api.mcp_tools import ToolError, server_of
+    from service.errors import InvalidBodyError, ProblemType
+
+    async def compute(operation: str, body: Mapping[str, Any], _: Any) -> dict[str, Any]:
+        try:
+            answer: dict[str, Any] = json.loads(await run_sync(client.compute, operation, dict(body)))
+            if "key" not in answer:  # a job: more samples than are answered at once
+                await run_sync(client.delete, answer["id"])
+                detail = "more samples than are answered at once: lower it"
+                raise InvalidBodyError([{"pointer": "/sampling/max_samples", "detail": detail}])
+        except RefusedError as error:
+            raise ToolError(error.problem) from None
+        except CommandError as error:
+            raise ToolError(ProblemType.of_status(HTTPStatus.BAD_GATEWAY).content(str(error))) from None
+        return answer
+
+    server = server_of(compute)
+    async with stdio_server() as (reading, writing):
+        await server.run(reading, writing, server.create_initialization_options())
 
 
 def add_openapi(parser: argparse.ArgumentParser) -> None:

@@ -1,9 +1,18 @@
 """Readers of test tables and finite element results; they return objects of the solver, in SI units and radians."""
 
-from service.readers.depth_tests import DEPTH_TESTS, OBLIQUITY_POINTS, read_depth_tests, read_obliquity_points
+from service.readers.calibration import (
+    DEPTH_TESTS,
+    MOTION,
+    OBLIQUITY_POINTS,
+    Expected,
+    MotionRunRow,
+    read_depth_tests,
+    read_motion,
+    read_motion_runs,
+    read_obliquity_points,
+)
 from service.readers.dyna import Axis
 from service.readers.files import FileError
-from service.readers.motion import MOTION, Expected, MotionRunRow, read_motion, read_motion_runs
 from service.readers.table import Quantity
 
 __all__ = [

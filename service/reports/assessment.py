@@ -12,9 +12,8 @@ import matplotlib as mpl
 from markupsafe import Markup
 
 from service.reports import style
-from service.reports.assessment_case import WORDS, Row, rows
 from service.reports.assessment_figures import SETTINGS, curves, side_views, sketch, svg
-from service.reports.assessment_numbers import Numbers, lookup, sentence
+from service.reports.assessment_numbers import WORDS, Numbers, Row, lookup, rows, sentence
 from service.reports.report import embedded
 from solver.projectile import Projectile
 from solver.resistance import EQUATION_9_COEFFICIENTS, ObliquityPolynomial, PublishedTests

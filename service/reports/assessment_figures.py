@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Arc
 
 from service.reports import style
-from service.reports.side_view import TIP_PATH, TipPath, draw_concrete, draw_path, silhouette, tip_path
+from service.reports.style import TIP_PATH, TipPath, draw_concrete, draw_path, silhouette, tip_path
 from solver.projectile import Projectile
 
 SNAPSHOTS = 4
@@ -44,9 +44,9 @@ def sketch(projectile: Projectile, *, oblique_deg: float, attack_deg: float, thi
     Parameters
     ----------
     oblique_deg, attack_deg
-        From the inward normal to the velocity, and from there to the axis. [°]
+        Angle from the inward normal to the velocity, and from the velocity to the axis. [°]
     thickness
-        Of a wall; None for a half-space. [m]
+        Thickness of a wall; None for a half-space. [m]
     """
     figure = Figure(figsize=(2.6, 2.2), layout="constrained")
     axes = figure.subplots()
@@ -94,7 +94,7 @@ def side_views(
     runs
         Title and answer with history of each.
     thickness
-        Of a wall; None for a half-space. [m]
+        Thickness of a wall; None for a half-space. [m]
     """
     paths = [_path_of(projectile, answer["history"]) for _, answer in runs]
     body = silhouette(projectile)
@@ -161,7 +161,7 @@ def curves(
     uncertainty
         Answer of the study, None if there is none.
     speed, angle, judged
-        Of the case: speed [m/s], critical angle if there is one, angle to judge if given. [°]
+        Speed of the case [m/s], its critical angle if there is one, and the angle to judge if given [°].
     """
     figure = Figure(figsize=(PAGE, 1.95), layout="constrained")
     left, right = figure.subplots(1, 2)
@@ -180,8 +180,10 @@ def curves(
         return figure
     curve = uncertainty["probability"]
     angles = curve["oblique_angle_deg"]
-    right.fill_between(angles, curve["lower"], curve["upper"], color=style.MODEL, alpha=0.25, linewidth=0.0)
-    right.plot(angles, curve["ricochet_probability"], color=style.MODEL, label="P(ricochet | θ), 95 % band")
+    right.fill_between(
+        angles, curve["lower"], curve["upper"], color=style.MODEL, alpha=0.25, linewidth=0.0, label="95 % band"
+    )
+    right.plot(angles, curve["ricochet_probability"], color=style.MODEL)
     if angle is not None:
         right.axvline(angle, color="black", linewidth=0.8, linestyle="--", label="critical angle")
     if judged is not None:

@@ -1,7 +1,7 @@
-"""Numbers of answers as they stand in a report: each with its pointer and its full value."""
+"""Numbers of answers as a report shows them, each with its pointer and full value, and the inputs of a case as rows."""
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, Final, NamedTuple
 
 from markupsafe import Markup, escape
 
@@ -71,3 +71,157 @@ def _plain(text: str) -> str:
 def sentence(text: str) -> Markup:
     """Return a warning as a sentence: with a capital and a full stop."""
     return escape(text[:1].upper() + text[1:] + ("" if text.endswith((".", "!", "?")) else "."))
+
+
+class Field(NamedTuple):
+    """How an input is shown: `factor` times its value is the number in the unit."""
+
+    group: str
+    label: str
+    unit: str = ""
+    factor: float = 1.0
+
+
+class Row(NamedTuple):
+    """An input as it is shown."""
+
+    label: str
+    value: Any
+    note: str
+
+
+MM, MPA, GPA = 1e3, 1e-6, 1e-9
+PROJECTILE, TARGET, STRIKE, MODEL, NUMERICS = "Projectile", "Target", "Strike", "Model", "Computation"
+FIELDS: Final[Mapping[str, Field]] = {
+    "/projectile/nose/shape": Field(PROJECTILE, "Nose"),
+    "/projectile/nose/caliber_radius_head": Field(PROJECTILE, "Caliber radius head ψ"),
+    "/projectile/nose/length_to_diameter": Field(PROJECTILE, "Cone height, in diameters"),
+    "/projectile/nose/points": Field(PROJECTILE, "Points x, r", "mm", MM),
+    "/projectile/diameter_m": Field(PROJECTILE, "Diameter", "mm", MM),
+    "/projectile/length_m": Field(PROJECTILE, "Length", "mm", MM),
+    "/projectile/mass_kg": Field(PROJECTILE, "Mass", "kg"),
+    "/projectile/center_of_gravity_m": Field(PROJECTILE, "Centre of gravity from tip", "mm", MM),
+    "/projectile/moment_of_inertia_kg_m2": Field(PROJECTILE, "Moment of inertia", "kg m²"),
+    "/target/compressive_strength_pa": Field(TARGET, "Compressive strength", "MPa", MPA),
+    "/target/density_kg_m3": Field(TARGET, "Density", "kg/m³"),
+    "/target/youngs_modulus_pa": Field(TARGET, "Young's modulus", "GPa", GPA),
+    "/target/poissons_ratio": Field(TARGET, "Poisson's ratio"),
+    "/target/thickness_m": Field(TARGET, "Thickness", "mm", MM),
+    "/impact/velocity_m_s": Field(STRIKE, "Speed", "m/s"),
+    "/impact/oblique_angle_deg": Field(STRIKE, "Oblique angle θ to judge", "°"),
+    "/impact/angle_of_attack_deg": Field(STRIKE, "Angle of attack δ", "°"),
+    "/impact/angular_velocity_rad_s": Field(STRIKE, "Angular velocity", "rad/s"),
+    "/resistance/strength_factor/model": Field(MODEL, "Strength factor S"),
+    "/resistance/strength_factor/value": Field(MODEL, "Value of S"),
+    "/resistance/strength_factor/coefficients": Field(MODEL, "Coefficients, θ in °"),
+    "/resistance/strength_factor/covariance": Field(MODEL, "Covariance"),
+    "/resistance/strength_factor/coefficient": Field(MODEL, "Coefficient"),
+    "/resistance/strength_factor/exponent": Field(MODEL, "Exponent of strength"),
+    "/resistance/strength_factor/reference_strength_pa": Field(MODEL, "Reference strength", "MPa", MPA),
+    "/resistance/strength_factor/diameter_exponent": Field(MODEL, "Exponent of diameter"),
+    "/resistance/strength_factor/reference_diameter_m": Field(MODEL, "Reference diameter", "mm", MM),
+    "/resistance/strength_factor/obliquity_shape": Field(MODEL, "S over the angle"),
+    "/resistance/inertia_factor": Field(MODEL, "Inertia factor"),
+    "/resistance/free_surface/model": Field(MODEL, "Decay near the face"),
+    "/resistance/free_surface/inertia": Field(MODEL, "Inertia in the decay"),
+    "/resistance/crater/depth_diameters": Field(MODEL, "Crater, in diameters"),
+    "/resistance/rear_plug/cone_angle_deg": Field(MODEL, "Angle of the rear plug", "°"),
+    "/numerics/method": Field(NUMERICS, "Forces and steps"),
+    "/numerics/termination_time_s": Field(NUMERICS, "Termination time", "ms", 1e3),
+    "/numerics/relative_tolerance": Field(NUMERICS, "Relative tolerance"),
+    "/numerics/retention_energy_fraction": Field(NUMERICS, "Least energy left", "%", 100.0),
+    "/search/method": Field(NUMERICS, "Search by"),
+    "/search/lower_deg": Field(NUMERICS, "Range from", "°"),
+    "/search/upper_deg": Field(NUMERICS, "Range to", "°"),
+    "/search/tolerance_deg": Field(NUMERICS, "Width of the bracket", "°"),
+}
+UNUSED: Final = frozenset({"/numerics/panels", "/numerics/time_step_s", "/search/relative_tolerance"})
+"""Settings of the paper's numerics and searches."""
+ABSENT: Final[Mapping[str, tuple[str, str]]] = {
+    "/target/thickness_m": ("half-space", "default"),
+    "/impact/oblique_angle_deg": ("none", "not given"),
+    "/resistance/crater/depth_diameters": ("no crater", "default"),
+    "/resistance/rear_plug/cone_angle_deg": ("no plug", "default"),
+}
+"""What stands for inputs that are not given and have no value."""
+ASSUMED: Final[Mapping[str, str]] = {
+    "/projectile/center_of_gravity_m": "default: homogeneous",
+    "/projectile/moment_of_inertia_kg_m2": "default: homogeneous",
+    "/target/youngs_modulus_pa": "default: ACI 318-19",
+}
+"""Sources of the values of inputs that are not given."""
+WORDS: Final[Mapping[str, str]] = {
+    "ogive": "ogive",
+    "conical": "cone",
+    "spherical": "spherical cap",
+    "flat": "flat",
+    "profile": "profile",
+    "obliquity_polynomial": "polynomial in the angle",
+    "constant": "constant",
+    "strength_power_law": "power of the strength",
+    "published_tests": "published tests",
+    "equation_9": "as eq. 9",
+    "elastic_plastic": "elastic-plastic",
+    "mohr_coulomb": "Mohr-Coulomb",
+    "none": "none",
+    "adaptive": "adaptive",
+    "outcome": "change of outcome",
+}
+"""Names of models in words."""
+
+
+def rows(numbers: Numbers, given: Mapping[str, Any], case: Mapping[str, Any]) -> Mapping[str, list[Row]]:
+    """Return the inputs by group.
+
+    Parameters
+    ----------
+    numbers
+        Numbers of the case and of what is assumed where it has none.
+    given
+        The request as received: what it lacks is a default.
+    case
+        The same with defaults filled in.
+    """
+    found: dict[str, list[Row]] = {field.group: [] for field in FIELDS.values()}
+    values = dict(leaves(case))
+    for pointer, field in FIELDS.items():
+        if pointer in values:
+            note = "" if lookup(given, pointer) is not None else "default"
+            found[field.group].append(Row(field.label, _shown(numbers, f"/case{pointer}", field), note))
+        elif pointer in ASSUMED:
+            shown = _shown(numbers, f"/assumed{pointer}", field, digits=4)
+            found[field.group].append(Row(field.label, shown, ASSUMED[pointer]))
+        elif pointer in ABSENT:
+            found[field.group].append(Row(field.label, *ABSENT[pointer]))
+    return found
+
+
+def leaves(case: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield pointer and value of every input that the model uses."""
+    for name, value in case.items():
+        pointer = f"{before}/{name}"
+        if isinstance(value, Mapping):
+            yield from leaves(value, pointer)
+        elif pointer not in UNUSED and not pointer.startswith("/output/"):
+            yield pointer, value
+
+
+def _shown(numbers: Numbers, pointer: str, field: Field, *, digits: int = 12) -> Any:
+    value = numbers.at(pointer)
+    unit = f" {field.unit}" if field.unit and field.unit != "°" else field.unit
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, str):
+        return WORDS.get(value, value)
+    if isinstance(value, Sequence):
+        return f"{_listed(value, field.factor)}{unit}"
+    return numbers.short(pointer, factor=field.factor, digits=digits, unit=unit)
+
+
+def _listed(values: Sequence[Any], factor: float) -> str:
+    """Numbers in full, as long as they are few."""
+    if values and isinstance(values[0], Sequence):
+        if len(values) > 6:
+            return f"{len(values)} rows, as in the request"
+        return "; ".join(_listed(row, factor) for row in values)
+    return ", ".join(f"{value * factor:.12g}".replace("-", MINUS) for value in values)

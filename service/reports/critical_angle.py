@@ -10,10 +10,18 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from service.reports import style
-from service.reports.reference import finite_element_run, finite_element_runs, paper_value
+from service.reports.reference import (
+    finite_element_run,
+    finite_element_runs,
+    history_of,
+    impact_of,
+    motion_of,
+    paper_strike,
+    paper_value,
+    path_of,
+)
 from service.reports.report import Column, Comparison, Figure, Progress, Section, Table, paragraphs, stack
-from service.reports.side_view import TipPath, draw_concrete, draw_path
-from service.reports.strike import history_of, impact_of, motion_of, paper_strike, path_of
+from service.reports.style import TipPath, draw_concrete, draw_path
 from solver import CriticalAngle, Numerics, Resistance, Search, critical_angle, simulate, strength_factor
 from solver.calibration import predict_motion
 from solver.cases import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY
@@ -35,7 +43,7 @@ class Attempts:
 
     @property
     def turned_away(self) -> list[bool]:
-        """As the paper decides it: the final position is above the face."""
+        """Whether the final position is above the face, the criterion of the paper."""
         return [depth < 0.0 for depth in self.final]
 
 
@@ -198,7 +206,7 @@ def _trial_columns(attempts: dict[SearchMethod, Attempts]) -> dict[str, list[obj
 INSTANTS = (0.0, 1e-3, 2e-3, 3.2e-3, 5e-3)
 """[s]"""
 ASIDE = math.radians(0.5)
-"""From the critical angle to the strikes beside it. [rad]"""
+"""Distance of the strikes just below and above from the critical angle. [rad]"""
 RUNS = ("oblique-48", "oblique-50", "oblique-52")
 VIEW_LATERAL, VIEW_DEPTH = (-0.52, 0.95), (-0.42, 0.2)
 """[m]"""

@@ -96,7 +96,7 @@ def _ratio(axes: Axes, assessment: Assessment, velocities: FloatArray, ratios: F
 
 
 SERIES = "forrestal-1994"
-"""With power law and closed form, the one that numbers were set for beforehand."""
+"""Series whose mean ratio and variation, with power law and closed form, were predicted before the comparison."""
 MEAN_RATIO, MEAN_RATIO_TOLERANCE = 1.02, 0.03
 VARIATION, VARIATION_TOLERANCE = 0.08, 0.02
 FIGURE_NAMES = ("power-law-82.6", "power-law-72", "constant-8.52", "leave-one-out")

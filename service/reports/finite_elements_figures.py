@@ -19,9 +19,18 @@ from service.reports.finite_elements_fits import (
     Prediction,
     Predictions,
 )
-from service.reports.reference import MESHES, FiniteElementRun, Mesh, equation_9, table_2
+from service.reports.reference import (
+    MESHES,
+    FiniteElementRun,
+    Mesh,
+    equation_9,
+    history_of,
+    impact_of,
+    motion_of,
+    path_of,
+    table_2,
+)
 from service.reports.report import Column, Figure, stack
-from service.reports.strike import history_of, impact_of, motion_of, path_of
 from solver import ObliquityPolynomial
 from solver.arrays import FloatArray
 from solver.calibration import Estimate, MotionHistory
@@ -266,7 +275,7 @@ def _shade(axes: Axes, brackets: Mapping[Mesh, tuple[float, float]]) -> None:
 def _polynomial(axes: Axes, prediction: Prediction) -> dict[str, Column]:
     """Draw the polynomial of a mesh with its standard error, between the fitted angles, and return it."""
     assert isinstance(prediction.model, ObliquityPolynomial)  # noqa: S101 (as every fit over the angle)
-    assert prediction.mesh is not None  # noqa: S101 (likewise)
+    assert prediction.mesh is not None  # noqa: S101 (a prediction over the angle has one)
     angles: FloatArray = np.linspace(0.0, prediction.fitted_to, 111)
     curve = np.polynomial.polynomial.polyval(angles, prediction.model.coefficients)
     errors = np.array([prediction.model.standard_error(math.radians(angle)) for angle in angles.tolist()])

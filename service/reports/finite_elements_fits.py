@@ -7,9 +7,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from service.reports.reference import MESHES, FiniteElementRun, Mesh, equation_9, finite_element_runs
+from service.reports.reference import (
+    MESHES,
+    FiniteElementRun,
+    Mesh,
+    equation_9,
+    finite_element_depths,
+    finite_element_runs,
+    history_of,
+    impact_of,
+    path_of_run,
+    time_of_deepest_tip,
+)
 from service.reports.report import Progress, Table
-from service.reports.strike import finite_element_depths, history_of, impact_of, path_of_run, time_of_deepest_tip
 from solver import (
     ConstantStrengthFactor,
     CriticalAngle,

@@ -11,9 +11,18 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from service.reports import style
-from service.reports.reference import FiniteElementRun, finite_element_run, table_2
+from service.reports.reference import (
+    THREADS,
+    FiniteElementRun,
+    finite_element_fit,
+    finite_element_run,
+    history_of,
+    impact_of,
+    motion_of,
+    paper_strike,
+    table_2,
+)
 from service.reports.report import Comparison, Figure, Progress, Section, Table, paragraphs, stack
-from service.reports.strike import THREADS, finite_element_fit, history_of, impact_of, motion_of, paper_strike
 from solver import Numerics, Resistance, strength_factor
 from solver.arrays import FloatArray
 from solver.calibration import MotionHistory, predict_motion

@@ -1,19 +1,37 @@
-"""Published numbers, tests and finite element histories that the reports compare with. Sources: `data/SOURCES.md`."""
+"""Published numbers, tests and finite element runs that the reports compare with, and fits to those runs.
+
+Sources: `data/SOURCES.md`.
+"""
 
 import csv
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from importlib.resources import files
 from typing import Final, Literal, TypeAlias
 
 import numpy as np
 
+from service.reports.style import TipPath, tip_path
+from solver import Impact, Resistance
 from solver.arrays import FloatArray
+from solver.calibration import (
+    DepthFit,
+    DepthTest,
+    MotionFit,
+    MotionHistory,
+    fit_depth,
+    fit_motion,
+    predict_motion,
+)
+from solver.cases import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY
+from solver.free_surface import FreeSurface
 
 Mesh: TypeAlias = Literal["coarse", "fine"]
 MESHES: Final[tuple[Mesh, ...]] = ("coarse", "fine")
 """Elements of the finite element runs: cubes of 10 mm and of 7.5 mm where the target is struck."""
+THREADS = 2
+"""Cores that long computations are spread over."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -46,7 +64,7 @@ class PenetrationTest:
 
     series: str
     row: int
-    """In the data set it was taken from."""
+    """Row in the data set that it was taken from."""
     mass: float
     """[kg]"""
     diameter: float
@@ -79,15 +97,15 @@ class FiniteElementRun:
     greatest_tip_depth: float
     """[m]"""
     outcome: str
-    """As the solver names them; `in_motion` if the run ends before it is decided."""
+    """Name of the outcome in the solver; `in_motion` if the run ends before it is decided."""
     cpu_seconds: float | None
     """None where it was not recorded."""
     time: FloatArray
     """[s]"""
     depth_displacement: FloatArray
-    """Displacement of the centre of gravity. [m]"""
+    """Displacement of the centre of gravity along the inward normal. [m]"""
     lateral_displacement: FloatArray
-    """Likewise. [m]"""
+    """Displacement of the centre of gravity along the face. [m]"""
     rotation: FloatArray
     """Positive as the nose turns toward the face. [rad]"""
     depth_velocity: FloatArray
@@ -124,7 +142,7 @@ def paper_value(quantity: str, key: str | None = None) -> float:
     Parameters
     ----------
     quantity, key
-        As in `paper_tables.csv`; the key where a quantity has several values.
+        Names in `paper_tables.csv`; the key where a quantity has several values.
     """
     (found,) = (each for each in paper_numbers() if each.quantity == quantity and key in (None, each.key))
     return found.value
@@ -210,3 +228,85 @@ def _rows(name: str) -> list[dict[str, str]]:
 
 def _text(name: str) -> str:
     return files("service.reports").joinpath("data", name).read_text(encoding="utf-8")
+
+
+def paper_strike(oblique_angle: float) -> Impact:
+    """The paper's strike at an oblique angle. [rad]"""
+    return Impact(velocity=PAPER_VELOCITY, oblique_angle=oblique_angle)
+
+
+def impact_of(run: FiniteElementRun) -> Impact:
+    """The strike of a finite element run."""
+    return Impact(velocity=run.velocity, oblique_angle=run.oblique_angle)
+
+
+def history_of(run: FiniteElementRun) -> MotionHistory:
+    """The motion of a finite element run; a normal one has depth only."""
+    depth_only = MotionHistory(time=run.time, depth_displacement=run.depth_displacement)
+    if run.oblique_angle == 0.0:
+        return depth_only
+    return replace(depth_only, lateral_displacement=run.lateral_displacement, rotation=run.rotation)
+
+
+@cache
+def finite_element_fit(name: str) -> MotionFit:
+    """Strength factor that fits a finite element run best until its nose tip is deepest."""
+    run = finite_element_run(name)
+    return fit_motion(
+        projectile=PAPER_PROJECTILE,
+        target=PAPER_TARGET,
+        impact=impact_of(run),
+        history=history_of(run).until(time_of_deepest_tip(run)),
+    )
+
+
+@cache
+def finite_element_depths(mesh: Mesh = "coarse") -> DepthFit:
+    """Strength factor that fits the greatest depths of the normal finite element runs best."""
+    normal = [run for run in finite_element_runs(mesh) if run.oblique_angle == 0.0]
+    tests = [DepthTest(velocity=run.velocity, depth=float(run.depth_displacement.max())) for run in normal]
+    return fit_depth(projectile=PAPER_PROJECTILE, target=PAPER_TARGET, tests=tests)
+
+
+def time_of_deepest_tip(run: FiniteElementRun) -> float:
+    """When the nose tip of a finite element run is deepest; its tail may go on sinking for long. [s]"""
+    return float(run.time[int(np.argmax(path_of_run(run).depth))])
+
+
+def path_of_run(run: FiniteElementRun) -> TipPath:
+    """Path of the nose tip of a finite element run."""
+    return tip_path(
+        PAPER_PROJECTILE,
+        time=run.time,
+        depth_displacement=run.depth_displacement,
+        lateral_displacement=run.lateral_displacement,
+        axis_angle=run.oblique_angle + run.rotation,
+    )
+
+
+def motion_of(
+    impact: Impact, *, strength_factor: float, times: FloatArray, free_surface: FreeSurface | None = None
+) -> MotionHistory:
+    """Motion of the paper's projectile by the adaptive route, elastic-plastic unless given; times in seconds."""
+    return predict_motion(
+        projectile=PAPER_PROJECTILE,
+        target=PAPER_TARGET,
+        impact=impact,
+        strength_factor=strength_factor,
+        times=times,
+        resistance=None if free_surface is None else Resistance(free_surface=free_surface),
+    )
+
+
+def path_of(history: MotionHistory, impact: Impact) -> TipPath:
+    """Path of the nose tip in an oblique strike."""
+    depth, lateral, rotation = history.depth_displacement, history.lateral_displacement, history.rotation
+    if depth is None or lateral is None or rotation is None:
+        raise ValueError("a path from the side needs depth, lateral displacement and rotation")
+    return tip_path(
+        PAPER_PROJECTILE,
+        time=history.time,
+        depth_displacement=depth,
+        lateral_displacement=lateral,
+        axis_angle=impact.axis_angle + rotation,
+    )

@@ -226,7 +226,7 @@ class ShownSection:
 
     @property
     def anchor(self) -> str:
-        """Where the table of contents leads."""
+        """Anchor that the table of contents links to."""
         return re.sub(r"[^a-z0-9]+", "-", self.section.title.lower()).strip("-")
 
 

@@ -7,8 +7,8 @@ from typing import Final
 
 import solver
 from service.reports import critical_angle, finite_elements, motion, strength_factor
+from service.reports.reference import THREADS
 from service.reports.report import Comparison, Progress, Section, Table, paragraphs
-from service.reports.strike import THREADS
 from solver import (
     ENGINE_VERSION,
     ConstantStrengthFactor,

@@ -25,7 +25,7 @@ from solver import PublishedTests, Resistance, StrengthPowerLaw, strength_factor
 from solver.arrays import FloatArray
 
 REFERENCE_STRENGTH, REFERENCE_DIAMETER = 39e6, 0.0762
-"""Where the law has its coefficient. [Pa, m]"""
+"""Strength and diameter at which S is the coefficient of the law. [Pa, m]"""
 RIGID_UP_TO = 900.0
 """Tests above this speed, where noses erode, are predicted but not fitted to. [m/s]"""
 VARIABLES: Mapping[str, tuple[Callable[[Strike], float], float]] = {

@@ -8,9 +8,17 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from service.reports import style
-from service.reports.reference import Shot, equation_9, finite_element_runs, paper_value, table_1, table_2
+from service.reports.reference import (
+    Shot,
+    equation_9,
+    finite_element_depths,
+    finite_element_fit,
+    finite_element_runs,
+    paper_value,
+    table_1,
+    table_2,
+)
 from service.reports.report import Comparison, Figure, Progress, Section, Table, paragraphs, stack
-from service.reports.strike import finite_element_depths, finite_element_fit
 from solver.arrays import FloatArray
 from solver.calibration import (
     DepthFit,

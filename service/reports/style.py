@@ -1,13 +1,19 @@
-"""How every figure of the reports looks."""
+"""Style of every figure of the reports, and the projectile from the side at instants of its motion."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import Any
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+
+from solver import mass_properties
+from solver.arrays import FloatArray
+from solver.nose import Line
+from solver.projectile import Projectile
 
 SETTINGS: dict[Any, Any] = {
     "svg.hashsalt": "ricochet",
@@ -39,6 +45,7 @@ WIDTH = 8.0
 TEST, FINITE_ELEMENT, MODEL, PAPER = "#c8102e", "#d95f00", "#123f73", "#1d7a46"
 """Measured, finite elements, this model, printed in the paper."""
 CONCRETE, FACE, HINT = "#e4e1dc", "#8a8378", "#5c6670"
+TIP_PATH = "#c8102e"
 
 
 @contextmanager
@@ -54,9 +61,9 @@ def panels(count: int, *, height: float = 3.2, rows: int = 1, **options: Any) ->
     Parameters
     ----------
     count
-        Of panels.
+        Number of panels.
     height
-        Of the figure. [in]
+        Height of the figure. [in]
     rows
         The panels are spread over these, the last row may end early.
     **options
@@ -73,3 +80,85 @@ def shades(count: int) -> list[tuple[float, float, float]]:
     """Colours of a family of curves, from light to dark."""
     shaded = mpl.colormaps["viridis"](np.linspace(0.88, 0.0, count))
     return [(float(red), float(green), float(blue)) for red, green, blue, _ in shaded]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TipPath:
+    """Motion of the nose tip, from the origin."""
+
+    time: FloatArray
+    """[s]"""
+    lateral: FloatArray
+    """Along the face. [m]"""
+    depth: FloatArray
+    """[m]"""
+    axis_angle: FloatArray
+    """[rad]"""
+
+
+def tip_path(
+    projectile: Projectile,
+    *,
+    time: FloatArray,
+    depth_displacement: FloatArray,
+    lateral_displacement: FloatArray,
+    axis_angle: FloatArray,
+) -> TipPath:
+    """Path of a nose tip that touches the face first.
+
+    Parameters
+    ----------
+    projectile
+        Its centre of gravity is behind the tip.
+    time
+        Time since first contact, from 0. [s]
+    depth_displacement, lateral_displacement
+        Displacement of the centre of gravity since first contact. [m]
+    axis_angle
+        Angle from the inward normal to the axis. [rad]
+    """
+    ahead = mass_properties(projectile).center_of_gravity
+    lateral, depth = ahead * np.sin(axis_angle), ahead * np.cos(axis_angle)
+    return TipPath(
+        time=time,
+        lateral=lateral_displacement + lateral - lateral[0],
+        depth=depth_displacement + depth - depth[0],
+        axis_angle=axis_angle,
+    )
+
+
+def silhouette(projectile: Projectile) -> FloatArray:
+    """(n, 2) distance behind the tip and signed distance from the axis, once around. [m]"""
+    edge: list[tuple[float, float]] = []
+    for piece in projectile.outline():
+        if isinstance(piece, Line):
+            edge += [(piece.x_start, piece.r_start), (piece.x_end, piece.r_end)]
+        else:
+            x, r, _, _ = piece.at(np.linspace(0.0, 1.0, 60))
+            edge += zip(x.tolist(), r.tolist(), strict=True)
+    upper = np.array(edge)
+    return np.concatenate([upper, upper[::-1] * (1.0, -1.0)])
+
+
+def draw_path(axes: Axes, projectile: Projectile, path: TipPath, instants: Sequence[float] | FloatArray) -> None:
+    """Draw the body at some instants and the path of its tip, labelled for a legend; depth is the ordinate."""
+    body = silhouette(projectile)
+    colors = mpl.colormaps["viridis"](np.linspace(0.75, 0.0, len(instants)))
+    for row, color in zip(np.searchsorted(path.time, instants), colors, strict=True):
+        cosine, sine = np.cos(path.axis_angle[row]), np.sin(path.axis_angle[row])
+        lateral = path.lateral[row] - body[:, 0] * sine + body[:, 1] * cosine
+        depth = path.depth[row] - body[:, 0] * cosine - body[:, 1] * sine
+        label = f"{path.time[row] * 1e3:.1f} ms"
+        axes.fill(lateral, depth, facecolor=(*color[:3], 0.25), edgecolor=color, linewidth=1.1, label=label)
+    axes.plot(path.lateral, path.depth, color=TIP_PATH, linewidth=1.8, label="nose tip")
+
+
+def draw_concrete(
+    axes: Axes, *, lateral: tuple[float, float], depth: tuple[float, float], thickness: float | None = None
+) -> None:
+    """Frame a view between two places along the face and two depths, and fill in the target, a wall if given. [m]"""
+    axes.set(xlim=lateral, ylim=(depth[1], depth[0]), aspect="equal")
+    back = depth[1] if thickness is None else min(thickness, depth[1])
+    axes.axhspan(0.0, back, color=CONCRETE, zorder=0)
+    for place in (0.0,) if thickness is None or thickness > depth[1] else (0.0, thickness):
+        axes.axhline(place, color=FACE, linewidth=1.0, zorder=1)

@@ -172,7 +172,7 @@ def _large_projectiles(assessment: Assessment) -> str:
         f"With S = {POWER_LAW} the trajectory model (the closed form) is too shallow {' and '.join(missed)}; over "
         f"all {closed.number} of these tests the closed form by {percent(1.0 - closed.mean_ratio)}. S = "
         f"{SQUARE_ROOT} does no better. The mean ratios of the smaller projectiles, from which the correlations "
-        f"come, are {' and '.join(small)}. The table has the strength factors that each group asks for: the large "
+        f"come, are {' and '.join(small)}. The table has the strength factors that fit each group: the large "
         "projectiles meet far less resistance than the strength alone says, most of all in the weak concrete. A "
         "correlation that does not know the size of the projectile does not carry over to another size."
     )
@@ -234,7 +234,7 @@ def sections(progress: Progress) -> Iterator[Section]:
     Yields
     ------
     Section
-        In their order in the report.
+        Sections in their order in the report.
     """
     yield from parts(assess(progress), progress)
 

@@ -81,13 +81,17 @@ def test_answer_is_that_of_the_route_with_its_warnings_and_limits(live_url: str,
     assert response.headers["Cache-Status"] == "ricochet; hit"
     assert not result.is_error
     assert result.structured_content["answer"] == response.json()
-    assert result.structured_content["validity_limits"]
-    text = text_of(result)
-    assert f"critical_angle_deg: {response.json()['critical_angle_deg']}" in text
-    told = [warning["detail"] for warning in response.json()["warnings"]]
-    assert told
-    for line in (*told, *result.structured_content["validity_limits"]):
-        assert f"- {line}" in text
+    assert f"critical_angle_deg: {response.json()['critical_angle_deg']}" in text_of(result)
+    check_caveats(result)
+
+
+def check_caveats(result: CallToolResult) -> None:
+    """The text has every warning of the answer, or says that there is none, and every limit of validity."""
+    answer, limits = (result.structured_content[name] for name in ("answer", "validity_limits"))
+    details = [warning["detail"] for warning in answer["warnings"]]
+    assert len(limits) >= 5
+    listed = [line for line in text_of(result).splitlines() if line.startswith("- ")]
+    assert listed == [f"- {line}" for line in (*(details or ["none"]), *limits)]
 
 
 def test_trajectory_has_its_summary_and_a_key_for_the_columns(live_url: str, client: httpx.Client) -> None:
@@ -95,6 +99,7 @@ def test_trajectory_has_its_summary_and_a_key_for_the_columns(live_url: str, cli
     answer = result.structured_content["answer"]
     assert "history" not in answer
     assert answer["outcome"]
+    check_caveats(result)
     whole = client.get(f"/results/{answer['key']}").json()
     assert len(whole.pop("history")["time_s"]) > 100
     assert whole == answer
@@ -112,7 +117,29 @@ def test_walls_and_uncertainty_are_answered(live_url: str, client: httpx.Client)
     assert least.structured_content["answer"] == client.post("/thickness", json=wall).json()
     assert angle.structured_content["answer"] == client.post("/cra/uncertainty", json=study).json()
     assert "mean_deg: " in text_of(angle)
+    assert least.structured_content["answer"]["warnings"]
+    check_caveats(least)
+    check_caveats(angle)
     assert both.is_error
+
+
+def test_uncertainty_of_a_trajectory_has_its_probabilities_those_of_zero_too(
+    live_url: str, client: httpx.Client
+) -> None:
+    normal = PAPER_AT_45 | {"impact": PAPER_AT_45["impact"] | {"oblique_angle_deg": 0.0}}
+    study = normal | {"uncertain": UNCERTAIN, "sampling": {"max_samples": 256}}
+    outcomes, one = converse(
+        over_http(live_url), ("uncertainty", {"trajectory": study}), ("trajectory", normal)
+    ).results
+    answer = outcomes.structured_content["answer"]
+    assert answer == client.post("/trajectory/uncertainty", json=study).json()
+    values = {each["outcome"]: each["value"] for each in answer["outcomes"]}
+    assert values["ricochet"] == 0.0
+    for outcome, value in values.items():
+        assert f"{outcome}: {value}\n" in text_of(outcomes)
+    check_caveats(outcomes)
+    assert one.structured_content["answer"]["final"]["axis_angle_deg"] == 0.0
+    assert "final_axis_angle_deg: 0.0\n" in text_of(one)
 
 
 @pytest.mark.parametrize(
@@ -134,9 +161,19 @@ def test_missing_quantity_is_an_error_that_names_it(live_url: str, tool: str, be
 def test_study_that_takes_a_job_is_refused_with_the_bound(live_url: str) -> None:
     study = PAPER | {"uncertain": UNCERTAIN, "sampling": {"max_samples": 131072}}
     [result] = converse(over_http(live_url), ("uncertainty", {"critical_angle": study})).results
-    [error] = result.structured_content["problem"]["errors"]
+    problem = result.structured_content["problem"]
+    assert problem["type"] == "urn:ricochet:problem:invalid-request"
+    [error] = problem["errors"]
     assert error["pointer"] == "/critical_angle/sampling/max_samples"
     assert "at most 16384" in error["detail"]
+
+
+def test_tool_that_does_not_exist_is_a_problem_with_a_type(live_url: str) -> None:
+    [result] = converse(over_http(live_url), ("ballistics", {})).results
+    assert result.is_error
+    problem = result.structured_content["problem"]
+    assert (problem["type"], problem["status"]) == ("about:blank", 404)
+    assert "no tool 'ballistics'" in text_of(result)
 
 
 @pytest.fixture(scope="module")
@@ -186,10 +223,14 @@ def test_command_offers_the_same_over_its_pipes(
         env=environment(RICOCHET_EXECUTOR="in-process"),
         cwd=tmp_path,
     )
+    study = PAPER | {"uncertain": UNCERTAIN, "sampling": {"max_samples": 131072}}
     calls = ("critical_angle", PAPER), ("critical_angle", {"impact": {"velocity_m_s": 238.0}})
-    tools, (result, missing) = converse(parameters, *calls)
+    tools, (result, missing, large) = converse(parameters, *calls, ("uncertainty", {"critical_angle": study}))
     assert [tool.name for tool in tools] == NAMES
     assert result.structured_content["answer"] == client.post("/cra", json=PAPER).json()
     assert missing.is_error
     pointers = [error["pointer"] for error in missing.structured_content["problem"]["errors"]]
     assert pointers == ["/projectile", "/target"]
+    problem = large.structured_content["problem"]
+    assert problem["type"] == "urn:ricochet:problem:invalid-request"
+    assert [error["pointer"] for error in problem["errors"]] == ["/critical_angle/sampling/max_samples"]

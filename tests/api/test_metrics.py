@@ -107,11 +107,13 @@ def test_log_has_a_line_of_json_for_each_request(tmp_path: Path, service_on: Cal
     lines = [json.loads(line) for line in (tmp_path / "log").read_text().splitlines()]
     requests = [line for line in lines if line["event"] == "request"]
     asked = [line for line in requests if line["request_id"] == "traced"]
-    assert [(line["method"], line["path"], line["status"], line["level"]) for line in asked] == [
+    assert [(line["method"], line["route"], line["status"], line["level"]) for line in asked] == [
         ("POST", "/cra", 200, "info")
     ] * 2
-    assert all(0.0 < line["seconds"] < 60.0 and line["timestamp"] for line in asked)
-    assert "/results/{key}" in {line["path"] for line in requests}
+    assert all(0.0 < line["duration_s"] < 60.0 and line["timestamp"] for line in asked)
+    assert "/results/{key}" in {line["route"] for line in requests}
+    names = {"event", "level", "timestamp", "request_id", "method", "route", "status", "duration_s"}
+    assert all(line.keys() == names for line in requests)
 
 
 @pytest.mark.anyio

@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.docs.blocks import blocks
+
 ROOT = Path(__file__).parents[2]
 CONTRACT = ROOT / "openapi" / "openapi.json"
 CLIENT = ROOT / "clients" / "typescript"
@@ -79,6 +81,24 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_typescript_client_asks_follows_reads_and_cancels(built: Path, live_url: str) -> None:
     talked = run(built, "node", "out/conversation.js", live_url)
     assert (talked.returncode, talked.stdout.split()) == (0, list(PARTS)), talked.stdout + talked.stderr
+
+
+def test_blocks_of_the_manual_compile_and_run(built: Path, live_url: str) -> None:
+    page = ROOT / "docs" / "how-to" / "clients.md"
+    marked = [block for block in blocks(page) if block.language == "ts"]
+    assert len(marked) == 2
+    assert all(block.runs for block in marked)
+    settings = json.loads((built / "tsconfig.conversation.json").read_text(encoding="utf-8"))
+    names = [f"block-{number}.ts" for number in range(len(marked))]
+    for name, block in zip(names, marked, strict=True):
+        (built / name).write_text(block.text.replace("http://localhost:8000", live_url), encoding="utf-8")
+    (built / "tsconfig.blocks.json").write_text(json.dumps(settings | {"files": names}), encoding="utf-8")
+    compiled = run(built, "npx", "tsc", "--project", "tsconfig.blocks.json")
+    assert compiled.returncode == 0, compiled.stdout + compiled.stderr
+    for name in names:
+        done = run(built, "node", f"out/{Path(name).stem}.js")
+        assert done.returncode == 0, done.stdout + done.stderr
+        assert 0.0 < float(done.stdout.split()[-1]) < 90.0
 
 
 def test_lock_checks_every_package_and_names_no_registry() -> None:

@@ -30,7 +30,7 @@ def items_of(text: str) -> list[dict[str, Any]]:
 
 @pytest.fixture
 def served(live_url: str, monkeypatch: pytest.MonkeyPatch, folder: Path) -> Path:
-    """The folder, as that of this process, which asks the live service."""
+    """The folder, as the working directory of this process, which uses the live service."""
     monkeypatch.chdir(folder)
     monkeypatch.setenv("RICOCHET_URL", live_url)
     monkeypatch.setenv("NO_PROXY", "*")
@@ -38,7 +38,7 @@ def served(live_url: str, monkeypatch: pytest.MonkeyPatch, folder: Path) -> Path
 
 
 def test_batch_in_the_own_pool_is_that_of_a_service(folder: Path, live_url: str, client: httpx.Client) -> None:
-    """In the order of the file, byte for byte; one case that only the solver can refuse stops nothing."""
+    """They are in the order of the file, byte for byte; one case that only the solver can refuse stops nothing."""
     short = {**case_at(238.0)["projectile"], "length_m": 0.05}
     cases = [*searches(5), case_at(238.0, projectile=short, custom_id="short"), *searches(5)]
     write_cases(folder / "cases.jsonl", *cases)
@@ -202,8 +202,8 @@ def test_wrong_line_is_named(served: Path, capsys: pytest.CaptureFixture[str], l
     [
         ("--axis impact.speed=1,2", "--axis impact.speed=1,2: Extra inputs are not permitted"),
         ("--axis projectile.nose.width=1,2", "nose.width=1,2: Extra inputs"),
-        ("--axis impact.velocity_m_s=300,-1", "--axis impact.velocity_m_s=300,-1: Input should be greater"),
-        ("--axis impact.velocity_m_s=300 --mass -1", "--mass: Input should be greater"),
+        ("--axis impact.velocity_m_s=300,-1", "--axis impact.velocity_m_s=300,-1: must be 0.1 to 10000 m/s"),
+        ("--axis impact.velocity_m_s=300 --mass -1", "--mass: must be 1e-06"),
         ("--axis impact.velocity_m_s=1:2:100000 --axis projectile.mass_kg=1:2:100000", "points; 100,000 at most"),
     ],
 )

@@ -256,7 +256,10 @@ def test_table_2_gives_equation_9_as_a_request_takes_it(run: Run, tmp_path: Path
     [
         (["depth", "TESTS"], "--diameter is missing"),
         (["depth", "TESTS", *CASE, "--diameter", "nan"], "--diameter: Input should be a finite number"),
-        (["depth", "TESTS", *CASE, "--caliber-radius-head", "0.1"], "--caliber-radius-head: Input should be greater"),
+        (
+            ["depth", "TESTS", *CASE, "--caliber-radius-head", "0.1"],
+            "--caliber-radius-head: must be 0.5 to 100, got 0.1",
+        ),
         (["depth", "TESTS", *CASE, "--length", "0.05"], "--length: must be at least the length of the nose"),
         (["depth", "TESTS", *CASE, "--confidence", "1"], "confidence_level: must be between 0 and 1"),
         (["depth", "TESTS", *CASE, "--unit", "depth=m", "--unit", "depth=m"], "depth is given twice"),

@@ -19,7 +19,7 @@ NUMBERS = "--diameter 0.08 --length 0.53 --mass 13 --compressive-strength 39e6 -
 
 @pytest.fixture
 def here(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The folder, as that of this process, which asks no service."""
+    """The folder, as the working directory of this process, which uses no service."""
     monkeypatch.chdir(folder)
     monkeypatch.delenv("RICOCHET_URL", raising=False)
     return folder
@@ -71,6 +71,24 @@ def answer_of(arguments: str, capsys: pytest.CaptureFixture[str]) -> dict[str, A
         ("--length-to-diameter 1.5", "projectile.nose", {"shape": "conical", "length_to_diameter": 1.5}),
         ("--profile 0,0.01:0.1,0.04", "projectile.nose", {"shape": "profile", "points": [[0.0, 0.01], [0.1, 0.04]]}),
         ("--strength-law published_tests", LAW, {"model": "published_tests"}),
+        (
+            "--strength-law published_tests --obliquity-shape constant",
+            LAW,
+            {"model": "published_tests", "obliquity_shape": "constant"},
+        ),
+        (
+            "--reference-strength 39e6 --diameter-exponent -0.4 --reference-diameter 0.08 --obliquity-shape equation_9",
+            LAW,
+            {
+                "model": "strength_power_law",
+                "reference_strength_pa": 39e6,
+                "diameter_exponent": -0.4,
+                "reference_diameter_m": 0.08,
+                "obliquity_shape": "equation_9",
+            },
+        ),
+        ("--free-surface none", "resistance.free_surface", {"model": "none"}),
+        ("--free-surface mohr_coulomb", "resistance.free_surface", {"model": "mohr_coulomb"}),
         ("--strength-factor 8.5", LAW, {"model": "constant", "value": 8.5}),
         ("--strength-coefficients 8,0.01", LAW, {"model": "obliquity_polynomial", "coefficients": [8.0, 0.01]}),
         (
@@ -111,8 +129,17 @@ def test_flags_set_every_nose_and_every_law(
             "cra typo.toml",
             "typo.toml: /projectile/diametre_m: Extra inputs are not permitted; did you mean `projectile.diameter_m`?",
         ),
-        ("cra strike.toml --velocity -3", "--velocity: Input should be greater than or equal to 0.1 m/s"),
-        ("cra strike.toml --compressive-strength 39", "should be greater than or equal to 100000 Pa"),
+        ("cra strike.toml --velocity -3", "--velocity: must be 0.1 to 10000 m/s, got -3 m/s"),
+        (
+            "cra strike.toml --compressive-strength 39",
+            "--compressive-strength: must be 100000 to 1e+09 Pa, got 39 Pa; give pascals, 39e6 for 39 MPa",
+        ),
+        ("cra strike.toml --diameter 80", "--diameter: must be 0.001 to 5 m, got 80 m; give metres, 0.08 for 80 mm"),
+        (
+            "sweep strike.toml --axis target.compressive_strength_pa=30:40:3",
+            "--axis target.compressive_strength_pa=30:40:3: must be 100000 to 1e+09 Pa, got 30 Pa; give pascals, 30e6",
+        ),
+        ("report strike.toml --compressive-strength 39", "39e6 for 39 MPa"),
         ("trajectory strike.toml --angle 95", "--oblique-angle: Input should be less than 90°"),
     ],
 )

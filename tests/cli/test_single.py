@@ -57,7 +57,7 @@ def test_no_color_is_honoured(folder: Path, live_url: str) -> None:
 
 @pytest.fixture
 def here(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The folder, as that of this process, which asks no service."""
+    """The folder, as the working directory of this process, which uses no service."""
     monkeypatch.chdir(folder)
     monkeypatch.delenv("RICOCHET_URL", raising=False)
     return folder
@@ -183,7 +183,7 @@ def test_pictures_are_drawn(here: Path, capsys: pytest.CaptureFixture[str], name
     [
         ("cra", "--caliber-radius-head is missing"),
         ("cra strike.toml --velocity nan", "--velocity: Input should be a finite number"),
-        ("cra strike.toml --velocity -3", "--velocity: Input should be greater than or equal to 0.1"),
+        ("cra strike.toml --velocity -3", "--velocity: must be 0.1 to 10000 m/s, got -3 m/s"),
         ("cra strike.toml --set impact.speed=3", "--set impact.speed=3: Extra inputs are not permitted"),
         ("cra strike.toml --set impact", "--set impact: must be FIELD=VALUE"),
         ("cra strike.toml --set impact.velocity_m_s.x=3", "velocity_m_s is not an object"),
@@ -215,7 +215,7 @@ def test_wrong_input_is_named_and_ends_with_status_2(
     assert reason in captured.err
 
 
-def test_a_service_names_what_is_wrong_likewise(
+def test_a_service_names_what_is_wrong_in_the_same_words(
     here: Path, live_url: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("NO_PROXY", "*")
@@ -266,7 +266,7 @@ def moody_url() -> Iterator[str]:
         thread.join()
 
 
-def test_busy_service_is_asked_again_and_gets_the_key(folder: Path, moody_url: str) -> None:
+def test_request_to_a_busy_service_is_repeated_with_the_key(folder: Path, moody_url: str) -> None:
     Moody.moods = ["busy", "gone", "busy", "good"]
     args = ["cra", "strike.toml", "--json", "--url", moody_url]
     done = run(folder, *args, RICOCHET_API_KEY="secret")

@@ -94,12 +94,15 @@ def test_scheduler_and_workers_are_in_a_network_that_leads_nowhere() -> None:
 
 
 @pytest.mark.parametrize("name", services())
-def test_container_may_write_to_its_volume_and_tmp_alone_and_has_no_rights_and_limits(name: str) -> None:
-    service = services()[name]
+def test_container_writes_to_its_volume_and_temporary_folders_alone_and_has_no_rights_and_limits(name: str) -> None:
+    service, image = services()[name], read()[-1]
+    compiled_code, user = image.environment()["NUMBA_CACHE_DIR"], image.last("USER").text
     assert service["read_only"] is True
     assert service["cap_drop"] == ["ALL"]
     assert service["security_opt"] == ["no-new-privileges:true"]
-    assert [entry.partition(":")[0] for entry in service["tmpfs"]] == ["/tmp"]  # noqa: S108
+    folders = dict(entry.split(":") for entry in service["tmpfs"])
+    assert folders.keys() == {"/tmp", compiled_code}  # noqa: S108
+    assert f"uid={user},gid={user}" in folders[compiled_code]
     assert service.get("volumes", []) == (["data:/data"] if name == "service" else [])
     assert service["pids_limit"] > 0
     assert re.fullmatch(r"\d+[gm]", service["mem_limit"])

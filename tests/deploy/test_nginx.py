@@ -25,7 +25,7 @@ pytestmark = [pytest.mark.system, pytest.mark.timeout(1200)]
 NGINX = shutil.which("nginx") or next((path for path in ("/usr/sbin/nginx",) if Path(path).exists()), None)
 LOOKS = 10
 LONGEST_S = 5.0
-"""That a probe may take: one that has to wait until nginx gives others up takes 10 s."""
+"""Longest time of a probe: one that has to wait until nginx gives others up takes 10 s."""
 MONITOR, CROWD, SLOW, FAST = "127.0.0.1", "127.0.0.2", "127.0.0.3", "127.0.0.4"
 """Addresses of this machine: limits are for each."""
 UNFINISHED = b"POST /cra HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Type: application/json\r\nContent-Length: 999\r\n\r\n{"
@@ -55,7 +55,7 @@ class Proxy:
 
 
 def configuration(folder: Path, certificate: Certificate, port: int, service_port: str) -> str:
-    """deploy/nginx.conf with the ports, the certificate and the folder of a test in place of its own."""
+    """deploy/nginx.conf with the ports, the certificate and the folder of a test in place of those of the file."""
     text = (ROOT / "deploy" / "nginx.conf").read_text(encoding="utf-8")
     own = {
         "127.0.0.1:8000": f"127.0.0.1:{service_port}",
@@ -147,7 +147,13 @@ def test_slow_heads_and_bodies_hold_up_nobody_and_never_reach_the_service(proxy:
         assert slowest_probe(proxy) < LONGEST_S
         assert len(proxy.entries()) == known
         heads[0].settimeout(30.0)
-        assert heads[0].recv(4096) == b""  # nginx gives it up after 10 s
+        assert heads[0].recv(4096) == b""  # client_header_timeout is 10 s
+        bodies[0].settimeout(30.0)
+        began = time.monotonic()
+        ended = bodies[0].recv(4096)  # client_body_timeout is 20 s, from the last byte
+        assert time.monotonic() - began < 20.0
+        assert ended == b"" or b" 408 " in ended.splitlines()[0]
+        assert len(proxy.entries()) == known
 
 
 def test_connections_of_one_address_are_bounded(proxy: Proxy) -> None:

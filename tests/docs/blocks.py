@@ -1,4 +1,4 @@
-"""Fenced blocks of a page of Markdown, and the services they ask."""
+"""Fenced blocks of a page of Markdown, and the services they use."""
 
 import re
 from collections.abc import Iterator
@@ -8,8 +8,12 @@ from pathlib import Path
 ROOT = Path(__file__).parents[2]
 PAGES = sorted([ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").rglob("*.md")])
 FENCE = re.compile(r"^(?P<fence>```+)(?P<info>[^\n`]*)\n(?P<text>.*?)^(?P=fence)[ ]*$", re.MULTILINE | re.DOTALL)
-COMMANDS = frozenset({"", "sh", "bash", "shell", "console", "python"})
+COMMANDS = frozenset({"", "sh", "bash", "shell", "console", "python", "ts"})
 """Languages of blocks that somebody may want to run; no language may be anything."""
+COMMAND_LINE = re.compile(
+    r"(?:\$ |[A-Z_]+=\S+ )*(?:curl|docker|git|make|node|npm|npx|pip|python3?|ricochet|uv)(?= (?![\w-]+:))"
+)
+"""Beginning of a line that is a command, not the output of one such as `ricochet cra: must be ...`."""
 
 
 @dataclass(frozen=True)
@@ -19,9 +23,9 @@ class Block:
     Parameters
     ----------
     line
-        Of its first line, in the page.
+        Line of the page on which it begins.
     info
-        What stands behind the fence: the language, `run`, and `server` if it asks a service.
+        What stands behind the fence: the language, `run`, and `server` if it queries a service.
     """
 
     page: Path
@@ -38,7 +42,7 @@ class Block:
         return "run" in self.info[1:]
 
     @property
-    def asks_service(self) -> bool:
+    def uses_service(self) -> bool:
         return "server" in self.info[1:]
 
     def __str__(self) -> str:

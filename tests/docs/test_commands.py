@@ -2,7 +2,8 @@
 
 A block marked `sh run` or `python run` is run as it stands, the blocks of a page in order in one empty folder. With
 `server` it queries a separate service: `localhost:8000` is that one, `data` in the folder what it keeps, and 4xx or 5xx
-to curl is a failure. Whatever else looks like commands has to be on the list below.
+to curl is a failure. Blocks marked `ts run` are run by tests/api/test_typescript_client.py. Whatever else looks like
+commands has to be on the list below.
 """
 
 import json
@@ -17,21 +18,24 @@ from typing import Any
 
 import pytest
 
-from .blocks import COMMANDS, PAGES, ROOT, Block, blocks, name_of
+from .blocks import COMMAND_LINE, COMMANDS, PAGES, ROOT, Block, blocks, name_of
 
 NOT_RUN = {
     "make demo": "what CI runs itself",
     "make test": "what CI runs itself, and this is part of it",
     "make setup": "done by all others",
     "make check": "what CI runs itself",
+    "make sbom": "tests/supply/test_bill_of_materials.py does",
     "make clients": "tests/api/test_generated_client.py and test_typescript_client.py build the same",
     "make serve": "runs until it is stopped; `server` blocks have a service",
     ". .venv/bin/activate": "done for every block that runs",
     "pip install ": "what setup does from the lock",
+    "npm install ": "tests/api/test_typescript_client.py installs the same from the lock",
+    "npx openapi-typescript ": "tests/api/test_typescript_client.py makes the same types",
     "dask ": "tests/service/dask_cluster.py starts the same",
     "RICOCHET_EXECUTOR=dask ": "needs a scheduler; tests/service/dask_cluster.py starts one",
     "docker ": "needs an engine; tests/container runs the steps",
-    "import umbridge ": "a package that nothing here needs; tests/api/test_umbridge.py asks the same",
+    "import umbridge ": "a package that nothing here needs; tests/api/test_umbridge.py queries the same",
     "config = {": "goes on with the block that imports umbridge",
 }
 """Beginnings of commands, and of Python, that stand in a block which is not run, with the reason."""
@@ -42,7 +46,7 @@ BIN = Path(sys.executable).parent
 
 
 def environment(folder: Path) -> dict[str, str]:
-    """That of an operator who has the package, and nothing set."""
+    """Return the environment of an operator who has the package, and nothing set."""
     kept = {name: value for name, value in os.environ.items() if not name.startswith(("RICOCHET_", "OTEL_"))}
     (folder / ".curlrc").write_text("fail-with-body\nshow-error\nnoproxy = *\n")
     return kept | {"PATH": f"{BIN}:{os.environ['PATH']}", "CURL_HOME": str(folder), "NO_PROXY": "*"}
@@ -50,7 +54,7 @@ def environment(folder: Path) -> dict[str, str]:
 
 def run(block: Block, folder: Path, url: str) -> subprocess.CompletedProcess[str]:
     """Run a block; it must end well."""
-    text = block.text.replace("localhost:8000", url.removeprefix("http://")) if block.asks_service else block.text
+    text = block.text.replace("localhost:8000", url.removeprefix("http://")) if block.uses_service else block.text
     command = {"sh": ["bash", "-euo", "pipefail", "-c", text], "python": [str(BIN / "python"), "-c", text]}
     done = subprocess.run(
         command[block.language],
@@ -72,9 +76,9 @@ def run_page(tmp_path: Path, service_on: Callable[..., Any]) -> Iterator[Callabl
     with ExitStack() as stack:
 
         def run_all(page: Path) -> dict[str, str]:
-            marked = [block for block in blocks(page) if block.runs]
+            marked = [block for block in blocks(page) if block.runs and block.language != "ts"]
             url = ""
-            if any(block.asks_service for block in marked):
+            if any(block.uses_service for block in marked):
                 url = stack.enter_context(service_on(tmp_path)).url
             return {str(block): run(block, tmp_path, url).stdout for block in marked}
 
@@ -86,8 +90,11 @@ def run_page(tmp_path: Path, service_on: Callable[..., Any]) -> Iterator[Callabl
 def test_every_block_of_a_page_that_is_to_run_runs(page: Path, run_page: Callable[[Path], dict[str, str]]) -> None:
     printed = run_page(page)
     if page.name == "README.md":
-        python, cra = printed.values()
-        [said] = re.findall(r'"critical_angle_deg": ([0-9.]+)\.\.\.', page.read_text(encoding="utf-8"))
+        python, commands, cra = printed.values()
+        assert f"critical angle {float(python.split()[-1]):.2f}°" in commands
+        text = page.read_text(encoding="utf-8")
+        [said] = re.findall(r'"critical_angle_deg": ([0-9.]+)\.\.\.', text)
+        assert f"prints `embedded converged {said}...`" in text
         assert json.loads(cra)["critical_angle_deg"] == pytest.approx(float(said), abs=TOLERANCE_DEG)
         assert float(python.split()[-1]) == pytest.approx(float(said), abs=TOLERANCE_DEG)
 
@@ -107,15 +114,25 @@ def test_every_block_of_commands_is_run_or_on_the_list_of_those_that_are_not(pag
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_no_command_is_in_a_block_of_another_language(page: Path) -> None:
+    """Such as `text`, which is for output and drawings."""
+    for block in blocks(page):
+        if block.language not in COMMANDS:
+            lines = [line for line in block.text.splitlines() if COMMAND_LINE.match(line)]
+            assert lines == [], f"{block}: mark it `sh run`, or `sh` with a reason on the list"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
 def test_marks_are_ones_that_are_understood(page: Path) -> None:
     for block in blocks(page):
         assert set(block.info[1:]) <= {"run", "server"}, block
-        assert not block.runs or block.language in {"sh", "python"}, block
+        assert not block.runs or block.language in {"sh", "python", "ts"}, block
 
 
 def test_pages_have_blocks_that_run() -> None:
     counts = {name_of(page): sum(block.runs for block in blocks(page)) for page in PAGES}
-    assert counts["README.md"] >= 2
+    assert counts["README.md"] >= 3
+    assert counts["docs/how-to/clients.md"] >= 4
     assert counts["docs/operating.md"] >= 2
     assert counts["docs/how-to/back-up.md"] >= 2
     assert counts["docs/tutorial/first-map.md"] >= 4

@@ -48,6 +48,10 @@ def impact(**changes: Any) -> Impact:
     return Impact(**({"velocity": 238.0, "oblique_angle": 0.5} | changes))
 
 
+def resistance(**changes: Any) -> Resistance:
+    return Resistance(**changes)
+
+
 def profile(*points: tuple[float, float]) -> Profile:
     return Profile(points=points)
 
@@ -253,6 +257,19 @@ def test_number_in_another_unit_is_refused_with_the_unit_it_needs(
         ("impact", lambda: strike(impact=[impact(), impact()]), "one Impact, got list: simulate_many"),
         ("target", lambda: strike(target=[PAPER_TARGET]), "one Target, got list: simulate_many"),
         ("projectile", lambda: strike(projectile="ogive"), "one Projectile, got str"),
+        ("projectile.nose", lambda: projectile(nose="ogive"), "got 'ogive'; give Ogive(...)"),
+        ("projectile.nose", lambda: projectile(nose=Flat), "got Flat; give Flat(...)"),
+        ("projectile.nose", lambda: projectile(nose=3.0), "must be Ogive(...), Conical(...), "),
+        ("projectile.mass", lambda: projectile(mass="13 kg"), "must be a number, got '13 kg'"),
+        ("projectile.diameter", lambda: projectile(diameter=MANY), "one number, got ndarray of 2"),
+        ("projectile.center_of_gravity", lambda: projectile(center_of_gravity="0.3"), "must be a number"),
+        (CRH, lambda: Ogive(caliber_radius_head=MANY), "one number, got ndarray of 2"),
+        ("target.density", lambda: Target(compressive_strength=39e6, density=MANY), "one number, got ndarray of 2"),
+        (S, lambda: resistance(strength_factor="published_tests"), "give PublishedTests(...)"),
+        (S, lambda: resistance(strength_factor=8.2), "must be ConstantStrengthFactor(...), "),
+        ("resistance.free_surface", lambda: resistance(free_surface="none"), "give NoFreeSurface(...)"),
+        ("resistance.free_surface", lambda: resistance(free_surface=None), "got NoneType"),
+        ("resistance.inertia_factor", lambda: resistance(inertia_factor=None), "must be a number, got None"),
         (
             "impact.velocity",
             lambda: critical_angle(projectile=PAPER_PROJECTILE, target=PAPER_TARGET, velocity=MANY),

@@ -16,8 +16,7 @@ import pytest
 from service import cli
 from service.assessment import first_queries, probability_range, require_extra, strike_queries
 from service.errors import ReportsMissingError
-from service.reports.assessment_case import FIELDS, leaves
-from service.reports.assessment_numbers import lookup
+from service.reports.assessment_numbers import FIELDS, leaves, lookup
 from service.schemas import ReportRequest
 from service.schemas.examples import HEMISPHERE, PAPER, TRUNCATED_CONE
 from solver import Impact, critical_angle, formulas, mass_properties, simulate

@@ -20,9 +20,8 @@ from service.reports.finite_elements_fits import (
     predictions,
 )
 from service.reports.finite_elements_text import outcomes, place
-from service.reports.reference import MESHES, Mesh, finite_element_run, finite_element_runs
+from service.reports.reference import MESHES, Mesh, finite_element_run, finite_element_runs, time_of_deepest_tip
 from service.reports.report import Section
-from service.reports.strike import time_of_deepest_tip
 from solver import mass_properties
 from solver.cases import PAPER_PROJECTILE
 

@@ -117,6 +117,33 @@ def test_each_request_is_one_span_that_goes_on_with_the_trace_of_its_client_and_
     assert logged == {name: span.trace_id.hex() for name, span in by_id.items()}
 
 
+def test_chunks_of_a_job_are_children_of_the_request_that_made_it(
+    tmp_path: Path, service_on: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    collector = Collector()
+    cases = [PAPER | {"impact": {"velocity_m_s": 230.0 + each}} for each in range(3)]
+    with collector.listening() as endpoint:
+        monkeypatch.setenv("OTEL_EXPORTER_OTLP_ENDPOINT", endpoint)
+        with (
+            service_on(tmp_path, telemetry="true") as service,
+            httpx.Client(base_url=service.url, timeout=60.0, trust_env=False) as client,
+        ):
+            headers = {"traceparent": f"00-{TRACE}-{PARENT}-01", "Prefer": "respond-async"}
+            accepted = client.post("/cra/batch", json={"cases": cases}, headers=headers)
+            assert accepted.status_code == 202
+            job = accepted.json()
+            client.get(job["links"]["events"])  # ends with the job
+            assert client.get(job["links"]["self"]).json()["status"] == "successful"
+    [request] = [span for span in collector.spans if span.name == "POST /cra/batch"]
+    chunks = [span for span in collector.spans if span.name == "chunk"]
+    assert chunks
+    assert sum(attributes(chunk)["ricochet.cases"] for chunk in chunks) == len(cases)
+    for chunk in chunks:
+        assert (chunk.trace_id.hex(), chunk.parent_span_id) == (TRACE, request.span_id)
+        assert (attributes(chunk)["ricochet.job"], attributes(chunk)["ricochet.operation"]) == (job["id"], "cra")
+    assert request.parent_span_id.hex() == PARENT
+
+
 def test_collector_that_is_down_costs_no_answer_and_no_time_at_the_end(
     tmp_path: Path, service_on: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -1,4 +1,4 @@
-"""`make sbom`: what the service runs on, as CycloneDX."""
+"""`make sbom`: the packages of each image, as CycloneDX."""
 
 import json
 import os
@@ -13,11 +13,8 @@ PINNED = re.compile(r"^([\w.-]+)==(\S+)", re.MULTILINE)
 
 
 @pytest.fixture(scope="module")
-def lock() -> str:
-    return (ROOT / "requirements" / "run.txt").read_text()
-
-
-def test_bill_names_every_locked_package_with_its_hashes(lock: str) -> None:
+def bills() -> Path:
+    """Folder of the bills."""
     environment = {name: value for name, value in os.environ.items() if not name.startswith("MAKE")}
     made = subprocess.run(
         ["make", "--old-file=setup", "sbom"],  # noqa: S607
@@ -28,7 +25,13 @@ def test_bill_names_every_locked_package_with_its_hashes(lock: str) -> None:
         check=False,
     )
     assert made.returncode == 0, made.stderr
-    bill = json.loads((ROOT / "build" / "sbom.cdx.json").read_text())
+    return ROOT / "build"
+
+
+@pytest.mark.parametrize("image", ["run", "cluster", "full"])
+def test_bill_names_every_locked_package_with_its_hashes(bills: Path, image: str) -> None:
+    lock = (ROOT / "requirements" / f"{image}.txt").read_text()
+    bill = json.loads((bills / f"sbom-{image}.cdx.json").read_text())
     assert (bill["bomFormat"], bill["metadata"]["component"]["name"]) == ("CycloneDX", "ricochet")
     listed = {(part["name"], part["version"]) for part in bill["components"]}
     assert listed == set(PINNED.findall(lock))

@@ -1,4 +1,4 @@
-"""What a program in Python asks of the service, with a client made from the contract.
+"""Requests of a Python program to the service, by a client made from the contract.
 
     openapi-python-client generate --path openapi/openapi.json --output-path ricochet_client --meta none \
         --config tests/clients/python/config.yml
@@ -153,13 +153,13 @@ def calibrate() -> None:
     assert isinstance(fit, ObliquityCalibrationAnswer)
     for answer in (deep, oblique, fit):
         assert get_result.sync(client=client, key=answer.key) == answer
-    asked = CriticalAngleRequest(
+    body = CriticalAngleRequest(
         projectile=PROJECTILE,
         target=TARGET,
         impact=Strike(velocity_m_s=238.0),
         resistance=Resistance(strength_factor=fit.strength_factor_model),
     )
-    found = find_critical_angle.sync(client=client, body=asked)
+    found = find_critical_angle.sync(client=client, body=body)
     assert 0.0 < found.critical_angle_standard_error_deg < 2.0
 
 

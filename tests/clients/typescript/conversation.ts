@@ -1,4 +1,4 @@
-// What a program in TypeScript asks of the service: types from the contract, calls by openapi-fetch.
+// Requests of a TypeScript program to the service: types from the contract, calls by openapi-fetch.
 //
 // tests/api/test_typescript_client.py puts this beside the package and compiles it with the same settings.
 // Fields with a default may be left out of a request.
@@ -55,7 +55,7 @@ async function submitLines(cases: Schemas["CriticalAngleCase"][], idempotencyKey
   return job;
 }
 
-/** Every state of a job until its end, as the service tells of them. */
+/** Every state of a job until its end, as the service reports them. */
 async function* follow(id: string, lastEventId = ""): AsyncGenerator<[string, Schemas["Job"]]> {
   const params = { ...jobOf(id), header: { "Last-Event-ID": lastEventId } };
   const { data } = await client.GET("/jobs/{job_id}/events", { params, parseAs: "stream" });
@@ -207,7 +207,7 @@ async function getProblems(): Promise<void> {
   const axes = [{ field: "impact.velocity", values: [238.0] }];
   const sweep = refused(await client.POST("/cra/sweep", { body: { base: paper, axes } }), 422);
   assert.deepEqual(sweep.errors.map(({ pointer }) => pointer), ["/axes/0/field"]);
-  // @ts-expect-error: the type tells of a wrong field before the service does
+  // @ts-expect-error: the type refuses a wrong field before the service does
   const fish = { ...paper, impact: { velocity_m_s: "fast" } } satisfies Schemas["CriticalAngleRequest"];
   const lines = await client.POST("/cra/batch", {
     headers: { "Content-Type": "application/jsonl" },
