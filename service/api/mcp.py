@@ -134,10 +134,10 @@ async def _answer(operation: str, content: Mapping[str, Any], request: Request) 
     query = KeyedRequest.of(operation, case)
     if operation in UNCERTAIN:
         return await _study(operation, case, query, request)
-    context.take(OPERATIONS[operation].cases(case))
-    if getattr(case, "alternatives", False):
-        return (await computed_with_alternatives(request, operation, case, query))[0]
-    return (await computed(services, context, operation, query))[0].json
+    with context.taking(OPERATIONS[operation].cases(case)):
+        if getattr(case, "alternatives", False):
+            return (await computed_with_alternatives(request, operation, case, query))[0]
+        return (await computed(services, context, operation, query))[0].json
 
 
 async def _study(operation: str, case: Any, query: KeyedRequest, request: Request) -> bytes:
