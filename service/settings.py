@@ -46,6 +46,14 @@ def available_cores(control_groups: Path = CONTROL_GROUPS, membership: Path = ME
     return cores
 
 
+def missing_package(feature: str, package: str, extra: str) -> str:
+    """Return what to do about a feature whose package is not installed; the package index has another ricochet."""
+    return (
+        f"{feature} needs {package}, which is not installed: install the extra {extra} from the wheel or from the "
+        f'repository, pip install ".[{extra}]"'
+    )
+
+
 def built_manual() -> Path:
     """`build/manual` beside the packages."""
     return Path(__file__).parents[1] / "build" / "manual"
@@ -372,5 +380,5 @@ class Settings(Limits):
         if self.executor == "dask" and not self.dask_scheduler:
             raise ValueError("RICOCHET_EXECUTOR=dask needs RICOCHET_DASK_SCHEDULER, such as tcp://scheduler:8786")
         if self.executor == "dask" and find_spec("distributed") is None:
-            raise ValueError("RICOCHET_EXECUTOR=dask needs distributed: install ricochet with its extra dask")
+            raise ValueError(missing_package("RICOCHET_EXECUTOR=dask", "distributed", "dask"))
         return self

@@ -14,6 +14,7 @@ from opentelemetry import trace
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from service.jobs.traces import NO_TRACER
+from service.settings import missing_package
 
 UNTRACED = frozenset({"/livez", "/readyz", "/metrics"})
 """Polled every few seconds by monitors; not worth a trace."""
@@ -39,9 +40,7 @@ def tracer_provider() -> trace.TracerProvider:
         from opentelemetry.sdk.trace import TracerProvider  # noqa: PLC0415
         from opentelemetry.sdk.trace.export import BatchSpanProcessor  # noqa: PLC0415
     except ModuleNotFoundError as error:
-        raise MissingExtraError(
-            f"RICOCHET_TELEMETRY needs {error.name}, which is not installed: install ricochet with its extra telemetry"
-        ) from None
+        raise MissingExtraError(missing_package("RICOCHET_TELEMETRY", str(error.name), "telemetry")) from None
     named = Resource({"service.name": "ricochet", "service.version": version("ricochet")})
     provider = TracerProvider(resource=named.merge(OTELResourceDetector().detect()), shutdown_on_exit=False)
     provider.add_span_processor(BatchSpanProcessor(OTLPSpanExporter()))

@@ -40,7 +40,9 @@ def run_mcp(args: argparse.Namespace) -> int:
         If the SDK of the protocol is not installed.
     """
     if find_spec("mcp") is None:
-        raise CommandError("needs the package mcp, which is not installed: install ricochet with its extra mcp", FAILED)
+        from service.settings import missing_package
+
+        raise CommandError(missing_package("this command", "the package mcp", "mcp"), FAILED)
     import anyio
 
     from service.cli.jobs import service_for
