@@ -9,6 +9,7 @@ import numpy as np
 
 from solver import (
     Conical,
+    CriticalAngle,
     ElasticPlastic,
     Flat,
     MohrCoulomb,
@@ -18,9 +19,11 @@ from solver import (
     Profile,
     Projectile,
     Resistance,
+    RicochetError,
     Spherical,
     StrengthPowerLaw,
     Target,
+    critical_angle,
     solid_properties,
 )
 from solver.cases import PAPER_PROJECTILE
@@ -165,22 +168,19 @@ def _odd_projectile(random: np.random.Generator, index: int) -> Projectile:
 def together(cases: Iterator[Case]) -> Cases:
     """Single cases as one set of sequences."""
     rows = list(cases)
-    return {
-        "projectile": [row["projectile"] for row in rows],
-        "target": [row["target"] for row in rows],
-        "velocity": [row["velocity"] for row in rows],
-        "angle_of_attack": [row["angle_of_attack"] for row in rows],
-        "resistance": [row["resistance"] for row in rows],
-    }
+    names = ("projectile", "target", "velocity", "angle_of_attack", "resistance")
+    return Cases(**{name: [row[name] for row in rows] for name in names})  # type: ignore[literal-required, typeddict-item]
 
 
 def one_by_one(cases: Cases) -> Iterator[Case]:
     """A set of sequences as single cases."""
-    for projectile, target, velocity, angle_of_attack, resistance in zip(*cases.values(), strict=True):
-        yield {
-            "projectile": projectile,
-            "target": target,
-            "velocity": velocity,
-            "angle_of_attack": angle_of_attack,
-            "resistance": resistance,
-        }
+    for row in zip(*cases.values(), strict=True):
+        yield Case(**dict(zip(cases, row, strict=True)))  # type: ignore[typeddict-item]
+
+
+def answer_or_error(case: Case) -> CriticalAngle | RicochetError:
+    """The answer to one case, or why there is none."""
+    try:
+        return critical_angle(**case)
+    except RicochetError as error:
+        return error
