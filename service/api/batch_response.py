@@ -40,7 +40,7 @@ Prefer = Annotated[
     str,
     Header(
         alias="Prefer",
-        description="RFC 7240: `respond-async` asks for a job whatever the size of the work, `wait=10` to be answered "
+        description="RFC 7240: `respond-async` makes a job whatever the size of the work, `wait=10` to be answered "
         "with the results if they are ready after so many seconds.",
     ),
 ]

@@ -82,7 +82,7 @@ MANY_CASES = (
         "Compute the motion of many projectiles",
         "sweep_trajectories",
         "Compute a trajectory",
-        "Histories are given only if a case asks for its own.",
+        "Histories are given only if a case requests its own.",
     ),
     ManyCases(
         "cra",

@@ -78,7 +78,7 @@ Limit = Annotated[
 
 RESULTS: Responses = {
     200: {
-        "description": "What is ready, in the form that `Accept` asks for.",
+        "description": "What is ready, in the form that `Accept` names.",
         "content": {
             JSONL: {"schema": {"type": "string", "description": "A `JobItem` a line."}},
             CSV: {"schema": {"type": "string", "description": "A row a case: the summary, or the problem."}},

@@ -99,7 +99,7 @@ class Metrics:
 
 @router.get("/metrics", response_class=PlainTextResponse, response_description="The metrics.", responses=problems(500))
 async def metrics(request: Request) -> Response:
-    """Tell what the service has done and how it is, in the text format of Prometheus."""
+    """Return what the service has done and how it is, in the text format of Prometheus."""
     services = request.app.state.services
     services.metrics.look_up(services.jobs, services.executor, services.cache, await services.jobs.tally())
     content = await run_sync(generate_latest, services.metrics.registry)  # thousands of lines of a busy service

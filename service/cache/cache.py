@@ -144,7 +144,7 @@ class ResultCache:
             self._empty_journal()
 
     def put_many(self, records: Sequence[Record], segments: Sequence[Segment] = ()) -> list[Record]:
-        """Keep records of one operation in as few segments as their size allows; return them likewise.
+        """Keep records of one operation in as few segments as their size allows; return them as answered.
 
         Parameters
         ----------

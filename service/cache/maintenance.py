@@ -27,7 +27,7 @@ class Verified:
 
 
 def stat(folder: Path) -> Statistics:
-    """Tell what is stored, results of the journal too; a service may be running.
+    """Return what is stored, results of the journal too; a service may be running.
 
     Raises
     ------

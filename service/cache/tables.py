@@ -139,7 +139,7 @@ def residual_table(records: Sequence[Record | None], first: int) -> Table:
 
 
 def histories_of(records: Sequence[Record | None], first: int) -> Table:
-    """Every history of these results, likewise. They must have the same columns."""
+    """Every history of these results, in order, with the row of the summary. They must have the same columns."""
     histories = [(row, record.history) for row, record in enumerate(records, first) if record and record.history]
     if not histories:
         return np.empty(0)
@@ -183,7 +183,7 @@ FORMAT = h5f.LIBVER_V110
 datatype = lru_cache(maxsize=256)(lambda dtype: h5t.py_create(dtype, logical=True))
 """HDF5 type of a NumPy one; making it takes as long as all the rest of a dataset."""
 numpy_type = lru_cache(maxsize=256)(lambda encoded: h5t.decode(encoded).dtype)
-"""NumPy type of an HDF5 one, in the code of HDF5; likewise."""
+"""NumPy type of an HDF5 one, in the code of HDF5, which is slow to make too."""
 numbers = itertools.count()
 
 

@@ -1,4 +1,4 @@
-"""Who may ask: keys, scopes, owners, limits, and what the audit log tells."""
+"""Access: keys, scopes, owners, limits, and the audit log."""
 
 import json
 import os
@@ -58,8 +58,8 @@ def guarded(
     folder = tmp_path_factory.mktemp("guarded")
     first = key_in(folder / "data", "first")
     settings = {"audit_log": str(folder / "audit.log"), "max_owner_streams": "3", "max_streams": "4"}
-    with service_on(folder, **settings) as service, guarded_service(service.url, folder / "data") as asked:
-        yield asked
+    with service_on(folder, **settings) as service, guarded_service(service.url, folder / "data") as keyed:
+        yield keyed
     assert first not in (folder / "log").read_text() + (folder / "audit.log").read_text()
 
 
@@ -93,9 +93,9 @@ def test_query_that_is_known_takes_a_key_too(guarded: Guarded) -> None:
 def test_job_of_another_owner_is_not_there(guarded: Guarded) -> None:
     job = job_of(guarded.anna)
     path = job["links"]["self"]
-    for asked in ("", "/results", "/events"):
-        told = guarded.bert.get(path + asked)
-        assert problem_of(told, 404).detail == problem_of(guarded.bert.get(f"/jobs/nothing{asked}"), 404).detail
+    for end in ("", "/results", "/events"):
+        refused = guarded.bert.get(path + end)
+        assert problem_of(refused, 404).detail == problem_of(guarded.bert.get(f"/jobs/nothing{end}"), 404).detail
     problem_of(guarded.bert.post(f"{path}/cancel"), 404)
     problem_of(guarded.bert.delete(path), 404)
     assert job["id"] not in {each["id"] for each in guarded.bert.get("/jobs").json()["jobs"]}
@@ -156,10 +156,10 @@ def test_event_stream_ends_when_its_key_is_revoked(guarded: Guarded) -> None:
         body = lines(slow_strikes(200))
         job = emil.post("/trajectory/batch", content=body, headers=LINES | ASYNC).json()
         with emil.stream("GET", job["links"]["events"]) as stream:
-            told = stream.iter_lines()
-            assert next(told)
+            events = stream.iter_lines()
+            assert next(events)
             revoke_key(guarded.folder, mine.id)
-            for _ in told:
+            for _ in events:
                 pass  # ends, though the job has not
         assert guarded.chief.get(job["links"]["self"]).json()["status"] == "running"
         guarded.chief.delete(job["links"]["self"])
