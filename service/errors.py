@@ -230,6 +230,22 @@ class FolderInUseError(Exception):
     """The data folder belongs to another running service."""
 
 
+class KeysUnreadableError(Exception):
+    """The file of the keys exists and cannot be used; the text gives the reason."""
+
+
+class DamagedFileError(Exception):
+    """The file is not what was written."""
+
+
+class UnusableFolderError(Exception):
+    """It cannot be done with this folder; the text says why."""
+
+
+class MissingExtraError(Exception):
+    """Traces are enabled, and what sends them is not installed; the text says how to mend it."""
+
+
 @dataclass(frozen=True, slots=True)
 class ProblemType:
     """What all problems of one type have in common."""

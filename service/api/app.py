@@ -317,6 +317,7 @@ async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         )
         await services.jobs.start()
         stack.push_async_callback(services.jobs.stop)
-        app.state.mcp = mcp.McpServer(settings.max_body_bytes)
-        stack.push_async_callback(app.state.mcp.stop)
+        tools = mcp.McpServer(settings.max_body_bytes)
+        services.mcp = tools.handle
+        stack.push_async_callback(tools.stop)
         yield

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from anyio import CapacityLimiter
 from fastapi import Request
 from opentelemetry.trace import TracerProvider
+from starlette.types import ASGIApp
 
 from service.api.body import KnownBodies
 from service.api.metrics import Metrics
@@ -48,6 +49,8 @@ class Services:
     stopping: asyncio.Event = field(init=False)
     reading: CapacityLimiter = field(init=False)
     parsing: asyncio.Lock = field(init=False)
+    mcp: ASGIApp = field(init=False)
+    """Answers messages of the Model Context Protocol."""
 
 
 def services_of(request: Request) -> Services:

@@ -13,6 +13,7 @@ from fastapi.telemetry import TelemetryConfig
 from opentelemetry import trace
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from service.errors import MissingExtraError
 from service.jobs.traces import NO_TRACER
 from service.settings import missing_package
 
@@ -20,10 +21,6 @@ UNTRACED = frozenset({"/livez", "/readyz", "/metrics"})
 """Polled every few seconds by monitors; not worth a trace."""
 REQUEST_ID = "ricochet.request_id"
 """Attribute of a span: the id of its request in the log and in the answer."""
-
-
-class MissingExtraError(Exception):
-    """Traces are enabled, and what sends them is not installed; the text says how to mend it."""
 
 
 def tracer_provider() -> trace.TracerProvider:

@@ -18,11 +18,12 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 
-from service.cache.hdf5 import DamagedFileError, Segment, encode_segments, read_keys, read_records
+from service.cache.hdf5 import Segment, encode_segments, read_keys, read_records
 from service.cache.index import Index, Location, Statistics, discard_index
 from service.cache.journal import Journal
 from service.cache.record import RecentRecords, Record
 from service.cache.segments import FolderLock, Segments, discard, name_of
+from service.errors import DamagedFileError
 
 NOT_CACHED = "result_not_cached"
 KEY = re.compile(r"[0-9a-f]{64}")

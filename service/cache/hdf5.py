@@ -40,6 +40,7 @@ from service.cache.tables import (
     write_attribute,
 )
 from service.columns import CASE, MOTION, NUMBERING, RESIDUALS, TRIALS, Column, summary_columns
+from service.errors import DamagedFileError
 
 BLOCK = 512
 """Smallest place HDF5 keeps free for others at the start of a file. [bytes]"""
@@ -62,10 +63,6 @@ DESCRIPTIONS = {
 
 Segment: TypeAlias = tuple[Sequence[str], bytes]
 """Keys of the records of a file, in its order, and its content."""
-
-
-class DamagedFileError(Exception):
-    """The file is not what was written."""
 
 
 class Case(Protocol):

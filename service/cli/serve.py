@@ -45,10 +45,8 @@ def run_serve(_: argparse.Namespace) -> int:
     asyncio.run(check_address(settings.host, settings.port))
 
     from service.api.app import create_app
-    from service.api.telemetry import MissingExtraError
-    from service.auth.api_keys import KeysUnreadableError
     from service.cli.server import Server
-    from service.errors import ExecutorError, FolderInUseError
+    from service.errors import ExecutorError, FolderInUseError, KeysUnreadableError, MissingExtraError
     from service.logs import configure
 
     configure(settings.log_level)
