@@ -33,9 +33,8 @@ from service.schemas import (
     trajectory_answer,
     trajectory_uncertainty_answer,
 )
-from service.schemas.alternatives import alternative_requests
 from service.schemas.quantities import Part
-from service.schemas.requests import Case, TrajectoryFields
+from service.schemas.requests import Case, TrajectoryFields, alternative_requests
 from service.schemas.uncertainty import UncertainCase, crossings_in, ending_in, with_values
 from solver import ENGINE_VERSION
 from solver.arrays import FloatArray

@@ -37,8 +37,8 @@ from service.schemas import (
     TrajectoryAnswer,
     TrajectoryRequest,
 )
-from service.schemas.alternatives import alternative_requests, answered_alternative, with_alternatives
 from service.schemas.problems import json_pointer
+from service.schemas.requests import alternative_requests, answered_alternative, with_alternatives
 
 MAX_FIELDS = 20
 """Fields of an object of a calibration, which has half as many: listing a million errors would take a second."""

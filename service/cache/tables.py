@@ -244,7 +244,7 @@ class Stream:
             self._dataset.set_extent((self._length,))
         if missing:
             rows = np.concatenate([rows, np.zeros(missing, rows.dtype)])
-        self._dataset.write_direct_chunk((start,), _packed(rows))
+        self._dataset.write_direct_chunk((start,), _shuffled_and_compressed(rows))
 
     def _create(self, rows: Table) -> h5d.DatasetID:
         layout = h5p.create(h5p.DATASET_CREATE)
@@ -307,7 +307,7 @@ def read_single(file: h5py.File, name: str) -> Table:
     return np.ascontiguousarray(planes.T).reshape(-1).view(dtype)
 
 
-def _packed(rows: Table) -> bytes:
+def _shuffled_and_compressed(rows: Table) -> bytes:
     """Shuffle and compress as HDF5 does: the first bytes of all rows, then the second ones, and so on."""
     planes = np.ascontiguousarray(rows).view(np.uint8).reshape(len(rows), rows.itemsize).T
     return zlib.compress(np.ascontiguousarray(planes).data, LEVEL)

@@ -230,7 +230,7 @@ class ObliquityCalibrationRequest(Part):
     points: Annotated[list[ObliquityPoint], Field(min_length=1, max_length=MOST_POINTS, fail_fast=True)]
     order: Annotated[
         Count,
-        Field(ge=0, le=9, description="Of the polynomial; there must be more points at different angles. [1]"),
+        Field(ge=0, le=9, description="Degree of the polynomial; there must be more points at different angles. [1]"),
         WHOLE,
     ] = 2
 
