@@ -73,7 +73,7 @@ def random_cases(count: int, seed: int) -> Cases:
 
 
 def study_cases(count: int, seed: int) -> Cases:
-    """`count` strikes about the paper's, as in a study of one projectile: the same for the same seed, and cheap ones.
+    """`count` strikes about the paper's, as in a study of one projectile; cheaper ones.
 
     Velocity 200 to 400 m/s, strength 25 to 55 MPa and density 2100 to 2500 kg/m³ of the concrete, mass 11 to 15 kg.
     """

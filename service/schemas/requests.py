@@ -29,8 +29,8 @@ SampleInterval = Annotated[
     Field(
         ge=1e-8,
         le=1.0,
-        description=f"Interval of the history; at least the termination time over {MOST_ROWS:,}, which is its value when "
-        f"not given and longer than {SAMPLE_INTERVAL:g}. [s]",
+        description=f"Interval of the history; at least the termination time over {MOST_ROWS:,}, which is its value "
+        f"when not given and longer than {SAMPLE_INTERVAL:g}. [s]",
     ),
 ]
 

@@ -75,8 +75,8 @@ def test_labels_in_the_table_are_those_of_a_running_service(families: dict[str, 
 
 def test_every_query_of_the_dashboard_is_of_metrics_and_labels_there_are(families: dict[str, Any]) -> None:
     samples = {sample.name: set(sample.labels) for family in families.values() for sample in family.samples}
-    asked = [target["expr"] for panel in DASHBOARD["panels"] for target in panel["targets"]]
-    for query in asked:
+    queries = [target["expr"] for panel in DASHBOARD["panels"] for target in panel["targets"]]
+    for query in queries:
         names = NAME.findall(query)
         assert names, query
         labels = set.union(*(samples[name] for name in names)) | {"instance"}  # which Prometheus adds
@@ -84,7 +84,7 @@ def test_every_query_of_the_dashboard_is_of_metrics_and_labels_there_are(familie
         grouped = re.search(r"by \(([^)]*)\)", query)
         assert set(grouped[1].split(", ") if grouped else []) <= labels, query
         assert all(query.count(opening) == query.count(closing) for opening, closing in ("()", "{}", "[]")), query
-    shown = {name.removesuffix("_bucket").removesuffix("_count") for query in asked for name in NAME.findall(query)}
+    shown = {name.removesuffix("_bucket").removesuffix("_count") for query in queries for name in NAME.findall(query)}
     assert shown == first_cells("metrics")  # none is left out
 
 
