@@ -38,9 +38,8 @@ from service.api.results import DOWNLOADS, HDF5
 from service.api.services import READING_THREADS, Services, executor_for
 from service.api.tables import PARQUET
 from service.auth.api_keys import ApiKeyStore
-from service.auth.audit import AuditLog
 from service.auth.dependencies import ConcurrencyLimit, authorize_unrouted
-from service.auth.middleware import AuthMiddleware
+from service.auth.middleware import AuditLog, AuthMiddleware
 from service.auth.quotas import QuotaStore
 from service.cache.cache import ResultCache
 from service.errors import OwnerQueriesError, OwnerStreamsError, StreamsFullError

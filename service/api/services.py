@@ -11,8 +11,8 @@ from starlette.types import ASGIApp
 from service.api.body import KnownBodies
 from service.api.metrics import Metrics
 from service.auth.api_keys import ApiKeyStore
-from service.auth.audit import AuditLog
 from service.auth.dependencies import ConcurrencyLimit
+from service.auth.middleware import AuditLog
 from service.auth.quotas import QuotaStore
 from service.cache.cache import ResultCache
 from service.jobs.manager import JobManager
