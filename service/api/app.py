@@ -20,7 +20,6 @@ from service.api import (
     batches,
     health,
     jobs,
-    manual,
     mcp,
     metrics,
     page,
@@ -80,7 +79,7 @@ STOP_SECONDS = POOL_SECONDS + 1
 """Part of the grace time for jobs and workers to end after the last request has been answered or given up."""
 GZIP_BYTES, GZIP_LEVEL = 8 * 1024, 1
 """Least answer that is compressed, and how hard: level 6 takes four times as long and saves 3 % more."""
-RESOURCES = (queries, batches, uncertainty, reports, umbridge, results, jobs, health, metrics, page, manual)
+RESOURCES = (queries, batches, uncertainty, reports, umbridge, results, jobs, health, metrics, page)
 """Routers in the order in which they are searched."""
 BODIES: tuple[type[Part], ...] = (
     TrajectoryRequest,
@@ -273,7 +272,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     app.router.default = authorize_unrouted
     app.mount("/docs/assets", page.DOCS_ASSETS)
     app.mount("/page", page.ASSETS)
-    app.mount("/manual", manual.Manual(settings.manual_dir))
+    app.mount("/manual", page.Manual(settings.manual_dir))
     return app
 
 
