@@ -23,10 +23,7 @@ NAME = re.compile(r"\bricochet_[a-z_]+")
 
 def table(name: str) -> list[str]:
     [found] = re.findall(rf"<!-- table: {name} -->\n(.*?)<!-- end of table -->", PAGE, re.DOTALL)
-    rows = [line for line in str(found).splitlines() if line.startswith("|")]
-    return [
-        row for number, row in enumerate(rows) if not {"| --- "} & {row[:6], "".join(rows[number + 1 : number + 2])[:6]}
-    ]
+    return [line for line in str(found).splitlines() if line.startswith("| `")]
 
 
 def first_cells(name: str) -> set[str]:
