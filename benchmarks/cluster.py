@@ -45,7 +45,9 @@ def main() -> int:
     with service(workers=str(WORKERS)) as server:
         pool = measure(server, count)
     with (
-        LocalCluster(n_workers=WORKERS, threads_per_worker=1, protocol="tcp://", dashboard_address=None) as dask,
+        LocalCluster(  # type: ignore[no-untyped-call]
+            n_workers=WORKERS, threads_per_worker=1, protocol="tcp://", dashboard_address=None
+        ) as dask,
         service(workers=str(WORKERS), executor="dask", dask_scheduler=dask.scheduler_address) as server,
     ):
         cluster = measure(server, count)

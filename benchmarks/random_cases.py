@@ -168,8 +168,13 @@ def _odd_projectile(random: np.random.Generator, index: int) -> Projectile:
 def together(cases: Iterator[Case]) -> Cases:
     """Single cases as one set of sequences."""
     rows = list(cases)
-    names = ("projectile", "target", "velocity", "angle_of_attack", "resistance")
-    return Cases(**{name: [row[name] for row in rows] for name in names})  # type: ignore[literal-required, typeddict-item]
+    return {
+        "projectile": [row["projectile"] for row in rows],
+        "target": [row["target"] for row in rows],
+        "velocity": [row["velocity"] for row in rows],
+        "angle_of_attack": [row["angle_of_attack"] for row in rows],
+        "resistance": [row["resistance"] for row in rows],
+    }
 
 
 def one_by_one(cases: Cases) -> Iterator[Case]:
