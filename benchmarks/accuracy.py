@@ -23,10 +23,9 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from benchmarks.batches import answer_or_error
 from benchmarks.converged import CONVERGED, CONVERGED_SEARCH, SCANNED, paper_critical_angle
 from benchmarks.machine import machine, versions
-from benchmarks.random_cases import Case, odd_cases, one_by_one, random_cases, wall_cases
+from benchmarks.random_cases import Case, answer_or_error, odd_cases, one_by_one, random_cases, wall_cases
 from solver import CriticalAngle, Impact, Outcome, OutcomeInterval, RicochetError, critical_angle, simulate, warm_up
 
 TOLERATED_DEG = 0.02

@@ -21,20 +21,21 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from http.client import HTTPConnection
+from contextlib import contextmanager, suppress
 from importlib.metadata import entry_points
 from pathlib import Path
 from types import FrameType
 from typing import Any
 
+import httpx
+
+from benchmarks.clients import JSONL, to_request
 from benchmarks.machine import print_machine, print_table
+from benchmarks.random_cases import one_by_one, study_cases
 from benchmarks.servers import START_SECONDS, free_port
-from solver.cases import PAPER_PROJECTILE, PAPER_TARGET
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = (f"{ROOT}/service/", f"{ROOT}/solver/")
-JSONL = "application/jsonl"
 
 
 class Recorder:
@@ -62,32 +63,16 @@ class Recorder:
 
 
 def case(number: int) -> dict[str, Any]:
-    """A case of its own number."""
-    return {
-        "projectile": {
-            "nose": {"shape": "ogive", "caliber_radius_head": 3.0},
-            "diameter_m": PAPER_PROJECTILE.diameter,
-            "length_m": PAPER_PROJECTILE.length,
-            "mass_kg": PAPER_PROJECTILE.mass,
-        },
-        "target": {
-            "compressive_strength_pa": PAPER_TARGET.compressive_strength,
-            "density_kg_m3": PAPER_TARGET.density,
-        },
-        "impact": {"velocity_m_s": 230.0 + number},
-    }
+    """A case by number."""
+    [paper] = one_by_one(study_cases(1, 0))
+    return to_request({**paper, "velocity": 230.0 + number})
 
 
 def send(port: int, method: str, path: str, body: bytes = b"", **headers: str) -> bytes:
     """Send a request; return the body of its answer."""
-    connection = HTTPConnection("127.0.0.1", port, timeout=60.0)
-    connection.request(method, path, body or None, {name.replace("_", "-"): value for name, value in headers.items()})
-    answer = connection.getresponse()
-    content = answer.read()
-    connection.close()
-    if answer.status >= 400:
-        raise RuntimeError(f"{method} {path} answered {answer.status}: {content!r}")
-    return content
+    sent = {name.replace("_", "-"): value for name, value in headers.items()}
+    url = f"http://127.0.0.1:{port}{path}"
+    return httpx.request(method, url, content=body, headers=sent, trust_env=False).raise_for_status().content
 
 
 def query(port: int, number: int) -> None:
@@ -118,7 +103,7 @@ def measure(port: int, recorder: Recorder, found: dict[str, list[str]]) -> None:
             try:
                 send(port, "GET", "/readyz")
                 break
-            except (OSError, RuntimeError):
+            except httpx.HTTPError:
                 if time.monotonic() > deadline:
                     raise
                 time.sleep(0.1)
@@ -140,13 +125,10 @@ def serve(recorder: Recorder) -> None:
     main = command.load()
     threading.setprofile(recorder.profile)
     sys.setprofile(recorder.profile)
-    try:
+    with suppress(SystemExit):
         main(["serve"])
-    except SystemExit:
-        pass
-    finally:
-        sys.setprofile(None)
-        threading.setprofile(None)
+    sys.setprofile(None)
+    threading.setprofile(None)
 
 
 def main() -> None:

@@ -8,44 +8,19 @@ cluster is larger. All processes share the cores of this machine. Some two minut
 """
 
 import argparse
-import subprocess
 import sys
-import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
-from pathlib import Path
 from typing import Any
+
+from distributed import LocalCluster
 
 from benchmarks.clients import Batch, run_batch, to_request
 from benchmarks.machine import print_machine, print_table
 from benchmarks.random_cases import one_by_one, study_cases
-from benchmarks.servers import Server, free_port, service
+from benchmarks.servers import Server, service
 from solver import warm_up
 
 WORKERS = 2
-STOP_SECONDS = 20.0
 SEED = 3
-
-
-@contextmanager
-def dask_cluster(folder: Path) -> Iterator[str]:
-    """A scheduler and its workers; yields its address at once: the service is ready when it can use a worker."""
-    port = free_port()
-    address = f"tcp://127.0.0.1:{port}"
-    worker = ["worker", address, "--nworkers", str(WORKERS), "--nthreads", "1", "--local-directory", str(folder)]
-    commands = [["scheduler", "--port", str(port)], worker]
-    processes = []
-    with (folder / "cluster.log").open("ab") as log:
-        for name, *options in commands:
-            command = [sys.executable, "-m", f"distributed.cli.dask_{name}", *options]
-            command += ["--host", "127.0.0.1", "--no-dashboard"]
-            processes.append(subprocess.Popen(command, stdout=log, stderr=subprocess.STDOUT))
-    try:
-        yield address
-    finally:
-        for process in reversed(processes):
-            process.terminate()
-            process.wait(STOP_SECONDS)
 
 
 def measure(server: Server, count: int) -> dict[str, Batch]:
@@ -70,9 +45,10 @@ def main() -> int:
     with service(workers=str(WORKERS)) as server:
         pool = measure(server, count)
     with (
-        tempfile.TemporaryDirectory() as folder,
-        dask_cluster(Path(folder)) as address,
-        service(workers=str(WORKERS), executor="dask", dask_scheduler=address) as server,
+        LocalCluster(  # type: ignore[no-untyped-call]
+            n_workers=WORKERS, threads_per_worker=1, protocol="tcp://", dashboard_address=None
+        ) as dask,
+        service(workers=str(WORKERS), executor="dask", dask_scheduler=dask.scheduler_address) as server,
     ):
         cluster = measure(server, count)
     rows, different = list[list[Any]](), 0

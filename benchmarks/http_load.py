@@ -4,7 +4,8 @@
 
 1. Of the throughput of a bare process pool, how much does a batch of JSON lines keep? The pool is `solver` on as many
    processes as the service has workers. It solves the same cases before and after the batch.
-2. How long does a case of the same batch take from the cache?
+2. How long does a case of the same batch take from the cache, and how much CPU time does the server use for one, new
+   and cached, beside its workers?
 3. How many requests a second does a known `/cra` get, against an empty FastAPI route under uvicorn?
 4. How slow is `/livez` at worst during the batches? A process polls it every 20 ms from beginning to end, so that bare
    pool and batch share the cores with it alike.
@@ -18,6 +19,7 @@ import argparse
 import json
 import math
 import multiprocessing
+import os
 import sys
 import tempfile
 import time
@@ -31,10 +33,9 @@ from statistics import mean, median
 
 from fastapi import FastAPI
 
-from benchmarks.batches import answer_or_error
 from benchmarks.clients import raw_request, requests_per_second, run_batch, to_request
 from benchmarks.machine import print_machine, print_table
-from benchmarks.random_cases import Case, one_by_one, study_cases
+from benchmarks.random_cases import Case, answer_or_error, one_by_one, study_cases
 from benchmarks.servers import Server, free_port, service
 from benchmarks.timing import process_pool
 from solver import RicochetError, warm_up
@@ -87,19 +88,29 @@ def count_different(angles: list[float | None], results: list[bytes]) -> int:
     return sum(not math.isclose(a or 0.0, b or 0.0, rel_tol=1e-15) for a, b in zip(angles, found, strict=True))
 
 
+def cpu_seconds(pid: int) -> float:
+    """CPU time of a process without its children. [s]"""
+    user, system = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[11:13]
+    return (int(user) + int(system)) / os.sysconf("SC_CLK_TCK")
+
+
 def measure_batch(server: Server, pool: ProcessPoolExecutor, count: int, seed: int) -> tuple[list[str], int]:
     """Run a batch of new cases beside the bare pool, and again from the cache; return a row and how many differ."""
     cases = list(one_by_one(study_cases(count, seed)))
     requests = [to_request(case) for case in cases]
     angles, before = solve_bare(pool, cases)
+    begin = cpu_seconds(server.pid)
     batch = run_batch(server, "/cra/batch", requests)
+    middle = cpu_seconds(server.pid)
     _, after = solve_bare(pool, cases)
     cached = [run_batch(server, "/cra/batch", requests) for _ in range(CACHED_RUNS)]
+    cpu = middle - begin, (cpu_seconds(server.pid) - middle) / CACHED_RUNS
     different = count_different(angles, batch.results)
     different += sum(again.results != batch.results for again in cached)
     bare, again = mean([before, after]), median([run.seconds for run in cached])
     row = [f"{count:,}", f"{count / bare:.0f}/s", f"{count / batch.seconds:.0f}/s", f"{bare / batch.seconds:.1%}"]
-    row += [f"{1e3 * again / count:.3f} ms", str(batch.job["counts"]["failed"]), str(different)]
+    row += [f"{1e3 * again / count:.3f} ms", " / ".join(f"{1e3 * each / count:.3f} ms" for each in cpu)]
+    row += [str(batch.job["counts"]["failed"]), str(different)]
     return row, different
 
 
@@ -121,7 +132,7 @@ def measure_rates(server: Server, seconds: float) -> list[list[str]]:
 
 
 def poll(port: int, pipe: Connection) -> None:
-    """Request `/livez` every `POLL_SECONDS`; whenever the pipe asks, send the times since then. [s]"""
+    """Request `/livez` every `POLL_SECONDS`; whenever the pipe has a request, send the times since then. [s]"""
     connection, times = HTTPConnection("127.0.0.1", port, timeout=60.0), list[float]()
     while True:
         begin = time.perf_counter()
@@ -168,7 +179,17 @@ def main() -> int:
                 rows.append([*row, f"{1e3 * max(times):.0f} ms of {len(times):,}"])
                 total += different
         rates = measure_rates(server, QUICK_RATE_SECONDS if options.quick else RATE_SECONDS)
-    head = ["cases", "bare pool", "over HTTP", "share", "cached, a case", "failed", "different", "slowest /livez"]
+    head = [
+        "cases",
+        "bare pool",
+        "over HTTP",
+        "share",
+        "cached, a case",
+        "server CPU, new / cached",
+        "failed",
+        "different",
+        "slowest /livez",
+    ]
     print_table(head, rows)
     print_table(["connections", "known /cra", "empty route", "share"], rates)
     return 1 if total else 0

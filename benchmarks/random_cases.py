@@ -9,6 +9,7 @@ import numpy as np
 
 from solver import (
     Conical,
+    CriticalAngle,
     ElasticPlastic,
     Flat,
     MohrCoulomb,
@@ -18,9 +19,11 @@ from solver import (
     Profile,
     Projectile,
     Resistance,
+    RicochetError,
     Spherical,
     StrengthPowerLaw,
     Target,
+    critical_angle,
     solid_properties,
 )
 from solver.cases import PAPER_PROJECTILE
@@ -70,7 +73,7 @@ def random_cases(count: int, seed: int) -> Cases:
 
 
 def study_cases(count: int, seed: int) -> Cases:
-    """`count` strikes about the paper's, as a study of one projectile asks for; likewise, and cheap ones.
+    """`count` strikes about the paper's, as in a study of one projectile; cheaper ones.
 
     Velocity 200 to 400 m/s, strength 25 to 55 MPa and density 2100 to 2500 kg/m³ of the concrete, mass 11 to 15 kg.
     """
@@ -176,11 +179,13 @@ def together(cases: Iterator[Case]) -> Cases:
 
 def one_by_one(cases: Cases) -> Iterator[Case]:
     """A set of sequences as single cases."""
-    for projectile, target, velocity, angle_of_attack, resistance in zip(*cases.values(), strict=True):
-        yield {
-            "projectile": projectile,
-            "target": target,
-            "velocity": velocity,
-            "angle_of_attack": angle_of_attack,
-            "resistance": resistance,
-        }
+    for row in zip(*cases.values(), strict=True):
+        yield Case(**dict(zip(cases, row, strict=True)))  # type: ignore[typeddict-item]
+
+
+def answer_or_error(case: Case) -> CriticalAngle | RicochetError:
+    """The answer to one case, or why there is none."""
+    try:
+        return critical_angle(**case)
+    except RicochetError as error:
+        return error

@@ -22,11 +22,10 @@ from functools import partial
 import numpy as np
 from numba import njit
 
-from benchmarks.batches import answer_or_error, answers_or_errors
 from benchmarks.machine import print_machine, print_table, spread, time_spread
-from benchmarks.random_cases import Case, Cases, one_by_one, random_cases
+from benchmarks.random_cases import Case, Cases, answer_or_error, one_by_one, random_cases
 from benchmarks.timing import Timing, process_pool
-from solver import warm_up
+from solver import critical_angle_many, warm_up
 
 SEED = 21
 PIECES = 100
@@ -39,7 +38,7 @@ Work = Callable[[int], float]
 
 def in_threads(cases: Cases, workers: int) -> float:
     """Answer the cases in threads of the solver."""
-    answers_or_errors(cases, threads=workers)
+    critical_angle_many(**cases, threads=workers)
     return 0.0
 
 

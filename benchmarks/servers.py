@@ -8,6 +8,7 @@ import tempfile
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from http.client import HTTPConnection
 from pathlib import Path
 
@@ -25,32 +26,24 @@ def free_port() -> int:
     return port
 
 
+@dataclass
 class Server:
-    """A process that serves HTTP on the loopback interface; started, killed and started again as often as needed.
+    """A process that serves HTTP on the loopback interface; started, killed and started again as often as needed."""
 
-    Parameters
-    ----------
-    command
-        Its program and arguments.
-    port
-        Where it listens.
-    log
-        File of its output.
-    environment
-        Variables beside those of this process.
-    ready
-        Path that is answered with 200 once it is ready.
-    """
+    command: Sequence[str | Path]
+    port: int
+    log: Path
+    """File of its output."""
+    environment: dict[str, str]
+    """Variables beside those of this process."""
+    ready: str
+    """Path that is answered with 200 once it is ready."""
+    _process: "subprocess.Popen[bytes] | None" = None
 
-    def __init__(
-        self, command: Sequence[str | Path], port: int, log: Path, environment: dict[str, str], ready: str
-    ) -> None:
-        self.port = port
-        self.log = log
-        self.url = f"http://127.0.0.1:{port}"
-        self._command, self._ready = command, ready
-        self._environment = os.environ | environment
-        self._process: subprocess.Popen[bytes] | None = None
+    @property
+    def url(self) -> str:
+        """Address."""
+        return f"http://127.0.0.1:{self.port}"
 
     @property
     def pid(self) -> int:
@@ -68,12 +61,14 @@ class Server:
             If it ends, or is not ready in time.
         """
         with self.log.open("ab") as log:
-            self._process = subprocess.Popen(self._command, env=self._environment, stdout=log, stderr=subprocess.STDOUT)
+            self._process = subprocess.Popen(
+                self.command, env=os.environ | self.environment, stdout=log, stderr=subprocess.STDOUT
+            )
         deadline = time.monotonic() + START_SECONDS
         while self._process.poll() is None and time.monotonic() < deadline:
             with suppress(OSError):
                 connection = HTTPConnection("127.0.0.1", self.port, timeout=START_SECONDS)
-                connection.request("GET", self._ready)
+                connection.request("GET", self.ready)
                 if connection.getresponse().status == 200:
                     return
             time.sleep(0.1)

@@ -73,7 +73,7 @@ REFUSED = (
     b"null",
     b'{"projectile": NaN}',
     b"\xff",
-    b"[" * 1_000,
+    b"[" * 1000,
     orjson.dumps(STRIKE),
     b'{"impact": 1e999}',
 )
@@ -327,8 +327,8 @@ def disturb(server: Server, data: Path, choice: random.Random, record: Record, k
         time.sleep(0.05)
     record.expect(not left, "a process outlived the server")
     if kind == "index removed":
-        for end in ("", "-wal", "-shm"):
-            Path(f"{data / 'results' / 'index.sqlite'}{end}").unlink(missing_ok=True)
+        for path in (data / "results").glob("index.sqlite*"):
+            path.unlink()
     server.start()
 
 

@@ -1,6 +1,6 @@
 """Write the tables of docs/operating.md that the code says: settings and metrics. With --check, only compare.
 
-Each table stands between two comments with its name; everything else of the page is written by hand.
+Tables stand between two comments with their name; everything else of the page is written by hand.
 """
 
 import re
@@ -12,7 +12,7 @@ from annotated_types import Ge, Gt, Le, Lt
 from pydantic.fields import FieldInfo
 
 from service.api.metrics import Metrics
-from service.settings import Settings
+from service.settings import GROUPS, Settings
 
 PAGE = Path(__file__).with_name("operating.md")
 BYTES = {"GiB": 1024**3, "MiB": 1024**2, "KiB": 1024}
@@ -20,13 +20,17 @@ SIGNS = ((Ge, "ge", "≥"), (Gt, "gt", ">"), (Le, "le", "≤"), (Lt, "lt", "<"))
 
 
 def settings_table() -> str:
-    """Return the settings: name, default, bounds, reason."""
+    """Return the settings, a heading and a table for each group: name, default, bounds, reason."""
     prefix = Settings.model_config["env_prefix"]
-    rows = [
-        (f"`{(prefix + name).upper()}`", default(name, field), bounds(field), field.description or "")
-        for name, field in Settings.model_fields.items()
-    ]
-    return table(("variable", "default", "bounds", "what it is, and why so much"), rows)
+    parts = []
+    for group, settings in GROUPS.items():
+        rows = [
+            (f"`{(prefix + name).upper()}`", default(name, field), bounds(field), field.description or "")
+            for name, field in settings.model_fields.items()
+        ]
+        found = table(("variable", "default", "bounds", "what it is, and why so much"), rows)
+        parts.append(f"### {group.capitalize()}\n\n{settings.__doc__}\n\n{found}")
+    return "\n\n".join(parts)
 
 
 def metrics_table() -> str:

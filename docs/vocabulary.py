@@ -12,7 +12,9 @@ REPLACED = {
     "AbandonedError": "ComputationCancelled",
     "ANYONE": "ANONYMOUS",
     "Arrival": "BodyTimeout",
+    "asked": "args, request",
     "AskedVisit": "ReadContext, RunContext",
+    "asker": "client",
     "Backlog": "TaskQueue",
     "Dispatcher": "Scheduler",
     "Gate": "AuthMiddleware",
@@ -20,26 +22,39 @@ REPLACED = {
     "Lane": "WorkerSupervisor",
     "own_service": "local_server, dedicated_service",
     "Runner": "JobManager",
+    "Marks": "CaseUpdates",
+    "Pace": "ChunkSizer",
+    "Shot": "PreparedCase",
+    "Slots": "PrioritySemaphore",
     "SmallWork": "InlineBatch",
+    "Turns": "FairQueue",
     "Usages": "QuotaStore",
     "Visit": "RequestContext",
+    "Wanted": "PendingCase",
+    "_underway": "_in_flight",
+    "admission": "backpressure",
     "is_tame": "is_smooth",
     "service.access": "service.auth",
     "warnings_told": "warning_texts",
 }
+OF = '"""Of'
 PHRASES = {
+    '"""Tell': "return, report",
     "told": "given, called with, named",
     "tells": "gives, shows, says",
     "asked for": "requested",
+    "ask for": "request, require",
+    "asks for": "requests, requires",
+    "likewise": "the same, in the same way",
     "whoever": "the caller, the owner",
     "of its own": "separate",
-    '"""Of': "the quantity, then `of`",
+    OF: "the quantity, then `of`",
 }
 WORDED = ("solver/", "service/", "docs/", "README.md", "CONTRIBUTING.md", "examples/")
 SUFFIXES = (".py", ".md", ".js", ".toml", ".yaml")
 EXEMPT = {"CHANGELOG.md", "docs/vocabulary.py"}
 PATTERN = re.compile(r"(?<![\w])(" + "|".join(map(re.escape, REPLACED)) + r")(?![\w])")
-PHRASE = re.compile("|".join(rf"(?<!\w){re.escape(phrase)}(?!\w)" for phrase in PHRASES))
+PHRASE = re.compile("|".join(rf"(?<!\w){re.escape(phrase)}(?!\w)" for phrase in PHRASES), re.IGNORECASE)
 
 
 def main() -> int:
@@ -53,7 +68,7 @@ def main() -> int:
                 print(f"{name}:{number}: `{match[1]}` is now `{REPLACED[match[1]]}`")
                 found += 1
             for match in PHRASE.finditer(line) if name.startswith(WORDED) else ():
-                print(f"{name}:{number}: `{match[0]}`: {PHRASES[match[0]]}")
+                print(f"{name}:{number}: `{match[0]}`: {PHRASES.get(match[0].lower(), PHRASES[OF])}")
                 found += 1
     return 1 if found else 0
 

@@ -10,6 +10,7 @@ from http import HTTPStatus
 from typing import Any, ClassVar, Self
 
 from service.schemas.problems import pointer_of_location, pointer_of_parameter
+from service.settings import missing_package
 from solver import IntegrationError, ParameterError, StepLimitError
 
 log = logging.getLogger(__name__)
@@ -222,11 +223,27 @@ class ReportsMissingError(ServiceError):
     title = "Reports are not installed"
 
     def __init__(self, package: str) -> None:
-        super().__init__(f"{package} is not installed; reports need it: install ricochet with its extra reports")
+        super().__init__(missing_package("a report", package, "reports"))
 
 
 class FolderInUseError(Exception):
     """The data folder belongs to another running service."""
+
+
+class KeysUnreadableError(Exception):
+    """The file of the keys exists and cannot be used; the text gives the reason."""
+
+
+class DamagedFileError(Exception):
+    """The file is not what was written."""
+
+
+class UnusableFolderError(Exception):
+    """It cannot be done with this folder; the text says why."""
+
+
+class MissingExtraError(Exception):
+    """Traces are enabled, and what sends them is not installed; the text says how to mend it."""
 
 
 @dataclass(frozen=True, slots=True)

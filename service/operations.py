@@ -33,9 +33,8 @@ from service.schemas import (
     trajectory_answer,
     trajectory_uncertainty_answer,
 )
-from service.schemas.alternatives import alternative_requests
 from service.schemas.quantities import Part
-from service.schemas.requests import Case, TrajectoryFields
+from service.schemas.requests import Case, TrajectoryFields, alternative_requests
 from service.schemas.uncertain_inputs import with_values
 from service.schemas.uncertainty import UncertainCase, crossings_in, ending_in
 from solver import ENGINE_VERSION
@@ -182,12 +181,12 @@ def compute_depth_calibration(request: bytes) -> Answer:
 
 def compute_motion_calibration(request: bytes) -> Answer:
     """Fit a strength factor to motions with every decay law; predict them with each strength factor to compare."""
-    asked = MotionCalibrationRequest.model_validate_json(request)
-    arguments, strength_factors, times = asked.arguments()
+    calibration = MotionCalibrationRequest.model_validate_json(request)
+    arguments, strength_factors, times = calibration.arguments()
     try:
         fits = fit_decay_laws(**arguments)
     except solver.ParameterError as error:
-        raise asked.located(error) from None
+        raise calibration.located(error) from None
     model = {name: arguments[name] for name in ("projectile", "target", "resistance")}
     compared = [
         [
@@ -196,7 +195,7 @@ def compute_motion_calibration(request: bytes) -> Answer:
         ]
         for run, rows in zip(arguments["runs"], times, strict=True)
     ]
-    return motion_answer(fits, compared, several=asked.several), None
+    return motion_answer(fits, compared, several=calibration.several), None
 
 
 def compute_obliquity_calibration(request: bytes) -> Answer:

@@ -46,14 +46,160 @@ def available_cores(control_groups: Path = CONTROL_GROUPS, membership: Path = ME
     return cores
 
 
+def missing_package(feature: str, package: str, extra: str) -> str:
+    """Return what to do about a feature whose package is not installed; the package index has another ricochet."""
+    return (
+        f"{feature} needs {package}, which is not installed: install the extra {extra} from the wheel or from the "
+        f'repository, pip install ".[{extra}]"'
+    )
+
+
 def built_manual() -> Path:
     """`build/manual` beside the packages."""
     return Path(__file__).parents[1] / "build" / "manual"
 
 
-class Limits(BaseSettings):
-    """Bounds on what one client can hold or ask for."""
+class ServerSettings(BaseSettings):
+    """Where the service listens, what it logs, and how it ends."""
 
+    host: Annotated[str, Field(description="Address to listen on; this machine only unless said otherwise.")] = (
+        "127.0.0.1"
+    )
+    port: Annotated[int, Field(ge=0, le=65535, description="Port to listen on; 0 takes a free one.")] = 8000
+    tls_certificate: Annotated[
+        Path | None, Field(description="Certificate (PEM, with its chain) to serve HTTPS with; takes a `tls_key`.")
+    ] = None
+    tls_key: Annotated[Path | None, Field(description="Private key of the certificate (PEM).")] = None
+    trusted_proxies: Annotated[
+        Names,
+        Field(
+            description="Addresses or networks of proxies, with commas between them, such as `127.0.0.1,10.0.0.0/8`: "
+            "the client and scheme that their `X-Forwarded-For` and `X-Forwarded-Proto` name are believed, and nobody "
+            "else's: any client could name another."
+        ),
+    ] = ()
+    data_dir: Annotated[Path, Field(description="Folder of results and jobs; made if it is not there.")] = Path("data")
+    manual_dir: Annotated[
+        Path,
+        Field(
+            default_factory=built_manual,
+            description="Folder of the built manual, served at `/manual`: `make docs` in a copy of the repository "
+            "makes it. A wheel does not carry it; without it `/manual` says so.",
+        ),
+    ]
+    gzip: Annotated[
+        bool,
+        Field(
+            description="Whether answers of 8 KiB and more are compressed for clients that accept gzip. A history of "
+            "72 kB becomes 35 kB in a millisecond, which pays over slow networks; on fast ones it takes longer."
+        ),
+    ] = False
+    log_level: Annotated[
+        Literal["debug", "info", "warning", "error"],
+        Field(description="Least weight of what is logged; `warning` leaves out the line for each request."),
+    ] = "info"
+    telemetry: Annotated[
+        bool,
+        Field(
+            description="Whether a trace of each request goes to the collector that `OTEL_EXPORTER_OTLP_ENDPOINT` "
+            "names; needs the extra `telemetry`."
+        ),
+    ] = False
+    grace_seconds: Annotated[
+        int,
+        Field(
+            ge=3,
+            description="How long the service may take to end after SIGTERM, running queries included. Less than the "
+            "10 s after which container managers kill.",
+        ),
+    ] = 8
+
+    @property
+    def on_loopback(self) -> bool:
+        """Whether only this machine reaches the service."""
+        return self.host in LOOPBACK
+
+    @field_validator("trusted_proxies")
+    @classmethod
+    def check_proxies(cls, proxies: tuple[str, ...]) -> tuple[str, ...]:
+        """Check that each is an address or a network."""
+        for proxy in proxies:
+            try:
+                ip_network(proxy)
+            except ValueError as error:
+                raise ValueError(f"{proxy!r} is no address or network: {error}") from None
+        return proxies
+
+    @model_validator(mode="after")
+    def check_tls(self) -> Self:
+        """Check that both files of TLS are named, or none."""
+        if (self.tls_certificate is None) != (self.tls_key is None):
+            raise ValueError("tls_certificate and tls_key go together: set both or none")
+        return self
+
+
+class AccessSettings(BaseSettings):
+    """Who is answered, and what is recorded of it."""
+
+    access: Annotated[
+        Literal["auto", "keys", "open"],
+        Field(
+            description="Who is answered: `keys` only those with a key, `open` everybody who reaches the service, "
+            "`auto` those with a key as soon as there is one, and otherwise everybody on this machine."
+        ),
+    ] = "auto"
+    allowed_hosts: Annotated[
+        Names,
+        Field(
+            description="Names in the `Host` header that are answered, with commas between them; any if none is set, "
+            "but on the loopback interface of an open service only those of this machine: a page elsewhere could "
+            "otherwise have its own name point here."
+        ),
+    ] = ()
+    cors_origins: Annotated[
+        Names,
+        Field(
+            description="Origins whose pages may send requests from a browser, such as `https://a.example`, with "
+            "commas between them; none but the service's own if none is set."
+        ),
+    ] = ()
+    metrics_open: Annotated[
+        bool, Field(description="Whether `/metrics` is open without a key: it holds counts, no case.")
+    ] = False
+    audit_log: Annotated[
+        Path | None,
+        Field(
+            description="File of the audit log; standard error if none is set. Opened anew once it has been moved away."
+        ),
+    ] = None
+
+
+class LimitSettings(BaseSettings):
+    """Bounds on what one client can send or hold."""
+
+    max_body_bytes: Annotated[
+        int,
+        Field(
+            ge=1024,
+            description="Largest request body. A profile of 1,000 points with all its digits takes 50 kB; listing all "
+            "that is wrong with 1 MiB of nonsense would hold up the other requests for half a second.",
+        ),
+    ] = 128 * 1024
+    max_batch_bytes: Annotated[
+        int,
+        Field(
+            ge=1024,
+            description="Largest JSON body of a batch or a sweep. A thousand cases take some 400 kB; parsing is one "
+            "piece of work that nothing else gets between, and 2 MiB of it take some 20 ms.",
+        ),
+    ] = 2 * 1024 * 1024
+    max_jsonl_bytes: Annotated[
+        int,
+        Field(
+            ge=1024,
+            description="Largest JSONL body, read as a stream: 100,000 cases of 2 kB each, five times the usual.",
+        ),
+    ] = 200 * 1024 * 1024
     max_body_depth: Annotated[
         int,
         Field(
@@ -149,91 +295,15 @@ class Limits(BaseSettings):
             "a second to some seconds of work, and the others need not wait behind more.",
         ),
     ] = 100
-
-
-class Settings(Limits):
-    """What can be set. `RICOCHET_PORT=9000` sets `port`."""
-
-    model_config = SettingsConfigDict(env_prefix="RICOCHET_", frozen=True)
-
-    host: Annotated[str, Field(description="Address to listen on; this machine only unless said otherwise.")] = (
-        "127.0.0.1"
-    )
-    access: Annotated[
-        Literal["auto", "keys", "open"],
-        Field(
-            description="Who may ask: `keys` only those with a key, `open` everybody who reaches the service, `auto` "
-            "those with a key as soon as there is one, and otherwise everybody on this machine."
-        ),
-    ] = "auto"
-    allowed_hosts: Annotated[
-        Names,
-        Field(
-            description="Names in the `Host` header that are answered, with commas between them; any if none is set, "
-            "but on the loopback interface of an open service only those of this machine: a page elsewhere could "
-            "otherwise have its own name point here."
-        ),
-    ] = ()
-    cors_origins: Annotated[
-        Names,
-        Field(
-            description="Origins whose pages may ask from a browser, such as `https://a.example`, with commas between "
-            "them; none but the service's own if none is set."
-        ),
-    ] = ()
-    trusted_proxies: Annotated[
-        Names,
-        Field(
-            description="Addresses or networks of proxies, with commas between them, such as `127.0.0.1,10.0.0.0/8`: "
-            "the client and scheme that their `X-Forwarded-For` and `X-Forwarded-Proto` name are believed, and nobody "
-            "else's: any client could name another."
-        ),
-    ] = ()
-    metrics_open: Annotated[
-        bool, Field(description="Whether `/metrics` is open without a key: it holds counts, no case.")
-    ] = False
-    audit_log: Annotated[
-        Path | None,
-        Field(
-            description="File of the audit log; standard error if none is set. Opened anew once it has been moved away."
-        ),
-    ] = None
-    tls_certificate: Annotated[
-        Path | None, Field(description="Certificate (PEM, with its chain) to serve HTTPS with; takes a `tls_key`.")
-    ] = None
-    tls_key: Annotated[Path | None, Field(description="Private key of the certificate (PEM).")] = None
-    port: Annotated[int, Field(ge=0, le=65535, description="Port to listen on; 0 takes a free one.")] = 8000
-    data_dir: Annotated[Path, Field(description="Folder of results and jobs; made if it is not there.")] = Path("data")
-    manual_dir: Annotated[
-        Path,
-        Field(
-            default_factory=built_manual,
-            description="Folder of the built manual, served at `/manual`: `make docs` in a copy of the repository "
-            "makes it. A wheel does not carry it; without it `/manual` says so.",
-        ),
-    ]
-    workers: Annotated[
-        int, Field(default_factory=available_cores, ge=1, le=1024, description="Worker processes; the cores.")
-    ]
-    executor: Annotated[
-        Literal["pool", "dask", "in-process"],
-        Field(
-            description="Where batches are computed: in the worker processes, on a Dask cluster, or in a thread of the "
-            "service, for a debugger. Single queries go to the worker processes in either of the first two.",
-        ),
-    ] = "pool"
-    dask_scheduler: Annotated[
-        str,
-        Field(pattern=r"^((tcp|tls|ws|wss)://.+)?$", description="Address of the Dask scheduler: tcp://host:8786."),
-    ] = ""
-    max_body_bytes: Annotated[
+    max_waiting_queries: Annotated[
         int,
-        Field(
-            ge=1024,
-            description="Largest request body. A profile of 1,000 points with all its digits takes 50 kB; telling all "
-            "that is wrong with 1 MiB of nonsense would hold up the other requests for half a second.",
-        ),
-    ] = 128 * 1024
+        Field(ge=1, description="Single queries that may wait for a worker: at 10 ms each, some seconds of work."),
+    ] = 1000
+
+
+class CacheSettings(BaseSettings):
+    """How much is kept of results."""
+
     memory_cache_bytes: Annotated[
         int,
         Field(ge=0, description="Memory for the latest results: some 500 with a history, tens of thousands without."),
@@ -243,24 +313,14 @@ class Settings(Limits):
         Field(
             ge=0,
             description="Disk for results; those used longest ago go first. Ten million critical angles or a hundred "
-            "thousand histories: more than most ask for, less than a disk holds.",
+            "thousand histories: more than most request, less than a disk holds.",
         ),
     ] = 10 * 1024**3
-    max_batch_bytes: Annotated[
-        int,
-        Field(
-            ge=1024,
-            description="Largest JSON body of a batch or a sweep. A thousand cases take some 400 kB; parsing is one "
-            "piece of work that nothing else gets between, and 2 MiB of it take some 20 ms.",
-        ),
-    ] = 2 * 1024 * 1024
-    max_jsonl_bytes: Annotated[
-        int,
-        Field(
-            ge=1024,
-            description="Largest JSONL body, read as a stream: 100,000 cases of 2 kB each, five times the usual.",
-        ),
-    ] = 200 * 1024 * 1024
+
+
+class JobSettings(BaseSettings):
+    """What becomes a job, and how long jobs wait and are kept."""
+
     small_cases: Annotated[
         int,
         Field(
@@ -286,21 +346,10 @@ class Settings(Limits):
             description="Cases that may wait in all jobs together: ten of the largest batches, some hours of work.",
         ),
     ] = 1_000_000
-    max_waiting_queries: Annotated[
-        int,
-        Field(ge=1, description="Single queries that may wait for a worker: at 10 ms each, some seconds of work."),
-    ] = 1000
     job_days: Annotated[
         float,
         Field(gt=0.0, description="How long a job is kept after its end: over a weekend and a few days more."),
     ] = 7.0
-    gzip: Annotated[
-        bool,
-        Field(
-            description="Whether answers of 8 KiB and more are compressed for clients that accept gzip. A history of "
-            "72 kB becomes 35 kB in a millisecond, which pays over slow networks; on fast ones it takes longer."
-        ),
-    ] = False
     most_wait_seconds: Annotated[
         float,
         Field(
@@ -308,17 +357,25 @@ class Settings(Limits):
             description="Longest that `Prefer: wait` is obeyed: less than the 60 s after which proxies give up.",
         ),
     ] = 30.0
-    log_level: Annotated[
-        Literal["debug", "info", "warning", "error"],
-        Field(description="Least weight of what is logged; `warning` leaves out the line for each request."),
-    ] = "info"
-    telemetry: Annotated[
-        bool,
+
+
+class ExecutorSettings(BaseSettings):
+    """Where cases are computed, and for how long."""
+
+    executor: Annotated[
+        Literal["pool", "dask", "in-process"],
         Field(
-            description="Whether a trace of each request goes to the collector that `OTEL_EXPORTER_OTLP_ENDPOINT` "
-            "names; needs the extra `telemetry`."
+            description="Where batches are computed: in the worker processes, on a Dask cluster, or in a thread of the "
+            "service, for a debugger. Single queries go to the worker processes in either of the first two.",
         ),
-    ] = False
+    ] = "pool"
+    workers: Annotated[
+        int, Field(default_factory=available_cores, ge=1, le=1024, description="Worker processes; the cores.")
+    ]
+    dask_scheduler: Annotated[
+        str,
+        Field(pattern=r"^((tcp|tls|ws|wss)://.+)?$", description="Address of the Dask scheduler: tcp://host:8786."),
+    ] = ""
     task_seconds: Annotated[
         float,
         Field(
@@ -335,42 +392,28 @@ class Settings(Limits):
             "ones, so a busy pool may take as long as a usual query.",
         ),
     ] = 2.0
-    grace_seconds: Annotated[
-        int,
-        Field(
-            ge=3,
-            description="How long the service may take to end after SIGTERM, running queries included. Less than the "
-            "10 s after which container managers kill.",
-        ),
-    ] = 8
-
-    @property
-    def on_loopback(self) -> bool:
-        """Whether only this machine reaches the service."""
-        return self.host in LOOPBACK
-
-    @field_validator("trusted_proxies")
-    @classmethod
-    def check_proxies(cls, proxies: tuple[str, ...]) -> tuple[str, ...]:
-        """See that each is an address or a network."""
-        for proxy in proxies:
-            try:
-                ip_network(proxy)
-            except ValueError as error:
-                raise ValueError(f"{proxy!r} is no address or network: {error}") from None
-        return proxies
-
-    @model_validator(mode="after")
-    def check_tls(self) -> Self:
-        """See that both files of TLS are named, or none."""
-        if (self.tls_certificate is None) != (self.tls_key is None):
-            raise ValueError("tls_certificate and tls_key go together: set both or none")
-        return self
 
     @model_validator(mode="after")
     def _dask_is_there(self) -> Self:
         if self.executor == "dask" and not self.dask_scheduler:
             raise ValueError("RICOCHET_EXECUTOR=dask needs RICOCHET_DASK_SCHEDULER, such as tcp://scheduler:8786")
         if self.executor == "dask" and find_spec("distributed") is None:
-            raise ValueError("RICOCHET_EXECUTOR=dask needs distributed: install ricochet with its extra dask")
+            raise ValueError(missing_package("RICOCHET_EXECUTOR=dask", "distributed", "dask"))
         return self
+
+
+GROUPS: dict[str, type[BaseSettings]] = {
+    "server": ServerSettings,
+    "access": AccessSettings,
+    "limit": LimitSettings,
+    "cache": CacheSettings,
+    "job": JobSettings,
+    "executor": ExecutorSettings,
+}
+"""Groups of settings, by the headings of docs/operating.md."""
+
+
+class Settings(ServerSettings, AccessSettings, LimitSettings, CacheSettings, JobSettings, ExecutorSettings):
+    """What can be set. `RICOCHET_PORT=9000` sets `port`."""
+
+    model_config = SettingsConfigDict(env_prefix="RICOCHET_", frozen=True)

@@ -20,7 +20,6 @@ from service.api import (
     batches,
     health,
     jobs,
-    manual,
     mcp,
     metrics,
     page,
@@ -38,9 +37,8 @@ from service.api.results import DOWNLOADS, HDF5
 from service.api.services import READING_THREADS, Services, executor_for
 from service.api.tables import PARQUET
 from service.auth.api_keys import ApiKeyStore
-from service.auth.audit import AuditLog
 from service.auth.dependencies import ConcurrencyLimit, authorize_unrouted
-from service.auth.middleware import AuthMiddleware
+from service.auth.middleware import AuditLog, AuthMiddleware
 from service.auth.quotas import QuotaStore
 from service.cache.cache import ResultCache
 from service.errors import OwnerQueriesError, OwnerStreamsError, StreamsFullError
@@ -81,7 +79,7 @@ STOP_SECONDS = POOL_SECONDS + 1
 """Part of the grace time for jobs and workers to end after the last request has been answered or given up."""
 GZIP_BYTES, GZIP_LEVEL = 8 * 1024, 1
 """Least answer that is compressed, and how hard: level 6 takes four times as long and saves 3 % more."""
-RESOURCES = (queries, batches, uncertainty, reports, umbridge, results, jobs, health, metrics, page, manual)
+RESOURCES = (queries, batches, uncertainty, reports, umbridge, results, jobs, health, metrics, page)
 """Routers in the order in which they are searched."""
 BODIES: tuple[type[Part], ...] = (
     TrajectoryRequest,
@@ -274,7 +272,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     app.router.default = authorize_unrouted
     app.mount("/docs/assets", page.DOCS_ASSETS)
     app.mount("/page", page.ASSETS)
-    app.mount("/manual", manual.Manual(settings.manual_dir))
+    app.mount("/manual", page.Manual(settings.manual_dir))
     return app
 
 
@@ -317,6 +315,7 @@ async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         )
         await services.jobs.start()
         stack.push_async_callback(services.jobs.stop)
-        app.state.mcp = mcp.McpServer(settings.max_body_bytes)
-        stack.push_async_callback(app.state.mcp.stop)
+        tools = mcp.McpServer(settings.max_body_bytes)
+        services.mcp = tools.handle
+        stack.push_async_callback(tools.stop)
         yield

@@ -5,7 +5,7 @@ A whole body at once would hold the interpreter lock for too long; so would list
 
 import hashlib
 import itertools
-from collections.abc import AsyncIterator, Iterator, Sequence
+from collections.abc import AsyncIterator, Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -54,6 +54,8 @@ class BatchBody:
     _digest: "hashlib._Hash"
     count: int = 0
     sweep: Sweep | None = None
+    estimate: Callable[[], int] = lambda: 0
+    """About how many cases the lines of a JSONL body have, going by those read; 0 if its length is not known."""
 
     def digest(self) -> str:
         """Return the hash of path, media type and body, once it has been read."""
@@ -79,6 +81,8 @@ class BatchReader:
         self._model = model
         self._services: Services = services_of(request)
         self._limits = self._services.settings
+        self._read_count, self._read_bytes = 0, 0
+        """Lines of a JSONL body that have been read, and their length."""
 
     async def read_batch(self) -> BatchBody:
         """Return the cases of a batch; those of a JSON body are all validated, those of JSONL only as they are read.
@@ -92,7 +96,8 @@ class BatchReader:
         digest = hashlib.sha256(f"{self._request.scope['path']} {media_type}\n".encode())
         if media_type == JSONL:
             chunks = stream_up_to(self._request, self._limits.max_jsonl_bytes)
-            return BatchBody(self._read_lines(split_lines(chunks, self._limits.max_body_bytes, digest)), digest)
+            lines = split_lines(chunks, self._limits.max_body_bytes, digest)
+            return BatchBody(self._read_lines(lines), digest, estimate=self._estimate)
         body = await read_body(self._request, self._limits.max_batch_bytes)
         digest.update(body)
         reading = self._services.reading
@@ -165,15 +170,19 @@ class BatchReader:
 
     async def _read_lines(self, parts: AsyncIterator[list[bytes]]) -> AsyncIterator[list[Case]]:
         """Yield the cases of a JSONL body."""
-        count = 0
         async for lines in parts:
-            if count + len(lines) > MOST_LINES:
+            first, count = self._read_count, self._read_count + len(lines)
+            self._read_count, self._read_bytes = count, self._read_bytes + sum(len(line) + 1 for line in lines)
+            if count > MOST_LINES:
                 raise InvalidBodyError([{"pointer": "", "detail": f"may have {MOST_LINES:,} lines at most"}])
             if lines:
-                yield await run_sync(self._validate_lines, lines, count, limiter=self._services.reading)
-            count += len(lines)
-        if not count:
+                yield await run_sync(self._validate_lines, lines, first, limiter=self._services.reading)
+        if not self._read_count:
             raise InvalidBodyError([{"pointer": "", "detail": "has no line"}])
+
+    def _estimate(self) -> int:
+        length = int(self._request.headers.get("content-length", 0))
+        return length * self._read_count // max(1, self._read_bytes)
 
     def _validate_lines(self, lines: Sequence[bytes], first: int) -> list[Case]:
         """Validate some lines; the first that is wrong ends it."""

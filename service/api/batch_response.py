@@ -40,7 +40,7 @@ Prefer = Annotated[
     str,
     Header(
         alias="Prefer",
-        description="RFC 7240: `respond-async` asks for a job whatever the size of the work, `wait=10` to be answered "
+        description="RFC 7240: `respond-async` makes a job whatever the size of the work, `wait=10` to be answered "
         "with the results if they are ready after so many seconds.",
     ),
 ]
@@ -85,12 +85,20 @@ class JobResponse:
         sweep: Sweep | None = None,
         charge: Charge | None = None,
         count: int = 0,
+        estimate: Callable[[], int] = lambda: 0,
     ) -> JobState:
-        """Return the job of these cases, as many as `count` if known: a new one, or that of the idempotency key."""
+        """Return the job of these cases, a new one or that of the idempotency key; see `JobManager.accept`."""
         idempotency = Idempotency(self._token, digest) if self._token else None
         owner = self._context.principal.owner
         state, new = await self._jobs.accept(
-            self.operation, blocks, owner=owner, idempotency=idempotency, sweep=sweep, charge=charge, count=count
+            self.operation,
+            blocks,
+            owner=owner,
+            idempotency=idempotency,
+            sweep=sweep,
+            charge=charge,
+            count=count,
+            estimate=estimate,
         )
         self._context.job = state.id
         if not new:  # it counted when it was accepted
@@ -148,7 +156,9 @@ class BatchResponse(JobResponse):
             small, rest = await take(self._charged(body.blocks), most)
             if rest is None and not self.preference.respond_async:
                 return await self._answer_now(small, body.sweep)
-            state = await self.accept(chain(small, rest), body.digest, body.sweep, count=body.count)
+            state = await self.accept(
+                chain(small, rest), body.digest, body.sweep, count=body.count, estimate=body.estimate
+            )
         except BaseException:
             self._context.give_back()
             raise

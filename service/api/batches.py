@@ -82,7 +82,7 @@ MANY_CASES = (
         "Compute the motion of many projectiles",
         "sweep_trajectories",
         "Compute a trajectory",
-        "Histories are given only if a case asks for its own.",
+        "Histories are given only if a case requests its own.",
     ),
     ManyCases(
         "cra",
@@ -146,7 +146,7 @@ def add_batch(many: ManyCases) -> None:
         description=f"{many.batch_summary}: up to 1,000 as JSON, up to 100,000 as JSON lines.\n\n"
         f"{many.note}{' ' * bool(many.note)}"
         "A case that is no request refuses the whole batch, and the problem names it: `/cases/17/...` in JSON, counted "
-        "from 0; the line in JSONL, counted from 1 in words and from 0 in the pointer. What only the solver can tell "
+        "from 0; the line in JSONL, counted from 1 in words and from 0 in the pointer. What only the solver finds "
         "of a line is the problem of that case alone.",
         response_model=many.results,
         responses=MANY,
@@ -169,7 +169,7 @@ def add_sweep(many: ManyCases) -> None:
         name=many.sweep_name,
         description=f"{many.sweep_summary} for every combination of the values of the axes, the last axis fastest."
         "\n\nUp to 100,000 points. Each has to be a request: the first that is not refuses the sweep, and the problem "
-        "names the values of its axes. What only the solver can tell of a point is the problem of that point alone.",
+        "names the values of its axes. What only the solver finds of a point is the problem of that point alone.",
         response_model=many.results,
         responses=MANY,
         openapi_extra=one_body(many.sweep),

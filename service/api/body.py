@@ -28,7 +28,7 @@ def choose(accept: str, offered: Sequence[str]) -> str | None:
 
 
 def matches(if_none_match: str, etag: str) -> bool:
-    """Tell whether the client has this representation already."""
+    """Return whether the client has this representation already."""
     tags = [tag.strip().removeprefix("W/") for tag in if_none_match.split(",")]
     return "*" in tags or etag in tags
 

@@ -23,7 +23,7 @@ from uvicorn.server import ServerState
 
 from service.auth.middleware import secured
 from service.errors import ProblemType
-from service.settings import Limits
+from service.settings import LimitSettings
 
 CYCLE = "ricochet.cycle"
 """Key in the scope of a request: the server's state of it, such as whether there is more of its body."""
@@ -65,7 +65,7 @@ class Connection(HttpToolsProtocol):
         _loop: asyncio.AbstractEventLoop | None = None,
     ) -> None:
         super().__init__(config, server_state, app_state, _loop)
-        self._limits: Limits = config.app.state.services.settings  # type: ignore[union-attr] # it is the FastAPI application
+        self._limits: LimitSettings = config.app.state.services.settings  # type: ignore[union-attr] # it is the FastAPI application
         self._waiting: float | None = None
         """Since when a head is waited for."""
         self._in_head = False
@@ -321,7 +321,7 @@ class BodyTimeout:
 class BodyTimeoutMiddleware:
     """Middleware that gives up bodies that come too slowly."""
 
-    def __init__(self, app: ASGIApp, limits: Limits) -> None:
+    def __init__(self, app: ASGIApp, limits: LimitSettings) -> None:
         self._app = app
         self._limits = limits
 

@@ -41,7 +41,7 @@ RETRY_LATER: dict[str, Any] = {
 PROBLEMS: Responses = {
     400: {"description": "The body cannot be parsed."},
     404: {"description": "Nothing is kept under this name."},
-    406: {"description": "The result is not given in a form that `Accept` asks for."},
+    406: {"description": "The result is not given in a form that `Accept` names."},
     409: {"description": "The request with this idempotency key is still being accepted."},
     413: {"description": "The body is too long."},
     415: {"description": "The body is of another media type."},

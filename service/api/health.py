@@ -40,13 +40,13 @@ class Version(Part):
 
 @router.get("/livez", response_description="It answers.", responses=problems(500))
 async def livez() -> Health:
-    """Tell whether the service answers at all."""
+    """Return whether the service answers at all."""
     return Health(status="ok")
 
 
 @router.get("/readyz", response_description="It is ready.", responses=problems(500, 503))
 async def readyz(request: Request) -> Health:
-    """Tell whether a worker answers and results can be written."""
+    """Return whether a worker answers and results can be written."""
     services = services_of(request)
     if not await services.executor.probe(services.settings.probe_seconds):
         raise HTTPException(HTTPStatus.SERVICE_UNAVAILABLE, services.executor.last_error)
@@ -57,7 +57,7 @@ async def readyz(request: Request) -> Health:
 
 @router.get("/version", response_description="The versions.", responses=problems(500))
 async def version() -> Version:
-    """Tell the versions of the solver, the contract and the libraries."""
+    """Return the versions of the solver, the contract and the libraries."""
     return Version(engine_version=ENGINE_VERSION, schema_version=SCHEMA_VERSION, libraries=library_versions())
 
 

@@ -24,6 +24,7 @@ from service.errors import InvalidBodyError, validation_errors
 from service.jobs.manager import JobManager
 from service.jobs.models import CaseResult, JobState
 from service.schemas import Job, JobChange, JobResults, Jobs
+from service.settings import missing_package
 
 router = APIRouter(tags=["jobs"])
 
@@ -77,7 +78,7 @@ Limit = Annotated[
 
 RESULTS: Responses = {
     200: {
-        "description": "What is ready, in the form that `Accept` asks for.",
+        "description": "What is ready, in the form that `Accept` names.",
         "content": {
             JSONL: {"schema": {"type": "string", "description": "A `JobItem` a line."}},
             CSV: {"schema": {"type": "string", "description": "A row a case: the summary, or the problem."}},
@@ -137,7 +138,7 @@ async def get_job_results(
     forms = FORMS if has_parquet() else FORMS[:-1]
     form = choose(request.headers.get("accept", "*/*"), forms)
     if form is None:
-        more = "" if has_parquet() else "; Parquet needs pyarrow: install ricochet with its extra parquet"
+        more = "" if has_parquet() else f"; {missing_package('Parquet', 'pyarrow', 'parquet')}"
         raise HTTPException(HTTPStatus.NOT_ACCEPTABLE, f"results are given as {', '.join(forms)}{more}")
     start, path = read_cursor(cursor), f"/jobs/{job.id}/results"
     most = limit if form == JSON or "limit" in request.query_params else None

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import orjson
 from anyio.to_thread import run_sync
 from fastapi import APIRouter, Request, Response
-from starlette.types import Receive, Scope, Send
+from starlette.types import ASGIApp, Receive, Scope, Send
 
 from service.api.body import is_deeper
 from service.api.queries import computed, computed_with_alternatives, validated
@@ -87,19 +87,19 @@ class McpServer:
 class McpResponse(Response):
     """The answer to a message, which the SDK sends by itself."""
 
-    def __init__(self, server: McpServer) -> None:
+    def __init__(self, server: ASGIApp) -> None:
         super().__init__()
         self._server = server
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Send the answer."""
-        await self._server.handle(scope, receive, send)
+        await self._server(scope, receive, send)
 
 
 @router.post("/mcp")
 async def serve_mcp(request: Request) -> Response:
     """Answer a message of the Model Context Protocol (streamable HTTP)."""
-    return McpResponse(request.app.state.mcp)
+    return McpResponse(services_of(request).mcp)
 
 
 async def compute(operation: str, content: Mapping[str, Any], request: Request) -> dict[str, Any]:
@@ -134,10 +134,10 @@ async def _answer(operation: str, content: Mapping[str, Any], request: Request) 
     query = KeyedRequest.of(operation, case)
     if operation in UNCERTAIN:
         return await _study(operation, case, query, request)
-    context.take(OPERATIONS[operation].cases(case))
-    if getattr(case, "alternatives", False):
-        return (await computed_with_alternatives(request, operation, case, query))[0]
-    return (await computed(services, context, operation, query))[0].json
+    with context.taking(OPERATIONS[operation].cases(case)):
+        if getattr(case, "alternatives", False):
+            return (await computed_with_alternatives(request, operation, case, query))[0]
+        return (await computed(services, context, operation, query))[0].json
 
 
 async def _study(operation: str, case: Any, query: KeyedRequest, request: Request) -> bytes:

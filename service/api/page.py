@@ -1,10 +1,13 @@
-"""The page at `/` and Swagger UI at `/docs`: static files, all of them served from here."""
+"""The page at `/`, Swagger UI at `/docs` and the built manual at `/manual`: static files, all served from here."""
 
 import gzip
 import json
+import os
+import re
 from base64 import b64encode
 from functools import lru_cache
 from hashlib import sha256
+from http import HTTPStatus
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -15,7 +18,8 @@ from fastapi.openapi.docs import get_swagger_ui_html
 from fastapi.responses import HTMLResponse
 from fastapi.staticfiles import StaticFiles
 from starlette.datastructures import Headers
-from starlette.responses import FileResponse
+from starlette.exceptions import HTTPException
+from starlette.responses import FileResponse, RedirectResponse
 from starlette.types import Scope
 
 from service.schemas.reports import USUAL_SCATTER
@@ -138,3 +142,77 @@ async def docs() -> HTMLResponse:
     )
     response.headers["Content-Security-Policy"] = DOCS_POLICY
     return response
+
+
+INLINE = re.compile(rb"<(script|style)>(.*?)</\1>", re.DOTALL)
+"""Scripts and style sheets inside a page: the theme has two of them."""
+MANUAL_HEADERS = {
+    "Cache-Control": "no-cache",
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Referrer-Policy": "no-referrer",
+    "X-Content-Type-Options": "nosniff",
+}
+NO_MANUAL = """<!doctype html>
+<html lang="en">
+<meta charset="utf-8">
+<title>No manual here</title>
+<h1>No manual here</h1>
+<p>This service has no built manual. In a copy of the repository, <code>make docs</code> builds it into
+<code>build/manual</code>, and a service started there serves it at this address. Elsewhere,
+<code>RICOCHET_MANUAL_DIR</code> names a folder with a built manual.</p>
+<p><a href="docs">The routes of this service</a></p>
+</html>
+"""
+
+
+class Manual(StaticFiles):
+    """Files of the manual.
+
+    Parameters
+    ----------
+    folder
+        Where the manual is, if it was built; looked at with each request.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__(directory=folder, check_dir=False)
+
+    async def check_config(self) -> None:
+        """Let a folder be absent: its files are then not found."""
+
+    def lookup_path(self, path: str) -> tuple[str, os.stat_result | None]:
+        """Return the file at a path, for the manual itself its first page."""
+        return super().lookup_path("index.html" if path == "." else path)
+
+    async def get_response(self, path: str, scope: Scope) -> Response:
+        """Answer with a file, or that the browser has it; without a manual, that there is none."""
+        try:
+            response = await super().get_response(path, scope)
+        except HTTPException as error:
+            if path != "." or error.status_code != HTTPStatus.NOT_FOUND:
+                raise
+            return HTMLResponse(NO_MANUAL, HTTPStatus.NOT_FOUND)
+        file, status = await run_sync(self.lookup_path, path)
+        response.headers.update(MANUAL_HEADERS)
+        if status is not None and file.endswith(".html"):
+            response.headers["Content-Security-Policy"] = await run_sync(policy_of, file, status.st_mtime_ns)
+        return response
+
+
+@lru_cache(maxsize=256)
+def policy_of(file: str, _modified: int) -> str:
+    """Return the content policy of a page: files of this service, and the scripts and styles inside the page."""
+    scripts, styles = ["'self'"], ["'self'"]
+    for kind, text in INLINE.findall(Path(file).read_bytes()):
+        source = f"'sha256-{b64encode(sha256(text).digest()).decode()}'"
+        (scripts if kind == b"script" else styles).append(source)
+    return (
+        f"default-src 'none'; script-src {' '.join(scripts)}; style-src {' '.join(styles)}; "
+        "img-src 'self' data:; font-src 'self'; base-uri 'none'; form-action 'self'; frame-ancestors 'none'"
+    )
+
+
+@router.get("/manual")
+async def manual() -> Response:
+    """Lead to the first page, by an address that holds behind a prefix too."""
+    return RedirectResponse("manual/", headers={"Cache-Control": "no-cache"})

@@ -37,8 +37,8 @@ from service.schemas import (
     TrajectoryAnswer,
     TrajectoryRequest,
 )
-from service.schemas.alternatives import alternative_requests, answered_alternative, with_alternatives
 from service.schemas.problems import json_pointer
+from service.schemas.requests import alternative_requests, answered_alternative, with_alternatives
 
 MAX_FIELDS = 20
 """Fields of an object of a calibration, which has half as many: listing a million errors would take a second."""
@@ -186,14 +186,14 @@ async def answer(request: Request, operation: str, *, long: bool = False) -> Res
     else:
         raise InvalidBodyError([{"pointer": "", "detail": "Field required"}])
     read, cases = time.perf_counter(), OPERATIONS[operation].cases(case)
-    context.take(cases)
-    query = await run_sync(KeyedRequest.of, operation, case) if long else KeyedRequest.of(operation, case)
-    if getattr(case, "alternatives", False):
-        content, status = await computed_with_alternatives(request, operation, case, query)
-    else:
-        record, status = await computed(services, context, operation, query)
-        content = record.json
-        services.bodies.remember(path, body, KnownBody(query.key, cases))
+    with context.taking(cases):
+        query = await run_sync(KeyedRequest.of, operation, case) if long else KeyedRequest.of(operation, case)
+        if getattr(case, "alternatives", False):
+            content, status = await computed_with_alternatives(request, operation, case, query)
+        else:
+            record, status = await computed(services, context, operation, query)
+            content = record.json
+            services.bodies.remember(path, body, KnownBody(query.key, cases))
     now = time.perf_counter()
     timing = f"validate;dur={1e3 * (read - begun):.2f}, compute;dur={1e3 * (now - read):.2f}"
     return reply(content, status, f"{timing}, total;dur={1e3 * (now - begun):.2f}")

@@ -36,7 +36,7 @@ DOWNLOADS = "downloads"
 JSON_PIECE = 128 * 1024
 """JSON sent at once. [bytes]"""
 FILE_PIECE = 256 * 1024
-"""Likewise of a file. [bytes]"""
+"""The same of a file. [bytes]"""
 
 
 def to_item(result: CaseResult, instance: str, sweep: Sweep | None) -> bytes:
@@ -177,7 +177,7 @@ REPRESENTATIONS: dict[str, Callable[[Record], bytes]] = {
 
 DECLARED: Responses = {
     200: {
-        "description": "The result, in the form that `Accept` asks for.",
+        "description": "The result, in the form that `Accept` names.",
         "headers": {"ETag": {"description": "Of this form; strong.", "schema": {"type": "string"}, "required": True}},
         "content": {"text/csv": {"schema": {"type": "string"}}, "application/x-hdf5": {}},
     },

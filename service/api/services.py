@@ -6,12 +6,13 @@ from dataclasses import dataclass, field
 from anyio import CapacityLimiter
 from fastapi import Request
 from opentelemetry.trace import TracerProvider
+from starlette.types import ASGIApp
 
 from service.api.body import KnownBodies
 from service.api.metrics import Metrics
 from service.auth.api_keys import ApiKeyStore
-from service.auth.audit import AuditLog
 from service.auth.dependencies import ConcurrencyLimit
+from service.auth.middleware import AuditLog
 from service.auth.quotas import QuotaStore
 from service.cache.cache import ResultCache
 from service.jobs.manager import JobManager
@@ -48,6 +49,8 @@ class Services:
     stopping: asyncio.Event = field(init=False)
     reading: CapacityLimiter = field(init=False)
     parsing: asyncio.Lock = field(init=False)
+    mcp: ASGIApp = field(init=False)
+    """Answers messages of the Model Context Protocol."""
 
 
 def services_of(request: Request) -> Services:

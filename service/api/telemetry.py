@@ -13,16 +13,14 @@ from fastapi.telemetry import TelemetryConfig
 from opentelemetry import trace
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from service.errors import MissingExtraError
 from service.jobs.traces import NO_TRACER
+from service.settings import missing_package
 
 UNTRACED = frozenset({"/livez", "/readyz", "/metrics"})
 """Polled every few seconds by monitors; not worth a trace."""
 REQUEST_ID = "ricochet.request_id"
 """Attribute of a span: the id of its request in the log and in the answer."""
-
-
-class MissingExtraError(Exception):
-    """Traces are enabled, and what sends them is not installed; the text says how to mend it."""
 
 
 def tracer_provider() -> trace.TracerProvider:
@@ -39,9 +37,7 @@ def tracer_provider() -> trace.TracerProvider:
         from opentelemetry.sdk.trace import TracerProvider  # noqa: PLC0415
         from opentelemetry.sdk.trace.export import BatchSpanProcessor  # noqa: PLC0415
     except ModuleNotFoundError as error:
-        raise MissingExtraError(
-            f"RICOCHET_TELEMETRY needs {error.name}, which is not installed: install ricochet with its extra telemetry"
-        ) from None
+        raise MissingExtraError(missing_package("RICOCHET_TELEMETRY", str(error.name), "telemetry")) from None
     named = Resource({"service.name": "ricochet", "service.version": version("ricochet")})
     provider = TracerProvider(resource=named.merge(OTELResourceDetector().detect()), shutdown_on_exit=False)
     provider.add_span_processor(BatchSpanProcessor(OTLPSpanExporter()))

@@ -154,8 +154,8 @@ async def answer(endpoint: str, request: Request) -> dict[str, Any]:
         scaled = [value * each.scale for value, each in zip(values, inputs, strict=True)]
         case = validated(with_values(base, [each.field for each in inputs], scaled), name, services)
         context = context_in(request.scope)
-        context.take(1)
-        record, _ = await computed(services, context, name, KeyedRequest.of(name, case))
+        with context.taking(1):
+            record, _ = await computed(services, context, name, KeyedRequest.of(name, case))
     except (ServiceError, RicochetError) as error:
         raise protocol_error(error) from error
     return {"output": [model.output(record.answer)]}

@@ -21,6 +21,8 @@ from typing import Any, BinaryIO, Literal, TypeAlias, get_args
 
 import orjson
 
+from service.errors import KeysUnreadableError
+
 Scope: TypeAlias = Literal["read", "run", "admin"]
 SCOPES: tuple[Scope, ...] = get_args(Scope)
 """`read`: results, one's own jobs, metrics; `run`: make and end work; `admin`: both, and the jobs of all owners."""
@@ -67,10 +69,6 @@ CREATE TABLE IF NOT EXISTS quotas (
 INSERT = """
 INSERT OR IGNORE INTO api_keys VALUES (:id, :owner, :scopes, :digest, :cases_per_hour, :created, :expires, :revoked)
 """
-
-
-class KeysUnreadableError(Exception):
-    """The file of the keys exists and cannot be used; the text gives the reason."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -14,11 +14,14 @@ from starlette.types import Scope as RequestScope
 
 from service.auth.api_keys import LOCAL, SCOPES, ApiKey, ApiKeyStore
 from service.auth.quotas import Quota, QuotaStore
-from service.errors import ServiceError
+from service.errors import InvalidBodyError, PoolUnavailableError, QueueFullError, ServiceError
 from service.jobs.models import Charge
+from solver import ParameterError
 
 CONTEXT = "ricochet.context"
 """Key of the context in the scope of a request."""
+REFUSALS = (InvalidBodyError, ParameterError, PoolUnavailableError, QueueFullError)
+"""Errors of cases that were not computed."""
 CHALLENGE = {"WWW-Authenticate": "Bearer"}
 INVALID_TOKEN = {"WWW-Authenticate": 'Bearer error="invalid_token"'}
 
@@ -128,11 +131,28 @@ class RequestContext:
         self.cases += count
         return charge
 
-    def give_back(self) -> None:
-        """Count nothing of this request: it was refused, or had been counted before."""
+    def give_back(self, count: int | None = None) -> None:
+        """Take back cases, all of this request if no number is given: refused, or counted before."""
+        count = self.cases if count is None else count
         if self.principal.quota is not None:
-            self.principal.quota.give_back(self.cases)
-        self.cases = 0
+            self.principal.quota.give_back(count)
+        self.cases -= count
+
+    @contextmanager
+    def taking(self, count: int) -> Iterator[None]:
+        """Count cases that are computed in the block, unless they are refused there: a failed run counts.
+
+        Raises
+        ------
+        QuotaError
+            If the key has fewer left.
+        """
+        self.take(count)
+        try:
+            yield
+        except REFUSALS:
+            self.give_back(count)
+            raise
 
 
 def context_in(scope: RequestScope) -> RequestContext:

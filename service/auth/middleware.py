@@ -3,21 +3,28 @@
 Keys and scopes are checked by the routes, in `service.auth.dependencies`.
 """
 
+import logging
+import logging.handlers
 from collections.abc import Mapping
+from datetime import UTC, datetime
 from functools import lru_cache
 from http import HTTPStatus
+from io import TextIOWrapper
 from ipaddress import ip_address
+from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qsl, urlsplit
 
+import orjson
 from fastapi import HTTPException, Request
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
+from structlog.contextvars import get_contextvars
 
-from service.auth.api_keys import PREFIX, ApiKeyStore
-from service.auth.audit import AuditLog
+from service.auth.api_keys import PREFIX, ApiKeyStore, open_private
 from service.auth.dependencies import CONTEXT, RequestContext
 from service.auth.quotas import QuotaStore
 from service.errors import ProblemType
+from service.logs import route_of
 from service.problems import problem_response
 from service.settings import Settings
 
@@ -72,7 +79,7 @@ class AuthMiddleware:
     """
 
     def __init__(
-        self, app: ASGIApp, settings: Settings, keys: ApiKeyStore, quotas: QuotaStore, audit: AuditLog
+        self, app: ASGIApp, settings: Settings, keys: ApiKeyStore, quotas: QuotaStore, audit: "AuditLog"
     ) -> None:
         self._app = app
         self._access = settings.access
@@ -261,3 +268,59 @@ def secured(headers: Pairs, *, tls: bool) -> Pairs:
     there = {name for name, _ in headers}
     wanted = [*ALWAYS, *(REVALIDATE if b"etag" in there else NO_STORE), *(TRANSPORT if tls else [])]
     return [*headers, *(pair for pair in wanted if pair[0] not in there)]
+
+
+class PrivateFileHandler(logging.handlers.WatchedFileHandler):
+    """Writes to a file that nobody else may read, opened anew once it has been moved away."""
+
+    def _open(self) -> TextIOWrapper:
+        return TextIOWrapper(open_private(Path(self.baseFilename), "ab"), encoding="utf-8")
+
+
+class AuditLog:
+    """Writes the audit log.
+
+    Parameters
+    ----------
+    path
+        Path of its file; None for standard error.
+    """
+
+    def __init__(self, path: Path | None) -> None:
+        self._path = path
+        self._log = logging.Logger("ricochet.audit")  # noqa: LOG001 (each application has its own)
+
+    def open(self) -> None:
+        """Open the file.
+
+        Raises
+        ------
+        OSError
+            If it cannot be written.
+        """
+        if not self._log.handlers:
+            self._log.addHandler(logging.StreamHandler() if self._path is None else PrivateFileHandler(self._path))
+
+    def close(self) -> None:
+        """Close the file."""
+        for handler in list(self._log.handlers):
+            self._log.removeHandler(handler)
+            handler.close()
+
+    def record(self, scope: Mapping[str, Any], context: RequestContext, status: int) -> None:
+        """Write who sent a request, what it did, and how it was answered."""
+        principal, client = context.principal, scope.get("client")
+        line = {
+            "event": "audit",
+            "timestamp": datetime.now(UTC).isoformat(),
+            "request_id": get_contextvars().get("request_id"),
+            "owner": principal.owner if status != 401 else None,
+            "key": principal.key.id if principal.key else None,
+            "client": client[0] if client else None,
+            "method": scope["method"],
+            "route": route_of(dict(scope)),
+            "cases": context.cases,
+            "job": context.job or None,
+            "status": status,
+        }
+        self._log.info(orjson.dumps({name: value for name, value in line.items() if value is not None}).decode())

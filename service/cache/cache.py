@@ -14,21 +14,23 @@ import threading
 import time
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 
-from service.cache.hdf5 import DamagedFileError, Segment, encode_segments, read_keys, read_records
+from service.cache.hdf5 import Segment, encode_segments, read_keys, read_records
 from service.cache.index import Index, Location, Statistics, discard_index
 from service.cache.journal import Journal
 from service.cache.record import RecentRecords, Record
 from service.cache.segments import FolderLock, Segments, discard, name_of
+from service.errors import DamagedFileError
 
 NOT_CACHED = "result_not_cached"
 KEY = re.compile(r"[0-9a-f]{64}")
 PROBE = bytes(65_536)
 """Enough for a full disk to refuse it."""
 JOURNAL_RECORDS, JOURNAL_BYTES = 200, 2 * 1024 * 1024
-"""What the journal holds before it becomes a segment, some tens of milliseconds of work."""
+"""What the journal holds before it becomes a segment: some tens of milliseconds of work, in a separate thread."""
 EVICTED_SHARE = 0.1
 """Share of the limit made free at once, so that not every new result has to."""
 EVICTED_AT_ONCE = 64
@@ -71,6 +73,9 @@ class ResultCache:
         """Held while files and index change together."""
         self._evicting = threading.Lock()
         self._flushing = threading.Lock()
+        self._flusher = ThreadPoolExecutor(1, "journal")
+        self._flushed: Future[None] | None = None
+        """Latest flush of the flusher."""
         self._pending: dict[str, Record] = {}
         """What is in the journal and in no segment yet."""
         self._lock: FolderLock | None = None
@@ -121,33 +126,26 @@ class ResultCache:
         return pending | {key for key, place in places.items() if place.segment in whole}
 
     def put(self, record: Record) -> Record:
-        """Keep the record; return it as it is to be answered, with a warning if it could not be written."""
+        """Keep the record; return it as it is to be answered, with a warning if it could not be written.
+
+        It is in the journal then. A full journal becomes segments later, which no caller waits for.
+        """
         if self._journal is None:
             [record] = self.put_many([record])
         elif not self._add_to_journal(self._journal, record):
             record = record.with_warning(NOT_CACHED, f"this result was not stored: {self.last_error}")
         self._recent.put(record)
-        pending = list(self._pending.values())
-        if len(pending) >= JOURNAL_RECORDS or sum(len(record.json) for record in pending) >= JOURNAL_BYTES:
-            self.flush()
+        if self._journal_is_full() and (self._flushed is None or self._flushed.done()):
+            self._flushed = self._flusher.submit(self._flush_full_journal)
         return record
 
     def flush(self) -> None:
         """Put what is in the journal into segments, one for each operation."""
-        with self._flushing, self._noting():
-            groups: dict[tuple[str, str, str], list[Record]] = defaultdict(list)
-            for record in list(self._pending.values()):
-                groups[record.operation, record.engine_version, record.schema_version].append(record)
-            for records in groups.values():
-                kept = self.put_many(records)
-                stored = [record.key for record, same in zip(records, kept, strict=True) if same is record]
-                for key in stored:
-                    del self._pending[key]
-                if self._journal is not None:
-                    self._journal.remove(stored)  # if that fails, the next start does it
+        with self._flushing:
+            self._empty_journal()
 
     def put_many(self, records: Sequence[Record], segments: Sequence[Segment] = ()) -> list[Record]:
-        """Keep records of one operation in as few segments as their size allows; return them likewise.
+        """Keep records of one operation in as few segments as their size allows; return them as answered.
 
         Parameters
         ----------
@@ -207,6 +205,7 @@ class ResultCache:
 
     def close(self) -> None:
         """Write what is left and give the folder up."""
+        self._flusher.shutdown()
         self.flush()
         with self._noting():
             if self._journal is not None:
@@ -225,12 +224,40 @@ class ResultCache:
         """Open the journal and take up what a process that was killed has left in it."""
         with self._noting():
             journal = Journal(self._index_path.with_name("journal.sqlite"))
-            left = journal.records()
+            left, damaged = journal.take_over()
+            if damaged:
+                log.warning("cache folder %s: removed %d damaged results of the journal", self._folder, damaged)
             stored = self._find([record.key for record in left])
             journal.remove(stored)
             self._pending = {record.key: record for record in left if record.key not in stored}
             return journal
         return None
+
+    def _journal_is_full(self) -> bool:
+        pending = list(self._pending.values())
+        return len(pending) >= JOURNAL_RECORDS or sum(len(record.json) for record in pending) >= JOURNAL_BYTES
+
+    def _flush_full_journal(self) -> None:
+        """Flush, unless another flush has just made room."""
+        with self._flushing:
+            if self._journal_is_full():
+                self._empty_journal()
+
+    def _empty_journal(self) -> None:
+        groups: dict[tuple[str, str, str], list[Record]] = defaultdict(list)
+        for record in list(self._pending.values()):
+            groups[record.operation, record.engine_version, record.schema_version].append(record)
+        for records in groups.values():
+            segments, rejected = _encodable_segments(records)
+            lost = {key for keys, content in segments if not self._store(keys, content) for key in keys}
+            done = [record.key for record in records if record.key not in lost]
+            for key in done:
+                del self._pending[key]
+            for key, error in rejected.items():
+                log.error("cache folder %s: result %s cannot be stored and is removed: %s", self._folder, key, error)
+            with self._noting():
+                if self._journal is not None:
+                    self._journal.remove(done)  # if that fails, the next start does it
 
     def _add_to_journal(self, journal: Journal, record: Record) -> bool:
         with self._noting():
@@ -344,3 +371,20 @@ class ResultCache:
         if last_error != self.last_error:
             log.warning("cache folder %s: %s", self._folder, error or "written again")
         self.last_error = last_error
+
+
+def _encodable_segments(records: Sequence[Record]) -> tuple[list[Segment], dict[str, Exception]]:
+    """Return the segments of the records that can be encoded, and by key the errors of those that cannot.
+
+    Such a record may come from the journal of another version.
+    """
+    try:
+        return encode_segments(records), {}
+    except Exception as error:  # noqa: BLE001 (logged with the key; the others are kept)
+        if len(records) == 1:
+            return [], {records[0].key: error}
+    rejected: dict[str, Exception] = {}
+    for record in records:
+        rejected |= _encodable_segments([record])[1]
+    rest = [record for record in records if record.key not in rejected]
+    return encode_segments(rest) if rest else [], rejected

@@ -2,7 +2,7 @@
 
     summary      one row a result, or a case of a batch
     requests     a line of JSON a row of the summary, as bytes of UTF-8
-    answers      likewise
+    answers      a line of JSON a row of the summary, as bytes of UTF-8
     iterations   every trial of the searches
     history      the motions over time
     residuals    what a calibration was given, what it predicts and what is left
@@ -40,6 +40,7 @@ from service.cache.tables import (
     write_attribute,
 )
 from service.columns import CASE, MOTION, NUMBERING, RESIDUALS, TRIALS, Column, summary_columns
+from service.errors import DamagedFileError
 
 BLOCK = 512
 """Smallest place HDF5 keeps free for others at the start of a file. [bytes]"""
@@ -53,7 +54,7 @@ CHUNK_BYTES = 1024 * 1024
 DESCRIPTIONS = {
     "summary": "the answers in short, a row each",
     "requests": "canonical requests, every default filled in: JSON Lines in UTF-8, a line a row of the summary",
-    "answers": "answers, JSON Lines likewise: without the histories, which are a table of this file",
+    "answers": "answers, JSON Lines in UTF-8: without the histories, which are a table of this file",
     "iterations": "every trial of the searches, in order",
     "history": "the motions at even intervals and at the event that ended the run",
     "residuals": "what a calibration was given, what it predicts and what is left",
@@ -62,10 +63,6 @@ DESCRIPTIONS = {
 
 Segment: TypeAlias = tuple[Sequence[str], bytes]
 """Keys of the records of a file, in its order, and its content."""
-
-
-class DamagedFileError(Exception):
-    """The file is not what was written."""
 
 
 class Case(Protocol):

@@ -12,6 +12,8 @@ from collections.abc import Iterable
 from contextlib import closing
 from pathlib import Path
 
+import orjson
+
 from service.cache.index import discard_index
 from service.cache.record import Record
 
@@ -75,15 +77,19 @@ class Journal:
             connection.execute("BEGIN IMMEDIATE")
             connection.executemany("DELETE FROM results WHERE key = ?", [(key,) for key in keys])
 
-    def records(self) -> list[Record]:
-        """All results, but for damaged ones."""
-        with self._lock:
-            rows = self._connection.execute("SELECT * FROM results").fetchall()
-        return [
-            Record(key, operation, request, json=json, engine_version=engine, schema_version=schema)
-            for key, operation, request, json, engine, schema, written in rows
-            if written == digest(key, operation, request, json, engine, schema)
-        ]
+    def take_over(self) -> tuple[list[Record], int]:
+        """Return the results that an earlier process has left; remove damaged ones, and return their number too."""
+        with self._lock, self._connection as connection:
+            connection.execute("BEGIN IMMEDIATE")
+            rows = connection.execute("SELECT * FROM results").fetchall()
+            records = [
+                Record(key, operation, request, json=json, engine_version=engine, schema_version=schema)
+                for key, operation, request, json, engine, schema, written in rows
+                if written == digest(key, operation, request, json, engine, schema)
+            ]
+            whole = orjson.dumps([record.key for record in records]).decode()
+            connection.execute("DELETE FROM results WHERE key NOT IN (SELECT value FROM json_each(?))", (whole,))
+        return records, len(rows) - len(records)
 
     def close(self) -> None:
         """Let go of the file."""
@@ -117,6 +123,7 @@ def digest(*row: str | bytes) -> bytes:
 
 def _opened(path: Path) -> sqlite3.Connection:
     connection = sqlite3.connect(path, isolation_level=None, check_same_thread=False)
+    connection.text_factory = lambda text: text.decode(errors="replace")  # a damaged one differs from its digest then
     try:
         connection.execute("PRAGMA journal_mode = WAL")
         connection.execute("PRAGMA synchronous = NORMAL")

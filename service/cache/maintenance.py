@@ -10,11 +10,7 @@ from pathlib import Path
 from service.cache.cache import ResultCache
 from service.cache.index import Statistics, read_statistics
 from service.cache.journal import count_results
-from service.errors import FolderInUseError
-
-
-class UnusableFolderError(Exception):
-    """It cannot be done with this folder; the text says why."""
+from service.errors import FolderInUseError, UnusableFolderError
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,7 +23,7 @@ class Verified:
 
 
 def stat(folder: Path) -> Statistics:
-    """Tell what is stored, results of the journal too; a service may be running.
+    """Return what is stored, results of the journal too; a service may be running.
 
     Raises
     ------

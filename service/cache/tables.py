@@ -142,7 +142,7 @@ def residual_table(records: Sequence[Record | None], first: int) -> Table:
 
 
 def histories_of(records: Sequence[Record | None], first: int) -> Table:
-    """Every history of these results, likewise. They must have the same columns."""
+    """Every history of these results, in order, with the row of the summary. They must have the same columns."""
     histories = [(row, record.history) for row, record in enumerate(records, first) if record and record.history]
     if not histories:
         return np.empty(0)
@@ -174,7 +174,8 @@ def _joined(columns: Mapping[str, Table], length: int) -> Table:
 
 HDF5 = threading.RLock()
 """Held while a file is open: the HDF5 library is not made for threads. h5py has a lock itself, which should
-do; but a server once ended with its memory damaged, for a cause that was not found, and this one costs little."""
+do; but a server once ended with its memory damaged, for a cause that was not found. Measured, eight threads that write
+and read 200 files of 64 results: 1.4 and 1.7 s with this lock, 1.1 and 2.1 s without, the same bytes."""
 LEVEL = 3
 """Compression level: the next ones take twice the time for a tenth less."""
 
@@ -186,7 +187,7 @@ FORMAT = h5f.LIBVER_V110
 datatype = lru_cache(maxsize=256)(lambda dtype: h5t.py_create(dtype, logical=True))
 """HDF5 type of a NumPy one; making it takes as long as all the rest of a dataset."""
 numpy_type = lru_cache(maxsize=256)(lambda encoded: h5t.decode(encoded).dtype)
-"""NumPy type of an HDF5 one, in the code of HDF5; likewise."""
+"""NumPy type of an HDF5 one, in the code of HDF5, which is slow to make too."""
 numbers = itertools.count()
 
 
@@ -237,7 +238,11 @@ class Stream:
             self._write(np.concatenate(self._waiting))
 
     def _write(self, rows: Table) -> None:
-        """Write a chunk: the last may be shorter, and is filled up as HDF5 wants it."""
+        """Write a chunk: the last may be shorter, and is filled up as HDF5 wants it.
+
+        Compressed here, as `read_single` reads it: HDF5 would leave out compression where it does not pay. Measured, by
+        hand and by HDF5: 0.85 and 1.10 ms to write a critical angle, 12.5 and 12.9 ms for 256, of equal size.
+        """
         if self._dataset is None:
             self._dataset = self._create(rows)
             self._chunk = len(rows)
@@ -247,7 +252,7 @@ class Stream:
             self._dataset.set_extent((self._length,))
         if missing:
             rows = np.concatenate([rows, np.zeros(missing, rows.dtype)])
-        self._dataset.write_direct_chunk((start,), _packed(rows))
+        self._dataset.write_direct_chunk((start,), _shuffled_and_compressed(rows))
 
     def _create(self, rows: Table) -> h5d.DatasetID:
         layout = h5p.create(h5p.DATASET_CREATE)
@@ -296,7 +301,9 @@ def memory_file(image: bytes | None = None) -> h5py.File:
 
 
 def read_single(file: h5py.File, name: str) -> Table:
-    """All of a dataset that is a single chunk.
+    """All of a dataset that is a single chunk, decompressed here.
+
+    Measured, by hand and by HDF5: 26 and 63 ms for 256 histories, 0.24 and 0.65 ms for one critical angle.
 
     Raises
     ------
@@ -310,7 +317,7 @@ def read_single(file: h5py.File, name: str) -> Table:
     return np.ascontiguousarray(planes.T).reshape(-1).view(dtype)
 
 
-def _packed(rows: Table) -> bytes:
+def _shuffled_and_compressed(rows: Table) -> bytes:
     """Shuffle and compress as HDF5 does: the first bytes of all rows, then the second ones, and so on."""
     planes = np.ascontiguousarray(rows).view(np.uint8).reshape(len(rows), rows.itemsize).T
     return zlib.compress(np.ascontiguousarray(planes).data, LEVEL)

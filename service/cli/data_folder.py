@@ -59,7 +59,8 @@ def run_keys(args: argparse.Namespace) -> int:
     CommandError
         If the keys cannot be read or written, or there is no such key.
     """
-    from service.auth.api_keys import KeysUnreadableError, add_key, make_key, read_keys, revoke_key
+    from service.auth.api_keys import add_key, make_key, read_keys, revoke_key
+    from service.errors import KeysUnreadableError
 
     folder = read_settings().data_dir
     try:
@@ -131,6 +132,7 @@ def add_cache(parser: argparse.ArgumentParser) -> None:
 def run_cache(args: argparse.Namespace) -> int:
     """Run an action on the results; return 1 if it is not possible or files are damaged."""
     from service.cache import maintenance
+    from service.errors import UnusableFolderError
 
     settings = read_settings()
     folder, damaged = settings.data_dir, list[str]()
@@ -144,7 +146,7 @@ def run_cache(args: argparse.Namespace) -> int:
             found = maintenance.rebuild(folder)
         else:
             found = maintenance.evict(folder, settings.cache_bytes if args.bytes is None else max(0, args.bytes))
-    except maintenance.UnusableFolderError as error:
+    except UnusableFolderError as error:
         raise CommandError(str(error), FAILED) from None
     print(f"{found.cases} results, {found.segments} files, {found.bytes} bytes")
     for name in damaged:

@@ -35,7 +35,7 @@ def compute(name: str, body: dict[str, Any], report: Callable[[int, float | None
 
     from service.errors import InvalidBodyError, problem_of, validation_errors
     from service.operations import OPERATIONS
-    from service.schemas.alternatives import alternative_requests, answered_alternative, with_alternatives
+    from service.schemas.requests import alternative_requests, answered_alternative, with_alternatives
     from solver import RicochetError
 
     def solve_alternative(laws: dict[str, Any], request: Any) -> dict[str, Any]:

@@ -44,8 +44,9 @@ def check_plot(path: Path) -> None:
     try:
         import_module("matplotlib")
     except ModuleNotFoundError as error:
-        text = f"{error.name} is not installed; plots need it: install ricochet with its extra reports"
-        raise CommandError(text, FAILED) from None
+        from service.settings import missing_package
+
+        raise CommandError(missing_package("--plot", str(error.name), "reports"), FAILED) from None
 
 
 def plot_motion(path: Path, body: dict[str, Any], answer: Mapping[str, Any], history: Mapping[str, Any]) -> None:

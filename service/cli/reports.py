@@ -237,8 +237,9 @@ def run(args: argparse.Namespace) -> int:
     except ModuleNotFoundError as error:
         if (error.name or "").partition(".")[0] not in EXTRA:
             raise
-        text = f"{error.name} is not installed; reports need it: install ricochet with its extra reports"
-        raise CommandError(text, FAILED) from None
+        from service.settings import missing_package
+
+        raise CommandError(missing_package("a report", str(error.name), "reports"), FAILED) from None
     try:
         page = _write(writer, report, args.output)
     except OSError as error:

@@ -57,10 +57,8 @@ def run_serve(_: argparse.Namespace) -> int:
     asyncio.run(check_address(settings.host, settings.port))
 
     from service.api.app import create_app
-    from service.api.telemetry import MissingExtraError
-    from service.auth.api_keys import KeysUnreadableError
     from service.cli.server import Server
-    from service.errors import ExecutorError, FolderInUseError
+    from service.errors import ExecutorError, FolderInUseError, KeysUnreadableError, MissingExtraError
     from service.logs import configure
 
     configure(settings.log_level)
@@ -165,7 +163,9 @@ def run_mcp(args: argparse.Namespace) -> int:
         If the SDK of the protocol is not installed.
     """
     if find_spec("mcp") is None:
-        raise CommandError("needs the package mcp, which is not installed: install ricochet with its extra mcp", FAILED)
+        from service.settings import missing_package
+
+        raise CommandError(missing_package("this command", "the package mcp", "mcp"), FAILED)
     import anyio
 
     from service.cli.jobs import service_for

@@ -91,7 +91,7 @@ class WorkerPlugin(Plugin):
 
 
 async def introduce(task_seconds: float, expected: Mapping[str, str], dask_worker: Worker) -> dict[str, str]:
-    """Tell the versions of this worker, and set up its pool if they are as expected."""
+    """Return the versions of this worker, and set up its pool if they are as expected."""
     name = plugin_name(task_seconds)
     if versions() == expected and name not in dask_worker.plugins:
         done = await dask_worker.plugin_add(WorkerPlugin(task_seconds), name=name)
@@ -142,7 +142,7 @@ class Cluster:
     """Keeps up a connection to the scheduler, and an eye on the workers.
 
     A worker takes no chunk before it has said its versions: those of other versions are left out, with a line in the
-    log, and a worker that joins later is checked likewise.
+    log, and a worker that joins later is checked in the same way.
 
     Parameters
     ----------
@@ -189,7 +189,7 @@ class Cluster:
         await self._hang_up()
 
     async def wait_for_capacity(self, seconds: float) -> bool:
-        """Tell whether there is a worker, now or within this time."""
+        """Return whether there is a worker, now or within this time."""
         with suppress(TimeoutError):
             async with asyncio.timeout(seconds):
                 while not self.capacity:
@@ -197,7 +197,7 @@ class Cluster:
         return bool(self.capacity)
 
     async def answers(self, seconds: float) -> bool:
-        """Tell whether the scheduler answers within this time and has a worker for us."""
+        """Return whether the scheduler answers within this time and has a worker for us."""
         client = self.client
         if client is None or not self.capacity:
             return False

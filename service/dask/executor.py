@@ -117,7 +117,7 @@ class DaskExecutor:
         return work.result()
 
     async def probe(self, seconds: float) -> bool:
-        """Tell whether a worker of the pool answers within this time, and the cluster."""
+        """Return whether a worker of the pool answers within this time, and the cluster."""
         pool, cluster = await asyncio.gather(self._pool.probe(seconds), self.cluster.answers(seconds))
         self.last_error = "cluster unreachable: no worker of it can be used" if pool else self._pool.last_error
         return pool and cluster
@@ -158,7 +158,7 @@ class DaskExecutor:
         return await self._pool.run([(answer, (message,)) for message in messages])
 
     async def _cluster_there(self) -> bool:
-        """Tell whether a worker can be had; soon, if the cluster has been gone for long."""
+        """Return whether a worker can be had; soon, if the cluster has been gone for long."""
         left = self.cluster.lost + PATIENCE_SECONDS - time.monotonic()
         return bool(self.cluster.capacity) or await self.cluster.wait_for_capacity(max(0.0, left))
 
@@ -210,7 +210,7 @@ def outcome_of(result: "asyncio.Future[list[CallResult]]") -> list[CallResult]:
 
 
 async def give_up(task: "Future[Any]") -> None:
-    """Tell the scheduler that nobody wants this any more."""
+    """Release this on the scheduler: nothing waits for it any more."""
     with suppress(Exception):  # there may be no scheduler
         await in_time(task.cancel, CANCEL_SECONDS)
 

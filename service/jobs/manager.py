@@ -172,6 +172,7 @@ class JobManager:
         sweep: Sweep | None = None,
         charge: Charge | None = None,
         count: int = 0,
+        estimate: Callable[[], int] = lambda: 0,
     ) -> tuple[JobState, bool]:
         """Take on a job: from the return of this on it will be finished, whatever happens.
 
@@ -185,6 +186,8 @@ class JobManager:
             What it counts as against a quota, if less may be used.
         count
             Of its cases, if known before they are read: too many are refused before any is stored.
+        estimate
+            Returns about how many there are, else, once some are read: a refusal says when there is room for them all.
 
         Returns
         -------
@@ -206,14 +209,15 @@ class JobManager:
         """
         token = (owner, idempotency.token) if idempotency is not None else None
         if token is None or idempotency is None:
-            return await self._receive(operation, blocks, owner, None, sweep, charge, count), True
+            return await self._receive(operation, blocks, owner, None, sweep, charge, count, estimate), True
         if token in self._accepting:
             raise IdempotencyBusyError("the request with this idempotency key is still being accepted; try again")
         self._accepting.add(token)
         try:
             found = await self._thread(self._jobs.token, *token)
             if found is None:
-                return await self._receive(operation, blocks, owner, idempotency, sweep, charge, count), True
+                state = await self._receive(operation, blocks, owner, idempotency, sweep, charge, count, estimate)
+                return state, True
             if not isinstance(idempotency.digest, str):
                 async for _ in blocks:  # the digest is known when the body has been read
                     pass
@@ -317,10 +321,11 @@ class JobManager:
         """Yield the results of samples of a study that is a job."""
         return self._counted(operation, self._inline.run(operation, cases, urgent=False))
 
-    def _admit(self, count: int) -> None:
+    def _admit(self, count: int, more: int = 0) -> None:
+        """Refuse cases if too many would wait; `more` of the same request are to come."""
         over = self.queued_cases + count - self._most_queued
         if over > 0:
-            raise QueueFullError(self._rate.seconds_for(over))
+            raise QueueFullError(self._rate.seconds_for(over + more))
 
     async def _receive(
         self,
@@ -331,6 +336,7 @@ class JobManager:
         sweep: Sweep | None,
         charge: Charge | None,
         count: int,
+        estimate: Callable[[], int],
     ) -> JobState:
         self._admit(count)
         await self._go_on()
@@ -341,7 +347,7 @@ class JobManager:
             waiting: list[Case] = []
             number = 0
             async for cases in blocks:
-                self._admit(len(cases))
+                self._admit(len(cases), max(0, estimate() - received - len(cases)))
                 received += len(cases)
                 self._received += len(cases)
                 waiting += cases

@@ -390,16 +390,21 @@ class Scheduler:
         """Return the stored requests of cases; other jobs may have answered some of them since."""
         known = self._queries.cache.known(list(numbers))
         updates = CaseUpdates(dict.fromkeys((n for key in known for n in numbers[key]), CaseState.CACHED))
-        first = {key: cases[0] for key, cases in numbers.items() if key not in known}
-        requests = self._jobs.requests(job.state.number, first.values())
-        for key, number in first.items():
-            if number not in requests:
+        unknown = {key: cases for key, cases in numbers.items() if key not in known}
+        stored = self._jobs.requests(job.state.number, [number for cases in unknown.values() for number in cases])
+        requests = []
+        for key, cases in unknown.items():
+            whole = next((number for number in cases if number in stored), None)  # of equal cases one is enough
+            if whole is not None:
+                requests.append(KeyedRequest(key, stored[whole]))
+                continue
+            for number in cases:
                 error = DamagedCasesError(*block_of(number, job.state.total))
-                updates.fail(numbers[key], error)
+                updates.fail([number], error)
                 if number // BLOCK_SIZE not in job.damaged:
                     log.error("job %s: %s", job.state.id, error)
                     job.damaged.add(number // BLOCK_SIZE)
-        return [KeyedRequest(key, requests[number]) for key, number in first.items() if number in requests], updates
+        return requests, updates
 
     async def _stoppable(
         self,

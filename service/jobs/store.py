@@ -37,8 +37,8 @@ from service.jobs.models import (
     sound_keys,
     sound_requests,
     sound_states,
+    title_of,
 )
-from service.jobs.titles import title_of
 from service.operations import SCHEMA_VERSION, result_key
 from solver import ENGINE_VERSION
 
@@ -359,7 +359,7 @@ def _changed(
     database: sqlite3.Connection, job: int, changes: str, values: tuple[object, ...], condition: str = ""
 ) -> JobState:
     """Change a job; return it as it is then."""
-    database.execute(f"UPDATE jobs SET {changes} WHERE number = ? {condition}", (*values, job))  # noqa: S608 (likewise)
+    database.execute(f"UPDATE jobs SET {changes} WHERE number = ? {condition}", (*values, job))  # noqa: S608 (of this file)
     row = database.execute(f"SELECT {COLUMNS} FROM {TABLES} WHERE number = ?", (job,)).fetchone()  # noqa: S608
     if row is None:
         raise JobGoneError("the job has been deleted")

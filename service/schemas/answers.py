@@ -71,7 +71,7 @@ VERSIONED = {"key": "0" * 64, "engine_version": "8"}
 
 Key = Annotated[
     str,
-    Field(pattern="^[0-9a-f]{64}$", description="Of this result, which `/results/{key}` answers again."),
+    Field(pattern="^[0-9a-f]{64}$", description="Key of this result, which `/results/{key}` answers again."),
 ]
 EngineVersion = Annotated[str, Field(description="Raised whenever results change.")]
 Bracket = Annotated[
@@ -105,13 +105,13 @@ class Motion(Part, Generic[Value]):
     axis_angle_deg: Annotated[
         Value, Field(description="From the inward normal to the axis; grows as the nose turns toward the face. [°]")
     ]
-    depth_velocity_m_s: Annotated[Value, Field(description="Of the centre of gravity. [m/s]")]
-    lateral_velocity_m_s: Annotated[Value, Field(description="Of the centre of gravity. [m/s]")]
+    depth_velocity_m_s: Annotated[Value, Field(description="Velocity of the centre of gravity. [m/s]")]
+    lateral_velocity_m_s: Annotated[Value, Field(description="Velocity of the centre of gravity. [m/s]")]
     angular_velocity_rad_s: Annotated[Value, Field(description="Rate of the axis angle. [rad/s]")]
     depth_force_n: Annotated[Value, Field(description="Resistance along the inward normal. [N]")]
     lateral_force_n: Annotated[Value, Field(description="Resistance along the face. [N]")]
     moment_n_m: Annotated[Value, Field(description="Resistance, about the centre of gravity. [N m]")]
-    kinetic_energy_j: Annotated[Value, Field(description="Of translation and rotation. [J]")]
+    kinetic_energy_j: Annotated[Value, Field(description="Energy of translation and rotation. [J]")]
 
 
 class MotionState(Motion[Num]):
@@ -131,20 +131,20 @@ class Exit(Part):
 
     model_config = with_examples(EXIT)
 
-    speed_m_s: Annotated[Num, Field(description="Of the centre of gravity. [m/s]")]
+    speed_m_s: Annotated[Num, Field(description="Speed of the centre of gravity. [m/s]")]
     direction_deg: Annotated[
         Num,
         Field(
-            description="Of that velocity, from the outward normal of the face left through; positive the way the "
-            "projectile travelled along the face. [°]"
+            description="Angle of that velocity, from the outward normal of the face left through; positive the way "
+            "the projectile travelled along the face. [°]"
         ),
     ]
-    elevation_deg: Annotated[Num, Field(description="Of that velocity, above that face. [°]")]
+    elevation_deg: Annotated[Num, Field(description="Angle of that velocity above that face. [°]")]
     axis_angle_deg: Annotated[Num, Field(description="From the inward normal of the impact face to the axis. [°]")]
     angular_velocity_rad_s: Annotated[Num, Field(description="Rate of the axis angle. [rad/s]")]
-    kinetic_energy_j: Annotated[Num, Field(description="Of translation and rotation. [J]")]
+    kinetic_energy_j: Annotated[Num, Field(description="Energy of translation and rotation. [J]")]
     lateral_m: Annotated[
-        Num, Field(description="Of the centre of gravity along the face, from where it was at first contact. [m]")
+        Num, Field(description="Way of the centre of gravity along the face, from where it was at first contact. [m]")
     ]
 
 

@@ -29,7 +29,7 @@ CustomId = Annotated[
     StringConstraints(strict=True, min_length=1, max_length=128),
     Field(description="Given back with the result. It need not be unique, though it serves better if it is."),
 ]
-Index = Annotated[Count, Field(ge=0, description="Of the case in the request, from 0.")]
+Index = Annotated[Count, Field(ge=0, description="Place of the case in the request, from 0.")]
 
 
 BatchCase = TypeVar("BatchCase", bound="NamedCase")
@@ -64,9 +64,9 @@ class Item(Part):
 
     index: Index
     custom_id: CustomId | MISSING = MISSING
-    point: (
-        Annotated[dict[str, Num], Field(description="Of a sweep: the values of its axes, by their fields.")] | MISSING
-    ) = MISSING
+    point: Annotated[dict[str, Num], Field(description="Values of the axes of a sweep, by their fields.")] | MISSING = (
+        MISSING
+    )
     problem: Annotated[Problem, Field(description="Why there is no result.")] | MISSING = MISSING
 
 

@@ -65,7 +65,7 @@ Path = Annotated[str, Field(description="Path at this service.")]
 
 
 class JobOperation(StrEnum):
-    """What every case of a job asks for. A study of uncertainty is one case."""
+    """What every case of a job computes. A study of uncertainty is one case."""
 
     TRAJECTORY = "trajectory"
     CRA = "cra"
@@ -97,7 +97,7 @@ class JobCounts(Part):
 
 
 class JobLinks(Part):
-    """Where a job is asked about."""
+    """Paths of a job."""
 
     model_config = with_examples(LINKS)
 
@@ -137,7 +137,7 @@ class Job(Part):
     status: JobStatus
     counts: JobCounts
     title: (
-        Annotated[str, Field(description="Of a sweep, what varies and which projectile; or as it was given.")] | MISSING
+        Annotated[str, Field(description="As given; of a sweep otherwise what varies, and the projectile.")] | MISSING
     ) = MISSING
     created: Annotated[AwareDatetime, Field(description="When it was accepted.")]
     started: Annotated[AwareDatetime, Field(description="When it was begun.")] | MISSING = MISSING

@@ -112,8 +112,8 @@ class Problem(Part):
     model_config = with_examples(INVALID)
 
     type: Annotated[str, Field(description="Stable, for programs; `about:blank` where the status says it all.")]
-    title: Annotated[str, Field(description="Of the type.")]
+    title: Annotated[str, Field(description="Title of the type.")]
     status: Annotated[int, Field(ge=400, le=599, description="The HTTP status.")]
-    detail: Annotated[str, Field(description="Of this occurrence.")]
-    instance: Annotated[str, Field(description="The path that was asked.")]
+    detail: Annotated[str, Field(description="What happened in this occurrence.")]
+    instance: Annotated[str, Field(description="Path of the request.")]
     errors: Annotated[list[ProblemError], Field(description="What is wrong with the request body, if anything is.")]

@@ -130,7 +130,10 @@ class Projectile(Part):
     nose: Nose
     diameter_m: Annotated[
         Num,
-        Field(**within("projectile.diameter"), description="Of the shank. [m] A pellet to far above any gun or bomb."),
+        Field(
+            **within("projectile.diameter"),
+            description="Diameter of the shank. [m] A pellet to far above any gun or bomb.",
+        ),
     ]
     length_m: Annotated[
         Num,

@@ -1,8 +1,10 @@
-"""The requests: one trajectory, one critical angle."""
+"""The requests: one trajectory, one critical angle, and the same under other laws."""
 
 from abc import abstractmethod
-from typing import Annotated, Any, Self
+from collections.abc import Mapping
+from typing import Annotated, Any, Self, TypeVar, cast
 
+import orjson
 from pydantic import MISSING, Field
 
 import solver
@@ -12,6 +14,8 @@ from service.schemas.projectile import Projectile
 from service.schemas.quantities import Flag, Num, Part, with_examples
 from service.schemas.resistance import Resistance
 from service.schemas.strike import Impact, Strike, Target
+from solver import alternative_resistances
+from solver.alternatives import fitted_to
 from solver.errors import ParameterError
 from solver.numerics import SEARCH_TOLERANCE, TRAJECTORY_TOLERANCE, usual_termination_time
 from solver.search.critical_angle import PAPER_TERMINATION_TIME
@@ -25,8 +29,8 @@ SampleInterval = Annotated[
     Field(
         ge=1e-8,
         le=1.0,
-        description=f"Of the history; at least the termination time over {MOST_ROWS:,}, which is its value when not "
-        f"given and longer than {SAMPLE_INTERVAL:g}. [s]",
+        description=f"Interval of the history; at least the termination time over {MOST_ROWS:,}, which is its value "
+        f"when not given and longer than {SAMPLE_INTERVAL:g}. [s]",
     ),
 ]
 
@@ -218,3 +222,36 @@ class CriticalAngleRequest(CriticalAngleBase):
     def canonical(self) -> dict[str, Any]:
         """Return the resolved request as JSON data, the same with alternatives as without."""
         return self.resolved().model_dump(mode="json", exclude={"alternatives"})
+
+
+Request = TypeVar("Request", bound=TrajectoryRequest | CriticalAngleRequest)
+
+FOUND = ("status", "outcome", "critical_angle_deg")
+"""Fields of an answer that stand in the list of alternatives."""
+
+
+def alternative_requests(request: Request) -> list[tuple[dict[str, Any], Request]]:
+    """Return the laws and the request of each alternative: the same case, with its inertia, under other laws."""
+    found = []
+    for each in alternative_resistances(request.resistance.to_solver()):
+        laws = {"free_surface": each.free_surface.name, "strength_factor": each.strength_factor.name}
+        decay = {"model": each.free_surface.name, "inertia": getattr(each.free_surface, "inertia", False)}
+        law = Resistance.model_validate(
+            {"strength_factor": {"model": each.strength_factor.name}, "free_surface": decay}
+        )
+        resistance = request.resistance.model_copy(
+            update={"strength_factor": law.strength_factor, "free_surface": law.free_surface}
+        )
+        other = cast("Request", request.model_copy(update={"resistance": resistance, "alternatives": False}))
+        found.append((laws | {"fitted_to": fitted_to(each)}, other))
+    return found
+
+
+def answered_alternative(laws: Mapping[str, Any], answer: Mapping[str, Any]) -> dict[str, Any]:
+    """Return an alternative with what its answer says."""
+    return {**laws, **{name: answer[name] for name in FOUND if name in answer}}
+
+
+def with_alternatives(answer: bytes, alternatives: list[dict[str, Any]]) -> bytes:
+    """Return the JSON of an answer with its alternatives behind the other fields."""
+    return b'%b,"alternatives":%b}' % (answer[:-1], orjson.dumps(alternatives))

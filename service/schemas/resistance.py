@@ -40,8 +40,8 @@ CovarianceMatrix = Annotated[
     Field(
         min_length=1,
         max_length=10,
-        description="Of the coefficients: a row for each, symmetric and positive semidefinite. Gives the critical "
-        "angle a standard error. [1, 1/°, 1/°², ... times the same]",
+        description="Covariance of the coefficients: a row for each, symmetric and positive semidefinite. Gives the "
+        "critical angle a standard error. [1, 1/°, 1/°², ... times the same]",
     ),
 ]
 
@@ -106,7 +106,7 @@ class StrengthPowerLaw(Part):
         Num,
         Field(gt=0.0, le=1e6, description="82.6 with -0.544 (Frew et al. 1998), 72 with -0.5 (Li and Chen). [1]"),
     ] = POWER_LAW.coefficient
-    exponent: Annotated[Num, Field(ge=-10.0, le=10.0, description="Of the strength. [1]")] = POWER_LAW.exponent
+    exponent: Annotated[Num, Field(ge=-10.0, le=10.0, description="Exponent of the strength. [1]")] = POWER_LAW.exponent
     reference_strength_pa: Annotated[Num, Field(ge=1e5, le=1e9, description="[Pa]")] = POWER_LAW.reference_strength
     diameter_exponent: Annotated[Num, Field(ge=-10.0, le=10.0, description="[1]")] = POWER_LAW.diameter_exponent
     reference_diameter_m: Annotated[Num, Field(ge=1e-4, le=100.0, description="[m]")] = POWER_LAW.reference_diameter
@@ -262,7 +262,9 @@ class Resistance(Part):
     free_surface: Decay
     crater: Annotated[Crater, Field(description="None when not given.")] | MISSING = MISSING
     rear_plug: (
-        Annotated[ShearPlug, Field(description="Of a wall; none when not given. Without effect on a half-space.")]
+        Annotated[
+            ShearPlug, Field(description="Shear plug of a wall; none when not given. Without effect on a half-space.")
+        ]
         | MISSING
     ) = MISSING
 

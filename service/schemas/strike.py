@@ -48,8 +48,8 @@ class Target(Part):
             Num,
             Field(
                 **within("target.thickness"),
-                description="Of a wall, at least a tenth of the diameter of the projectile; a half-space when not "
-                "given. [m]",
+                description="Thickness of a wall, at least a tenth of the diameter of the projectile; a half-space "
+                "when not given. [m]",
             ),
         ]
         | MISSING
@@ -102,7 +102,7 @@ class Strike(Part):
         Num,
         Field(
             **within("impact.velocity"),
-            description="Of the centre of gravity. [m/s] Bodies stay rigid up to some 800 m/s.",
+            description="Speed of the centre of gravity. [m/s] Bodies stay rigid up to some 800 m/s.",
         ),
     ]
     angle_of_attack_deg: AngleOfAttack = 0.0

@@ -187,7 +187,7 @@ def put(part: Mapping[str, Any], path: Sequence[str], value: float) -> dict[str,
 
 
 def check_field(model: type[BaseModel], base: dict[str, Any], path: Sequence[str]) -> None:
-    """Tell by a LookupError what keeps this path from leading to a number of the request."""
+    """Raise a LookupError if this path does not lead to a number of the request."""
     schema, given = schema_of(model), base
     node: dict[str, Any] = schema
     for name in path:

@@ -89,7 +89,7 @@ class Executor(Protocol):
         """
 
     async def probe(self, seconds: float) -> bool:
-        """Tell whether a worker answers within this time; overtakes all that waits, and chunks between two calls."""
+        """Return whether a worker answers within this time; overtakes all that waits, and chunks between two calls."""
 
     async def stop(self, grace: float) -> None:
         """Take no more work, let what there is finish, and give up the rest at the end of the grace time. [s]"""

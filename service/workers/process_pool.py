@@ -74,7 +74,7 @@ class InThreadExecutor:
         return await self._see_through(calls)
 
     async def probe(self, seconds: float) -> bool:
-        """Tell whether the thread gets round to it within this time."""
+        """Return whether the thread gets round to it within this time."""
         with suppress(ExecutorError, TimeoutError):
             await asyncio.wait_for(self.submit(os.getpid), seconds)
             return True
@@ -224,7 +224,7 @@ class ProcessPool:
             raise
 
     async def probe(self, seconds: float) -> bool:
-        """Tell whether a worker answers within this time; overtakes all that waits, and chunks between two calls."""
+        """Return whether a worker answers within this time; overtakes all that waits, and chunks between two calls."""
         with suppress(ExecutorError, TimeoutError):
             task = self._enqueue(PROBE, [(os.getpid, ())])
             (finished,) = await asyncio.wait_for(asyncio.wrap_future(task.future), seconds)

@@ -48,7 +48,7 @@ class Task:
     _messages: list[bytes] = field(default_factory=list, compare=False)
 
     def begin(self) -> bool:
-        """Tell whether it is still wanted; it has been begun before if another overtook it."""
+        """Return whether it is still wanted; it has been begun before if another overtook it."""
         if not self._messages:
             if not self.future.set_running_or_notify_cancel():
                 return False
@@ -95,7 +95,7 @@ class TaskQueue(queue.PriorityQueue[Task]):
 
 
 class WorkerSupervisor:
-    """Takes tasks from the backlog of the pool and sees each to its end.
+    """Takes tasks from the queue of the pool and sees each to its end.
 
     Parameters
     ----------

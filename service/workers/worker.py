@@ -103,7 +103,7 @@ class Channel:
         return message
 
     def waiting(self) -> bool:
-        """Tell whether there is something to receive, be it the end."""
+        """Return whether there is something to receive, be it the end."""
         return bool(self._arrived or self._readable.poll(0))
 
     def close(self) -> None:

@@ -15,11 +15,11 @@ ASYNC = {"Prefer": "respond-async"}
 ROUGH = {"lower_deg": 40.0, "upper_deg": 80.0, "tolerance_deg": 1.0}
 DEADLINE_S = 60.0
 
-fresh = itertools.count(1)  # 240 m/s itself is asked for elsewhere
+fresh = itertools.count(1)  # 240 m/s itself is requested elsewhere
 
 
 def searches(count: int) -> list[dict[str, Any]]:
-    """Searches that no test has asked for before."""
+    """Searches that no test has sent before."""
     return [
         PAPER | {"impact": {"velocity_m_s": 240.0 + 1e-4 * number}, "search": ROUGH}
         for number in itertools.islice(fresh, count)
@@ -27,7 +27,7 @@ def searches(count: int) -> list[dict[str, Any]]:
 
 
 def strikes(count: int) -> list[dict[str, Any]]:
-    """Trajectories that no test has asked for before."""
+    """Trajectories that no test has sent before."""
     return [
         PAPER_AT_45 | {"impact": {"velocity_m_s": 240.0 + 1e-4 * number, "oblique_angle_deg": 50.0}}
         for number in itertools.islice(fresh, count)

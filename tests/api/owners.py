@@ -1,4 +1,4 @@
-"""Keys of several owners, and a service that asks for them."""
+"""Keys of several owners, and a service that requires them."""
 
 import time
 from collections.abc import Iterator
@@ -29,7 +29,7 @@ def holder(url: str, token: str = "") -> httpx.Client:
 
 
 class Guarded:
-    """A service that asks for keys, and three who have one."""
+    """A service that requires keys, and three who have one."""
 
     def __init__(self, url: str, folder: Path, clients: ExitStack) -> None:
         self.url = url
@@ -41,7 +41,7 @@ class Guarded:
         time.sleep(2 * RELOAD_SECONDS)
 
     def with_key(self, owner: str, *scopes: str, **more: Any) -> httpx.Client:
-        """A client with a key of its own, known to the service from now on."""
+        """A client with a separate key, known to the service from now on."""
         token = key_in(self.folder, owner, *scopes, **more)
         time.sleep(2 * RELOAD_SECONDS)
         return holder(self.url, token)
@@ -49,6 +49,6 @@ class Guarded:
 
 @contextmanager
 def guarded_service(url: str, folder: Path) -> Iterator[Guarded]:
-    """The service at this address, once it asks for keys."""
+    """The service at this address, once it requires keys."""
     with ExitStack() as clients:
         yield Guarded(url, folder, clients)

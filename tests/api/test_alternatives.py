@@ -44,7 +44,7 @@ def test_each_alternative_is_the_answer_of_its_own_query_which_is_then_known(cli
         assert each["fitted_to"]
 
 
-def test_outcome_under_each_law_likewise(client: httpx.Client) -> None:
+def test_outcome_is_found_under_each_law(client: httpx.Client) -> None:
     body = PAPER_AT_45 | {"impact": {"velocity_m_s": 231.25, "oblique_angle_deg": 45.0}}
     response = client.post("/trajectory", json=body | {"alternatives": True})
     answer = TrajectoryAnswer.model_validate(response.json())

@@ -31,9 +31,9 @@ def guarded(
     folder = tmp_path_factory.mktemp("attacked")
     with (
         service_on(folder, head_seconds="3", body_seconds="3") as service,
-        guarded_service(service.url, folder / "data") as asked,
+        guarded_service(service.url, folder / "data") as keyed,
     ):
-        yield asked
+        yield keyed
     log = (folder / "log").read_text()
     assert "ricochet_" not in log.replace("ricochet_build", "")  # no key, not even a wrong one
 

@@ -1,4 +1,4 @@
-"""Who may ask: keys, scopes, owners, limits, and what the audit log tells."""
+"""Access: keys, scopes, owners, limits, and the audit log."""
 
 import json
 import os
@@ -20,19 +20,27 @@ from service.auth.api_keys import (
     RELOAD_SECONDS,
     ApiKey,
     ApiKeyStore,
-    KeysUnreadableError,
     add_key,
     make_key,
     read_keys,
     revoke_key,
 )
+from service.auth.dependencies import RequestContext
 from service.auth.quotas import STEP, WINDOW, Quota, QuotaStore
 from service.cli.arguments import CommandError
 from service.cli.serve import check_access
-from service.errors import QuotaError
+from service.errors import (
+    KeysUnreadableError,
+    PoolUnavailableError,
+    QueriesWaitingError,
+    QuotaError,
+    TaskTimeoutError,
+    WorkerCrashedError,
+)
 from service.jobs.store import JobStore
 from service.schemas.examples import PAPER
 from service.settings import Settings
+from solver import ParameterError
 from tests.conftest import ROOT
 
 from .attacks import Target
@@ -50,8 +58,8 @@ def guarded(
     folder = tmp_path_factory.mktemp("guarded")
     first = key_in(folder / "data", "first")
     settings = {"audit_log": str(folder / "audit.log"), "max_owner_streams": "3", "max_streams": "4"}
-    with service_on(folder, **settings) as service, guarded_service(service.url, folder / "data") as asked:
-        yield asked
+    with service_on(folder, **settings) as service, guarded_service(service.url, folder / "data") as keyed:
+        yield keyed
     assert first not in (folder / "log").read_text() + (folder / "audit.log").read_text()
 
 
@@ -85,9 +93,9 @@ def test_query_that_is_known_takes_a_key_too(guarded: Guarded) -> None:
 def test_job_of_another_owner_is_not_there(guarded: Guarded) -> None:
     job = job_of(guarded.anna)
     path = job["links"]["self"]
-    for asked in ("", "/results", "/events"):
-        told = guarded.bert.get(path + asked)
-        assert problem_of(told, 404).detail == problem_of(guarded.bert.get(f"/jobs/nothing{asked}"), 404).detail
+    for end in ("", "/results", "/events"):
+        refused = guarded.bert.get(path + end)
+        assert problem_of(refused, 404).detail == problem_of(guarded.bert.get(f"/jobs/nothing{end}"), 404).detail
     problem_of(guarded.bert.post(f"{path}/cancel"), 404)
     problem_of(guarded.bert.delete(path), 404)
     assert job["id"] not in {each["id"] for each in guarded.bert.get("/jobs").json()["jobs"]}
@@ -148,10 +156,10 @@ def test_event_stream_ends_when_its_key_is_revoked(guarded: Guarded) -> None:
         body = lines(slow_strikes(200))
         job = emil.post("/trajectory/batch", content=body, headers=LINES | ASYNC).json()
         with emil.stream("GET", job["links"]["events"]) as stream:
-            told = stream.iter_lines()
-            assert next(told)
+            events = stream.iter_lines()
+            assert next(events)
             revoke_key(guarded.folder, mine.id)
-            for _ in told:
+            for _ in events:
                 pass  # ends, though the job has not
         assert guarded.chief.get(job["links"]["self"]).json()["status"] == "running"
         guarded.chief.delete(job["links"]["self"])
@@ -175,6 +183,39 @@ def test_cases_of_a_key_are_limited(guarded: Guarded) -> None:
         assert statuses == [200] * 4 + [429] * 2  # what was refused has not counted, what was known has
         assert gina.get("/jobs").json() == {"jobs": []}
         assert guarded.anna.post("/cra", json=PAPER).status_code == 200
+
+
+def test_query_that_is_refused_does_not_count(guarded: Guarded) -> None:
+    short = PAPER["projectile"] | {"length_m": 0.1}  # too short for its nose, which a worker finds out
+    call = {"name": "cra", "input": [[238.0, 39.0]], "config": {"projectile": short}}
+    with guarded.with_key("gwen", cases_per_hour=2) as gwen:
+        for _ in range(3):
+            assert problem_of(gwen.post("/cra", json=PAPER | {"projectile": short}), 422).errors
+            assert gwen.post("/umbridge/Evaluate", json=call).status_code == 400
+        assert [gwen.post("/cra", json=PAPER).status_code for _ in range(3)] == [200, 200, 429]
+
+
+@pytest.mark.parametrize(
+    ("error", "counted"),
+    [
+        (QueriesWaitingError(7), 0),
+        (PoolUnavailableError(), 0),
+        (ParameterError("mass", "above 0"), 0),
+        (TaskTimeoutError(), 3),
+        (WorkerCrashedError(), 3),
+    ],
+    ids=lambda value: type(value).__name__,
+)
+def test_cases_count_unless_they_are_refused(error: Exception, counted: int, tmp_path: Path) -> None:
+    key, token = make_key("anna", frozenset({"run"}), cases_per_hour=10)
+    add_key(tmp_path, key)
+    context = RequestContext(ApiKeyStore(tmp_path, print), quotas := QuotaStore(tmp_path), key_required=True)
+    context.authorize(token, ["run"])
+    context.take(1)
+    with pytest.raises(type(error)), context.taking(3):
+        raise error
+    assert context.cases == 1 + counted
+    assert sum(cases for _, cases in quotas.quota(key.id, 10).entries) == 1 + counted
 
 
 def test_study_counts_as_the_samples_it_takes_once_its_job_ends(guarded: Guarded) -> None:

@@ -29,7 +29,7 @@ ASKED: dict[str, dict[str, Any]] = {"/calibration/depth": TESTS, "/calibration/o
 JSON = {"Content-Type": "application/json"}
 
 
-def asked(path: str, motion: dict[str, Any]) -> dict[str, Any]:
+def body_of(path: str, motion: dict[str, Any]) -> dict[str, Any]:
     return ASKED.get(path, motion)
 
 
@@ -38,7 +38,7 @@ PATHS = ("/calibration/depth", "/calibration/motion", "/calibration/obliquity")
 
 @pytest.mark.parametrize("path", PATHS)
 def test_second_calibration_is_a_hit_and_the_same(client: httpx.Client, path: str, motion: dict[str, Any]) -> None:
-    body = asked(path, motion)
+    body = body_of(path, motion)
     first, second = client.post(path, json=body), client.post(path, content=json.dumps(body, indent=1), headers=JSON)
     assert second.headers["Cache-Status"] == "ricochet; hit"
     assert "validate;dur=" in second.headers["Server-Timing"]
@@ -67,7 +67,7 @@ COLUMNS = {
 
 @pytest.mark.parametrize("path", PATHS)
 def test_csv_of_a_calibration_is_its_residuals(client: httpx.Client, path: str, motion: dict[str, Any]) -> None:
-    answer = answered(client, path, asked(path, motion) | ({"until_s": 0.001} if path.endswith("motion") else {}))
+    answer = answered(client, path, body_of(path, motion) | ({"until_s": 0.001} if path.endswith("motion") else {}))
     table = table_of(client, answer["key"])
     assert list(table) == COLUMNS[path]
     numbers = {name: [float(cell) for cell in column] for name, column in table.items()}
@@ -81,7 +81,7 @@ def test_csv_of_a_calibration_is_its_residuals(client: httpx.Client, path: str, 
 
 @pytest.mark.parametrize("path", PATHS)
 def test_hdf5_of_a_calibration_has_its_numbers(client: httpx.Client, path: str, motion: dict[str, Any]) -> None:
-    answer = answered(client, path, asked(path, motion))
+    answer = answered(client, path, body_of(path, motion))
     content = client.get(f"/results/{answer['key']}", headers={"Accept": "application/x-hdf5"}).content
     with h5py.File(io.BytesIO(content)) as file:
         summary, residuals = file["summary"][()], file["residuals"]

@@ -32,7 +32,7 @@ def received(client: httpx.Client, path: str, **headers: str) -> tuple[httpx.Res
     return response, raw
 
 
-def test_large_answer_is_compressed_for_whoever_accepts_it_and_is_the_same(client: httpx.Client) -> None:
+def test_large_answer_is_compressed_for_clients_that_accept_it_and_is_the_same(client: httpx.Client) -> None:
     for _ in ("computed", "known"):
         compressed, plain = (client.post("/trajectory", json=PAPER_AT_45, headers=headers) for headers in (GZIP, PLAIN))
         assert compressed.headers["Content-Encoding"] == "gzip"

@@ -38,7 +38,10 @@ def test_service_without_extras_says_so_and_does_the_rest(
         job = finished(client, client.post("/cra/batch", json={"cases": [PAPER]}, headers=ASYNC).json())
         refused = client.get(job["links"]["results"], headers=PARQUET)
         assert refused.status_code == 406
-        assert "Parquet needs pyarrow: install ricochet with its extra parquet" in refused.json()["detail"]
+        assert (
+            "Parquet needs pyarrow, which is not installed: install the extra parquet from the wheel"
+            in refused.json()["detail"]
+        )
         either = {"Accept": f"{PARQUET['Accept']}, text/csv;q=0.5"}
         table = client.get(job["links"]["results"], headers=either)
         assert table.headers["Content-Type"].startswith("text/csv")
@@ -48,5 +51,5 @@ def test_service_without_extras_says_so_and_does_the_rest(
 def test_command_without_the_sdk_names_the_extra(tmp_path: Path, bare_path: str) -> None:
     done = run(tmp_path, "mcp", PYTHONPATH=bare_path)
     assert (done.status, done.out) == (1, "")
-    assert "needs the package mcp, which is not installed: install ricochet with its extra mcp" in done.err
+    assert "needs the package mcp, which is not installed: install the extra mcp from the wheel" in done.err
     assert "Traceback" not in done.err

@@ -95,9 +95,9 @@ def test_lines_and_tables_start_at_the_cursor(
     client: httpx.Client, job: dict[str, Any], items: list[dict[str, Any]]
 ) -> None:
     cursor = client.get(job["links"]["results"], params={"limit": 250}).json()["next"]
-    asked = {"cursor": cursor}
-    assert items_of(client.get(job["links"]["results"], params=asked, headers={"Accept": JSONL})) == items[250:]
-    some = client.get(job["links"]["results"], params=asked | {"limit": "3"}, headers={"Accept": JSONL})
+    page = {"cursor": cursor}
+    assert items_of(client.get(job["links"]["results"], params=page, headers={"Accept": JSONL})) == items[250:]
+    some = client.get(job["links"]["results"], params=page | {"limit": "3"}, headers={"Accept": JSONL})
     assert items_of(some) == items[250:253]
 
 

@@ -137,13 +137,13 @@ def test_optional_value_given_as_its_default_is_the_same_request(request_: Any) 
 @given(requests)
 def test_json_to_solver_and_back_is_exact(request_: Any) -> None:
     model, body = request_
-    asked = model.model_validate(body)
-    again = model.model_validate_json(json.dumps(asked.canonical()))
-    assert again.canonical() == asked.canonical()
+    request = model.model_validate(body)
+    again = model.model_validate_json(json.dumps(request.canonical()))
+    assert again.canonical() == request.canonical()
     case = {name: item for name, item in body.items() if name != "alternatives"}  # those have keys of their own
-    assert given_values_are_kept(case, asked.canonical())
+    assert given_values_are_kept(case, request.canonical())
     try:
-        assert again.arguments() == asked.arguments()
+        assert again.arguments() == request.arguments()
     except ParameterError:
         assume(False)
 
@@ -197,5 +197,5 @@ def test_keys_are_those_of_earlier_releases(monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setattr("service.operations.SCHEMA_VERSION", "pinned")
     plain = {"b": [1, -0.0, 0.1], "a": {"x": True, "y": "text"}}
     assert result_key("cra", plain) == "5f5498632e6d1553421c0d9445b4fa1c6f38e9e475617186e1895e417f57385d"
-    asked = CriticalAngleRequest.model_validate(PINNED).canonical()
-    assert result_key("cra", asked) == "bdffa6a46a4bf2061b05fa9433af1ffa668bbe6c75e756c6cd283621bf623c9d"
+    request = CriticalAngleRequest.model_validate(PINNED).canonical()
+    assert result_key("cra", request) == "bdffa6a46a4bf2061b05fa9433af1ffa668bbe6c75e756c6cd283621bf623c9d"

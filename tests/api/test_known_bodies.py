@@ -1,4 +1,4 @@
-"""Bodies that were asked just before are answered from memory, and as they would be otherwise."""
+"""Bodies that were answered just before are answered from memory, and as they would be otherwise."""
 
 import asyncio
 import time
@@ -113,11 +113,11 @@ async def test_known_body_costs_no_more_than_three_times_an_empty_route(app: Fas
     async def nothing() -> dict[str, str]:
         return {}
 
-    async def seconds(asked: ASGIApp, path: str, body: bytes) -> float:
+    async def seconds(app: ASGIApp, path: str, body: bytes) -> float:
         await asyncio.sleep(0)
         begun = time.process_time()
         for _ in range(200):
-            await call(asked, path, body, JSON)
+            await call(app, path, body, JSON)
         return time.process_time() - begun
 
     known = orjson.dumps(PAPER)

@@ -160,6 +160,23 @@ def test_sweep_with_more_points_than_may_wait_is_refused_by_all_of_them(tight: h
         tight.delete(job.json()["links"]["self"])
 
 
+def test_lines_that_are_refused_have_to_wait_for_room_for_all_of_them(tight: httpx.Client) -> None:
+    def seconds_for(count: int) -> int:
+        refused = tight.post("/trajectory/batch", content=lines(strikes(count)), headers=LINES | ASYNC)
+        assert problem_of(refused, 429).type == "urn:ricochet:problem:queue-full"
+        return int(refused.headers["Retry-After"])
+
+    job = tight.post("/trajectory/batch", content=lines(slow_strikes(250)), headers=LINES | ASYNC)
+    try:
+        while not tight.get(job.json()["links"]["self"]).json()["counts"]["done"]:
+            time.sleep(0.02)
+        few, many = seconds_for(300), seconds_for(2000)  # 250 and 1950 more than may wait
+        assert few >= 1
+        assert many > 3 * few
+    finally:
+        tight.delete(job.json()["links"]["self"])
+
+
 @pytest.mark.parametrize("path", ["/trajectory", "/trajectory/batch", "/trajectory/sweep", "lines"])
 def test_panels_times_steps_are_limited_however_a_case_comes(tight: httpx.Client, path: str) -> None:
     def answer(panels: int) -> httpx.Response:

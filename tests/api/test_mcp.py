@@ -199,9 +199,11 @@ def test_keys_scopes_and_quotas_are_those_of_the_routes(keyed: tuple[str, dict[s
         reads = {"Authorization": f"Bearer {tokens['reads']}"}
         assert client.post("/mcp", json=message, headers=reads).status_code == 403
         assert client.get("/mcp", headers=reads).status_code == 405
-    results = converse(over_http(url, tokens["runs"]), *[("critical_angle", PAPER)] * 3).results
-    assert [result.is_error for result in results] == [False, False, True]
-    problem = results[2].structured_content["problem"]
+    short = PAPER | {"projectile": PAPER["projectile"] | {"length_m": 0.1}}  # refused, which does not count
+    calls = [("critical_angle", short)] * 2 + [("critical_angle", PAPER)] * 3
+    results = converse(over_http(url, tokens["runs"]), *calls).results
+    assert [result.is_error for result in results] == [True, True, False, False, True]
+    problem = results[4].structured_content["problem"]
     assert problem["type"] == "urn:ricochet:problem:quota"
     assert problem["retry_after_s"] > 0
 

@@ -106,11 +106,11 @@ def test_log_has_a_line_of_json_for_each_request(tmp_path: Path, service_on: Cal
         httpx.get(f"{service.url}/results/{'1' * 64}", trust_env=False)
     lines = [json.loads(line) for line in (tmp_path / "log").read_text().splitlines()]
     requests = [line for line in lines if line["event"] == "request"]
-    asked = [line for line in requests if line["request_id"] == "traced"]
-    assert [(line["method"], line["route"], line["status"], line["level"]) for line in asked] == [
+    traced = [line for line in requests if line["request_id"] == "traced"]
+    assert [(line["method"], line["route"], line["status"], line["level"]) for line in traced] == [
         ("POST", "/cra", 200, "info")
     ] * 2
-    assert all(0.0 < line["duration_s"] < 60.0 and line["timestamp"] for line in asked)
+    assert all(0.0 < line["duration_s"] < 60.0 and line["timestamp"] for line in traced)
     assert "/results/{key}" in {line["route"] for line in requests}
     names = {"event", "level", "timestamp", "request_id", "method", "route", "status", "duration_s"}
     assert all(line.keys() == names for line in requests)

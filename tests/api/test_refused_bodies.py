@@ -99,7 +99,7 @@ Answer = tuple[int, dict[str, Any]]
 
 
 def by_urllib(server: Server, refusal: Refusal, body: Path) -> Answer:
-    """It sends everything before it reads, and asks for the connection to be closed."""
+    """It sends everything before it reads, and requests that the connection be closed."""
     handlers = [urllib.request.ProxyHandler({}), urllib.request.HTTPSHandler(context=server.trusted())]
     request = urllib.request.Request(server.url + refusal.path, body.read_bytes(), refusal.headers)  # noqa: S310
     with pytest.raises(urllib.error.HTTPError) as refused:

@@ -59,8 +59,8 @@ def test_tables_have_the_strength_factor(client: httpx.Client, path: str, body: 
     content = client.get(f"/results/{answer['key']}", headers={"Accept": "application/x-hdf5"}).content
     with h5py.File(io.BytesIO(content)) as file:
         assert file["summary"]["strength_factor"].tolist() == [answer["strength_factor"]]
-    asked = {"headers": {"Prefer": "respond-async, wait=30"}, "json": {"cases": [body]}}
-    job = client.post(f"{path}/batch", **asked).headers["Content-Location"]  # type: ignore[arg-type]
+    sent = {"headers": {"Prefer": "respond-async, wait=30"}, "json": {"cases": [body]}}
+    job = client.post(f"{path}/batch", **sent).headers["Content-Location"]  # type: ignore[arg-type]
     (row,) = csv.DictReader(io.StringIO(client.get(job, headers={"Accept": "text/csv"}).text))
     assert float(row["strength_factor"]) == answer["strength_factor"]
 

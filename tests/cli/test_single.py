@@ -289,4 +289,4 @@ def test_missing_matplotlib_is_found_before_the_computation(folder: Path) -> Non
     (folder / "matplotlib.py").write_text("raise ModuleNotFoundError(name='matplotlib')")
     done = run(folder, "cra", "strike.toml", "--plot", "a.svg")
     assert (done.status, done.out) == (1, "")
-    assert "install ricochet with its extra reports" in done.err
+    assert "install the extra reports from the wheel" in done.err

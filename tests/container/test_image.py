@@ -112,4 +112,4 @@ def test_traces_without_the_extra_are_refused_with_what_to_install(image: Contai
     command, environment = image.entered(["ricochet", "serve"], RICOCHET_TELEMETRY="true")
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 1
-    assert "its extra telemetry" in done.stderr
+    assert "the extra telemetry" in done.stderr

@@ -53,6 +53,8 @@ class Exchange:
     name: str
     status: int | None
     content: bytes = b""
+    cached: bool = False
+    """Whether it was answered from the cache."""
 
 
 @dataclass
@@ -118,10 +120,11 @@ class Service:
             answer = self.client.request(method, path, **request)  # type: ignore[arg-type]
         except httpx.TransportError:
             return Exchange(name, None)
-        return Exchange(name, answer.status_code, answer.content)
+        cached = answer.headers.get("Cache-Status", "").endswith("; hit")
+        return Exchange(name, answer.status_code, answer.content, cached)
 
     def session(self) -> list[Exchange]:
-        """Send a query, a batch, ask how far it is until it has ended, read its results, send another query."""
+        """Send a query, a batch, follow it until it has ended, read its results, send another query."""
         deadline = time.monotonic() + START_SECONDS
         while self.exchange("alive", "GET", "/livez").status is None:
             if not self.is_running or time.monotonic() > deadline:
@@ -216,8 +219,27 @@ def check(forks: Forks, data: Path, number: int, fault: int, expected: dict[str,
     }
     if len(jobs) != 1 or [job["id"] for job in json.loads(listed.content)["jobs"]] != list(jobs):
         wrong.append(f"the batch became the jobs {jobs}, and there are {listed.content!r}")
+    wrong += losses(before, after)
     there = stat(data)
     return first, wrong + faults_of(data, f"{there.cases} results, {there.segments} files,")
+
+
+def losses(before: list[Exchange], after: list[Exchange]) -> list[str]:
+    """What was acknowledged before the restart and is not there after it."""
+    later = {each.name: each for each in after}
+    wrong = [
+        f"the result of {each.name} was acknowledged as stored, and computed again"
+        for each in before
+        if each.name in {"first", "last"} and each.status == 200 and b"result_not_cached" not in each.content
+        if not later[each.name].cached
+    ]
+    for each in before:
+        if each.name == "results" and each.status == 200:
+            lost = set(each.content.splitlines()) - set(later["results"].content.splitlines())
+            wrong += [f"{len(lost)} results of the job are gone after the restart"] if lost else []
+        if each.name == "job" and each.status == 200 and (job := json.loads(each.content))["status"] == "failed":
+            wrong += [] if job.get("problem", {}).get("detail") else ["the job failed without a reason"]
+    return wrong
 
 
 def disagreements(history: list[Exchange], expected: dict[str, bytes], when: str) -> list[str]:

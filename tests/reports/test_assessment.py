@@ -197,7 +197,7 @@ def test_wrong_field_is_named(client: httpx.Client, change: dict[str, Any], poin
 def test_without_the_extra_reports_are_not_implemented(monkeypatch: pytest.MonkeyPatch) -> None:
     require_extra()
     monkeypatch.setitem(sys.modules, "matplotlib", None)
-    with pytest.raises(ReportsMissingError, match=r"install ricochet with its extra reports"):
+    with pytest.raises(ReportsMissingError, match=r"install the extra reports from the wheel"):
         require_extra()
     assert ReportsMissingError.status == 501
 

@@ -144,6 +144,6 @@ def test_a_missing_package_is_named_with_the_extra_that_has_it(package: str, tmp
     ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
     assert ended.returncode == 1
     assert package in ended.stderr
-    assert "its extra reports" in ended.stderr
+    assert "the extra reports" in ended.stderr
     assert "Traceback" not in ended.stderr
     assert not (tmp_path / "report").exists()

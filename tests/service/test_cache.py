@@ -116,13 +116,13 @@ def test_known_says_what_can_be_read(tmp_path: Path) -> None:
     gone, cut, _ = (path_of(tmp_path, *batch) for batch in batches)
     gone.unlink()
     os.truncate(cut, cut.stat().st_size - 1)
-    asked = [key_of(number) for number in range(40)]
+    keys = [key_of(number) for number in range(40)]
     with cache_in(tmp_path) as cache:
-        assert cache.known(asked) == {key_of(number) for number in range(20, 30)}
-        assert set(cache.get_many(asked)) == {key_of(number) for number in range(20, 30)}
+        assert cache.known(keys) == {key_of(number) for number in range(20, 30)}
+        assert set(cache.get_many(keys)) == {key_of(number) for number in range(20, 30)}
         assert cache.statistics().cases == 10
         cache.put_many(batches[1])
-        assert cache.known(asked) == {key_of(number) for number in range(10, 30)}
+        assert cache.known(keys) == {key_of(number) for number in range(10, 30)}
     assert (tmp_path / "damaged" / cut.name).exists()
 
 

@@ -1,4 +1,4 @@
-"""The service answers alike, whichever executor its settings ask for. For Dask see test_dask_faults.py."""
+"""The service answers alike, whichever executor its settings name. For Dask see test_dask_faults.py."""
 
 import copy
 from pathlib import Path

@@ -262,7 +262,7 @@ async def test_chunks_finish_however_their_workers_are_killed(pool: ProcessPool)
     for kills in range(1, 7):
         await asyncio.sleep(instants.uniform(0.03, 0.1))  # for the call hit last to get done
         os.kill(pool.worker_pids[kills % 2], signal.SIGKILL)
-        assert await until(lambda: pool.restarts == kills, 5.0)  # noqa: B023 (asked at once)
+        assert await until(lambda: pool.restarts == kills, 5.0)  # noqa: B023 (called at once)
     for chunk in chunks:
         assert [outcome.value for outcome in await chunk] == [None, *range(1, 21)]
 

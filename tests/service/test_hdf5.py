@@ -13,9 +13,10 @@ import numpy as np
 import orjson
 import pytest
 
-from service.cache.hdf5 import BLOCK, BatchFile, DamagedFileError, check, read_keys, read_records, to_hdf5
+from service.cache.hdf5 import BLOCK, BatchFile, check, read_keys, read_records, to_hdf5
 from service.cache.record import Record
 from service.columns import MOTION, SUMMARY, TRIALS
+from service.errors import DamagedFileError
 from service.schemas.answers import Exit, MotionState, Trial
 from service.schemas.perforation import SpeedTrial, ThicknessTrial
 from tests.service.records import (

@@ -100,6 +100,24 @@ async def test_damaged_block_of_a_job_costs_its_cases_and_names_them(
     assert ("cases 200 to 399" in caplog.text) == bool(lost)
 
 
+async def test_damaged_block_costs_no_equal_case_of_another_block(pool: ProcessPool, tmp_path: Path) -> None:
+    mirrored = [*range(400), *range(399, 349, -1)]  # chunks over the end of the damaged block have equal cases
+    async with running(tmp_path, pool) as manager:
+        job = await accepted(manager, cases(mirrored, seconds=0.005))
+        await until_done(manager, job, 10)
+    with sqlite3.connect(tmp_path / "data" / "jobs.sqlite") as database:
+        database.execute("UPDATE slices SET requests = substr(requests, 9) WHERE slice = 1")
+    database.close()
+    async with running(tmp_path, pool) as manager:
+        state = await ended(manager, job)
+        results = await all_results(manager, job)
+    failed = {result.number for result in results if result.problem is not None}
+    assert (state.status, state.done, state.failed) == ("successful", 450, len(failed))
+    assert len(failed) < 200
+    assert failed <= set(range(200, 400))
+    assert squares(results) == [value**2 for number, value in enumerate(mirrored) if number not in failed]
+
+
 async def test_results_of_an_ended_job_that_neither_cache_nor_jobs_have_are_problems(
     pool: ProcessPool, tmp_path: Path
 ) -> None:

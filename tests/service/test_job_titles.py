@@ -2,8 +2,7 @@
 
 import pytest
 
-from service.jobs.models import Sweep
-from service.jobs.titles import title_of
+from service.jobs.models import Sweep, title_of
 from service.schemas.examples import PAPER
 
 

@@ -6,13 +6,20 @@ import signal
 import sqlite3
 import subprocess
 import sys
+import threading
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
 from pathlib import Path
 
 import pytest
 
 from service.cache.cache import JOURNAL_BYTES, JOURNAL_RECORDS, NOT_CACHED, ResultCache
+from service.cache.hdf5 import Segment, encode_segments
+from service.cache.journal import Journal
 from service.cache.maintenance import stat
-from tests.service.records import critical_angle, key_of, obliquity_fit, trajectory
+from service.cache.record import Record
+from tests.service.records import critical_angle, key_of, made, obliquity_fit, trajectory
 
 ROOT = Path(__file__).parents[2]
 WRITER = """
@@ -38,6 +45,13 @@ def journal_of(folder: Path) -> Path:
     return folder / "results" / "journal.sqlite"
 
 
+def made_journal(folder: Path) -> Path:
+    """Path of a journal that can be made."""
+    path = journal_of(folder)
+    path.parent.mkdir(parents=True)
+    return path
+
+
 def keys_in_journal(folder: Path) -> set[str]:
     with sqlite3.connect(journal_of(folder)) as connection:
         keys = {key for (key,) in connection.execute("SELECT key FROM results")}
@@ -56,6 +70,7 @@ def test_single_results_are_found_at_once_and_become_one_segment_as_large_as_tha
         assert keys_in_journal(tmp_path / "single") == {record.key for record in records[:-1]}
         assert stat(tmp_path / "single").cases == JOURNAL_RECORDS - 1
         cache.put(records[-1])
+        cache.flush()  # waits for the one that the last result began
         single = cache.statistics()
         assert keys_in_journal(tmp_path / "single") == set()
         found = cache.get_many([record.key for record in records])
@@ -72,6 +87,7 @@ def test_large_results_become_a_segment_sooner_and_each_operation_has_its_own(tm
         assert sum(len(record.json) for record in large) > JOURNAL_BYTES
         for record in large:
             cache.put(record)
+        cache.flush()
         assert 2 <= cache.statistics().segments <= 5
     assert stat(tmp_path).cases == 9
 
@@ -85,6 +101,62 @@ def test_results_with_residuals_become_a_segment_each(tmp_path: Path) -> None:
         assert cache.statistics().segments == 3
         found = cache.get_many([record.key for record in records])
         assert [found[record.key].answer for record in records] == [record.answer for record in records]
+
+
+def test_threads_that_fill_the_journal_together_make_no_more_segments_than_one(tmp_path: Path) -> None:
+    records = [critical_angle(number) for number in range(5 * JOURNAL_RECORDS)]
+    with cache_in(tmp_path) as cache, ThreadPoolExecutor(8) as threads:
+        assert list(threads.map(cache.put, records)) == records
+    found = stat(tmp_path)
+    assert found.cases == len(records)
+    assert found.segments <= 5
+
+
+def test_no_result_waits_for_the_segments_of_those_before(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    begun, may_end = threading.Event(), threading.Event()
+
+    def held_back(records: Sequence[Record]) -> list[Segment]:
+        begun.set()
+        assert may_end.wait(60.0)
+        return encode_segments(records)
+
+    monkeypatch.setattr("service.cache.cache.encode_segments", held_back)
+    records = [critical_angle(number) for number in range(3 * JOURNAL_RECORDS)]
+    with cache_in(tmp_path) as cache, ThreadPoolExecutor(1) as thread:
+        answered = thread.submit(lambda: [cache.put(record) for record in records])
+        try:
+            assert begun.wait(60.0)
+            assert answered.result(timeout=30.0) == records
+            assert keys_in_journal(tmp_path) == {record.key for record in records}
+            assert cache.statistics().segments == 0
+        finally:
+            may_end.set()
+    assert (stat(tmp_path).cases, keys_in_journal(tmp_path)) == (len(records), set())
+
+
+def test_result_that_no_segment_can_hold_is_set_aside_and_the_others_are_kept(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    whole = [critical_angle(number) for number in range(3)]
+    ragged = {"status": "converged", "iterations": [{"oblique_angle_deg": "none"}], "warnings": []}
+    unreadable = made(key_of(9), "cra", {}, ragged, None, "1", "2")
+    with pytest.raises(ValueError, match="none"):
+        encode_segments([unreadable])
+    with cache_in(tmp_path / "running") as cache:
+        for record in (*whole, unreadable):
+            assert cache.put(record) is record
+        cache.flush()
+        assert cache.known([record.key for record in (*whole, unreadable)]) == {record.key for record in whole}
+        assert cache.last_error is None
+    assert unreadable.key in caplog.text
+    assert keys_in_journal(tmp_path / "running") == set()
+
+    with closing(Journal(made_journal(tmp_path / "left"))) as journal:
+        for record in (*whole, unreadable):
+            journal.add(record)
+    with cache_in(tmp_path / "left") as cache:
+        assert cache.known([record.key for record in (*whole, unreadable)]) == {record.key for record in whole}
+    assert (stat(tmp_path / "left").cases, stat(tmp_path / "left").segments) == (3, 1)
 
 
 def test_end_puts_all_that_is_left_into_segments(tmp_path: Path) -> None:
@@ -128,7 +200,7 @@ def test_result_that_is_in_a_segment_already_leaves_the_journal_at_the_start(tmp
         assert keys_in_journal(tmp_path) == set()
 
 
-@pytest.mark.parametrize("damage", ["a row", "the file", "no database"])
+@pytest.mark.parametrize("damage", ["a row", "a text", "the file", "no database"])
 def test_damage_of_the_journal_costs_what_is_damaged(damage: str, tmp_path: Path) -> None:
     cache = cache_in(tmp_path)
     for number in range(3):
@@ -141,14 +213,17 @@ def test_damage_of_the_journal_costs_what_is_damaged(damage: str, tmp_path: Path
         connection.executemany("INSERT INTO results VALUES (?, ?, ?, ?, ?, ?, ?)", rows)
         if damage == "a row":
             connection.execute("UPDATE results SET json = replace(json, '1', '2') WHERE key = ?", (key_of(1),))
+        if damage == "a text":
+            connection.execute("UPDATE results SET key = CAST(x'ff61' AS TEXT) WHERE key = ?", (key_of(1),))
     connection.close()
     for path in (tmp_path / "results" / "segments").rglob("*.h5"):
         path.unlink()
-    if damage != "a row":
+    if damage in {"the file", "no database"}:
         size = journal_of(tmp_path).stat().st_size
         journal_of(tmp_path).write_bytes(b"nothing" if damage == "no database" else b"\xff" * size)
     with cache_in(tmp_path) as cache:
-        left = {key_of(0), key_of(2)} if damage == "a row" else set()
+        left = {key_of(0), key_of(2)} if damage in {"a row", "a text"} else set()
+        assert stat(tmp_path).cases == len(left)
         assert cache.known([key_of(number) for number in range(3)]) == left
         assert cache.put(critical_angle(5)).key == key_of(5)
         assert cache.last_error is None

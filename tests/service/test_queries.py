@@ -66,30 +66,30 @@ OPERATIONS = {
 
 
 @pytest.fixture
-def engine(pool: ProcessPool, tmp_path: Path) -> QueryService:
-    return engine_on(tmp_path, pool)
+def service(pool: ProcessPool, tmp_path: Path) -> QueryService:
+    return queries_on(tmp_path, pool)
 
 
-def engine_on(folder: Path, pool: Executor, max_waiting: int = 1000) -> QueryService:
+def queries_on(folder: Path, pool: Executor, max_waiting: int = 1000) -> QueryService:
     cache = ResultCache(folder / "data", memory_bytes=100_000_000, disk_bytes=10**9)
     return QueryService(cache, pool, OPERATIONS, max_waiting=max_waiting)
 
 
-async def test_equal_requests_underway_run_once(engine: QueryService, tmp_path: Path) -> None:
+async def test_equal_requests_underway_run_once(service: QueryService, tmp_path: Path) -> None:
     answers = await asyncio.gather(
-        *(engine.answer("once", KeyedRequest.of("once", Question(tmp_path))) for _ in range(20))
+        *(service.answer("once", KeyedRequest.of("once", Question(tmp_path))) for _ in range(20))
     )
     assert {status for _, status in answers} == {"miss"}
     assert len({id(record) for record, _ in answers}) == 1
 
 
 async def test_second_request_is_a_hit_from_memory_and_after_a_restart_from_disk(
-    engine: QueryService, pool: ProcessPool, tmp_path: Path
+    service: QueryService, pool: ProcessPool, tmp_path: Path
 ) -> None:
-    first, miss = await engine.answer("once", KeyedRequest.of("once", Question(tmp_path)))
-    second, hit = await engine.answer("once", KeyedRequest.of("once", Question(tmp_path)))
-    engine.cache.close()
-    restarted = engine_on(tmp_path, pool)
+    first, miss = await service.answer("once", KeyedRequest.of("once", Question(tmp_path)))
+    second, hit = await service.answer("once", KeyedRequest.of("once", Question(tmp_path)))
+    service.cache.close()
+    restarted = queries_on(tmp_path, pool)
     third, found = await restarted.answer("once", KeyedRequest.of("once", Question(tmp_path)))
     assert (miss, hit, found) == ("miss", "hit", "hit")
     assert first.json == second.json == third.json
@@ -97,10 +97,10 @@ async def test_second_request_is_a_hit_from_memory_and_after_a_restart_from_disk
     assert await restarted.result("0" * 64) is None
 
 
-async def test_asker_who_leaves_takes_nothing_from_those_who_wait(engine: QueryService, tmp_path: Path) -> None:
-    first = asyncio.ensure_future(engine.answer("slow", KeyedRequest.of("slow", Question(tmp_path))))
+async def test_client_that_leaves_takes_nothing_from_those_who_wait(service: QueryService, tmp_path: Path) -> None:
+    first = asyncio.ensure_future(service.answer("slow", KeyedRequest.of("slow", Question(tmp_path))))
     await asyncio.sleep(0.05)
-    second = asyncio.ensure_future(engine.answer("slow", KeyedRequest.of("slow", Question(tmp_path))))
+    second = asyncio.ensure_future(service.answer("slow", KeyedRequest.of("slow", Question(tmp_path))))
     await asyncio.sleep(0.05)
     first.cancel()
     record, _ = await second
@@ -108,45 +108,45 @@ async def test_asker_who_leaves_takes_nothing_from_those_who_wait(engine: QueryS
     assert first.cancelled()
 
 
-async def test_work_everyone_has_left_is_kept_for_who_comes_back(engine: QueryService, tmp_path: Path) -> None:
-    asker = asyncio.ensure_future(engine.answer("once", KeyedRequest.of("once", Question(tmp_path))))
+async def test_work_everyone_has_left_is_kept_for_who_comes_back(service: QueryService, tmp_path: Path) -> None:
+    first = asyncio.ensure_future(service.answer("once", KeyedRequest.of("once", Question(tmp_path))))
     await asyncio.sleep(0)
-    asker.cancel()
-    record, _ = await engine.answer(
+    first.cancel()
+    record, _ = await service.answer(
         "once", KeyedRequest.of("once", Question(tmp_path))
     )  # a second run would raise FileExistsError
     assert record.answer["result"] is None
 
 
-async def test_failure_reaches_all_who_wait_and_is_not_kept(engine: QueryService, tmp_path: Path) -> None:
+async def test_failure_reaches_all_who_wait_and_is_not_kept(service: QueryService, tmp_path: Path) -> None:
     (tmp_path / "ran").mkdir()
     failures = await asyncio.gather(
-        *(engine.answer("once", KeyedRequest.of("once", Question(tmp_path))) for _ in range(3)), return_exceptions=True
+        *(service.answer("once", KeyedRequest.of("once", Question(tmp_path))) for _ in range(3)), return_exceptions=True
     )
     assert [type(failure) for failure in failures] == [FileExistsError] * 3
     (tmp_path / "ran").rmdir()
-    _, status = await engine.answer("once", KeyedRequest.of("once", Question(tmp_path)))
+    _, status = await service.answer("once", KeyedRequest.of("once", Question(tmp_path)))
     assert status == "miss"
 
 
-async def test_deadly_request_fails_and_those_beside_it_do_not(engine: QueryService, tmp_path: Path) -> None:
+async def test_deadly_request_fails_and_those_beside_it_do_not(service: QueryService, tmp_path: Path) -> None:
     others = [
-        asyncio.ensure_future(engine.answer("slow", KeyedRequest.of("slow", Question(tmp_path, number))))
+        asyncio.ensure_future(service.answer("slow", KeyedRequest.of("slow", Question(tmp_path, number))))
         for number in range(6)
     ]
     with pytest.raises(WorkerCrashedError):
-        await engine.answer("deadly", KeyedRequest.of("deadly", Question(tmp_path)))
+        await service.answer("deadly", KeyedRequest.of("deadly", Question(tmp_path)))
     assert [record.answer["number"] for record, _ in await asyncio.gather(*others)] == list(range(6))
 
 
-async def test_without_a_folder_to_write_answers_come_with_a_warning(engine: QueryService, tmp_path: Path) -> None:
+async def test_without_a_folder_to_write_answers_come_with_a_warning(service: QueryService, tmp_path: Path) -> None:
     blocked = tmp_path / "blocked"
     blocked.mkdir()
     (blocked / "data").write_text("a file where the folder should be")
-    engine = engine_on(blocked, engine.executor)
-    record, status = await engine.answer("once", KeyedRequest.of("once", Question(tmp_path)))
+    service = queries_on(blocked, service.executor)
+    record, status = await service.answer("once", KeyedRequest.of("once", Question(tmp_path)))
     assert (status, record.answer["warnings"][0]["code"]) == ("miss", NOT_CACHED)
-    _, status = await engine.answer("once", KeyedRequest.of("once", Question(tmp_path)))
+    _, status = await service.answer("once", KeyedRequest.of("once", Question(tmp_path)))
     assert status == "hit"
 
 
@@ -154,14 +154,14 @@ def keyed(name: str, questions: list[Question]) -> list[KeyedRequest]:
     return [KeyedRequest.of(name, question) for question in questions]
 
 
-async def test_chunk_computes_what_is_not_underway_and_shares_the_rest(engine: QueryService, tmp_path: Path) -> None:
+async def test_chunk_computes_what_is_not_underway_and_shares_the_rest(service: QueryService, tmp_path: Path) -> None:
     (tmp_path / "failing" / "ran").mkdir(parents=True)
     failing = Question(tmp_path / "failing", 1)
-    single = asyncio.ensure_future(engine.answer("once", KeyedRequest.of("once", Question(tmp_path))))
+    single = asyncio.ensure_future(service.answer("once", KeyedRequest.of("once", Question(tmp_path))))
     await asyncio.sleep(0)
     left: list[int] = []
-    chunk = engine.begin("once", keyed("once", [Question(tmp_path), failing]), lambda: left.append(1))
-    other = engine.begin("once", keyed("once", [failing]), lambda: left.append(2))
+    chunk = service.begin("once", keyed("once", [Question(tmp_path), failing]), lambda: left.append(1))
+    other = service.begin("once", keyed("once", [failing]), lambda: left.append(2))
     assert [len(part) for part in (chunk.own, chunk.shared, other.own, other.shared)] == [1, 1, 0, 1]
     record, _ = await single
     assert (await chunk.shared[record.key])[0] is record
@@ -171,13 +171,13 @@ async def test_chunk_computes_what_is_not_underway_and_shares_the_rest(engine: Q
             await future
     await chunk.kept
     assert sorted(left) == [1, 2]
-    assert engine.cache.known([record.key, failed]) == {record.key}
+    assert service.cache.known([record.key, failed]) == {record.key}
 
 
-async def test_single_query_outlives_the_chunk_it_waited_for(engine: QueryService, tmp_path: Path) -> None:
-    chunk = engine.begin("slow", keyed("slow", [Question(tmp_path, i) for i in range(8)]), lambda: None)
+async def test_single_query_outlives_the_chunk_it_waited_for(service: QueryService, tmp_path: Path) -> None:
+    chunk = service.begin("slow", keyed("slow", [Question(tmp_path, i) for i in range(8)]), lambda: None)
     await asyncio.sleep(0.1)
-    single = asyncio.ensure_future(engine.answer("slow", KeyedRequest.of("slow", Question(tmp_path, 7))))
+    single = asyncio.ensure_future(service.answer("slow", KeyedRequest.of("slow", Question(tmp_path, 7))))
     await asyncio.sleep(0.05)
     chunk.stop()
     record, status = await single
@@ -188,33 +188,33 @@ async def test_single_query_outlives_the_chunk_it_waited_for(engine: QueryServic
 
 
 async def test_no_more_single_queries_wait_than_may(pool: ProcessPool, tmp_path: Path) -> None:
-    engine = engine_on(tmp_path, pool, max_waiting=3)
-    await engine.answer("slow", KeyedRequest.of("slow", Question(tmp_path, 99)))
+    service = queries_on(tmp_path, pool, max_waiting=3)
+    await service.answer("slow", KeyedRequest.of("slow", Question(tmp_path, 99)))
     queries = [
-        asyncio.ensure_future(engine.answer("slow", KeyedRequest.of("slow", Question(tmp_path, i)))) for i in range(2)
+        asyncio.ensure_future(service.answer("slow", KeyedRequest.of("slow", Question(tmp_path, i)))) for i in range(2)
     ]
     await asyncio.sleep(0.1)
     queries += [
-        asyncio.ensure_future(engine.answer("slow", KeyedRequest.of("slow", Question(tmp_path, i))))
+        asyncio.ensure_future(service.answer("slow", KeyedRequest.of("slow", Question(tmp_path, i))))
         for i in range(2, 10)
     ]
     outcomes = await asyncio.gather(*queries, return_exceptions=True)
     refused = [outcome for outcome in outcomes if isinstance(outcome, QueriesWaitingError)]
     assert len(refused) == 5
     assert all(1 <= error.retry_after < 60 for error in refused)
-    hit = await engine.answer("slow", KeyedRequest.of("slow", Question(tmp_path, 99)))
+    hit = await service.answer("slow", KeyedRequest.of("slow", Question(tmp_path, 99)))
     assert hit[1] == "hit"
 
 
-async def test_event_loop_stays_free_while_histories_are_made_and_kept(engine: QueryService, tmp_path: Path) -> None:
+async def test_event_loop_stays_free_while_histories_are_made_and_kept(service: QueryService, tmp_path: Path) -> None:
     """The best of three: other programs on the machine make it wait too."""
 
     async def longest_wait(first: int) -> float:
-        asked = (
-            engine.answer("trajectory", KeyedRequest.of("trajectory", Question(tmp_path, first + i)))
+        work = (
+            service.answer("trajectory", KeyedRequest.of("trajectory", Question(tmp_path, first + i)))
             for i in range(100)
         )
-        queries, longest = asyncio.gather(*asked), 0.0
+        queries, longest = asyncio.gather(*work), 0.0
         while not queries.done():
             before = time.monotonic()
             await asyncio.sleep(0.005)
@@ -226,11 +226,11 @@ async def test_event_loop_stays_free_while_histories_are_made_and_kept(engine: Q
 
 
 async def test_result_that_another_kept_after_the_look_up_is_not_kept_twice(
-    engine: QueryService, tmp_path: Path
+    service: QueryService, tmp_path: Path
 ) -> None:
     wanted = keyed("trajectory", [Question(tmp_path, number) for number in range(3)])
-    await engine.begin("trajectory", wanted[:2], lambda: None).kept
-    late = engine.begin("trajectory", wanted[1:], lambda: None)
+    await service.begin("trajectory", wanted[:2], lambda: None).kept
+    late = service.begin("trajectory", wanted[1:], lambda: None)
     await late.kept
     answers = {key: future.result()[0].answer["number"] for key, future in late.own.items()}
     assert answers == {case.key: number for number, case in enumerate(wanted) if number}

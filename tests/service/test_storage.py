@@ -8,8 +8,9 @@ from pathlib import Path
 import pytest
 
 from service.cache.cache import ResultCache
-from service.cache.maintenance import UnusableFolderError, evict, rebuild, stat, verify
+from service.cache.maintenance import evict, rebuild, stat, verify
 from service.cache.segments import name_of
+from service.errors import UnusableFolderError
 from tests.service.records import critical_angle, key_of
 
 pytestmark = pytest.mark.timeout(60)

@@ -177,5 +177,5 @@ def test_missing_extra_is_named_with_what_to_install(tmp_path: Path) -> None:
     )
     assert ended.returncode == 1
     assert "RICOCHET_TELEMETRY needs opentelemetry.exporter" in ended.stderr
-    assert "its extra telemetry" in ended.stderr
+    assert "the extra telemetry" in ended.stderr
     assert "Traceback" not in ended.stderr

@@ -60,7 +60,7 @@ class DepthTest(Part):
     mass_kg: (
         Annotated[Num, Field(ge=1e-6, le=1e7, description="That of the projectile when not given. [kg]")] | MISSING
     ) = MISSING
-    weight: Annotated[Num, Field(ge=1e-6, le=1e6, description="Of the squared residual, relative. [1]")] = 1.0
+    weight: Annotated[Num, Field(ge=1e-6, le=1e6, description="Relative weight of the squared residual. [1]")] = 1.0
     group: (
         Annotated[Group, Field(description="Gets a separate strength factor, beside that of all tests.")] | MISSING
     ) = MISSING
@@ -156,8 +156,8 @@ class DepthCalibrationAnswer(FittedStrength):
     )
 
     residuals: Annotated[Residuals, Field(description="Measured minus predicted depth of each test. [m]")]
-    predicted_depth_m: Annotated[list[Num], Field(description="Of each test. [m]")]
-    root_mean_square_m: Annotated[Num, Field(ge=0.0, description="Of the residuals, weighted. [m]")]
+    predicted_depth_m: Annotated[list[Num], Field(description="Depth of each test. [m]")]
+    root_mean_square_m: Annotated[Num, Field(ge=0.0, description="Weighted mean of the residuals. [m]")]
     groups: Annotated[list[DepthGroup], Field(description="If the tests name groups.")] | MISSING = MISSING
     curves: Annotated[list[DepthCurve], Field(description="If strength factors to compare are given.")] | MISSING = (
         MISSING
@@ -201,7 +201,12 @@ class ObliquityPoint(Part):
     strength_factor: StrengthFactorValue
     standard_error: (
         Annotated[
-            Num, Field(ge=1e-6, le=1000.0, description="Of the strength factor; given for all points or for none. [1]")
+            Num,
+            Field(
+                ge=1e-6,
+                le=1000.0,
+                description="Standard error of the strength factor; given for all points or for none. [1]",
+            ),
         ]
         | MISSING
     ) = MISSING
@@ -225,7 +230,7 @@ class ObliquityCalibrationRequest(Part):
     points: Annotated[list[ObliquityPoint], Field(min_length=1, max_length=MOST_POINTS, fail_fast=True)]
     order: Annotated[
         Count,
-        Field(ge=0, le=9, description="Of the polynomial; there must be more points at different angles. [1]"),
+        Field(ge=0, le=9, description="Degree of the polynomial; there must be more points at different angles. [1]"),
         WHOLE,
     ] = 2
 

@@ -49,14 +49,15 @@ class MotionRecord(Part):
     ]
     depth_displacement_m: (
         Annotated[
-            DisplacementColumn, Field(description="Of the centre of gravity, along the inward normal of the face. [m]")
+            DisplacementColumn,
+            Field(description="Way of the centre of gravity along the inward normal of the face. [m]"),
         ]
         | MISSING
     ) = MISSING
     lateral_displacement_m: (
         Annotated[
             DisplacementColumn,
-            Field(description="Of the centre of gravity along the face, the way the projectile travels. [m]"),
+            Field(description="Way of the centre of gravity along the face, the way the projectile travels. [m]"),
         ]
         | MISSING
     ) = MISSING

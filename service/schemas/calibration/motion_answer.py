@@ -87,12 +87,12 @@ class ComparedMotion(Part):
 
 FittedResiduals = Annotated[FittedMotion, Field(description="Given minus predicted, of the rows that were used.")]
 Predicted = Annotated[FittedMotion, Field(description="With the strength factor that fits best.")]
-RootMeanSquare = Annotated[MotionMeasures, Field(description="Of the residuals, in the unit of the quantity.")]
+RootMeanSquare = Annotated[MotionMeasures, Field(description="Mean of the residuals, in the unit of the quantity.")]
 NormalizedRootMeanSquare = Annotated[
     Num,
     Field(
         ge=0.0,
-        description="Of the residuals, each quantity over its span, all weighted quantities of all runs together. [1]",
+        description="Mean of the residuals, each quantity over its span, all weighted quantities of all runs. [1]",
     ),
 ]
 RSquared = Annotated[
@@ -134,7 +134,9 @@ class DecayLawRun(Part):
         NormalizedRootMeanSquare, Field(description="With the common strength factor. [1]")
     ]
     alone: (
-        Annotated[RunAlone, Field(description="Of this run by itself; absent if it leaves the strength factor open.")]
+        Annotated[
+            RunAlone, Field(description="Fit of this run by itself; absent if it leaves the strength factor open.")
+        ]
         | MISSING
     ) = MISSING
 
@@ -148,7 +150,7 @@ class DecayLawFit(Part):
     )
 
     free_surface: FreeSurfaceModel
-    strength_factor: Annotated[Num, Field(gt=0.0, description="Of all runs. [1]")] | MISSING = MISSING
+    strength_factor: Annotated[Num, Field(gt=0.0, description="Strength factor of all runs. [1]")] | MISSING = MISSING
     standard_error: StandardError | MISSING = MISSING
     confidence_interval: ConfidenceInterval | MISSING = MISSING
     normalized_root_mean_square: NormalizedRootMeanSquare | MISSING = MISSING

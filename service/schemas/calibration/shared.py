@@ -16,7 +16,7 @@ MOST_COMPARED = 20
 StrengthFactorValue = Annotated[
     Num, Field(ge=0.1, le=1000.0, description="[1] Measured ones lie between some 5 and 25.")
 ]
-StandardError = Annotated[Num, Field(ge=0.0, description="Of the strength factor. [1]")]
+StandardError = Annotated[Num, Field(ge=0.0, description="Standard error of the strength factor. [1]")]
 ConfidenceInterval = Annotated[
     list[Num],
     Field(

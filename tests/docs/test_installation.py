@@ -1,0 +1,39 @@
+"""What documentation and messages have an operator install and open."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from service.settings import missing_package
+
+from .blocks import PAGES, ROOT, name_of
+
+SIZING = (ROOT / "docs" / "sizing.md").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_no_page_installs_by_a_name_that_is_another_projects(page: Path) -> None:
+    """The package index has a ricochet, and it is not this one."""
+    assert not re.search(r"pip install [\"']?ricochet(\[|\s|$)", Path(page).read_text(encoding="utf-8"))
+
+
+@pytest.mark.parametrize("package", ["service", "solver"])
+def test_no_message_installs_by_a_name_that_is_another_projects(package: str) -> None:
+    sources = [*(ROOT / package).rglob("*.py"), *(ROOT / package).rglob("*.js")]
+    assert sources
+    named = [path for path in sources if re.search(r"install [\"'`]?ricochet\b", path.read_text(encoding="utf-8"))]
+    assert named == []
+
+
+def test_missing_package_names_the_extra_of_the_repository() -> None:
+    text = missing_package("Parquet", "pyarrow", "parquet")
+    assert text.startswith("Parquet needs pyarrow, which is not installed: ")
+    assert 'pip install ".[parquet]"' in text
+
+
+def test_dask_is_warned_of_before_its_commands() -> None:
+    warning = SIZING.index("can run anything there")
+    assert warning < SIZING.index("dask scheduler")
+    assert warning < SIZING.index("docker compose up")
+    assert SIZING.count("can run anything there") == 1
