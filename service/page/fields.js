@@ -115,7 +115,7 @@ export function fieldAt(path) {
   return GROUPS.flatMap(({ fields }) => fields).find((each) => each.path === path);
 }
 
-/** Tell whether a case, with the nose and models it has, has this field. */
+/** Return whether a case, with the nose and models it has, has this field. */
 export function isThere({ path }, values) {
   return nodeAt(path, values) !== undefined;
 }
@@ -152,7 +152,7 @@ export function shownNumber({ factor }, value) {
   return Number((value / factor).toPrecision(12));
 }
 
-/** Return what the service says of a field, its lengths and pressures in the unit of the field. */
+/** Return an error of the service for a field, its lengths and pressures in the unit of the field. */
 export function inUnit(field, detail) {
   const convert = (text, number) => (field.factor === 1 ? text : `${shownNumber(field, Number(number))} ${field.unit}`);
   return detail.replace(/(-?\d+(?:\.\d+)?(?:e[+-]?\d+)?) (?:m|Pa)\b(?![²³/])/g, convert);

@@ -13,7 +13,7 @@ import { caseAt } from "./sweep.js";
  * @returns {(map: object, axes: object[], cells: object[]) => void} shows the cells of a map
  */
 export function buildCellChoice(root) {
-  const [across, up] = ["x", "y"].map((side) => element("select", { id: `cell-${side}`, onchange: () => tell() }));
+  const [across, up] = ["x", "y"].map((side) => element("select", { id: `cell-${side}`, onchange: () => showChosen() }));
   const labels = [across, up].map(({ id }) => element("label", { for: id }));
   const words = element("output", { for: "cell-x cell-y" });
   const mind = element("p.quiet");
@@ -21,7 +21,7 @@ export function buildCellChoice(root) {
   const search = element("a", {}, "Open in Critical angle");
   let shown;
 
-  function tell() {
+  function showChosen() {
     const { map, cells } = shown;
     const [column, row] = [across.selectedIndex, up.selectedIndex];
     const cell = cells[row * map.x.count + column];
@@ -46,7 +46,7 @@ export function buildCellChoice(root) {
       [across, up].forEach((select, i) => fill(select, labels[i], axes[i]));
     }
     shown = { map, axes, cells };
-    tell();
+    showChosen();
   };
 }
 

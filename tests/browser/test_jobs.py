@@ -74,6 +74,8 @@ def test_results_are_downloaded(page: Page, client: httpx.Client, tmp_path: Path
     page.goto("/#/jobs")
     with page.expect_download() as download:
         row_of(page, job).get_by_role("button", name=form).click()
+    ending = {"HDF5": "h5"}.get(form, form.lower())
+    assert download.value.suggested_filename == f"ricochet-4-critical-angles.{ending}"
     path = tmp_path / "results"
     download.value.save_as(path)
     assert count_of(path, form) == 4

@@ -4,6 +4,7 @@ import json
 from typing import Any
 
 import httpx
+import pytest
 from playwright.sync_api import Page, Route, expect
 
 from service.schemas.examples import PAPER
@@ -97,6 +98,23 @@ def test_lost_service_is_said_beside_the_picture_and_tried_again(page: Page, fau
     assert faults
     assert all("ERR_FAILED" in fault for fault in faults)
     faults.clear()  # browsers put each into the console
+
+
+@pytest.mark.parametrize("path", ["**/cra/uncertainty", "**/trajectory", "**/cra"])
+def test_message_on_a_lost_request_goes_with_its_answer(page: Page, faults: list[str], path: str) -> None:
+    open_view(page)
+    page.get_by_text("Under other laws").click()
+    expect(page.get_by_role("table", name="Under other laws")).to_be_visible()
+    page.route(path, lambda route: route.abort())
+    speed(page).fill("300")
+    lost = page.get_by_role("alert").filter(has_text="The service does not answer. Trying again.")
+    expect(lost).to_be_visible()
+    page.unroute(path)
+    expect(lost).to_have_count(0)
+    page.wait_for_function(IDLE)
+    expect(page.locator("[aria-busy=true]")).to_have_count(0)
+    assert all("ERR_FAILED" in fault for fault in faults)
+    faults.clear()
 
 
 def test_papers_searches_wait_until_they_are_opened_and_end_with_the_inputs(page: Page) -> None:

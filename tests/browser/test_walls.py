@@ -63,6 +63,16 @@ def test_case_with_a_plug_is_computed_with_it_alone_and_shared_by_its_address(pa
     assert rows(page)["This model"] == plugged
 
 
+def test_numerics_of_the_address_are_kept(page: Page, client: httpx.Client) -> None:
+    numerics = {"retention_energy_fraction": 0.2}
+    with page.expect_request("**/thickness") as posted:
+        page.goto("/#/walls?numerics.retention_energy_fraction=0.2")
+    assert posted.value.post_data_json["numerics"] == numerics
+    shown = rows(page)
+    answer = client.post("/thickness", json=STRIKE | {"numerics": numerics}).json()
+    assert shown["This model"][0] == f"{1e3 * answer['least_thickness_m']:.0f}"
+
+
 def test_field_out_of_its_bounds_says_so(page: Page) -> None:
     page.goto("/#/walls")
     rows(page)
