@@ -63,14 +63,14 @@ export const GROUPS = [
       field("choice", "resistance.strength_factor.model", "Strength factor", "", {
         variant: true,
         choices: {
-          obliquity_polynomial: "Polynomial in the angle",
+          obliquity_polynomial: "Polynomial in θ",
           constant: "Constant",
           strength_power_law: "Power of the strength",
           published_tests: "Published tests",
         },
       }),
       number("resistance.strength_factor.value", "Value", ""),
-      field("numbers", "resistance.strength_factor.coefficients", "Coefficients", "°⁻ⁿ", OPTIONAL),
+      field("numbers", "resistance.strength_factor.coefficients", "Coefficients", "", { ...OPTIONAL, note: "of 1, θ, θ² ..., θ in °" }),
       number("resistance.strength_factor.coefficient", "Coefficient", "", OPTIONAL),
       number("resistance.strength_factor.exponent", "Exponent", "", OPTIONAL),
       number("resistance.strength_factor.reference_strength_pa", "Reference strength", "MPa", { ...MPA, ...OPTIONAL }),
@@ -156,6 +156,11 @@ export function shownNumber({ factor }, value) {
 export function inUnit(field, detail) {
   const convert = (text, number) => (field.factor === 1 ? text : `${shownNumber(field, Number(number))} ${field.unit}`);
   return detail.replace(/(-?\d+(?:\.\d+)?(?:e[+-]?\d+)?) (?:m|Pa)\b(?![²³/])/g, convert);
+}
+
+/** Return a number with its unit. */
+export function withUnit(number, unit) {
+  return unit && unit !== "°" ? `${number} ${unit}` : `${number}${unit}`;
 }
 
 /** Return a field's label with its unit, for an axis or a column. */

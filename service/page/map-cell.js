@@ -2,6 +2,7 @@
 
 import { address, caseQuery } from "./address.js";
 import { element } from "./elements.js";
+import { withUnit } from "./fields.js";
 import { cellWords, warningWords } from "./map-cells.js";
 import { format } from "./map-plot.js";
 import { caseAt } from "./sweep.js";
@@ -52,6 +53,6 @@ export function buildCellChoice(root) {
 
 function fill(select, label, axis) {
   label.textContent = axis.label;
-  select.replaceChildren(...axis.shown.map((value) => element("option", {}, `${format(value)} ${axis.unit}`)));
+  select.replaceChildren(...axis.shown.map((value) => element("option", {}, withUnit(format(value), axis.unit))));
   select.selectedIndex = Math.floor(axis.shown.length / 2);
 }

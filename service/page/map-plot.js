@@ -1,5 +1,6 @@
 // The picture of a map: colours for the quantity, contour lines over it, a mark where there is none.
 
+import { withUnit } from "./fields.js";
 import { cellWords, ENDINGS, QUANTITIES, rareWarnings, warningWords } from "./map-cells.js";
 
 // Viridis from a quarter on, so that dark lines and words can be read upon all of it.
@@ -29,7 +30,7 @@ export function mapTraces(operation, [x, y], cells, rough, room, here) {
     x.shown.map((across, column) => {
       const cell = cells[row * x.shown.length + column];
       const warnings = (cell?.warnings ?? []).filter((code) => rare.has(code)).map((code) => `<br>${warningWords(code)}`);
-      return `${format(across)} ${x.unit}, ${format(up)} ${y.unit}<br>${cellWords(operation, cell)}${warnings.join("")}`;
+      return `${withUnit(format(across), x.unit)}, ${withUnit(format(up), y.unit)}<br>${cellWords(operation, cell)}${warnings.join("")}`;
     }),
   );
   const hover = { text: words, hovertemplate: "%{text}<extra></extra>", hoverongaps: true };

@@ -332,7 +332,7 @@ def test_plot_is_downloaded_as_svg_png_and_csv_that_say_what_they_are(page: Page
     assert float(rows[-1]["nose_tip_depth_m"]) == pytest.approx(outline(page)[1][0])
 
 
-def test_copied_command_and_program_ask_what_is_shown(page: Page) -> None:
+def test_copied_command_and_program_request_what_is_shown(page: Page) -> None:
     open_explore(page, "?impact.oblique_angle_deg=52")
     page.context.grant_permissions(["clipboard-read", "clipboard-write"])
     page.get_by_role("button", name="Copy as curl").click()
@@ -370,15 +370,15 @@ def test_step_of_a_slider_is_answered_while_it_moves(page: Page) -> None:
     assert statistics.median(steps[-STEPS:]) < PATIENCE_MS
 
 
-def test_while_a_slider_moves_one_request_at_a_time_asks_for_the_latest_value(page: Page) -> None:
+def test_while_a_slider_moves_one_request_at_a_time_has_the_latest_value(page: Page) -> None:
     open_explore(page)
-    asked: list[float] = []
+    requested: list[float] = []
     running = [0]
     most = [0]
 
     def begin(request: Any) -> None:
         if request.url.endswith("/trajectory"):
-            asked.append(json.loads(request.post_data)["impact"]["velocity_m_s"])
+            requested.append(json.loads(request.post_data)["impact"]["velocity_m_s"])
             running[0] += 1
             most[0] = max(most[0], running[0])
 
@@ -399,4 +399,4 @@ def test_while_a_slider_moves_one_request_at_a_time_asks_for_the_latest_value(pa
     )
     page.wait_for_function("() => performance.getEntriesByName('ricochet: side view').length >= 3")
     assert most[0] == 1
-    assert asked == [300, 360]
+    assert requested == [300, 360]

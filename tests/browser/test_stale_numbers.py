@@ -29,7 +29,8 @@ LOOK = """() => {
         window.samples += 1;
     }, 20);
 }"""
-IDLE = "() => document.querySelector('.angle') && !document.querySelector('.sides > :last-child [aria-busy=true]')"
+IDLE = """() => document.querySelector('.angle')
+    && !document.querySelector('.sides > :last-child [aria-busy=true]:not(details:not([open]) *)')"""
 
 
 def settle(page: Page) -> None:
