@@ -77,7 +77,7 @@ def check(page: Page, label: str, values: list[str], finish: Callable[[Page], No
         for number, text in numbers.items()
         if inputs in found and number not in found[inputs]
     }
-    assert not wrong
+    assert not wrong, wrong
     assert sum(bool(seen.get(inputs)) for inputs in found) >= 2, "numbers without a mark are seen"
 
 

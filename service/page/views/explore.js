@@ -10,7 +10,7 @@ import { buildFold } from "../fold.js";
 import { buildForm } from "../form.js";
 import { drawHistories, moveInstant } from "../histories.js";
 import { latest } from "../latest.js";
-import { lostNote } from "../lost.js";
+import { lostNote, pause } from "../lost.js";
 import { purge } from "../plots.js";
 import { presetLinks } from "../presets.js";
 import { reportButton } from "../report.js";
@@ -22,6 +22,7 @@ import { clearParts, markFresh, markStale } from "../stale.js";
 import { TurnHandle } from "../turn-handle.js";
 import { describeRun, outcomeShown, warningList } from "../words.js";
 
+const ANGLE_MS = 20; // between side view and histories, for an angle that has arrived to be shown
 const ABOUT =
   "A rigid projectile strikes concrete at an oblique angle, measured from the normal, and is turned away above the critical " +
   "angle: first, move the slider of the oblique angle through the critical angle to see the outcome change.";
@@ -115,6 +116,8 @@ class Explore {
     performance.measure("ricochet: side view", { start });
     if (this.updatePicture.isBehind()) return;
     markFresh(parts.side, parts.scrubber);
+    await pause(ANGLE_MS, signal);
+    if (this.updatePicture.isBehind()) return;
     await drawHistories(parts.histories, runs, this.row);
     if (signal.aborted || this.updatePicture.isBehind()) return;
     markFresh(parts.histories);

@@ -85,6 +85,7 @@ class MapView {
       const quick = await quickMap(map, signal);
       if (!quick || signal.aborted) return;
       await this.picture.showCells(quick.cells);
+      if (signal.aborted) return; // run meanwhile
       const total = map.x.count * map.y.count;
       this.picture.showEnd({ status: "successful", counts: { total, done: total } });
       announce(`All ${total} cases are computed.`);
