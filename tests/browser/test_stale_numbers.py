@@ -6,7 +6,8 @@ from playwright.sync_api import Page, expect
 
 STUDY_MS = 180_000
 LOOK = """() => {
-    const apart = '.xtick, .ytick, .cbaxis, #study-progress, #map-progress, #map-size'; // axes, and counts of work
+    // Axes, counts of work, and labels of contours: which lines have one depends on the room.
+    const apart = '.xtick, .ytick, .cbaxis, .contourlabels, #study-progress, #map-progress, #map-size';
     window.look = () => {
         const [form, results] = [...document.querySelector('.sides').children];
         const fields = [...form.querySelectorAll('input, select'), ...results.querySelectorAll('.models select')];
