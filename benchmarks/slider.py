@@ -1,9 +1,8 @@
-"""How long does a step of a slider in the page take, from the event to the new picture, in Chromium?
+"""How long does a step of a slider in the page take, from the event to picture and right angle, in Chromium?
 
-    python benchmarks/slider.py [--quick] [--steps 100]
+    python benchmarks/slider.py [--quick]
 
-The page times itself: each step is a `performance.measure`. All values differ, so none is cached by the service. About
-a minute; `--quick` is ten steps.
+The page times itself. All values differ, so none is cached by the service. About a minute; `--quick` is ten steps.
 """
 
 import argparse
@@ -11,47 +10,42 @@ import os
 import shutil
 import statistics
 
+import httpx
 from playwright.sync_api import Page, expect, sync_playwright
 
 from benchmarks.machine import print_machine, print_table
 from benchmarks.servers import service
+from service.schemas.examples import PAPER
 
-BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 OFFLINE = "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1"
-WARM_UP = 10
-STEP_M_S = 3.0
-PAUSE_MS = 400
-"""Between two steps, in which the histories of the step before arrive."""
-MEASURES = "performance.getEntriesByName('ricochet: side view').map(entry => entry.duration)"
 SLIDE = """async value => {
-    const seen = performance.getEntriesByName('ricochet: side view').length;
+    const pictures = () => performance.getEntriesByName('ricochet: side view');
     const slider = document.querySelector('[aria-label="Speed, slider"]');
+    const [seen, start, shown] = [pictures().length, performance.now(), []];
     slider.value = value;
     slider.dispatchEvent(new Event('input', {bubbles: true}));
-    while (performance.getEntriesByName('ricochet: side view').length === seen) {
+    while (pictures().length === seen || !shown.length || performance.now() < start + 500) {
+        const angle = document.querySelector('.angle:not([aria-busy=true] *)')?.textContent;
+        if (angle && angle !== shown.at(-1)?.[0]) shown.push([angle, performance.now() - start]);
         await new Promise(requestAnimationFrame);
     }
+    return [pictures().at(-1).duration, shown];
 }"""
 
 
-def measure(page: Page, steps: int) -> list[float]:
-    """Durations of the steps. [ms]"""
-    page.goto("/#/explore")
-    expect(page.locator(".side-view .main-svg").first).to_be_visible(timeout=60_000)
-    page.wait_for_load_state("networkidle")
-    for number in range(WARM_UP + steps):
-        page.evaluate(SLIDE, 150.0 + STEP_M_S * number)
-        page.wait_for_timeout(PAUSE_MS)
-    found: list[float] = page.evaluate(MEASURES)
-    return found[-steps:]
+def step(page: Page, url: str, speed: float) -> tuple[float, float, int]:
+    """Return the times to picture and right angle [ms], and how many wrong angles were shown without a mark."""
+    picture, shown = page.evaluate(SLIDE, speed)
+    answer = httpx.post(f"{url}/cra", json=PAPER | {"impact": {"velocity_m_s": speed}}, trust_env=False).json()
+    times = [time for angle, time in shown if angle == f"{answer['critical_angle_deg']:.2f}°"]
+    return picture, times[0], len(shown) - len(times)
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description="Measure a step of a slider in the page.")
     parser.add_argument("--quick", action="store_true", help="ten steps")
-    parser.add_argument("--steps", type=int, default=100)
-    options = parser.parse_args()
-    executable = next(filter(None, map(shutil.which, BROWSERS)), None)
+    steps = 10 if parser.parse_args().quick else 100
+    executable = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
     if executable is None:
         raise SystemExit("no browser found: install Chromium")
     print_machine()
@@ -59,12 +53,18 @@ def main() -> None:
     with service() as server, sync_playwright() as driver:
         browser = driver.chromium.launch(executable_path=executable, args=[OFFLINE, *sandbox])
         page = browser.new_page(base_url=server.url, viewport={"width": 1440, "height": 900})
-        times = measure(page, 10 if options.quick else options.steps)
-        version = browser.version
+        page.goto("/#/explore")
+        expect(page.locator(".side-view .main-svg").first).to_be_visible(timeout=60_000)
+        page.wait_for_load_state("networkidle")
+        found = [step(page, server.url, 150.0 + 3.0 * number) for number in range(10 + steps)][10:]  # warmed up by ten
+        head = [f"{steps} steps, Chromium {browser.version}", "median", "95th percentile", "slowest"]
         browser.close()
-    p95 = statistics.quantiles(times, n=20, method="inclusive")[-1]
-    row = [len(times), *(f"{each:.0f} ms" for each in (statistics.median(times), p95, min(times), max(times)))]
-    print_table([f"steps, Chromium {version}", "median", "95th percentile", "fastest", "slowest"], [row])
+    rows = []
+    for name, times in zip(("side view", "right angle"), list(zip(*found, strict=True))[:2], strict=True):
+        figures = statistics.median(times), statistics.quantiles(times, n=20, method="inclusive")[-1], max(times)
+        rows.append([name, *(f"{each:.0f} ms" for each in figures)])
+    print_table(head, rows)
+    print(f"wrong angles without a mark: {sum(wrong for *_, wrong in found)}")
 
 
 if __name__ == "__main__":

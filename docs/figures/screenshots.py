@@ -15,17 +15,20 @@ ROOT = Path(__file__).parents[2]
 FOLDER = ROOT / "build" / "screenshots"
 SHOWN = {"explore-1440-light": ("explore.png", 1440), "map-1440-light": ("map.png", 900)}
 """Pictures of the README, each so high that what it is about is on it. [px]"""
-SIZES = {1440: 900, 380: 800}
+SIZES = {1440: 900, 390: 844}
 THEMES: tuple[Literal["light", "dark"], ...] = ("light", "dark")
 MAP = "x=impact.velocity_m_s,150,450,30&y=target.compressive_strength_pa,20000000,60000000,30"
 OUTCOMES = "operation=trajectory&x=impact.oblique_angle_deg,20,75,23&y=impact.velocity_m_s,100,500,21"
+PROBABILITY = "operation=probability&x=impact.velocity_m_s,150,450,9&y=impact.oblique_angle_deg,30,70,9"
 VIEWS = {
     "explore": "explore",
     "critical-angle": "critical-angle",
     "how-sure": "how-sure",
     "walls": "walls",
+    "compare": "explore?impact.oblique_angle_deg=55&pin=&pin=projectile.mass_kg%3D16",
     "map": f"map?{MAP}",
     "map-outcomes": f"map?{OUTCOMES}",
+    "map-probability": f"map?{PROBABILITY}",
     "jobs": "jobs",
 }
 WAIT_MS = 180_000
@@ -39,8 +42,9 @@ def fill(page: Page, view: str) -> None:
     if view == "how-sure":
         page.get_by_role("button", name="Run").click()
         expect(page.locator("#study-progress")).to_have_text("Done.")
-    if view != "jobs":
-        expect(page.locator(".drawing .main-svg").first).to_be_visible()
+    last = "table" if view in ("jobs", "walls") else ".drawing .main-svg"
+    expect(page.locator(last).first).to_be_visible()
+    expect(page.locator(".sides > :last-child [aria-busy=true]:visible")).to_have_count(0)
     page.wait_for_load_state("networkidle")
     page.wait_for_timeout(1000)  # for the last plot
 

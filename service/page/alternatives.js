@@ -3,7 +3,7 @@
 import { angleRequest, trajectoryRequest } from "./case.js";
 import { element } from "./elements.js";
 import { fieldAt } from "./fields.js";
-import { ask } from "./service.js";
+import { request } from "./service.js";
 import { degreesShown, outcomeShown, statusShown } from "./words.js";
 
 const STRENGTH_LAWS = {
@@ -13,14 +13,14 @@ const STRENGTH_LAWS = {
 };
 
 /** Return the critical angle of a case with its alternatives. */
-export async function askAngles(values, signal) {
-  return (await ask("cra", { body: { ...angleRequest(values), alternatives: true }, signal })).data;
+export async function requestAngles(values, signal) {
+  return (await request("cra", { body: { ...angleRequest(values), alternatives: true }, signal })).data;
 }
 
 /** Return the outcome of a strike with its alternatives. */
-export async function askOutcomes(values, signal) {
+export async function requestOutcomes(values, signal) {
   const body = { ...trajectoryRequest(values), output: { history: false }, alternatives: true };
-  return (await ask("trajectory", { body, signal })).data;
+  return (await request("trajectory", { body, signal })).data;
 }
 
 /** Return a table of the alternatives of a search and, if given, of a strike. */

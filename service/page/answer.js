@@ -4,15 +4,13 @@ import { address, caseQuery } from "./address.js";
 import { angleRequest } from "./case.js";
 import { element } from "./elements.js";
 import { latest } from "./latest.js";
-import { usualInputs, uncertainInput } from "./scatter.js";
-import { ask } from "./service.js";
+import { QUICK, inputField, uncertainInput, usualInputs } from "./scatter.js";
+import { request } from "./service.js";
 import { clearParts, markFresh, markStale } from "./stale.js";
-import { headline, knownStudy, quantileOf } from "./study.js";
-import { degreesShown, digits, tellAngle, tellWarnings } from "./words.js";
+import { knownStudy, quantileOf } from "./study.js";
+import { describeAngle, digits, warningList } from "./words.js";
 
 const REST_MS = 300; // without a change before the spread is computed: it is hundreds of searches
-const QUICK = { max_samples: 256, method: "direct", half_width: 0.5 }; // the fewest samples that the service takes
-const USUAL = "when speed, strength, density, mass and angle of attack scatter as is usual";
 
 /** Fields that are shown beside the answer instead of in the form. */
 export const MODEL_FIELDS = ["resistance.free_surface.model", "resistance.strength_factor.model"];
@@ -39,9 +37,9 @@ export class Answer {
       this.models,
       this.warnings,
     );
-    this.askAngle = latest((values, signal) => this.#showAngle(values, signal), onError);
+    this.updateAngle = latest((values, signal) => this.#showAngle(values, signal), onError);
     const showSpread = (wanted, signal) => this.#showSpread(wanted, signal);
-    this.askSpread = latest(showSpread, onError, { supersede: true, restMs: REST_MS });
+    this.updateSpread = latest(showSpread, onError, { supersede: true, restMs: REST_MS });
   }
 
   /** Show the answer to a case. */
@@ -49,83 +47,83 @@ export class Answer {
     this.#values = values;
     if (keyOf(values) !== this.#key) {
       markStale(this.angle, this.warnings, this.spread);
-      this.askSpread.cancel();
+      this.updateSpread.cancel();
     }
-    this.askAngle(values);
+    this.updateAngle(values);
   }
 
-  /** Tell whether the angle that is shown is that of a case. */
+  /** Return whether the angle that is shown is that of a case. */
   isOf(values) {
     return keyOf(values) === this.#key;
   }
 
   /** Show none, as a field is not accepted. */
   clear() {
-    this.askAngle.cancel();
-    this.askSpread.cancel();
+    this.updateAngle.cancel();
+    this.updateSpread.cancel();
     this.#key = undefined;
     clearParts(this.angle, this.warnings, this.spread);
   }
 
   /** Show the range under other laws too, if the answer is of this case. */
   setAlternatives(found, values) {
-    if (keyOf(values) === this.#key) this.angle.replaceChildren(tellAngle(found));
+    if (keyOf(values) === this.#key) this.angle.replaceChildren(describeAngle(found));
   }
 
   stop() {
-    this.askAngle.stop();
-    this.askSpread.stop();
+    this.updateAngle.stop();
+    this.updateSpread.stop();
   }
 
   async #showAngle(values, signal) {
     const key = keyOf(values);
     if (key === this.#key && !this.angle.hasAttribute("aria-busy")) return this.onAngle(this.found, values); // at another angle
-    const found = (await ask("cra", { body: angleRequest(values), signal })).data;
+    const found = (await request("cra", { body: angleRequest(values), signal })).data;
     if (signal.aborted) return;
-    this.angle.replaceChildren(tellAngle(found));
-    this.warnings.replaceChildren(...tellWarnings(found.warnings));
+    this.angle.replaceChildren(describeAngle(found));
+    this.warnings.replaceChildren(...warningList(found.warnings));
     this.#key = key;
     this.found = found;
-    if (this.askAngle.isBehind()) return;
+    if (this.updateAngle.isBehind()) return;
     markFresh(this.angle, this.warnings);
     this.onAngle(found, values);
     if (found.critical_angle_deg === undefined) {
       this.spread.replaceChildren();
       markFresh(this.spread);
-    } else this.askSpread({ values, sampling: QUICK });
+    } else this.updateSpread({ values, sampling: QUICK });
   }
 
   async #showSpread({ values, sampling }, signal) {
-    const known = knownStudy(values);
-    const numbers = usualInputs().filter(({ type }) => type !== "discrete");
-    const uncertain = numbers.map((input) => uncertainInput(input, values));
+    const inputs = usualInputs(values);
+    const uncertain = inputs.map((input) => uncertainInput(input, values));
     const body = { ...angleRequest(values), uncertain, sensitivity: false, sampling };
-    const study = known ?? (await ask("cra/uncertainty", { body, signal })).data;
+    const study = knownStudy(values, inputs) ?? (await request("cra/uncertainty", { body, signal })).data;
     if (signal.aborted) return;
-    this.spread.replaceChildren(...tellSpread(study, known, () => this.#refine()), howSure(values));
+    this.spread.replaceChildren(...describeSpread(study, inputs, () => this.#refine()), howSure(values));
     markFresh(this.spread);
   }
 
   #refine() {
     markStale(this.spread);
-    this.askSpread({ values: this.#values, sampling: {} });
+    this.updateSpread({ values: this.#values, sampling: {} });
   }
 }
 
-/** Return what a spread is in words: the 90 % range, its half width, and a button for a narrower one. */
-function tellSpread(study, known, refine) {
-  const [low, high] = [0.05, 0.95].map((level) => quantileOf(study, level));
+/** Return a spread in words, with the inputs that scatter, and a button for a narrower one. */
+function describeSpread(study, inputs, refine) {
+  const [low, middle, high] = [0.05, 0.5, 0.95].map((level) => quantileOf(study, level));
   if (low === undefined) return [element("p", {}, "No sample has a critical angle.")];
-  if (known) return [element("p", {}, "Spread ", element("strong", {}, headline(study)), ", the median and the 90 % range.")];
+  const shown = (angle) => `${angle.toFixed(1)}°`;
+  const names = inputs.map(({ field }) => inputField(field).label.toLowerCase()).join(", ");
   const without = study.critical_angle.share_without_angle.value;
   const none = without > 0 ? `, ${digits(100 * without, 2)} % without an angle` : "";
   const by = study.method === "surrogate" ? "a polynomial chaos" : `${study.samples.toLocaleString("en")} searches`;
   const words = element(
     "p",
     {},
-    "Spread ",
-    element("strong", {}, `${degreesShown(low)} to ${degreesShown(high)}`),
-    `, the 90 % range, ${USUAL} (by ${by}${none}).`,
+    `Median ${shown(middle)}, 90 % range `,
+    element("strong", {}, `${shown(low)} to ${shown(high)}`),
+    ` with the usual scatter of ${names} (by ${by}${none}).`,
   );
   const isQuick = study.samples === QUICK.max_samples && study.method === "direct";
   return isQuick ? [words, element("button", { type: "button", onclick: refine }, "Refine the spread")] : [words];

@@ -2,10 +2,10 @@
 
 import { address, caseQuery, readCase } from "./address.js";
 import { angleRequest, valueAt } from "./case.js";
-import { element, say } from "./elements.js";
+import { announce, element } from "./elements.js";
 import { GROUPS, isThere, labelWithUnit, shownValue } from "./fields.js";
-import { askRun } from "./run.js";
-import { ask, isAbort, isLost } from "./service.js";
+import { computeRun } from "./run.js";
+import { isAbort, isLost, request } from "./service.js";
 import { markFresh, markStale } from "./stale.js";
 import { outcomeShown, statusShown } from "./words.js";
 
@@ -63,8 +63,8 @@ export class Compare {
   async load(signal) {
     const load = async (pin) => {
       try {
-        pin.run ??= await askRun(pin.values, signal);
-        pin.found ??= (await ask("cra", { body: angleRequest(pin.values), signal })).data;
+        pin.run ??= await computeRun(pin.values, signal);
+        pin.found ??= (await request("cra", { body: angleRequest(pin.values), signal })).data;
       } catch (error) {
         if (isAbort(error) || isLost(error)) throw error;
         this.#unpin(pin);
@@ -90,7 +90,7 @@ export class Compare {
 
   #pin() {
     const values = this.currentCase();
-    if (this.cases.some((each) => JSON.stringify(each) === JSON.stringify(values))) return say("This strike is pinned already.");
+    if (this.cases.some((each) => JSON.stringify(each) === JSON.stringify(values))) return announce("This strike is pinned already.");
     this.pinned.push({ values });
     this.#refresh();
     return this.onChange();

@@ -1,6 +1,6 @@
-// What the contract (the schemas of openapi.json) says of the fields: examples, bounds, choices. Nothing of it is repeated here.
+// The fields in the contract (the schemas of openapi.json): examples, bounds, choices. Nothing of it is repeated here.
 
-import { ask } from "./service.js";
+import { request } from "./service.js";
 
 const TAGS = ["shape", "model"];
 const ROOTS = { search: "CriticalAngleRequest", sampling: "CriticalAngleUncertaintyRequest" };
@@ -10,7 +10,7 @@ let scatter;
 
 /** Fetch the contract; the rest of this module needs it. */
 export async function loadContract() {
-  if (!schemas) ({ schemas, usual_scatter: scatter } = (await ask("page/contract.json")).data);
+  if (!schemas) ({ schemas, usual_scatter: scatter } = (await request("page/contract.json")).data);
 }
 
 /** Return the distributions of the inputs that usually scatter, by field: without the parameter that is the case's value. */
@@ -22,7 +22,7 @@ export function usualScatter() {
  * Return the paper's case at 45°: the first example of a trajectory, and its models by name.
  *
  * A case of the page is a body of `/trajectory` and one of `/cra` in one: `impact.oblique_angle_deg` and `search` are
- * both in it; `trajectoryRequest` and `angleRequest` of case.js tell them apart.
+ * both in it; `trajectoryRequest` and `angleRequest` of case.js separate them.
  */
 export function paperCase() {
   return structuredClone({

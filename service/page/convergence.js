@@ -21,7 +21,7 @@ export function drawAngles(root, answers, values) {
   return drawTrials(root, answers, values, ANGLES, "trial-angles");
 }
 
-/** Draw the final positions of the trials likewise; what is outside is above. */
+/** Draw the final positions of the trials, a panel for each search; what is outside is above. */
 export function drawPositions(root, answers, values) {
   return drawTrials(root, answers, values, POSITIONS, "final-positions");
 }

@@ -1,16 +1,16 @@
 // The current case as a command and as a program.
 
 import { angleRequest, trajectoryRequest } from "./case.js";
-import { element, say } from "./elements.js";
+import { announce, element } from "./elements.js";
 import { locate } from "./service.js";
 
-/** Return the curl command that asks a path, `/cra` or `/trajectory`, about a case. */
+/** Return the curl command that posts a case to a path, `/cra` or `/trajectory`. */
 export function curl(values, path) {
   const body = JSON.stringify(bodyOf(values, path), null, 2).replaceAll("'", "'\\''");
   return `curl -s ${locate(path)} -H 'Content-Type: application/json' -d '${body}'\n`;
 }
 
-/** Return a Python program that asks the service for the trajectory and the critical angle of a case. */
+/** Return a Python program that requests the trajectory and the critical angle of a case. */
 export function python(values) {
   return `import httpx
 
@@ -25,7 +25,11 @@ print(answer["status"], answer.get("critical_angle_deg"))
 `;
 }
 
-/** Return buttons that copy the case that `read` returns, and show what was copied. */
+/**
+ * Return buttons that copy the case that `read` returns, and show what was copied.
+ *
+ * @returns {{root: HTMLElement, clear: () => void}} `clear` hides what was copied, as the case has changed
+ */
 export function copyButtons(read) {
   const shown = element("pre", { hidden: true, tabindex: 0, "aria-label": "What was copied" });
   const button = (text, make) =>
@@ -35,7 +39,10 @@ export function copyButtons(read) {
     button("search as curl", (values) => curl(values, "/cra")),
     button("as Python", python),
   ];
-  return element("div", {}, element("div.actions", {}, ...buttons), shown);
+  const clear = () => {
+    shown.hidden = true;
+  };
+  return { root: element("div", {}, element("div.actions", {}, ...buttons), shown), clear };
 }
 
 async function copy(text, what, shown) {
@@ -43,9 +50,9 @@ async function copy(text, what, shown) {
   shown.hidden = false;
   try {
     await navigator.clipboard.writeText(text); // only from https or this machine
-    say(`Copied ${what}.`);
+    announce(`Copied ${what}.`);
   } catch {
-    say("The browser does not let the page copy; the text is shown below the buttons.");
+    announce("The browser does not let the page copy; the text is shown below the buttons.");
   }
 }
 

@@ -3,7 +3,7 @@
 import { angleRequest, valueAt } from "./case.js";
 import { boundsOf, fieldAt, labelWithUnit, shownNumber } from "./fields.js";
 import { colour, csvOf, draw } from "./plots.js";
-import { ask } from "./service.js";
+import { request } from "./service.js";
 
 const FIELDS = ["impact.velocity_m_s", "target.compressive_strength_pa"];
 const RATIOS = Array.from({ length: 13 }, (_, i) => 0.4 + 0.1 * i); // of the value of the case
@@ -15,7 +15,7 @@ const NARROW = 640; // px
  * @returns {Promise<{field: object, values: number[], angles: (number|null)[], status: string[]}[]>} values in SI, null
  *   where there is no angle [°]
  */
-export function askCurves(values, signal) {
+export function requestCurves(values, signal) {
   return Promise.all(
     FIELDS.map(async (path) => {
       const field = fieldAt(path);
@@ -23,7 +23,7 @@ export function askCurves(values, signal) {
       const around = RATIOS.map((ratio) => Number((ratio * valueAt(values, path)).toPrecision(6)));
       const inside = around.filter((value) => value >= least && value <= most);
       const body = { base: angleRequest(values), axes: [{ field: path, values: inside }] };
-      const { results } = (await ask("cra/sweep", { body, signal })).data;
+      const { results } = (await request("cra/sweep", { body, signal })).data;
       const angles = results.map(({ result }) => result?.critical_angle_deg ?? null);
       return { field, values: inside, angles, status: results.map(({ result }) => result?.status ?? "failed") };
     }),

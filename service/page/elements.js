@@ -27,8 +27,8 @@ export function save(content, name, type) {
   setTimeout(() => URL.revokeObjectURL(url), 10_000);
 }
 
-/** Say something in the status line, which is read aloud. */
-export function say(text) {
+/** Show text in the status line, which is read aloud. */
+export function announce(text) {
   const status = document.getElementById("status");
   if (status.textContent !== text) status.textContent = text;
 }

@@ -1,23 +1,34 @@
-// What a downloaded file says of itself: its name, its title, the case and the key of the result.
+// The description of a downloaded file: its name, its title, the case and the key of the result.
 
+import { valueAt, withValue } from "./case.js";
 import { shownNumber } from "./fields.js";
 
+const [SPEED, STRENGTH, ANGLE] = ["impact.velocity_m_s", "target.compressive_strength_pa", "impact.oblique_angle_deg"];
 const MPA = { factor: 1e6 };
 const MM = { factor: 1e-3 };
 
 /**
  * Return a file name without its ending, as in `ricochet-238mps-39MPa-45deg-histories`.
  *
- * @param {{values: object, part?: string, hasAngle?: boolean, others?: object[]}} about `part` is what the file shows of
- *   the case; without `hasAngle` it is at no oblique angle; `others` are cases it is compared with, each with a `name`
+ * @param {{values: object, part?: string, hasAngle?: boolean, others?: object[], varied?: string[]}} about `part` is what
+ *   the file shows of the case; without `hasAngle` it is at no oblique angle; `others` are cases it is compared with, each
+ *   with a `name`; `varied` are the fields that vary, whose values in the case are left out
  */
-export function fileName({ values: { impact, target }, part, hasAngle, others = [] }) {
-  const strength = shownNumber(MPA, target.compressive_strength_pa);
-  const parts = [`${impact.velocity_m_s}mps`, `${strength}MPa`, hasAngle && `${impact.oblique_angle_deg}deg`, part, others.length && "compared"];
-  return ["ricochet", ...parts.filter(Boolean)].join("-");
+export function fileName({ values, part, hasAngle, others = [], varied = [] }) {
+  const parts = [
+    [SPEED, `${values.impact.velocity_m_s}mps`],
+    [STRENGTH, `${shownNumber(MPA, values.target.compressive_strength_pa)}MPa`],
+    [ANGLE, hasAngle && `${values.impact.oblique_angle_deg}deg`],
+  ].map(([path, text]) => !varied.includes(path) && text);
+  return ["ricochet", ...parts, part, others.length && "compared"].filter(Boolean).join("-");
 }
 
-/** Return what pictures of one run and of those it is compared with say of themselves. */
+/** Return text as a part of a file name: letters, digits and points, with hyphens between. */
+export function slug(text) {
+  return text.replaceAll(/[^\p{L}\p{N}.]+/gu, "-").replaceAll(/^[-.]+|[-.]+$/g, "");
+}
+
+/** Return the description of pictures of one run and of those it is compared with. */
 export function aboutRuns([{ run }, ...others]) {
   return {
     values: run.values,
@@ -27,32 +38,38 @@ export function aboutRuns([{ run }, ...others]) {
   };
 }
 
-/** Return a case in a line. */
-export function caseLine({ values: { impact, projectile, target, resistance }, hasAngle }) {
+/** Return a case in a line, without the fields that vary. */
+export function caseLine({ values, hasAngle, varied = [] }) {
+  const shown = (path, words) => (varied.includes(path) || valueAt(values, path) === undefined ? "" : words(valueAt(values, path)));
+  const inMm = (words) => (value) => words(`${shownNumber(MM, value)} mm`);
+  const { resistance } = values;
   const parts = [
-    `${impact.velocity_m_s} m/s`,
-    hasAngle && `${impact.oblique_angle_deg}° from the normal`,
-    `${projectile.nose.shape} nose, ${shownNumber(MM, projectile.diameter_m)} mm × ${shownNumber(MM, projectile.length_m)} mm`,
-    `${projectile.mass_kg} kg`,
-    `${shownNumber(MPA, target.compressive_strength_pa)} MPa, ${target.density_kg_m3} kg/m³`,
-    target.thickness_m !== undefined && `${shownNumber(MM, target.thickness_m)} mm thick`,
+    shown(SPEED, (value) => `${value} m/s`),
+    hasAngle && shown(ANGLE, (value) => `${value}° from the normal`),
+    `${values.projectile.nose.shape} nose`,
+    shown("projectile.diameter_m", inMm((value) => `⌀ ${value}`)),
+    shown("projectile.length_m", inMm((value) => `${value} long`)),
+    shown("projectile.mass_kg", (value) => `${value} kg`),
+    shown(STRENGTH, (value) => `${shownNumber(MPA, value)} MPa`),
+    shown("target.density_kg_m3", (value) => `${value} kg/m³`),
+    shown("target.thickness_m", inMm((value) => `${value} thick`)),
     resistance && `${resistance.free_surface?.model}, ${resistance.strength_factor?.model}`,
   ];
   return parts.filter(Boolean).join(", ");
 }
 
-/** Return CSV text below a header of comments: title, case and key. */
-export function withHeader(csv, about) {
-  const others = (about.others ?? []).map(({ name, values }) => `${name}: ${JSON.stringify(values)}`);
-  const lines = [about.title, `case: ${JSON.stringify(about.values)}`, ...others, `key: ${about.key ?? "none"}`];
-  return [...lines.map((line) => `# ${line}`), csv].join("\r\n");
+/** Return CSV text below a header of comments: title, case without the fields that vary, and key. */
+export function withHeader(csv, { title, values, key, others = [], varied = [] }) {
+  const fixed = varied.reduce((rest, path) => withValue(rest, path), values);
+  const lines = [title, `case: ${JSON.stringify(fixed)}`, ...others.map((each) => `${each.name}: ${JSON.stringify(each.values)}`)];
+  return [...lines, ...(key ? [`key: ${key}`] : [])].map((line) => `# ${line}`).concat(csv).join("\r\n");
 }
 
 /** Return a layout for a picture by itself: the title, the case and the key are above what is drawn. */
 export function withTitle(layout, about) {
   const small = (text) => `<span style="font-size:11px">${text}</span>`;
   const others = (about.others ?? []).map(({ name, values }) => small(`${name}: ${caseLine({ ...about, values })}`));
-  const keys = (about.key ?? "none").split(", ").map((key) => small(`key ${key}`));
+  const keys = about.key ? about.key.split(", ").map((key) => small(`key ${key}`)) : [];
   const text = [`<b>${about.title}</b>`, small(caseLine(about)), ...others, ...keys].join("<br>");
   const title = { text, x: 0, xref: "container", xanchor: "left", y: 1, yref: "container", yanchor: "top", font: { size: 15 } };
   return { ...layout, title: { ...title, pad: { l: 10, t: 42 } }, margin: { ...layout.margin, t: (layout.margin?.t ?? 8) + headPx(about) } };

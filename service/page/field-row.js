@@ -52,7 +52,7 @@ export function showProblem({ root, input, problem, described }, text) {
   if (text) open(root);
 }
 
-/** Return what the contract says of a field, without its unit there. */
+/** Return the description of a field in the contract, without its unit there. */
 function helpOf({ path, kind }, values) {
   const isTyped = kind === "number" || kind === "numbers";
   return isTyped ? nodeAt(path, values).description?.replaceAll(SI_UNIT, "").trim() : undefined;

@@ -63,14 +63,14 @@ export const GROUPS = [
       field("choice", "resistance.strength_factor.model", "Strength factor", "", {
         variant: true,
         choices: {
-          obliquity_polynomial: "Polynomial in the angle",
+          obliquity_polynomial: "Polynomial in θ",
           constant: "Constant",
           strength_power_law: "Power of the strength",
           published_tests: "Published tests",
         },
       }),
       number("resistance.strength_factor.value", "Value", ""),
-      field("numbers", "resistance.strength_factor.coefficients", "Coefficients", "°⁻ⁿ", OPTIONAL),
+      field("numbers", "resistance.strength_factor.coefficients", "Coefficients", "", { ...OPTIONAL, note: "of 1, θ, θ² ..., θ in °" }),
       number("resistance.strength_factor.coefficient", "Coefficient", "", OPTIONAL),
       number("resistance.strength_factor.exponent", "Exponent", "", OPTIONAL),
       number("resistance.strength_factor.reference_strength_pa", "Reference strength", "MPa", { ...MPA, ...OPTIONAL }),
@@ -115,7 +115,7 @@ export function fieldAt(path) {
   return GROUPS.flatMap(({ fields }) => fields).find((each) => each.path === path);
 }
 
-/** Tell whether a case, with the nose and models it has, has this field. */
+/** Return whether a case, with the nose and models it has, has this field. */
 export function isThere({ path }, values) {
   return nodeAt(path, values) !== undefined;
 }
@@ -152,10 +152,15 @@ export function shownNumber({ factor }, value) {
   return Number((value / factor).toPrecision(12));
 }
 
-/** Return what the service says of a field, its lengths and pressures in the unit of the field. */
+/** Return an error of the service for a field, its lengths and pressures in the unit of the field. */
 export function inUnit(field, detail) {
   const convert = (text, number) => (field.factor === 1 ? text : `${shownNumber(field, Number(number))} ${field.unit}`);
   return detail.replace(/(-?\d+(?:\.\d+)?(?:e[+-]?\d+)?) (?:m|Pa)\b(?![²³/])/g, convert);
+}
+
+/** Return a number with its unit. */
+export function withUnit(number, unit) {
+  return unit && unit !== "°" ? `${number} ${unit}` : `${number}${unit}`;
 }
 
 /** Return a field's label with its unit, for an axis or a column. */

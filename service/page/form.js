@@ -17,7 +17,7 @@ import { GROUPS, inUnit, isThere } from "./fields.js";
  *   all if none, `without` fields to leave out by their paths; `open` the groups that are not folded at first; `beside`
  *   where the fields with these paths are shown instead
  * @returns {{setCase: (values: object) => void, setField: (path: string, shown: number) => void, showProblems: (problem: Problem) => string, currentCase: () => object}}
- *   `setField` fills in a field as if it were typed; `showProblems` puts what the service says of a case at the fields it points to, and returns the rest
+ *   `setField` fills in a field as if it were typed; `showProblems` shows the errors of a problem at the fields they point to, and returns the rest
  */
 export function buildForm(root, options) {
   const form = new CaseForm(root, options);
@@ -39,6 +39,7 @@ class CaseForm {
 
   constructor(root, { case: values, onChange, onRefuse, include, without = [], open = include, beside }) {
     Object.assign(this, { root, values, onChange, onRefuse, without, open, beside });
+    this.help = element("label.describe", {}, element("input", { type: "checkbox" }), " Describe every field");
     this.groups = GROUPS.filter(({ name }) => !include || include.includes(name));
   }
 
@@ -50,6 +51,7 @@ class CaseForm {
     const there = this.groups.flatMap(({ fields }) => fields).filter((field) => this.has(field));
     this.beside?.root.replaceChildren(...there.filter(isBeside).map((field) => this.addRow(field)));
     this.root.replaceChildren(
+      this.help,
       ...this.groups.map(({ name, fields }) => {
         const inside = fields.filter((field) => there.includes(field) && !isBeside(field));
         const lines = inside.map((field) => this.addRow(field));

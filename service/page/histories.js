@@ -21,7 +21,7 @@ const PANELS = [
  * Draw the histories of one or more runs.
  *
  * @param {HTMLElement} root
- * @param {{run: object, name: string}[]} runs as `askRun` returns them
+ * @param {{run: object, name: string}[]} runs as `computeRun` returns them
  * @param {number} row of the first run's history at which there is a line
  */
 export function drawHistories(root, runs, row) {

@@ -3,7 +3,7 @@
 import { valueAt } from "./case.js";
 import { element } from "./elements.js";
 import { GROUPS, fieldAt, shownNumber } from "./fields.js";
-import { ask } from "./service.js";
+import { request } from "./service.js";
 
 /**
  * Return a folded list of the base case of a sweep, which is fetched when it is opened.
@@ -16,8 +16,8 @@ export function baseCase(job, onError) {
   const ontoggle = async () => {
     if (!root.open) return;
     try {
-      const { request } = (await ask(`jobs/${job.id}`)).data;
-      list.replaceChildren(...[...request.axes.map(axisWords), ...caseWords(request)].flatMap(line));
+      const { data } = await request(`jobs/${job.id}`);
+      list.replaceChildren(...[...data.request.axes.map(axisWords), ...caseWords(data.request)].flatMap(line));
     } catch (error) {
       root.open = false;
       onError(error);

@@ -1,12 +1,12 @@
 // A job as it goes: submitted, followed to its end, its results read as they become ready.
 
-import { ask, isAbort, isLost } from "./service.js";
+import { markAnswered, markLost, pause, untilAnswered } from "./lost.js";
+import { isAbort, isLost, request } from "./service.js";
 
 const PAGE = 1000; // results requested at once
 const PAUSE_MS = 1000; // before a broken stream is opened anew
-const MOST_TRIES = 5;
 
-/** Tell whether a job has ended. */
+/** Return whether a job has ended. */
 export function isFinal(job) {
   return !["accepted", "running"].includes(job.status);
 }
@@ -14,27 +14,19 @@ export function isFinal(job) {
 /**
  * Make a job.
  *
- * A busy service is asked again when it says so. All tries have one key, so they make one job. Given up while the service
- * takes it on, the job is cancelled: nobody would know of it.
+ * The request is repeated until the service answers; all tries have one key, so they make one job. A job that is accepted
+ * after the request was given up is cancelled: nothing shows it.
  *
  * @returns {Promise<object>} the job
  */
 export async function submit(path, body, signal) {
   const key = Array.from(crypto.getRandomValues(new Uint8Array(16)), (byte) => byte.toString(16).padStart(2, "0"));
   const headers = { Prefer: "respond-async", "Idempotency-Key": key.join("") };
-  for (let tries = 1; ; tries++) {
-    try {
-      const { data: job } = await ask(path, { body, headers });
-      if (!signal.aborted) return job;
-      ask(job.links.cancel, { method: "POST" }).catch(() => {});
-      throw signal.reason;
-    } catch (problem) {
-      signal.throwIfAborted();
-      const isBusy = [0, 409, 429, 503].includes(problem.status);
-      if (!isBusy || tries === MOST_TRIES) throw problem;
-      await pause((problem.retryAfter ?? 1) * 1000, signal);
-    }
-  }
+  const isTemporary = (error) => isLost(error) || error.status === 409; // while an earlier try is being accepted
+  const { data: job } = await untilAnswered(() => request(path, { body, headers }), signal, isTemporary);
+  if (!signal.aborted) return job;
+  request(job.links.cancel, { method: "POST" }).catch(() => {});
+  throw signal.reason;
 }
 
 /**
@@ -42,31 +34,34 @@ export async function submit(path, body, signal) {
  *
  * Server-sent events report it, read with fetch because an EventSource sends no key; while they fail it is polled.
  *
- * @param {string} id
- * @param {AbortSignal} signal
- * @param {(error: Error) => void} onLost called whenever the service does not answer
  * @throws {Problem} if the service does not know the job
  */
-export async function* statesOf(id, signal, onLost = () => {}) {
+export async function* statesOf(id, signal) {
   let last = "";
-  for (;;) {
-    try {
-      const headers = last ? { "Last-Event-ID": last } : {};
-      const { data } = await ask(`jobs/${id}/events`, { headers, signal, as: "stream" });
-      for await (const event of eventsOf(data)) {
-        last = event.id;
-        const job = JSON.parse(event.data);
-        yield job;
-        if (isFinal(job)) return;
+  const task = {};
+  try {
+    for (;;) {
+      try {
+        const headers = last ? { "Last-Event-ID": last } : {};
+        const { data } = await request(`jobs/${id}/events`, { headers, signal, as: "stream" });
+        markAnswered(task);
+        for await (const event of eventsOf(data)) {
+          last = event.id;
+          const job = JSON.parse(event.data);
+          yield job;
+          if (isFinal(job)) return;
+        }
+      } catch (error) {
+        if (signal.aborted || isRefusal(error)) throw error;
+        if (isLost(error)) markLost(task, error);
       }
-    } catch (error) {
-      if (signal.aborted || isRefusal(error)) throw error;
-      if (isLost(error)) onLost(error);
+      await pause(PAUSE_MS, signal);
+      const job = await request(`jobs/${id}`, { signal }).then(({ data }) => data, unlessRefused);
+      if (job) yield job;
+      if (job && isFinal(job)) return;
     }
-    await pause(PAUSE_MS, signal);
-    const job = await ask(`jobs/${id}`, { signal }).then(({ data }) => data, unlessRefused);
-    if (job) yield job;
-    if (job && isFinal(job)) return;
+  } finally {
+    markAnswered(task);
   }
 }
 
@@ -76,7 +71,7 @@ export function resultsOf(id, signal) {
   return async function* ready() {
     while (cursor !== undefined) {
       const path = `jobs/${id}/results?limit=${PAGE}&cursor=${cursor}`;
-      const { results, next } = (await ask(path, { signal })).data;
+      const { results, next } = (await untilAnswered(() => request(path, { signal }), signal)).data;
       cursor = next;
       if (!results.length) return;
       yield results;
@@ -106,16 +101,4 @@ function isRefusal({ status }) {
 
 function unlessRefused(error) {
   if (isAbort(error) || isRefusal(error)) throw error;
-}
-
-/** Wait; rejects when given up. */
-export function pause(milliseconds, signal) {
-  return new Promise((resolve, reject) => {
-    const timer = setTimeout(resolve, milliseconds);
-    const giveUp = () => {
-      clearTimeout(timer);
-      reject(new DOMException("given up", "AbortError"));
-    };
-    signal.addEventListener("abort", giveUp, { once: true });
-  });
 }

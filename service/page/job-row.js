@@ -7,7 +7,7 @@ import { isFinal } from "./job-progress.js";
 import { isMap } from "./sweep.js";
 
 /** The columns; the table may show a row as a card, where each cell has its name. */
-export const COLUMNS = ["Job", "Asked for", "Status", "Progress", "Created", "Finished", "Expires", "Results", "Actions"];
+export const COLUMNS = ["Job", "Cases", "Status", "Progress", "Created", "Finished", "Expires", "Results", "Actions"];
 const OPERATIONS = {
   cra: "critical angles",
   trajectory: "trajectories",
@@ -46,7 +46,7 @@ export class JobRow {
     operation.append(OPERATIONS[job.operation]);
     progress.append(element("div", {}, this.bar, this.counts));
     created.append(time(job.created));
-    results.append(...downloadButtons(job.id, onError));
+    results.append(...downloadButtons(job.id, () => titleOf(this.job), onError));
     if (isMap(job)) {
       actions.append(element("a", { href: `#/map?job=${job.id}`, "aria-label": `Open job ${id} as a map` }, "Map"));
     }

@@ -1,16 +1,15 @@
 // While values keep changing, at most one request runs, and the latest value is requested next.
 
+import { markAnswered, markLost, retryDelay } from "./lost.js";
 import { isAbort, isLost } from "./service.js";
-
-const RETRY_MS = [1000, 2000, 5000]; // before a service that does not answer is tried again; the last from then on
 
 /**
  * Return a function that runs `work(value, signal)` for the latest value it was called with.
  *
- * Work that fails because the service does not answer is run again by itself, with the latest value, until it does.
+ * Work that fails because the service does not answer is repeated with the latest value until it does (lost.js).
  *
  * @param {(value: any, signal: AbortSignal) => Promise<void>} work it shows nothing once its signal is aborted
- * @param {(error: Error) => void} onError called on failures, not on requests given up
+ * @param {(error: Error) => void} onError called on other failures, not on requests given up
  * @param {{supersede?: boolean, restMs?: number}} options `supersede` gives up the running work for a newer value;
  *   `restMs` is how long a value has to be the latest before it is worked on
  * @returns {((value: any) => void) & {cancel: () => void, stop: () => void, isBehind: () => boolean}} `cancel` gives up
@@ -52,33 +51,38 @@ export function latest(work, onError, { supersede = false, restMs = 0 } = {}) {
       try {
         await work(value, signal);
         failures = 0;
+        markAnswered(update);
       } catch (error) {
         if (isAbort(error) || signal.aborted) continue;
-        if (waiting.length && !isLost(error)) continue; // what is wrong with a value that is no longer there
-        onError(error);
-        if (!isLost(error)) continue;
-        if (!waiting.length) waiting = [value];
-        await pause(RETRY_MS[Math.min(failures++, RETRY_MS.length - 1)]);
+        if (isLost(error)) {
+          markLost(update, error);
+          if (!waiting.length) waiting = [value];
+          await pause(retryDelay(failures++, error));
+          continue;
+        }
+        markAnswered(update);
+        if (!waiting.length) onError(error); // else it is of a value that is no longer there
       }
     }
     runs = false;
   };
 
-  const ask = (value) => {
+  const update = (value) => {
     waiting = [value];
     if (supersede) running?.abort();
     wake();
     if (!runs) run();
   };
-  ask.isBehind = () => waiting.length > 0;
-  ask.cancel = () => {
+  update.isBehind = () => waiting.length > 0;
+  update.cancel = () => {
     waiting = [];
     running?.abort();
+    markAnswered(update);
     wake();
   };
-  ask.stop = () => {
+  update.stop = () => {
     isStopped = true;
-    ask.cancel();
+    update.cancel();
   };
-  return ask;
+  return update;
 }

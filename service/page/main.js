@@ -2,9 +2,9 @@
 
 import { address, caseOf, readAddress } from "./address.js";
 import { loadContract } from "./contract.js";
-import { element, say } from "./elements.js";
+import { announce, element } from "./elements.js";
 import { followPrinting } from "./print.js";
-import { ask, keyNeeds, useKey } from "./service.js";
+import { keyNeeds, request, useKey } from "./service.js";
 import { followTheme } from "./theme.js";
 import { unreadNote } from "./unread.js";
 
@@ -29,13 +29,13 @@ async function show() {
   leave?.();
   leave = undefined;
   markCurrent(view);
-  say("Loading ...");
+  announce("Loading ...");
   const root = element("div.view");
   main.replaceChildren(root);
   try {
     const [{ show: build }] = await Promise.all([import(`./views/${view}.js`), loadContract()]);
     if (turn !== shown) return;
-    say("");
+    announce("");
     const ending = await build(root, query);
     if (turn === shown) {
       leave = ending;
@@ -44,7 +44,7 @@ async function show() {
     else ending?.();
   } catch (error) {
     if (turn !== shown) return;
-    say("");
+    announce("");
     root.replaceChildren(element("p.problem", { role: "alert" }, `This view cannot be shown: ${error.message}`));
   }
 }
@@ -57,8 +57,8 @@ function markCurrent(view) {
   }
 }
 
-async function tellVersions() {
-  const { libraries, engine_version: engine } = (await ask("version")).data;
+async function showVersions() {
+  const { libraries, engine_version: engine } = (await request("version")).data;
   document.getElementById("versions").textContent = `ricochet ${libraries.ricochet}, engine ${engine}.`;
 }
 
@@ -88,4 +88,4 @@ document.querySelector("nav").addEventListener("click", ({ target }) => {
 });
 addEventListener("hashchange", show);
 show();
-tellVersions().catch(() => {}); // the view shows what is wrong
+showVersions().catch(() => {}); // the view shows what is wrong

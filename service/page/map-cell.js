@@ -2,6 +2,7 @@
 
 import { address, caseQuery } from "./address.js";
 import { element } from "./elements.js";
+import { withUnit } from "./fields.js";
 import { cellWords, warningWords } from "./map-cells.js";
 import { format } from "./map-plot.js";
 import { caseAt } from "./sweep.js";
@@ -13,7 +14,7 @@ import { caseAt } from "./sweep.js";
  * @returns {(map: object, axes: object[], cells: object[]) => void} shows the cells of a map
  */
 export function buildCellChoice(root) {
-  const [across, up] = ["x", "y"].map((side) => element("select", { id: `cell-${side}`, onchange: () => tell() }));
+  const [across, up] = ["x", "y"].map((side) => element("select", { id: `cell-${side}`, onchange: () => showChosen() }));
   const labels = [across, up].map(({ id }) => element("label", { for: id }));
   const words = element("output", { for: "cell-x cell-y" });
   const mind = element("p.quiet");
@@ -21,7 +22,7 @@ export function buildCellChoice(root) {
   const search = element("a", {}, "Open in Critical angle");
   let shown;
 
-  function tell() {
+  function showChosen() {
     const { map, cells } = shown;
     const [column, row] = [across.selectedIndex, up.selectedIndex];
     const cell = cells[row * map.x.count + column];
@@ -46,12 +47,12 @@ export function buildCellChoice(root) {
       [across, up].forEach((select, i) => fill(select, labels[i], axes[i]));
     }
     shown = { map, axes, cells };
-    tell();
+    showChosen();
   };
 }
 
 function fill(select, label, axis) {
   label.textContent = axis.label;
-  select.replaceChildren(...axis.shown.map((value) => element("option", {}, `${format(value)} ${axis.unit}`)));
+  select.replaceChildren(...axis.shown.map((value) => element("option", {}, withUnit(format(value), axis.unit))));
   select.selectedIndex = Math.floor(axis.shown.length / 2);
 }

@@ -6,6 +6,14 @@ import { csvOf } from "./plots.js";
 export const QUANTITIES = {
   cra: { label: "Critical angle [°]", name: "an angle", column: "critical_angle_deg", of: ({ angle }) => angle, factor: 1 },
   thickness: { label: "Least thickness [mm]", name: "a thickness", column: "least_thickness_m", of: ({ thickness }) => thickness, factor: 1e3 },
+  probability: {
+    label: "Probability of ricochet",
+    name: "a probability",
+    column: "ricochet_probability",
+    of: ({ probability }) => probability,
+    factor: 1,
+    range: [0, 1],
+  },
 };
 
 /** Ways to end that differ on a map, with the mark each has there. */
@@ -21,6 +29,7 @@ export const ENDINGS = {
     never_perforated: { label: "never perforated", symbol: "circle-open" },
     failed: { label: "failed", symbol: "cross-thin" },
   },
+  probability: { failed: { label: "failed", symbol: "cross-thin" } },
   trajectory: {
     embedded: { label: "embedded", symbol: "x-thin" },
     perforated: { label: "perforated", symbol: "triangle-down-open" },
@@ -34,17 +43,19 @@ export const ENDINGS = {
  * Return what a map shows of one result.
  *
  * @param {{result?: object, problem?: object}} item of a job
- * @returns {{ending: string, angle?: number, depth?: number, thickness?: number, warnings: string[], detail?: string}}
+ * @returns {{ending: string, angle?: number, probability?: number, depth?: number, thickness?: number, warnings: string[], key?: string, detail?: string}}
  *   `angle` in degrees, `depth` and `thickness` in metres
  */
 export function readCell({ result, problem }) {
   if (!result) return { ending: "failed", warnings: [], detail: problem?.detail };
   return {
-    ending: result.status ?? result.outcome,
+    ending: result.status ?? result.outcome ?? "converged",
+    probability: result.outcomes && (result.outcomes.find(({ outcome }) => outcome === "ricochet")?.value ?? 0),
     angle: result.critical_angle_deg,
-    depth: result.maximum_depth_m,
+    depth: result.outcome && result.maximum_depth_m,
     thickness: result.least_thickness_m,
     warnings: [...new Set(result.warnings.map(({ code }) => code))],
+    key: result.key,
   };
 }
 
@@ -53,6 +64,7 @@ export function cellWords(operation, cell) {
   if (!cell) return "not computed";
   const { label } = ENDINGS[operation][cell.ending] ?? {};
   if (cell.ending === "failed") return `${label}: ${cell.detail}`;
+  if (cell.probability !== undefined) return `turned away with a probability of ${cell.probability.toFixed(2)}`;
   if (cell.thickness !== undefined) return `stopped by ${(1000 * cell.thickness).toFixed(0)} mm`;
   const words = cell.angle === undefined ? label : `turned away from ${cell.angle.toFixed(2)}° on`;
   return cell.depth === undefined || cell.ending === "perforated" ? words : `${words}, ${(1000 * cell.depth).toFixed(0)} mm deep`;
@@ -100,5 +112,6 @@ export function cellsCsv(operation, [x, y], cells) {
     [quantity ? "status" : "outcome"]: column(({ ending }) => ending),
     [quantity?.column ?? "maximum_depth_m"]: column(quantity?.of ?? (({ depth }) => depth)),
     warnings: column(({ warnings }) => warnings.join(" ")),
+    key: column(({ key }) => key),
   });
 }

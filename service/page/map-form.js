@@ -1,10 +1,9 @@
-// The form of a map: what to ask for, and the two fields it varies.
+// The form of a map: the quantity to show, and the two fields it varies.
 
 import { element } from "./elements.js";
 import { boundsOf, fieldAt, labelWithUnit, numericFields, shownValue } from "./fields.js";
-import { isVariable, OPERATIONS } from "./sweep.js";
+import { isVariable, mostValues, OPERATIONS } from "./sweep.js";
 
-const MOST_VALUES = 100; // of an axis: more than a picture can show
 const SIDES = { x: "Horizontal axis", y: "Vertical axis" };
 
 /**
@@ -40,7 +39,7 @@ export function buildMapForm(root, map, onChange) {
     showProblem(problem) {
       for (const { pointer, detail } of problem.errors) {
         const side = { 0: sides.y, 1: sides.x }[pointer.match(/^\/axes\/(\d)/)?.[1]];
-        side?.tell(detail);
+        side?.showError(detail);
       }
     },
   };
@@ -59,10 +58,10 @@ function axisFields(side, map, onChange) {
   const problem = element("p.problem", { id: `map-${side}-problem`, hidden: true });
   const field = element("select", { id: `map-${side}-field` });
   const [start, stop] = ["From", "To"].map((label) => numberField(`map-${side}-${label.toLowerCase()}`, label));
-  const count = numberField(`map-${side}-count`, "Values", { step: 1, min: 1, max: MOST_VALUES });
+  const count = numberField(`map-${side}-count`, "Values", { step: 1, min: 1 });
   const inputs = [start, stop, count].map(({ input }) => input);
 
-  const tell = (text) => {
+  const showError = (text) => {
     problem.textContent = text;
     problem.hidden = !text;
   };
@@ -86,8 +85,8 @@ function axisFields(side, map, onChange) {
   };
   const check = (current) => {
     const other = current[side === "x" ? "y" : "x"];
-    const found = problemOf(current[side], other, current.values);
-    tell(found?.text ?? "");
+    const found = problemOf(current[side], other, current);
+    showError(found?.text ?? "");
     inputs.forEach((input, i) => {
       input.setAttribute("aria-invalid", found?.parts.includes(i) ?? false);
       input.setAttribute("aria-describedby", problem.id);
@@ -117,7 +116,7 @@ function axisFields(side, map, onChange) {
   return {
     root,
     check,
-    tell,
+    showError,
     offer(current) {
       values = current.values;
       return offer(current);
@@ -131,11 +130,11 @@ function numberField(id, label, attributes = {}) {
   return { input, unit, root: element("div.field", {}, element("label", { for: id }, label), input, unit) };
 }
 
-/** Tell what keeps an axis from being laid, and which of its inputs (from, to, count) are to blame. */
-function problemOf({ field, start, stop, count }, other, values) {
+/** Return what is wrong with an axis, and with which of its inputs (from, to, count). */
+function problemOf({ field, start, stop, count }, other, map) {
   if (field === other.field) return { text: "Both axes have the same field.", parts: [] };
   const { factor, unit, path } = fieldAt(field);
-  const { least, most, above, below } = boundsOf({ path, factor }, values);
+  const { least, most, above, below } = boundsOf({ path, factor }, map.values);
   const bounds = [
     [least, "at least", (value) => value >= least],
     [above, "more than", (value) => value > above],
@@ -149,8 +148,8 @@ function problemOf({ field, start, stop, count }, other, values) {
   }
   if (start > stop) return { text: "From has to be below To.", parts: [0, 1] };
   if (start === stop && count > 1) return { text: "The ends are the same.", parts: [0, 1] };
-  const isCount = Number.isInteger(count) && count >= 1 && count <= MOST_VALUES;
-  return isCount ? undefined : { text: `Takes 1 to ${MOST_VALUES} values.`, parts: [2] };
+  const isCount = Number.isInteger(count) && count >= 1 && count <= mostValues(map);
+  return isCount ? undefined : { text: `Takes 1 to ${mostValues(map)} values.`, parts: [2] };
 }
 
 /** Return ends around the value of the case, as shown. */

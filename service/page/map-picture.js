@@ -1,20 +1,24 @@
 // What is seen of a map: how far its job is, the picture, and one case in words.
 
 import { element } from "./elements.js";
+import { slug } from "./exports.js";
 import { fieldAt, shownValue } from "./fields.js";
 import { buildCellChoice } from "./map-cell.js";
 import { cellsCsv, countWords, QUANTITIES } from "./map-cells.js";
 import { mapLayout, mapTraces } from "./map-plot.js";
 import { endWords, progressWords } from "./map-run.js";
 import { draw, purge } from "./plots.js";
-import { markFresh, markUntilRun } from "./stale.js";
-import { hasAngle, numbers, OPERATIONS } from "./sweep.js";
+import { markFresh, markStale, markUntilRun } from "./stale.js";
+import { QUICK, inputField, usualInputs } from "./scatter.js";
+import { hasAngle, isStudied, numbers, OPERATIONS } from "./sweep.js";
 import { valueAt } from "./case.js";
 
 /** The panels of a map. */
 export class MapPicture {
   #map;
   #axes;
+  #isDrawn = false; // whether cells of the map are shown
+  #isSame = true; // whether the form has the inputs of the map
   #begin; // when the first state of the job was seen, and how far it was
 
   /**
@@ -45,11 +49,15 @@ export class MapPicture {
     this.bar.removeAttribute("value");
     this.heading.textContent = titleOf(map, this.#axes);
     this.words.textContent = "Waiting for the service ...";
-    this.compare(true, true);
+    this.root.hidden = false;
+    this.#isDrawn = false;
+    this.#isSame = true;
+    markFresh(this.heading);
+    markStale(...this.#ofCells);
   }
 
   /** Show how far the job is. */
-  tellProgress(job) {
+  showProgress(job) {
     this.#begin ??= { at: performance.now(), done: job.counts.done };
     this.bar.max = job.counts.total;
     this.bar.value = job.counts.done;
@@ -58,37 +66,38 @@ export class MapPicture {
   }
 
   /** Show how the job has ended. */
-  tellEnd(job) {
+  showEnd(job) {
     this.words.textContent = endWords(job);
     this.bar.max = job.counts.total;
     this.bar.value = job.counts.done;
   }
 
-  /** Show that the service is away. */
-  tellLost(error) {
-    this.words.textContent = `${error.message} It is tried again until it does.`;
+  /** Mark the results as those of the inputs, or of previous ones; hide them where a field is not accepted. */
+  compare(isSame, isAccepted) {
+    this.#isSame = isSame;
+    this.root.hidden = !isAccepted;
+    if (isAccepted && !isSame) markUntilRun(this.heading, ...this.#ofCells);
+    else markFresh(this.heading, ...(this.#isDrawn ? this.#ofCells : []));
   }
 
-  /** Mark what is shown as that of the inputs, or of those before; take it away where a field is not accepted. */
-  compare(isSame, isAccepted) {
-    const parts = [this.panel, this.cell];
-    this.root.hidden = !isAccepted;
-    if (isSame || !isAccepted) markFresh(...parts);
-    else markUntilRun(...parts);
+  get #ofCells() {
+    return [this.plot, this.counts, this.cell];
   }
 
   /** Draw what is there of the cells, and of a coarse grid where there are none yet. */
   async showCells(cells, rough = []) {
     const { operation } = this.#map;
     const lines = QUANTITIES[operation]?.label.toLowerCase() ?? "greatest depth of the nose tip [mm]";
-    this.counts.textContent = `${countWords(operation, cells)}. Lines: ${lines}.`;
+    const scatter = isStudied(this.#map) ? ` ${scatterWords(this.#map.values)}` : "";
+    this.counts.textContent = `${countWords(operation, cells)}. Lines: ${lines}.${scatter}`;
     this.cell.hidden = false;
     this.showCell(this.#map, this.#axes, cells);
     const about = {
       title: this.heading.textContent,
       values: this.#map.values,
-      key: this.#map.job && `job ${this.#map.job}`,
-      part: `map-${operation}`,
+      varied: this.#axes.map(({ field }) => field),
+      key: this.#map.job && `job ${this.#map.job}`, // each case has its own, in the CSV
+      part: slug(nameOf(operation, this.#axes)).toLowerCase(),
       hasAngle: hasAngle(this.#map),
       csv: () => cellsCsv(operation, this.#axes, cells),
       label: `${this.heading.textContent}: ${this.counts.textContent} Below, each case can be chosen and read.`,
@@ -96,7 +105,10 @@ export class MapPicture {
     const isNew = !this.plot.querySelector(".drawing");
     const here = this.#axes.map(({ field }) => shownValue(fieldAt(field), this.#map.values));
     const traces = mapTraces(operation, this.#axes, cells, rough, this.#room(), here);
+    const map = this.#map;
     const drawn = await draw(this.plot, traces, mapLayout(this.#axes), about);
+    this.#isDrawn ||= map === this.#map;
+    if (this.#isDrawn && this.#isSame) markFresh(...this.#ofCells);
     this.pick = (point) => {
       const [column, row] = [this.#axes[0].shown.indexOf(point.x), this.#axes[1].shown.indexOf(point.y)];
       this.onPick({ column, row }, cells[row * this.#axes[0].shown.length + column]);
@@ -124,11 +136,18 @@ function shownAxis(axis) {
   return { field: axis.field, label, unit, values, shown: values.map((value) => Number((value / factor).toPrecision(12))) };
 }
 
-function titleOf(map, [x, y]) {
+function scatterWords(values) {
+  const names = usualInputs(values).map(({ field }) => inputField(field).label.toLowerCase());
+  return `${QUICK.max_samples} strikes a case, with the usual scatter of ${names.join(", ")}.`;
+}
+
+function titleOf({ operation, values, ...map }, axes) {
   const isVaried = [map.x, map.y].some(({ field }) => field === "impact.oblique_angle_deg");
-  const angle = valueAt(map.values, "impact.oblique_angle_deg");
-  const { label } = OPERATIONS[map.operation];
-  const named = label.replace(/ at an angle$/, "");
-  const what = hasAngle(map) && !isVaried ? `${named} at ${angle}°` : named;
-  return `${what} over ${x.label.toLowerCase()} and ${y.label.toLowerCase()}`;
+  const name = nameOf(operation, axes);
+  return hasAngle({ operation }) && !isVaried ? `${name}, at ${valueAt(values, "impact.oblique_angle_deg")}°` : name;
+}
+
+function nameOf(operation, [x, y]) {
+  const named = OPERATIONS[operation].label.replace(/ at an angle$/, "");
+  return `${named} over ${x.label.toLowerCase()} and ${y.label.toLowerCase()}`;
 }

@@ -1,11 +1,13 @@
-// The picture of a map: colours for what was asked, contour lines over it, a mark where there is no angle.
+// The picture of a map: colours for the quantity, contour lines over it, a mark where there is none.
 
+import { withUnit } from "./fields.js";
 import { cellWords, ENDINGS, QUANTITIES, rareWarnings, warningWords } from "./map-cells.js";
 
 // Viridis from a quarter on, so that dark lines and words can be read upon all of it.
 const COLOURS = ["#3b528b", "#2c728e", "#21918c", "#28ae80", "#5ec962", "#addc30", "#fde725"];
 const NO_ANGLE = "#a9a9a9";
 const OUTCOMES = { embedded: "#5b7fb5", perforated: "#e08e5a", in_motion: "#b5b5b5", ricochet: "#fde725", failed: "#8c6d6d" };
+const FRAMES = ["square-open", "hexagon-open", "star-square-open", "octagon-open"];
 const INK = "#111111";
 const PAPER = "#e8eaed"; // below the marks of the legend, in either theme
 
@@ -15,7 +17,7 @@ const PAPER = "#e8eaed"; // below the marks of the legend, in either theme
  * @param {keyof QUANTITIES|"trajectory"} operation
  * @param {{label: string, unit: string, shown: number[]}[]} axes across and up, values as shown
  * @param {object[]} cells row by row; those without a result are missing
- * @param {object[]} rough likewise, what is nearest of a coarse grid: its colours are shown where there is no result yet
+ * @param {object[]} rough cells of a coarse grid, the nearest for each place: their colours are shown where there is no result yet
  * @param {number} room for the mark of a cell [px]
  * @param {number[]} here where the case itself is, as shown; one that is not on the map has no mark
  */
@@ -28,7 +30,7 @@ export function mapTraces(operation, [x, y], cells, rough, room, here) {
     x.shown.map((across, column) => {
       const cell = cells[row * x.shown.length + column];
       const warnings = (cell?.warnings ?? []).filter((code) => rare.has(code)).map((code) => `<br>${warningWords(code)}`);
-      return `${format(across)} ${x.unit}, ${format(up)} ${y.unit}<br>${cellWords(operation, cell)}${warnings.join("")}`;
+      return `${withUnit(format(across), x.unit)}, ${withUnit(format(up), y.unit)}<br>${cellWords(operation, cell)}${warnings.join("")}`;
     }),
   );
   const hover = { text: words, hovertemplate: "%{text}<extra></extra>", hoverongaps: true };
@@ -61,13 +63,13 @@ function ends(shown) {
   return [low - half, high + half];
 }
 
-function amounts(place, rows, hover, { label, of, factor }) {
+function amounts(place, rows, hover, { label, of, factor, range: [zmin, zmax] = [] }) {
   const has = (cell) => cell && of(cell) !== undefined;
   const z = rows((cell) => (has(cell) ? factor * of(cell) : null));
   const bar = { title: { text: label, side: "right" }, thickness: 12 };
   return [
     { ...place, type: "heatmap", z: rows((cell) => (cell && !has(cell) ? 0 : null)), ...flat(NO_ANGLE) },
-    { ...place, type: "heatmap", z, colorscale: scale(COLOURS), colorbar: bar, ...hover },
+    { ...place, type: "heatmap", z, zmin, zmax, colorscale: scale(COLOURS), colorbar: bar, ...hover },
     contours(place, z),
   ];
 }
@@ -97,7 +99,7 @@ function contours(place, z) {
   };
 }
 
-/** A mark in each cell whose ending its colour does not tell alone; the legend counts them. */
+/** A mark in each cell whose ending its colour alone does not show; the legend counts them. */
 function marks(operation, axes, cells, room) {
   return Object.entries(ENDINGS[operation]).flatMap(([ending, { label, symbol }]) =>
     markers(axes, cells, { label, symbol, size: Math.min(6, room / 2), isMarked: (cell) => cell.ending === ending }),
@@ -113,10 +115,12 @@ function youAreHere([x, y], [across, up]) {
   return [{ ...trace, showlegend: true }];
 }
 
-/** A frame around what carries a warning that few others do. */
+/** A frame around what carries a warning that few others do, of a shape for each warning. */
 function warned(axes, cells, room, rare) {
-  const isMarked = ({ warnings }) => warnings.some((code) => rare.has(code));
-  return markers(axes, cells, { label: "with a warning few others have", symbol: "square-open", size: room, isMarked });
+  return [...rare].flatMap((code, i) => {
+    const isMarked = ({ warnings }) => warnings.includes(code);
+    return markers(axes, cells, { label: `warning: ${warningWords(code)}`, symbol: FRAMES[i % FRAMES.length], size: room, isMarked });
+  });
 }
 
 function markers([x, y], cells, { label, symbol, size, isMarked }) {

@@ -1,11 +1,15 @@
 // The job of a map, followed to its end while its cells fill.
 
-import { isFinal, pause, resultsOf, statesOf } from "./job-progress.js";
+import { trajectoryRequest } from "./case.js";
+import { isFinal, resultsOf, statesOf } from "./job-progress.js";
+import { pause, untilAnswered } from "./lost.js";
 import { readCell } from "./map-cells.js";
-import { ask, isLost } from "./service.js";
-import { quickSweep } from "./sweep.js";
+import { request } from "./service.js";
+import { QUICK, uncertainInput, usualInputs } from "./scatter.js";
+import { caseAt, quickSweep } from "./sweep.js";
 
 const REDRAW_MS = 300;
+const AT_ONCE = 2; // studies that are computed at the same time
 
 /**
  * Compute the cases of a map that are answered at once: all of a small one, a coarse grid of a large one.
@@ -16,13 +20,51 @@ const REDRAW_MS = 300;
 export async function quickMap(map, signal) {
   const quick = quickSweep(map);
   if (!quick) return undefined;
-  const { request, places, isWhole } = quick;
-  const { results } = (await ask(request.path, { body: request.body, signal })).data;
+  const { body, path, places, isWhole } = quick;
+  const { results } = (await untilAnswered(() => request(path, { body, signal }), signal)).data;
   if (!results) return undefined; // a job: this service answers fewer at once
   const found = results.map(readCell);
   const nearest = (count, some) => Array.from({ length: count }, (_, i) => indexOfNearest(some, i));
   const [columns, rows] = [nearest(map.x.count, places.x), nearest(map.y.count, places.y)];
   return { isWhole, cells: rows.flatMap((row) => columns.map((column) => found[row * places.x.length + column])) };
+}
+
+/**
+ * Compute a map of probabilities: for each cell the outcomes of strikes with the usual scatter around its case.
+ *
+ * @param {(cells: object[], job: object) => Promise<void>} onCells called with the cells and the progress, as of a job
+ */
+export async function followStudies(map, onCells, signal) {
+  const cells = Array.from({ length: map.x.count * map.y.count });
+  const counts = { total: cells.length, done: 0, failed: 0 };
+  let [next, shown] = [0, performance.now()];
+  const study = async (index) => {
+    const values = caseAt(map, { column: index % map.x.count, row: Math.floor(index / map.x.count) });
+    const uncertain = usualInputs(values).map((input) => uncertainInput(input, values));
+    const body = { ...trajectoryRequest(values), uncertain, sampling: QUICK };
+    try {
+      const { data } = await untilAnswered(() => request("trajectory/uncertainty", { body, signal }), signal);
+      cells[index] = readCell({ result: data });
+    } catch (error) {
+      if (!error.errors) throw error; // else a case that the service does not accept
+      counts.failed += 1;
+      cells[index] = readCell({ problem: error });
+    }
+    counts.done += 1;
+  };
+  const work = async () => {
+    while (next < cells.length) {
+      await study(next++);
+      if (performance.now() - shown < REDRAW_MS && counts.done < counts.total) continue;
+      shown = performance.now();
+      await onCells(cells, { status: counts.done < counts.total ? "running" : "successful", counts });
+    }
+  };
+  try {
+    await Promise.all(Array.from({ length: AT_ONCE }, work));
+  } finally {
+    next = cells.length; // after a failure none is begun
+  }
 }
 
 function indexOfNearest(places, place) {
@@ -34,19 +76,18 @@ function indexOfNearest(places, place) {
  * Follow the job of a map.
  *
  * @param {object} map with its job
- * @param {{onProgress: (job: object) => void, onCells: (cells: object[]) => Promise<void>,
- *   onLost: (error: Error) => void}} listeners called whenever the job has changed, and of the cells, row by row, whenever
- *   there are more; those without a result are missing; `onLost` whenever the service does not answer
+ * @param {{onProgress: (job: object) => void, onCells: (cells: object[]) => Promise<void>}} listeners called whenever the
+ *   job has changed, and with the cells, row by row, whenever there are more; those without a result are missing
  * @param {AbortSignal} signal
  * @param {object[]} known cells that are there already
  * @returns {Promise<object>} the job at its end
  */
-export async function followMap(map, { onProgress, onCells, onLost }, signal, known = []) {
+export async function followMap(map, { onProgress, onCells }, signal, known = []) {
   const cells = Array.from({ length: map.x.count * map.y.count }, (_, i) => known[i]);
   const ready = resultsOf(map.job, signal);
   let job;
   const follow = async () => {
-    for await (job of statesOf(map.job, signal, onLost)) {
+    for await (job of statesOf(map.job, signal)) {
       if (job.operation !== map.operation || job.counts.total !== cells.length) {
         throw new Error("The job is that of another map. Run this one.");
       }
@@ -59,13 +100,7 @@ export async function followMap(map, { onProgress, onCells, onLost }, signal, kn
       isLast = job !== undefined && isFinal(job);
       if (job && job.counts.done !== known) {
         known = job.counts.done;
-        try {
-          for await (const items of ready()) for (const item of items) cells[item.index] = readCell(item);
-        } catch (error) {
-          if (!isLost(error)) throw error;
-          onLost(error);
-          [known, isLast] = [undefined, false]; // the rest once the service is back
-        }
+        for await (const items of ready()) for (const item of items) cells[item.index] = readCell(item);
         await onCells(cells);
       }
       if (!isLast) await pause(REDRAW_MS, signal);

@@ -14,10 +14,10 @@ let loading;
  *
  * @param {HTMLElement} root
  * @param {object[]} traces as Plotly takes them
- * @param {object} layout likewise; what it says goes before what the theme does
+ * @param {object} layout as Plotly takes it; it takes precedence over the theme
  * @param {{title: string, values: object, key?: string, part?: string, hasAngle?: boolean, csv: () => string, label: string,
- *   again?: () => any}} about what the files are called and say of themselves (exports.js), the data, what is seen, and
- *   what draws it again in the colours of another theme, if the traces hold any
+ *   again?: () => any}} about names and description of the files (exports.js), the data, the description of the
+ *   picture, and what draws it again in the colours of another theme, if the traces hold any
  * @returns {Promise<HTMLElement|undefined>} the element that Plotly drew into, for its events
  */
 export async function draw(root, traces, layout, about) {

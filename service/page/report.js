@@ -1,7 +1,7 @@
 // The report of a strike in a new tab, and its button.
 
-import { element, say } from "./elements.js";
-import { ask, isAbort } from "./service.js";
+import { announce, element } from "./elements.js";
+import { isAbort, request } from "./service.js";
 
 const WAIT = "The report is being computed: some 300 cases, half a minute to some minutes.";
 
@@ -20,15 +20,15 @@ export function reportButton(read, onError) {
       tab.document.body.textContent = WAIT;
     }
     button.disabled = true;
-    say(WAIT);
+    announce(WAIT);
     try {
-      const { data } = await ask("report", { body: reportRequest(read()), as: "blob" });
+      const { data } = await request("report", { body: reportRequest(read()), as: "blob" });
       const address = URL.createObjectURL(data);
       if (tab && !tab.closed) tab.location.replace(address);
-      say("The report is in a new tab; print it from there.");
+      announce("The report is in a new tab; print it from there.");
     } catch (error) {
       tab?.close();
-      say("");
+      announce("");
       if (!isAbort(error)) onError(error);
     }
     button.disabled = false;
@@ -36,8 +36,7 @@ export function reportButton(read, onError) {
   return button;
 }
 
-/** Return the body of `/report`: the case with the oblique angle that it has. */
-function reportRequest(values) {
-  const { output, ...rest } = values;
-  return rest;
+/** Return the body of `/report`: the case with the oblique angle that it has; a report does not take the paper's searches. */
+function reportRequest({ output, ...values }) {
+  return { ...values, search: { ...values.search, method: "outcome" } };
 }

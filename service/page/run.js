@@ -1,8 +1,8 @@
-// One run: what the service is asked, and columns that the pictures need besides those it answers with.
+// One run: its request, and columns that the pictures need besides those of the answer.
 
 import { trajectoryRequest } from "./case.js";
 import { centreOfGravity } from "./outline.js";
-import { ask } from "./service.js";
+import { request } from "./service.js";
 
 const INSTANTS = 100; // at least, mostly
 const [FEWEST, MOST] = [60, 600];
@@ -13,21 +13,21 @@ const RADIAN = Math.PI / 180;
 let duration; // of the latest run, which the next is taken to be like. [s]
 
 /**
- * Ask for a trajectory with a history of 100 to 250 instants.
+ * Compute a trajectory with a history of 100 to 250 instants.
  *
  * @returns {Promise<object>} the answer, with `path`, columns of the nose tip and the speed, and what was given of
  *   `projectile`, `target` and all `values`
  */
-export async function askRun(values, signal) {
-  const askLong = async (time) => {
+export async function computeRun(values, signal) {
+  const requestRun = async (time) => {
     const least = (values.numerics?.termination_time_s ?? TERMINATION_S) / MOST_ROWS;
     const interval = Math.max(nice(time / INSTANTS), least);
-    return (await ask("trajectory", { body: trajectoryRequest(values, interval), signal })).data;
+    return (await request("trajectory", { body: trajectoryRequest(values, interval), signal })).data;
   };
-  let run = await askLong(duration ?? (3 * values.projectile.length_m) / values.impact.velocity_m_s);
+  let run = await requestRun(duration ?? (3 * values.projectile.length_m) / values.impact.velocity_m_s);
   duration = run.final.time_s;
   const rows = run.history.time_s.length;
-  if (rows < FEWEST || rows > MOST) run = await askLong(duration);
+  if (rows < FEWEST || rows > MOST) run = await requestRun(duration);
   return { ...run, path: pathOf(run.history, values.projectile), projectile: values.projectile, target: values.target, values };
 }
 

@@ -1,4 +1,4 @@
-// The form of the inputs that scatter: a group each, and what the service says of it at its fields.
+// The form of the inputs that scatter: a group each, with the errors of the service at its fields.
 
 import { element } from "./elements.js";
 import { shownNumber } from "./fields.js";
@@ -36,7 +36,7 @@ class ScatterForm {
     this.list = element("div");
     this.choice = element("select", { id: "scatter-add" });
     this.addButton = element("button", { type: "button", onclick: () => this.add() }, "Add");
-    const usual = element("button", { type: "button", onclick: () => this.replace(usualInputs()) }, "Usual scatter");
+    const usual = element("button", { type: "button", onclick: () => this.replace(usualInputs(this.values)) }, "Usual scatter");
     const label = element("label", { for: this.choice.id }, "Another input");
     root.append(this.list, element("div.field.whole", {}, label, this.choice), element("p.actions", {}, this.addButton, usual));
   }
@@ -121,7 +121,7 @@ class ScatterForm {
     });
     const root = element("div.field", {}, element("label", { for: id }, label), input, unitText, problem);
     const part = { root, input, problem, described: unitText.id, unit, factor };
-    tell(part, "");
+    showError(part, "");
     return part;
   }
 
@@ -144,7 +144,7 @@ class ScatterForm {
   clear() {
     for (const { fields, wrong, problem } of this.rows) {
       problem.hidden = true;
-      for (const [name, part] of fields) tell(part, wrong.has(name) ? `${JSON.stringify(part.input.value)} is no number.` : "");
+      for (const [name, part] of fields) showError(part, wrong.has(name) ? `${JSON.stringify(part.input.value)} is no number.` : "");
     }
   }
 
@@ -154,7 +154,7 @@ class ScatterForm {
       const row = pointer.startsWith("/uncertain/") && this.rows[index];
       if (!row) return true;
       const part = names.map((name) => row.fields.get(name)).find(Boolean);
-      if (part) tell(part, inUnit(detail, part));
+      if (part) showError(part, inUnit(detail, part));
       else {
         row.problem.textContent = detail;
         row.problem.hidden = false;
@@ -165,13 +165,13 @@ class ScatterForm {
   }
 }
 
-/** Return what the service says of a parameter, its numbers in the unit shown. */
+/** Return an error of the service for a parameter, its numbers in the unit shown. */
 function inUnit(detail, { unit, factor }) {
   if (!unit) return detail;
   return detail.replaceAll(NUMBER, (number) => `${shownNumber({ factor }, Number(number))} ${unit}`);
 }
 
-function tell(part, text) {
+function showError(part, text) {
   part.problem.textContent = text;
   part.problem.hidden = !text;
   if (text) mark(part, part.problem.id);

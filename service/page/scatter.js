@@ -5,6 +5,9 @@ import { nodeAt, usualScatter } from "./contract.js";
 import { fieldAt, numericFields } from "./fields.js";
 
 const RESIDUAL = { path: "resistance.strength_residual", label: "Factor on the strength factor", unit: "", factor: 1 };
+/** Settings of the quickest study: the fewest samples that the service takes. */
+export const QUICK = { max_samples: 256, method: "direct", half_width: 0.5 };
+
 const OWN = "own"; // in the unit of the field
 const PERCENT = { unit: "%", factor: 0.01 };
 const PURE = { unit: "", factor: 1 };
@@ -71,9 +74,10 @@ export function usualNote(field) {
   return NOTES[field];
 }
 
-/** Return the inputs that usually scatter. */
-export function usualInputs() {
-  return Object.keys(usualScatter()).map(usualInput);
+/** Return the inputs of a case that usually scatter: its decay law only if that is one of the two that do. */
+export function usualInputs(values) {
+  const isOne = ({ field, type, given }) => type !== "discrete" || valueAt(values, field) in given;
+  return Object.keys(usualScatter()).map(usualInput).filter(isOne);
 }
 
 function inputOf({ type, values, weights, ...given }) {

@@ -1,11 +1,11 @@
-// One way to ask the service: relative addresses, the key if there is one, problems as errors.
+// Requests to the service: relative addresses, the key if there is one, problems as errors.
 
 const KEY = "ricochet-key";
 
 /** Fires `needed` when an answer was 401. */
 export const keyNeeds = new EventTarget();
 
-/** What the service says instead of an answer (RFC 9457). */
+/** A problem that the service returns instead of an answer (RFC 9457). */
 export class Problem extends Error {
   constructor({ status, title, detail = "", errors = [] }, retryAfter) {
     super(detail || title);
@@ -23,14 +23,14 @@ export function useKey(key) {
   sessionStorage.setItem(KEY, key);
 }
 
-/** Return the headers that show who asks; none if there is no key. */
+/** Return the headers that authorize a request; none if there is no key. */
 export function authorization() {
   const key = sessionStorage.getItem(KEY);
   return key ? { Authorization: `Bearer ${key}` } : {};
 }
 
 /**
- * Ask the service.
+ * Send a request to the service.
  *
  * @param {string} path
  * @param {{method?: string, body?: object, headers?: object, signal?: AbortSignal, as?: "data"|"blob"|"stream"}} options
@@ -39,7 +39,7 @@ export function authorization() {
  * @returns {Promise<{status: number, headers: Headers, data: any}>}
  * @throws {Problem} for a status from 400 on, or if there is no answer (status 0)
  */
-export async function ask(path, { method, body, headers = {}, signal, as = "data" } = {}) {
+export async function request(path, { method, body, headers = {}, signal, as = "data" } = {}) {
   const response = await reach(path, {
     method: method ?? (body === undefined ? "GET" : "POST"),
     headers: { ...authorization(), ...(body === undefined ? {} : { "Content-Type": "application/json" }), ...headers },
@@ -50,19 +50,19 @@ export async function ask(path, { method, body, headers = {}, signal, as = "data
   return { status: response.status, headers: response.headers, data: await contentOf(response, as) };
 }
 
-/** Tell whether an error only says that its request was given up. */
+/** Return whether an error only says that its request was given up. */
 export function isAbort(error) {
   return error?.name === "AbortError";
 }
 
-/** Tell whether an error says that the service is away or busy, so that the same request may succeed later. */
+/** Return whether an error says that the service is away or busy, so that the same request may succeed later. */
 export function isLost({ status }) {
   return [0, 429, 502, 503, 504].includes(status);
 }
 
-async function reach(path, request) {
+async function reach(path, options) {
   try {
-    return await fetch(locate(path), request);
+    return await fetch(locate(path), options);
   } catch (error) {
     if (isAbort(error)) throw error;
     throw new Problem({ status: 0, title: "The service does not answer", detail: "The service does not answer." });

@@ -15,7 +15,7 @@ const RADII = { theta: 0.6, delta: 0.82, phi: 0.42, normal: 0.95, critical: 1.12
 
 /** Return the traces of what is marked, to go over the outlines; in a narrow picture in fewer words. */
 export function markTraces(run, critical, isNarrow) {
-  return [...angleTraces(run), criticalTrace(run, critical), ...exitTraces(run, isNarrow)];
+  return [...angleTraces(run, isNarrow), criticalTrace(run, critical), ...exitTraces(run, isNarrow)];
 }
 
 /** Return a restyling of the mark of the critical angle, for `Plotly.restyle`, with the place of its trace. */
@@ -63,21 +63,22 @@ export function faceNames(thickness) {
  * The normal, and arcs from it: θ to the velocity, φ to the axis, and δ between them where there is an angle of attack. All
  * lines are one trace and all words another: each trace costs milliseconds.
  */
-function angleTraces({ values, history, projectile: { length_m: length } }) {
+function angleTraces({ values, history, projectile: { length_m: length } }, isNarrow) {
   const theta = values.impact.oblique_angle_deg;
   const phi = history.axis_angle_deg[0];
   const ray = (angle) => [[0, 0], from(angle, RADII.normal * length)];
   const arc = (begin, end, radius) =>
     Array.from({ length: ARC_POINTS + 1 }, (_, i) => from(begin + (i / ARC_POINTS) * (end - begin), radius * length));
-  const beside = (radius) => from(0, radius * length); // the other side of the normal, where no outline is
+  const beside = (radius) => [0.03 * length, from(0, radius * length)[1]]; // the other side of the normal, where no outline is
+  const top = isNarrow ? RADII.normal : RADII.theta; // above the words on the exit
   const [toTheta, toPhi] = [arc(0, theta, RADII.theta), arc(0, phi, RADII.phi)];
   if (Math.abs(phi - theta) < LEAST_DEG) {
-    return [linesTrace([ray(0), toTheta]), labelsTrace([[beside(RADII.theta), `θ = φ = ${shown(theta)}`, "right"]])];
+    return [linesTrace([ray(0), toTheta]), labelsTrace([[beside(top), `θ = φ = ${shown(theta)}`, "right"]])];
   }
   return [
     linesTrace([ray(0), ray(theta), toTheta, toPhi, arc(theta, phi, RADII.delta)]),
     labelsTrace([
-      [beside(RADII.theta), `θ = ${shown(theta)}`, "right"],
+      [beside(top), `θ = ${shown(theta)}`, "right"],
       [beside(RADII.phi), `φ = ${shown(phi)}`, "right"],
       [from((theta + phi) / 2, (RADII.delta + 0.03) * length), `δ = ${shown(phi - theta)}`, "left"],
     ]),

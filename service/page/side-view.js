@@ -21,7 +21,7 @@ const marked = new WeakMap(); // critical angles by the element they are drawn i
  * Draw one or more runs.
  *
  * @param {HTMLElement} root
- * @param {{run: object, name: string}[]} runs as `askRun` returns them; the first has a movable outline and the colours of
+ * @param {{run: object, name: string}[]} runs as `computeRun` returns them; the first has a movable outline and the colours of
  *   its speed, the others a colour each
  * @param {number} row of the first run's history at which its outline is emphasised
  * @param {{critical?: number, turns?: boolean, isHeld?: boolean}} options `critical` is the critical angle to mark [°];
@@ -191,7 +191,7 @@ function tableOf(runs) {
 
 function inWords({ run, name }) {
   const { outcome, final, maximum_depth_m: depth, target } = run;
-  const wall = `wall of ${digits(target.thickness_m * 1e3)} mm`;
-  const reach = outcome === "perforated" ? wall : `${digits(depth * 1e3)} mm deep at most`;
+  const isThrough = outcome === "perforated";
+  const reach = isThrough ? `wall of ${digits(target.thickness_m * 1e3)} mm` : `${digits(depth * 1e3)} mm deep at most`;
   return `${name}: ${outcomeShown(outcome)} after ${digits(final.time_s * 1e3)} ms, ${reach}.`;
 }

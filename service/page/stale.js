@@ -1,19 +1,19 @@
 // Marks on what is shown but does not belong to the inputs: greyed, and busy for those who hear the page.
 
-import { element, say } from "./elements.js";
+import { announce, element } from "./elements.js";
 
 const stale = new Set();
 
 /** Mark parts of a view as those of inputs before; said in the status line. */
 export function markStale(...parts) {
   mark(parts);
-  say("Out of date. Computing ...");
+  announce("Out of date. Computing ...");
 }
 
 /** Mark parts of a view that are computed only when they are run; said in the status line. */
 export function markUntilRun(...parts) {
   mark(parts);
-  say("Out of date. Run again.");
+  announce("Out of date. Run again.");
 }
 
 function mark(parts) {
@@ -31,7 +31,7 @@ export function markFresh(...parts) {
     stale.delete(part);
   }
   for (const part of stale) if (!part.isConnected) stale.delete(part); // of a view that was left
-  if (!stale.size) say("Up to date.");
+  if (!stale.size) announce("Up to date.");
 }
 
 /** Take away what parts show, as the inputs have no result; plots are hidden until they are drawn again. */
@@ -42,5 +42,5 @@ export function clearParts(...parts) {
     stale.delete(part);
     if (!part.querySelector(".drawing")) part.replaceChildren(element("p.quiet", {}, "No result: a field is not accepted."));
   }
-  say("A field is not accepted. Nothing is computed.");
+  announce("A field is not accepted. Nothing is computed.");
 }

@@ -104,7 +104,7 @@ export function sensitivityTable(study) {
 }
 
 /** Return a sentence or two on a study. */
-export function tellStudy(study) {
+export function describeStudy(study) {
   const { mean_deg: mean, standard_deviation_deg: deviation, share_without_angle: without } = study.critical_angle;
   const width = study.convergence.half_width.at(-1);
   const angle = headline(study);
@@ -118,7 +118,7 @@ export function tellStudy(study) {
   ];
   return [
     angle
-      ? element("p", {}, "Critical angle ", element("strong.angle", {}, angle), ": the median and the 90 % range.")
+      ? element("p", {}, "Critical angle ", element("strong.angle", {}, angle), ": median and 90 % range.")
       : element("p", {}, "No sample has a critical angle."),
     element("p", {}, parts.filter(Boolean).join(" ")),
   ];

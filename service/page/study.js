@@ -1,12 +1,13 @@
-// A study of how sure a critical angle is: computed as jobs, and what is known of a case.
+// A study of how sure a critical angle is: computed as jobs, the answers kept by case and inputs.
 
 import { angleRequest } from "./case.js";
 import { nodeAt } from "./contract.js";
 import { statesOf, submit } from "./job-progress.js";
+import { untilAnswered } from "./lost.js";
 import { uncertainInput } from "./scatter.js";
-import { Problem, ask } from "./service.js";
+import { Problem, request } from "./service.js";
 
-const known = new Map(); // the latest answer by case, while the page is open
+const known = new Map(); // the latest answer by case and inputs that scatter, while the page is open
 
 /**
  * Compute a study as a job, with few samples and, if those do not suffice, with all.
@@ -15,7 +16,7 @@ const known = new Map(); // the latest answer by case, while the page is open
  * @param {AbortSignal} signal cancels the job too
  * @yields {object} answers of `/cra/uncertainty`; before each what its job reports: `samples`, and at times the curve so far
  */
-export async function* askStudy({ values, inputs, sampling }, signal) {
+export async function* computeStudy({ values, inputs, sampling }, signal) {
   const { minimum, default: usual } = nodeAt("sampling.max_samples", {});
   const few = 2 * minimum; // the minimum leaves no room to change each input alone
   const most = sampling.max_samples ?? usual;
@@ -23,14 +24,14 @@ export async function* askStudy({ values, inputs, sampling }, signal) {
   for (const samples of few < most ? [few, most] : [most]) {
     const body = { ...angleRequest(values), uncertain, sampling: { ...sampling, max_samples: samples } };
     const { id, links } = await submit("cra/uncertainty", body, signal);
-    const cancel = () => ask(links.cancel, { method: "POST" }).catch(() => {});
+    const cancel = () => request(links.cancel, { method: "POST" }).catch(() => {});
     signal.addEventListener("abort", cancel, { once: true });
     for await (const { progress, partial } of statesOf(id, signal)) {
       if (progress) yield { samples: progress.samples, ...partial };
     }
     signal.removeEventListener("abort", cancel);
     const answer = await answerOf(links, signal);
-    known.set(keyOf(values), answer);
+    known.set(keyOf(values, inputs), answer);
     yield answer;
     if (answer.converged) return;
   }
@@ -38,16 +39,16 @@ export async function* askStudy({ values, inputs, sampling }, signal) {
 
 /** Return the answer of a job that has ended, and delete it: a list of jobs is no place for each change of an input. */
 async function answerOf({ results, self }, signal) {
-  const [item] = (await ask(results, { signal })).data.results;
+  const [item] = (await untilAnswered(() => request(results, { signal }), signal)).data.results;
   if (!item) throw new Error("The job of the study was cancelled.");
-  ask(self, { method: "DELETE" }).catch(() => {}); // its result is kept in the cache
+  request(self, { method: "DELETE" }).catch(() => {}); // its result is kept in the cache
   if (item.problem) throw new Problem(item.problem);
   return item.result;
 }
 
-/** Return the latest answer for a case at any oblique angle; undefined if there was none. */
-export function knownStudy(values) {
-  return known.get(keyOf(values));
+/** Return the latest answer for a case at any oblique angle with these inputs; undefined if there was none. */
+export function knownStudy(values, inputs) {
+  return known.get(keyOf(values, inputs));
 }
 
 /** Return a quantile of the critical angle, if it is known. [°] */
@@ -63,6 +64,7 @@ export function headline(study) {
   return `${shown(middle)} (${shown(low)} to ${shown(high)})`;
 }
 
-function keyOf(values) {
-  return JSON.stringify(angleRequest(values));
+function keyOf(values, inputs) {
+  const uncertain = inputs.map((input) => JSON.stringify(uncertainInput(input, values)));
+  return JSON.stringify([angleRequest(values), uncertain.sort()]);
 }

@@ -10,7 +10,10 @@ export const OPERATIONS = {
   cra: { label: "Critical angle", path: "cra/sweep" },
   trajectory: { label: "Outcome at an angle", path: "trajectory/sweep" },
   thickness: { label: "Least thickness at an angle", path: "thickness/sweep" },
+  probability: { label: "Probability of ricochet at an angle" }, // a study for each case: map-run.js
 };
+const MOST_VALUES = { probability: 12 }; // of an axis; a study is 256 strikes
+
 const AT_ONCE = 100; // cases that the service answers without a job
 const COARSE = 8; // rows and columns of what is seen of a large map first
 const THICKNESS = "target.thickness_m";
@@ -37,7 +40,7 @@ export function readMap(query) {
   };
 }
 
-/** Tell whether the results of a job may be shown as a map: those of a sweep over two fields. */
+/** Return whether the results of a job may be shown as a map: those of a sweep over two fields. */
 export function isMap({ operation, axes }) {
   return axes?.length === 2 && operation in OPERATIONS;
 }
@@ -70,22 +73,21 @@ export function sweepRequest({ values, operation, x, y }) {
 const BASES = {
   cra: (values) => angleRequest(values),
   trajectory: (values) => trajectoryRequest(values),
-  thickness: ({ projectile, target, impact, resistance }) => withValue({ projectile, target, impact, resistance }, THICKNESS),
+  thickness: ({ search, ...values }) => withValue(values, THICKNESS),
 };
 
 /**
  * Return a map of so few cases that they are answered at once; undefined if they never are.
  *
- * @returns {{request: object, places: {x: number[], y: number[]}, isWhole: boolean}|undefined} `places` are the columns
+ * @returns {{path: string, body: object, places: {x: number[], y: number[]}, isWhole: boolean}|undefined} `places` are the columns
  *   and rows of the map that are computed, from both ends evenly; `isWhole` if they are all
  */
 export function quickSweep(map) {
-  if (map.operation === "thickness") return undefined; // a case counts as 20
+  if (map.operation === "thickness" || isStudied(map)) return undefined; // a case counts as 20 and more
   const isWhole = map.x.count * map.y.count <= AT_ONCE;
   const [x, y] = [map.x, map.y].map(({ count }) => evenly(count, isWhole ? count : COARSE));
   const axis = (side, places) => ({ field: side.field, values: places.map((place) => numbers(side)[place]) });
-  const request = sweepRequest({ ...map, x: axis(map.x, x), y: axis(map.y, y) });
-  return { request, places: { x, y }, isWhole };
+  return { ...sweepRequest({ ...map, x: axis(map.x, x), y: axis(map.y, y) }), places: { x, y }, isWhole };
 }
 
 function evenly(count, most) {
@@ -93,12 +95,22 @@ function evenly(count, most) {
   return Array.from({ length: most }, (_, i) => Math.round((i * (count - 1)) / (most - 1)));
 }
 
-/** Tell whether the cases of a map have an oblique angle. */
+/** Return the most values that an axis of a map may have: more than a hundred are more than a picture can show. */
+export function mostValues({ operation }) {
+  return MOST_VALUES[operation] ?? 100;
+}
+
+/** Return whether a map is computed in the page, a study for each case, instead of as a job. */
+export function isStudied({ operation }) {
+  return operation === "probability";
+}
+
+/** Return whether the cases of a map have an oblique angle. */
 export function hasAngle({ operation }) {
   return operation !== "cra";
 }
 
-/** Tell whether an axis may be laid along a field: a critical angle has no angle to vary. */
+/** Return whether an axis may be laid along a field: a critical angle has no angle to vary. */
 export function isVariable(map, field) {
   const [part] = field.split(".");
   if (map.operation === "thickness" && field === THICKNESS) return false; // it is what is sought

@@ -1,4 +1,4 @@
-// Light or dark: as the system says, or as chosen.
+// Light or dark: as the system has it, or as chosen.
 
 const STORED = "ricochet-theme";
 

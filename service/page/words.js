@@ -40,8 +40,8 @@ export function statusShown(status) {
   return status.replace("_", " ");
 }
 
-/** Return paragraphs that tell how a run ended. */
-export function tellRun(run) {
+/** Return paragraphs on how a run ended. */
+export function describeRun(run) {
   const { final, target } = run;
   const speed = Math.hypot(final.depth_velocity_m_s, final.lateral_velocity_m_s);
   const rest = run.outcome === "embedded" ? "" : ` It goes on at ${digits(speed)} m/s.`;
@@ -60,7 +60,7 @@ export function tellRun(run) {
 }
 
 /** Return a paragraph on what a search found. */
-export function tellAngle(found) {
+export function describeAngle(found) {
   const range = rangeShown(found);
   const outcomes = found.outcomes ? ` ${outcomesShown(found.outcomes)}` : "";
   if (found.critical_angle_deg === undefined) {
@@ -82,7 +82,7 @@ export function tellAngle(found) {
   );
 }
 
-/** Return the outcomes of a wall by oblique angle, as in "Perforated 5.00° to 41.02°, embedded 41.02° to 44.10°." */
+/** Return the outcomes of a wall by oblique angle, as in "Perforated 5.00° to 41.02°, turned away 41.02° to 85.00°." */
 function outcomesShown(outcomes) {
   const intervals = outcomes.map(
     ({ outcome, lower_deg: lower, upper_deg: upper }) =>
@@ -101,7 +101,7 @@ function rangeShown({ alternatives = [] }) {
 }
 
 /** Return warnings as a list, each once; nothing if there are none but those that hold for every case. */
-export function tellWarnings(...lists) {
+export function warningList(...lists) {
   const own = lists.flat().filter(({ code }) => !STANDING.has(code));
   const details = new Map(own.map(({ code, detail }) => [`${code} ${detail}`, { code, detail }]));
   if (!details.size) return [];

@@ -73,7 +73,7 @@ def page(new_page: NewPage) -> Page:
 
 
 def watch(page: Page, address: str, faults: list[str]) -> None:
-    """Note every error the page tells of, and every request that leaves the service."""
+    """Record every error of the page, and every request that leaves the service."""
 
     def hear(message: ConsoleMessage) -> None:
         if message.type in {"error", "warning"}:
@@ -85,6 +85,6 @@ def watch(page: Page, address: str, faults: list[str]) -> None:
 
 
 def left(url: str, address: str) -> list[str]:
-    """Tell of a request to another place than the service."""
+    """Return the fault of a request to another place than the service."""
     inside = url.startswith((f"{address}/", "data:", "blob:"))
     return [] if inside else [f"request that leaves the service: {url}"]

@@ -17,6 +17,7 @@ OPTIONS = {"resultTypes": ["violations"]}
 COMPARED = "explore?impact.velocity_m_s=300&pin=&pin=projectile.mass_kg%3D16"
 SMALL_MAP = "#/map?x=impact.velocity_m_s,150,240,3&y=target.compressive_strength_pa,39e6,60e6,3"
 STUDY_MS = 180_000
+VIEWS = ("explore", COMPARED, "critical-angle", "how-sure", "walls", "map", "jobs")
 
 
 @pytest.fixture(scope="module")
@@ -54,11 +55,11 @@ def open_view(page: Page, view: str) -> None:
         expect(page.locator(".drawing .main-svg").first).to_be_visible()
 
 
-@pytest.mark.parametrize("view", ["explore", COMPARED, "critical-angle", "how-sure", "walls", "map", "jobs"])
-@pytest.mark.parametrize("theme", ["light", "dark"])
+@pytest.mark.parametrize("view", VIEWS)
+@pytest.mark.parametrize(("theme", "width"), [("light", 1440), ("dark", 1440), ("light", 390)])
 @pytest.mark.usefixtures("job")
-def test_no_serious_violation(new_page: NewPage, theme: Literal["light", "dark"], view: str) -> None:
-    page = new_page(theme=theme)
+def test_no_serious_violation(new_page: NewPage, theme: Literal["light", "dark"], width: int, view: str) -> None:
+    page = new_page(theme=theme, width=width, height=844)
     open_view(page, view)
     assert violations(page) == []
 
@@ -69,9 +70,9 @@ def test_violations_are_noticed(page: Page) -> None:
     assert [fault.partition(":")[0] for fault in violations(page)] == ["select-name"]
 
 
-@pytest.mark.parametrize("view", ["explore", COMPARED, "critical-angle", "how-sure", "map", "jobs"])
+@pytest.mark.parametrize("view", VIEWS)
 @pytest.mark.usefixtures("job")
 def test_narrow_window_needs_no_sideways_scrolling(new_page: NewPage, view: str) -> None:
-    page = new_page(width=380, height=800)
+    page = new_page(width=390, height=844)
     open_view(page, view)
-    assert page.evaluate("document.documentElement.scrollWidth") <= 380
+    assert page.evaluate("document.documentElement.scrollWidth") <= 390

@@ -14,11 +14,11 @@ def test_explored_case_is_reopened_from_its_address(new_page: NewPage) -> None:
     expect(page).to_have_url(re.compile("velocity_m_s=300"))
     expect(page.locator("[data-outcome]")).to_be_visible()
     page.wait_for_load_state("networkidle")  # the answer to the new speed
-    told = page.locator("[data-outcome]").inner_text()
+    words = page.locator("[data-outcome]").inner_text()
     other = new_page(theme="dark")
     other.goto(page.url)
     expect(other.get_by_role("slider", name="Speed")).to_have_value("300")
-    expect(other.locator("[data-outcome]")).to_have_text(told)
+    expect(other.locator("[data-outcome]")).to_have_text(words)
 
 
 def test_critical_angle_is_reopened_from_its_address(new_page: NewPage) -> None:

@@ -53,11 +53,11 @@ def test_strike_is_pinned_and_the_next_is_laid_over_it(page: Page, client: httpx
         searched = {name: part for name, part in PAPER_AT_45.items() if name != "impact"}
         found = client.post("/cra", json=searched | {"impact": {"velocity_m_s": velocity}}).json()
         angles.append(found["critical_angle_deg"])
-    told = table(page)
-    assert told["Speed [m/s]"] == ["300", "238"]
-    assert "Mass [kg]" not in told
-    assert told["Critical angle [°]"] == [f"{angles[0]:.2f}", f"{angles[1]:.2f} (+{angles[0] - angles[1]:.2f})"]
-    assert told["Greatest depth [mm]"] == [f"{depths[0]:.1f}", f"{depths[1]:.1f} (+{depths[0] - depths[1]:.1f})"]
+    shown = table(page)
+    assert shown["Speed [m/s]"] == ["300", "238"]
+    assert "Mass [kg]" not in shown
+    assert shown["Critical angle [°]"] == [f"{angles[0]:.2f}", f"{angles[1]:.2f} (+{angles[0] - angles[1]:.2f})"]
+    assert shown["Greatest depth [mm]"] == [f"{depths[0]:.1f}", f"{depths[1]:.1f} (+{depths[0] - depths[1]:.1f})"]
 
     drawn = traces(page, "side-view")
     assert [(meta, name) for meta, name, _ in drawn] == [(0, "This strike"), (1, "A")]
@@ -75,12 +75,12 @@ def test_pinned_strikes_are_in_the_address_and_reopened(page: Page, new_page: Ne
     expect(page.get_by_role("button", name="Pinned: 3, the most")).to_be_disabled()
     page.wait_for_function(IDLE)
     expect(page).to_have_url(re.compile("(pin=.*){3}"))
-    told = table(page)
-    assert told["Speed [m/s]"] == ["200", "238", "300", "260"]
+    shown = table(page)
+    assert shown["Speed [m/s]"] == ["200", "238", "300", "260"]
     other = new_page(theme="dark")
     other.goto(page.url)
     other.wait_for_function(IDLE)
-    assert table(other) == told
+    assert table(other) == shown
     expect(other.get_by_role("alert").filter(has_text="Not understood")).to_have_count(0)
     other.get_by_role("button", name="Remove B").click()
     other.wait_for_function(IDLE)

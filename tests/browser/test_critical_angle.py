@@ -90,7 +90,7 @@ def test_other_laws_are_listed_and_their_range_is_in_the_headline(page: Page, cl
     expect(page.get_by_role("region", name="Answer")).to_contain_text(f"({lowest} to {highest} under other laws)")
 
 
-def test_range_without_ricochet_is_told_in_words(page: Page) -> None:
+def test_range_without_ricochet_is_shown_in_words(page: Page) -> None:
     page.goto("/#/critical-angle?search.upper_deg=30")
     expect(page.get_by_text("there is no critical angle")).to_be_visible()
     expect(page.get_by_role("heading", name="Just below and just above")).to_be_hidden()
@@ -111,13 +111,13 @@ def test_spread_stands_beside_the_angle_and_is_refined_on_demand(page: Page, cli
     page.goto("/#/critical-angle")
     spread = page.get_by_role("group", name="Spread")
     expect(spread).to_contain_text("256 searches", timeout=ALL_MS)
-    found = re.search(r"Spread ([\d.]+)° to ([\d.]+)°", spread.inner_text())
+    found = re.search(r"90 % range ([\d.]+)° to ([\d.]+)°", spread.inner_text())
     assert found is not None
     low, high = map(float, found.groups())
     assert low < 48.63 < high
     page.get_by_role("button", name="Refine the spread").click()
     expect(spread).not_to_contain_text("256 searches", timeout=ALL_MS)
-    found = re.search(r"Spread ([\d.]+)° to ([\d.]+)°", spread.inner_text())
+    found = re.search(r"90 % range ([\d.]+)° to ([\d.]+)°", spread.inner_text())
     assert found is not None
     assert list(map(float, found.groups())) == pytest.approx([low, high], abs=0.5)
 

@@ -149,7 +149,7 @@ def test_bad_value_is_refused_at_the_field_and_has_no_picture(page: Page) -> Non
     wait_for_another_outline(page, before)
 
 
-def test_what_only_the_service_can_tell_is_shown_at_the_field(page: Page, faults: list[str]) -> None:
+def test_error_of_the_service_is_shown_at_the_field(page: Page, faults: list[str]) -> None:
     open_explore(page)
     field = page.get_by_label("Length", exact=True)
     field.fill("50")
@@ -193,7 +193,7 @@ def test_every_strength_law_has_its_fields_and_its_factor(page: Page) -> None:
     expect(outcome).to_contain_text("Strength factor 10.7.")
 
 
-def test_other_laws_tell_of_this_strike_and_of_its_angle(page: Page) -> None:
+def test_other_laws_include_this_strike_and_its_angle(page: Page) -> None:
     open_explore(page)
     table = page.get_by_role("table", name="Under other laws")
     rows = table.locator("tbody tr")
@@ -256,11 +256,15 @@ def test_preset_is_one_click(page: Page, name: str, diameter: str) -> None:
     expect(page.locator("[data-outcome]")).to_be_visible()
 
 
-def test_help_of_a_field_is_seen_while_it_is_used(page: Page) -> None:
+def test_help_of_a_field_is_seen_while_it_is_used_or_on_request(page: Page) -> None:
     open_explore(page)
     words = page.get_by_text("From the nose tip to the base, at least the length of the nose.")
     expect(words).to_be_hidden()
     page.get_by_label("Length", exact=True).focus()
+    expect(words).to_be_visible()
+    page.get_by_label("Speed", exact=True).focus()
+    expect(words).to_be_hidden()
+    page.get_by_label("Describe every field").check()
     expect(words).to_be_visible()
     expect(page.locator("form [title]")).to_have_count(0)
 
@@ -311,7 +315,10 @@ def test_plot_is_downloaded_as_svg_png_and_csv_that_say_what_they_are(page: Page
         download.value.save_as(tmp_path / f"side-view.{form.lower()}")
     picture = (tmp_path / "side-view.svg").read_text()
     assert picture.startswith("<svg")
-    for words in ("Side view: embedded", "238 m/s, 45° from the normal, ogive nose, 80 mm × 530 mm, 13 kg, 39 MPa"):
+    for words in (
+        "Side view: embedded",
+        "238 m/s, 45° from the normal, ogive nose, ⌀ 80 mm, 530 mm long, 13 kg, 39 MPa",
+    ):
         assert words in picture
     assert re.search(r"key [0-9a-f]{64}", picture)
     assert (tmp_path / "side-view.png").read_bytes().startswith(b"\x89PNG")
@@ -325,7 +332,7 @@ def test_plot_is_downloaded_as_svg_png_and_csv_that_say_what_they_are(page: Page
     assert float(rows[-1]["nose_tip_depth_m"]) == pytest.approx(outline(page)[1][0])
 
 
-def test_copied_command_and_program_ask_what_is_shown(page: Page) -> None:
+def test_copied_command_and_program_request_what_is_shown(page: Page) -> None:
     open_explore(page, "?impact.oblique_angle_deg=52")
     page.context.grant_permissions(["clipboard-read", "clipboard-write"])
     page.get_by_role("button", name="Copy as curl").click()
@@ -339,6 +346,10 @@ def test_copied_command_and_program_ask_what_is_shown(page: Page) -> None:
     program = page.evaluate("navigator.clipboard.readText()")
     compile(program, "copied", "exec")
     assert '"oblique_angle_deg": 52' in program
+    copied = page.get_by_label("What was copied")
+    expect(copied).to_be_visible()
+    page.get_by_label("Oblique angle", exact=True).fill("53")
+    expect(copied).to_be_hidden()
 
 
 def test_theme_chosen_is_kept(page: Page) -> None:
@@ -359,15 +370,15 @@ def test_step_of_a_slider_is_answered_while_it_moves(page: Page) -> None:
     assert statistics.median(steps[-STEPS:]) < PATIENCE_MS
 
 
-def test_while_a_slider_moves_one_request_at_a_time_asks_for_the_latest_value(page: Page) -> None:
+def test_while_a_slider_moves_one_request_at_a_time_has_the_latest_value(page: Page) -> None:
     open_explore(page)
-    asked: list[float] = []
+    requested: list[float] = []
     running = [0]
     most = [0]
 
     def begin(request: Any) -> None:
         if request.url.endswith("/trajectory"):
-            asked.append(json.loads(request.post_data)["impact"]["velocity_m_s"])
+            requested.append(json.loads(request.post_data)["impact"]["velocity_m_s"])
             running[0] += 1
             most[0] = max(most[0], running[0])
 
@@ -388,4 +399,4 @@ def test_while_a_slider_moves_one_request_at_a_time_asks_for_the_latest_value(pa
     )
     page.wait_for_function("() => performance.getEntriesByName('ricochet: side view').length >= 3")
     assert most[0] == 1
-    assert asked == [300, 360]
+    assert requested == [300, 360]

@@ -159,18 +159,40 @@ def test_bad_distributions_are_marked_at_their_fields(page: Page, faults: list[s
     expect(page.get_by_role("button", name="Run")).to_be_disabled()
 
 
-def test_explore_says_how_sure_once_a_study_of_the_case_is_there(page: Page) -> None:
+def test_explore_shows_the_spread_of_the_usual_inputs_and_no_other_study(page: Page) -> None:
+    spread = page.get_by_role("group", name="Spread")
+    usual = "with the usual scatter of speed, compressive strength, density, mass, angle of attack, free surface"
     page.goto(f"/#/how-sure?{TWO}")
     wait(page)
+    page.get_by_role("link", name="Explore").click()
+    expect(spread).to_contain_text(usual)
+    quick = spread.inner_text()
+    page.get_by_role("link", name="How sure", exact=True).click()
+    run(page)
     headline = page.locator(".angle").inner_text()
     page.get_by_role("link", name="Explore").click()
-    spread = page.get_by_role("group", name="Spread")
-    expect(spread).to_contain_text(headline)
+    expect(spread).to_contain_text(usual)
+    expect(spread).not_to_contain_text("256 searches")
+    expect(page.get_by_role("button", name="Refine the spread")).to_have_count(0)
+    shown = [f"{float(each):.0f}" for each in re.findall(r"([\d.]+)°", spread.inner_text())]
+    assert shown == re.findall(r"[\d.]+", headline)
     page.get_by_role("slider", name="Speed").fill("250")
     expect(spread).to_contain_text("256 searches")
-    expect(spread).not_to_contain_text(headline)
-    page.get_by_role("slider", name="Speed").fill("238")
-    expect(spread).to_contain_text(headline)
+    page.get_by_label("Free surface").select_option("none")
+    expect(spread).to_contain_text("mass, angle of attack (by")
+    assert quick
+
+
+def test_lost_submission_is_repeated(page: Page, faults: list[str]) -> None:
+    page.route("**/cra/uncertainty", lambda route: route.abort())
+    page.goto(f"/#/how-sure?{TWO}")
+    expect(page.get_by_role("alert").filter(has_text="The service does not answer.")).to_be_visible()
+    page.wait_for_timeout(9_000)  # more than five tries
+    page.unroute("**/cra/uncertainty")
+    wait(page)
+    expect(page.get_by_role("alert").filter(has_text="The service does not answer.")).to_have_count(0)
+    assert all("ERR_FAILED" in fault for fault in faults)
+    faults.clear()
 
 
 def test_study_that_is_stopped_while_it_is_submitted_leaves_no_job_running(page: Page) -> None:

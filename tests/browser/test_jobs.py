@@ -35,14 +35,14 @@ def test_job_is_seen_to_run_and_can_be_cancelled(page: Page, client: httpx.Clien
 
 def test_table_has_the_newest_page_and_loads_older_jobs_on_demand(page: Page, client: httpx.Client) -> None:
     jobs = [client.post("/cra/batch", json={"cases": searches(1)}, headers=ASYNC).json() for _ in range(3)]
-    asked: list[str] = []
-    page.on("request", lambda request: asked.append(request.url) if "/jobs?" in request.url else None)
+    requested: list[str] = []
+    page.on("request", lambda request: requested.append(request.url) if "/jobs?" in request.url else None)
     page.route("**/jobs?*", lambda route: route.continue_(url=route.request.url.replace("limit=50", "limit=2")))
     page.goto("/#/jobs")
     for job, count in zip(jobs, (0, 1, 1), strict=True):
         expect(row_of(page, job)).to_have_count(count)
     expect(page.get_by_text("The newest 2 jobs. There are older ones.")).to_be_visible()
-    assert not any("cursor" in url for url in asked)
+    assert not any("cursor" in url for url in requested)
     page.get_by_role("button", name="Load older jobs").click()
     expect(row_of(page, jobs[0])).to_have_count(1)
     expect(row_of(page, jobs[2])).to_have_count(1)
@@ -74,6 +74,8 @@ def test_results_are_downloaded(page: Page, client: httpx.Client, tmp_path: Path
     page.goto("/#/jobs")
     with page.expect_download() as download:
         row_of(page, job).get_by_role("button", name=form).click()
+    ending = {"HDF5": "h5"}.get(form, form.lower())
+    assert download.value.suggested_filename == f"ricochet-4-critical-angles.{ending}"
     path = tmp_path / "results"
     download.value.save_as(path)
     assert count_of(path, form) == 4

@@ -1,6 +1,7 @@
 """Maps: sweeps as jobs, drawn while they run."""
 
 import csv
+import json
 import re
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ import pytest
 from playwright.sync_api import Page, expect
 
 from service.schemas.examples import PAPER
+from service.schemas.reports import CENTRES, USUAL_SCATTER
 
 from .downloads import data_lines
 
@@ -141,12 +143,105 @@ def test_map_says_that_the_service_is_away_and_goes_on_once_it_is_back(page: Pag
     open_map(page, x="impact.velocity_m_s,238,300,2", y="projectile.mass_kg,13,14,3", rest="")
     page.route("**/jobs/**", lambda route: route.abort())
     page.get_by_role("button", name="Run").click()
-    expect(page.locator("#map-progress")).to_have_text("The service does not answer. It is tried again until it does.")
+    lost = page.get_by_role("alert").filter(has_text="The service does not answer.")
+    expect(lost).to_be_visible()
     page.unroute("**/jobs/**")
     expect(page.locator("#map-progress")).to_have_text("All 6 cases are computed.")
     expect(page.locator("#map-counts")).to_contain_text("6 with an angle")
+    expect(lost).to_have_count(0)
     assert all("ERR_FAILED" in fault for fault in faults)
     faults.clear()
+
+
+@pytest.mark.parametrize("size", [2, 12])
+def test_lost_preview_and_coarse_grid_are_repeated(page: Page, faults: list[str], size: int) -> None:
+    page.route("**/cra/sweep", lambda route: route.abort())
+    open_map(page, x=f"impact.velocity_m_s,238,300,{size}", y=f"projectile.mass_kg,13,14,{size}", rest="")
+    if size > 10:
+        page.get_by_role("button", name="Run").click()
+    lost = page.get_by_role("alert").filter(has_text="The service does not answer.")
+    expect(lost).to_be_visible()
+    page.unroute("**/cra/sweep")
+    expect(page.locator("#map-progress")).to_have_text(f"All {size * size} cases are computed.")
+    expect(lost).to_have_count(0)
+    assert all("ERR_FAILED" in fault for fault in faults)
+    faults.clear()
+
+
+def test_map_of_probabilities_is_that_of_the_service(page: Page, client: httpx.Client, tmp_path: Path) -> None:
+    page.goto("/#/map?operation=probability&x=impact.oblique_angle_deg,30,70,3&y=impact.velocity_m_s,238,300,2")
+    page.get_by_role("button", name="Run").click()
+    expect(page.locator("#map-progress")).to_have_text("All 6 cases are computed.", timeout=ALL_DONE_MS)
+    expect(page.locator("#map-counts")).to_contain_text("6 with a probability")
+    expect(page.locator("#map-counts")).to_contain_text("with the usual scatter of speed, compressive strength")
+    drawn = heat(page, 1)
+    scatter = [
+        {"field": field, "distribution": usual | ({CENTRES[usual["type"]]: value} if value is not None else {})}
+        for (field, usual), value in zip(USUAL_SCATTER.items(), (238.0, 39e6, 2250.0, 13.0, 0.0, None), strict=True)
+    ]
+    sampling = {"max_samples": 256, "method": "direct", "half_width": 0.5}
+    for column, angle in enumerate((30.0, 50.0, 70.0)):
+        impact = {"velocity_m_s": 238.0, "oblique_angle_deg": angle}
+        body = PAPER | {"impact": impact, "uncertain": scatter, "sampling": sampling}
+        answer = client.post("/trajectory/uncertainty", json=body, timeout=60.0).raise_for_status().json()
+        outcomes = {each["outcome"]: each["value"] for each in answer["outcomes"]}
+        assert drawn[0][column] == pytest.approx(outcomes.get("ricochet", 0.0), abs=1e-9)
+    assert drawn[0][0] is not None
+    assert drawn[0][2] is not None
+    assert drawn[0][0] < 0.2
+    assert drawn[0][2] > 0.8
+    with page.expect_download() as download:
+        page.get_by_role("button", name="Download the data").click()
+    download.value.save_as(tmp_path / "map.csv")
+    rows = list(csv.DictReader(data_lines(tmp_path / "map.csv")))
+    assert [float(row["ricochet_probability"]) for row in rows] == [value for row in drawn for value in row]
+    assert all(re.fullmatch("[0-9a-f]{64}", row["key"]) for row in rows)
+
+
+def test_map_of_probabilities_is_bounded_and_cancelled(page: Page) -> None:
+    page.goto("/#/map?operation=probability&x=impact.velocity_m_s,150,450,13&y=projectile.mass_kg,11,17,12")
+    expect(page.get_by_text("Takes 1 to 12 values.")).to_be_visible()
+    expect(page.get_by_role("button", name="Run")).to_be_disabled()
+    page.get_by_role("group", name="Horizontal axis").get_by_label("Values").fill("12")
+    page.get_by_role("button", name="Run").click()
+    expect(page.locator("#map-progress")).to_have_text(re.compile(r"^[1-9]\d* of 144 cases"))
+    page.get_by_role("button", name="Cancel").click()
+    expect(page.locator("#map-progress")).to_have_text(re.compile(r"^Cancelled after \d+ of 144 cases\.$"))
+    words = page.locator("#map-progress").inner_text()
+    page.wait_for_timeout(1_000)
+    assert page.locator("#map-progress").inner_text() == words
+    expect(page.get_by_role("button", name="Cancel")).to_be_disabled()
+
+
+def test_warnings_that_few_cases_have_are_named_in_the_legend(page: Page) -> None:
+    page.goto("/#/map?x=impact.velocity_m_s,100,900,9&y=target.compressive_strength_pa,20e6,100e6,9")
+    expect(page.locator("#map-progress")).to_have_text("All 81 cases are computed.")
+    legend = page.locator(".map .drawing").evaluate("plot => plot.data.map(({ name }) => name).filter(Boolean)")
+    named = [each for each in legend if each.startswith("warning: ")]
+    assert named, legend
+    assert all(re.fullmatch(r"warning: [a-z ]+ \(\d+\)", each) for each in named)
+
+
+def test_files_of_a_map_name_what_varies_and_leave_its_values_out(page: Page, tmp_path: Path) -> None:
+    page.goto("/#/map?x=impact.velocity_m_s,238,300,2&y=target.compressive_strength_pa,39e6,50e6,2")
+    expect(page.locator("#map-progress")).to_have_text("All 4 cases are computed.")
+    for form, button in {"csv": "Download the data", "svg": "Download the plot as SVG"}.items():
+        with page.expect_download() as download:
+            page.get_by_role("button", name=button).click()
+        name = f"ricochet-critical-angle-over-speed-and-compressive-strength.{form}"
+        assert download.value.suggested_filename == name
+        download.value.save_as(tmp_path / f"map.{form}")
+    title, case, *rest = (tmp_path / "map.csv").read_text().splitlines()
+    assert title == "# Critical angle over speed and compressive strength"
+    fixed = json.loads(case.removeprefix("# case: "))
+    assert fixed["target"] == {"density_kg_m3": 2250.0}
+    assert "impact" not in fixed or "velocity_m_s" not in fixed["impact"]
+    assert not any(line.startswith("# key") for line in rest), "a preview is no job"
+    assert all(re.fullmatch("[0-9a-f]{64}", row["key"]) for row in csv.DictReader(data_lines(tmp_path / "map.csv")))
+    picture = (tmp_path / "map.svg").read_text()
+    assert "Critical angle over speed and compressive strength" in picture
+    assert "ogive nose, ⌀ 80 mm, 530 mm long, 13 kg, 2250 kg/m³" in picture
+    assert "238 m/s" not in picture
 
 
 def test_map_whose_job_is_gone_says_so_and_can_be_run_again(page: Page, faults: list[str]) -> None:
@@ -211,7 +306,7 @@ def test_map_of_inputs_before_is_marked(page: Page) -> None:
     stop = page.get_by_role("group", name="Horizontal axis").get_by_label("To")
     for value, marked in (("310", 1), ("300", 0)):
         stop.fill(value)
-        expect(page.locator("[aria-busy=true]").filter(has=page.locator(".map"))).to_have_count(marked)
+        expect(page.locator(".map[aria-busy=true]")).to_have_count(marked)
     expect(picture).to_be_visible()
     stop.fill("310")
     page.get_by_role("button", name="Run").click()

@@ -1,9 +1,17 @@
 """Printing: any view is black on white without controls, no picture is cut; the report opens in a tab."""
 
 import re
+import shutil
+import subprocess
+from pathlib import Path
 
+import httpx
+import numpy as np
 import pytest
+from PIL import Image
 from playwright.sync_api import Page, ViewportSize, expect
+
+from tests.api.many import ASYNC, LINES, finished, lines, searches
 
 from .conftest import NewPage
 
@@ -14,6 +22,18 @@ OVERHANG = """() => [...document.querySelectorAll(".drawing .main-svg, table, .p
   .filter((each) => each.getBoundingClientRect().width > 0)
   .map((each) => [each.className.baseVal ?? each.className, each.getBoundingClientRect().right])
   .filter(([, right]) => right > innerWidth + 1)"""
+DPI = 60
+MARGIN_PX = int(11 / 25.4 * DPI)
+STUDY = "how-sure?scatter=impact.velocity_m_s,normal,coefficient_of_variation:0.02&sampling.max_samples=512"
+FILLED = {
+    "explore": ("explore?pin=impact.velocity_m_s%3D300", ".histories .main-svg"),
+    "critical-angle": ("critical-angle", ".curves .main-svg"),
+    "how-sure": (STUDY, ".tornado .main-svg"),
+    "walls": ("walls", "table"),
+    "map": ("map", ".map .main-svg"),
+    "jobs": ("jobs", "table"),
+}
+"""Views with all they show, each with what comes last."""
 COLOUR = "() => [document.documentElement, document.body].map((each) => getComputedStyle(each).color)"
 
 
@@ -37,6 +57,37 @@ def test_view_prints_black_on_white_without_controls(new_page: NewPage, view: st
     assert {
         (round(float(w)), round(float(h))) for w, h in re.findall(rb"/MediaBox\s*\[0 0 ([\d.]+) ([\d.]+)\]", printed)
     } == {(595, 842)}
+
+
+@pytest.mark.parametrize("view", FILLED)
+def test_sheets_are_dark_on_white_within_their_margins(
+    new_page: NewPage, client: httpx.Client, tmp_path: Path, view: str
+) -> None:
+    if shutil.which("pdftoppm") is None:
+        pytest.skip("no pdftoppm here: install poppler-utils")
+    job = client.post("/cra/batch", content=lines(searches(1)), headers=LINES | ASYNC).json()
+    finished(client, job)
+    address, last = FILLED[view]
+    page = new_page(theme="dark")
+    page.goto(f"/#/{address}")
+    expect(page.locator(last).first).to_be_visible(timeout=180_000)
+    expect(page.locator("[aria-busy=true]:visible")).to_have_count(0)
+    page.pdf(path=tmp_path / "view.pdf", prefer_css_page_size=True)
+    render = ["pdftoppm", "-r", str(DPI), "-gray", "-png", "view.pdf", "sheet"]
+    subprocess.run(render, cwd=tmp_path, check=True)
+    words = subprocess.check_output(["pdftotext", "view.pdf", "-"], cwd=tmp_path, text=True)  # noqa: S607
+    assert not {"Start from", "Copy this case", "Pin to compare", "Theme"} & set(words.replace(":", "").splitlines())
+    sheets = sorted(tmp_path.glob("sheet*.png"))
+    assert 1 <= len(sheets) <= 6
+    for number, sheet in enumerate(sheets, start=1):
+        grey = np.asarray(Image.open(sheet))
+        inside = grey[MARGIN_PX:-MARGIN_PX, MARGIN_PX:-MARGIN_PX]
+        outside = grey.astype(float)
+        outside[MARGIN_PX:-MARGIN_PX, MARGIN_PX:-MARGIN_PX] = 255
+        assert outside.min() >= 250, "nothing is beyond the margins"
+        assert np.median(grey) == 255, "the sheet is white"
+        ink = np.mean(inside < 128)  # text, lines and the colours of a map
+        assert (0.002 if number < len(sheets) else 0.0) < ink < 0.35
 
 
 def test_report_opens_in_a_new_tab_with_its_style(page: Page) -> None:

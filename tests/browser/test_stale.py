@@ -4,6 +4,7 @@ import json
 from typing import Any
 
 import httpx
+import pytest
 from playwright.sync_api import Page, Route, expect
 
 from service.schemas.examples import PAPER
@@ -51,12 +52,12 @@ def test_number_that_is_not_of_the_inputs_shown_is_marked(page: Page, client: ht
     unmarked = {(float(value), text) for value, what, text, marked in seen if what == "angle" and not marked}
     assert unmarked <= {(value, angles[value]) for value in SPEEDS}
     assert len(unmarked) >= 3
-    told: dict[str, set[str]] = {}
+    outcomes: dict[str, set[str]] = {}
     for value, what, text, marked in seen:
         if what == "outcome" and not marked:
-            told.setdefault(value, set()).add(text)
-    assert len(told) >= 3
-    assert all(len(texts) == 1 for texts in told.values()), told
+            outcomes.setdefault(value, set()).add(text)
+    assert len(outcomes) >= 3
+    assert all(len(texts) == 1 for texts in outcomes.values()), outcomes
     assert any(marked for *_, marked in seen)
 
 
@@ -99,24 +100,41 @@ def test_lost_service_is_said_beside_the_picture_and_tried_again(page: Page, fau
     faults.clear()  # browsers put each into the console
 
 
+@pytest.mark.parametrize("path", ["**/cra/uncertainty", "**/trajectory", "**/cra"])
+def test_message_on_a_lost_request_goes_with_its_answer(page: Page, faults: list[str], path: str) -> None:
+    open_view(page)
+    page.get_by_text("Under other laws").click()
+    expect(page.get_by_role("table", name="Under other laws")).to_be_visible()
+    page.route(path, lambda route: route.abort())
+    speed(page).fill("300")
+    lost = page.get_by_role("alert").filter(has_text="The service does not answer. Trying again.")
+    expect(lost).to_be_visible()
+    page.unroute(path)
+    expect(lost).to_have_count(0)
+    page.wait_for_function(IDLE)
+    expect(page.locator("[aria-busy=true]")).to_have_count(0)
+    assert all("ERR_FAILED" in fault for fault in faults)
+    faults.clear()
+
+
 def test_papers_searches_wait_until_they_are_opened_and_end_with_the_inputs(page: Page) -> None:
-    asked: list[str] = []
+    requested: list[str] = []
     ended: list[str] = []
 
     def method(request: Any) -> str:
         is_search = request.method == "POST" and request.url.endswith("/cra")
         return str(json.loads(request.post_data).get("search", {}).get("method", "")) if is_search else ""
 
-    page.on("request", lambda request: asked.append(method(request)))
+    page.on("request", lambda request: requested.append(method(request)))
     page.on("requestfailed", lambda request: ended.append(method(request)))
     open_view(page, "critical-angle")
-    assert "outcome" in asked
-    assert "bisection" not in asked
+    assert "outcome" in requested
+    assert "bisection" not in requested
     page.get_by_text("How it was found").click()
     with page.expect_request(lambda request: method(request) == "bisection"):
         pass
     page.route("**/cra", lambda route: route.continue_())
     speed(page).fill("301")
     expect(page.get_by_role("table", name="Secant (paper)")).to_be_visible()
-    assert asked.count("secant") == 1, "those of the inputs before are given up"
+    assert requested.count("secant") == 1, "those of the inputs before are given up"
     assert "bisection" in ended

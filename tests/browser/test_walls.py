@@ -1,5 +1,6 @@
 """Walls: thicknesses by model and by formula, and the speed that perforates a wall."""
 
+import json
 import re
 
 import httpx
@@ -61,6 +62,16 @@ def test_case_with_a_plug_is_computed_with_it_alone_and_shared_by_its_address(pa
     expect(page).to_have_url(re.compile(r"resistance\.rear_plug\.cone_angle_deg=66\.1"))
     page.reload()
     assert rows(page)["This model"] == plugged
+
+
+def test_numerics_of_the_address_are_kept(page: Page, client: httpx.Client) -> None:
+    numerics = {"retention_energy_fraction": 0.2}
+    with page.expect_request("**/thickness") as posted:
+        page.goto("/#/walls?numerics.retention_energy_fraction=0.2")
+    assert json.loads(posted.value.post_data or "")["numerics"] == numerics
+    shown = rows(page)
+    answer = client.post("/thickness", json=STRIKE | {"numerics": numerics}).json()
+    assert shown["This model"][0] == f"{1e3 * answer['least_thickness_m']:.0f}"
 
 
 def test_field_out_of_its_bounds_says_so(page: Page) -> None:

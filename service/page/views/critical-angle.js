@@ -1,21 +1,22 @@
 // Critical angle: how three searches find it, and what happens just below and above.
 
 import { caseQuery, readCase, replaceAddress } from "../address.js";
-import { alternativesTable, askAngles } from "../alternatives.js";
+import { alternativesTable, requestAngles } from "../alternatives.js";
 import { Answer, MODEL_FIELDS } from "../answer.js";
 import { angleRequest, withValue } from "../case.js";
 import { METHODS, drawAngles, drawPositions, summary, trialTable } from "../convergence.js";
 import { copyButtons } from "../copy-as.js";
-import { askCurves, drawCurves } from "../curves.js";
+import { drawCurves, requestCurves } from "../curves.js";
 import { element } from "../elements.js";
 import { buildFold } from "../fold.js";
 import { buildForm } from "../form.js";
 import { latest } from "../latest.js";
+import { lostNote } from "../lost.js";
 import { purge } from "../plots.js";
 import { presetLinks } from "../presets.js";
 import { reportButton } from "../report.js";
-import { askRun } from "../run.js";
-import { Problem, ask, isLost } from "../service.js";
+import { computeRun } from "../run.js";
+import { Problem, request } from "../service.js";
 import { drawSideView } from "../side-view.js";
 import { clearParts, markFresh, markStale } from "../stale.js";
 import { outcomeShown } from "../words.js";
@@ -28,10 +29,6 @@ const REST_MS = 300; // without a change before the curves are computed: they ar
 /** Show the view. */
 export async function show(root, query) {
   const fail = (error) => {
-    if (isLost(error)) {
-      parts.problem.textContent = `${error.message} It is tried again until it does; what is grey is of the inputs before.`;
-      return;
-    }
     if (error instanceof Problem && error.errors.length) refuse();
     parts.problem.textContent = error.errors ? form.showProblems(error) || "A field is not accepted." : error.message;
   };
@@ -40,7 +37,7 @@ export async function show(root, query) {
     "Under other laws",
     element("div.laws-table"),
     async (values, signal) => {
-      const other = await askAngles(values, signal);
+      const other = await requestAngles(values, signal);
       if (signal.aborted) return;
       answer.setAlternatives(other, values);
       laws.root.lastChild.replaceChildren(alternativesTable(other));
@@ -52,14 +49,13 @@ export async function show(root, query) {
     onError: fail,
     onAngle(data, values) {
       [found, foundFor] = [data, values];
-      parts.problem.textContent = "";
-      askSides(values);
-      askAround(values);
+      updateSides(values);
+      updateCurves(values);
     },
   });
   const parts = build(root, Number(query.get(OFFSET)), answer.root, [searches.root, laws.root]);
 
-  const askSides = latest(async (values, signal) => {
+  const updateSides = latest(async (values, signal) => {
     const angle = found.critical_angle_deg;
     parts.sidePanel.hidden = angle === undefined;
     if (angle === undefined) return markFresh(...parts.sides);
@@ -67,31 +63,34 @@ export async function show(root, query) {
     const angles = [Math.max(angle - offset, 0), Math.min(angle + offset, LARGEST_DEG)];
     const runs = await Promise.all(
       angles.map(async (each) => {
-        const run = await askRun(withValue(values, "impact.oblique_angle_deg", each), signal);
+        const run = await computeRun(withValue(values, "impact.oblique_angle_deg", each), signal);
         return { run, name: `${each.toFixed(2)}°: ${outcomeShown(run.outcome)}` };
       }),
     );
     await Promise.all(runs.map((each, i) => drawSideView(parts.sides[i], [each], each.run.history.time_s.length - 1)));
-    if (!signal.aborted && !askSides.isBehind()) markFresh(...parts.sides);
+    if (!signal.aborted && !updateSides.isBehind()) markFresh(...parts.sides);
   }, fail, { supersede: true });
 
-  const askAround = latest(async (values, signal) => {
-    const curves = await askCurves(values, signal);
+  const updateCurves = latest(async (values, signal) => {
+    const curves = await requestCurves(values, signal);
     if (signal.aborted) return;
     await drawCurves(parts.curves, curves, values, found);
-    if (!signal.aborted && !askAround.isBehind()) markFresh(parts.curves);
+    if (!signal.aborted && !updateCurves.isBehind()) markFresh(parts.curves);
   }, fail, { supersede: true, restMs: REST_MS });
 
   const ofCase = [...parts.sides, parts.curves];
   const change = (values) => {
+    copy.clear();
+    parts.problem.textContent = "";
     markStale(...ofCase);
-    for (const asker of [askSides, askAround]) asker.cancel();
+    for (const each of [updateSides, updateCurves]) each.cancel();
     answer.setCase(values);
     for (const fold of [searches, laws]) fold.setCase(values);
     readdress();
   };
   const refuse = () => {
-    for (const asker of [askSides, askAround]) asker.cancel();
+    parts.problem.textContent = "";
+    for (const each of [updateSides, updateCurves]) each.cancel();
     answer.clear();
     for (const fold of [searches, laws]) fold.clear();
     clearParts(...ofCase);
@@ -111,16 +110,17 @@ export async function show(root, query) {
     onChange: change,
     onRefuse: refuse,
   });
-  parts.copy.append(copyButtons(form.currentCase));
+  const copy = copyButtons(form.currentCase);
+  parts.copy.append(copy.root);
   parts.problem.before(element("p.actions", {}, reportButton(() => angleRequest(form.currentCase()), fail)));
   parts.offset.addEventListener("change", () => {
     markStale(...parts.sides);
-    if (foundFor === form.currentCase()) askSides(foundFor);
+    if (foundFor === form.currentCase()) updateSides(foundFor);
     readdress();
   });
   change(form.currentCase());
   return () => {
-    for (const each of [answer, askSides, askAround, searches, laws]) each.stop();
+    for (const each of [answer, updateSides, updateCurves, searches, laws]) each.stop();
     for (const plot of root.querySelectorAll(".plot")) purge(plot);
   };
 }
@@ -152,7 +152,7 @@ async function showSearches(root, values, signal) {
   const part = (name) => root.querySelector(name);
   const answers = {};
   for (const method of Object.keys(METHODS)) {
-    answers[method] = (await ask("cra", { body: angleRequest(values, searchOf(values, method)), signal })).data;
+    answers[method] = (await request("cra", { body: angleRequest(values, searchOf(values, method)), signal })).data;
   }
   if (signal.aborted) return;
   part(".summary").replaceChildren(summary(answers));
@@ -180,7 +180,6 @@ function build(root, offset, answer, folds) {
     element("p", {}, element("label", { for: "offset" }, "Distance from the critical angle "), parts.offset),
     element("div.pair", {}, ...parts.sides),
   );
-  const section = (title, ...content) => element("section.panel", {}, element("h2", {}, title), ...content);
   root.append(
     element("h1", {}, "Critical angle"),
     element(
@@ -191,11 +190,12 @@ function build(root, offset, answer, folds) {
         "div.pictures",
         {},
         parts.problem,
+        lostNote(),
         answer,
         parts.sidePanel,
         element("section.panel.across", {}, element("h2", {}, "Over speed and over strength"), parts.curves),
         ...folds,
-        section("Copy this case", parts.copy),
+        element("section.panel.copy", {}, element("h2", {}, "Copy this case"), parts.copy),
       ),
     ),
   );

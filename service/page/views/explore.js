@@ -1,7 +1,7 @@
 // Explore: one strike, as its fields are changed.
 
 import { address, caseOf, caseQuery, readAddress, readCase, replaceAddress } from "../address.js";
-import { alternativesTable, askAngles, askOutcomes } from "../alternatives.js";
+import { alternativesTable, requestAngles, requestOutcomes } from "../alternatives.js";
 import { Answer, MODEL_FIELDS } from "../answer.js";
 import { Compare, readPins, writePins } from "../compare.js";
 import { copyButtons } from "../copy-as.js";
@@ -10,20 +10,22 @@ import { buildFold } from "../fold.js";
 import { buildForm } from "../form.js";
 import { drawHistories, moveInstant } from "../histories.js";
 import { latest } from "../latest.js";
+import { lostNote, pause } from "../lost.js";
 import { purge } from "../plots.js";
 import { presetLinks } from "../presets.js";
 import { reportButton } from "../report.js";
-import { askRun, rowAt } from "../run.js";
+import { computeRun, rowAt } from "../run.js";
 import { buildScrubber } from "../scrubber.js";
-import { Problem, isLost } from "../service.js";
+import { Problem } from "../service.js";
 import { drawSideView, markCritical, moveOutline } from "../side-view.js";
 import { clearParts, markFresh, markStale } from "../stale.js";
 import { TurnHandle } from "../turn-handle.js";
-import { outcomeShown, tellRun, tellWarnings } from "../words.js";
+import { describeRun, outcomeShown, warningList } from "../words.js";
 
+const ANGLE_MS = 20; // between side view and histories, for an angle that has arrived to be shown
 const ABOUT =
-  "A rigid projectile strikes concrete at a slant: below the critical angle, measured from the normal, it digs in, above it is " +
-  "turned away. Try first: move the slider of the oblique angle through the critical angle and see the outcome flip.";
+  "A rigid projectile strikes concrete at an oblique angle, measured from the normal, and is turned away above the critical " +
+  "angle: first, move the slider of the oblique angle through the critical angle to see the outcome change.";
 
 /** Show the view. */
 export async function show(root, query) {
@@ -42,13 +44,13 @@ class Explore {
     const parts = build(root, this.answer.root, this.compare.root, this.laws.root);
     this.parts = parts;
     this.instant = query.has("time_ms") ? Number(query.get("time_ms")) / 1e3 : Infinity; // the last unless chosen
-    this.askPicture = latest((values, signal) => this.showPicture(values, signal), fail);
+    this.updatePicture = latest((values, signal) => this.showPicture(values, signal), fail);
     this.handle = new TurnHandle(parts.side, {
       onTurn: (angle) => this.form.setField("impact.oblique_angle_deg", angle),
       onHold: () => this.holdRoom(true),
       onRelease: () => {
         this.holdRoom(false);
-        this.askPicture(this.form.currentCase()); // the axes fit again
+        this.updatePicture(this.form.currentCase()); // the axes fit again
       },
     });
     this.scrubber = buildScrubber(parts.scrubber, (row) => this.showInstant(row));
@@ -59,7 +61,8 @@ class Explore {
       onChange: (values) => this.change(values),
       onRefuse: () => this.refuse(),
     });
-    parts.copy.append(copyButtons(this.form.currentCase));
+    this.copy = copyButtons(this.form.currentCase);
+    parts.copy.append(this.copy.root);
     parts.problem.before(element("p.actions", {}, this.compare.button, reportButton(this.form.currentCase, fail)));
     parts.presets.addEventListener("click", ({ target }) => this.keepPins(target));
     this.change(this.form.currentCase());
@@ -73,43 +76,50 @@ class Explore {
 
   change(values) {
     this.changed = performance.now();
-    markStale(...this.ofStrike);
+    this.copy.clear();
+    this.parts.problem.textContent = "";
+    markStale(...this.ofStrike, this.parts.scrubber);
     this.answer.setCase(values);
-    this.askPicture(values);
+    this.updatePicture(values);
     this.laws.setCase(values);
     this.readdress();
   }
 
   /** Nothing belongs to a case with a field that is not accepted. */
   refuse() {
-    this.askPicture.cancel();
+    this.parts.problem.textContent = "";
+    this.updatePicture.cancel();
     this.answer.clear();
     this.laws.clear();
     clearParts(...this.ofStrike);
+    this.parts.scrubber.hidden = true;
   }
 
   async showPicture(values, signal) {
     const { parts, changed: start } = this;
-    const [run] = await Promise.all([askRun(values, signal), this.compare.load(signal)]);
+    const [run] = await Promise.all([computeRun(values, signal), this.compare.load(signal)]);
     const runs = this.compare.withRuns(run);
     this.run = run;
     this.row = rowAt(run, this.instant);
     this.scrubber.setTimes(run.history.time_s, this.row);
-    parts.outcome.replaceChildren(...tellRun(run)); // the words do not wait for what draws
+    parts.scrubber.hidden = false;
+    parts.outcome.replaceChildren(...describeRun(run)); // the words do not wait for what draws
     this.showWarnings();
     this.showDifferences();
     this.handle.stay();
-    if (!this.askPicture.isBehind()) markFresh(parts.outcome, parts.warnings);
+    if (!this.updatePicture.isBehind()) markFresh(parts.outcome, parts.warnings);
     const marked = { critical: this.criticalOf(values), turns: true, isHeld: this.handle.isHeld };
     if (!(await drawSideView(parts.side, runs, this.row, marked)) || signal.aborted) return;
     const critical = this.criticalOf(values);
     if (critical !== marked.critical) markCritical(parts.side, run, critical); // found while what draws was loaded
     this.handle.follow(run, outcomeShown(run.outcome));
     performance.measure("ricochet: side view", { start });
-    if (this.askPicture.isBehind()) return;
-    markFresh(parts.side);
+    if (this.updatePicture.isBehind()) return;
+    markFresh(parts.side, parts.scrubber);
+    await pause(ANGLE_MS, signal);
+    if (this.updatePicture.isBehind()) return;
     await drawHistories(parts.histories, runs, this.row);
-    if (signal.aborted || this.askPicture.isBehind()) return;
+    if (signal.aborted || this.updatePicture.isBehind()) return;
     markFresh(parts.histories);
     performance.measure("ricochet: histories", { start });
     listen(parts, (row) => this.scrubber.move(row));
@@ -142,8 +152,8 @@ class Explore {
 
   changePins() {
     const values = this.form.currentCase();
-    markStale(this.parts.side, this.parts.histories);
-    this.askPicture(values);
+    markStale(this.parts.side, this.parts.histories, this.parts.scrubber);
+    this.updatePicture(values);
     this.readdress();
   }
 
@@ -154,13 +164,12 @@ class Explore {
 
   /** Show the warnings to this strike that are not among those to the critical angle. */
   showWarnings() {
-    this.found();
     const known = new Set(this.answer.found?.warnings.map(({ code }) => code));
-    this.parts.warnings.replaceChildren(...tellWarnings((this.run?.warnings ?? []).filter(({ code }) => !known.has(code))));
+    this.parts.warnings.replaceChildren(...warningList((this.run?.warnings ?? []).filter(({ code }) => !known.has(code))));
   }
 
   async showLaws(values, signal) {
-    const [angles, outcomes] = await Promise.all([askAngles(values, signal), askOutcomes(values, signal)]);
+    const [angles, outcomes] = await Promise.all([requestAngles(values, signal), requestOutcomes(values, signal)]);
     if (signal.aborted) return;
     this.answer.setAlternatives(angles, values);
     this.laws.root.lastChild.replaceChildren(alternativesTable(angles, outcomes));
@@ -181,24 +190,14 @@ class Explore {
     replaceAddress("explore", query);
   }
 
-  /** The service answers: nothing is wrong any more. */
-  found() {
-    this.parts.problem.textContent = "";
-    this.parts.lost.textContent = "";
-  }
-
   fail(error) {
-    if (isLost(error)) {
-      this.parts.lost.textContent = `${error.message} It is tried again until it does; what is grey is of the inputs before.`;
-      return;
-    }
     if (error instanceof Problem && error.errors.length) this.refuse();
     const unplaced = error instanceof Problem ? this.form.showProblems(error) : error.message;
     this.parts.problem.textContent = unplaced || "A field is not accepted.";
   }
 
   leave() {
-    this.askPicture.stop();
+    this.updatePicture.stop();
     this.answer.stop();
     this.laws.stop();
     this.scrubber.stop();
@@ -215,7 +214,6 @@ function build(root, answer, compare, laws) {
     outcome: element("div", {}, element("p.quiet", {}, "Computing ...")),
     warnings: element("div", {}),
     side: element("div.side-view", {}),
-    lost: element("p.problem", { role: "alert" }),
     scrubber: element("div.scrubber", {}),
     histories: element("div.histories", {}),
     presets: presetLinks("explore"),
@@ -233,10 +231,10 @@ function build(root, answer, compare, laws) {
         answer,
         element("section.panel.across", { "aria-label": "Outcome" }, parts.problem, parts.outcome, parts.warnings),
         compare,
-        element("section.panel", {}, element("h2", {}, "Side view"), parts.lost, parts.side, parts.scrubber),
+        element("section.panel", {}, element("h2", {}, "Side view"), lostNote(), parts.side, parts.scrubber),
         element("section.panel", {}, element("h2", {}, "Histories"), parts.histories),
         laws,
-        element("section.panel", {}, element("h2", {}, "Copy this case"), parts.copy),
+        element("section.panel.copy", {}, element("h2", {}, "Copy this case"), parts.copy),
       ),
     ),
   );

@@ -3,17 +3,18 @@
 import { caseQuery, readCase, replaceAddress } from "../address.js";
 import { valueAt, withValue } from "../case.js";
 import { nodeAt } from "../contract.js";
-import { element, say } from "../elements.js";
+import { announce, element } from "../elements.js";
 import { buildRow, showProblem } from "../field-row.js";
 import { buildForm } from "../form.js";
+import { lostNote } from "../lost.js";
 import { purge } from "../plots.js";
 import { readInputs, usualInputs, writeInput } from "../scatter.js";
 import { buildScatterForm } from "../scatter-form.js";
 import { isAbort } from "../service.js";
 import { markFresh, markUntilRun } from "../stale.js";
-import { askStudy } from "../study.js";
-import { drawCurve, drawTornado, sensitivityTable, tellStudy } from "../study-plots.js";
-import { tellWarnings } from "../words.js";
+import { computeStudy } from "../study.js";
+import { describeStudy, drawCurve, drawTornado, sensitivityTable } from "../study-plots.js";
+import { warningList } from "../words.js";
 
 const OPTION = { kind: "number", factor: 1, optional: true };
 const SAMPLING = [
@@ -39,7 +40,7 @@ class HowSure {
     const values = readCase(query);
     this.sampling = readSampling(query);
     const onChange = () => this.#change();
-    this.scatter = buildScatterForm(this.parts.scatter, { inputs: inputs ?? usualInputs(), values, onChange });
+    this.scatter = buildScatterForm(this.parts.scatter, { inputs: inputs ?? usualInputs(values), values, onChange });
     this.form = buildForm(this.parts.others, {
       case: values,
       without: ["impact.oblique_angle_deg"],
@@ -112,12 +113,12 @@ class HowSure {
     const { parts } = this;
     parts.stop.disabled = false;
     parts.progress.textContent = "Computing ...";
-    say("Computing ...");
+    announce("Computing ...");
     try {
       const study = { values: this.form.currentCase(), inputs, sampling: this.sampling };
-      for await (const answer of askStudy(study, work.signal)) {
+      for await (const answer of computeStudy(study, work.signal)) {
         if (work.signal.aborted) return;
-        await this.#show(answer, study.values);
+        await this.#show(answer, study.values, work.signal);
       }
       if (!work.signal.aborted) this.#stop("Done.");
     } catch (error) {
@@ -129,20 +130,21 @@ class HowSure {
   }
 
   /** Show an answer, or the curve so far. */
-  async #show(study, values) {
+  async #show(study, values, signal) {
     const { parts } = this;
     parts.progress.textContent = `${study.samples.toLocaleString("en")} samples ...`;
     if (!study.probability) return;
     parts.results.hidden = false;
-    await drawCurve(parts.curve, study, values);
     parts.answerPanel.hidden = parts.sensitivity.hidden = !study.critical_angle;
-    markFresh(parts.results);
-    if (!study.critical_angle) return; // of a job that goes on
-    parts.answer.replaceChildren(...tellStudy(study));
-    parts.warnings.hidden = !study.warnings.length;
-    parts.warnings.replaceChildren(...tellWarnings(study.warnings));
-    parts.table.replaceChildren(sensitivityTable(study));
-    await drawTornado(parts.tornado, study, values);
+    await drawCurve(parts.curve, study, values);
+    if (study.critical_angle) {
+      parts.answer.replaceChildren(...describeStudy(study));
+      parts.warnings.hidden = !study.warnings.length;
+      parts.warnings.replaceChildren(...warningList(study.warnings));
+      parts.table.replaceChildren(sensitivityTable(study));
+      await drawTornado(parts.tornado, study, values);
+    } // else of a job that goes on
+    if (this.#work?.signal === signal) markFresh(parts.results);
   }
 
   #stop(text) {
@@ -150,7 +152,7 @@ class HowSure {
     this.#work = undefined;
     this.parts.stop.disabled = true;
     if (text) this.parts.progress.textContent = text;
-    say(text);
+    announce(text);
   }
 
   #fail(error) {
@@ -207,7 +209,7 @@ function build(root, onRun, onStop) {
     parts.sampling,
   );
   const buttons = element("p.actions", {}, parts.run, parts.stop);
-  const start = element("section.panel", { "aria-label": "Study" }, buttons, parts.progress, parts.problem);
+  const start = element("section.panel", { "aria-label": "Study" }, buttons, parts.progress, parts.problem, lostNote());
   const others = element("details", {}, element("summary", {}, "The case"), parts.others);
   const band = `The band is the interval of the probability at a confidence of ${100 * confidence} %.`;
   const swing = "From the 5 % to the 95 % quantile of each input, the others at their median or likeliest value.";

@@ -1,10 +1,11 @@
 // The jobs: how far they are, their results, their end.
 
-import { element, say } from "../elements.js";
+import { announce, element } from "../elements.js";
 import { shortId } from "../downloads.js";
-import { isFinal, pause } from "../job-progress.js";
+import { isFinal } from "../job-progress.js";
 import { COLUMNS, JobRow, titleOf } from "../job-row.js";
-import { ask, isAbort } from "../service.js";
+import { pause } from "../lost.js";
+import { isAbort, request } from "../service.js";
 
 const [BUSY_MS, IDLE_MS] = [1000, 10_000]; // between two looks, while a job runs and while none does
 const PAGE = 50; // jobs that are looked at each time
@@ -55,7 +56,7 @@ class JobsView {
 
   /** Look at the newest jobs, and at older ones that are shown and have not ended; return all that are shown. */
   async #look(signal) {
-    const { jobs: newest, next } = (await ask(`jobs?limit=${PAGE}`, { signal })).data;
+    const { jobs: newest, next } = (await request(`jobs?limit=${PAGE}`, { signal })).data;
     if (!this.#rows.size) this.#older = next;
     const seen = new Set(newest.map(({ id }) => id));
     const oldest = newest.at(-1)?.created ?? "";
@@ -64,14 +65,14 @@ class JobsView {
     const states = await Promise.all(older.map((job) => (isFinal(job) ? job : this.#stateOf(job, signal))));
     const jobs = [...newest, ...states.filter(Boolean)];
     if (next === undefined) this.#older = undefined;
-    this.#tell(jobs);
+    this.#showJobs(jobs);
     return jobs;
   }
 
   /** Return a job as it is now; undefined if it is gone. */
   async #stateOf({ id }, signal) {
     try {
-      return (await ask(`jobs/${id}`, { signal })).data;
+      return (await request(`jobs/${id}`, { signal })).data;
     } catch (error) {
       if (error.status === 404) return undefined;
       throw error;
@@ -80,9 +81,9 @@ class JobsView {
 
   async #loadOlder() {
     try {
-      const { jobs, next } = (await ask(`jobs?limit=${PAGE}&cursor=${this.#older}`)).data;
+      const { jobs, next } = (await request(`jobs?limit=${PAGE}&cursor=${this.#older}`)).data;
       this.#older = next;
-      this.#tell([...[...this.#rows.values()].map(({ job }) => job), ...jobs.filter(({ id }) => !this.#rows.has(id))]);
+      this.#showJobs([...[...this.#rows.values()].map(({ job }) => job), ...jobs.filter(({ id }) => !this.#rows.has(id))]);
     } catch (error) {
       this.#fail(error);
     }
@@ -93,7 +94,7 @@ class JobsView {
     this.dialog.close();
   }
 
-  #tell(jobs) {
+  #showJobs(jobs) {
     const before = this.#rows;
     const listeners = {
       onCancel: (job) => this.#cancel(job),
@@ -118,9 +119,9 @@ class JobsView {
 
   async #cancel(job) {
     try {
-      const { data } = await ask(`jobs/${job.id}/cancel`, { method: "POST" });
+      const { data } = await request(`jobs/${job.id}/cancel`, { method: "POST" });
       this.#rows.get(job.id)?.update(data);
-      say(`Job ${shortId(job.id)} is cancelled.`);
+      announce(`Job ${shortId(job.id)} is cancelled.`);
     } catch (error) {
       this.#fail(error);
     }
@@ -129,10 +130,10 @@ class JobsView {
   async #delete(job) {
     if (!(await this.#confirm(job))) return;
     try {
-      await ask(`jobs/${job.id}`, { method: "DELETE" });
+      await request(`jobs/${job.id}`, { method: "DELETE" });
       const left = [...this.#rows.values()].map((row) => row.job).filter(({ id }) => id !== job.id);
-      this.#tell(left);
-      say(`Job ${shortId(job.id)} is deleted.`);
+      this.#showJobs(left);
+      announce(`Job ${shortId(job.id)} is deleted.`);
       document.getElementById("view").focus(); // the button that had it is gone
     } catch (error) {
       this.#fail(error);
@@ -146,9 +147,9 @@ class JobsView {
       event.preventDefault();
       this.dialog.close();
       try {
-        const { data } = await ask(`jobs/${job.id}`, { method: "PATCH", body: { title: input.value } });
+        const { data } = await request(`jobs/${job.id}`, { method: "PATCH", body: { title: input.value } });
         this.#rows.get(job.id)?.update(data);
-        say(`Job ${shortId(job.id)} has another title.`);
+        announce(`Job ${shortId(job.id)} has another title.`);
       } catch (error) {
         this.#fail(error);
       }
@@ -167,7 +168,7 @@ class JobsView {
     input.select();
   }
 
-  /** Ask whether a job shall be deleted; Escape keeps it. */
+  /** Request confirmation that a job shall be deleted; Escape keeps it. */
   #confirm(job) {
     return new Promise((resolve) => {
       const end = (answer) => () => {

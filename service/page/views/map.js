@@ -1,14 +1,15 @@
 // The map: a sweep over two fields as a job, drawn while it runs.
 
 import { address, caseQuery, replaceAddress } from "../address.js";
-import { element, say } from "../elements.js";
+import { announce, element } from "../elements.js";
 import { buildForm } from "../form.js";
 import { submit } from "../job-progress.js";
+import { lostNote } from "../lost.js";
 import { buildMapForm } from "../map-form.js";
 import { MapPicture } from "../map-picture.js";
-import { endWords, followMap, quickMap } from "../map-run.js";
-import { ask, isAbort } from "../service.js";
-import { caseAt, mapOfJob, mapQuery, quickSweep, readMap, sweepRequest } from "../sweep.js";
+import { endWords, followMap, followStudies, quickMap } from "../map-run.js";
+import { isAbort, request } from "../service.js";
+import { caseAt, isStudied, mapOfJob, mapQuery, quickSweep, readMap, sweepRequest } from "../sweep.js";
 
 /** Show the map of a query; if it names a job, that of the job with its results. */
 export async function show(root, query) {
@@ -19,7 +20,7 @@ export async function show(root, query) {
 /** Return the map of a query: as its job was requested, or as the query has it if the job is gone or no map. */
 async function mapOf(query) {
   const job = query.get("job");
-  const data = job ? await ask(`jobs/${job}`).then((answer) => answer.data, () => undefined) : undefined;
+  const data = job ? await request(`jobs/${job}`).then((answer) => answer.data, () => undefined) : undefined;
   return (data && mapOfJob(data)) ?? readMap(query);
 }
 
@@ -27,6 +28,7 @@ class MapView {
   #work = new AbortController(); // given up when another map is run
   #form; // the map of the form; undefined while that has a problem
   #shown; // the map of the picture, with its job
+  #progress; // of a map that is no job
 
   constructor(root, map) {
     this.runButton = element("button.main", { type: "submit" }, "Run");
@@ -41,7 +43,7 @@ class MapView {
       this.#run();
     };
     const form = element("form.panel", { novalidate: true, "aria-label": "What to map", onsubmit }, axes, this.size, buttons);
-    const results = element("div.column", {}, this.problem);
+    const results = element("div.column", {}, this.problem, lostNote());
     this.picture = new MapPicture(results, (place, cell) => this.#open(place, cell));
     root.append(
       element("h1", {}, "Map"),
@@ -83,9 +85,10 @@ class MapView {
       const quick = await quickMap(map, signal);
       if (!quick || signal.aborted) return;
       await this.picture.showCells(quick.cells);
+      if (signal.aborted) return; // run meanwhile
       const total = map.x.count * map.y.count;
-      this.picture.tellEnd({ status: "successful", counts: { total, done: total } });
-      say(`All ${total} cases are computed.`);
+      this.picture.showEnd({ status: "successful", counts: { total, done: total } });
+      announce(`All ${total} cases are computed.`);
     } catch (error) {
       this.#fail(error);
     }
@@ -96,8 +99,12 @@ class MapView {
     if (!map) return;
     this.#begin(map);
     try {
-      const { path, body } = sweepRequest(map);
       const { signal } = this.#work;
+      if (isStudied(map)) {
+        await this.#study(map, signal);
+        return;
+      }
+      const { path, body } = sweepRequest(map);
       const quick = await quickMap(map, signal).catch(giveUp); // the job says what is wrong
       if (quick && !signal.aborted) await this.picture.showCells(quick.isWhole ? quick.cells : [], quick.cells);
       const job = await submit(path, body, signal);
@@ -107,22 +114,40 @@ class MapView {
     }
   }
 
+  /** Compute a map that is no job. */
+  async #study(map, signal) {
+    replaceAddress("map", mapQuery(map));
+    this.cancelButton.disabled = false;
+    const onCells = async (cells, job) => {
+      if (signal.aborted) return;
+      this.#progress = job;
+      this.picture.showProgress(job);
+      await this.picture.showCells(cells);
+    };
+    try {
+      await followStudies(map, onCells, signal);
+      this.picture.showEnd(this.#progress);
+      announce(endWords(this.#progress));
+    } finally {
+      if (!signal.aborted) this.cancelButton.disabled = true;
+    }
+  }
+
   async #follow(map, quick) {
     this.#begin(map);
     const { signal } = this.#work;
     if (this.#form) replaceAddress("map", mapQuery(map));
     this.cancelButton.disabled = false;
     const listeners = {
-      onProgress: (job) => this.picture.tellProgress(job),
+      onProgress: (job) => this.picture.showProgress(job),
       onCells: async (cells) => {
         if (!signal.aborted) await this.picture.showCells(cells, quick?.cells);
       },
-      onLost: (error) => this.picture.tellLost(error),
     };
     try {
       const job = await followMap(map, listeners, signal, quick?.isWhole ? quick.cells : []);
-      this.picture.tellEnd(job);
-      say(endWords(job));
+      this.picture.showEnd(job);
+      announce(endWords(job));
     } catch (error) {
       this.#fail(error);
     }
@@ -133,15 +158,22 @@ class MapView {
     this.#work.abort();
     this.#work = new AbortController();
     this.#shown = map;
+    this.#progress = { counts: { total: map.x.count * map.y.count, done: 0 } };
     this.problem.hidden = true;
     this.picture.begin(map);
-    say("The map is being computed.");
+    announce("The map is being computed.");
   }
 
   async #cancel() {
     this.cancelButton.disabled = true;
+    if (isStudied(this.#shown)) {
+      this.#work.abort();
+      this.picture.showEnd({ ...this.#progress, status: "dismissed" });
+      announce("The map is cancelled.");
+      return;
+    }
     try {
-      await ask(`jobs/${this.#shown.job}/cancel`, { method: "POST" });
+      await request(`jobs/${this.#shown.job}/cancel`, { method: "POST" });
     } catch (error) {
       this.cancelButton.disabled = false;
       this.#fail(error);
@@ -150,7 +182,7 @@ class MapView {
 
   #fail(error) {
     if (isAbort(error)) return;
-    say("");
+    announce("");
     const isGone = error.status === 404;
     this.problem.textContent = isGone ? "The job of this map is gone: it has expired. Run it again." : error.message;
     this.problem.hidden = false;
@@ -162,13 +194,13 @@ class MapView {
   }
 }
 
-/** Tell whether two maps show the same, by whatever job. */
+/** Return whether two maps show the same, by whatever job. */
 function isSame(one, other) {
   const bare = (map) => mapQuery({ ...map, job: "" }).toString();
   return bare(one) === bare(other);
 }
 
-/** Tell whether a map is answered at once as a whole. */
+/** Return whether a map is answered at once as a whole. */
 function isQuick(map) {
   return quickSweep(map)?.isWhole ?? false;
 }

@@ -6,9 +6,10 @@ import { element } from "../elements.js";
 import { buildForm } from "../form.js";
 import { latest } from "../latest.js";
 import { presetLinks } from "../presets.js";
-import { ask, isLost } from "../service.js";
+import { lostNote } from "../lost.js";
+import { request } from "../service.js";
 import { clearParts, markFresh, markStale } from "../stale.js";
-import { digits, tellWarnings } from "../words.js";
+import { digits, warningList } from "../words.js";
 
 const THICKNESS = "target.thickness_m";
 const PLUG = "resistance.rear_plug";
@@ -36,36 +37,33 @@ export async function show(root, query) {
   const parts = build(root);
   const shown = [parts.answer, parts.warnings, parts.table];
   const refuse = () => {
-    askAll.cancel();
+    parts.problem.textContent = "";
+    updateResults.cancel();
     clearParts(...shown);
   };
   const fail = (error) => {
-    if (isLost(error)) {
-      parts.problem.textContent = `${error.message} It is tried again until it does; what is grey is of the inputs before.`;
-      return;
-    }
     refuse();
     parts.problem.textContent = error.errors ? form.showProblems(error) || "A field is not accepted." : error.message;
   };
-  const askAll = latest(async (values, signal) => {
-    const post = async (path, body) => (await ask(path, { body, signal })).data;
-    const { projectile, target, impact, resistance } = values;
-    const models = modelsOf({ projectile, target, impact, resistance });
+  const updateResults = latest(async (values, signal) => {
+    const post = async (path, body) => (await request(path, { body, signal })).data;
+    const { projectile, target, impact, resistance, numerics } = values;
+    const models = modelsOf({ projectile, target, impact, resistance, numerics });
     const thick = await Promise.all(models.map(({ body }) => post("thickness", withValue(body, THICKNESS))));
     const table = await post("formulas", withValue({ projectile, target, impact }, THICKNESS));
     const isWall = target.thickness_m !== undefined;
     const speeds = await Promise.all(isWall ? models.map(({ body }) => post("limit-speed", slow(body))) : []);
-    if (signal.aborted || askAll.isBehind()) return;
-    parts.problem.textContent = "";
+    if (signal.aborted || updateResults.isBehind()) return;
     const lines = models.map((model, i) => ({ ...model, thickness: thick[i], speed: speeds[i] }));
     parts.answer.replaceChildren(...answer(lines, table, target.thickness_m));
-    parts.warnings.replaceChildren(...tellWarnings(...thick.map(({ warnings }) => warnings)));
+    parts.warnings.replaceChildren(...warningList(...thick.map(({ warnings }) => warnings)));
     parts.table.replaceChildren(tableOf(lines, table));
     markFresh(...shown);
   }, fail, { supersede: true });
   const refresh = (values) => {
+    parts.problem.textContent = "";
     markStale(...shown);
-    askAll(values);
+    updateResults(values);
   };
   const form = buildForm(parts.form, {
     case: readCase(query),
@@ -78,7 +76,7 @@ export async function show(root, query) {
     onRefuse: refuse,
   });
   refresh(form.currentCase());
-  return () => askAll.stop();
+  return () => updateResults.stop();
 }
 
 /** The case as it is, and where it has neither, with a plug and with a crater too. */
@@ -180,6 +178,7 @@ function build(root) {
     "div.pictures",
     {},
     parts.problem,
+    lostNote(),
     element("section.panel", { "aria-label": "Answer" }, parts.answer, parts.warnings),
     element("section.panel", { "aria-label": "Thicknesses" }, parts.table),
   );

@@ -1,0 +1,74 @@
+// Requests that the service does not answer: shown beside the picture while they are repeated.
+
+import { element } from "./elements.js";
+import { isLost } from "./service.js";
+
+const RETRY_MS = [1000, 2000, 5000]; // before a request is repeated; the last from then on
+
+const lost = new Map(); // messages by what waits for its answer
+let note = element("p.problem", { role: "alert" });
+
+/** Return the note of a view, which is empty unless something waits for an answer. */
+export function lostNote() {
+  note = element("p.problem", { role: "alert" });
+  show();
+  return note;
+}
+
+/** Note that a task waits for the service, until it is answered or given up. */
+export function markLost(task, { message }) {
+  lost.set(task, message);
+  show();
+}
+
+/** Note that a task does not wait for the service any more. */
+export function markAnswered(task) {
+  if (lost.delete(task)) show();
+}
+
+/** Return how long to wait before a request is repeated. [ms] */
+export function retryDelay(failures, { retryAfter }) {
+  return retryAfter ? 1000 * retryAfter : RETRY_MS[Math.min(failures, RETRY_MS.length - 1)];
+}
+
+/**
+ * Send a request again and again until the service answers.
+ *
+ * @param {() => Promise<any>} send
+ * @param {AbortSignal} signal
+ * @param {(error: Error) => boolean} isTemporary whether a request that failed may succeed later
+ */
+export async function untilAnswered(send, signal, isTemporary = isLost) {
+  const task = {};
+  try {
+    for (let failures = 0; ; failures++) {
+      try {
+        return await send();
+      } catch (error) {
+        signal.throwIfAborted();
+        if (!isTemporary(error)) throw error;
+        markLost(task, error);
+        await pause(retryDelay(failures, error), signal);
+      }
+    }
+  } finally {
+    markAnswered(task);
+  }
+}
+
+/** Wait; rejects when given up. */
+export function pause(milliseconds, signal) {
+  return new Promise((resolve, reject) => {
+    const timer = setTimeout(resolve, milliseconds);
+    const giveUp = () => {
+      clearTimeout(timer);
+      reject(new DOMException("given up", "AbortError"));
+    };
+    signal.addEventListener("abort", giveUp, { once: true });
+  });
+}
+
+function show() {
+  const [message] = lost.values();
+  note.textContent = message ? `${message} Trying again. Grey results are for the previous inputs.` : "";
+}
