@@ -78,7 +78,7 @@ def tip_depths(numerics: Numerics) -> FloatArray:
     """Depth of the nose tip at `DEPTH_TIMES`. [m]"""
     interval = DEPTH_TIMES[0]
     motion = paper_trajectory(numerics=numerics, sample_interval=interval).history
-    assert isinstance(motion, Motion)  # noqa: S101 # it was asked for
+    assert isinstance(motion, Motion)  # noqa: S101 # it was requested
     rows = [round(time / interval) for time in DEPTH_TIMES]
     np.testing.assert_allclose(motion.time[rows], DEPTH_TIMES, rtol=1e-9)
     return np.asarray(motion.nose_tip_depth[rows])

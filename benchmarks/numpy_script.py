@@ -7,9 +7,9 @@ incidence in degrees, from the inward normal of the face. Needs NumPy only, and 
     python benchmarks/numpy_script.py       # the critical angle
     python benchmarks/numpy_script.py 45    # depths of the nose tip after every step of one trajectory
 
-Part of its time is the operating system's, for memory that is given back and asked for again at every array: how much
-depends on what else the process holds. It is therefore measured in a process of its own, as it would be used, and the
-system's part is told.
+Part of its time is the operating system's, for memory that is given back and requested again at every array: how much
+depends on what else the process holds. It is therefore measured in a separate process, as it would be used, and the
+system's part is reported.
 """
 
 import json

@@ -63,7 +63,7 @@ class Panels(NamedTuple):
 NO_PANELS = Panels(*(np.empty(0) for _ in Panels._fields))
 
 
-@lru_cache  # likewise, see `mass_properties`
+@lru_cache  # as for `mass_properties`
 def build_body(projectile: Projectile, properties: MassProperties) -> Body:
     """Outline and mass properties of `projectile` for the compiled code."""
     center = properties.center_of_gravity

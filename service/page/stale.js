@@ -1,4 +1,4 @@
-// Marks on what is shown but does not belong to the inputs: greyed, and busy for those who hear the page.
+// A mark on what is shown but does not belong to the inputs: greyed, and busy for those who hear the page.
 
 import { announce, element } from "./elements.js";
 

@@ -46,7 +46,7 @@ class PaperNumber:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Shot:
+class PublishedShot:
     """A test of the paper's Table 1."""
 
     name: str
@@ -148,13 +148,13 @@ def paper_value(quantity: str, key: str | None = None) -> float:
     return found.value
 
 
-def table_1() -> tuple[Shot, ...]:
+def table_1() -> tuple[PublishedShot, ...]:
     """Depth tests of the paper's Table 1, slowest first."""
     shots = []
     for each in paper_numbers():
         if each.table == "1":
             name, mass, velocity = re.findall(r"^(\S+) ([\d.]+)kg ([\d.]+)m/s", each.key)[0]
-            shots.append(Shot(name=name, mass=float(mass), velocity=float(velocity), depth=each.value))
+            shots.append(PublishedShot(name=name, mass=float(mass), velocity=float(velocity), depth=each.value))
     return tuple(shots)
 
 

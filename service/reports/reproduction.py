@@ -60,7 +60,7 @@ outcome, the others by the depth of the tip at 5 ms. [°]"""
 OPEN_POINTS = paragraphs(
     """
     Where the paper does not say, we had to choose. Each row changes one thing in our reading of it
-    and leaves the rest, eq. 9 included, although a new decay function or mass would really ask for
+    and leaves the rest, eq. 9 included, although a new decay function or mass would really require
     a new fit of S. The decay function decides: **its choices span 14°**, everything
     else here moves the angle by two degrees at most.
 

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 
 from service.reports import style
 from service.reports.reference import (
-    Shot,
+    PublishedShot,
     equation_9,
     finite_element_depths,
     finite_element_fit,
@@ -82,7 +82,11 @@ def depth_section(progress: Progress) -> Section:
 
 
 def fit(
-    shots: Sequence[Shot], *, own_masses: bool = False, deeper: float = 0.0, projectile: Projectile = PAPER_PROJECTILE
+    shots: Sequence[PublishedShot],
+    *,
+    own_masses: bool = False,
+    deeper: float = 0.0,
+    projectile: Projectile = PAPER_PROJECTILE,
 ) -> DepthFit:
     """Fit S to shots.
 
@@ -113,7 +117,7 @@ def _depths(velocities: FloatArray, strength: float) -> FloatArray:
     )
 
 
-def _computed_depth(shot: Shot) -> float:
+def _computed_depth(shot: PublishedShot) -> float:
     """Greatest depth of the tip in the finite element run of a shot. [m]"""
     return next(run.greatest_tip_depth for run in finite_element_runs() if run.velocity == shot.velocity)
 
@@ -141,7 +145,7 @@ def _strength_comparisons(
     ]
 
 
-def _depth_comparisons(strength: float, shots: Sequence[Shot]) -> list[Comparison]:
+def _depth_comparisons(strength: float, shots: Sequence[PublishedShot]) -> list[Comparison]:
     velocities = np.array([shot.velocity for shot in shots])
     modelled = _depths(velocities, strength)
     found = []
@@ -161,7 +165,7 @@ def _depth_comparisons(strength: float, shots: Sequence[Shot]) -> list[Compariso
     return found
 
 
-def _depth_table(shots: Sequence[Shot], with_mean: DepthFit, with_own: DepthFit) -> Table:
+def _depth_table(shots: Sequence[PublishedShot], with_mean: DepthFit, with_own: DepthFit) -> Table:
     printed = _depths(
         np.array([shot.velocity for shot in shots]), paper_value("strength_factor", "oblique angle 0 deg")
     )
@@ -195,7 +199,7 @@ def _depth_table(shots: Sequence[Shot], with_mean: DepthFit, with_own: DepthFit)
     )
 
 
-def _figure_6(shots: Sequence[Shot], strength: float) -> Figure:
+def _figure_6(shots: Sequence[PublishedShot], strength: float) -> Figure:
     figure, (axes,) = style.panels(1, height=4.2)
     series = {}
     for value, color in zip(STRENGTH_FACTORS, style.shades(len(STRENGTH_FACTORS)), strict=True):
@@ -221,7 +225,7 @@ def _figure_6(shots: Sequence[Shot], strength: float) -> Figure:
     )
 
 
-def _figure_8(shots: Sequence[Shot], strength: float) -> Figure:
+def _figure_8(shots: Sequence[PublishedShot], strength: float) -> Figure:
     figure, (axes,) = style.panels(1, height=3.8)
     model = _depths(VELOCITIES, strength)
     tests = np.array([(shot.velocity, shot.depth) for shot in shots]).T

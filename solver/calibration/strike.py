@@ -82,6 +82,6 @@ def predict_motion(
         If an input is outside what the model accepts.
     """
     require_positive("strength_factor", strength_factor)
-    asked = MotionHistory(time=times, rotation=np.zeros(len(times))).time
-    strike = Strike(projectile, target, impact, resistance, (numerics or Numerics()).resolved(), asked)
-    return MotionHistory(time=asked, **strike.columns(strength_factor))
+    sampled = MotionHistory(time=times, rotation=np.zeros(len(times))).time
+    strike = Strike(projectile, target, impact, resistance, (numerics or Numerics()).resolved(), sampled)
+    return MotionHistory(time=sampled, **strike.columns(strength_factor))

@@ -9,7 +9,7 @@ from solver.compilation import lean
 from solver.loads import Quadrature, build_quadrature
 from solver.motion import RAMP_FRACTION
 
-ROUGH, MIDDLE, ASKED, LAST = range(4)
+ROUGH, MIDDLE, REQUESTED, LAST = range(4)
 """What the numerical settings give is the third; the last decides where the two before do not agree."""
 LAST_TOLERANCE, LAST_STATIONS, LAST_POINTS = 3e-5, 16, 5
 """Relative tolerance and Gauss-Legendre points of the last level, unless finer ones are set."""
@@ -56,7 +56,7 @@ MIDDLE_LEVEL = Level(
 @lru_cache  # the cases of a study share one
 def search_levels(*, relative_tolerance: float, stations: int, points: int, tolerance: float) -> Levels:
     """All of them, for the requested settings and width of the bracket. [rad]"""
-    asked = Level(
+    requested = Level(
         quadrature=build_quadrature(stations=stations, points=points),
         accuracy=Accuracy(float(relative_tolerance), LARGEST_STEP),
         ramp_fraction=RAMP_FRACTION,
@@ -65,11 +65,11 @@ def search_levels(*, relative_tolerance: float, stations: int, points: int, tole
         tolerance=float(tolerance),
         fine=True,
     )
-    last = asked._replace(
+    last = requested._replace(
         quadrature=build_quadrature(stations=max(stations, LAST_STATIONS), points=max(points, LAST_POINTS)),
         accuracy=Accuracy(float(min(relative_tolerance, LAST_TOLERANCE)), LARGEST_STEP),
     )
-    return ROUGH_LEVEL, MIDDLE_LEVEL, asked, last
+    return ROUGH_LEVEL, MIDDLE_LEVEL, requested, last
 
 
 @lean

@@ -13,7 +13,7 @@ import numpy as np
 from solver.arrays import FloatArray, IntArray
 from solver.compilation import address_of, compiled, expect_address, keep_types, lean
 from solver.motion import Model, with_right_hand_side
-from solver.search.levels import ASKED, MIDDLE, ROUGH, Level, Levels
+from solver.search.levels import MIDDLE, REQUESTED, ROUGH, Level, Levels
 from solver.search.refine import MOST_TRIALS, is_same_change, refine
 from solver.search.trials import (
     ANGLE,
@@ -107,7 +107,7 @@ def _scan(angles: FloatArray, level: Level, search: SearchState, numbers: IntArr
                     continue
             numbers[i] = attempt(angles[i], level, search)
             if not level.fine and abs(trials[numbers[i], MARGIN]) < UNSURE * search.inputs.retention:
-                numbers[i] = attempt(angles[i], search.levels[ASKED], search)
+                numbers[i] = attempt(angles[i], search.levels[REQUESTED], search)
             if has_failed(search):
                 return 0
     count = 0
@@ -184,7 +184,7 @@ def _walk_up(change: int, changes: int, level: Level, search: SearchState, brack
         if has_failed(search):
             break
         if turned_away(trials[new]) != turned_away(trials[last]):
-            left, right = refine(last, new, ASKED, search)
+            left, right = refine(last, new, REQUESTED, search)
             if has_failed(search):
                 break
             if left != right:
@@ -231,9 +231,9 @@ def _search(angles: FloatArray, inputs: TrialInputs, model: Model, levels: Level
     panels = model.panels.area.size > 0
     for i in range(changes):
         if turned_away(table.rows[brackets[i, 1]]):
-            _look_nearby(table.rows[brackets[i, 1], ANGLE], levels[ASKED if panels else MIDDLE], search, nearby)
+            _look_nearby(table.rows[brackets[i, 1], ANGLE], levels[REQUESTED if panels else MIDDLE], search, nearby)
             if nearby[1] < 2.0 * inputs.retention:
-                changes = _walk_up(i, changes, levels[ASKED], search, brackets)
+                changes = _walk_up(i, changes, levels[REQUESTED], search, brackets)
             break
     return Found(table.rows[: table.filled[0]], brackets[:changes], nearby)
 
@@ -247,7 +247,7 @@ def _find_changes(angles: FloatArray, search: SearchState, numbers: IntArray, br
             attempt(angles[i], levels[ROUGH], search)
             return 0
     panels = search.model.panels.area.size > 0  # as many at every level
-    first, changes, earlier = ASKED if panels else ROUGH, 0, 0
+    first, changes, earlier = REQUESTED if panels else ROUGH, 0, 0
     for scan in range(2):  # without a change, or if one is missing, the scan is repeated, more finely
         count = _scan(angles, levels[first], search, numbers)
         for i in range(count - 1):
@@ -256,7 +256,7 @@ def _find_changes(angles: FloatArray, search: SearchState, numbers: IntArray, br
             left, right = refine(numbers[i], numbers[i + 1], first, search)
             if has_failed(search):
                 break
-            known = changes > 0 and is_same_change(brackets[changes - 1], right, trials, levels[ASKED])
+            known = changes > 0 and is_same_change(brackets[changes - 1], right, trials, levels[REQUESTED])
             if left != right and not known:
                 brackets[changes, 0], brackets[changes, 1] = left, right
                 changes += 1
@@ -265,5 +265,5 @@ def _find_changes(angles: FloatArray, search: SearchState, numbers: IntArray, br
         lowest, highest = trials[numbers[0]], trials[numbers[count - 1]]
         if panels or scan == 1 or (changes > 0 and _lead(lowest, highest, trials, brackets[:changes])):
             break
-        earlier, changes, first = changes, 0, ASKED
+        earlier, changes, first = changes, 0, REQUESTED
     return changes if changes > 0 else earlier

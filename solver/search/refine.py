@@ -8,7 +8,7 @@ import math
 
 from solver.arrays import FloatArray, IntArray
 from solver.compilation import lean
-from solver.search.levels import ASKED, LAST, MIDDLE, Level, is_finer
+from solver.search.levels import LAST, MIDDLE, REQUESTED, Level, is_finer
 from solver.search.trials import (
     ANGLE,
     FINE,
@@ -134,7 +134,7 @@ def refine(left: int, right: int, first: int, search: SearchState) -> tuple[int,
         if k == LAST:
             decided_by_time = undecided(trials[left]) or undecided(trials[right])
             sure = shift <= DOUBT and _growth(left, right, trials[:count]) >= STEEP  # false if one level has none
-            if (sure and not decided_by_time) or not is_finer(levels[LAST], levels[ASKED]):
+            if (sure and not decided_by_time) or not is_finer(levels[LAST], levels[REQUESTED]):
                 break
             for i in range(begun, count):
                 trials[i, FINE] = 0.0  # these only showed where to look

@@ -12,7 +12,7 @@ from solver.events import Run, Termination, Thresholds, tip_depth
 from solver.fixed_step import integrate_fixed
 from solver.motion import STEP_WIDTH, Model, Workspace, kinetic_energy, make_workspace, start_state
 from solver.rosenbrock import Linearisation, make_linearisation
-from solver.search.levels import ASKED, Level, Levels
+from solver.search.levels import REQUESTED, Level, Levels
 from solver.surface_integration import Law
 
 ANGLE, POSITION, END, MARGIN, FINE, STATE = range(6)
@@ -151,7 +151,7 @@ def run_trial(oblique_angle: float, level: Level, search: SearchState) -> int:
         energy = kinetic_energy(run.state, model.body) / kinetic_energy(start, model.body)
         if level.fine or (energy < 1.0 and run.end != STEP_LIMIT):
             break
-        level = search.levels[ASKED]
+        level = search.levels[REQUESTED]
     row[FINE] = 1.0 if level.fine else 0.0
     row[POSITION], row[END] = tip_depth(run.state, model.body), run.end.value
     finite = True

@@ -1,4 +1,4 @@
-"""What is asked of a search for the critical angle, and what it answers."""
+"""Inputs and results of a search for the critical angle."""
 
 import math
 from dataclasses import dataclass

@@ -23,14 +23,14 @@ def motion(client: httpx.Client) -> dict[str, Any]:
     return strike_at(30.0, history_at(client, 30.0, 7.5))
 
 
-ASKED: dict[str, dict[str, Any]] = {"/calibration/depth": TESTS, "/calibration/obliquity": POINTS}
+REQUESTED: dict[str, dict[str, Any]] = {"/calibration/depth": TESTS, "/calibration/obliquity": POINTS}
 
 
 JSON = {"Content-Type": "application/json"}
 
 
 def body_of(path: str, motion: dict[str, Any]) -> dict[str, Any]:
-    return ASKED.get(path, motion)
+    return REQUESTED.get(path, motion)
 
 
 PATHS = ("/calibration/depth", "/calibration/motion", "/calibration/obliquity")

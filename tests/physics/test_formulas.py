@@ -36,9 +36,9 @@ from solver.nose import Flat
 
 FORRESTAL_SHOT = Projectile(nose=Ogive(caliber_radius_head=2.0), diameter=0.0269, length=0.2423, mass=0.906)
 FORRESTAL_TARGET = Target(compressive_strength=35.2e6, density=2370.0)
-"""Shot of Forrestal, Altman, Cargile and Hanchak (1994) at 277 m/s."""
+"""The shot of Forrestal, Altman, Cargile and Hanchak (1994) at 277 m/s."""
 MEASURED_DEPTH = 0.173
-"""Of that shot. [m]"""
+"""Depth of that shot. [m]"""
 PAPER = Projectile(nose=Ogive(caliber_radius_head=3.0), diameter=0.08, length=0.53, mass=13.0)
 FLAT = replace(PAPER, nose=Flat())
 PAPER_TARGET = Target(compressive_strength=39e6, density=2250.0)

@@ -30,8 +30,8 @@ def database(status: int, vulnerable: str = "") -> Iterator[str]:
 
     class Handler(BaseHTTPRequestHandler):
         def do_POST(self) -> None:
-            asked = json.loads(self.rfile.read(int(self.headers["Content-Length"])))
-            found = {"vulns": [ADVISORY]} if asked["package"]["name"] == vulnerable else {}
+            request = json.loads(self.rfile.read(int(self.headers["Content-Length"])))
+            found = {"vulns": [ADVISORY]} if request["package"]["name"] == vulnerable else {}
             body = json.dumps(found).encode()
             self.send_response(status)
             self.send_header("Content-Length", str(len(body)))
