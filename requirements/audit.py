@@ -1,7 +1,7 @@
 """Look for known vulnerabilities in what the service can run on, requirements/full.txt; arguments go to pip-audit.
 
 Ends in 1 if there are any, in 0 if there are none or if the database cannot be reached, which it reports: a check that
-needs somebody else's server must not stop work without it. With `--strict` it ends in 1 as well if any package could not
+needs somebody else's server must not stop work without it. With `--strict` it ends in 1 too if any package could not
 be looked up.
 """
 
