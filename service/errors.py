@@ -230,10 +230,6 @@ class FolderInUseError(Exception):
     """The data folder belongs to another running service."""
 
 
-class KeysUnreadableError(Exception):
-    """The file of the keys exists and cannot be used; the text gives the reason."""
-
-
 class DamagedFileError(Exception):
     """The file is not what was written."""
 

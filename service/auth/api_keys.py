@@ -21,8 +21,6 @@ from typing import Any, BinaryIO, Literal, TypeAlias, get_args
 
 import orjson
 
-from service.errors import KeysUnreadableError
-
 Scope: TypeAlias = Literal["read", "run", "admin"]
 SCOPES: tuple[Scope, ...] = get_args(Scope)
 """`read`: results, one's own jobs, metrics; `run`: make and end work; `admin`: both, and the jobs of all owners."""
@@ -69,6 +67,13 @@ CREATE TABLE IF NOT EXISTS quotas (
 INSERT = """
 INSERT OR IGNORE INTO api_keys VALUES (:id, :owner, :scopes, :digest, :cases_per_hour, :created, :expires, :revoked)
 """
+
+
+class KeysUnreadableError(Exception):
+    """The file of the keys exists and cannot be used; the text gives the reason.
+
+    It is defined here, not in `service.errors`: the command line manages keys without importing the solver.
+    """
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

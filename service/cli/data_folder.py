@@ -59,8 +59,7 @@ def run_keys(args: argparse.Namespace) -> int:
     CommandError
         If the keys cannot be read or written, or there is no such key.
     """
-    from service.auth.api_keys import add_key, make_key, read_keys, revoke_key
-    from service.errors import KeysUnreadableError
+    from service.auth.api_keys import KeysUnreadableError, add_key, make_key, read_keys, revoke_key
 
     folder = read_settings().data_dir
     try:

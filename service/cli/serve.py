@@ -57,8 +57,9 @@ def run_serve(_: argparse.Namespace) -> int:
     asyncio.run(check_address(settings.host, settings.port))
 
     from service.api.app import create_app
+    from service.auth.api_keys import KeysUnreadableError
     from service.cli.server import Server
-    from service.errors import ExecutorError, FolderInUseError, KeysUnreadableError, MissingExtraError
+    from service.errors import ExecutorError, FolderInUseError, MissingExtraError
     from service.logs import configure
 
     configure(settings.log_level)

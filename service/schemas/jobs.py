@@ -127,6 +127,19 @@ class JobChange(Part):
     title: Annotated[Title, Field(description="In place of the one it has.")]
 
 
+JobRequest = TypeAliasType(
+    "JobRequest",
+    Annotated[
+        SweepRequest | CriticalAngleUncertaintyRequest | TrajectoryUncertaintyRequest,
+        Field(
+            description="What a job computes, not in lists of jobs: a sweep as it was sent, or a study of uncertainty "
+            "with every default filled in."
+        ),
+    ],
+)
+"""Body that made a job."""
+
+
 class Job(Part):
     """Work that goes on after its request has been answered."""
 
@@ -148,16 +161,7 @@ class Job(Part):
     ) = MISSING
     problem: Annotated[Problem, Field(description="Why it failed.")] | MISSING = MISSING
     axes: Annotated[list[str], Field(description="Fields that vary, if it is a sweep.")] | MISSING = MISSING
-    request: (
-        Annotated[
-            SweepRequest | CriticalAngleUncertaintyRequest | TrajectoryUncertaintyRequest,
-            Field(
-                description="What it computes, not in lists of jobs: a sweep as it was sent, or a study of uncertainty "
-                "with every default filled in."
-            ),
-        ]
-        | MISSING
-    ) = MISSING
+    request: JobRequest | MISSING = MISSING
     progress: (
         Annotated[StudyProgress, Field(description="How far it is, if it is a study of uncertainty that has begun.")]
         | MISSING

@@ -38,8 +38,9 @@ SURROGATE_POINTS = 4096
 RESAMPLES, BATCH = 499, 50
 FEWEST_BASE_SAMPLES = 64
 """For Sobol indices by the direct method."""
-SENSITIVITY_SAMPLES = 512
-"""Base samples for them at most, each one search for every input and one more."""
+SENSITIVITY_SAMPLES = 4096
+"""Base samples for them at most, each one search for every input and one more. With 512, intervals of 95 % hold the
+true first-order indices of Ishigami's function in 89 or 90 of 100 seeds (`tests/uncertainty/test_coverage.py`)."""
 MOST_ANGLES = 2001
 
 

@@ -20,6 +20,7 @@ from service.auth.api_keys import (
     RELOAD_SECONDS,
     ApiKey,
     ApiKeyStore,
+    KeysUnreadableError,
     add_key,
     make_key,
     read_keys,
@@ -30,7 +31,6 @@ from service.auth.quotas import STEP, WINDOW, Quota, QuotaStore
 from service.cli.arguments import CommandError
 from service.cli.serve import check_access
 from service.errors import (
-    KeysUnreadableError,
     PoolUnavailableError,
     QueriesWaitingError,
     QuotaError,

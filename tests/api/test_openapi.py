@@ -116,7 +116,7 @@ def test_nothing_is_nullable_nor_a_tuple() -> None:
 
 def test_unions_are_named_and_their_discriminators_required_without_default() -> None:
     unions = {place: node for place, node in nodes(CONTRACT) if {"oneOf", "anyOf", "allOf"} & node.keys()}
-    names = ("Nose", "StrengthFactor", "Result", "DistributionOf", "DiscreteValues", "InputValue")
+    names = ("Nose", "StrengthFactor", "Result", "DistributionOf", "DiscreteValues", "InputValue", "JobRequest")
     assert set(unions) == {f"/components/schemas/{name}" for name in names}
     for node in unions.values():
         if "discriminator" in node:

@@ -167,7 +167,7 @@ def test_terminal_gets_the_address_and_readable_log_lines(tmp_path: Path) -> Non
         try:
             shown = read_until(ours, f"on http://127.0.0.1:{port}")
             httpx.get(f"http://127.0.0.1:{port}/livez", trust_env=False)
-            shown += read_until(ours, "path=/livez")
+            shown += read_until(ours, "route=/livez")
             process.send_signal(signal.SIGINT)
             shown += read_until(ours, None)
         finally:
@@ -176,7 +176,7 @@ def test_terminal_gets_the_address_and_readable_log_lines(tmp_path: Path) -> Non
     first, *others = shown.splitlines()
     assert first == f"ricochet {version('ricochet')} on http://127.0.0.1:{port}"
     assert process.returncode == 0, shown
-    [line] = [line for line in others if "path=/livez" in line]
+    [line] = [line for line in others if "route=/livez" in line]
     assert "method=GET" in line
     assert "status=200" in line
     assert "{" not in shown

@@ -32,6 +32,8 @@ NOT_RUN = {
     "pip install ": "what setup does from the lock",
     "npm install ": "tests/api/test_typescript_client.py installs the same from the lock",
     "npx openapi-typescript ": "tests/api/test_typescript_client.py makes the same types",
+    "ricochet calibrate depth tests.csv --case strike.toml --uncertain": "tests/cli/test_uncertainty.py runs the same",
+    "ricochet uncertainty strike.toml": "tests/cli/test_uncertainty.py runs the same",
     "dask ": "tests/service/dask_cluster.py starts the same",
     "RICOCHET_EXECUTOR=dask ": "needs a scheduler; tests/service/dask_cluster.py starts one",
     "docker ": "needs an engine; tests/container runs the steps",
