@@ -27,6 +27,8 @@ from solver.validation import require
 
 LEAST_THICKNESS = 0.1
 """Least thickness of a wall over the diameter of the projectile. [1]"""
+LARGEST_STATE = 1e100
+"""Position, angle or velocity beyond which a run has diverged: the energy of a larger one may overflow. [m, rad, s]"""
 
 
 class Outcome(StrEnum):
@@ -56,7 +58,7 @@ class Exit:
     kinetic_energy: float
     """Energy of translation and rotation. [J]"""
     lateral: float
-    """Way of the centre of gravity along the face since first contact. [m]"""
+    """Distance of the centre of gravity along the face since first contact. [m]"""
 
 
 def exit_of(outcome: Outcome, state: Sequence[float], body: Body) -> Exit | None:
@@ -195,7 +197,7 @@ def integrate(
         work, linear = make_workspace(), make_linearisation()
         accuracy = Accuracy(float(numerics.relative_tolerance), LARGEST_STEP)
         run = integrate_adaptive(start, model, end_time, thresholds, accuracy, steps, work, linear)
-    check_end(run.end if np.isfinite(run.state).all() else Termination.NOT_FINITE, run.time)
+    check_end(run.end if np.abs(run.state).max() < LARGEST_STATE else Termination.NOT_FINITE, run.time)
     return run, steps[: run.steps]
 
 

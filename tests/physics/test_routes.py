@@ -11,12 +11,15 @@ from solver import (
     Conical,
     ElasticPlastic,
     Impact,
+    IntegrationError,
     Motion,
     Numerics,
+    Ogive,
     Outcome,
     Profile,
     Projectile,
     Resistance,
+    Target,
     mass_properties,
     simulate,
 )
@@ -231,3 +234,30 @@ def test_profile_of_cones_approaches_the_ogive_it_is_inscribed_in() -> None:
     errors = np.array([abs(depth(Projectile(nose=inscribed(int(n)), **mass)) - exact) for n in counts])
     assert slope(1.0 / counts, errors) == pytest.approx(2.0, abs=0.5)
     assert errors[-1] < 1e-3
+
+
+def test_fixed_steps_that_diverge_are_an_error() -> None:
+    """A slender rod at 9.6 km/s with steps of a third of a millisecond gains energy without bound."""
+    projectile = Projectile(
+        nose=Ogive(caliber_radius_head=10.963436937052325),
+        diameter=0.035355050208263045,
+        length=8.719902476181762,
+        mass=7177552.289768635,
+        moment_of_inertia=0.99999,
+    )
+    target = Target(
+        compressive_strength=269439156.2515081,
+        density=14948.107877298173,
+        youngs_modulus=860893636542.5715,
+        poissons_ratio=0.12684555671351952,
+    )
+    numerics = Numerics(
+        method="panels",
+        panels=150,
+        time_step=0.0003334556548268112,
+        termination_time=0.8805132536744776,
+        retention_energy_fraction=0.10018589490073927,
+    )
+    impact = Impact(velocity=9583.490635947335, oblique_angle=0.0)
+    with pytest.raises(IntegrationError, match="no longer finite"):
+        simulate(projectile=projectile, target=target, impact=impact, numerics=numerics)
