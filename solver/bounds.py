@@ -59,7 +59,7 @@ def require_bounds(field: str, value: object) -> None:
     Raises
     ------
     ParameterError
-        If it is none; it names the bounds, and the unit that the number may have been meant in.
+        If it is not; it names the bounds, and the unit that the number may have been meant in.
     """
     bound, number = BOUNDS[field], require_number(field, value)
     if bound.holds(number):
@@ -81,7 +81,7 @@ def require_one(field: str, value: object, kind: type) -> None:
     Raises
     ------
     ParameterError
-        If it is none.
+        If it is not.
     """
     if not isinstance(value, kind):
         many = ": simulate_many and critical_angle_many take many cases" if hasattr(value, "__len__") else ""
@@ -94,7 +94,7 @@ def require_angle(field: str, value: object, *, below: bool) -> None:
     Raises
     ------
     ParameterError
-        If it is none; it suggests radians for what looks like degrees.
+        If it is not; it suggests radians for what looks like degrees.
     """
     angle = require_number(field, value)
     if abs(angle) < math.pi / 2.0 or (not below and abs(angle) <= math.pi / 2.0):

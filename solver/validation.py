@@ -18,7 +18,7 @@ def require_number(field: str, value: object) -> float:
     Raises
     ------
     ParameterError
-        If it is none.
+        If it is not.
     """
     if isinstance(value, float | int) and not isinstance(value, bool):
         return float(value)
@@ -38,7 +38,7 @@ def require_kind(field: str, value: object, union: object) -> None:
     Raises
     ------
     ParameterError
-        If it is none; it names the classes, and the one that a text or a bare class stands for.
+        If it is not; it names the classes, and the one that a text or a bare class stands for.
     """
     kinds = get_args(union)
     if isinstance(value, kinds):
