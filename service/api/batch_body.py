@@ -90,7 +90,7 @@ class BatchReader:
         Raises
         ------
         HTTPException, InvalidBodyError
-            If it is not.
+            If it is not valid.
         """
         media_type = require_type(self._request, JSON, JSONL)
         digest = hashlib.sha256(f"{self._request.scope['path']} {media_type}\n".encode())
@@ -118,7 +118,7 @@ class BatchReader:
         Raises
         ------
         HTTPException, InvalidBodyError
-            If it is not.
+            If it is not valid.
         """
         media_type = require_type(self._request, JSON)
         digest = hashlib.sha256(f"{self._request.scope['path']} {media_type}\n".encode())

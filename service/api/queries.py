@@ -251,7 +251,7 @@ def validated(content: Any, operation: str, services: Services) -> Any:
     Raises
     ------
     InvalidBodyError, ParameterError
-        If it is not, or takes more work than one run may.
+        If it is not valid, or takes more work than one run may.
     """
     case = validated_as(OPERATIONS[operation].request, content)
     check_work(case, services.settings.max_panel_steps)
@@ -264,7 +264,7 @@ def validated_as(model: type[Model], content: Any) -> Model:
     Raises
     ------
     InvalidBodyError
-        If it is not.
+        If it is not valid.
     """
     try:
         return model.model_validate(content)
