@@ -9,9 +9,8 @@ import numpy as np
 
 from solver import CriticalAngle, Motion, Numerics, Search, critical_angle, simulate
 from solver.arrays import FloatArray
-from solver.cases import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY, paper_impact
-from solver.numerics import TRAJECTORY_TOLERANCE
 from solver.search.levels import LAST_TOLERANCE
+from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY, TRAJECTORY_TOLERANCE, paper_impact
 
 OBLIQUE_ANGLE_DEG = 45.0
 """Of the one trajectory that is measured."""

@@ -26,8 +26,8 @@ from solver import (
     critical_angle,
     solid_properties,
 )
-from solver.cases import PAPER_PROJECTILE
 from solver.nose import NoseShape
+from solver.strike import PAPER_PROJECTILE
 
 DECAYS = (
     ElasticPlastic(),

@@ -42,7 +42,7 @@ from benchmarks.clients import JSONL
 from benchmarks.machine import print_machine, print_table
 from benchmarks.servers import RICOCHET, Server, service
 from solver import Search, critical_angle, warm_up
-from solver.cases import PAPER_PROJECTILE, PAPER_TARGET
+from solver.strike import PAPER_PROJECTILE, PAPER_TARGET
 
 OWNERS = ("anna", "boris")
 DISTURBANCES = ("server killed", "worker killed", "server stopped", "index removed")

@@ -22,7 +22,7 @@ import time
 begin = time.perf_counter()
 import json, os, resource, sys
 from solver import critical_angle
-from solver.cases import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY
+from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY
 imported = time.perf_counter()
 critical_angle(projectile=PAPER_PROJECTILE, target=PAPER_TARGET, velocity=PAPER_VELOCITY)
 answered, at = time.perf_counter(), time.monotonic()

@@ -2,13 +2,10 @@
 
 from solver.alternatives import Alternative, alternative_resistances, alternatives
 from solver.columns import columns, to_dataframe
-from solver.errors import IntegrationError, ParameterError, RicochetError, StepLimitError
 from solver.formulas import FormulaResult, OutOfRange, cea_edf_limit_speed, formulas
 from solver.free_surface import ElasticPlastic, MohrCoulomb, NoFreeSurface, decay_factor
-from solver.impact import Impact
 from solver.many import critical_angle_many, least_thickness_many, limit_velocity_many, simulate_many
 from solver.nose import Conical, Flat, Ogive, Profile, Spherical
-from solver.numerics import Numerics
 from solver.penetration import closed_form_depth
 from solver.perforation import (
     PerforationLimit,
@@ -29,10 +26,11 @@ from solver.resistance import (
 )
 from solver.search.critical_angle import critical_angle
 from solver.search.types import CriticalAngle, OutcomeInterval, Search, SearchStatus, Trial
-from solver.spalling import Crater, ShearPlug
+from solver.strike import Impact, Numerics
 from solver.sweeps import critical_angle_sweep, simulate_sweep
-from solver.target import Target, concrete_youngs_modulus
+from solver.target import Crater, ShearPlug, Target, concrete_youngs_modulus
 from solver.trajectory import Motion, Trajectory, simulate
+from solver.validation import IntegrationError, ParameterError, RicochetError, StepLimitError
 from solver.warm_up import warm_up
 from solver.warnings import ModelWarning
 

@@ -4,9 +4,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, Generic, TypeVar
 
-from solver.errors import RicochetError
 from solver.free_surface import ElasticPlastic, MohrCoulomb, NoFreeSurface
 from solver.resistance import EQUATION_9, ObliquityPolynomial, PublishedTests, Resistance, StrengthPowerLaw
+from solver.validation import RicochetError
 
 DECAY_LAWS = {
     ElasticPlastic: "decay: theory",

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from solver.errors import ParameterError, RicochetError
 from solver.frame import Columns, dataframe
 from solver.search.types import CriticalAngle
 from solver.trajectory import Motion, Trajectory
+from solver.validation import ParameterError, RicochetError
 
 FINAL = tuple(field.name for field in fields(Motion))
 NO_BRACKET = (math.nan, math.nan)

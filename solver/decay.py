@@ -11,10 +11,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from solver.arrays import FloatArray
+from solver.arrays import FloatArray, interpolation
 from solver.compilation import exact, lean
 from solver.free_surface import FreeSurface, NoFreeSurface
-from solver.polynomials import interpolation
 from solver.target import Target
 
 DEGREE = 12

@@ -12,13 +12,12 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Literal, TypeAlias, get_args
 
-from solver.errors import ParameterError
-from solver.impact import Impact
 from solver.penetration import nose_factor
 from solver.projectile import Projectile
 from solver.resistance import StrengthPowerLaw
+from solver.strike import Impact
 from solver.target import Target
-from solver.validation import require_positive
+from solver.validation import ParameterError, require_positive
 
 NoseClass: TypeAlias = Literal["flat", "hemispherical", "blunt", "sharp"]
 NDRC_NOSE: Mapping[NoseClass, float] = {"flat": 0.72, "hemispherical": 0.84, "blunt": 1.0, "sharp": 1.14}

@@ -11,11 +11,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from solver.arrays import FloatArray, IntArray
+from solver.arrays import FloatArray, IntArray, gauss_rule
 from solver.compilation import VECTOR_WIDTH, compiled, inlined, lean
 from solver.decay import build_decay, decay_at
 from solver.outline_intervals import MAX_CUTS, cut, is_full, is_loaded, ring_at
-from solver.quadrature import gauss_rule
 from solver.resistance import Resistance
 from solver.surface import FAR, Body, Panels
 from solver.surface_integration import (

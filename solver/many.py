@@ -10,16 +10,15 @@ from typing import Any, TypeAlias, TypeVar
 import numpy as np
 
 from solver.arrays import FloatArray
-from solver.errors import ParameterError, RicochetError
-from solver.impact import Impact
-from solver.numerics import Numerics
 from solver.perforation import TOLERANCE, PerforationLimit, least_thickness, limit_velocity
 from solver.projectile import Projectile
 from solver.resistance import EQUATION_9, Resistance
 from solver.search.critical_angle import critical_angle
 from solver.search.types import CriticalAngle, Search
+from solver.strike import Impact, Numerics
 from solver.target import Target
 from solver.trajectory import Trajectory, simulate
+from solver.validation import ParameterError, RicochetError
 
 AHEAD = 64
 """Strikes for each thread that may be begun before the oldest is fetched: some take thirty times as long as most, and

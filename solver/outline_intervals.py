@@ -5,9 +5,8 @@ Cuts are where the face, or the line on which elements start to separate, crosse
 
 import math
 
-from solver.arrays import FloatArray
+from solver.arrays import FloatArray, arc_cosine, sine
 from solver.compilation import lean
-from solver.polynomials import arc_cosine, sine
 from solver.surface import ARC
 
 HALF_TURN = math.pi / 2.0

@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 
+from solver.arrays import gauss_rule
 from solver.projectile import GAUSS_POINTS, Projectile
-from solver.quadrature import gauss_rule
 from solver.target import Target
 from solver.validation import require_positive
 

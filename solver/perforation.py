@@ -10,11 +10,10 @@ import numpy as np
 from solver.display import card, line
 from solver.events import Thresholds
 from solver.frame import Columns, dataframe
-from solver.impact import Impact
-from solver.numerics import USUAL, Numerics, usual_termination_time
 from solver.prepared import LEAST_THICKNESS, OUTCOMES, Exit, Outcome, PreparedCase, exit_of, integrate, prepare
 from solver.projectile import Projectile
 from solver.resistance import EQUATION_9, Resistance
+from solver.strike import USUAL, Impact, Numerics, usual_termination_time
 from solver.target import Target
 from solver.trajectory import run_warnings
 from solver.validation import require, require_between
@@ -147,7 +146,7 @@ def least_thickness(
     Examples
     --------
     >>> from solver import least_thickness
-    >>> from solver.cases import PAPER_PROJECTILE, PAPER_TARGET, paper_impact
+    >>> from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, paper_impact
     >>> impact = paper_impact(oblique_angle_degrees=30.0)
     >>> found = least_thickness(projectile=PAPER_PROJECTILE, target=PAPER_TARGET, impact=impact)
     >>> f"{found.value:.3f} m"
@@ -212,7 +211,7 @@ def limit_velocity(
     --------
     >>> from dataclasses import replace
     >>> from solver import limit_velocity
-    >>> from solver.cases import PAPER_PROJECTILE, PAPER_TARGET
+    >>> from solver.strike import PAPER_PROJECTILE, PAPER_TARGET
     >>> wall = replace(PAPER_TARGET, thickness=0.2)
     >>> found = limit_velocity(projectile=PAPER_PROJECTILE, target=wall, oblique_angle=0.0)
     >>> f"{found.value:.0f} m/s"

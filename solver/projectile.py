@@ -4,8 +4,8 @@ import math
 from dataclasses import dataclass
 from functools import lru_cache
 
+from solver.arrays import gauss_rule
 from solver.nose import Line, NoseShape, OutlinePiece, Profile
-from solver.quadrature import gauss_rule
 from solver.validation import require, require_kind, require_number, require_positive
 
 GAUSS_POINTS = 48  # on one piece of the outline; exact for lines, near machine precision for arcs

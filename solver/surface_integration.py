@@ -16,11 +16,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from solver.arrays import FloatArray
+from solver.arrays import FloatArray, arc_cosine, sine
 from solver.compilation import VECTOR_WIDTH, exact, lean, vectorised
 from solver.decay import TINY, Decay, inertial_factor, static_factor
 from solver.outline_intervals import Motion
-from solver.polynomials import arc_cosine, sine
 from solver.surface import ARC
 
 ROOM = 520

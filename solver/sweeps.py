@@ -8,19 +8,15 @@ from typing import Any
 
 import numpy as np
 
-from solver.bounds import BOUNDS
 from solver.columns import columns
-from solver.errors import ParameterError, RicochetError
-from solver.impact import Impact
 from solver.many import critical_angle_many, simulate_many
-from solver.numerics import Numerics
 from solver.projectile import Projectile
 from solver.resistance import Resistance
 from solver.search.types import CriticalAngle, Search
-from solver.strike_fields import is_part, put, strike_parts
+from solver.strike import Impact, Numerics, is_part, put, strike_parts
 from solver.target import Target
 from solver.trajectory import Trajectory
-from solver.validation import require
+from solver.validation import BOUNDS, ParameterError, RicochetError, require
 
 MOST_POINTS = 100_000
 ANY_VELOCITY = 1.0

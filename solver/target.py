@@ -1,9 +1,12 @@
-"""The concrete: strength, density and elastic constants."""
+"""The concrete: strength, density and elastic constants, and what comes off its faces.
+
+A crater at the impact face, and the plug that shears out of the rear of a wall.
+"""
 
 import math
 from dataclasses import dataclass
 
-from solver.validation import require_between, require_positive
+from solver.validation import require, require_between, require_positive
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,3 +73,58 @@ def concrete_youngs_modulus(*, compressive_strength: float) -> float:
     ACI 318-19, 19.2.2.1: 4700 MPa times the square root of the strength in MPa.
     """
     return 4700e6 * math.sqrt(compressive_strength / 1e6)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Crater:
+    """A front crater, in which the resistance builds up with depth.
+
+    Parameters
+    ----------
+    depth_diameters
+        Depth of the crater over the diameter of the projectile. [1]
+
+    Notes
+    -----
+    All forces are those of the cavity expansion times ``x / (k d)``, with the depth ``x`` of the deepest point of the
+    surface, up to the crater depth ``k d``. Forrestal, Altman, Cargile and Hanchak (1994) let the axial force rise in
+    proportion to depth with k = 2, Li and Chen (2003) with k = 0.707 + nose length / d; there the slope is the force at
+    the end of the crater over its depth, here the velocity of the instant counts. Both are for normal impact; no test
+    says what a crater does to an oblique strike.
+    """
+
+    depth_diameters: float = 2.0
+
+    def __post_init__(self) -> None:
+        fits = math.isfinite(self.depth_diameters) and 0.0 < self.depth_diameters <= 20.0
+        require(fits, "resistance.crater.depth_diameters", f"must be above 0, up to 20, got {self.depth_diameters:g}")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ShearPlug:
+    """A cone that shears out of the rear of a wall; within its height nothing resists.
+
+    Parameters
+    ----------
+    cone_angle
+        Between the axis of the cone and its side. [rad]
+
+    Notes
+    -----
+    The height h is that at which a quasi-static force S f'c on the cross section shears the cone at f'c / √3:
+    ``h / d = (√(1 + √3 S tan α) - 1) / (2 tan α)``, as Li and Tong (2003) and Chen, Fan and Li (2004) have it, with
+    α = 66.1° after the tests of Dancygier (1998). The force of inertia, the obliquity, and the mass and energy of the
+    plug do not count. The decay near the rear face stays.
+    """
+
+    cone_angle: float = math.radians(66.1)
+
+    def __post_init__(self) -> None:
+        degrees = math.degrees(self.cone_angle)
+        fits = math.isfinite(degrees) and 10.0 - 1e-9 <= degrees <= 85.0 + 1e-9
+        require(fits, "resistance.rear_plug.cone_angle", f"must be 10° to 85°, got {degrees:g}°")
+
+    def height(self, *, strength_factor: float, diameter: float) -> float:
+        """Height of the plug. [m]"""
+        slope = math.tan(self.cone_angle)
+        return diameter * (math.sqrt(1.0 + math.sqrt(3.0) * strength_factor * slope) - 1.0) / (2.0 * slope)

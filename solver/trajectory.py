@@ -8,20 +8,17 @@ import numpy as np
 
 from solver import warnings as model_warnings
 from solver.arrays import FloatArray
-from solver.bounds import require_one
 from solver.display import card, line
-from solver.errors import ParameterError
 from solver.events import Run
 from solver.frame import Columns, dataframe
-from solver.impact import Impact
 from solver.motion import Model, sample, sample_loads
-from solver.numerics import USUAL, Numerics, usual_termination_time
 from solver.plots import plot_motion
 from solver.prepared import OUTCOMES, Exit, Outcome, PreparedCase, exit_of, integrate, prepare
 from solver.projectile import Projectile
 from solver.resistance import EQUATION_9, Resistance
+from solver.strike import USUAL, Impact, Numerics, usual_termination_time
 from solver.target import Target
-from solver.validation import require_positive
+from solver.validation import ParameterError, require_one, require_positive
 from solver.warnings import ModelWarning
 
 SAMPLE_INTERVAL = 1e-5

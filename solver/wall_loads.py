@@ -12,12 +12,11 @@ import math
 
 import numpy as np
 
-from solver.arrays import FloatArray
+from solver.arrays import FloatArray, arc_cosine
 from solver.compilation import lean, vectorised
 from solver.decay import TINY
 from solver.loads import SHORT, Quadrature, Scratch
 from solver.outline_intervals import MAX_CUTS, Motion, cut, insert, is_loaded, ring_at
-from solver.polynomials import arc_cosine
 from solver.surface import FLAT, Body
 from solver.surface_integration import (
     ACROSS,

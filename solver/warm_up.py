@@ -6,11 +6,9 @@ import sys
 from collections.abc import Callable
 from warnings import warn
 
-from solver.cases import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY, paper_impact
-from solver.compilation import Progress, can_keep, compilation_progress
-from solver.numerics import Numerics
-from solver.processors import PORTABLE
+from solver.compilation import PORTABLE, Progress, can_keep, compilation_progress
 from solver.search.critical_angle import critical_angle
+from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY, Numerics, paper_impact
 from solver.trajectory import simulate
 
 POLL_SECONDS = 1.0
@@ -59,7 +57,7 @@ def _compile_elsewhere(report: Report, progress: Progress) -> None:
 
 
 def compile_portable(folder: str) -> None:
-    """Compile for each of the processors of `solver.processors` that this one can run, into a folder of its name.
+    """Compile for each of the processors of `solver.compilation` that this one can run, into a folder of its name.
 
     Progress goes to standard output. There may be no such processor: the folder is not made then.
     """

@@ -5,7 +5,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from solver.formulas import formulas, spread
-from solver.impact import Impact
 from solver.projectile import Projectile
 from solver.resistance import (
     EQUATION_9_COEFFICIENTS,
@@ -14,6 +13,7 @@ from solver.resistance import (
     Resistance,
     StrengthPowerLaw,
 )
+from solver.strike import Impact
 from solver.target import Target
 
 RIGID_VELOCITY = 800.0

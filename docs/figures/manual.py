@@ -34,8 +34,8 @@ from solver import (
     mass_properties,
     simulate,
 )
-from solver.cases import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY, paper_impact
 from solver.resistance import EQUATION_9_COEFFICIENTS
+from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY, paper_impact
 from solver.uncertainty import RESIDUAL, Lognormal, Normal, Sampling, Uncertain, critical_angle_uncertainty
 
 FOLDER = Path(__file__).parents[1] / "_figures"

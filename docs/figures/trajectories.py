@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from service.reports.style import draw_concrete, draw_path, tip_path
 from solver import simulate
-from solver.cases import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY, paper_impact
+from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY, paper_impact
 
 OBLIQUE_ANGLES_DEG = (45.0, 55.0)
 SNAPSHOTS = 5

@@ -19,7 +19,7 @@ from service.schemas.projectile import Projectile
 from service.schemas.quantities import Part
 from service.schemas.resistance import Resistance
 from service.schemas.strike import Impact, Target
-from solver.numerics import TERMINATION_TIME, TRAJECTORY_TOLERANCE
+from solver.strike import TERMINATION_TIME, TRAJECTORY_TOLERANCE
 
 GREATEST_DEPTH = "greatest-depth"
 SHORT_NAMES = {

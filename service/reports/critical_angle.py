@@ -24,8 +24,8 @@ from service.reports.report import Column, Comparison, Figure, Progress, Section
 from service.reports.style import TipPath, draw_concrete, draw_path
 from solver import CriticalAngle, Numerics, Resistance, Search, critical_angle, simulate, strength_factor
 from solver.calibration import predict_motion
-from solver.cases import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY
 from solver.search.types import SearchMethod
+from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY
 
 PLOTTED_SEARCHES: tuple[SearchMethod, ...] = ("bisection", "secant")
 

@@ -26,7 +26,7 @@ from service.reports.report import Comparison, Figure, Progress, Section, Table,
 from solver import Numerics, Resistance, strength_factor
 from solver.arrays import FloatArray
 from solver.calibration import MotionHistory, predict_motion
-from solver.cases import PAPER_PROJECTILE, PAPER_TARGET
+from solver.strike import PAPER_PROJECTILE, PAPER_TARGET
 
 LABELS = {
     "lateral_displacement": "lateral displacement [m]",

@@ -24,8 +24,8 @@ from solver.calibration import (
     fit_motion,
     predict_motion,
 )
-from solver.cases import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY
 from solver.free_surface import FreeSurface
+from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY
 
 Mesh: TypeAlias = Literal["coarse", "fine"]
 MESHES: Final[tuple[Mesh, ...]] = ("coarse", "fine")

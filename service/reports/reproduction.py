@@ -25,8 +25,8 @@ from solver import (
     critical_angle_many,
     mass_properties,
 )
-from solver.cases import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY
 from solver.free_surface import FreeSurface
+from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY
 
 TITLE = "The paper, reproduced"
 INTRODUCTION = paragraphs(

@@ -30,8 +30,8 @@ from solver.calibration import (
     fit_obliquity,
     penetration_depths,
 )
-from solver.cases import PAPER_PROJECTILE, PAPER_TARGET
 from solver.projectile import Projectile
+from solver.strike import PAPER_PROJECTILE, PAPER_TARGET
 
 STRENGTH_FACTORS = (6.0, 7.0, 8.0, 9.0, 10.0, 11.0)
 VELOCITIES = np.linspace(200.0, 400.0, 41)

@@ -21,7 +21,7 @@ from solver import (
     least_thickness,
     limit_velocity,
 )
-from solver.cases import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY
+from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY
 
 MODELS: Final[Mapping[str, Resistance]] = {
     "decay at the rear face (default)": Resistance(),

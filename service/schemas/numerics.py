@@ -9,8 +9,8 @@ from pydantic import MISSING, Field
 
 import solver
 from service.schemas.quantities import WHOLE, Count, Num, Part, degrees, with_examples
-from solver.numerics import SEARCH_TOLERANCE, TERMINATION_TIME, TRAJECTORY_TOLERANCE, TRANSITS
 from solver.search.critical_angle import PAPER_TERMINATION_TIME
+from solver.strike import SEARCH_TOLERANCE, TERMINATION_TIME, TRAJECTORY_TOLERANCE, TRANSITS
 
 NUMERICS = solver.Numerics()
 SEARCH = solver.Search()

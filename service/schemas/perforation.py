@@ -14,8 +14,8 @@ from service.schemas.quantities import Num, Part, with_examples
 from service.schemas.requests import Case
 from service.schemas.strike import Approach, Impact
 from solver import Outcome, ParameterError, PerforationStatus
-from solver.numerics import TERMINATION_TIME
 from solver.perforation import RUN_TOLERANCE
+from solver.strike import TERMINATION_TIME
 
 WALL = PAPER | {
     "target": PAPER["target"] | {"thickness_m": 0.2},

@@ -7,7 +7,7 @@ from typing_extensions import TypeAliasType
 
 import solver
 from service.schemas.quantities import Num, Part, with_examples, within
-from solver.cases import PAPER_PROJECTILE
+from solver.strike import PAPER_PROJECTILE
 
 OGIVE = {"shape": "ogive", "caliber_radius_head": 3.0}
 CONICAL = {"shape": "conical", "length_to_diameter": 1.5}

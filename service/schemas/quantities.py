@@ -5,7 +5,7 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, FiniteFloat, Strict
 
-from solver.bounds import BOUNDS
+from solver.validation import BOUNDS
 
 Num = Annotated[FiniteFloat, Strict()]
 """A JSON number, 13 as good as 13.0. No text, no truth value, nothing infinite."""

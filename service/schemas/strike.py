@@ -7,7 +7,7 @@ from pydantic import MISSING, Field
 
 import solver
 from service.schemas.quantities import Num, Part, with_examples, within
-from solver.cases import PAPER_TARGET, PAPER_VELOCITY
+from solver.strike import PAPER_TARGET, PAPER_VELOCITY
 
 TARGET = {"compressive_strength_pa": PAPER_TARGET.compressive_strength, "density_kg_m3": PAPER_TARGET.density}
 STRIKE = {"velocity_m_s": PAPER_VELOCITY}

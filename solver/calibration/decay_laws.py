@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 from solver.calibration.estimate import UndeterminedError
 from solver.calibration.motion import MotionRun, MotionsFit, fit_motions
 from solver.free_surface import ElasticPlastic, FreeSurface, MohrCoulomb, NoFreeSurface
-from solver.numerics import Numerics
 from solver.projectile import Projectile
 from solver.resistance import Resistance
+from solver.strike import Numerics
 from solver.target import Target
 from solver.warnings import ModelWarning
 

@@ -19,11 +19,10 @@ from solver.calibration.estimate import (
     valleys,
 )
 from solver.events import Run, Termination
-from solver.impact import Impact
-from solver.numerics import Numerics
 from solver.prepared import PreparedCase, integrate, prepare
 from solver.projectile import Projectile
 from solver.resistance import ConstantStrengthFactor, Resistance
+from solver.strike import Impact, Numerics
 from solver.target import Target
 from solver.validation import require, require_positive
 from solver.warnings import ModelWarning

@@ -9,8 +9,7 @@ import numpy as np
 from scipy.special import stdtrit
 
 from solver.arrays import FloatArray
-from solver.errors import ParameterError
-from solver.validation import require
+from solver.validation import ParameterError, require
 
 LOWEST, HIGHEST = 0.5, 50.0
 """Strength factors among which a fit looks. Published ones lie between 5 and 22."""

@@ -7,10 +7,9 @@ from typing import Final
 import numpy as np
 
 from solver.arrays import FloatArray
-from solver.errors import ParameterError
-from solver.impact import Impact
 from solver.projectile import Projectile, mass_properties
-from solver.validation import require
+from solver.strike import Impact
+from solver.validation import ParameterError, require
 
 QUANTITIES: Final = ("depth_displacement", "lateral_displacement", "rotation")
 REACH, SLACK = 1.1, 0.1

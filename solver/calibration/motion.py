@@ -22,14 +22,12 @@ from solver.calibration.estimate import (
 )
 from solver.calibration.history import QUANTITIES, MotionHistory, Weights, check_reach
 from solver.calibration.strike import Strike
-from solver.errors import ParameterError
 from solver.free_surface import FreeSurface
-from solver.impact import Impact
-from solver.numerics import Numerics
 from solver.projectile import Projectile
 from solver.resistance import Resistance
+from solver.strike import Impact, Numerics
 from solver.target import Target
-from solver.validation import require
+from solver.validation import ParameterError, require
 from solver.warnings import ModelWarning
 
 FIT_TOLERANCE = 1e-6

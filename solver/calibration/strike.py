@@ -6,11 +6,10 @@ import numpy as np
 
 from solver.arrays import FloatArray
 from solver.calibration.history import QUANTITIES, MotionHistory
-from solver.impact import Impact
-from solver.numerics import Numerics, ResolvedNumerics
 from solver.prepared import initial_state, integrate, positions_at, prepare
 from solver.projectile import Projectile
 from solver.resistance import ConstantStrengthFactor, Resistance
+from solver.strike import Impact, Numerics, ResolvedNumerics
 from solver.target import Target
 from solver.validation import require_positive
 

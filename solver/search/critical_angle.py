@@ -9,18 +9,7 @@ import numpy as np
 
 from solver import warnings as model_warnings
 from solver.arrays import FloatArray
-from solver.bounds import require_bounds, require_one
-from solver.errors import ParameterError, RicochetError
 from solver.events import REST_FRACTION, Termination, Thresholds
-from solver.impact import Impact
-from solver.numerics import (
-    SEARCH_STATIONS,
-    SEARCH_TOLERANCE,
-    USUAL,
-    Method,
-    Numerics,
-    usual_termination_time,
-)
 from solver.prepared import (
     OUTCOMES,
     Outcome,
@@ -38,7 +27,17 @@ from solver.search.outcome import HALF_DEGREE, MORE_INERTIA, search_outcome
 from solver.search.paper import search_bisection, search_secant
 from solver.search.trials import ANGLE, END, TrialInputs
 from solver.search.types import USUAL_SEARCH, Change, CriticalAngle, OutcomeInterval, Search, SearchStatus, Trial
+from solver.strike import (
+    SEARCH_STATIONS,
+    SEARCH_TOLERANCE,
+    USUAL,
+    Impact,
+    Method,
+    Numerics,
+    usual_termination_time,
+)
 from solver.target import Target
+from solver.validation import ParameterError, RicochetError, require_bounds, require_one
 from solver.warnings import ModelWarning
 
 PAPER_TERMINATION_TIME = 5e-3

@@ -7,12 +7,11 @@ from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
-from solver.bounds import require_angle
 from solver.display import card, line
 from solver.frame import Columns, dataframe
 from solver.plots import plot_search
 from solver.prepared import Exit, Outcome
-from solver.validation import require, require_between
+from solver.validation import require, require_angle, require_between
 from solver.warnings import ModelWarning
 
 SearchMethod: TypeAlias = Literal["outcome", "bisection", "secant"]

@@ -10,7 +10,6 @@ import numpy as np
 import numpy.typing as npt
 
 from solver.arrays import FloatArray
-from solver.errors import ParameterError
 from solver.uncertainty.inputs import Uncertain, check_inputs
 from solver.uncertainty.results import LEVELS, AngleUncertainty, Change, Crossings, Round, Sensitivity
 from solver.uncertainty.sampling import (
@@ -28,7 +27,7 @@ from solver.uncertainty.sampling import (
     share_half_width,
 )
 from solver.uncertainty.surrogate import Expansion, Moments, expansion_moments, fit_expansion
-from solver.validation import require
+from solver.validation import ParameterError, require
 from solver.warnings import ModelWarning
 
 SURROGATE_ERROR = math.radians(0.1)

@@ -6,7 +6,6 @@ from dataclasses import dataclass, fields, replace
 from functools import partial
 from typing import Any
 
-from solver.errors import ParameterError
 from solver.prepared import check_case
 from solver.resistance import (
     ConstantStrengthFactor,
@@ -14,9 +13,9 @@ from solver.resistance import (
     PublishedTests,
     StrengthFactor,
 )
-from solver.strike_fields import is_part, put
+from solver.strike import is_part, put
 from solver.uncertainty.distributions import Discrete, Distribution, stated_values
-from solver.validation import require, require_positive
+from solver.validation import ParameterError, require, require_positive
 
 RESIDUAL = "resistance.strength_residual"
 """Field of a factor on S, whatever the law of S: the part of its scatter that no input of the law explains."""

@@ -9,12 +9,12 @@ import numpy as np
 
 from solver.arrays import FloatArray
 from solver.display import card, line
-from solver.errors import ParameterError, RicochetError
 from solver.frame import Columns, dataframe
 from solver.plots import plot_probability
 from solver.prepared import Exit
 from solver.search.types import CriticalAngle, SearchStatus
 from solver.uncertainty.sampling import Estimate
+from solver.validation import ParameterError, RicochetError
 from solver.warnings import ModelWarning
 
 LEVELS = (0.025, 0.05, 0.25, 0.5, 0.75, 0.95, 0.975)

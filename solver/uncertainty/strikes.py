@@ -7,14 +7,11 @@ from typing import Any, Protocol, TypeVar
 import numpy as np
 
 from solver.arrays import FloatArray
-from solver.errors import RicochetError
-from solver.impact import Impact
-from solver.numerics import Numerics
 from solver.projectile import Projectile
 from solver.resistance import Resistance
 from solver.search.critical_angle import critical_angle
 from solver.search.types import USUAL_SEARCH, Search
-from solver.strike_fields import strike_parts
+from solver.strike import Impact, Numerics, strike_parts
 from solver.target import Target
 from solver.trajectory import simulate
 from solver.uncertainty.critical_angles import AngleStudy
@@ -22,7 +19,7 @@ from solver.uncertainty.inputs import Strike, Uncertain
 from solver.uncertainty.results import AngleUncertainty, Crossings, TrajectoryUncertainty
 from solver.uncertainty.sampling import Point, Sampling
 from solver.uncertainty.trajectories import Ending, TrajectoryStudy
-from solver.validation import require
+from solver.validation import RicochetError, require
 
 Result = TypeVar("Result")
 Answer = TypeVar("Answer")

@@ -8,7 +8,6 @@ from typing import NamedTuple
 import numpy as np
 
 from solver.arrays import FloatArray
-from solver.errors import ParameterError, RicochetError
 from solver.prepared import Exit, Outcome
 from solver.trajectory import Trajectory
 from solver.uncertainty.inputs import Uncertain, check_inputs
@@ -30,6 +29,7 @@ from solver.uncertainty.sampling import (
     quantile_estimate,
     share_half_width,
 )
+from solver.validation import ParameterError, RicochetError
 from solver.warnings import ModelWarning
 
 

@@ -12,7 +12,7 @@ import pytest
 from service.schemas import FormulasAnswer
 from service.schemas.examples import PAPER
 from solver import Impact, formulas
-from solver.cases import PAPER_PROJECTILE, PAPER_TARGET
+from solver.strike import PAPER_PROJECTILE, PAPER_TARGET
 
 BODY: dict[str, Any] = {name: PAPER[name] for name in ("projectile", "target")} | {"impact": {"velocity_m_s": 238.0}}
 FORRESTAL: dict[str, Any] = {

@@ -19,7 +19,7 @@ import pytest
 from service.schemas import CriticalAngleUncertaintyAnswer, TrajectoryUncertaintyAnswer
 from service.schemas.examples import PAPER
 from solver import ElasticPlastic, MohrCoulomb
-from solver.cases import PAPER_PROJECTILE, PAPER_TARGET
+from solver.strike import PAPER_PROJECTILE, PAPER_TARGET
 from solver.uncertainty import Discrete, Normal, Sampling, Uncertain, critical_angle_uncertainty
 from tests.conftest import Service
 

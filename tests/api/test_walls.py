@@ -19,7 +19,7 @@ from service.schemas import (
 )
 from service.schemas.examples import PAPER
 from solver import cea_edf_limit_speed, least_thickness, limit_velocity
-from solver.cases import PAPER_PROJECTILE, PAPER_TARGET, paper_impact
+from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, paper_impact
 
 from .many import ASYNC, LINES, finished, items_of, lines
 

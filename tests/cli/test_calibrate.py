@@ -16,8 +16,8 @@ from service import cli
 from service.schemas.examples import PAPER_AT_45
 from solver import Impact, critical_angle
 from solver.calibration import MotionHistory, predict_motion
-from solver.cases import PAPER_PROJECTILE, PAPER_TARGET
 from solver.resistance import ObliquityPolynomial, Resistance
+from solver.strike import PAPER_PROJECTILE, PAPER_TARGET
 from tests.cli.commands import ROOT
 from tests.readers.dyna_files import write_binout, write_nodout, write_rbdout
 

@@ -10,7 +10,7 @@ import pytest
 from solver import Numerics, ParameterError, Projectile, Resistance, solid_properties
 from solver.arrays import FloatArray
 from solver.calibration import DepthFit, DepthTest, fit_depth, penetration_depths
-from solver.cases import PAPER_PROJECTILE, PAPER_TARGET
+from solver.strike import PAPER_PROJECTILE, PAPER_TARGET
 
 from .tables import table_1
 

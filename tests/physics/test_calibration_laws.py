@@ -20,8 +20,8 @@ from solver.calibration import (
     fit_motions,
     predict_motion,
 )
-from solver.cases import PAPER_PROJECTILE, PAPER_TARGET
 from solver.free_surface import FreeSurface
+from solver.strike import PAPER_PROJECTILE, PAPER_TARGET
 
 LAWS: tuple[FreeSurface, ...] = (ElasticPlastic(), MohrCoulomb(), NoFreeSurface())
 BODY: dict[str, Any] = {"projectile": PAPER_PROJECTILE, "target": PAPER_TARGET}

@@ -11,7 +11,7 @@ import pytest
 from solver import ConstantStrengthFactor, Numerics, Outcome, ParameterError, Resistance, Trajectory, simulate
 from solver.arrays import FloatArray
 from solver.calibration import MotionFit, MotionHistory, Weights, fit_motion, predict_motion
-from solver.cases import PAPER_PROJECTILE, PAPER_TARGET, paper_impact
+from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, paper_impact
 
 ANGLES = (15.0, 30.0, 45.0)
 TIMES = np.linspace(0.0, 5e-3, 101)

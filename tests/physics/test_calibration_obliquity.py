@@ -9,7 +9,7 @@ import pytest
 from solver import ParameterError, Resistance, SearchStatus, critical_angle, strength_factor
 from solver.arrays import FloatArray
 from solver.calibration import ObliquityPoint, fit_obliquity
-from solver.cases import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY
+from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY
 
 from .tables import equation_9, table_2
 

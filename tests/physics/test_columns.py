@@ -18,7 +18,7 @@ from solver import (
     simulate,
     simulate_many,
 )
-from solver.cases import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY, paper_impact
+from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY, paper_impact
 
 
 def test_history_is_a_table_with_a_column_for_each_quantity() -> None:
@@ -89,7 +89,7 @@ def test_no_answers_are_an_empty_table() -> None:
 def test_pandas_is_imported_only_for_its_table_and_missed_in_words() -> None:
     program = (
         "import sys; sys.modules['pandas'] = None\n"
-        "from solver import critical_angle\nfrom solver.cases import *\n"
+        "from solver import critical_angle\nfrom solver.strike import *\n"
         "found = critical_angle(projectile=PAPER_PROJECTILE, target=PAPER_TARGET, velocity=PAPER_VELOCITY)\n"
         "print(len(found.columns()['fine']))\n"
         "found.to_dataframe()"

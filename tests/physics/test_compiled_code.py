@@ -1,6 +1,6 @@
 """Where compiled code is kept: a damaged file, a folder that can only be read, a copy elsewhere, two at once.
 
-A package of two small functions, with the three modules of the solver that compile, takes a second; the solver takes a
+A package of two small functions, with the two modules of the solver that compile, takes a second; the solver takes a
 minute.
 """
 
@@ -22,7 +22,7 @@ import pytest
 
 import solver
 from solver import compilation
-from solver.processors import PORTABLE
+from solver.compilation import PORTABLE
 
 CONSTANTS = """
 HALF = 0.5
@@ -134,7 +134,7 @@ def make_package(folder: Path) -> Little:
     made = Little(folder)
     made.package.mkdir()
     (made.package / "__init__.py").touch()
-    for name in ("compilation.py", "machine_code.py", "processors.py"):
+    for name in ("compilation.py", "machine_code.py"):
         text = Path(str(solver.__file__)).with_name(name).read_text()
         (made.package / name).write_text(text.replace("from solver.", "from little."))
     (made.package / "constants.py").write_text(CONSTANTS)
@@ -382,7 +382,7 @@ def test_progress_says_how_much_is_compiled_and_what_is_being_compiled(
 def test_first_call_on_a_terminal_announces_that_it_compiles(compiling: Callable[..., subprocess.Popen[str]]) -> None:
     script = (
         "from solver import critical_angle\n"
-        "from solver.cases import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY\n"
+        "from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY\n"
         "critical_angle(projectile=PAPER_PROJECTILE, target=PAPER_TARGET, velocity=PAPER_VELOCITY)"
     )
     ours, theirs = pty.openpty()

@@ -19,8 +19,7 @@ from solver import (
     SearchStatus,
     critical_angle,
 )
-from solver.cases import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY
-from solver.numerics import SEARCH_STATIONS, SEARCH_TOLERANCE
+from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY, SEARCH_STATIONS, SEARCH_TOLERANCE
 
 COMPRESSIBLE = {"target": replace(PAPER_TARGET, poissons_ratio=0.2)}
 INERTIA = {"resistance": Resistance(free_surface=ElasticPlastic(inertia=True))}

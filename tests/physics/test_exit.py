@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 
 from solver import Outcome, critical_angle, simulate
-from solver.cases import PAPER_PROJECTILE, PAPER_TARGET, paper_impact
+from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, paper_impact
 
 WALL = replace(PAPER_TARGET, thickness=0.2)
 ENERGY = 0.5 * 13.0 * 238.0**2

@@ -19,10 +19,9 @@ from solver import (
     Trajectory,
     simulate,
 )
-from solver.arrays import FloatArray
+from solver.arrays import FloatArray, gauss_rule
 from solver.motion import sample, sample_loads
 from solver.prepared import integrate, prepare
-from solver.quadrature import gauss_rule
 
 from .strikes import strikes
 

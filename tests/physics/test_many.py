@@ -27,7 +27,7 @@ from solver import (
     simulate,
     simulate_many,
 )
-from solver.cases import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY
+from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY
 
 NEAR = Search(lower=math.radians(35.0), upper=math.radians(60.0))
 

@@ -20,8 +20,8 @@ from solver import (
     solid_properties,
 )
 from solver.arrays import FloatArray
-from solver.cases import PAPER_PROJECTILE, PAPER_TARGET, paper_impact
 from solver.free_surface import FreeSurface
+from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, paper_impact
 
 from .strikes import DECAYS, NOSES, steel
 

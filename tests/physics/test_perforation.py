@@ -20,7 +20,7 @@ from solver import (
     limit_velocity,
     simulate,
 )
-from solver.cases import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY, paper_impact
+from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY, paper_impact
 
 WALL = replace(PAPER_TARGET, thickness=0.2)
 

@@ -19,7 +19,7 @@ from solver import (
     critical_angle_many,
     simulate,
 )
-from solver.cases import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY
+from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY
 
 PAPER: dict[str, Any] = {"projectile": PAPER_PROJECTILE, "target": PAPER_TARGET, "velocity": PAPER_VELOCITY}
 MOHR_COULOMB = Resistance(free_surface=MohrCoulomb())

@@ -7,9 +7,9 @@ import pytest
 
 from solver import Flat, Impact, NoFreeSurface, Numerics, Projectile, Resistance
 from solver.arrays import FloatArray
-from solver.cases import PAPER_TARGET
 from solver.prepared import integrate, prepare
 from solver.rosenbrock import COUPLINGS, ERROR_WEIGHTS, GAMMA, STAGE_WEIGHTS, STAGES, WEIGHTS
+from solver.strike import PAPER_TARGET
 
 
 def sums(weights: FloatArray) -> list[float]:

@@ -19,8 +19,8 @@ from solver import (
     simulate,
 )
 from solver.arrays import FloatArray
-from solver.cases import PAPER_PROJECTILE, PAPER_TARGET, paper_impact
 from solver.events import REST_FRACTION
+from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, paper_impact
 
 from .strikes import NOSES, steel
 

@@ -32,8 +32,7 @@ from solver import (
     mass_properties,
     simulate,
 )
-from solver.cases import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY
-from solver.numerics import SEARCH_STATIONS, SEARCH_TOLERANCE
+from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY, SEARCH_STATIONS, SEARCH_TOLERANCE
 
 ADAPTIVE = Numerics(method="adaptive")
 

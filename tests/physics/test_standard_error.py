@@ -18,7 +18,7 @@ from solver import (
     critical_angle,
 )
 from solver.calibration import fit_obliquity
-from solver.cases import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY
+from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY
 
 from .tables import table_2
 

@@ -25,8 +25,8 @@ from solver import (
     simulate,
 )
 from solver.calibration import penetration_depths
-from solver.cases import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY, paper_impact
 from solver.resistance import StrengthFactor, strength_factor
+from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY, paper_impact
 
 ROOT = Path(__file__).parents[2]
 TESTS = ROOT / "service" / "reports" / "data" / "penetration_tests.csv"

@@ -3,7 +3,7 @@
 import math
 
 from solver import Impact, Numerics, Outcome, simulate
-from solver.cases import PAPER_PROJECTILE, PAPER_TARGET
+from solver.strike import PAPER_PROJECTILE, PAPER_TARGET
 
 
 def test_sticking_costs_no_more_steps_than_getting_there() -> None:

@@ -8,7 +8,7 @@ import pytest
 
 from service.readers import Expected, FileError, read_depth_tests, read_motion, read_obliquity_points
 from solver import Impact
-from solver.cases import PAPER_PROJECTILE
+from solver.strike import PAPER_PROJECTILE
 
 STRIKE = Expected(impact=Impact(velocity=238.0, oblique_angle=math.radians(30.0)), projectile=PAPER_PROJECTILE)
 TESTS = "velocity_m_s,depth_m\n200,0.2\n300,0.4\n"

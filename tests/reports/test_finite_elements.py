@@ -23,7 +23,7 @@ from service.reports.finite_elements_text import outcomes, place
 from service.reports.reference import MESHES, Mesh, finite_element_run, finite_element_runs, time_of_deepest_tip
 from service.reports.report import Section
 from solver import mass_properties
-from solver.cases import PAPER_PROJECTILE
+from solver.strike import PAPER_PROJECTILE
 
 NO_DECAY = "none"
 

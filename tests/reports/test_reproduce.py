@@ -16,7 +16,7 @@ from service.reports.reference import equation_9, paper_numbers, paper_value, ta
 from service.reports.report import Comparison, Progress, Section
 from service.reports.reproduction import open_points_section
 from service.reports.strength_factor import FIRED_DIAMETER, depth_section, fit, fit_table_2, obliquity_section
-from solver.cases import PAPER_PROJECTILE
+from solver.strike import PAPER_PROJECTILE
 
 LIMIT_S = 120.0
 FIGURES = {f"figure-{number:02d}" for number in (6, *range(8, 19))}

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from solver.processors import PORTABLE
+from solver.compilation import PORTABLE
 
 ROOT = Path(__file__).parents[2]
 BUILT_FROM = ("Makefile", "pyproject.toml", "hatch_build.py", "README.md", "LICENSE", "service", "solver")
@@ -24,7 +24,7 @@ import json, math, time
 from numba.core import event
 with event.install_recorder("numba:compile") as recorder:
     import solver
-    from solver.cases import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY
+    from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY
     found = solver.critical_angle(projectile=PAPER_PROJECTILE, target=PAPER_TARGET, velocity=PAPER_VELOCITY)
 print(json.dumps([solver.__file__, math.degrees(found.angle), len(recorder.buffer), time.monotonic()]))
 """

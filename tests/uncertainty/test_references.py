@@ -11,8 +11,8 @@ from scipy import stats
 
 from solver import CriticalAngle, critical_angle_many
 from solver.arrays import FloatArray
-from solver.cases import PAPER_PROJECTILE, PAPER_TARGET
 from solver.projectile import Projectile
+from solver.strike import PAPER_PROJECTILE, PAPER_TARGET
 from solver.uncertainty import AngleUncertainty, Estimate, Normal, Sampling, Uncertain, critical_angle_uncertainty
 from tests.uncertainty.functions import known
 from tests.uncertainty.test_strikes import ANGLES, PAPER, SCATTER

@@ -15,9 +15,8 @@ from solver import (
     simulate,
     strength_factor,
 )
-from solver.bounds import BOUNDS
-from solver.cases import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY, paper_impact
 from solver.resistance import EQUATION_9
+from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY, paper_impact
 from solver.uncertainty import (
     RESIDUAL,
     Discrete,
@@ -31,6 +30,7 @@ from solver.uncertainty import (
     scaled,
     trajectory_uncertainty,
 )
+from solver.validation import BOUNDS
 from tests.uncertainty.functions import known
 
 PAPER: dict[str, Any] = {"projectile": PAPER_PROJECTILE, "target": PAPER_TARGET, "velocity": PAPER_VELOCITY}

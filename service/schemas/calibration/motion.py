@@ -12,7 +12,7 @@ from service.schemas.requests import MOST_ROWS
 from service.schemas.strike import STRIKE, TARGET, Impact
 from solver.arrays import FloatArray
 from solver.calibration import MotionHistory, MotionRun, Weights
-from solver.errors import ParameterError
+from solver.validation import ParameterError
 
 COMPARED_ROWS = 1000
 """Rows of a motion that is only compared: a curve needs no more."""

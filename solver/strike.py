@@ -1,10 +1,54 @@
-"""Numerical settings of a run: which of the two routes, and how finely."""
+"""A strike: the impact, the numerical settings of its run, its fields by dotted names, and the paper's strike."""
 
 import math
-from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from collections.abc import Sequence
+from dataclasses import dataclass, is_dataclass, replace
+from typing import Any, Literal, TypeAlias
 
-from solver.validation import require, require_between, require_positive
+from solver.nose import Ogive
+from solver.projectile import Projectile
+from solver.resistance import EQUATION_9, Resistance
+from solver.target import Target
+from solver.validation import require, require_angle, require_between, require_bounds, require_positive
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Impact:
+    """The strike.
+
+    Parameters
+    ----------
+    velocity
+        Speed of the centre of gravity at first contact, 0.1 to 10,000. [m/s]
+    oblique_angle
+        From the inward normal of the face to the velocity; 0 is normal impact. [rad]
+    angle_of_attack
+        Axis angle minus velocity angle, positive with the nose turned toward the face. [rad]
+    angular_velocity
+        Rate of the axis angle at first contact. [rad/s]
+
+    Raises
+    ------
+    ParameterError
+        If a value is not finite or outside its range.
+    """
+
+    velocity: float
+    oblique_angle: float
+    angle_of_attack: float = 0.0
+    angular_velocity: float = 0.0
+
+    def __post_init__(self) -> None:
+        require_bounds("impact.velocity", self.velocity)
+        require_angle("impact.oblique_angle", self.oblique_angle, below=True)
+        require_angle("impact.angle_of_attack", self.angle_of_attack, below=False)
+        require_bounds("impact.angular_velocity", self.angular_velocity)
+
+    @property
+    def axis_angle(self) -> float:
+        """From the inward normal to the axis. [rad]"""
+        return self.oblique_angle + self.angle_of_attack
+
 
 Method: TypeAlias = Literal["adaptive", "panels"]
 
@@ -116,3 +160,42 @@ class ResolvedNumerics:
     def fixed_steps(self) -> int:
         """Steps of the panel route up to the termination time."""
         return math.ceil(self.termination_time / self.time_step)
+
+
+def is_part(value: Any) -> bool:
+    """Whether it is an object with fields."""
+    return is_dataclass(value) and not isinstance(value, type)
+
+
+def strike_parts(
+    impact: Impact,
+    projectile: Projectile,
+    target: Target,
+    resistance: Resistance | None,
+    numerics: Numerics | None,
+) -> dict[str, Any]:
+    """Return the parts of a strike, those not given filled in."""
+    return {
+        "projectile": projectile,
+        "target": target,
+        "impact": impact,
+        "resistance": resistance or EQUATION_9,
+        "numerics": numerics or USUAL,
+    }
+
+
+def put(part: Any, path: Sequence[str], value: Any) -> Any:
+    """Return a copy of a part with this value there."""
+    name, *rest = path
+    return replace(part, **{name: put(getattr(part, name), rest, value) if rest else value})
+
+
+PAPER_PROJECTILE = Projectile(nose=Ogive(caliber_radius_head=3.0), diameter=0.08, length=0.53, mass=13.0)
+PAPER_TARGET = Target(compressive_strength=39e6, density=2250.0)
+PAPER_VELOCITY = 238.0
+"""[m/s]"""
+
+
+def paper_impact(*, oblique_angle_degrees: float) -> Impact:
+    """The paper's strike at an oblique angle in degrees from the normal."""
+    return Impact(velocity=PAPER_VELOCITY, oblique_angle=math.radians(oblique_angle_degrees))
