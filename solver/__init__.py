@@ -6,7 +6,6 @@ from solver.formulas import FormulaResult, OutOfRange, cea_edf_limit_speed, form
 from solver.free_surface import ElasticPlastic, MohrCoulomb, NoFreeSurface, decay_factor
 from solver.many import critical_angle_many, least_thickness_many, limit_velocity_many, simulate_many
 from solver.nose import Conical, Flat, Ogive, Profile, Spherical
-from solver.penetration import closed_form_depth
 from solver.perforation import (
     PerforationLimit,
     PerforationStatus,
@@ -22,6 +21,7 @@ from solver.resistance import (
     PublishedTests,
     Resistance,
     StrengthPowerLaw,
+    closed_form_depth,
     strength_factor,
 )
 from solver.search.critical_angle import critical_angle

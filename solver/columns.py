@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from solver.frame import Columns, dataframe
+from solver.display import Columns, dataframe
 from solver.search.types import CriticalAngle
 from solver.trajectory import Motion, Trajectory
 from solver.validation import ParameterError, RicochetError

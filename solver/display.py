@@ -1,8 +1,41 @@
-"""Answers as text: one line for a console, a small card for a notebook."""
+"""Answers as tables of pandas, as text for consoles and notebooks, and as pictures of matplotlib.
+
+pandas and matplotlib are for those who have them: nothing here needs them otherwise.
+"""
 
 from collections.abc import Iterable, Mapping
 from html import escape
-from typing import Protocol
+from importlib import import_module
+from typing import Any, Protocol, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from solver.arrays import FloatArray
+from solver.nose import Line
+from solver.projectile import Projectile
+
+Columns: TypeAlias = dict[str, npt.NDArray[Any]]
+"""Arrays of equal length by name."""
+
+
+def dataframe(columns: Mapping[str, npt.NDArray[np.generic]]) -> Any:
+    """Return the columns as a ``pandas.DataFrame``.
+
+    Raises
+    ------
+    ModuleNotFoundError
+        If pandas is not installed.
+    """
+    try:
+        pandas = import_module("pandas")
+    except ModuleNotFoundError as error:
+        if error.name != "pandas":
+            raise
+        raise ModuleNotFoundError(
+            "to_dataframe() needs pandas: pip install pandas; columns() gives the same as arrays", name="pandas"
+        ) from None
+    return pandas.DataFrame(dict(columns))
 
 
 class Warned(Protocol):
@@ -47,3 +80,151 @@ def card(title: str, rows: Mapping[str, str], warnings: Iterable[Warned] = (), m
     folded = f"<details><summary>{count}</summary><ul>{''.join(found)}</ul></details>" if found else ""
     table = f'<table style="color:inherit">{cells}</table>'
     return f"<div><strong>{escape(title)}</strong>{table}{more}{folded}</div>"
+
+
+INSTANTS = 5
+"""At which a side view shows the projectile."""
+ARC_POINTS = 40
+COLORS: Mapping[str, str] = {
+    "ricochet": "#c8102e",
+    "embedded": "#123f73",
+    "in_motion": "#8a8378",
+    "perforated": "#2e7d32",
+}
+"""Colour of each outcome."""
+BLUE, RED, GREY, CONCRETE = "#123f73", "#c8102e", "#5c6670", "#e4e1dc"
+
+
+def new_figure(width: float, height: float) -> Any:
+    """Return an empty ``matplotlib.figure.Figure`` of a size in inches.
+
+    Raises
+    ------
+    ModuleNotFoundError
+        If matplotlib is not installed.
+    """
+    try:
+        module = import_module("matplotlib.figure")
+    except ModuleNotFoundError as error:
+        if error.name != "matplotlib":
+            raise
+        raise ModuleNotFoundError(
+            "plot() needs matplotlib: pip install matplotlib; columns() gives what it shows as arrays",
+            name="matplotlib",
+        ) from None
+    return module.Figure(figsize=(width, height), layout="constrained")
+
+
+def plot_motion(history: Columns, title: str, projectile: Projectile | None) -> Any:
+    """Return a figure with the side view of a motion, beside its histories.
+
+    Parameters
+    ----------
+    history
+        Columns of `Motion`.
+    title
+        Of the side view.
+    projectile
+        Drawn at some instants; without it its axis is, from the nose tip to the centre of gravity.
+    """
+    figure = new_figure(9.0, 5.0)
+    names = ("depth", "angle", "speed", "force")
+    panels = figure.subplot_mosaic([["side", name] for name in names], width_ratios=(1.3, 1.0))
+    _draw_side(panels["side"], history, projectile)
+    panels["side"].set_title(title, loc="left", fontsize="medium")
+    milliseconds = 1e3 * history["time"]
+    speed = np.hypot(history["depth_velocity"], history["lateral_velocity"])
+    force = np.hypot(history["depth_force"], history["lateral_force"])
+    curves = {
+        "depth": (history["nose_tip_depth"], "tip depth\n[m]"),
+        "angle": (np.degrees(history["axis_angle"]), "axis angle\n[°]"),
+        "speed": (speed, "speed\n[m/s]"),
+        "force": (force / 1e3, "resistance\n[kN]"),
+    }
+    for name, (values, label) in curves.items():
+        panels[name].plot(milliseconds, values, color=BLUE)
+        panels[name].set_ylabel(label)
+        panels[name].grid(visible=True, alpha=0.3)
+        panels[name].sharex(panels["force"])
+        panels[name].tick_params(labelbottom=name == "force")
+    panels["force"].set_xlabel("time [ms]")
+    figure.align_ylabels([panels[name] for name in names])
+    return figure
+
+
+def _draw_side(panel: Any, history: Columns, projectile: Projectile | None) -> None:
+    """Draw the projectile from the side, depth downwards, with the path of its nose tip."""
+    time, angle = history["time"], history["axis_angle"]
+    cosine = np.cos(angle)
+    row = int(np.argmax(np.abs(cosine)))
+    ahead = float((history["nose_tip_depth"][row] - history["center_of_gravity_depth"][row]) / cosine[row])
+    lateral = history["center_of_gravity_lateral"] + ahead * np.sin(angle)
+    lateral, depth = lateral - lateral[0], history["nose_tip_depth"]
+    outline = np.array([(0.0, 0.0), (ahead, 0.0)]) if projectile is None else _silhouette(projectile)
+    rows = np.searchsorted(time, np.linspace(0.0, time[-1], INSTANTS)).clip(0, time.size - 1)
+    for shade, i in zip(np.linspace(0.25, 1.0, INSTANTS), rows, strict=True):
+        along, across = outline.T
+        x = lateral[i] - along * np.sin(angle[i]) + across * cosine[i]
+        y = depth[i] - along * cosine[i] - across * np.sin(angle[i])
+        if projectile is None:
+            panel.plot(x, y, color=BLUE, alpha=shade, linewidth=3.0, solid_capstyle="round")
+        else:
+            panel.fill(x, y, facecolor=BLUE, alpha=0.3 * shade, edgecolor="none")
+            panel.plot(np.append(x, x[0]), np.append(y, y[0]), color=BLUE, alpha=shade, linewidth=1.0)
+        panel.annotate(f"{1e3 * time[i]:.1f} ms", (x[along.argmax()], y[along.argmax()]), fontsize="x-small")
+    panel.plot(lateral, depth, color=RED, linewidth=1.5, label="nose tip")
+    panel.autoscale_view()
+    bottom, top = panel.get_ylim()
+    panel.axhspan(0.0, max(bottom, top), color=CONCRETE, zorder=0)
+    panel.axhline(0.0, color=GREY, linewidth=1.0, zorder=1)
+    panel.set(
+        aspect="equal", ylim=(max(bottom, top), min(bottom, top)), xlabel="along the face [m]", ylabel="depth [m]"
+    )
+    panel.legend(loc="upper right", frameon=False, fontsize="small")
+
+
+def _silhouette(projectile: Projectile) -> FloatArray:
+    """(n, 2) distance behind the tip and signed distance from the axis, once around. [m]"""
+    edge: list[tuple[float, float]] = []
+    for piece in projectile.outline():
+        x, r, _, _ = piece.at(np.linspace(0.0, 1.0, 2 if isinstance(piece, Line) else ARC_POINTS))
+        edge += zip(x.tolist(), r.tolist(), strict=True)
+    upper = np.array(edge)
+    return np.concatenate([upper, upper[::-1] * (1.0, -1.0)])
+
+
+def plot_search(trials: Columns, title: str, angle: float | None) -> Any:
+    """Return a figure with the final position of each trial over its angle, rough trials hollow. [rad]"""
+    figure = new_figure(6.0, 4.0)
+    panel = figure.subplots()
+    degrees = np.degrees(trials["oblique_angle"])
+    for outcome, color in COLORS.items():
+        for fine, face in ((True, color), (False, "none")):
+            rows = (trials["outcome"] == outcome) & (trials["fine"] == fine)
+            if rows.any():
+                label = outcome.replace("_", " ") + ("" if fine else ", rough")
+                position = trials["final_position"][rows]
+                panel.plot(
+                    degrees[rows], position, "o", markeredgecolor=color, markerfacecolor=face, color=color, label=label
+                )
+    if angle is not None:
+        panel.axvline(np.degrees(angle), color=GREY, linestyle="--", label="critical angle")
+    panel.set(xlabel="oblique angle from the normal [°]", ylabel="nose tip at the end, depth [m]")
+    panel.set_title(title, loc="left", fontsize="medium")
+    panel.grid(visible=True, alpha=0.3)
+    panel.legend(frameon=False, fontsize="small")
+    return figure
+
+
+def plot_probability(curve: Columns, title: str) -> Any:
+    """Return a figure with the probability of ricochet over the angle, with its interval. [rad]"""
+    figure = new_figure(6.0, 4.0)
+    panel = figure.subplots()
+    degrees = np.degrees(curve["oblique_angle"])
+    panel.fill_between(degrees, curve["lower"], curve["upper"], color=BLUE, alpha=0.25, linewidth=0.0, label="interval")
+    panel.plot(degrees, curve["probability"], color=BLUE, label="probability")
+    panel.set(xlabel="oblique angle from the normal [°]", ylabel="probability of ricochet", ylim=(-0.02, 1.02))
+    panel.set_title(title, loc="left", fontsize="medium")
+    panel.grid(visible=True, alpha=0.3)
+    panel.legend(frameon=False, fontsize="small")
+    return figure

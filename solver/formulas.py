@@ -12,9 +12,8 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Literal, TypeAlias, get_args
 
-from solver.penetration import nose_factor
 from solver.projectile import Projectile
-from solver.resistance import StrengthPowerLaw
+from solver.resistance import StrengthPowerLaw, nose_factor
 from solver.strike import Impact
 from solver.target import Target
 from solver.validation import ParameterError, require_positive

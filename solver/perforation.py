@@ -7,9 +7,8 @@ from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
-from solver.display import card, line
-from solver.events import Thresholds
-from solver.frame import Columns, dataframe
+from solver.display import Columns, card, dataframe, line
+from solver.motion import Thresholds
 from solver.prepared import LEAST_THICKNESS, OUTCOMES, Exit, Outcome, PreparedCase, exit_of, integrate, prepare
 from solver.projectile import Projectile
 from solver.resistance import EQUATION_9, Resistance

@@ -7,19 +7,35 @@ from enum import StrEnum
 
 import numpy as np
 
-from solver.adaptive import LARGEST_STEP, STEP_LIMIT, Accuracy, integrate_adaptive
 from solver.arrays import FloatArray
-from solver.events import REST_FRACTION, Run, Termination, Thresholds
-from solver.fixed_step import integrate_fixed
 from solver.loads import build_law, build_quadrature
-from solver.motion import RAMP_FRACTION, STEP_WIDTH, Model, make_workspace, sample, start_state, with_right_hand_side
+from solver.motion import (
+    RAMP_FRACTION,
+    REST_FRACTION,
+    STEP_WIDTH,
+    Model,
+    Run,
+    Termination,
+    Thresholds,
+    make_workspace,
+    sample,
+    start_state,
+    with_right_hand_side,
+)
 from solver.projectile import Projectile, mass_properties
 from solver.resistance import Resistance, strength_factor
-from solver.rosenbrock import make_linearisation
 from solver.strike import Impact, ResolvedNumerics
 from solver.surface import NO_PANELS, Body, build_body, build_panels
 from solver.surface_integration import Law
 from solver.target import Target
+from solver.time_integration import (
+    LARGEST_STEP,
+    STEP_LIMIT,
+    Accuracy,
+    integrate_adaptive,
+    integrate_fixed,
+    make_linearisation,
+)
 from solver.validation import BOUNDS, IntegrationError, StepLimitError, require, require_bounds, require_one
 
 LEAST_THICKNESS = 0.1

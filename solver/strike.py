@@ -11,6 +11,19 @@ from solver.resistance import EQUATION_9, Resistance
 from solver.target import Target
 from solver.validation import require, require_angle, require_between, require_bounds, require_positive
 
+Method: TypeAlias = Literal["adaptive", "panels"]
+
+TERMINATION_TIME = 0.05
+"""Far beyond the few milliseconds a usual strike takes. [s]"""
+LONGEST_TERMINATION_TIME = 1.0
+"""The most that a run is given by default. [s]"""
+TRANSITS = 20.0
+"""Times a projectile could travel its length until it is given up: 999 of 1,000 turned away leave sooner. [1]"""
+TRAJECTORY_TOLERANCE, SEARCH_TOLERANCE = 3e-7, 3e-4
+TRAJECTORY_STATIONS, SEARCH_STATIONS = 12, 8
+RETENTION_ENERGY_FRACTION = 0.01
+"""A tenth of the speed: friction and rubble, which the model leaves out, decide what becomes of slower bodies. [1]"""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Impact:
@@ -48,20 +61,6 @@ class Impact:
     def axis_angle(self) -> float:
         """From the inward normal to the axis. [rad]"""
         return self.oblique_angle + self.angle_of_attack
-
-
-Method: TypeAlias = Literal["adaptive", "panels"]
-
-TERMINATION_TIME = 0.05
-"""Far beyond the few milliseconds a usual strike takes. [s]"""
-LONGEST_TERMINATION_TIME = 1.0
-"""The most that a run is given by default. [s]"""
-TRANSITS = 20.0
-"""Times a projectile could travel its length until it is given up: 999 of 1,000 turned away leave sooner. [1]"""
-TRAJECTORY_TOLERANCE, SEARCH_TOLERANCE = 3e-7, 3e-4
-TRAJECTORY_STATIONS, SEARCH_STATIONS = 12, 8
-RETENTION_ENERGY_FRACTION = 0.01
-"""A tenth of the speed: friction and rubble, which the model leaves out, decide what becomes of slower bodies. [1]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

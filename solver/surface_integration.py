@@ -18,9 +18,8 @@ import numpy as np
 
 from solver.arrays import FloatArray, arc_cosine, sine
 from solver.compilation import VECTOR_WIDTH, exact, lean, vectorised
-from solver.decay import TINY, Decay, inertial_factor, static_factor
-from solver.outline_intervals import Motion
-from solver.surface import ARC
+from solver.free_surface import TINY, Decay, inertial_factor, static_factor
+from solver.surface import ARC, Motion
 
 ROOM = 520
 """Rings of either kind in a batch: two stretches with the most stations there may be, and more."""

@@ -8,11 +8,8 @@ import numpy as np
 
 from solver import warnings as model_warnings
 from solver.arrays import FloatArray
-from solver.display import card, line
-from solver.events import Run
-from solver.frame import Columns, dataframe
-from solver.motion import Model, sample, sample_loads
-from solver.plots import plot_motion
+from solver.display import Columns, card, dataframe, line, plot_motion
+from solver.motion import Model, Run, sample, sample_loads
 from solver.prepared import OUTCOMES, Exit, Outcome, PreparedCase, exit_of, integrate, prepare
 from solver.projectile import Projectile
 from solver.resistance import EQUATION_9, Resistance

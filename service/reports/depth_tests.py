@@ -24,8 +24,7 @@ from solver import (
 )
 from solver.arrays import FloatArray
 from solver.calibration import penetration_depths
-from solver.penetration import closed_form_depth
-from solver.resistance import StrengthFactor
+from solver.resistance import StrengthFactor, closed_form_depth
 from solver.warnings import input_warnings
 
 OUTLIER_ROW = 55

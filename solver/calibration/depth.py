@@ -18,7 +18,7 @@ from solver.calibration.estimate import (
     require_confidence_level,
     valleys,
 )
-from solver.events import Run, Termination
+from solver.motion import Run, Termination
 from solver.prepared import PreparedCase, integrate, prepare
 from solver.projectile import Projectile
 from solver.resistance import ConstantStrengthFactor, Resistance

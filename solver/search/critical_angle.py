@@ -9,7 +9,7 @@ import numpy as np
 
 from solver import warnings as model_warnings
 from solver.arrays import FloatArray
-from solver.events import REST_FRACTION, Termination, Thresholds
+from solver.motion import REST_FRACTION, Termination, Thresholds
 from solver.prepared import (
     OUTCOMES,
     Outcome,

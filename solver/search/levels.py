@@ -4,10 +4,10 @@ import math
 from functools import lru_cache
 from typing import NamedTuple
 
-from solver.adaptive import LARGEST_STEP, Accuracy
 from solver.compilation import lean
 from solver.loads import Quadrature, build_quadrature
 from solver.motion import RAMP_FRACTION
+from solver.time_integration import LARGEST_STEP, Accuracy
 
 ROUGH, MIDDLE, REQUESTED, LAST = range(4)
 """What the numerical settings give is the third; the last decides where the two before do not agree."""

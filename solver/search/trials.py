@@ -5,15 +5,23 @@ from typing import NamedTuple
 
 import numpy as np
 
-from solver.adaptive import integrate_adaptive
 from solver.arrays import FloatArray, IntArray
 from solver.compilation import call_address, compiled, inner, lean
-from solver.events import Run, Termination, Thresholds, tip_depth
-from solver.fixed_step import integrate_fixed
-from solver.motion import STEP_WIDTH, Model, Workspace, kinetic_energy, make_workspace, start_state
-from solver.rosenbrock import Linearisation, make_linearisation
+from solver.motion import (
+    STEP_WIDTH,
+    Model,
+    Run,
+    Termination,
+    Thresholds,
+    Workspace,
+    kinetic_energy,
+    make_workspace,
+    start_state,
+    tip_depth,
+)
 from solver.search.levels import REQUESTED, Level, Levels
 from solver.surface_integration import Law
+from solver.time_integration import Linearisation, integrate_adaptive, integrate_fixed, make_linearisation
 
 ANGLE, POSITION, END, MARGIN, FINE, STATE = range(6)
 """Columns of the table of trials: oblique angle, final depth of the nose tip, a value of `Termination`, how clearly the

@@ -7,9 +7,7 @@ from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
-from solver.display import card, line
-from solver.frame import Columns, dataframe
-from solver.plots import plot_search
+from solver.display import Columns, card, dataframe, line, plot_search
 from solver.prepared import Exit, Outcome
 from solver.validation import require, require_angle, require_between
 from solver.warnings import ModelWarning

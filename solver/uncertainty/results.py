@@ -8,9 +8,7 @@ from typing import Any, Literal, NamedTuple, TypeAlias
 import numpy as np
 
 from solver.arrays import FloatArray
-from solver.display import card, line
-from solver.frame import Columns, dataframe
-from solver.plots import plot_probability
+from solver.display import Columns, card, dataframe, line, plot_probability
 from solver.prepared import Exit
 from solver.search.types import CriticalAngle, SearchStatus
 from solver.uncertainty.sampling import Estimate

@@ -11,8 +11,7 @@ from scipy.integrate import solve_ivp
 
 from solver import ElasticPlastic, MohrCoulomb, NoFreeSurface, Target, decay_factor
 from solver.arrays import FloatArray
-from solver.decay import Decay, build_decay, decay_at
-from solver.free_surface import FreeSurface
+from solver.free_surface import Decay, FreeSurface, build_decay, decay_at
 
 from .strikes import DECAYS
 

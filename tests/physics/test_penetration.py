@@ -17,7 +17,7 @@ from solver import (
     Target,
     closed_form_depth,
 )
-from solver.penetration import nose_factor
+from solver.resistance import nose_factor
 
 from .strikes import NOSES, steel
 from .tables import rows

@@ -8,8 +8,8 @@ import pytest
 from solver import Flat, Impact, NoFreeSurface, Numerics, Projectile, Resistance
 from solver.arrays import FloatArray
 from solver.prepared import integrate, prepare
-from solver.rosenbrock import COUPLINGS, ERROR_WEIGHTS, GAMMA, STAGE_WEIGHTS, STAGES, WEIGHTS
 from solver.strike import PAPER_TARGET
+from solver.time_integration import COUPLINGS, ERROR_WEIGHTS, GAMMA, STAGE_WEIGHTS, STAGES, WEIGHTS
 
 
 def sums(weights: FloatArray) -> list[float]:

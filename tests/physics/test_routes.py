@@ -23,16 +23,13 @@ from solver import (
     mass_properties,
     simulate,
 )
-from solver.adaptive import LARGEST_STEP, Accuracy, integrate_adaptive
 from solver.arrays import FloatArray
-from solver.events import Thresholds
-from solver.fixed_step import integrate_fixed
 from solver.loads import MOST_STATES, Scratch, make_scratch
-from solver.motion import STEP_WIDTH, Model, accelerate, make_workspace, sample_loads
+from solver.motion import STEP_WIDTH, Model, Thresholds, accelerate, make_workspace, sample_loads
 from solver.prepared import initial_state, prepare
-from solver.rosenbrock import make_linearisation
 from solver.strike import PAPER_TARGET
 from solver.surface import build_panels
+from solver.time_integration import LARGEST_STEP, Accuracy, integrate_adaptive, integrate_fixed, make_linearisation
 
 from .strikes import DECAYS, NOSES, steel
 

@@ -19,7 +19,7 @@ from solver import (
     simulate,
 )
 from solver.arrays import FloatArray
-from solver.events import REST_FRACTION
+from solver.motion import REST_FRACTION
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, paper_impact
 
 from .strikes import NOSES, steel
