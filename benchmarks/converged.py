@@ -9,7 +9,7 @@ import numpy as np
 
 from solver import CriticalAngle, Motion, Numerics, Search, critical_angle, simulate
 from solver.arrays import FloatArray
-from solver.search.levels import LAST_TOLERANCE
+from solver.search.trials import LAST_TOLERANCE
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY, TRAJECTORY_TOLERANCE, paper_impact
 
 OBLIQUE_ANGLE_DEG = 45.0

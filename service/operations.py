@@ -40,7 +40,7 @@ from service.schemas.uncertainty import UncertainCase, crossings_in, ending_in
 from solver import ENGINE_VERSION
 from solver.arrays import FloatArray
 from solver.calibration import fit_decay_laws, fit_depth, fit_obliquity, penetration_depths, predict_motion
-from solver.search.levels import LAST_POINTS, LAST_STATIONS, LAST_TOLERANCE
+from solver.search.trials import LAST_POINTS, LAST_STATIONS, LAST_TOLERANCE
 from solver.strike import SEARCH_STATIONS
 from solver.uncertainty import Crossings, Ending
 

@@ -1,10 +1,15 @@
 """Oblique impact of rigid projectiles on concrete: motion and critical ricochet angle. SI units and radians."""
 
-from solver.alternatives import Alternative, alternative_resistances, alternatives
-from solver.columns import columns, to_dataframe
 from solver.formulas import FormulaResult, OutOfRange, cea_edf_limit_speed, formulas
 from solver.free_surface import ElasticPlastic, MohrCoulomb, NoFreeSurface, decay_factor
-from solver.many import critical_angle_many, least_thickness_many, limit_velocity_many, simulate_many
+from solver.many import (
+    columns,
+    critical_angle_many,
+    least_thickness_many,
+    limit_velocity_many,
+    simulate_many,
+    to_dataframe,
+)
 from solver.nose import Conical, Flat, Ogive, Profile, Spherical
 from solver.perforation import (
     PerforationLimit,
@@ -27,7 +32,7 @@ from solver.resistance import (
 from solver.search.critical_angle import critical_angle
 from solver.search.types import CriticalAngle, OutcomeInterval, Search, SearchStatus, Trial
 from solver.strike import Impact, Numerics
-from solver.sweeps import critical_angle_sweep, simulate_sweep
+from solver.sweeps import Alternative, alternative_resistances, alternatives, critical_angle_sweep, simulate_sweep
 from solver.target import Crater, ShearPlug, Target, concrete_youngs_modulus
 from solver.trajectory import Motion, Trajectory, simulate
 from solver.validation import IntegrationError, ParameterError, RicochetError, StepLimitError

@@ -1,23 +1,32 @@
-"""Many strikes at a time, on several threads: the compiled code releases the interpreter lock."""
+"""Many cases at a time, on several threads, and their answers as one table.
 
+The compiled code releases the interpreter lock. A table has a row for each answer, in SI units and radians, under the
+names of the solver.
+"""
+
+import math
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack
+from dataclasses import fields
+from functools import partial
 from itertools import repeat
+from operator import attrgetter
 from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 
 from solver.arrays import FloatArray
+from solver.display import Columns, dataframe
 from solver.perforation import TOLERANCE, PerforationLimit, least_thickness, limit_velocity
 from solver.projectile import Projectile
-from solver.resistance import EQUATION_9, Resistance
+from solver.resistance import Resistance
 from solver.search.critical_angle import critical_angle
 from solver.search.types import CriticalAngle, Search
 from solver.strike import Impact, Numerics
 from solver.target import Target
-from solver.trajectory import Trajectory, simulate
+from solver.trajectory import Motion, Trajectory, simulate
 from solver.validation import ParameterError, RicochetError
 
 AHEAD = 64
@@ -68,9 +77,9 @@ def critical_angle_many(
         velocity=velocity,
         angle_of_attack=angle_of_attack,
         angular_velocity=angular_velocity,
-        resistance=EQUATION_9 if resistance is None else resistance,
+        resistance=resistance,
     )
-    return _run(lambda case: critical_angle(**case, numerics=numerics, search=search), cases, threads)
+    return _run(partial(critical_angle, numerics=numerics, search=search), cases, threads)
 
 
 def simulate_many(
@@ -104,13 +113,8 @@ def simulate_many(
     ParameterError
         If the sequences differ in length.
     """
-    strikes = Cases(
-        projectile=projectile,
-        target=target,
-        impact=impact,
-        resistance=EQUATION_9 if resistance is None else resistance,
-    )
-    return _run(lambda strike: simulate(**strike, numerics=numerics, sample_interval=sample_interval), strikes, threads)
+    strikes = Cases(projectile=projectile, target=target, impact=impact, resistance=resistance)
+    return _run(partial(simulate, numerics=numerics, sample_interval=sample_interval), strikes, threads)
 
 
 def least_thickness_many(
@@ -144,13 +148,8 @@ def least_thickness_many(
     ParameterError
         If the sequences differ in length.
     """
-    strikes = Cases(
-        projectile=projectile,
-        target=target,
-        impact=impact,
-        resistance=EQUATION_9 if resistance is None else resistance,
-    )
-    return _run(lambda strike: least_thickness(**strike, numerics=numerics, tolerance=tolerance), strikes, threads)
+    strikes = Cases(projectile=projectile, target=target, impact=impact, resistance=resistance)
+    return _run(partial(least_thickness, numerics=numerics, tolerance=tolerance), strikes, threads)
 
 
 def limit_velocity_many(
@@ -192,9 +191,9 @@ def limit_velocity_many(
         oblique_angle=oblique_angle,
         angle_of_attack=angle_of_attack,
         angular_velocity=angular_velocity,
-        resistance=EQUATION_9 if resistance is None else resistance,
+        resistance=resistance,
     )
-    return _run(lambda wall: limit_velocity(**wall, numerics=numerics, tolerance=tolerance), walls, threads)
+    return _run(partial(limit_velocity, numerics=numerics, tolerance=tolerance), walls, threads)
 
 
 class Cases:
@@ -218,12 +217,12 @@ def _plain(value: Any) -> Any:
     return value.item() if isinstance(value, np.generic) else value
 
 
-def _run(function: Callable[[dict[str, Any]], Answer], cases: Cases, threads: int) -> Iterator[Answer | RicochetError]:
+def _run(function: Callable[..., Answer], cases: Cases, threads: int) -> Iterator[Answer | RicochetError]:
     """Answers in order; on threads, some ahead of the caller."""
 
     def answer(case: dict[str, Any]) -> Answer | RicochetError:
         try:
-            return function(case)
+            return function(**case)
         except RicochetError as error:
             return error
 
@@ -239,3 +238,83 @@ def _run(function: Callable[[dict[str, Any]], Answer], cases: Cases, threads: in
                 yield waiting.popleft().result()
         while waiting:
             yield waiting.popleft().result()
+
+
+FINAL = tuple(field.name for field in fields(Motion))
+NO_BRACKET = (math.nan, math.nan)
+
+
+def columns(answers: Iterable[Trajectory | CriticalAngle | RicochetError]) -> Columns:
+    """Return what `simulate_many` or `critical_angle_many` yields as columns, a row for each answer.
+
+    Parameters
+    ----------
+    answers
+        Of one of the two, not of both.
+
+    Returns
+    -------
+    dict of str to array
+        Of trajectories ``outcome``, ``maximum_depth`` [m], ``strength_factor`` and ``final_time`` [s] to
+        ``final_kinetic_energy`` [J]; of critical angles ``status``, ``angle``, ``standard_error``, ``bracket_low`` and
+        ``bracket_high`` [rad], and ``strength_factor``. Then ``warnings``, their codes with blanks between them, and
+        ``error``, empty unless the case failed. NaN and empty text stand where there is nothing.
+
+    Raises
+    ------
+    ParameterError
+        If there are answers of both kinds.
+    """
+    answers = list(answers)
+    kinds = {type(answer) for answer in answers if not isinstance(answer, RicochetError)}
+    if len(kinds) > 1:
+        raise ParameterError("answers", "must be trajectories or critical angles, not both")
+    table: Columns = {}
+    for kind in kinds:
+        for name, (value, missing) in COLUMNS[kind].items():
+            table[name] = np.array(
+                [missing if isinstance(answer, RicochetError) else value(answer) for answer in answers]
+            )
+    table["warnings"] = _texts([getattr(answer, "warnings", ()) for answer in answers])
+    table["error"] = np.array([str(answer) if isinstance(answer, RicochetError) else "" for answer in answers], str)
+    return table
+
+
+def to_dataframe(answers: Iterable[Trajectory | CriticalAngle | RicochetError]) -> Any:
+    """Return the same as a ``pandas.DataFrame``.
+
+    Raises
+    ------
+    ModuleNotFoundError
+        If pandas is not installed.
+    """
+    return dataframe(columns(answers))
+
+
+def _texts(warnings: Sequence[Any]) -> Any:
+    return np.array([" ".join(warning.code for warning in found) for found in warnings], str)
+
+
+def _number(value: float | None) -> float:
+    return math.nan if value is None else value
+
+
+Column = tuple[Callable[[Any], Any], Any]
+"""What stands in it, and what stands there if the case failed."""
+
+COLUMNS: Mapping[type, Mapping[str, Column]] = {
+    Trajectory: {
+        "outcome": (attrgetter("outcome.value"), ""),
+        "maximum_depth": (attrgetter("maximum_depth"), math.nan),
+        "strength_factor": (attrgetter("strength_factor"), math.nan),
+        **{f"final_{name}": (attrgetter(f"final.{name}"), math.nan) for name in FINAL},
+    },
+    CriticalAngle: {
+        "status": (attrgetter("status.value"), ""),
+        "angle": (lambda answer: _number(answer.angle), math.nan),
+        "standard_error": (lambda answer: _number(answer.standard_error), math.nan),
+        "bracket_low": (lambda answer: (answer.bracket or NO_BRACKET)[0], math.nan),
+        "bracket_high": (lambda answer: (answer.bracket or NO_BRACKET)[1], math.nan),
+        "strength_factor": (lambda answer: _number(answer.strength_factor), math.nan),
+    },
+}

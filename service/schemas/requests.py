@@ -15,9 +15,9 @@ from service.schemas.quantities import Flag, Num, Part, with_examples
 from service.schemas.resistance import Resistance
 from service.schemas.strike import Impact, Strike, Target
 from solver import alternative_resistances
-from solver.alternatives import fitted_to
 from solver.search.critical_angle import PAPER_TERMINATION_TIME
 from solver.strike import SEARCH_TOLERANCE, TRAJECTORY_TOLERANCE, usual_termination_time
+from solver.sweeps import fitted_to
 from solver.trajectory import SAMPLE_INTERVAL
 from solver.validation import ParameterError
 

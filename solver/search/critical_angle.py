@@ -22,10 +22,9 @@ from solver.prepared import (
 )
 from solver.projectile import Projectile
 from solver.resistance import EQUATION_9, ObliquityPolynomial, Resistance, positive_up_to
-from solver.search.levels import search_levels
 from solver.search.outcome import HALF_DEGREE, MORE_INERTIA, search_outcome
 from solver.search.paper import search_bisection, search_secant
-from solver.search.trials import ANGLE, END, TrialInputs
+from solver.search.trials import ANGLE, END, TrialInputs, search_levels
 from solver.search.types import USUAL_SEARCH, Change, CriticalAngle, OutcomeInterval, Search, SearchStatus, Trial
 from solver.strike import (
     SEARCH_STATIONS,
