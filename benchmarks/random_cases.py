@@ -26,7 +26,7 @@ from solver import (
     critical_angle,
     solid_properties,
 )
-from solver.nose import NoseShape
+from solver.projectile import NoseShape
 from solver.strike import PAPER_PROJECTILE
 
 DECAYS = (

@@ -184,7 +184,7 @@ def warning_codes() -> str:
     """Return the codes of all model warnings that the solver gives, as Markdown."""
     text = "".join(
         inspect.getsource(import_module(f"solver.{name}"))
-        for name in ("warnings", "calibration.depth", "calibration.motion", "calibration.obliquity")
+        for name in ("warnings", "calibration.depth", "calibration.motion", "calibration.strength_factor")
     )
     return ", ".join(f"`{code}`" for code in sorted(set(re.findall(r"ModelWarning\(\s*\"(\w+)\"", text))))
 

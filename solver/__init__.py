@@ -10,7 +10,6 @@ from solver.many import (
     simulate_many,
     to_dataframe,
 )
-from solver.nose import Conical, Flat, Ogive, Profile, Spherical
 from solver.perforation import (
     PerforationLimit,
     PerforationStatus,
@@ -19,7 +18,18 @@ from solver.perforation import (
     limit_velocity,
 )
 from solver.prepared import Exit, Outcome
-from solver.projectile import MassProperties, Projectile, SolidProperties, mass_properties, solid_properties
+from solver.projectile import (
+    Conical,
+    Flat,
+    MassProperties,
+    Ogive,
+    Profile,
+    Projectile,
+    SolidProperties,
+    Spherical,
+    mass_properties,
+    solid_properties,
+)
 from solver.resistance import (
     ConstantStrengthFactor,
     ObliquityPolynomial,

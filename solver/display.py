@@ -12,8 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from solver.arrays import FloatArray
-from solver.nose import Line
-from solver.projectile import Projectile
+from solver.projectile import Line, Projectile
 
 Columns: TypeAlias = dict[str, npt.NDArray[Any]]
 """Arrays of equal length by name."""

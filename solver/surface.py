@@ -12,8 +12,7 @@ import numpy as np
 
 from solver.arrays import FloatArray, arc_cosine, sine
 from solver.compilation import compiled, lean
-from solver.nose import Line, OutlinePiece
-from solver.projectile import MassProperties, Projectile
+from solver.projectile import Line, MassProperties, OutlinePiece, Projectile
 from solver.validation import require
 
 LINE, ARC = 0.0, 1.0

@@ -1,4 +1,4 @@
-// The outline of the projectile in a meridian plane, from its fields; as solver/nose.py defines the noses.
+// The outline of the projectile in a meridian plane, from its fields; as solver/projectile.py defines the noses.
 
 const ARC_POINTS = 24;
 

@@ -12,8 +12,7 @@ from matplotlib.figure import Figure
 
 from solver import mass_properties
 from solver.arrays import FloatArray
-from solver.nose import Line
-from solver.projectile import Projectile
+from solver.projectile import Line, Projectile
 
 SETTINGS: dict[Any, Any] = {
     "svg.hashsalt": "ricochet",

@@ -23,7 +23,7 @@ from solver.uncertainty import (
     Uniform,
     scaled,
 )
-from solver.uncertainty.inputs import check_values
+from solver.uncertainty.sampling import check_values
 
 MODELS = ("resistance.free_surface.model", "resistance.strength_factor.model")
 """Fields whose alternatives are names."""

@@ -2,11 +2,9 @@
 
 from solver.calibration.decay_laws import DecayLawFits, fit_decay_laws
 from solver.calibration.depth import DepthFit, DepthTest, fit_depth, penetration_depths
-from solver.calibration.estimate import Estimate, UndeterminedError
-from solver.calibration.history import MotionHistory, Weights
-from solver.calibration.motion import MotionFit, MotionRun, MotionsFit, fit_motion, fit_motions
-from solver.calibration.obliquity import ObliquityFit, ObliquityPoint, fit_obliquity
-from solver.calibration.strike import predict_motion
+from solver.calibration.history import MotionHistory, MotionRun, Weights, predict_motion
+from solver.calibration.motion import MotionFit, MotionsFit, fit_motion, fit_motions
+from solver.calibration.strength_factor import Estimate, ObliquityFit, ObliquityPoint, UndeterminedError, fit_obliquity
 
 __all__ = [
     "DecayLawFits",

@@ -3,8 +3,9 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from solver.calibration.estimate import UndeterminedError
-from solver.calibration.motion import MotionRun, MotionsFit, fit_motions
+from solver.calibration.history import MotionRun
+from solver.calibration.motion import MotionsFit, fit_motions
+from solver.calibration.strength_factor import UndeterminedError
 from solver.free_surface import ElasticPlastic, FreeSurface, MohrCoulomb, NoFreeSurface
 from solver.projectile import Projectile
 from solver.resistance import Resistance

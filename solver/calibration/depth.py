@@ -8,7 +8,7 @@ import numpy as np
 
 from solver import warnings as model_warnings
 from solver.arrays import FloatArray
-from solver.calibration.estimate import (
+from solver.calibration.strength_factor import (
     Estimate,
     Residuals,
     build_estimate,

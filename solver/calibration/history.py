@@ -1,15 +1,18 @@
-"""Motion histories to fit: displacement and rotation over time, and the weights of the three."""
+"""Motion histories to fit, displacement and rotation over time, and one strike's own at any strength factor."""
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields, replace
 from typing import Final
 
 import numpy as np
 
 from solver.arrays import FloatArray
+from solver.prepared import initial_state, integrate, positions_at, prepare
 from solver.projectile import Projectile, mass_properties
-from solver.strike import Impact
-from solver.validation import ParameterError, require
+from solver.resistance import ConstantStrengthFactor, Resistance
+from solver.strike import Impact, Numerics, ResolvedNumerics
+from solver.target import Target
+from solver.validation import ParameterError, require, require_positive
 
 QUANTITIES: Final = ("depth_displacement", "lateral_displacement", "rotation")
 REACH, SLACK = 1.1, 0.1
@@ -43,9 +46,9 @@ class MotionHistory:
     rotation: FloatArray | None = None
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            if getattr(self, field.name) is not None:
-                object.__setattr__(self, field.name, _column(field.name, getattr(self, field.name)))
+        for each in fields(self):
+            if getattr(self, each.name) is not None:
+                object.__setattr__(self, each.name, _column(each.name, getattr(self, each.name)))
         rows = len(self.time)
         require(rows >= 2, "history.time", f"must hold at least 2 rows, for one leaves nothing to fit, got {rows}")
         require(bool(self.columns), "history", f"must hold at least one of {', '.join(QUANTITIES)}")
@@ -105,15 +108,32 @@ class Weights:
     rotation: float = 1.0
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            value = getattr(self, field.name)
-            require(
-                math.isfinite(value) and value >= 0.0, f"weights.{field.name}", f"must be at least 0, got {value:g}"
-            )
+        for each in fields(self):
+            value = getattr(self, each.name)
+            require(math.isfinite(value) and value >= 0.0, f"weights.{each.name}", f"must be at least 0, got {value:g}")
 
     def of(self, quantity: str) -> float:
         """Weight of one of the three quantities of a history."""
         return float(getattr(self, quantity.removesuffix("_displacement")))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MotionRun:
+    """One strike and the motion that followed.
+
+    Parameters
+    ----------
+    impact
+        How the projectile struck.
+    history
+        The motion to fit.
+    weights
+        Of the quantities; all alike unless given.
+    """
+
+    impact: Impact
+    history: MotionHistory
+    weights: Weights = field(default_factory=Weights)
 
 
 def check_reach(projectile: Projectile, impact: Impact, history: MotionHistory) -> None:
@@ -137,3 +157,75 @@ def check_reach(projectile: Projectile, impact: Impact, history: MotionHistory) 
                 f"must be within {bound[row]:.3g} {unit} at {history.time[row]:g} s, which is as far as the energy of "
                 f"the strike allows, got {values[row]:g} {unit}: check the units",
             )
+
+
+class Strike:
+    """One strike, prepared, at any strength factor."""
+
+    def __init__(
+        self,
+        projectile: Projectile,
+        target: Target,
+        impact: Impact,
+        resistance: Resistance | None,
+        numerics: ResolvedNumerics,
+        times: FloatArray,
+    ) -> None:
+        self.impact, self.times = impact, times
+        self.prepared = prepare(
+            projectile=projectile,
+            target=target,
+            resistance=resistance or Resistance(),
+            numerics=replace(numerics, termination_time=float(times[-1])),
+        )
+
+    def columns(self, strength_factor: float) -> dict[str, FloatArray]:
+        """The three quantities at these times."""
+        law = replace(self.prepared.resistance, strength_factor=ConstantStrengthFactor(value=strength_factor))
+        prepared = replace(self.prepared, resistance=law)
+        run, steps = integrate(
+            prepared, prepared.model._replace(law=prepared.law_at(self.impact)), self.impact, keep_steps=True
+        )
+        moved = positions_at(run, steps, self.times) - initial_state(self.impact, prepared.model.body)[:3]
+        return dict(zip(QUANTITIES, moved.T, strict=True))
+
+
+def predict_motion(
+    *,
+    projectile: Projectile,
+    target: Target,
+    impact: Impact,
+    strength_factor: float,
+    times: FloatArray,
+    resistance: Resistance | None = None,
+    numerics: Numerics | None = None,
+) -> MotionHistory:
+    """Motion of the centre of gravity at given times.
+
+    Parameters
+    ----------
+    projectile, target, impact
+        What strikes, what is struck, and how.
+    strength_factor
+        S. [1]
+    times
+        (n,) rising, from 0 or later, two or more. [s]
+    resistance
+        Inertia factor and decay; its strength factor is not used.
+    numerics
+        Route and resolution; adaptive unless given. The run goes on to the last of the times.
+
+    Returns
+    -------
+    MotionHistory
+        After the end of the run the body stays where it came to rest, or flies freely once it was released.
+
+    Raises
+    ------
+    ParameterError
+        If an input is outside what the model accepts.
+    """
+    require_positive("strength_factor", strength_factor)
+    sampled = MotionHistory(time=times, rotation=np.zeros(len(times))).time
+    strike = Strike(projectile, target, impact, resistance, (numerics or Numerics()).resolved(), sampled)
+    return MotionHistory(time=sampled, **strike.columns(strength_factor))

@@ -3,13 +3,14 @@
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
 from solver import warnings as model_warnings
 from solver.arrays import FloatArray
-from solver.calibration.estimate import (
+from solver.calibration.history import QUANTITIES, MotionHistory, MotionRun, Strike, Weights, check_reach
+from solver.calibration.strength_factor import (
     Estimate,
     UndeterminedError,
     build_estimate,
@@ -20,8 +21,6 @@ from solver.calibration.estimate import (
     require_confidence_level,
     valleys,
 )
-from solver.calibration.history import QUANTITIES, MotionHistory, Weights, check_reach
-from solver.calibration.strike import Strike
 from solver.free_surface import FreeSurface
 from solver.projectile import Projectile
 from solver.resistance import Resistance
@@ -44,25 +43,6 @@ RIVAL = 1.5
 """Sum of squares of another minimum, over the least, up to which it is reported. [1]"""
 POOR = 0.9
 """Share of the variance explained below which a fit is called poor. [1]"""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class MotionRun:
-    """One strike and the motion that followed.
-
-    Parameters
-    ----------
-    impact
-        How the projectile struck.
-    history
-        The motion to fit.
-    weights
-        Of the quantities; all alike unless given.
-    """
-
-    impact: Impact
-    history: MotionHistory
-    weights: Weights = field(default_factory=Weights)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -10,7 +10,6 @@ from solver.uncertainty.distributions import (
     TruncatedNormal,
     Uniform,
 )
-from solver.uncertainty.inputs import RESIDUAL, Uncertain, scaled
 from solver.uncertainty.results import (
     AngleUncertainty,
     Change,
@@ -19,8 +18,8 @@ from solver.uncertainty.results import (
     Sensitivity,
     TrajectoryUncertainty,
 )
-from solver.uncertainty.sampling import Estimate, Sampling
-from solver.uncertainty.strikes import critical_angle_uncertainty, trajectory_uncertainty
+from solver.uncertainty.sampling import Estimate, Sampling, Uncertain
+from solver.uncertainty.strikes import RESIDUAL, critical_angle_uncertainty, scaled, trajectory_uncertainty
 from solver.uncertainty.trajectories import Ending, TrajectoryBatch, TrajectoryStudy
 
 __all__ = [

@@ -10,7 +10,6 @@ import numpy as np
 import numpy.typing as npt
 
 from solver.arrays import FloatArray
-from solver.uncertainty.inputs import Uncertain, check_inputs
 from solver.uncertainty.results import LEVELS, AngleUncertainty, Change, Crossings, Round, Sensitivity
 from solver.uncertainty.sampling import (
     FIRST_POINTS,
@@ -20,6 +19,8 @@ from solver.uncertainty.sampling import (
     Estimate,
     Point,
     Sampling,
+    Uncertain,
+    check_inputs,
     jackknifed,
     quantile_estimate,
     scrambled,

@@ -1,7 +1,11 @@
-"""Samples that depend on the seed alone, as values of the inputs, and intervals of what is computed from them."""
+"""Uncertain inputs, their samples, and intervals of what is computed from these.
+
+Samples depend on the seed alone.
+"""
 
 import itertools
 import math
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache, partial
@@ -12,10 +16,10 @@ import numpy.typing as npt
 from scipy.special import ndtri, stdtrit
 
 from solver.arrays import FloatArray
-from solver.uncertainty.distributions import Continuous, Discrete
-from solver.uncertainty.inputs import Uncertain
-from solver.validation import require, require_between
+from solver.uncertainty.distributions import Continuous, Discrete, Distribution, stated_values
+from solver.validation import ParameterError, require, require_between
 
+MOST_INPUTS = 24
 SCRAMBLINGS = 16
 """Independent randomisations of one Sobol sequence: their scatter is the error of their mean."""
 FIRST_POINTS = 16
@@ -25,6 +29,51 @@ HALF_BIN = 2.0**-31
 """SciPy's Sobol points have 30 bits: the middle of the cell keeps 0 away."""
 UNSEEN = 1.5
 """Share that no sample of n shows, in units of 1/n at one standard error: about 3/n at 95 %, the rule of three."""
+
+
+@dataclass(frozen=True, slots=True)
+class Uncertain:
+    """An input and its distribution, independent of the others.
+
+    Parameters
+    ----------
+    field
+        Dotted name, as in ``impact.velocity``, ``target.compressive_strength``, ``projectile.mass``,
+        ``numerics.retention_energy_fraction``; a model with discrete values, as in
+        ``resistance.free_surface``; or ``resistance.strength_residual``, a factor on the strength factor.
+    distribution
+        In the unit of the field.
+    """
+
+    field: str
+    distribution: Distribution
+
+
+def check_inputs(uncertain: Sequence[Uncertain]) -> None:
+    """Refuse no input, too many of them, and the same field twice."""
+    require(1 <= len(uncertain) <= MOST_INPUTS, "uncertain", f"must hold 1 to {MOST_INPUTS} inputs")
+    for index, (field, count) in enumerate(Counter(each.field for each in uncertain).items()):
+        if count > 1:
+            later = [i for i, each in enumerate(uncertain) if each.field == field][1]
+            raise ParameterError(f"uncertain.{later}.field", f"{field!r} is the field of another input, {index}")
+
+
+def check_values(index: int, uncertain: Uncertain, check: Callable[[Any], object]) -> None:
+    """Refuse a distribution whose discrete values, bounds, mean or median are not accepted as values of its field.
+
+    Parameters
+    ----------
+    index
+        Place of the input.
+    check
+        Takes a value; raises ParameterError if it is not accepted.
+    """
+    for name, value in stated_values(uncertain.distribution):
+        try:
+            check(value)
+        except ParameterError as error:
+            field = f"uncertain.{index}.distribution.{name}"
+            raise ParameterError(field, f"is no value of {uncertain.field!r}: {error.requirement}") from None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,30 +1,131 @@
-"""Uncertainty of a strike, computed here on some threads."""
+"""A strike with uncertain inputs, by the names of the solver, and its uncertainty, computed here on some threads."""
 
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import fields, replace
+from functools import partial
 from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
 from solver.arrays import FloatArray
+from solver.prepared import check_case
 from solver.projectile import Projectile
-from solver.resistance import Resistance
+from solver.resistance import ConstantStrengthFactor, ObliquityPolynomial, PublishedTests, Resistance, StrengthFactor
 from solver.search.critical_angle import critical_angle
 from solver.search.types import USUAL_SEARCH, Search
-from solver.strike import Impact, Numerics, strike_parts
+from solver.strike import Impact, Numerics, is_part, put, strike_parts
 from solver.target import Target
 from solver.trajectory import simulate
 from solver.uncertainty.critical_angles import AngleStudy
-from solver.uncertainty.inputs import Strike, Uncertain
+from solver.uncertainty.distributions import Discrete
 from solver.uncertainty.results import AngleUncertainty, Crossings, TrajectoryUncertainty
-from solver.uncertainty.sampling import Point, Sampling
+from solver.uncertainty.sampling import Point, Sampling, Uncertain, check_inputs, check_values
 from solver.uncertainty.trajectories import Ending, TrajectoryStudy
-from solver.validation import RicochetError, require
+from solver.validation import ParameterError, RicochetError, require, require_positive
+
+RESIDUAL = "resistance.strength_residual"
+"""Field of a factor on S, whatever the law of S: the part of its scatter that no input of the law explains."""
 
 Result = TypeVar("Result")
 Answer = TypeVar("Answer")
 
 USUAL_ANGLES = np.radians(np.linspace(5.0, 85.0, 161))
+
+
+def scaled(model: StrengthFactor, factor: float) -> StrengthFactor:
+    """Return a strength factor model with all its values multiplied."""
+    require_positive(RESIDUAL, factor)
+    if isinstance(model, ConstantStrengthFactor):
+        return replace(model, value=factor * model.value)
+    if isinstance(model, ObliquityPolynomial):
+        return ObliquityPolynomial(coefficients=tuple(factor * each for each in model.coefficients))
+    if isinstance(model, PublishedTests):
+        model = replace(model.law, obliquity_shape=model.obliquity_shape)
+    return replace(model, coefficient=factor * model.coefficient)
+
+
+class Strike:
+    """One strike, of which samples differ in the uncertain inputs.
+
+    Parameters
+    ----------
+    parts
+        ``projectile``, ``target``, ``impact``, ``resistance``, ``numerics``.
+    uncertain
+        Inputs.
+
+    Raises
+    ------
+    ParameterError
+        If a field is no number of the strike, or a distribution is not of values that the model accepts.
+    """
+
+    def __init__(self, parts: Mapping[str, Any], uncertain: Sequence[Uncertain]) -> None:
+        check_inputs(uncertain)
+        self._parts = dict(parts)
+        self._paths = [each.field.split(".") for each in uncertain]
+        for index, each in enumerate(uncertain):
+            self._check(index, each)
+        for index, each in enumerate(uncertain):
+            check_values(index, each, partial(self.check, index))
+
+    def check(self, index: int, value: Any) -> None:
+        """Refuse a value of one input that the model does not accept, the others as in the strike.
+
+        Raises
+        ------
+        ParameterError
+            If it is not accepted.
+        """
+        parts = self._with([(self._paths[index], value)])
+        check_case(parts["projectile"], parts["target"])
+
+    def accepts(self, index: int, value: Any) -> bool:
+        """Return whether the model accepts a value of one input, the others as in the strike."""
+        try:
+            self.check(index, value)
+        except ParameterError:
+            return False
+        return True
+
+    def sample(self, values: Sequence[Any]) -> dict[str, Any]:
+        """Return the parts with these values of the inputs.
+
+        Raises
+        ------
+        ParameterError
+            If a value is outside what the model accepts.
+        """
+        return self._with(zip(self._paths, values, strict=True))
+
+    def _with(self, values: Iterable[tuple[Sequence[str], Any]]) -> dict[str, Any]:
+        parts, residual = dict(self._parts), None
+        for (name, *path), value in sorted(values, key=lambda each: len(each[0])):
+            if ".".join((name, *path)) == RESIDUAL:
+                residual = value
+            else:
+                parts[name] = put(parts[name], path, value)
+        if residual is not None:
+            resistance = parts["resistance"]
+            parts["resistance"] = replace(resistance, strength_factor=scaled(resistance.strength_factor, residual))
+        return parts
+
+    def _check(self, index: int, uncertain: Uncertain) -> None:
+        field = f"uncertain.{index}.field"
+        if uncertain.field == RESIDUAL:
+            return
+        part: Any = self._parts
+        for name in self._paths[index]:
+            holder = part if isinstance(part, Mapping) else None
+            known = (
+                list(holder) if holder is not None else [each.name for each in fields(part)] if is_part(part) else []
+            )
+            require(name in known, field, f"{uncertain.field!r} is not there: known are {', '.join(known) or 'none'}")
+            part = holder[name] if holder is not None else getattr(part, name)
+        discrete = isinstance(uncertain.distribution, Discrete)
+        number = part is None or (isinstance(part, float | int) and not isinstance(part, bool))
+        require(number or (discrete and len(self._paths[index]) > 1), field, f"{uncertain.field!r} is no number")
 
 
 def critical_angle_uncertainty(

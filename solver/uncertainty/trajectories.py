@@ -10,7 +10,6 @@ import numpy as np
 from solver.arrays import FloatArray
 from solver.prepared import Exit, Outcome
 from solver.trajectory import Trajectory
-from solver.uncertainty.inputs import Uncertain, check_inputs
 from solver.uncertainty.results import (
     EXIT_QUANTITIES,
     LEVELS,
@@ -26,6 +25,8 @@ from solver.uncertainty.sampling import (
     Estimate,
     Point,
     Sampling,
+    Uncertain,
+    check_inputs,
     quantile_estimate,
     share_half_width,
 )

@@ -23,7 +23,7 @@ from solver import (
     solid_properties,
 )
 from solver.free_surface import FreeSurface
-from solver.nose import NoseShape
+from solver.projectile import NoseShape
 
 STEEL = 7850.0
 """[kg/m³]"""

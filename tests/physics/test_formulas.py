@@ -32,7 +32,7 @@ from solver.formulas import (
     spread,
     ukaea,
 )
-from solver.nose import Flat
+from solver.projectile import Flat
 
 FORRESTAL_SHOT = Projectile(nose=Ogive(caliber_radius_head=2.0), diameter=0.0269, length=0.2423, mass=0.906)
 FORRESTAL_TARGET = Target(compressive_strength=35.2e6, density=2370.0)

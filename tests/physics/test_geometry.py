@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from solver import Conical, Flat, Ogive, Profile, Projectile, Spherical, mass_properties, solid_properties
-from solver.nose import NoseShape
+from solver.projectile import NoseShape
 from solver.surface import build_body, build_panels, deepest_offset
 
 from .strikes import NOSES, steel
