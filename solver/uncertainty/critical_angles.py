@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from solver.arrays import FloatArray
-from solver.uncertainty.results import LEVELS, AngleUncertainty, Change, Crossings, Round, Sensitivity
+from solver.uncertainty.results import LEVELS, AngleUncertainty, Change, Crossings, Round, Sensitivity, Tables
 from solver.uncertainty.sampling import (
     FIRST_POINTS,
     SCRAMBLINGS,
@@ -21,21 +21,20 @@ from solver.uncertainty.sampling import (
     Sampling,
     Uncertain,
     check_inputs,
-    jackknifed,
+    moment_estimates,
     quantile_estimate,
     scrambled,
     share_estimate,
     share_half_width,
 )
-from solver.uncertainty.surrogate import Expansion, Moments, expansion_moments, fit_expansion
-from solver.validation import ParameterError, require
+from solver.uncertainty.surrogate import Expansion, Moments, direct_indices, expansion_moments, fit_expansion
+from solver.validation import require
 from solver.warnings import ModelWarning
 
 SURROGATE_ERROR = math.radians(0.1)
 """Root mean square error at held-out points up to which the surrogate is used. [rad]"""
 SURROGATE_POINTS = 4096
 """Points of each scrambling at which the surrogate is evaluated."""
-RESAMPLES, BATCH = 499, 50
 FEWEST_BASE_SAMPLES = 64
 """For Sobol indices by the direct method."""
 SENSITIVITY_SAMPLES = 4096
@@ -134,7 +133,7 @@ class AngleStudy:
     def steps(self) -> Steps:
         """Yield batches, take their results, return the answer."""
         sampling, design = self.sampling, self.design
-        tables = _Tables(design, self.angles)
+        tables = Tables(design, self.angles)
         history: list[Round] = []
         answer: AngleUncertainty | None = None
         count, points = 0, FIRST_POINTS
@@ -168,7 +167,7 @@ class AngleStudy:
         wanted = 4 * FEWEST_BASE_SAMPLES * (len(self.design.uncertain) + 1)
         return min(wanted, self.sampling.max_samples // 2)
 
-    def _answer(self, tables: "_Tables", history: Sequence[Round]) -> AngleUncertainty:
+    def _answer(self, tables: Tables, history: Sequence[Round]) -> AngleUncertainty:
         expansion = None if self.sampling.method == "direct" else self._expansion(tables)
         answer = self._direct(tables)
         if expansion is not None and float(expansion.errors.max()) <= SURROGATE_ERROR:
@@ -185,7 +184,7 @@ class AngleStudy:
             warnings=_warnings(tables, answer, self._beyond if answer.method == "surrogate" else None),
         )
 
-    def _expansion(self, tables: "_Tables") -> Expansion | None:
+    def _expansion(self, tables: Tables) -> Expansion | None:
         """Return the fit of the critical angle, if every sample has one and no other change of outcome."""
         design = self.design
         if not tables.simple or (design.discrete and not design.enumerated) or not design.continuous:
@@ -196,7 +195,7 @@ class AngleStudy:
             design.continuous_inputs(), design.standard(unit).reshape(-1, len(design.continuous)), values
         )
 
-    def _by_surrogate(self, tables: "_Tables", expansion: Expansion) -> AngleUncertainty:
+    def _by_surrogate(self, tables: Tables, expansion: Expansion) -> AngleUncertainty:
         """Return the answer of the surrogate.
 
         Its probabilities have the interval of shares of the samples that it was fitted to, not of the many more points
@@ -234,7 +233,7 @@ class AngleStudy:
             indices=self._surrogate_indices(moments),
         )
 
-    def _direct(self, tables: "_Tables") -> AngleUncertainty:
+    def _direct(self, tables: Tables) -> AngleUncertainty:
         sampling = self.sampling
         shares, unknown = tables.turned_away, tables.unknown
         half = share_half_width(shares, sampling, tables.base_samples)
@@ -246,7 +245,7 @@ class AngleStudy:
         if found.any():
             values = np.where(found, angles, 0.0).reshape(SCRAMBLINGS, -1)
             shared = np.where(found, weights, 0.0).reshape(SCRAMBLINGS, -1)
-            moments = _moments(values, shared, sampling)
+            moments = moment_estimates(values, shared, sampling)
             quantiles = tuple((level, quantile_estimate(values, shared, level, sampling)) for level in LEVELS)
         without = np.where(found, 0.0, weights).reshape(SCRAMBLINGS, -1).sum(axis=1)
         return self._assemble(
@@ -265,7 +264,7 @@ class AngleStudy:
 
     def _assemble(
         self,
-        tables: "_Tables",
+        tables: Tables,
         *,
         curve: tuple[FloatArray, FloatArray, FloatArray],
         moments: tuple[Estimate | None, Estimate | None],
@@ -297,7 +296,7 @@ class AngleStudy:
         )
 
     def _sensitivities(
-        self, tables: "_Tables", indices: Sequence[tuple[Estimate | None, Estimate | None]]
+        self, tables: Tables, indices: Sequence[tuple[Estimate | None, Estimate | None]]
     ) -> tuple[Sensitivity, ...]:
         if not self.sensitivity:
             return ()
@@ -311,7 +310,7 @@ class AngleStudy:
         found = {i: (moments.first_order[place], moments.total[place]) for place, i in enumerate(order)}
         return [found[i] for i in range(len(order))]
 
-    def _indices(self, tables: "_Tables", answer: AngleUncertainty) -> Steps:
+    def _indices(self, tables: Tables, answer: AngleUncertainty) -> Steps:
         """Indices by Saltelli's design: beside the samples of before, a second set and their crossings."""
         design, sampling = self.design, self.sampling
         inputs, count = len(design.uncertain), tables.count
@@ -345,7 +344,7 @@ class AngleStudy:
                 "no_indices", f"{int((~keep).sum())} of {size} base samples have no outcome: there are no indices"
             )
             return replace(counted, warnings=(*warnings, warning))
-        estimates = _saltelli(own, found[0], found[1:], sampling)
+        estimates = direct_indices(own, found[0], found[1:], sampling)
         return replace(counted, sensitivity=self._sensitivities(tables, estimates), warnings=warnings)
 
     def _in_range(self, found: Crossings) -> float:
@@ -362,138 +361,8 @@ def _half_width(answer: AngleUncertainty) -> float:
     return float((0.5 * (answer.upper - answer.lower)).max())
 
 
-def _moments(values: FloatArray, weights: FloatArray, sampling: Sampling) -> tuple[Estimate | None, Estimate | None]:
-    """Mean and standard deviation of (scramblings, n) values."""
-    totals = weights.sum(axis=1)
-    centre = float((weights * values).sum() / totals.sum())
-    first = (weights * (values - centre)).sum(axis=1)
-    second = (weights * (values - centre) ** 2).sum(axis=1)
-
-    def moments(total: FloatArray, one: FloatArray, two: FloatArray) -> tuple[FloatArray, FloatArray]:
-        mean = one / total
-        return centre + mean, np.sqrt(np.maximum(two / total - mean**2, 0.0))
-
-    mean, deviation = moments(totals.sum(), first.sum(), second.sum())
-    rest = totals.sum() - totals
-    if not (rest > 0.0).all():  # all of them in one scrambling: nothing is left to compare
-        return None, None
-    means, deviations = moments(rest, first.sum() - first, second.sum() - second)
-    return jackknifed(float(mean), means, sampling), jackknifed(float(deviation), deviations, sampling)
-
-
-def _saltelli(
-    own: FloatArray, other: FloatArray, mixed: FloatArray, sampling: Sampling
-) -> list[tuple[Estimate, Estimate]]:
-    """Sobol indices with bootstrap intervals.
-
-    Parameters
-    ----------
-    own, other
-        (n,) values at the two sets of samples.
-    mixed
-        (inputs, n) at the first set with one input of the second.
-    """
-    from scipy import stats  # noqa: PLC0415 (takes long to import, also where nothing is sampled)
-
-    size = own.size
-    mixed = np.concatenate((mixed, own[None]))  # an input without effect: SciPy drops the axis of a single one
-
-    def indices(rows: npt.NDArray[np.int64], axis: int) -> FloatArray:  # the resamples are SciPy's many outputs
-        rows = np.atleast_2d(np.moveaxis(rows, axis, -1)).astype(np.int64)
-        found = stats.sobol_indices(func={"f_A": own[rows], "f_B": other[rows], "f_AB": mixed[:, rows]}, n=size)
-        both = np.stack([np.reshape(each, (len(rows), -1)) for each in (found.first_order, found.total_order)])[
-            ..., :-1
-        ]
-        return np.moveaxis(both, 1, -1)
-
-    value = indices(np.arange(size), -1)[..., 0]
-    spread = stats.bootstrap(
-        (np.arange(size),),
-        indices,
-        n_resamples=RESAMPLES,
-        batch=BATCH,
-        confidence_level=sampling.confidence,
-        method="percentile",
-        rng=np.random.default_rng([sampling.seed, 3]),
-    ).confidence_interval
-    low, high = np.asarray(spread.low), np.asarray(spread.high)
-    first, total = (
-        [Estimate(*map(float, each)) for each in zip(value[row], low[row], high[row], strict=True)] for row in (0, 1)
-    )
-    return list(zip(first, total, strict=True))
-
-
-class _Tables:
-    """Results of a study, as arrays that grow by rounds.
-
-    Parameters
-    ----------
-    design
-        Its points.
-    angles
-        Oblique angles. [rad]
-    """
-
-    def __init__(self, design: Design, angles: FloatArray) -> None:
-        self._design = design
-        self._angles = angles
-        self.found: npt.NDArray[np.object_] = np.empty((SCRAMBLINGS, 0, design.alternatives), object)
-        """(scramblings, count, alternatives) results."""
-        self.samples = self.failed = self.outside = 0
-        self.swing: list[tuple[int, Change]] = []
-
-    def add(self, results: Sequence[Crossings], count: int, others: Sequence[Crossings] = ()) -> None:
-        """Add a round of so many points of each scrambling; of `others`, only the number counts."""
-        if len(results) != SCRAMBLINGS * count * self._design.alternatives:
-            raise ParameterError("results", "must be one for each point")
-        self.count_problems([*results, *others])
-        new = np.empty(len(results), object)
-        for number, each in enumerate(results):  # a tuple each, which a slice would take apart
-            new[number] = each
-        self.found = np.concatenate((self.found, new.reshape(SCRAMBLINGS, count, -1)), axis=1)
-        self.critical = np.array([each.angle for each in self.found.ravel()]).reshape(self.found.shape)
-        self.simple = all(each.simple for each in self.found.ravel())
-        self._count_outcomes()
-
-    def count_problems(self, results: Sequence[Crossings]) -> None:
-        """Count samples, and those without an outcome."""
-        self.samples += len(results)
-        self.failed += sum(each.problem == "failed" for each in results)
-        self.outside += sum(each.problem == "outside" for each in results)
-
-    @property
-    def count(self) -> int:
-        """Points of each scrambling."""
-        return int(self.found.shape[1])
-
-    @property
-    def base_samples(self) -> int:
-        """Points of all scramblings."""
-        return SCRAMBLINGS * self.count
-
-    @property
-    def weights(self) -> FloatArray:
-        """(scramblings, count, alternatives) weights, which sum to 1 in each scrambling."""
-        return np.broadcast_to(self._design.weights / self.count, self.found.shape)
-
-    def _count_outcomes(self) -> None:
-        """Set `turned_away`, (scramblings, angles) shares, and `unknown`, (scramblings,) shares without an outcome."""
-        self.turned_away = np.zeros((SCRAMBLINGS, self._angles.size))
-        self.unknown = np.zeros(SCRAMBLINGS)
-        for (number, _, alternative), each in np.ndenumerate(self.found):
-            weight = self._design.weights[alternative] / self.count
-            if each.problem:
-                self.unknown[number] += weight
-                continue
-            if each.starts_turned_away:
-                self.turned_away[number] += weight
-            for place, angle in enumerate(each.angles):
-                sign = 1.0 if (place % 2 == 0) != each.starts_turned_away else -1.0
-                self.turned_away[number, np.searchsorted(self._angles, angle) :] += sign * weight
-
-
 def _warnings(
-    tables: _Tables, answer: AngleUncertainty, beyond: npt.NDArray[np.bool_] | None = None
+    tables: Tables, answer: AngleUncertainty, beyond: npt.NDArray[np.bool_] | None = None
 ) -> tuple[ModelWarning, ...]:
     """Warnings of samples without an outcome or an angle, and of points of the surrogate that are not accepted."""
     found = []

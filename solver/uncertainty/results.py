@@ -1,17 +1,18 @@
-"""Answers of a study of uncertainty."""
+"""Answers of a study of uncertainty, and the tables of results that they come from."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from html import escape
 from typing import Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
+import numpy.typing as npt
 
 from solver.arrays import FloatArray
 from solver.display import Columns, card, dataframe, line, plot_probability
 from solver.prepared import Exit
 from solver.search.types import CriticalAngle, SearchStatus
-from solver.uncertainty.sampling import Estimate
+from solver.uncertainty.sampling import SCRAMBLINGS, Design, Estimate
 from solver.validation import ParameterError, RicochetError
 from solver.warnings import ModelWarning
 
@@ -80,6 +81,75 @@ class Sensitivity:
     """Indices of Sobol; None where the budget left no samples for them."""
     swing: tuple[Change, ...]
     """At the 5 % and 95 % quantiles of the input, or at each of its discrete values."""
+
+
+class Tables:
+    """Results of a study, as arrays that grow by rounds.
+
+    Parameters
+    ----------
+    design
+        Its points.
+    angles
+        Oblique angles. [rad]
+    """
+
+    def __init__(self, design: Design, angles: FloatArray) -> None:
+        self._design = design
+        self._angles = angles
+        self.found: npt.NDArray[np.object_] = np.empty((SCRAMBLINGS, 0, design.alternatives), object)
+        """(scramblings, count, alternatives) results."""
+        self.samples = self.failed = self.outside = 0
+        self.swing: list[tuple[int, Change]] = []
+
+    def add(self, results: Sequence[Crossings], count: int, others: Sequence[Crossings] = ()) -> None:
+        """Add a round of so many points of each scrambling; of `others`, only the number counts."""
+        if len(results) != SCRAMBLINGS * count * self._design.alternatives:
+            raise ParameterError("results", "must be one for each point")
+        self.count_problems([*results, *others])
+        new = np.empty(len(results), object)
+        for number, each in enumerate(results):  # a tuple each, which a slice would take apart
+            new[number] = each
+        self.found = np.concatenate((self.found, new.reshape(SCRAMBLINGS, count, -1)), axis=1)
+        self.critical = np.array([each.angle for each in self.found.ravel()]).reshape(self.found.shape)
+        self.simple = all(each.simple for each in self.found.ravel())
+        self._count_outcomes()
+
+    def count_problems(self, results: Sequence[Crossings]) -> None:
+        """Count samples, and those without an outcome."""
+        self.samples += len(results)
+        self.failed += sum(each.problem == "failed" for each in results)
+        self.outside += sum(each.problem == "outside" for each in results)
+
+    @property
+    def count(self) -> int:
+        """Points of each scrambling."""
+        return int(self.found.shape[1])
+
+    @property
+    def base_samples(self) -> int:
+        """Points of all scramblings."""
+        return SCRAMBLINGS * self.count
+
+    @property
+    def weights(self) -> FloatArray:
+        """(scramblings, count, alternatives) weights, which sum to 1 in each scrambling."""
+        return np.broadcast_to(self._design.weights / self.count, self.found.shape)
+
+    def _count_outcomes(self) -> None:
+        """Set `turned_away`, (scramblings, angles) shares, and `unknown`, (scramblings,) shares without an outcome."""
+        self.turned_away = np.zeros((SCRAMBLINGS, self._angles.size))
+        self.unknown = np.zeros(SCRAMBLINGS)
+        for (number, _, alternative), each in np.ndenumerate(self.found):
+            weight = self._design.weights[alternative] / self.count
+            if each.problem:
+                self.unknown[number] += weight
+                continue
+            if each.starts_turned_away:
+                self.turned_away[number] += weight
+            for place, angle in enumerate(each.angles):
+                sign = 1.0 if (place % 2 == 0) != each.starts_turned_away else -1.0
+                self.turned_away[number, np.searchsorted(self._angles, angle) :] += sign * weight
 
 
 @dataclass(frozen=True, slots=True)

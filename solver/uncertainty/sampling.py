@@ -29,6 +29,16 @@ HALF_BIN = 2.0**-31
 """SciPy's Sobol points have 30 bits: the middle of the cell keeps 0 away."""
 UNSEEN = 1.5
 """Share that no sample of n shows, in units of 1/n at one standard error: about 3/n at 95 %, the rule of three."""
+MOST_ALTERNATIVES = 8
+"""Combinations of discrete values of which each is computed at every point; of more, they are sampled."""
+SWING_LEVELS = (0.05, 0.95)
+"""Quantiles of an input between which its swing is computed."""
+BISECTIONS = 60
+
+Point = tuple[Any, ...]
+"""A value of each input, in their order."""
+Accepts: TypeAlias = Callable[[int, float], bool]
+"""Whether a value of an input is one that the model accepts."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,6 +182,27 @@ def share_estimate(by_scrambling: FloatArray, sampling: Sampling, samples: int) 
     return Estimate(value, max(0.0, value - half), min(1.0, value + half))
 
 
+def moment_estimates(
+    values: FloatArray, weights: FloatArray, sampling: Sampling
+) -> tuple[Estimate | None, Estimate | None]:
+    """Mean and standard deviation of (scramblings, n) values."""
+    totals = weights.sum(axis=1)
+    centre = float((weights * values).sum() / totals.sum())
+    first = (weights * (values - centre)).sum(axis=1)
+    second = (weights * (values - centre) ** 2).sum(axis=1)
+
+    def moments(total: FloatArray, one: FloatArray, two: FloatArray) -> tuple[FloatArray, FloatArray]:
+        mean = one / total
+        return centre + mean, np.sqrt(np.maximum(two / total - mean**2, 0.0))
+
+    mean, deviation = moments(totals.sum(), first.sum(), second.sum())
+    rest = totals.sum() - totals
+    if not (rest > 0.0).all():  # all of them in one scrambling: nothing is left to compare
+        return None, None
+    means, deviations = moments(rest, first.sum() - first, second.sum() - second)
+    return jackknifed(float(mean), means, sampling), jackknifed(float(deviation), deviations, sampling)
+
+
 def quantile_estimate(
     values: FloatArray, weights: FloatArray, level: float, sampling: Sampling, shift: FloatArray | float = 0.0
 ) -> Estimate:
@@ -194,19 +225,6 @@ def quantile_estimate(
     lower = float(np.quantile(flat - shifts, ends[0], weights=shared, method="inverted_cdf"))
     upper = float(np.quantile(flat + shifts, ends[1], weights=shared, method="inverted_cdf"))
     return Estimate(value, min(lower, value), max(upper, value))
-
-
-MOST_ALTERNATIVES = 8
-"""Combinations of discrete values of which each is computed at every point; of more, they are sampled."""
-SWING_LEVELS = (0.05, 0.95)
-"""Quantiles of an input between which its swing is computed."""
-
-BISECTIONS = 60
-
-Point = tuple[Any, ...]
-"""A value of each input, in their order."""
-Accepts: TypeAlias = Callable[[int, float], bool]
-"""Whether a value of an input is one that the model accepts."""
 
 
 class Design:

@@ -1,4 +1,4 @@
-"""Polynomial chaos: a smooth function of independent inputs as a sum of orthonormal polynomials.
+"""Polynomial chaos: a smooth function of independent inputs as a sum of orthonormal polynomials; indices of Sobol.
 
 References
 ----------
@@ -23,6 +23,7 @@ POINTS_PER_TERM = 2
 """Points of a fit, at least: three inputs more would otherwise be fitted through every point."""
 DRAWS = 400
 """Samples of the coefficients within their errors, for the intervals of what is computed from them."""
+RESAMPLES, BATCH = 499, 50
 ROUNDING = 1e-12
 """Half width of an interval at least, over the value. [1]"""
 
@@ -217,3 +218,45 @@ def _discrete_basis(weights: Sequence[Sequence[float]]) -> tuple[FloatArray, npt
         varies = np.arange(size) > 0
         supports = np.concatenate((np.repeat(supports, size, axis=0), np.tile(varies, len(supports))[:, None]), axis=1)
     return joint, supports
+
+
+def direct_indices(
+    own: FloatArray, other: FloatArray, mixed: FloatArray, sampling: Sampling
+) -> list[tuple[Estimate, Estimate]]:
+    """Sobol indices by the direct method, with bootstrap intervals.
+
+    Parameters
+    ----------
+    own, other
+        (n,) values at the two sets of samples.
+    mixed
+        (inputs, n) at the first set with one input of the second.
+    """
+    from scipy import stats  # noqa: PLC0415 (takes long to import, also where nothing is sampled)
+
+    size = own.size
+    mixed = np.concatenate((mixed, own[None]))  # an input without effect: SciPy drops the axis of a single one
+
+    def indices(rows: npt.NDArray[np.int64], axis: int) -> FloatArray:  # the resamples are SciPy's many outputs
+        rows = np.atleast_2d(np.moveaxis(rows, axis, -1)).astype(np.int64)
+        found = stats.sobol_indices(func={"f_A": own[rows], "f_B": other[rows], "f_AB": mixed[:, rows]}, n=size)
+        both = np.stack([np.reshape(each, (len(rows), -1)) for each in (found.first_order, found.total_order)])[
+            ..., :-1
+        ]
+        return np.moveaxis(both, 1, -1)
+
+    value = indices(np.arange(size), -1)[..., 0]
+    spread = stats.bootstrap(
+        (np.arange(size),),
+        indices,
+        n_resamples=RESAMPLES,
+        batch=BATCH,
+        confidence_level=sampling.confidence,
+        method="percentile",
+        rng=np.random.default_rng([sampling.seed, 3]),
+    ).confidence_interval
+    low, high = np.asarray(spread.low), np.asarray(spread.high)
+    first, total = (
+        [Estimate(*map(float, each)) for each in zip(value[row], low[row], high[row], strict=True)] for row in (0, 1)
+    )
+    return list(zip(first, total, strict=True))
