@@ -17,6 +17,18 @@ from solver.projectile import Line, Projectile
 Columns: TypeAlias = dict[str, npt.NDArray[Any]]
 """Arrays of equal length by name."""
 
+INSTANTS = 5
+"""At which a side view shows the projectile."""
+ARC_POINTS = 40
+COLORS: Mapping[str, str] = {
+    "ricochet": "#c8102e",
+    "embedded": "#123f73",
+    "in_motion": "#8a8378",
+    "perforated": "#2e7d32",
+}
+"""Colour of each outcome."""
+BLUE, RED, GREY, CONCRETE = "#123f73", "#c8102e", "#5c6670", "#e4e1dc"
+
 
 def dataframe(columns: Mapping[str, npt.NDArray[np.generic]]) -> Any:
     """Return the columns as a ``pandas.DataFrame``.
@@ -79,19 +91,6 @@ def card(title: str, rows: Mapping[str, str], warnings: Iterable[Warned] = (), m
     folded = f"<details><summary>{count}</summary><ul>{''.join(found)}</ul></details>" if found else ""
     table = f'<table style="color:inherit">{cells}</table>'
     return f"<div><strong>{escape(title)}</strong>{table}{more}{folded}</div>"
-
-
-INSTANTS = 5
-"""At which a side view shows the projectile."""
-ARC_POINTS = 40
-COLORS: Mapping[str, str] = {
-    "ricochet": "#c8102e",
-    "embedded": "#123f73",
-    "in_motion": "#8a8378",
-    "perforated": "#2e7d32",
-}
-"""Colour of each outcome."""
-BLUE, RED, GREY, CONCRETE = "#123f73", "#c8102e", "#5c6670", "#e4e1dc"
 
 
 def new_figure(width: float, height: float) -> Any:

@@ -37,6 +37,9 @@ Value = TypeVar("Value")
 Answer = TypeVar("Answer")
 OneOrMany: TypeAlias = Value | Sequence[Value] | FloatArray
 
+FINAL = tuple(field.name for field in fields(Motion))
+NO_BRACKET = (math.nan, math.nan)
+
 
 def critical_angle_many(
     *,
@@ -238,10 +241,6 @@ def _run(function: Callable[..., Answer], cases: Cases, threads: int) -> Iterato
                 yield waiting.popleft().result()
         while waiting:
             yield waiting.popleft().result()
-
-
-FINAL = tuple(field.name for field in fields(Motion))
-NO_BRACKET = (math.nan, math.nan)
 
 
 def columns(answers: Iterable[Trajectory | CriticalAngle | RicochetError]) -> Columns:

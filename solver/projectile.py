@@ -10,6 +10,9 @@ import numpy as np
 from solver.arrays import FloatArray, gauss_rule
 from solver.validation import require, require_finite, require_kind, require_number, require_positive
 
+GAUSS_POINTS = 48  # on one piece of the outline; exact for lines, near machine precision for arcs
+MATCH = 1e-9  # relative; how closely a profile must end at the radius of the shank
+
 
 @dataclass(frozen=True, slots=True)
 class Line:
@@ -225,10 +228,6 @@ def _require_caliber_radius_head(value: float) -> None:
         field,
         f"must be at least 0.5, got {value:g}",
     )
-
-
-GAUSS_POINTS = 48  # on one piece of the outline; exact for lines, near machine precision for arcs
-MATCH = 1e-9  # relative; how closely a profile must end at the radius of the shank
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

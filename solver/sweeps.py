@@ -48,6 +48,20 @@ QUANTITIES: Mapping[str, tuple[str, str]] = {
     "final_kinetic_energy": ("J", "kinetic energy at the end"),
 }
 """Unit and description of a column of answers."""
+DECAY_LAWS = {
+    ElasticPlastic: "decay: theory",
+    MohrCoulomb: "decay: theory, nearest to finite element motions",
+    NoFreeSurface: "no decay",
+}
+"""Decay models, with what each was fitted to."""
+STRENGTH_LAWS = {
+    ObliquityPolynomial: "S: finite elements, 80 mm into 39 MPa, 0° to 45°",
+    PublishedTests: "S: 45 tests at 0°, 20 to 76 mm, 23 to 108 MPa, over the angle as eq. 9",
+    StrengthPowerLaw: "S: tests at 0° of Frew et al. (1998), over the angle constant",
+}
+"""Models of the strength factor with their default constants, with what each was fitted to."""
+
+Answer = TypeVar("Answer")
 
 
 def critical_angle_sweep(
@@ -277,22 +291,6 @@ def _xarray() -> Any:
             "a sweep needs xarray: pip install xarray; critical_angle_many and simulate_many need nothing more",
             name="xarray",
         ) from None
-
-
-DECAY_LAWS = {
-    ElasticPlastic: "decay: theory",
-    MohrCoulomb: "decay: theory, nearest to finite element motions",
-    NoFreeSurface: "no decay",
-}
-"""Decay models, with what each was fitted to."""
-STRENGTH_LAWS = {
-    ObliquityPolynomial: "S: finite elements, 80 mm into 39 MPa, 0° to 45°",
-    PublishedTests: "S: 45 tests at 0°, 20 to 76 mm, 23 to 108 MPa, over the angle as eq. 9",
-    StrengthPowerLaw: "S: tests at 0° of Frew et al. (1998), over the angle constant",
-}
-"""Models of the strength factor with their default constants, with what each was fitted to."""
-
-Answer = TypeVar("Answer")
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,7 @@
-"""Motion histories to fit, displacement and rotation over time, and one strike's own at any strength factor."""
+"""Motion histories to fit: displacement and rotation over time, the weights of the three, and the runs they are of.
+
+A strike, prepared, predicts the same at any strength factor.
+"""
 
 import math
 from dataclasses import dataclass, field, fields, replace
