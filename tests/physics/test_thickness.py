@@ -229,6 +229,21 @@ def test_answer_warns_that_it_is_not_conservative() -> None:
     assert "rear_face_unconservative" not in [each.code for each in strike(20.0, PAPER_TARGET).warnings]
 
 
+@pytest.mark.parametrize(("thickness", "moves"), [(0.05, False), (0.1, False), (0.2, True), (0.18, True)])
+def test_change_to_perforation_that_moves_with_the_retention_energy_is_warned_of(thickness: float, moves: bool) -> None:
+    wall = replace(PAPER_TARGET, thickness=thickness)
+    least, most = (_perforated_up_to(search(wall, numerics=Numerics(retention_energy_fraction=e))) for e in (1e-3, 0.1))
+    assert (least - most > 0.5) == moves
+    found = search(wall, search=Search(upper=math.radians(least + 1.0)))
+    of_perforation = [each for each in found.warnings if "to or from perforation" in each.detail]
+    assert [each.code for each in of_perforation] == ["retention_decides"] * moves
+
+
+def _perforated_up_to(found: CriticalAngle) -> float:
+    """Upper end of the angles at which the wall is perforated. [°]"""
+    return math.degrees(next(each.upper for each in found.outcomes if each.outcome is Outcome.PERFORATED))
+
+
 def test_rough_trial_that_gains_energy_is_done_again() -> None:
     """With rough steps the shank of this strike hits the rear of its hole ever harder, until the run has no end."""
     wall = replace(PAPER_TARGET, compressive_strength=78451171.59555532, thickness=0.15)
