@@ -237,7 +237,7 @@ def retention_decides_perforation(*, angle: float, retention: float, outside: fl
     """Warning of a change to or from perforation, with the energy left half a degree outside and inside of it."""
     low, high = (factor * retention for factor in RETENTION_RANGE)
     return ModelWarning(
-        "retention_decides",
+        "retention_decides_perforation",
         f"at {math.degrees(angle):.4g}° the outcome changes to or from perforation: half a degree outside the "
         f"perforated angles {_share(outside, low)} of the energy is left behind the wall, half a degree inside "
         f"{_share(inside, low)}: between thresholds of {100.0 * low:g} % and {100.0 * high:g} % that change moves by "
