@@ -31,7 +31,7 @@ from solver import CriticalAngle, Impact, Outcome, OutcomeInterval, RicochetErro
 TOLERATED_DEG = 0.02
 SCAN_DEG = [5.0 + 0.5 * index for index in range(161)]
 """The default range of a search."""
-DOUBTS = {"retention_decides", "retention_decides_perforation", "undecided"}
+DOUBTS = {"retention_decides", "retention_decides_perforation", "tumbling", "undecided"}
 """Warnings that an angle rests on little."""
 DISAGREEMENTS = ("error", "status", "first angle", "other crossings", "intervals")
 UNWARNED = ("status", "first angle", "intervals")

@@ -250,6 +250,20 @@ def _share(energy: float, least: float) -> str:
     return f"{100.0 * energy:.2g} %" if energy > 0.0 else f"less than {100.0 * least:g} %"
 
 
+def tumbling(*, turned: float, oblique_angle: float) -> tuple[ModelWarning, ...]:
+    """Warning of a projectile that turns end over end in the target."""
+    if turned <= math.pi:
+        return ()
+    return (
+        ModelWarning(
+            "tumbling",
+            f"at {math.degrees(oblique_angle):.4g}° the projectile turns by {math.degrees(turned):.0f}° in the "
+            "target: the model takes concrete that is broken already for intact, the outcomes of such strikes change "
+            "within fractions of a degree, and a search may miss them",
+        ),
+    )
+
+
 def range_clipped(*, upper: float, given: float) -> ModelWarning:
     """Warning of a search that ends below the end of its range, where the strength factor falls to zero."""
     return ModelWarning(

@@ -389,6 +389,9 @@ def _warnings(
         )
     )
     warnings += _retention_warnings(prepared, change)
+    turns = {trial.oblique_angle: _turned(impact, trial) for trial in trials if trial.fine}
+    most = max(turns, key=turns.__getitem__, default=0.0)
+    warnings += model_warnings.tumbling(turned=turns.get(most, 0.0), oblique_angle=most)
     reach = change.angle if change.angle is not None else max(trial.oblique_angle for trial in trials)
     warnings += model_warnings.law_warnings(
         projectile=prepared.projectile,
@@ -406,6 +409,13 @@ def _warnings(
         )
     warnings.append(model_warnings.NO_MEASURED_ANGLE)
     return tuple(warnings)
+
+
+def _turned(impact: Impact, trial: Trial) -> float:
+    """How far the axis turned until the projectile left; 0 if it did not. [rad]"""
+    if trial.exit is None:
+        return 0.0
+    return abs(trial.exit.axis_angle - replace(impact, oblique_angle=trial.oblique_angle).axis_angle)
 
 
 def _retention_warnings(prepared: PreparedCase, change: Change) -> list[ModelWarning]:

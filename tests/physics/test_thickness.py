@@ -12,9 +12,14 @@ from hypothesis import strategies as st
 
 from solver import (
     CriticalAngle,
+    Impact,
+    MohrCoulomb,
     Numerics,
+    Ogive,
     Outcome,
     ParameterError,
+    Projectile,
+    Resistance,
     Search,
     Target,
     Trajectory,
@@ -241,6 +246,22 @@ def test_change_to_perforation_that_moves_with_the_retention_energy_is_warned_of
 def _perforated_up_to(found: CriticalAngle) -> float:
     """Upper end of the angles at which the wall is perforated. [°]"""
     return math.degrees(next(each.upper for each in found.outcomes if each.outcome is Outcome.PERFORATED))
+
+
+def test_projectile_that_turns_end_over_end_in_a_wall_is_warned_of() -> None:
+    """It is still inside after 50 ms and 18 m along the wall at 84.2 to 84.9°, where the search does not look."""
+    nose = Ogive(caliber_radius_head=2.138339435115425)
+    body = Projectile(nose=nose, diameter=0.09735998346263668, length=0.8502825430574642, mass=33.98285616711883)
+    wall = Target(compressive_strength=83506119.05974251, density=2488.7656325658056, thickness=0.0701537343192152)
+    case: dict[str, Any] = {"projectile": body, "target": wall, "resistance": Resistance(free_surface=MohrCoulomb())}
+    attack, velocity = 0.03895949452329724, 598.1511893212602
+    found = critical_angle(**case, velocity=velocity, angle_of_attack=attack)
+    assert "tumbling" in [each.code for each in found.warnings]
+    for angle, tumbles in ((30.0, False), (84.5, True)):
+        impact = Impact(velocity=velocity, oblique_angle=math.radians(angle), angle_of_attack=attack)
+        run = simulate(**case, impact=impact, sample_interval=None)
+        assert ("tumbling" in [each.code for each in run.warnings]) == tumbles
+        assert (abs(run.final.axis_angle - impact.axis_angle) > math.pi) == tumbles
 
 
 def test_rough_trial_that_gains_energy_is_done_again() -> None:
