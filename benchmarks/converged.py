@@ -3,7 +3,6 @@
 import math
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 import numpy as np
 
@@ -44,17 +43,6 @@ class References:
     """Angle at which the tip is back at the face after 5 ms, which the paper seeks. [°]"""
     tip_depths: FloatArray
     """At `DEPTH_TIMES`. [m]"""
-
-    def as_json(self) -> dict[str, Any]:
-        """With the settings behind the angles."""
-        return {
-            "by_outcome_deg": self.by_outcome,
-            "by_tip_at_5_ms_deg": self.by_tip,
-            "relative_tolerance": CONVERGED.relative_tolerance,
-            "stations": CONVERGED.stations,
-            "points": CONVERGED.points,
-            "search_tolerance_deg": math.degrees(CONVERGED_SEARCH.tolerance),
-        }
 
 
 def compute_references() -> References:

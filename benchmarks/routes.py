@@ -87,16 +87,7 @@ def print_angles(angles: list[Contender], references: References) -> None:
         sought = references.by_outcome if contender is angles[-1] else references.by_tip
         errors = (f"{abs(angle - reference):.3f}°" for reference in (references.by_outcome, sought))
         rows.append([*times(contender, angles[0]), f"{angle:.3f}°", *errors, trajectories])
-    head = [
-        "critical angle",
-        "CPU time",
-        "wall time",
-        "CPU ratio",
-        "angle",
-        "error",
-        "of own criterion",
-        "trajectories",
-    ]
+    head = ["critical angle", "CPU time", "wall time", "CPU ratio", "angle", "error", "own criterion", "trajectories"]
     print_table(head, rows)
     print(f"Converged, by outcome: {references.by_outcome:.4f}°; tip back at the face after 5 ms, the paper's ", end="")
     print(f"criterion: {references.by_tip:.4f}°.")

@@ -20,17 +20,13 @@ from solver import warm_up
 FIRST_ANSWER = """
 import time
 begin = time.perf_counter()
-import json, os, resource, sys
+import json, resource
 from solver import critical_angle
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY
 imported = time.perf_counter()
 critical_angle(projectile=PAPER_PROJECTILE, target=PAPER_TARGET, velocity=PAPER_VELOCITY)
 answered, at = time.perf_counter(), time.monotonic()
-try:
-    with open("/proc/self/statm") as file:
-        memory = int(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE")
-except OSError:  # its peak, in bytes on a Mac
-    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
+memory = 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 print(json.dumps({"import": imported - begin, "answer": answered - imported, "at": at, "memory": memory}))
 """
 
@@ -57,7 +53,7 @@ def main() -> None:
         ["first critical angle", time_spread([each["answer"] for each in starts])],
         ["from the start of the interpreter to that angle", time_spread([each["until"] for each in starts])],
         ["whole process, its end included", time_spread([each["process"] for each in starts])],
-        ["resident memory after it", spread([each["memory"] / 1e6 for each in starts], "MB")],
+        ["most resident memory", spread([each["memory"] / 1e6 for each in starts], "MB")],
     ]
     if not options.quick:
         with tempfile.TemporaryDirectory() as folder:

@@ -312,7 +312,7 @@ inlined = _decorator(_nrt=False, forceinline=True, **INNER)
 exact = _decorator(_nrt=False, fastmath={"contract", "nsz"}, **INNER)
 """Decorator of polynomials and quotients in loops over vectors. Reassociation must not reach them: the compiler would
 spread the division over every term."""
-vectorised = _decorator(_nrt=False, fastmath={"contract", "nsz", "arcp", "reassoc"}, **INNER)
+vectorised = _decorator(_nrt=False, forceinline=True, fastmath={"contract", "nsz", "arcp", "reassoc"}, **INNER)
 """Decorator of loops over vectors; only sums that may be reordered can use vector registers."""
 
 

@@ -210,7 +210,8 @@ def integrate(
         work, linear = make_workspace(), make_linearisation()
         accuracy = Accuracy(float(numerics.relative_tolerance), LARGEST_STEP)
         run = integrate_adaptive(start, model, end_time, thresholds, accuracy, steps, work, linear)
-    check_end(run.end if np.abs(run.state).max() < LARGEST_STATE else Termination.NOT_FINITE, run.time)
+    finite = all(abs(value) < LARGEST_STATE for value in run.state.tolist())
+    check_end(run.end if finite else Termination.NOT_FINITE, run.time)
     return run, steps[: run.steps]
 
 

@@ -280,6 +280,8 @@ def run_warnings(prepared: PreparedCase, impact: Impact, run: Run, outcome: Outc
         found.append(model_warnings.ENERGY_GAIN)
     if outcome is Outcome.IN_MOTION:
         found.append(model_warnings.undecided(termination_time=run.time))
+    turned = abs(float(run.state[2]) - impact.axis_angle)
+    found += model_warnings.tumbling(turned=turned, oblique_angle=impact.oblique_angle)
     if outcome is Outcome.EMBEDDED:
         found += model_warnings.shallow(depth=run.maximum_tip_depth, diameter=prepared.projectile.diameter)
     return tuple(found)

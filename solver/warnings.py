@@ -225,12 +225,42 @@ RETENTION_RANGE = (0.1, 10.0)
 def retention_decides(*, retention: float, below: float, above: float) -> ModelWarning:
     """Warning of an angle that depends on the retention energy, with the energy left half a degree below and above."""
     low, high = (factor * retention for factor in RETENTION_RANGE)
-    left = f"{100.0 * below:.2g} %" if below > 0.0 else f"less than {100.0 * low:g} %"
     return ModelWarning(
         "retention_decides",
-        f"{left} of the energy is left half a degree below the angle, {100.0 * above:.2g} % half a degree above it: "
-        f"between thresholds of {100.0 * low:g} % and {100.0 * high:g} % the angle moves by more than 0.5°; friction "
-        "and rubble, which the model leaves out, decide what becomes of so slow a body",
+        f"{_share(below, low)} of the energy is left half a degree below the angle, {_share(above, low)} half a degree "
+        f"above it: between thresholds of {100.0 * low:g} % and {100.0 * high:g} % the angle moves by more than 0.5°; "
+        "friction and rubble, which the model leaves out, decide what becomes of so slow a body",
+    )
+
+
+def retention_decides_perforation(*, angle: float, retention: float, outside: float, inside: float) -> ModelWarning:
+    """Warning of a change to or from perforation, with the energy left half a degree outside and inside of it."""
+    low, high = (factor * retention for factor in RETENTION_RANGE)
+    return ModelWarning(
+        "retention_decides_perforation",
+        f"at {math.degrees(angle):.4g}° the outcome changes to or from perforation: half a degree outside the "
+        f"perforated angles {_share(outside, low)} of the energy is left behind the wall, half a degree inside "
+        f"{_share(inside, low)}: between thresholds of {100.0 * low:g} % and {100.0 * high:g} % that change moves by "
+        "more than 0.5°",
+    )
+
+
+def _share(energy: float, least: float) -> str:
+    """Share of the energy in percent, or that it is less than what is computed."""
+    return f"{100.0 * energy:.2g} %" if energy > 0.0 else f"less than {100.0 * least:g} %"
+
+
+def tumbling(*, turned: float, oblique_angle: float) -> tuple[ModelWarning, ...]:
+    """Warning of a projectile that turns end over end in the target."""
+    if turned <= math.pi:
+        return ()
+    return (
+        ModelWarning(
+            "tumbling",
+            f"at {math.degrees(oblique_angle):.4g}° the projectile turns by {math.degrees(turned):.0f}° in the "
+            "target: the model takes concrete that is broken already for intact, the outcomes of such strikes change "
+            "within fractions of a degree, and a search may miss them",
+        ),
     )
 
 

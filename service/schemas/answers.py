@@ -67,7 +67,7 @@ LAWS = {
 }
 OTHER_OUTCOME = LAWS | {"outcome": "ricochet"}
 OTHER_ANGLE = LAWS | {"status": "converged", "critical_angle_deg": 43.59}
-VERSIONED = {"key": "0" * 64, "engine_version": "9"}
+VERSIONED = {"key": "0" * 64, "engine_version": "10"}
 
 Key = Annotated[
     str,

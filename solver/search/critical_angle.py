@@ -24,7 +24,7 @@ from solver.projectile import Projectile
 from solver.resistance import EQUATION_9, ObliquityPolynomial, Resistance, positive_up_to
 from solver.search.outcome import HALF_DEGREE, MORE_INERTIA, search_outcome
 from solver.search.paper import search_bisection, search_secant
-from solver.search.trials import ANGLE, END, TrialInputs, search_levels
+from solver.search.trials import ANGLE, END, ENERGY_FLOOR, TrialInputs, search_levels
 from solver.search.types import USUAL_SEARCH, Change, CriticalAngle, OutcomeInterval, Search, SearchStatus, Trial
 from solver.strike import (
     SEARCH_STATIONS,
@@ -234,7 +234,43 @@ def _search_outcome(prepared: PreparedCase, impact: Impact, search: Search) -> t
     begins = (perforating[0][0] if perforating else more[-1]).outcome is Outcome.PERFORATED
     intervals = _intervals(search, change.starts_turned_away, brackets, begins, perforating)
     deciding = change.deciding + tuple(trial for bracket in perforating for trial in bracket)
-    return replace(change, outcomes=intervals, deciding=deciding), trials + more
+    near = tuple(_near_perforation(prepared, impact, bracket) for bracket in perforating)
+    return replace(change, outcomes=intervals, deciding=deciding, perforations=near), trials + more
+
+
+def _near_perforation(
+    prepared: PreparedCase, impact: Impact, bracket: tuple[Trial, Trial]
+) -> tuple[float, float, float]:
+    """Angle of a change to or from perforation, and the shares of the energy left half a degree to either side of it.
+
+    Returns
+    -------
+    tuple
+        The angle, and what is left on the side that is not perforated and on the side that is. [rad, 1, 1]
+    """
+    left, right = bracket
+    outside = 1.0 if left.outcome is Outcome.PERFORATED else -1.0
+    angle = right.oblique_angle
+    beyond, within = (_energy_behind(prepared, impact, angle + side * HALF_DEGREE) for side in (outside, -outside))
+    return angle, beyond, within
+
+
+def _energy_behind(prepared: PreparedCase, impact: Impact, oblique_angle: float) -> float:
+    """Share of the energy left behind the wall; 0 where it is not perforated, or nothing can be computed."""
+    if not 0.0 <= oblique_angle < math.pi / 2.0:
+        return 0.0
+    strike, model = replace(impact, oblique_angle=oblique_angle), prepared.model
+    floor = ENERGY_FLOOR * prepared.numerics.retention_energy_fraction
+    try:
+        present = model._replace(law=prepared.law_at(strike))
+        run, _ = integrate(prepared, present, strike, keep_steps=False, thresholds=Thresholds(floor, floor))
+    except RicochetError:  # must not cost the angle itself
+        return 0.0
+    left = exit_of(OUTCOMES[run.end], run.state.tolist(), model.body)
+    if left is None or run.end != Termination.PERFORATED:
+        return 0.0
+    body, spin = model.body, impact.angular_velocity
+    return left.kinetic_energy / (0.5 * (body.mass * impact.velocity**2 + body.moment_of_inertia * spin * spin))
 
 
 Brackets: TypeAlias = list[tuple[Trial, Trial]]
@@ -350,7 +386,10 @@ def _warnings(
             angle_shift=_inertia_shift(prepared, change),
         )
     )
-    warnings += _retention_warning(prepared, change)
+    warnings += _retention_warnings(prepared, change)
+    turns = {trial.oblique_angle: _turned(impact, trial) for trial in trials if trial.fine}
+    most = max(turns, key=turns.__getitem__, default=0.0)
+    warnings += model_warnings.tumbling(turned=turns.get(most, 0.0), oblique_angle=most)
     reach = change.angle if change.angle is not None else max(trial.oblique_angle for trial in trials)
     warnings += model_warnings.law_warnings(
         projectile=prepared.projectile,
@@ -370,15 +409,37 @@ def _warnings(
     return tuple(warnings)
 
 
-def _retention_warning(prepared: PreparedCase, change: Change) -> tuple[ModelWarning, ...]:
-    """Warning of an angle that moves by more than half a degree with the retention energy."""
-    if change.nearby is None:
-        return ()
-    (below, above, _), (least, most) = change.nearby, model_warnings.RETENTION_RANGE
+def _turned(impact: Impact, trial: Trial) -> float:
+    """How far the axis turned until the projectile left; 0 if it did not. [rad]"""
+    if trial.exit is None:
+        return 0.0
+    return abs(trial.exit.axis_angle - replace(impact, oblique_angle=trial.oblique_angle).axis_angle)
+
+
+def _retention_warnings(prepared: PreparedCase, change: Change) -> list[ModelWarning]:
+    """Warnings of the angle, and of changes to and from perforation, that move with the retention energy."""
     retention = prepared.numerics.retention_energy_fraction
-    if below == 0.0 and above - retention >= (most - least) * retention:
-        return ()
-    return (model_warnings.retention_decides(retention=retention, below=below, above=above),)
+    warnings = []
+    if change.nearby is not None and _moves(change.nearby[0], change.nearby[1], retention):
+        below, above, _ = change.nearby
+        warnings.append(model_warnings.retention_decides(retention=retention, below=below, above=above))
+    for angle, outside, inside in change.perforations:
+        if _moves(outside, inside, retention):
+            warnings.append(
+                model_warnings.retention_decides_perforation(
+                    angle=angle, retention=retention, outside=outside, inside=inside
+                )
+            )
+    return warnings
+
+
+def _moves(without: float, having: float, retention: float) -> bool:
+    """Whether a change moves by more than half a degree with the retention energy.
+
+    From the shares of the energy left half a degree to either side of it, first that on which the projectile stays.
+    """
+    least, most = model_warnings.RETENTION_RANGE
+    return without != 0.0 or having - retention < (most - least) * retention
 
 
 def _inertia_shift(prepared: PreparedCase, change: Change) -> float | None:

@@ -197,3 +197,6 @@ class Change:
     nearby: tuple[float, float, float] | None = None
     """Shares of the energy left half a degree below and above the angle, and above it with more inertia."""
     outcomes: tuple[OutcomeInterval, ...] = ()
+    perforations: tuple[tuple[float, float, float], ...] = ()
+    """Angle of each change to or from perforation, and shares of the energy left half a degree outside and inside the
+    perforated angles."""

@@ -12,9 +12,14 @@ from hypothesis import strategies as st
 
 from solver import (
     CriticalAngle,
+    Impact,
+    MohrCoulomb,
     Numerics,
+    Ogive,
     Outcome,
     ParameterError,
+    Projectile,
+    Resistance,
     Search,
     Target,
     Trajectory,
@@ -227,6 +232,36 @@ def test_plate_thinner_than_a_tenth_of_the_diameter_is_refused_with_the_reason()
 def test_answer_warns_that_it_is_not_conservative() -> None:
     assert "rear_face_unconservative" in [each.code for each in strike(20.0).warnings]
     assert "rear_face_unconservative" not in [each.code for each in strike(20.0, PAPER_TARGET).warnings]
+
+
+@pytest.mark.parametrize(("thickness", "moves"), [(0.05, False), (0.1, False), (0.2, True), (0.18, True)])
+def test_change_to_perforation_that_moves_with_the_retention_energy_is_warned_of(thickness: float, moves: bool) -> None:
+    wall = replace(PAPER_TARGET, thickness=thickness)
+    least, most = (_perforated_up_to(search(wall, numerics=Numerics(retention_energy_fraction=e))) for e in (1e-3, 0.1))
+    assert (least - most > 0.5) == moves
+    found = search(wall, search=Search(upper=math.radians(least + 1.0)))
+    assert ("retention_decides_perforation" in [each.code for each in found.warnings]) == moves
+
+
+def _perforated_up_to(found: CriticalAngle) -> float:
+    """Upper end of the angles at which the wall is perforated. [°]"""
+    return math.degrees(next(each.upper for each in found.outcomes if each.outcome is Outcome.PERFORATED))
+
+
+def test_projectile_that_turns_end_over_end_in_a_wall_is_warned_of() -> None:
+    """It is still inside after 50 ms and 18 m along the wall at 84.2 to 84.9°, where the search does not look."""
+    nose = Ogive(caliber_radius_head=2.138339435115425)
+    body = Projectile(nose=nose, diameter=0.09735998346263668, length=0.8502825430574642, mass=33.98285616711883)
+    wall = Target(compressive_strength=83506119.05974251, density=2488.7656325658056, thickness=0.0701537343192152)
+    case: dict[str, Any] = {"projectile": body, "target": wall, "resistance": Resistance(free_surface=MohrCoulomb())}
+    attack, velocity = 0.03895949452329724, 598.1511893212602
+    found = critical_angle(**case, velocity=velocity, angle_of_attack=attack)
+    assert "tumbling" in [each.code for each in found.warnings]
+    for angle, tumbles in ((30.0, False), (84.5, True)):
+        impact = Impact(velocity=velocity, oblique_angle=math.radians(angle), angle_of_attack=attack)
+        run = simulate(**case, impact=impact, sample_interval=None)
+        assert ("tumbling" in [each.code for each in run.warnings]) == tumbles
+        assert (abs(run.final.axis_angle - impact.axis_angle) > math.pi) == tumbles
 
 
 def test_rough_trial_that_gains_energy_is_done_again() -> None:
