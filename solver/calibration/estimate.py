@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
-from scipy.special import stdtrit
 
 from solver.arrays import FloatArray
 from solver.errors import ParameterError
@@ -56,6 +55,8 @@ def build_estimate(
     *, strength_factor: float, standard_error: float, degrees_of_freedom: float, confidence_level: float
 ) -> Estimate:
     """Dress a fitted value with its interval."""
+    from scipy.special import stdtrit  # noqa: PLC0415 (takes long to import, also where nothing is fitted)
+
     reach = float(stdtrit(degrees_of_freedom, 0.5 + 0.5 * confidence_level)) * standard_error
     return Estimate(
         strength_factor=strength_factor,

@@ -5,7 +5,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import chdtrc
 
 from solver.arrays import FloatArray
 from solver.resistance import ObliquityPolynomial
@@ -142,6 +141,8 @@ def _warnings(*, chi_square: float, degrees_of_freedom: int, known: bool) -> tup
                 "as many coefficients as points, and no standard errors: nothing shows how well they are known",
             ),
         )
+    from scipy.special import chdtrc  # noqa: PLC0415 (takes long to import, also where nothing is fitted)
+
     if known and degrees_of_freedom > 0 and float(chdtrc(degrees_of_freedom, chi_square)) < UNLIKELY:
         return (
             ModelWarning(
