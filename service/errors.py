@@ -10,7 +10,6 @@ from http import HTTPStatus
 from typing import Any, ClassVar, Self
 
 from service.schemas.problems import pointer_of_location, pointer_of_parameter
-from service.settings import missing_package
 from solver import IntegrationError, ParameterError, StepLimitError
 
 log = logging.getLogger(__name__)
@@ -223,6 +222,8 @@ class ReportsMissingError(ServiceError):
     title = "Reports are not installed"
 
     def __init__(self, package: str) -> None:
+        from service.settings import missing_package  # noqa: PLC0415 (takes long to import, and no query needs it)
+
         super().__init__(missing_package("a report", package, "reports"))
 
 

@@ -3,7 +3,7 @@
 pandas and matplotlib are for those who have them: nothing here needs them otherwise.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 from importlib import import_module
 from typing import Any, Protocol, TypeAlias
@@ -226,3 +226,83 @@ def plot_probability(curve: Columns, title: str) -> Any:
     panel.grid(visible=True, alpha=0.3)
     panel.legend(frameon=False, fontsize="small")
     return figure
+
+
+def plot_perforation(trials: Columns, title: str, label: str, bracket: tuple[float, float] | None) -> Any:
+    """Return a figure with the speed behind the wall of each trial, with the bracket of the limit.
+
+    Parameters
+    ----------
+    trials
+        ``value``, ``outcome`` and ``speed``, the last one of those that perforated and zero of the others. [m/s]
+    title
+        Of the figure.
+    label
+        Name and unit of the value that was varied.
+    bracket
+        Values between which the outcome changes; None if it does not.
+    """
+    figure = new_figure(6.0, 4.0)
+    panel = figure.subplots()
+    for outcome, color in COLORS.items():
+        rows = trials["outcome"] == outcome
+        if rows.any():
+            name = outcome.replace("_", " ")
+            panel.plot(trials["value"][rows], trials["speed"][rows], "o", color=color, alpha=0.7, label=name)
+    if bracket is not None:
+        panel.axvline(0.5 * sum(bracket), color=GREY, linestyle="--", label="limit")
+    panel.set(xlabel=label, ylabel="speed behind the wall [m/s]")
+    panel.set_title(title, loc="left", fontsize="medium")
+    panel.grid(visible=True, alpha=0.3)
+    panel.legend(frameon=False, fontsize="small")
+    return figure
+
+
+def plot_endings(
+    outcomes: Mapping[str, Sequence[float]],
+    depth: Sequence[Sequence[float]],
+    speeds: Mapping[str, Sequence[Sequence[float]]],
+    title: str,
+) -> Any:
+    """Return a figure with the probability of each outcome, beside how deep the runs go and how fast they leave.
+
+    Parameters
+    ----------
+    outcomes
+        Probability of each outcome, with the lower and the upper end of its interval. [1]
+    depth
+        Quantiles of the greatest depth: probability, depth and the ends of its interval. [1, m, m, m]
+    speeds
+        The same of the speed of those that leave, by outcome. [1, m/s, m/s, m/s]
+    title
+        Of the figure.
+    """
+    figure = new_figure(9.0, 3.6)
+    shown = {outcome: found for outcome, found in speeds.items() if len(found)}
+    shares, *panels = figure.subplots(1, 3 if shown else 2, width_ratios=(1.1, 1.0, 1.0)[: 3 if shown else 2])
+    names = [name.replace("_", " ") for name in outcomes]
+    middle, lower, upper = np.array(list(outcomes.values())).T
+    whiskers = np.clip([middle - lower, upper - middle], 0.0, None)
+    shares.barh(names, middle, xerr=whiskers, color=[COLORS[name] for name in outcomes], ecolor=GREY, capsize=4.0)
+    shares.set(xlabel="probability, with its interval", xlim=(0.0, 1.02))
+    shares.invert_yaxis()
+    _draw_quantiles(panels[0], depth, BLUE, "")
+    panels[0].set(xlabel="greatest depth [m]", ylabel="share of runs below")
+    for outcome, found in shown.items():
+        _draw_quantiles(panels[1], found, COLORS[outcome], outcome.replace("_", " "))
+    if shown:
+        panels[1].set(xlabel="speed at the exit [m/s]", ylabel="share of them below")
+        panels[1].legend(frameon=False, fontsize="small")
+    for panel in (shares, *panels):
+        panel.grid(visible=True, alpha=0.3)
+        panel.set_axisbelow(True)
+    figure.suptitle(title, x=0.01, ha="left", fontsize="medium")
+    return figure
+
+
+def _draw_quantiles(panel: Any, quantiles: Sequence[Sequence[float]], color: str, label: str) -> None:
+    """Draw a distribution through its quantiles: probability, value, and the ends of the value's interval."""
+    level, value, lower, upper = np.array(quantiles).reshape(-1, 4).T
+    panel.fill_betweenx(level, lower, upper, color=color, alpha=0.2, linewidth=0.0)
+    panel.plot(value, level, color=color, marker="o", markersize=3.0, label=label)
+    panel.set_ylim(-0.02, 1.02)

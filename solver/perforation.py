@@ -7,7 +7,7 @@ from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
-from solver.display import Columns, card, dataframe, line
+from solver.display import Columns, card, dataframe, line, plot_perforation
 from solver.motion import Thresholds
 from solver.prepared import LEAST_THICKNESS, OUTCOMES, Exit, Outcome, PreparedCase, exit_of, integrate, prepare
 from solver.projectile import Projectile
@@ -81,6 +81,16 @@ class PerforationLimit:
     def to_dataframe(self) -> Any:
         """Return the trials as a ``pandas.DataFrame``, which has to be installed."""
         return dataframe(self.columns())
+
+    def plot(self) -> Any:
+        """Return the speed behind the wall of each trial as a ``matplotlib.figure.Figure``.
+
+        Matplotlib has to be installed.
+        """
+        behind = [trial.exit if trial.outcome is Outcome.PERFORATED else None for trial in self.iterations]
+        trials = self.columns() | {"speed": np.array([0.0 if each is None else each.speed for each in behind])}
+        label = "thickness of the wall [m]" if self.quantity == "thickness" else "velocity at first contact [m/s]"
+        return plot_perforation(trials, self._summary(), label, self.bracket)
 
     def _summary(self) -> str:
         name, unit = ("least thickness", "m") if self.quantity == "thickness" else ("limit velocity", "m/s")

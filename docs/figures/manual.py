@@ -163,7 +163,7 @@ def decay(axes: Axes) -> None:
         (NoFreeSurface(), "none"),
     ):
         axes.plot(ratios, decay_factor(model=law, target=PAPER_TARGET, radius_ratio=ratios), label=label)
-    axes.set(xscale="log", xlabel="k = r_d / r_a [1]", ylabel="f [1]", xlim=(1.0, 50.0), ylim=(0.0, 1.05))
+    axes.set(xscale="log", xlabel="$k = r_d / r_a$ [1]", ylabel="f [1]", xlim=(1.0, 50.0), ylim=(0.0, 1.05))
     axes.set_xticks([1, 2, 5, 10, 20, 50], ["1", "2", "5", "10", "20", "50"])
     axes.legend(loc="lower right")
 

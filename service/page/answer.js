@@ -117,7 +117,7 @@ function describeSpread(study, inputs, refine) {
   const names = inputs.map(({ field }) => inputField(field).label.toLowerCase()).join(", ");
   const without = study.critical_angle.share_without_angle.value;
   const none = without > 0 ? `, ${digits(100 * without, 2)} % without an angle` : "";
-  const by = study.method === "surrogate" ? "a polynomial chaos" : `${study.samples.toLocaleString("en")} searches`;
+  const by = `${study.method === "surrogate" ? "polynomials fitted to " : ""}${study.samples.toLocaleString("en")} searches`;
   const words = element(
     "p",
     {},

@@ -29,6 +29,7 @@ export function drawHistories(root, runs, row) {
   const [{ run }] = runs;
   const isNarrow = root.clientWidth < NARROW;
   root.classList.toggle("tall", isNarrow);
+  root.classList.toggle("compared", runs.length > 1);
   const names = runs.length > 1 ? ` of ${runs.map(({ name }) => name).join(", ")}` : "";
   return draw(root, traces, layoutOf(run, row, isNarrow, runs.length > 1), {
     title: "Time histories",

@@ -98,7 +98,7 @@ export function countWords(operation, cells) {
     return `${count} ${label}`;
   });
   const warnings = localWarnings(cells).map(([code, count]) => `${warningWords(code)} (${count})`);
-  return words.join(", ") + (warnings.length ? `; with warnings that not all have: ${warnings.join(", ")}` : "");
+  return words.join(", ") + (warnings.length ? `; warnings of some: ${warnings.join(", ")}` : "");
 }
 
 /** Return the cells as CSV, in SI units. */

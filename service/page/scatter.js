@@ -26,7 +26,7 @@ export const DISTRIBUTIONS = {
     label: "Lognormal",
     parameters: [
       { name: "median", label: "Median", scale: OWN, centre: true },
-      { name: "dispersion", label: "Dispersion", scale: PURE },
+      { name: "dispersion", label: "Dispersion, of the logarithm", scale: PURE },
     ],
   },
   uniform: { label: "Uniform", parameters: ENDS },

@@ -11,17 +11,17 @@ const THINNED = 20; // points of an outline, above which the hole takes every fo
 const ARC_POINTS = 16;
 const LEAST_DEG = 0.05; // smaller angles of attack have no mark of their own
 /** Distances from the point of contact, in lengths of the projectile. */
-const RADII = { theta: 0.6, delta: 0.82, phi: 0.42, normal: 0.95, critical: 1.12, exit: 0.3 };
+const RADII = { theta: 0.6, delta: 0.82, phi: 0.42, normal: 0.95, critical: 1.12, criticalBeside: 0.68, exit: 0.3 };
 
 /** Return the traces of what is marked, to go over the outlines; in a narrow picture in fewer words. */
 export function markTraces(run, critical, isNarrow) {
-  return [...angleTraces(run, isNarrow), criticalTrace(run, critical), ...exitTraces(run, isNarrow)];
+  return [...angleTraces(run, isNarrow), criticalTrace(run, critical, isNarrow), ...exitTraces(run, isNarrow)];
 }
 
 /** Return a restyling of the mark of the critical angle, for `Plotly.restyle`, with the place of its trace. */
-export function criticalChange(plot, run, critical) {
-  const { x, y, text } = criticalTrace(run, critical);
-  return [{ x: [x], y: [y], text: [text] }, [plot.data.findIndex(({ name }) => name === CRITICAL)]];
+export function criticalChange(plot, run, critical, isNarrow) {
+  const { x, y, text, textposition } = criticalTrace(run, critical, isNarrow);
+  return [{ x: [x], y: [y], text: [text], textposition }, [plot.data.findIndex(({ name }) => name === CRITICAL)]];
 }
 
 /** Return the concrete that the projectile went through, as a trace to go below the outlines. */
@@ -69,7 +69,7 @@ function angleTraces({ values, history, projectile: { length_m: length } }, isNa
   const ray = (angle) => [[0, 0], from(angle, RADII.normal * length)];
   const arc = (begin, end, radius) =>
     Array.from({ length: ARC_POINTS + 1 }, (_, i) => from(begin + (i / ARC_POINTS) * (end - begin), radius * length));
-  const beside = (radius) => [0.03 * length, from(0, radius * length)[1]]; // the other side of the normal, where no outline is
+  const beside = (radius) => besideNormal(radius * length);
   const top = isNarrow ? RADII.normal : RADII.theta; // above the words on the exit
   const [toTheta, toPhi] = [arc(0, theta, RADII.theta), arc(0, phi, RADII.phi)];
   if (Math.abs(phi - theta) < LEAST_DEG) {
@@ -85,14 +85,21 @@ function angleTraces({ values, history, projectile: { length_m: length } }, isNa
   ];
 }
 
-function criticalTrace({ projectile: { length_m: length } }, critical) {
+/** The critical angle: named at its outer end, away from the projectile; in a narrow picture beside the normal. */
+function criticalTrace({ values, projectile: { length_m: length } }, critical, isNarrow) {
   const points = critical === undefined ? [] : [0.12, RADII.critical].map((radius) => from(critical, radius * length));
+  const text = points.length ? ["", `critical ${degreesShown(critical)}`] : [];
+  if (points.length && isNarrow) {
+    points.push([null, null], besideNormal(RADII.criticalBeside * length));
+    text.splice(1, 0, "", "");
+  }
+  const away = critical > values.impact.oblique_angle_deg ? "middle left" : "top center";
   return {
     ...lineTrace(points, { dash: "dashdot", color: colour("path"), width: 1.5 }),
     name: CRITICAL,
     mode: "lines+text",
-    text: points.length ? ["", `critical ${degreesShown(critical)}`] : [],
-    textposition: "top center",
+    text,
+    textposition: isNarrow ? "middle right" : away,
     cliponaxis: false,
     textfont: { color: colour("path") },
   };
@@ -110,7 +117,7 @@ function exitTraces({ exit, final, path, projectile: { length_m: length } }, isN
       mode: "lines+markers+text",
       marker: { symbol: "arrow", angleref: "previous", size: 12, opacity: [0, 1], color: colour("accent") },
       text: ["", `exit ${digits(exit.speed_m_s)} m/s${isNarrow ? "" : `<br>${digits(exit.elevation_deg)}° from the face`}`],
-      textposition: final.depth_velocity_m_s > 0 ? "middle right" : "top left",
+      textposition: final.depth_velocity_m_s < 0 ? "top left" : isNarrow ? "middle left" : "top right",
       cliponaxis: false,
     },
   ];
@@ -142,6 +149,11 @@ function labelsTrace(labels) {
     hoverinfo: "skip",
     showlegend: false,
   };
+}
+
+/** A place beside the normal at a distance from the contact, on the side where no outline is. */
+function besideNormal(distance) {
+  return [0.05 * distance, from(0, distance)[1]];
 }
 
 /** Where a body comes from at an angle from the normal: along the face and depth, at a distance from the contact. */

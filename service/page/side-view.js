@@ -14,6 +14,7 @@ const FAR_M = 1e3; // deeper than any view
 const NEAR = 2; // a rear face is in view up to this many times the depth that is reached
 const MOVING = "moving"; // name of the trace of the outline that is moved
 const GRID_M = 0.1; // ends of the axes, so that the view does not tremble while a slider moves
+const EDGE_M = 0.02; // between what is drawn and the ends of the axis along the face
 
 const marked = new WeakMap(); // critical angles by the element they are drawn into
 
@@ -62,7 +63,7 @@ export function moveOutline(root, run, row) {
 export function markCritical(root, run, critical) {
   const plot = root.querySelector(".drawing");
   marked.set(root, critical);
-  return plot?.data && restyle(root, ...criticalChange(plot, run, critical));
+  return plot?.data && restyle(root, ...criticalChange(plot, run, critical, root.clientWidth < NARROW));
 }
 
 function evenRows({ history: { time_s: time } }, count) {
@@ -150,14 +151,14 @@ function beadTrace({ path }, rows, range) {
 
 function layoutOf(traces, legend, wall, room, held) {
   const thickness = wall ?? FAR_M;
-  const ends = (given) => {
+  const ends = (given, edge = 0) => {
     const values = given.filter((value) => value !== null); // between outlines
     return [
-      Math.floor(values.reduce((a, b) => Math.min(a, b)) / GRID_M) * GRID_M,
-      Math.ceil(values.reduce((a, b) => Math.max(a, b)) / GRID_M) * GRID_M,
+      Math.floor((values.reduce((a, b) => Math.min(a, b)) - edge) / GRID_M) * GRID_M,
+      Math.ceil((values.reduce((a, b) => Math.max(a, b)) + edge) / GRID_M) * GRID_M,
     ];
   };
-  const [left, right] = ends([...traces.flatMap(({ x }) => x), ...room.map((reach) => -reach)]);
+  const [left, right] = ends([...traces.flatMap(({ x }) => x), ...room.map((reach) => -reach)], EDGE_M);
   const [top, deepest] = ends([...traces.flatMap(({ y }) => y), ...room.map((reach) => -reach)]);
   const bottom = thickness < NEAR * deepest ? Math.max(deepest, thickness + GRID_M) : deepest;
   const across = { xref: "paper", x0: 0, x1: 1, y0: 0, layer: "below" };

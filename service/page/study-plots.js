@@ -100,7 +100,15 @@ export function sensitivityTable(study) {
   const parts = [element("thead", {}, element("tr", {}, ...heads)), element("tbody", {}, ...rows)];
   const caption = element("caption", {}, "Sobol indices of the critical angle");
   const table = element("table.indices", {}, caption, ...parts);
-  return element("div.wide", { tabindex: 0, role: "group", "aria-label": "Table of sensitivities" }, table); // it scrolls
+  const note =
+    "First order: the share of the variance of the critical angle that an input explains by itself; total: with all that it " +
+    "does together with others. In brackets their intervals. Swing: the length of the bar.";
+  return element(
+    "div",
+    {},
+    element("div.wide", { tabindex: 0, role: "group", "aria-label": "Table of sensitivities" }, table), // it scrolls
+    element("p.quiet", {}, note),
+  );
 }
 
 /** Return a sentence or two on a study. */
@@ -111,8 +119,9 @@ export function describeStudy(study) {
   const parts = [
     mean ? `Mean ${degreesShown(mean.value)}, standard deviation ${degreesShown(deviation?.value ?? 0)}.` : "",
     without.value > 0 ? `${digits(100 * without.value, 2)} % of the samples have no critical angle.` : "",
-    `${study.samples.toLocaleString("en")} samples, half width ${digits(width, 2)}${study.converged ? "" : ", wider than requested"};`,
-    `${study.method === "surrogate" ? "by a polynomial chaos" : "counted directly"}.`,
+    `${study.samples.toLocaleString("en")} samples: each probability is known within ± ${digits(width, 2)}` +
+      `${study.converged ? "" : ", less well than requested"},`,
+    `${study.method === "surrogate" ? "by polynomials fitted to them" : "counted directly"}.`,
     study.samples_failed ? `${study.samples_failed} samples could not be computed.` : "",
     study.samples_outside ? `${study.samples_outside} samples are outside the accepted range.` : "",
   ];
@@ -146,7 +155,7 @@ function swingColumns({ sensitivity }) {
 }
 
 function estimateShown({ value, lower, upper }) {
-  return `${value.toFixed(2)} (${lower.toFixed(2)} to ${upper.toFixed(2)})`;
+  return `${value.toFixed(2)} (${lower.toFixed(2)}\u00a0to\u00a0${upper.toFixed(2)})`;
 }
 
 function rangeOf(x, y) {

@@ -106,9 +106,14 @@ export function warningList(...lists) {
   const details = new Map(own.map(({ code, detail }) => [`${code} ${detail}`, { code, detail }]));
   if (!details.size) return [];
   const items = [...details.values()].map(({ code, detail }) =>
-    element("li.warning", { "data-code": code }, sentence(detail)),
+    element("li.warning", { "data-code": code }, unbroken(sentence(detail))),
   );
   return [element("h2", {}, "Warnings"), element("ul.warnings", {}, ...items)];
+}
+
+/** Return text whose numbers keep to a line with their units. */
+export function unbroken(text) {
+  return text.replace(/(\d) (?=%|°|[kmM]?m\b|m\/s|kg|[MG]?Pa\b|k?N\b)/g, "$1\u00a0");
 }
 
 function sentence(text) {

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
-from scipy.special import chdtrc, stdtrit
 
 from solver.arrays import FloatArray
 from solver.resistance import ObliquityPolynomial
@@ -57,6 +56,8 @@ def build_estimate(
     *, strength_factor: float, standard_error: float, degrees_of_freedom: float, confidence_level: float
 ) -> Estimate:
     """Dress a fitted value with its interval."""
+    from scipy.special import stdtrit  # noqa: PLC0415 (takes long to import, also where nothing is fitted)
+
     reach = float(stdtrit(degrees_of_freedom, 0.5 + 0.5 * confidence_level)) * standard_error
     return Estimate(
         strength_factor=strength_factor,
@@ -283,6 +284,8 @@ def _warnings(*, chi_square: float, degrees_of_freedom: int, known: bool) -> tup
                 "as many coefficients as points, and no standard errors: nothing shows how well they are known",
             ),
         )
+    from scipy.special import chdtrc  # noqa: PLC0415 (takes long to import, also where nothing is fitted)
+
     if known and degrees_of_freedom > 0 and float(chdtrc(degrees_of_freedom, chi_square)) < UNLIKELY:
         return (
             ModelWarning(

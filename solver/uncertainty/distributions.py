@@ -9,7 +9,6 @@ from typing import Any, ClassVar, Protocol, TypeAlias
 import numpy as np
 from numpy.polynomial.hermite_e import hermegauss
 from numpy.polynomial.legendre import leggauss
-from scipy.special import ndtr, ndtri
 
 from solver.arrays import FloatArray
 from solver.validation import require, require_finite, require_positive
@@ -86,6 +85,8 @@ class Normal:
 
     def standard(self, u: FloatArray) -> FloatArray:
         """Return standard deviations from the mean at these probabilities."""
+        from scipy.special import ndtri  # noqa: PLC0415 (takes long to import, also where nothing is sampled)
+
         return np.asarray(ndtri(u), float)
 
     def value(self, z: FloatArray) -> FloatArray:
@@ -141,6 +142,8 @@ class TruncatedNormal:
 
     def standard(self, u: FloatArray) -> FloatArray:
         """Return standard deviations from the mean at these probabilities."""
+        from scipy.special import ndtr, ndtri  # noqa: PLC0415 (takes long to import, also where nothing is sampled)
+
         lower, upper = self._bounds
         below, above = float(ndtr(lower)), float(ndtr(-upper))
         z = ndtri(below + u * (1.0 - below - above))
@@ -218,6 +221,8 @@ class Lognormal:
 
     def standard(self, u: FloatArray) -> FloatArray:
         """Return standard deviations of the logarithm at these probabilities."""
+        from scipy.special import ndtri  # noqa: PLC0415 (takes long to import, also where nothing is sampled)
+
         return np.asarray(ndtri(u), float)
 
     def value(self, z: FloatArray) -> FloatArray:

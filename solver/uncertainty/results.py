@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from solver.arrays import FloatArray
-from solver.display import Columns, card, dataframe, line, plot_probability
-from solver.prepared import Exit
+from solver.display import Columns, card, dataframe, line, plot_endings, plot_probability
+from solver.prepared import Exit, Outcome
 from solver.search.types import CriticalAngle, SearchStatus
 from solver.uncertainty.sampling import SCRAMBLINGS, Design, Estimate
 from solver.validation import ParameterError, RicochetError
@@ -282,6 +282,22 @@ class TrajectoryUncertainty:
     def residual_speed(self) -> Quantiles:
         """Quantiles of the speed of those that perforated. [1, m/s]"""
         return self.perforation_exit.get("speed", ())
+
+    def plot(self) -> Any:
+        """Return the probability of each outcome, depths and exit speeds as a ``matplotlib.figure.Figure``.
+
+        Matplotlib has to be installed.
+        """
+
+        def rows(quantiles: Quantiles) -> list[tuple[float, float, float, float]]:
+            return [(level, found.value, found.lower, found.upper) for level, found in quantiles]
+
+        return plot_endings(
+            {name: (each.value, each.lower, each.upper) for name, each in self.outcomes},
+            rows(self.maximum_depth),
+            {Outcome.RICOCHET.value: rows(self.exit_speed), Outcome.PERFORATED.value: rows(self.residual_speed)},
+            f"how {self.samples} samples end",
+        )
 
     def __repr__(self) -> str:
         shares = (f"{name} {estimate.value:.3f}" for name, estimate in self.outcomes)

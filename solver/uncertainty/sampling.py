@@ -13,7 +13,6 @@ from typing import Any, TypeAlias, cast
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import ndtri, stdtrit
 
 from solver.arrays import FloatArray
 from solver.uncertainty.distributions import Continuous, Discrete, Distribution, stated_values
@@ -121,6 +120,8 @@ class Sampling:
     @property
     def normal_quantile(self) -> float:
         """Standard errors of the half width of an interval."""
+        from scipy.special import ndtri  # noqa: PLC0415 (takes long to import, also where nothing is sampled)
+
         return float(ndtri(0.5 + 0.5 * self.confidence))
 
     @property
@@ -130,6 +131,8 @@ class Sampling:
         Their means are not quite normal: with half the risk, true values are found within their intervals as often as
         the confidence says (`tests/uncertainty/test_coverage.py`).
         """
+        from scipy.special import stdtrit  # noqa: PLC0415 (takes long to import, also where nothing is sampled)
+
         return float(stdtrit(SCRAMBLINGS - 1, 0.75 + 0.25 * self.confidence))
 
 

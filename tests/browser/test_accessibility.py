@@ -56,7 +56,7 @@ def open_view(page: Page, view: str) -> None:
 
 
 @pytest.mark.parametrize("view", VIEWS)
-@pytest.mark.parametrize(("theme", "width"), [("light", 1440), ("dark", 1440), ("light", 390)])
+@pytest.mark.parametrize(("theme", "width"), [("light", 1440), ("dark", 1440), ("light", 390), ("dark", 390)])
 @pytest.mark.usefixtures("job")
 def test_no_serious_violation(new_page: NewPage, theme: Literal["light", "dark"], width: int, view: str) -> None:
     page = new_page(theme=theme, width=width, height=844)

@@ -2,6 +2,8 @@
 
 import csv
 import json
+import subprocess
+import sys
 import threading
 from collections.abc import Iterator
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -82,6 +84,14 @@ def test_angle_is_one_line_and_warnings_another(here: Path, capsys: pytest.Captu
     assert shown.out in verbose.out
     assert len(verbose.out.splitlines()) > len(found["iterations"])
     assert all(warning["detail"] in verbose.err for warning in found["warnings"])
+
+
+def test_angle_does_not_wait_for_what_it_does_not_need(here: Path) -> None:
+    program = "import sys; from service.cli import main; main(['cra', 'strike.toml'])\n"
+    program += "print(*sys.modules, file=sys.stderr)"
+    done = subprocess.run([sys.executable, "-c", program], cwd=here, capture_output=True, text=True, check=True)
+    assert "critical angle" in done.stdout
+    assert not {"scipy.special", "pydantic_settings", "httpx", "fastapi", "h5py"} & set(done.stderr.split())
 
 
 @pytest.mark.parametrize(

@@ -115,6 +115,8 @@ def test_answers_draw_themselves(answers: dict[str, Any], tmp_path: Any) -> None
         "critical angle": "oblique angle from the normal [°]",
         "no critical angle": "oblique angle from the normal [°]",
         "samples": "probability of ricochet",
+        "least thickness": "speed behind the wall [m/s]",
+        "embedded": "greatest depth [m]",
     }
     for words, label in labels.items():
         figure = answers[words].plot()
@@ -123,6 +125,25 @@ def test_answers_draw_themselves(answers: dict[str, Any], tmp_path: Any) -> None
         shown = {axis.get_label().get_text() for panel in figure.axes for axis in (panel.xaxis, panel.yaxis)}
         assert label in shown
         assert file.stat().st_size > 5000
+
+
+def test_picture_of_a_limit_has_every_trial_on_its_side_of_the_limit(answers: dict[str, Any]) -> None:
+    pytest.importorskip("matplotlib")
+    limit = answers["least thickness"]
+    shown = {each.get_label(): each for each in limit.plot().axes[0].lines}
+    through, stopped = shown["perforated"], shown["embedded"]
+    assert len(through.get_xdata()) + len(stopped.get_xdata()) == len(limit.iterations)
+    assert max(through.get_xdata()) <= limit.bracket[0] < limit.bracket[1] <= min(stopped.get_xdata())
+    assert min(through.get_ydata()) > 0.0 == max(stopped.get_ydata())
+
+
+def test_picture_of_endings_has_the_probability_of_each_outcome(answers: dict[str, Any]) -> None:
+    pytest.importorskip("matplotlib")
+    endings = answers["embedded"]
+    shares, depth, speed = endings.plot().axes
+    assert [bar.get_width() for bar in shares.patches] == [each.value for _, each in endings.outcomes]
+    assert list(depth.lines[0].get_xdata()) == [each.value for _, each in endings.maximum_depth]
+    assert list(speed.lines[0].get_xdata()) == [each.value for _, each in endings.exit_speed]
 
 
 def test_side_view_has_the_outline_of_the_projectile_it_is_given(trajectory: solver.Trajectory) -> None:

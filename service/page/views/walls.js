@@ -9,7 +9,7 @@ import { presetLinks } from "../presets.js";
 import { lostNote } from "../lost.js";
 import { request } from "../service.js";
 import { clearParts, markFresh, markStale } from "../stale.js";
-import { digits, warningList } from "../words.js";
+import { digits, unbroken, warningList } from "../words.js";
 
 const THICKNESS = "target.thickness_m";
 const PLUG = "resistance.rear_plug";
@@ -26,7 +26,7 @@ const NAMES = {
   brl: "BRL",
   li_chen: "Li and Chen",
 };
-const COLUMNS = ["By", "Perforation limit [mm]", "Scabbing limit [mm]", "Penetration [mm]", "Range"];
+const COLUMNS = ["By", "Perforation limit [mm]", "Scabbing limit [mm]", "Penetration [mm]", "Range of the tests behind it"];
 const STATUSES = {
   always_perforated: "perforated however thick",
   never_perforated: "never perforated",
@@ -107,9 +107,7 @@ function answer(lines, { perforation_thickness_spread: spread }, thickness) {
       {},
       "Least thickness that is not perforated: ",
       element("strong.angle", {}, thicknessShown(first.thickness)),
-      also && `; ${also}`,
-      ".",
-      range,
+      unbroken(`${also && `; ${also}`}.${range}`),
     ),
   ];
   if (thickness !== undefined) {
@@ -136,9 +134,10 @@ function tableOf(lines, { formulas, scabbing_margin: scabbing, perforation_margi
   const title = (name, column) => element(isNumber(column) ? "th.number" : "th", { scope: "col" }, name);
   const head = element("tr", {}, ...COLUMNS.map(title));
   const caption = element("caption", {}, "By model and by formula, without margins");
-  const table = element("table.laws", {}, caption, element("thead", {}, head), element("tbody", {}, ...models, ...others));
+  const table = element("table.thicknesses", {}, caption, element("thead", {}, head), element("tbody", {}, ...models, ...others));
   const note =
-    "Formulas have no angle: as is common practice, they take the normal component of the speed. DOE-STD-3014 requires " +
+    "Limits are the least thickness that is not perforated and the least whose rear face sheds no concrete (scabbing); " +
+    "penetration is the depth in thick concrete. Formulas have no angle: as is common practice, they take the normal component of the speed. DOE-STD-3014 requires " +
     `${scabbing} times the scabbing and ${perforation} times the perforation limit in a design. * Constants from secondary sources.`;
   return element(
     "div",
