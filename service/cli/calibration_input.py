@@ -17,6 +17,7 @@ from service.schemas.numerics import Method, Numerics
 from service.schemas.problems import pointer_of_location, pointer_of_parameter
 from service.schemas.projectile import Projectile
 from service.schemas.quantities import Part
+from service.schemas.requests import filled
 from service.schemas.resistance import Resistance
 from service.schemas.strike import Impact, Target
 from solver.numerics import TERMINATION_TIME, TRAJECTORY_TOLERANCE
@@ -220,8 +221,11 @@ class DepthCase(Part):
 
     def arguments(self) -> dict[str, Any]:
         """Return the arguments of the solver's fits."""
-        numerics = self.numerics.resolved(
-            method=Method.ADAPTIVE, termination_time_s=TERMINATION_TIME, relative_tolerance=TRAJECTORY_TOLERANCE
+        numerics = filled(
+            self.numerics,
+            method=Method.ADAPTIVE,
+            termination_time_s=TERMINATION_TIME,
+            relative_tolerance=TRAJECTORY_TOLERANCE,
         )
         return {
             "projectile": self.projectile.to_solver(),

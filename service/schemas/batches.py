@@ -42,10 +42,6 @@ class NamedCase(Case):
 
     custom_id: CustomId | MISSING = MISSING
 
-    def canonical(self) -> dict[str, Any]:
-        """Return the resolved request as JSON data, as the same case gives it alone."""
-        return self.resolved().model_dump(mode="json", exclude={"custom_id"})
-
 
 class Batch(Part, Generic[BatchCase]):
     """Cases of one operation."""

@@ -11,7 +11,7 @@ from service.schemas.examples import PAPER, PAPER_AT_45
 from service.schemas.formulas import ROW, FormulaRow, FormulasRequest, formula_row, formulas_answer
 from service.schemas.numerics import Method
 from service.schemas.quantities import Num, Part, with_examples
-from service.schemas.requests import Case
+from service.schemas.requests import Case, filled
 from service.schemas.strike import Approach, Impact
 from solver import Outcome, ParameterError, PerforationStatus
 from solver.numerics import TERMINATION_TIME
@@ -68,16 +68,13 @@ class ThicknessRequest(Case):
         """
         if self.target.thickness_m is not MISSING:
             raise ParameterError("target.thickness", "must not be given: it is what is sought")
-        numerics = self.numerics.resolved(
+        numerics = filled(
+            self.numerics,
             method=Method.ADAPTIVE,
             termination_time_s=self.usual_termination_time(self.impact.velocity_m_s),
             relative_tolerance=RUN_TOLERANCE,
         )
         return self.model_copy(update={"numerics": numerics})
-
-    def canonical(self) -> dict[str, Any]:
-        """Return the resolved request as JSON data."""
-        return self.resolved().model_dump(mode="json")
 
     def arguments(self) -> dict[str, Any]:
         """Return the arguments of `solver.least_thickness`.
@@ -118,16 +115,15 @@ class LimitSpeedRequest(Case):
         if self.target.thickness_m is MISSING:
             raise ParameterError("target.thickness", "must be given: a half-space is not perforated")
         end = self.numerics.termination_time_s
-        numerics = self.numerics.resolved(
-            method=Method.ADAPTIVE, termination_time_s=TERMINATION_TIME, relative_tolerance=RUN_TOLERANCE
+        numerics = filled(
+            self.numerics,
+            method=Method.ADAPTIVE,
+            termination_time_s=TERMINATION_TIME,
+            relative_tolerance=RUN_TOLERANCE,
         )
         if not self.by_panels:
             numerics = numerics.model_copy(update={"termination_time_s": end})
         return self.model_copy(update={"numerics": numerics})
-
-    def canonical(self) -> dict[str, Any]:
-        """Return the resolved request as JSON data."""
-        return self.resolved().model_dump(mode="json")
 
     def arguments(self) -> dict[str, Any]:
         """Return the arguments of `solver.limit_velocity`.

@@ -55,7 +55,7 @@ class ReportRequest(CriticalAngleRequest):
         ParameterError
             If the search or the numerics are the paper's.
         """
-        if self.search.by_paper:
+        if self.by_paper:
             raise ParameterError("search.method", "must be `outcome` in a report, which takes hundreds of searches")
         if self.numerics.method is Method.PANELS:
             raise ParameterError("numerics.method", "must be `adaptive` in a report, which takes hundreds of searches")

@@ -9,7 +9,7 @@ from pydantic import MISSING, Field
 
 import solver
 from service.schemas.examples import HEMISPHERE, PAPER, PAPER_AT_45, PAPER_BY_SECANT, TRUNCATED_CONE
-from service.schemas.numerics import Method, Numerics, Search
+from service.schemas.numerics import Method, Numerics, Search, SearchMethod, usual_range
 from service.schemas.projectile import Projectile
 from service.schemas.quantities import Flag, Num, Part, with_examples
 from service.schemas.resistance import Resistance
@@ -34,6 +34,9 @@ SampleInterval = Annotated[
     ),
 ]
 
+
+NO_PART_OF_THE_CASE = {"alternatives", "custom_id"}
+"""Fields without effect on the result."""
 
 Alternatives = Annotated[
     Flag,
@@ -62,6 +65,14 @@ class CriticalAngleOutput(Part):
     sample_interval_s: SampleInterval | MISSING = MISSING
 
 
+PartOfRequest = TypeVar("PartOfRequest", bound=Part)
+
+
+def filled(part: PartOfRequest, **usual: Any) -> PartOfRequest:
+    """Return a part of a request with usual values in the fields that were left open."""
+    return part.model_copy(update={name: value for name, value in usual.items() if getattr(part, name) is MISSING})
+
+
 class Case(Part):
     """What both requests have in common."""
 
@@ -82,6 +93,10 @@ class Case(Part):
     @abstractmethod
     def resolved(self) -> Self:
         """Return the same with what was left open filled in."""
+
+    def canonical(self) -> dict[str, Any]:
+        """Return the resolved request as JSON data, the same for one case however it is sent."""
+        return self.resolved().model_dump(mode="json", exclude=NO_PART_OF_THE_CASE)
 
     @property
     def by_panels(self) -> bool:
@@ -125,16 +140,13 @@ class TrajectoryFields(Case):
 
     def resolved(self) -> Self:
         """Return the same with what was left open filled in."""
-        numerics = self.numerics.resolved(
+        numerics = filled(
+            self.numerics,
             method=Method.ADAPTIVE,
             termination_time_s=self.usual_termination_time(self.impact.velocity_m_s),
             relative_tolerance=TRAJECTORY_TOLERANCE,
         )
         return self.model_copy(update={"numerics": numerics})
-
-    def canonical(self) -> dict[str, Any]:
-        """Return the resolved request as JSON data."""
-        return self.resolved().model_dump(mode="json")
 
     def arguments(self) -> dict[str, Any]:
         """Return the arguments of `solver.simulate`.
@@ -163,10 +175,6 @@ class TrajectoryRequest(TrajectoryFields):
 
     alternatives: Alternatives = False
 
-    def canonical(self) -> dict[str, Any]:
-        """Return the resolved request as JSON data, the same with alternatives as without."""
-        return self.resolved().model_dump(mode="json", exclude={"alternatives"})
-
 
 class CriticalAngleBase(Case):
     """Strikes that differ in their oblique angle alone, among many such requests."""
@@ -178,26 +186,28 @@ class CriticalAngleBase(Case):
     output: Annotated[CriticalAngleOutput, Field(default_factory=CriticalAngleOutput)]
 
     @property
+    def by_paper(self) -> bool:
+        """Whether the search is one of the paper's, which look at the final position."""
+        return self.search.method is not SearchMethod.OUTCOME
+
+    @property
     def by_panels(self) -> bool:
         """Whether it is computed by the paper's elements and fixed step."""
-        return super().by_panels or (self.numerics.method is MISSING and self.search.by_paper)
+        return super().by_panels or (self.numerics.method is MISSING and self.by_paper)
 
     def resolved(self) -> Self:
         """Return the same with what was left open filled in."""
-        numerics = self.numerics.resolved(
-            method=Method.PANELS if self.search.by_paper else Method.ADAPTIVE,
+        numerics = filled(
+            self.numerics,
+            method=Method.PANELS if self.by_paper else Method.ADAPTIVE,
             termination_time_s=(
-                PAPER_TERMINATION_TIME
-                if self.search.by_paper
-                else self.usual_termination_time(self.impact.velocity_m_s)
+                PAPER_TERMINATION_TIME if self.by_paper else self.usual_termination_time(self.impact.velocity_m_s)
             ),
             relative_tolerance=SEARCH_TOLERANCE,
         )
-        return self.model_copy(update={"numerics": numerics, "search": self.search.resolved()})
-
-    def canonical(self) -> dict[str, Any]:
-        """Return the resolved request as JSON data."""
-        return self.resolved().model_dump(mode="json")
+        lower, upper = usual_range(self.search.method)
+        search = filled(self.search, lower_deg=lower, upper_deg=upper)
+        return self.model_copy(update={"numerics": numerics, "search": search})
 
     def arguments(self) -> tuple[dict[str, Any], float | None]:
         """Return the arguments of `solver.critical_angle`, and the interval of a history if there is to be one.
@@ -218,10 +228,6 @@ class CriticalAngleRequest(CriticalAngleBase):
     model_config = with_examples(PAPER, PAPER_BY_SECANT, HEMISPHERE)
 
     alternatives: Alternatives = False
-
-    def canonical(self) -> dict[str, Any]:
-        """Return the resolved request as JSON data, the same with alternatives as without."""
-        return self.resolved().model_dump(mode="json", exclude={"alternatives"})
 
 
 Request = TypeVar("Request", bound=TrajectoryRequest | CriticalAngleRequest)

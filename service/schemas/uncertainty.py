@@ -107,10 +107,6 @@ class UncertainCase(Case):
     uncertain: Inputs
     sampling: Annotated[SamplingSettings, Field(default_factory=SamplingSettings)]
 
-    def canonical(self) -> dict[str, Any]:
-        """Return the request as JSON data, defaults filled in."""
-        return self.model_dump(mode="json")
-
     def resolved(self) -> Self:
         """Return the request: each sample fills in what was left open by itself."""
         return self
