@@ -15,11 +15,10 @@ from service.cli.request_body import read_body
 from service.readers import DEPTH_TESTS, MOTION, OBLIQUITY_POINTS, Quantity
 from service.schemas.numerics import Method, Numerics
 from service.schemas.problems import pointer_of_location, pointer_of_parameter
-from service.schemas.projectile import Projectile
 from service.schemas.quantities import Part
 from service.schemas.requests import filled
 from service.schemas.resistance import Resistance
-from service.schemas.strike import Impact, Target
+from service.schemas.strike import Impact, Projectile, Target
 from solver.numerics import TERMINATION_TIME, TRAJECTORY_TOLERANCE
 
 GREATEST_DEPTH = "greatest-depth"

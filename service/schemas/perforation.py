@@ -7,12 +7,11 @@ from pydantic import MISSING, Field
 import solver
 from service.schemas.answers import EXIT, VERSIONED, WARNING, EngineVersion, Exit, Key, ModelWarning
 from service.schemas.building import exit_answer, warning_texts
-from service.schemas.examples import PAPER, PAPER_AT_45
 from service.schemas.formulas import ROW, FormulaRow, FormulasRequest, formula_row, formulas_answer
 from service.schemas.numerics import Method
 from service.schemas.quantities import Num, Part, with_examples
 from service.schemas.requests import Case, filled
-from service.schemas.strike import Approach, Impact
+from service.schemas.strike import PAPER, PAPER_AT_45, Approach, Impact
 from solver import Outcome, ParameterError, PerforationStatus
 from solver.numerics import TERMINATION_TIME
 from solver.perforation import RUN_TOLERANCE

@@ -20,7 +20,7 @@ from pydantic import ValidationError
 from service.dask.cluster import UnfitWorkerError, differences, run_chunk, versions
 from service.dask.executor import DaskExecutor
 from service.errors import WorkerCrashedError
-from service.schemas.examples import PAPER
+from service.schemas.strike import PAPER
 from service.settings import Settings
 from service.workers.base import Call
 from tests.service.dask_cluster import DaskCluster, dask_cluster
