@@ -23,7 +23,7 @@ from service.cache.cache import ResultCache
 from service.jobs.manager import JobManager
 from service.jobs.models import Status
 from service.operations import SCHEMA_VERSION
-from service.workers.base import Executor
+from service.workers import Executor
 from solver import ENGINE_VERSION
 
 router = APIRouter(tags=["health"], dependencies=[READ])

@@ -18,7 +18,7 @@ from service.cache.cache import ResultCache
 from service.jobs.manager import JobManager
 from service.queries import QueryService
 from service.settings import Settings
-from service.workers.base import Executor
+from service.workers import Executor
 from service.workers.process_pool import InThreadExecutor, ProcessPool
 
 READING_THREADS = 1

@@ -14,7 +14,7 @@ from opentelemetry import trace
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from service.errors import MissingExtraError
-from service.jobs.traces import NO_TRACER
+from service.jobs.models import NO_TRACER
 from service.settings import missing_package
 
 UNTRACED = frozenset({"/livez", "/readyz", "/metrics"})

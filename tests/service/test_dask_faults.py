@@ -22,7 +22,7 @@ from service.dask.executor import DaskExecutor
 from service.errors import WorkerCrashedError
 from service.schemas.strike import PAPER
 from service.settings import Settings
-from service.workers.base import Call
+from service.workers import Call
 from tests.service.dask_cluster import DaskCluster, dask_cluster
 from tests.service.squares import accepted, all_results, cases, ended, running, squares, until_done
 

@@ -20,7 +20,7 @@ from service.errors import PoolUnavailableError, TaskTimeoutError, WorkerCrashed
 from service.operations import compute_critical_angle, compute_trajectory
 from service.schemas import CriticalAngleRequest, TrajectoryRequest
 from service.schemas.strike import PAPER, PAPER_AT_45
-from service.workers.base import Call, Executor
+from service.workers import Call, Executor
 from service.workers.process_pool import InThreadExecutor, ProcessPool
 from service.workers.worker import answer, compute_case, compute_single, dumps, loads
 from tests.service.dask_cluster import DaskCluster, dask_cluster

@@ -22,7 +22,7 @@ from service.jobs.studies import run_study
 from service.operations import OPERATIONS, KeyedRequest
 from service.queries import QueryService
 from service.schemas.strike import PAPER
-from service.workers.base import Executor
+from service.workers import Executor
 from service.workers.process_pool import InThreadExecutor, ProcessPool
 from tests.service.dask_cluster import DaskCluster, dask_cluster
 from tests.service.squares import ended
