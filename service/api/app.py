@@ -15,18 +15,16 @@ from starlette.middleware.cors import CORSMiddleware
 from starlette.middleware.gzip import DEFAULT_EXCLUDED_CONTENT_TYPES, GZipMiddleware
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from service import heap
+from service import heap, telemetry
 from service.api import (
     batches,
     health,
     jobs,
     mcp,
-    metrics,
     page,
     queries,
     reports,
     results,
-    telemetry,
     umbridge,
     uncertainty,
 )
@@ -34,7 +32,7 @@ from service.api.body import KnownBodies
 from service.api.connection import BodyTimeoutMiddleware
 from service.api.contract import problems
 from service.api.results import DOWNLOADS, HDF5
-from service.api.services import READING_THREADS, Services, executor_for
+from service.api.services import READING_THREADS, Metrics, Services, executor_for
 from service.api.tables import PARQUET
 from service.auth.api_keys import ApiKeyStore
 from service.auth.dependencies import ConcurrencyLimit, authorize_unrouted
@@ -44,7 +42,6 @@ from service.cache.cache import ResultCache
 from service.errors import OwnerQueriesError, OwnerStreamsError, StreamsFullError
 from service.jobs.manager import JobManager
 from service.jobs.store import JobStore
-from service.logs import RequestLog
 from service.operations import OPERATIONS, SCHEMA_VERSION
 from service.problems import MEDIA_TYPE, install_problem_handlers
 from service.queries import QueryService
@@ -79,7 +76,7 @@ STOP_SECONDS = POOL_SECONDS + 1
 """Part of the grace time for jobs and workers to end after the last request has been answered or given up."""
 GZIP_BYTES, GZIP_LEVEL = 8 * 1024, 1
 """Least answer that is compressed, and how hard: level 6 takes four times as long and saves 3 % more."""
-RESOURCES = (queries, batches, uncertainty, reports, umbridge, results, jobs, health, metrics, page)
+RESOURCES = (queries, batches, uncertainty, reports, umbridge, results, jobs, health, page)
 """Routers in the order in which they are searched."""
 BODIES: tuple[type[Part], ...] = (
     TrajectoryRequest,
@@ -134,7 +131,7 @@ class Application(FastAPI):
             inner = CORSMiddleware(inner, settings.cors_origins, **CORS)
         if settings.gzip:
             inner = CompressionMiddleware(inner)
-        return RequestLog(inner, services.metrics.observe, settings.log_level)
+        return telemetry.RequestLog(inner, services.metrics.observe, settings.log_level)
 
 
 class CompressionMiddleware:
@@ -251,11 +248,11 @@ def create_app(settings: Settings | None = None) -> FastAPI:
         redoc_url=None,
         redirect_slashes=False,
         generate_unique_id_function=lambda route: route.name,
-        telemetry=telemetry.config(traces),
+        telemetry=telemetry.tracing_config(traces),
     )
     app.state.services = Services(
         settings=settings,
-        metrics=metrics.Metrics(),
+        metrics=Metrics(),
         keys=ApiKeyStore(settings.data_dir, log.error, settings.audit_log),
         quotas=QuotaStore(settings.data_dir),
         audit=AuditLog(settings.audit_log),
@@ -290,7 +287,7 @@ async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         await stack.enter_async_context(services.quotas.saved_regularly())
         await stack.enter_async_context(heap.kept_small())
         if services.traces is not None:
-            stack.push_async_callback(telemetry.finish, services.traces, TRACES_SECONDS)
+            stack.push_async_callback(telemetry.finish_traces, services.traces, TRACES_SECONDS)
         services.cache = stack.enter_context(
             ResultCache(settings.data_dir, memory_bytes=settings.memory_cache_bytes, disk_bytes=settings.cache_bytes)
         )

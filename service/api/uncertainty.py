@@ -19,7 +19,6 @@ from service.api.services import Services, services_of
 from service.auth.dependencies import RUN, RequestContext, context_in
 from service.errors import InvalidBodyError, PoolUnavailableError
 from service.jobs.models import Case
-from service.logs import BEGUN
 from service.operations import UNCERTAIN, KeyedRequest
 from service.queries import check_work
 from service.schemas import (
@@ -28,6 +27,7 @@ from service.schemas import (
     TrajectoryUncertaintyAnswer,
     TrajectoryUncertaintyRequest,
 )
+from service.telemetry import BEGUN
 
 Result = TypeVar("Result")
 
