@@ -136,7 +136,7 @@ def executor_for(settings: Settings) -> Executor:
     if settings.executor == "in-process":
         return InThreadExecutor(task_seconds=settings.task_seconds)
     if settings.executor == "dask":
-        from service.dask.executor import DaskExecutor  # noqa: PLC0415 (an extra that few have installed)
+        from service.workers.dask_executor import DaskExecutor  # noqa: PLC0415 (an extra that few have installed)
 
         return DaskExecutor(
             address=settings.dask_scheduler, workers=settings.workers, task_seconds=settings.task_seconds

@@ -13,7 +13,6 @@ import pytest
 
 from service.cache.cache import ResultCache
 from service.cache.record import Record
-from service.dask.executor import DaskExecutor
 from service.errors import QuotaError
 from service.jobs.manager import JobManager
 from service.jobs.models import Case, CaseResult, JobState
@@ -23,6 +22,7 @@ from service.operations import OPERATIONS, KeyedRequest
 from service.queries import QueryService
 from service.schemas.strike import PAPER
 from service.workers import Executor
+from service.workers.dask_executor import DaskExecutor
 from service.workers.process_pool import InThreadExecutor, ProcessPool
 from tests.service.dask_cluster import DaskCluster, dask_cluster
 from tests.service.squares import ended
