@@ -15,7 +15,7 @@ from playwright.sync_api import Page, expect, sync_playwright
 
 from benchmarks.machine import print_machine, print_table
 from benchmarks.servers import service
-from service.schemas.examples import PAPER
+from service.schemas.strike import PAPER
 
 OFFLINE = "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1"
 SLIDE = """async value => {

@@ -5,8 +5,8 @@ import time
 import httpx
 
 from benchmarks.servers import service
-from service.schemas.examples import PAPER
-from service.schemas.reports import ReportRequest
+from service.schemas.requests import ReportRequest
+from service.schemas.strike import PAPER
 
 SCATTER = ReportRequest.model_validate(PAPER).usual_scatter()[:5]
 SCATTER[0]["distribution"]["coefficient_of_variation"] = 0.01

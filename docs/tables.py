@@ -11,7 +11,7 @@ from typing import Any, Literal, get_args, get_origin
 from annotated_types import Ge, Gt, Le, Lt
 from pydantic.fields import FieldInfo
 
-from service.api.metrics import Metrics
+from service.api.services import Metrics
 from service.settings import GROUPS, Settings
 
 PAGE = Path(__file__).with_name("operating.md")

@@ -13,7 +13,7 @@ from pydantic import MISSING
 
 from service.errors import ReportsMissingError
 from service.operations import SCHEMA_VERSION
-from service.schemas.reports import ReportRequest
+from service.schemas.requests import ReportRequest
 from solver import ENGINE_VERSION, mass_properties
 
 EXTRA = ("jinja2", "markupsafe", "matplotlib")

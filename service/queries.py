@@ -18,7 +18,7 @@ from service.cache.record import Record
 from service.errors import ComputationCancelled, QueriesWaitingError
 from service.operations import KeyedRequest, Operation
 from service.schemas.requests import Case
-from service.workers.base import Call, CallResult, Executor
+from service.workers import Call, CallResult, Executor
 from service.workers.worker import close_chunk, compute_case, compute_single
 from solver import ParameterError
 

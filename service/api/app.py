@@ -1,41 +1,29 @@
 """The application: settings in, routes, handlers and what lives as long as it runs out."""
 
 import asyncio
+import ctypes
 import logging
 import shutil
 from collections.abc import AsyncIterator
 from contextlib import AsyncExitStack, asynccontextmanager
+from functools import cache
 from typing import Any
 
 from anyio import CapacityLimiter
+from anyio.to_thread import run_sync
 from fastapi import FastAPI
-from pydantic.json_schema import models_json_schema
 from starlette.datastructures import MutableHeaders
 from starlette.middleware.cors import CORSMiddleware
 from starlette.middleware.gzip import DEFAULT_EXCLUDED_CONTENT_TYPES, GZipMiddleware
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from service import heap
-from service.api import (
-    batches,
-    health,
-    jobs,
-    mcp,
-    metrics,
-    page,
-    queries,
-    reports,
-    results,
-    telemetry,
-    umbridge,
-    uncertainty,
-)
+from service import telemetry
+from service.api import batches, health, jobs, mcp, page, queries, results, studies, umbridge
 from service.api.body import KnownBodies
-from service.api.connection import BodyTimeoutMiddleware
-from service.api.contract import problems
-from service.api.results import DOWNLOADS, HDF5
-from service.api.services import READING_THREADS, Services, executor_for
-from service.api.tables import PARQUET
+from service.api.connection import BodyTimeoutMiddleware, HeadMiddleware
+from service.api.contract import declare_access, declare_bodies, declare_events, declare_problems
+from service.api.results import DOWNLOADS, HDF5, PARQUET
+from service.api.services import READING_THREADS, Metrics, Services, executor_for
 from service.auth.api_keys import ApiKeyStore
 from service.auth.dependencies import ConcurrencyLimit, authorize_unrouted
 from service.auth.middleware import AuditLog, AuthMiddleware
@@ -44,9 +32,8 @@ from service.cache.cache import ResultCache
 from service.errors import OwnerQueriesError, OwnerStreamsError, StreamsFullError
 from service.jobs.manager import JobManager
 from service.jobs.store import JobStore
-from service.logs import RequestLog
 from service.operations import OPERATIONS, SCHEMA_VERSION
-from service.problems import MEDIA_TYPE, install_problem_handlers
+from service.problems import install_problem_handlers
 from service.queries import QueryService
 from service.schemas import (
     CriticalAngleRequest,
@@ -79,7 +66,7 @@ STOP_SECONDS = POOL_SECONDS + 1
 """Part of the grace time for jobs and workers to end after the last request has been answered or given up."""
 GZIP_BYTES, GZIP_LEVEL = 8 * 1024, 1
 """Least answer that is compressed, and how hard: level 6 takes four times as long and saves 3 % more."""
-RESOURCES = (queries, batches, uncertainty, reports, umbridge, results, jobs, health, metrics, page)
+RESOURCES = (queries, batches, studies, umbridge, results, jobs, health, page)
 """Routers in the order in which they are searched."""
 BODIES: tuple[type[Part], ...] = (
     TrajectoryRequest,
@@ -114,7 +101,7 @@ class Application(FastAPI):
         """Return the contract."""
         if self.openapi_schema is None:
             contract = super().openapi()
-            declare_bodies(contract["components"]["schemas"])
+            declare_bodies(contract["components"]["schemas"], BODIES)
             for operations in contract["paths"].values():
                 for operation in operations.values():
                     declare_access(operation)
@@ -134,7 +121,7 @@ class Application(FastAPI):
             inner = CORSMiddleware(inner, settings.cors_origins, **CORS)
         if settings.gzip:
             inner = CompressionMiddleware(inner)
-        return RequestLog(inner, services.metrics.observe, settings.log_level)
+        return telemetry.RequestLog(inner, services.metrics.observe, settings.log_level)
 
 
 class CompressionMiddleware:
@@ -165,71 +152,6 @@ class CompressionMiddleware:
         await self._app(scope, receive, send_weak)
 
 
-class HeadMiddleware:
-    """Lets `HEAD` reach the routes of `GET`; the server sends the head of their answer alone."""
-
-    def __init__(self, app: ASGIApp) -> None:
-        self._app = app
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Pass a request on."""
-        if scope["type"] != "http" or scope["method"] != "HEAD":
-            await self._app(scope, receive, send)
-            return
-        inner, sent = {**scope, "method": "GET"}, asyncio.Event()
-
-        async def send_head(message: Message) -> None:
-            if message["type"] == "http.response.start":
-                scope["route"] = inner.get("route")
-                await send(message)
-            elif not sent.is_set():
-                sent.set()
-                await send({"type": "http.response.body", "body": b""})
-
-        async def receive_until_sent() -> Message:
-            await sent.wait()  # then a stream that would go on ends
-            return {"type": "http.disconnect"}
-
-        await self._app(inner, receive_until_sent, send_head)
-
-
-def declare_bodies(schemas: dict[str, Any]) -> None:
-    """Add the models of the bodies that FastAPI does not get to see."""
-    _, found = models_json_schema(
-        [(model, "validation") for model in BODIES], ref_template="#/components/schemas/{model}"
-    )
-    for name, schema in found["$defs"].items():
-        schemas.setdefault(name, schema)
-
-
-def declare_access(operation: dict[str, Any]) -> None:
-    """Declare that a key is optional, as a service may be open, and how an operation is refused without one."""
-    if "security" not in operation:
-        return
-    operation["security"].insert(0, {})
-    refused = problems(400, 401, 403, *([408] if "requestBody" in operation else []))
-    for status, response in refused.items():
-        declared = {name: value for name, value in response.items() if name != "model"}
-        content = {"application/json": {"schema": {"$ref": "#/components/schemas/Problem"}}}
-        operation["responses"].setdefault(str(status), {**declared, "content": content})
-    operation["responses"] = dict(sorted(operation["responses"].items()))
-
-
-def declare_events(responses: dict[str, Any]) -> None:
-    """Declare server-sent events in words: what FastAPI says of them is of a later OpenAPI."""
-    content = responses.get("200", {}).get("content", {})
-    if "text/event-stream" in content:
-        content["text/event-stream"] = {"schema": {"description": "Server-sent events."}}
-
-
-def declare_problems(responses: dict[str, Any]) -> None:
-    """Give the errors among these responses their media type, which FastAPI takes from the route."""
-    for status, response in responses.items():
-        if status >= "400":
-            (content,) = response["content"].values()
-            response["content"] = {MEDIA_TYPE: content}
-
-
 def create_app(settings: Settings | None = None) -> FastAPI:
     """Build the application; nothing runs until it is started.
 
@@ -251,11 +173,11 @@ def create_app(settings: Settings | None = None) -> FastAPI:
         redoc_url=None,
         redirect_slashes=False,
         generate_unique_id_function=lambda route: route.name,
-        telemetry=telemetry.config(traces),
+        telemetry=telemetry.tracing_config(traces),
     )
     app.state.services = Services(
         settings=settings,
-        metrics=metrics.Metrics(),
+        metrics=Metrics(),
         keys=ApiKeyStore(settings.data_dir, log.error, settings.audit_log),
         quotas=QuotaStore(settings.data_dir),
         audit=AuditLog(settings.audit_log),
@@ -288,9 +210,9 @@ async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         services.audit.open()
         stack.callback(services.audit.close)
         await stack.enter_async_context(services.quotas.saved_regularly())
-        await stack.enter_async_context(heap.kept_small())
+        await stack.enter_async_context(memory_kept_small())
         if services.traces is not None:
-            stack.push_async_callback(telemetry.finish, services.traces, TRACES_SECONDS)
+            stack.push_async_callback(telemetry.finish_traces, services.traces, TRACES_SECONDS)
         services.cache = stack.enter_context(
             ResultCache(settings.data_dir, memory_bytes=settings.memory_cache_bytes, disk_bytes=settings.cache_bytes)
         )
@@ -319,3 +241,45 @@ async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         services.mcp = tools.handle
         stack.push_async_callback(tools.stop)
         yield
+
+
+HEAP_SECONDS = 20.0
+"""Between two times that memory is given back, a few milliseconds of a thread each."""
+MOST_HEAPS = 2
+"""The library would have eight for each core."""
+M_ARENA_MAX = -8
+"""Name of that option in <malloc.h> of glibc."""
+
+
+@asynccontextmanager
+async def memory_kept_small() -> AsyncIterator[None]:
+    """Have few heaps, and give memory that is free in them, but kept by the C library, back every now and then.
+
+    Each thread takes memory from its own heap, where what lives long pins pages of what did not: left alone, a service
+    under a mixed load grows for hours, though it holds no more than before.
+    """
+    if library := _glibc():
+        library.mallopt(M_ARENA_MAX, MOST_HEAPS)
+    giving = asyncio.create_task(_give_back_regularly())
+    try:
+        yield
+    finally:
+        giving.cancel()
+
+
+def give_back_memory() -> None:
+    """Give back what is free now; nothing is done where the C library is not glibc."""
+    if library := _glibc():
+        library.malloc_trim(0)
+
+
+async def _give_back_regularly() -> None:
+    while True:
+        await asyncio.sleep(HEAP_SECONDS)
+        await run_sync(give_back_memory)
+
+
+@cache
+def _glibc() -> ctypes.CDLL | None:
+    library = ctypes.CDLL(None)
+    return library if hasattr(library, "malloc_trim") else None

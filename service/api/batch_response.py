@@ -14,9 +14,8 @@ from fastapi.responses import StreamingResponse
 
 from service.api.batch_body import BatchBody
 from service.api.body import JSON, JSONL, Preference, choose, read_preference
-from service.api.results import as_array, as_lines, to_item, to_lines
+from service.api.results import CSV, as_array, as_csv, as_lines, csv_head, csv_rows, to_item, to_lines
 from service.api.services import services_of
-from service.api.tables import CSV, as_csv, csv_head, csv_rows
 from service.auth.dependencies import context_in
 from service.jobs.manager import JobManager
 from service.jobs.models import Case, CaseResult, Charge, Idempotency, JobState, Sweep

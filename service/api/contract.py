@@ -1,9 +1,12 @@
-"""Declarations that operations of the contract share: headers, problems, bodies that routes read themselves."""
+"""The contract beyond what FastAPI writes: headers, problems, access, bodies that routes read themselves."""
 
+from collections.abc import Sequence
 from typing import Any, TypeAlias
 
 from pydantic import BaseModel
+from pydantic.json_schema import models_json_schema
 
+from service.problems import MEDIA_TYPE
 from service.schemas import Job
 from service.schemas.problems import Problem
 
@@ -137,3 +140,40 @@ def many_bodies(model: type[BaseModel], line: type[BaseModel]) -> dict[str, Any]
 def reference(model: type[BaseModel]) -> dict[str, str]:
     """Return the place of a model in the contract."""
     return {"$ref": f"#/components/schemas/{model.__name__}"}
+
+
+def declare_bodies(schemas: dict[str, Any], models: Sequence[type[BaseModel]]) -> None:
+    """Add the models of the bodies that FastAPI does not get to see."""
+    _, found = models_json_schema(
+        [(model, "validation") for model in models], ref_template="#/components/schemas/{model}"
+    )
+    for name, schema in found["$defs"].items():
+        schemas.setdefault(name, schema)
+
+
+def declare_access(operation: dict[str, Any]) -> None:
+    """Declare that a key is optional, as a service may be open, and how an operation is refused without one."""
+    if "security" not in operation:
+        return
+    operation["security"].insert(0, {})
+    refused = problems(400, 401, 403, *([408] if "requestBody" in operation else []))
+    for status, response in refused.items():
+        declared = {name: value for name, value in response.items() if name != "model"}
+        content = {"application/json": {"schema": {"$ref": "#/components/schemas/Problem"}}}
+        operation["responses"].setdefault(str(status), {**declared, "content": content})
+    operation["responses"] = dict(sorted(operation["responses"].items()))
+
+
+def declare_events(responses: dict[str, Any]) -> None:
+    """Declare server-sent events in words: what FastAPI says of them is of a later OpenAPI."""
+    content = responses.get("200", {}).get("content", {})
+    if "text/event-stream" in content:
+        content["text/event-stream"] = {"schema": {"description": "Server-sent events."}}
+
+
+def declare_problems(responses: dict[str, Any]) -> None:
+    """Give the errors among these responses their media type, which FastAPI takes from the route."""
+    for status, response in responses.items():
+        if status >= "400":
+            (content,) = response["content"].values()
+            response["content"] = {MEDIA_TYPE: content}

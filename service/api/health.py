@@ -1,4 +1,4 @@
-"""Whether the service lives and is ready, and what it runs."""
+"""Whether the service lives and is ready, what it runs, and what it has done: the metrics for Prometheus."""
 
 from functools import cache
 from http import HTTPStatus
@@ -6,11 +6,14 @@ from importlib.metadata import version as installed_version
 from typing import Annotated, Literal
 
 from anyio.to_thread import run_sync
-from fastapi import APIRouter, HTTPException, Request
+from fastapi import APIRouter, HTTPException, Request, Response
+from fastapi.responses import PlainTextResponse
+from prometheus_client import CONTENT_TYPE_LATEST, generate_latest
 from pydantic import Field
 
 from service.api.contract import problems
 from service.api.services import services_of
+from service.auth.dependencies import READ
 from service.operations import SCHEMA_VERSION
 from service.schemas.quantities import Part, with_examples
 from solver import ENGINE_VERSION
@@ -65,3 +68,18 @@ async def version() -> Version:
 def library_versions() -> dict[str, str]:
     """Return the versions of the libraries, read once."""
     return {name: installed_version(name) for name in LIBRARIES}
+
+
+@router.get(
+    "/metrics",
+    response_class=PlainTextResponse,
+    response_description="The metrics.",
+    responses=problems(500),
+    dependencies=[READ],
+)
+async def metrics(request: Request) -> Response:
+    """Return what the service has done and how it is, in the text format of Prometheus."""
+    services = services_of(request)
+    services.metrics.look_up(services.jobs, services.executor, services.cache, await services.jobs.tally())
+    content = await run_sync(generate_latest, services.metrics.registry)  # thousands of lines of a busy service
+    return Response(content, media_type=CONTENT_TYPE_LATEST)

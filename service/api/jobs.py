@@ -16,9 +16,8 @@ from pydantic import ValidationError
 from service.api.batch_response import closing, job_json, job_response, retry_after, to_job, until
 from service.api.body import JSON, JSONL, choose, parse_json, read_body, require_type
 from service.api.contract import RETRY_LATER, Responses, one_body, problems
-from service.api.results import HDF5, as_array, as_lines, hdf5_response
+from service.api.results import CSV, HDF5, PARQUET, as_array, as_csv, as_lines, as_parquet, has_parquet, hdf5_response
 from service.api.services import services_of
-from service.api.tables import CSV, PARQUET, as_csv, as_parquet, has_parquet
 from service.auth.dependencies import ReadContext, RunContext
 from service.errors import InvalidBodyError, validation_errors
 from service.jobs.manager import JobManager

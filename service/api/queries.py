@@ -16,7 +16,6 @@ from service.api.services import Services, services_of
 from service.auth.dependencies import RUN, RequestContext, context_in
 from service.errors import InvalidBodyError, ProblemType, problem_of, validation_errors
 from service.jobs.scheduler import problem_name
-from service.logs import BEGUN
 from service.operations import OPERATIONS, KeyedRequest
 from service.queries import Answered, CacheStatus, check_work
 from service.schemas import (
@@ -39,6 +38,7 @@ from service.schemas import (
 )
 from service.schemas.problems import json_pointer
 from service.schemas.requests import alternative_requests, answered_alternative, with_alternatives
+from service.telemetry import BEGUN
 
 MAX_FIELDS = 20
 """Fields of an object of a calibration, which has half as many: listing a million errors would take a second."""

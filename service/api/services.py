@@ -1,28 +1,100 @@
-"""What the routes work with: one object, made with the application and completed when it starts."""
+"""What the routes work with: one object, made with the application and completed when it starts; and the metrics."""
 
 import asyncio
+from collections import Counter as Tally
 from dataclasses import dataclass, field
+from typing import get_args
 
 from anyio import CapacityLimiter
 from fastapi import Request
 from opentelemetry.trace import TracerProvider
+from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, Info, disable_created_metrics
 from starlette.types import ASGIApp
 
 from service.api.body import KnownBodies
-from service.api.metrics import Metrics
 from service.auth.api_keys import ApiKeyStore
 from service.auth.dependencies import ConcurrencyLimit
 from service.auth.middleware import AuditLog
 from service.auth.quotas import QuotaStore
 from service.cache.cache import ResultCache
 from service.jobs.manager import JobManager
+from service.jobs.models import Status
+from service.operations import SCHEMA_VERSION
 from service.queries import QueryService
 from service.settings import Settings
-from service.workers.base import Executor
+from service.workers import Executor
 from service.workers.process_pool import InThreadExecutor, ProcessPool
+from solver import ENGINE_VERSION
 
 READING_THREADS = 1
 """Threads that validate cases: more would only take the interpreter lock from the event loop more often."""
+HISTOGRAM_SECONDS = (0.0005, 0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 10.0, 30.0, 60.0)
+"""Bounds of the histogram: a cached answer takes well under a millisecond, the longest query a minute."""
+
+
+class Metrics:
+    """Counts what is done; the rest is looked up for each answer."""
+
+    def __init__(self) -> None:
+        disable_created_metrics()  # type: ignore[no-untyped-call] # they would be a series more for each of the others
+        self.registry = registry = CollectorRegistry()
+        labels = ("operation", "outcome", "cache")
+        self._cases = Counter("ricochet_cases", "Cases answered, by how they ended", labels, registry=registry)
+        self._seconds = Histogram(
+            "ricochet_request_seconds",
+            "Time from a request to the end of its answer",
+            ("method", "route", "status"),
+            buckets=HISTOGRAM_SECONDS,
+            registry=registry,
+        )
+        self._gauges = {
+            name: Gauge(f"ricochet_{name}", text, registry=registry)
+            for name, text in {
+                "queued_queries": "Single queries that wait for a worker",
+                "queued_cases": "Cases of batches and jobs that wait or are being computed",
+                "running_chunks": "Chunks of jobs being made, computed or kept",
+                "chunk_width": "Chunks that can be computed at the same time, here or on the cluster",
+                "workers": "Worker processes that are up",
+                "cache_bytes": "Size of the results on the disk",
+                "cache_segments": "Files of results",
+                "cache_cases": "Results on the disk",
+            }.items()
+        }
+        self._restarts = Counter(
+            "ricochet_worker_restarts", "Worker processes that had to be replaced since the start", registry=registry
+        )
+        self._restarts_counted = 0
+        self._jobs = Gauge("ricochet_jobs", "Jobs that are kept", ("status",), registry=registry)
+        build = {"engine_version": ENGINE_VERSION, "schema_version": SCHEMA_VERSION}
+        Info("ricochet_build", "Versions of the service", registry=registry).info(build)
+
+    def observe(self, method: str, route: str, status: int, seconds: float) -> None:
+        """Count a request."""
+        self._seconds.labels(method, route, status).observe(seconds)
+
+    def count(self, operation: str, outcome: str, cache: str, count: int) -> None:
+        """Count cases that have been answered, computed (`miss`) or from the cache (`hit`)."""
+        self._cases.labels(operation, outcome, cache).inc(count)
+
+    def look_up(self, manager: JobManager, executor: Executor, cache: ResultCache, jobs: Tally[Status]) -> None:
+        """Note how things are now; `jobs` by status."""
+        stored = cache.statistics()
+        values = {
+            "queued_queries": executor.queued,
+            "queued_cases": manager.queued_cases,
+            "running_chunks": manager.running_chunks,
+            "chunk_width": executor.capacity,
+            "workers": len(executor.worker_pids),
+            "cache_bytes": stored.bytes,
+            "cache_segments": stored.segments,
+            "cache_cases": stored.cases,
+        }
+        for name, value in values.items():
+            self._gauges[name].set(value)
+        self._restarts.inc(executor.restarts - self._restarts_counted)
+        self._restarts_counted = executor.restarts
+        for status in get_args(Status):
+            self._jobs.labels(status).set(jobs[status])
 
 
 @dataclass
@@ -64,7 +136,7 @@ def executor_for(settings: Settings) -> Executor:
     if settings.executor == "in-process":
         return InThreadExecutor(task_seconds=settings.task_seconds)
     if settings.executor == "dask":
-        from service.dask.executor import DaskExecutor  # noqa: PLC0415 (an extra that few have installed)
+        from service.workers.dask_executor import DaskExecutor  # noqa: PLC0415 (an extra that few have installed)
 
         return DaskExecutor(
             address=settings.dask_scheduler, workers=settings.workers, task_seconds=settings.task_seconds

@@ -23,8 +23,8 @@ from service.api.services import services_of
 from service.auth.dependencies import RUN, context_in
 from service.errors import InvalidBodyError, ProblemType, ServiceError, problem_of, validation_errors
 from service.operations import OPERATIONS, KeyedRequest
-from service.schemas.examples import PAPER, PAPER_AT_45
 from service.schemas.quantities import Num, Part
+from service.schemas.strike import PAPER, PAPER_AT_45
 from service.schemas.sweeps import check_field
 from service.schemas.uncertain_inputs import MODELS, with_values
 from solver import Outcome, RicochetError, SearchStatus

@@ -24,9 +24,9 @@ from service.auth.api_keys import PREFIX, ApiKeyStore, open_private
 from service.auth.dependencies import CONTEXT, RequestContext
 from service.auth.quotas import QuotaStore
 from service.errors import ProblemType
-from service.logs import route_of
 from service.problems import problem_response
 from service.settings import Settings
+from service.telemetry import route_of
 
 PROBES = frozenset({"/livez", "/readyz"})
 """Sent by monitors, which know neither names nor keys."""

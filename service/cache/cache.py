@@ -1,6 +1,6 @@
 """Results on disk, in segments of many, and the latest of them in memory.
 
-    results/journal.sqlite   results of single queries that are in no segment yet; see `service.cache.journal`
+    results/journal.sqlite   results of single queries that are in no segment yet; see `service.cache.index`
     results/index.sqlite     which result is in which segment; made anew from the segments if it is lost
     results/segments/        see `service.cache.segments`
 
@@ -19,8 +19,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from service.cache.hdf5 import Segment, encode_segments, read_keys, read_records
-from service.cache.index import Index, Location, Statistics, discard_index
-from service.cache.journal import Journal
+from service.cache.index import Index, Journal, Location, Statistics, discard_database
 from service.cache.record import RecentRecords, Record
 from service.cache.segments import FolderLock, Segments, discard, name_of
 from service.errors import DamagedFileError
@@ -199,7 +198,7 @@ class ResultCache:
         """Make the index anew, with nobody else at work."""
         with self._noting():
             self._index.close()
-            discard_index(self._index_path)
+            discard_database(self._index_path)
             self._index = self._open_index()
             self._reconcile()
 

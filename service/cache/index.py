@@ -1,9 +1,13 @@
-"""Which result is in which segment, in SQLite. The segments hold all of it: it can be made anew."""
+"""Which result is in which segment, and the journal of results that are in none yet; both in SQLite.
 
+The segments hold all that the index has: it can be made anew.
+"""
+
+import hashlib
 import sqlite3
 import threading
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,14 +15,16 @@ from typing import Any
 
 import orjson
 
+from service.cache.record import Record
+
 LAYOUT = 1
-"""Raised when the tables change: an index of another layout is made anew."""
+"""Raised when the tables change: an index or a journal of another layout is made anew."""
 KEYS_AT_ONCE = 1000
 """Looked up in a few milliseconds, during which storing waits."""
 FLUSH_SECONDS = 60.0
 """How late the time of last use may be written; what a crash loses of it hardly matters."""
 
-TABLES = """
+INDEX_TABLES = """
 CREATE TABLE segments (
     id INTEGER PRIMARY KEY,
     name TEXT NOT NULL UNIQUE,
@@ -94,15 +100,7 @@ class Index:
         self._lock = threading.Lock()
         self._used: dict[str, float] = {}
         self._flushed = time.monotonic()
-        try:
-            self._connection = _opened(path)
-        except sqlite3.OperationalError:
-            raise
-        except sqlite3.DatabaseError:  # it is no database, or no longer one
-            if path is None:
-                raise
-            discard_index(path)
-            self._connection = _opened(path)
+        self._connection = _opened(path, INDEX_TABLES)
         self._statistics = self._amount(AMOUNT)
 
     @property
@@ -186,12 +184,6 @@ class Index:
             self._statistics = Statistics(old.bytes + size, old.segments + segments, old.cases + cases)
 
 
-def discard_index(path: Path) -> None:
-    """Remove the file of an index that nobody has open."""
-    for end in ("", "-wal", "-shm"):
-        Path(f"{path}{end}").unlink(missing_ok=True)
-
-
 def read_statistics(path: Path) -> Statistics:
     """What an index says, also while a service has it open.
 
@@ -204,15 +196,140 @@ def read_statistics(path: Path) -> Statistics:
         return Statistics(*connection.execute(AMOUNT).fetchone())
 
 
-def _opened(path: Path | None) -> sqlite3.Connection:
+JOURNAL_TABLES = """
+CREATE TABLE results (
+    key TEXT PRIMARY KEY,
+    operation TEXT NOT NULL,
+    request BLOB NOT NULL,
+    json BLOB NOT NULL,
+    engine_version TEXT NOT NULL,
+    schema_version TEXT NOT NULL,
+    digest BLOB NOT NULL
+) WITHOUT ROWID;
+"""
+
+
+class Journal:
+    """Results of single queries until there are enough of them for a segment; safe from several threads, one at a time.
+
+    A file of one result takes twelve times the room that it has in a file of many, and twenty times the work. What is
+    written here survives a process that is killed. A power cut may take the latest, which are then computed again, as
+    those of segments are.
+
+    Parameters
+    ----------
+    path
+        Of its file; made if it is not there, and made anew if it is damaged or of another layout.
+
+    Raises
+    ------
+    sqlite3.Error, OSError
+        If the disk does not let it be; also by all methods.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._lock = threading.Lock()
+        self._connection = _opened(path, JOURNAL_TABLES, decode)
+
+    def add(self, record: Record) -> None:
+        """Write a result, whole or not at all."""
+        row = (
+            record.key,
+            record.operation,
+            record.request_json,
+            record.json,
+            record.engine_version,
+            record.schema_version,
+        )
+        with self._lock:
+            self._connection.execute(
+                "INSERT OR REPLACE INTO results VALUES (?, ?, ?, ?, ?, ?, ?)", (*row, digest(*row))
+            )
+
+    def remove(self, keys: Iterable[str]) -> None:
+        """Remove results that are in a segment."""
+        with self._lock, self._connection as connection:  # which ends the transaction one way or the other
+            connection.execute("BEGIN IMMEDIATE")
+            connection.executemany("DELETE FROM results WHERE key = ?", [(key,) for key in keys])
+
+    def take_over(self) -> tuple[list[Record], int]:
+        """Return the results that an earlier process has left; remove damaged ones, and return their number too."""
+        with self._lock, self._connection as connection:
+            connection.execute("BEGIN IMMEDIATE")
+            rows = connection.execute("SELECT * FROM results").fetchall()
+            records = [
+                Record(key, operation, request, json=json, engine_version=engine, schema_version=schema)
+                for key, operation, request, json, engine, schema, written in rows
+                if written == digest(key, operation, request, json, engine, schema)
+            ]
+            whole = orjson.dumps([record.key for record in records]).decode()
+            connection.execute("DELETE FROM results WHERE key NOT IN (SELECT value FROM json_each(?))", (whole,))
+        return records, len(rows) - len(records)
+
+    def close(self) -> None:
+        """Let go of the file."""
+        with self._lock:
+            self._connection.close()
+
+
+def count_results(path: Path) -> int:
+    """Return how many results a journal has, also while a service has it open; 0 if there is none.
+
+    Raises
+    ------
+    sqlite3.Error
+        If it cannot be read.
+    """
+    if not path.exists():
+        return 0
+    with closing(sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True)) as connection:
+        found: int = connection.execute("SELECT count(*) FROM results").fetchone()[0]
+    return found
+
+
+def digest(*row: str | bytes) -> bytes:
+    """Hash of a row, without which a damaged result would be answered."""
+    found = hashlib.sha256()
+    for value in row:
+        found.update(value.encode() if isinstance(value, str) else value)
+        found.update(b"\0")
+    return found.digest()
+
+
+def decode(text: bytes) -> str:
+    """Decode a text of the journal; a damaged one differs from its digest then."""
+    return text.decode(errors="replace")
+
+
+def discard_database(path: Path) -> None:
+    """Remove the file of an index or a journal that nobody has open."""
+    for end in ("", "-wal", "-shm"):
+        Path(f"{path}{end}").unlink(missing_ok=True)
+
+
+def _opened(path: Path | None, tables: str, text: Callable[[bytes], str] = str) -> sqlite3.Connection:
+    """Open a file with these tables, made anew if it is damaged or of another layout; `text` decodes its texts."""
+    try:
+        return _connected(path, tables, text)
+    except sqlite3.OperationalError:
+        raise
+    except sqlite3.DatabaseError:  # it is no database, or no longer one
+        if path is None:
+            raise
+        discard_database(path)
+        return _connected(path, tables, text)
+
+
+def _connected(path: Path | None, tables: str, text: Callable[[bytes], str]) -> sqlite3.Connection:
     connection = sqlite3.connect(path or ":memory:", isolation_level=None, check_same_thread=False)
+    connection.text_factory = text
     try:
         connection.execute("PRAGMA journal_mode = WAL")
         connection.execute("PRAGMA foreign_keys = ON")
         connection.execute("PRAGMA synchronous = NORMAL")  # a power cut may cost the last segments their entries
         [(layout,)] = connection.execute("PRAGMA user_version").fetchall()
         if layout == 0 and not connection.execute("SELECT 1 FROM sqlite_master").fetchall():
-            connection.executescript(f"BEGIN; {TABLES} PRAGMA user_version = {LAYOUT}; COMMIT;")
+            connection.executescript(f"BEGIN; {tables} PRAGMA user_version = {LAYOUT}; COMMIT;")
         elif layout != LAYOUT or connection.execute("PRAGMA quick_check(1)").fetchall() != [("ok",)]:
             raise sqlite3.DatabaseError("damaged, or of another layout")
     except BaseException:

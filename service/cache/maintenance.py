@@ -8,8 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from service.cache.cache import ResultCache
-from service.cache.index import Statistics, read_statistics
-from service.cache.journal import count_results
+from service.cache.index import Statistics, count_results, read_statistics
 from service.errors import FolderInUseError, UnusableFolderError
 
 

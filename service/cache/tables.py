@@ -1,8 +1,6 @@
-"""Tables of a segment: columns of numbers for the histories, trials and residuals of results, in compressed chunks."""
+"""Contents of a file of results: tables of summaries, trials, histories and residuals, written in compressed chunks."""
 
-import itertools
 import math
-import threading
 import zlib
 from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
@@ -11,10 +9,21 @@ from typing import Any
 import h5py
 import numpy as np
 import numpy.typing as npt
-from h5py import h5a, h5d, h5f, h5p, h5s, h5t
+import orjson
+from h5py import h5a, h5d, h5p, h5s, h5t
 
-from service.cache.record import FloatColumns, Record
-from service.columns import CASE, IDENTITY, RESIDUALS, RUN, Column, summarize
+from service.cache.record import Record
+from service.columns import (
+    CASE,
+    IDENTITY,
+    MOTION,
+    RESIDUALS,
+    RUN,
+    TRIALS,
+    Column,
+    summarize,
+    summary_columns,
+)
 
 Table = npt.NDArray[Any]
 
@@ -152,15 +161,6 @@ def histories_of(records: Sequence[Record | None], first: int) -> Table:
     return _joined(columns, sum(lengths))
 
 
-def history_of(table: Table, row: int) -> FloatColumns | None:
-    """History that belongs to a row of the summary."""
-    if not len(table):
-        return None
-    start, end = np.searchsorted(table[CASE.name], [row, row + 1])
-    names = [name for name in table.dtype.names or () if name != CASE.name]
-    return {name: np.ascontiguousarray(table[name][start:end]) for name in names} if end > start else None
-
-
 def _filled(columns: Iterable[Column], rows: Sequence[Mapping[str, Any]]) -> dict[str, Table]:
     return {column.name: fill(column, [row.get(column.name) for row in rows]) for column in columns}
 
@@ -172,23 +172,22 @@ def _joined(columns: Mapping[str, Table], length: int) -> Table:
     return table
 
 
-HDF5 = threading.RLock()
-"""Held while a file is open: the HDF5 library is not made for threads. h5py has a lock itself, which should
-do; but a server once ended with its memory damaged, for a cause that was not found. Measured, eight threads that write
-and read 200 files of 64 results: 1.4 and 1.7 s with this lock, 1.1 and 2.1 s without, the same bytes."""
 LEVEL = 3
 """Compression level: the next ones take twice the time for a tenth less."""
 
-MEMORY_STEP = 64 * 1024
-"""By which a file in memory grows. [bytes]"""
-FORMAT = h5f.LIBVER_V110
-"""HDF5 1.10, of 2016: a file of one result takes half as much as in the older formats."""
+LAYOUT = "1"
+"""Raised when the layout changes so much that programs that read it must change too."""
+DESCRIPTIONS = {
+    "summary": "the answers in short, a row each",
+    "requests": "canonical requests, every default filled in: JSON Lines in UTF-8, a line a row of the summary",
+    "answers": "answers, JSON Lines in UTF-8: without the histories, which are a table of this file",
+    "iterations": "every trial of the searches, in order",
+    "history": "the motions at even intervals and at the event that ended the run",
+    "residuals": "what a calibration was given, what it predicts and what is left",
+}
 
 datatype = lru_cache(maxsize=256)(lambda dtype: h5t.py_create(dtype, logical=True))
 """HDF5 type of a NumPy one; making it takes as long as all the rest of a dataset."""
-numpy_type = lru_cache(maxsize=256)(lambda encoded: h5t.decode(encoded).dtype)
-"""NumPy type of an HDF5 one, in the code of HDF5, which is slow to make too."""
-numbers = itertools.count()
 
 
 class Stream:
@@ -240,8 +239,9 @@ class Stream:
     def _write(self, rows: Table) -> None:
         """Write a chunk: the last may be shorter, and is filled up as HDF5 wants it.
 
-        Compressed here, as `read_single` reads it: HDF5 would leave out compression where it does not pay. Measured, by
-        hand and by HDF5: 0.85 and 1.10 ms to write a critical angle, 12.5 and 12.9 ms for 256, of equal size.
+        Compressed here, as `read_single` decompresses it: HDF5 would leave out compression where it does not pay.
+        Measured, by hand and by HDF5: 0.85 and 1.10 ms to write a critical angle, 12.5 and 12.9 ms for 256, of equal
+        size.
         """
         if self._dataset is None:
             self._dataset = self._create(rows)
@@ -285,39 +285,74 @@ def prepared(texts: tuple[str, ...]) -> tuple[Table, h5t.TypeID, h5s.SpaceID]:
     return array, h5t.py_create(array.dtype), h5s.create_simple(array.shape) if array.shape else h5s.create(h5s.SCALAR)
 
 
-def memory_file(image: bytes | None = None) -> h5py.File:
-    """Open a file in memory, with this content or empty."""
-    access = h5p.create(h5p.FILE_ACCESS)
-    access.set_fapl_core(MEMORY_STEP, False)
-    access.set_fclose_degree(h5f.CLOSE_STRONG)
-    access.set_libver_bounds(FORMAT, FORMAT)
-    name = f"results in memory {next(numbers)}".encode()  # HDF5 refuses two open files of one name
-    if image is None:
-        creation = h5p.create(h5p.FILE_CREATE)
-        creation.set_obj_track_times(False)  # the same content, the same bytes
-        return h5py.File(h5f.create(name, h5f.ACC_EXCL, creation, access))
-    access.set_file_image(image)
-    return h5py.File(h5f.open(name, h5f.ACC_RDWR, fapl=access))
-
-
-def read_single(file: h5py.File, name: str) -> Table:
-    """All of a dataset that is a single chunk, decompressed here.
-
-    Measured, by hand and by HDF5: 26 and 63 ms for 256 histories, 0.24 and 0.65 ms for one critical angle.
-
-    Raises
-    ------
-    KeyError
-        If there is none of this name.
-    """
-    dataset = h5d.open(file.id, name.encode())
-    dtype = numpy_type(dataset.get_type().encode())
-    _, chunk = dataset.read_direct_chunk((0,))
-    planes = np.frombuffer(zlib.decompress(chunk), np.uint8).reshape(dtype.itemsize, -1)
-    return np.ascontiguousarray(planes.T).reshape(-1).view(dtype)
-
-
 def _shuffled_and_compressed(rows: Table) -> bytes:
     """Shuffle and compress as HDF5 does: the first bytes of all rows, then the second ones, and so on."""
     planes = np.ascontiguousarray(rows).view(np.uint8).reshape(len(rows), rows.itemsize).T
     return zlib.compress(np.ascontiguousarray(planes).data, LEVEL)
+
+
+class Contents:
+    """What is in a file, as it is written.
+
+    Parameters
+    ----------
+    file
+        Open and empty.
+    operation
+        Of its results.
+    chunk_bytes
+        Largest chunk of a dataset; None if all is written at once.
+    more
+        Further columns of the summary, the first ones.
+    """
+
+    def __init__(
+        self, file: h5py.File, operation: str, *, chunk_bytes: int | None, more: Sequence[Column] = ()
+    ) -> None:
+        root = h5py.h5g.open(file.id, b"/")
+        for name, text in {"title": "ricochet results", "layout": LAYOUT}.items():
+            write_attribute(root, name, text)
+        self._summary = (*more, *summary_columns(operation))
+        self._trials = TRIALS.get(operation, ())
+        self._rows = 0
+        known = {
+            "summary": self._summary,
+            "iterations": (CASE, *self._trials),
+            "history": (CASE, *MOTION),
+            "residuals": (CASE, *RESIDUALS),
+        }
+        self._streams = {
+            name: Stream(file, name, description, columns=known.get(name, ()), chunk_bytes=chunk_bytes)
+            for name, description in DESCRIPTIONS.items()
+        }
+
+    def write(
+        self,
+        records: Sequence[Record | None],
+        summaries: Sequence[Mapping[str, Any]],
+        problems: Sequence[dict[str, Any] | None] = (),
+    ) -> None:
+        """Add these results and their summaries; where there is no result, the problem."""
+        answers = [record.answer_json if record else b"" for record in records]
+        for row, problem in enumerate(problems):
+            answers[row] = answers[row] or orjson.dumps({"problem": problem})
+        tables = {
+            "summary": table_of(self._summary, summaries),
+            "requests": _lines(record.request_json if record else b"null" for record in records),
+            "answers": _lines(answers),
+            "iterations": trials_of(self._trials, records, self._rows),
+            "history": histories_of(records, self._rows),
+            "residuals": residual_table(records, self._rows),
+        }
+        for name, table in tables.items():
+            self._streams[name].append(table)
+        self._rows += len(records)
+
+    def finish(self) -> None:
+        """Write what is left."""
+        for stream in self._streams.values():
+            stream.finish()
+
+
+def _lines(texts: Iterable[bytes]) -> Table:
+    return np.frombuffer(b"".join(text + b"\n" for text in texts), np.uint8)

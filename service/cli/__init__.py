@@ -27,7 +27,7 @@ COMMANDS = (
     Command("trajectory", "motion of one impact", "service.cli.single"),
     Command("cra", "critical ricochet angle of one impact", "service.cli.single"),
     Command("uncertainty", "how sure an angle or an outcome is", "service.cli.uncertainty"),
-    Command("formulas", "penetration and least thickness by the formulas of the field", "service.cli.formulas"),
+    Command("formulas", "penetration and least thickness by the formulas of the field", "service.cli.walls"),
     Command("thickness", "least thickness of a wall that is not perforated", "service.cli.walls"),
     Command("limit-speed", "least speed that perforates a wall", "service.cli.walls"),
     Command("report", "a strike on two pages to file, as HTML or PDF", "service.cli.reports"),

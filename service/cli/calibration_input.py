@@ -15,10 +15,10 @@ from service.cli.request_body import read_body
 from service.readers import DEPTH_TESTS, MOTION, OBLIQUITY_POINTS, Quantity
 from service.schemas.numerics import Method, Numerics
 from service.schemas.problems import pointer_of_location, pointer_of_parameter
-from service.schemas.projectile import Projectile
 from service.schemas.quantities import Part
+from service.schemas.requests import filled
 from service.schemas.resistance import Resistance
-from service.schemas.strike import Impact, Target
+from service.schemas.strike import Impact, Projectile, Target
 from solver.strike import TERMINATION_TIME, TRAJECTORY_TOLERANCE
 
 GREATEST_DEPTH = "greatest-depth"
@@ -220,8 +220,11 @@ class DepthCase(Part):
 
     def arguments(self) -> dict[str, Any]:
         """Return the arguments of the solver's fits."""
-        numerics = self.numerics.resolved(
-            method=Method.ADAPTIVE, termination_time_s=TERMINATION_TIME, relative_tolerance=TRAJECTORY_TOLERANCE
+        numerics = filled(
+            self.numerics,
+            method=Method.ADAPTIVE,
+            termination_time_s=TERMINATION_TIME,
+            relative_tolerance=TRAJECTORY_TOLERANCE,
         )
         return {
             "projectile": self.projectile.to_solver(),

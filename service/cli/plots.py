@@ -54,7 +54,7 @@ def plot_motion(path: Path, body: dict[str, Any], answer: Mapping[str, Any], his
     import numpy as np
 
     from service.reports.style import draw_concrete, draw_path, silhouette, tip_path
-    from service.schemas.projectile import Projectile
+    from service.schemas.strike import Projectile
 
     projectile = Projectile.model_validate(body["projectile"]).to_solver()
     depth = np.array(history["center_of_gravity_depth_m"])

@@ -60,9 +60,9 @@ def run_serve(_: argparse.Namespace) -> int:
     from service.auth.api_keys import KeysUnreadableError
     from service.cli.server import Server
     from service.errors import ExecutorError, FolderInUseError, MissingExtraError
-    from service.logs import configure
+    from service.telemetry import configure_log
 
-    configure(settings.log_level)
+    configure_log(settings.log_level)
     try:
         app = create_app(settings)
     except MissingExtraError as error:

@@ -15,12 +15,23 @@ from opentelemetry.trace import Tracer
 
 from service.errors import IdempotencyBusyError, IdempotencyConflictError, QueueFullError, StorageError
 from service.jobs.fairness import PrioritySemaphore
-from service.jobs.models import BLOCK_SIZE, Case, CaseBlock, CaseResult, Charge, Idempotency, JobState, Status, Sweep
+from service.jobs.models import (
+    BLOCK_SIZE,
+    NO_TRACER,
+    Case,
+    CaseBlock,
+    CaseResult,
+    Charge,
+    Idempotency,
+    JobState,
+    Status,
+    Sweep,
+    current_traceparent,
+)
 from service.jobs.results import InlineBatch, ResultReader
 from service.jobs.scheduler import GiveBack, Scheduler, problem_name
 from service.jobs.store import JobStore
 from service.jobs.studies import StudyService
-from service.jobs.traces import NO_TRACER, current_traceparent
 from service.operations import UNCERTAIN, KeyedRequest
 from service.queries import Answered, Count, QueryService, Rate
 

@@ -1,11 +1,11 @@
-"""Jobs and their cases, as the service has them in memory and in the store."""
+"""Jobs and their cases, as the service has them in memory and in the store; their titles and their traces."""
 
 import itertools
 import math
 import re
 import zlib
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from datetime import datetime
 from enum import IntEnum
@@ -13,6 +13,8 @@ from functools import lru_cache
 from typing import Any, Literal, NamedTuple, TypeAlias
 
 import orjson
+from opentelemetry.trace import NoOpTracer, SpanKind, Tracer
+from opentelemetry.trace.propagation.tracecontext import TraceContextTextMapPropagator
 
 from service.cache.record import Record
 from service.operations import KeyedRequest
@@ -307,3 +309,30 @@ def name_of(field: str) -> str:
 def shown(part: Mapping[str, Any], name: str, factor: float, unit: str) -> str:
     """Return a value with its unit."""
     return f"{part[name] * factor:.4g} {unit}"
+
+
+# Work of a job joins the trace of the request that made it, also after a restart.
+NO_TRACER: Tracer = NoOpTracer()
+"""Traces nothing."""
+TRACEPARENT = "traceparent"
+PROPAGATOR = TraceContextTextMapPropagator()
+
+
+def current_traceparent() -> str | None:
+    """Return the span that is current as W3C Trace Context writes it; None if nothing is traced."""
+    carrier: dict[str, str] = {}
+    PROPAGATOR.inject(carrier)
+    return carrier.get(TRACEPARENT)
+
+
+@contextmanager
+def span_of(tracer: Tracer, name: str, job: JobState, cases: int) -> Iterator[None]:
+    """Trace a part of the work of a job, as a child of the request that made it."""
+    parent = PROPAGATOR.extract({TRACEPARENT: job.traceparent} if job.traceparent else {})
+    attributes: dict[str, str | int] = {
+        "ricochet.job": job.id,
+        "ricochet.operation": job.operation,
+        "ricochet.cases": cases,
+    }
+    with tracer.start_as_current_span(name, context=parent, kind=SpanKind.INTERNAL, attributes=attributes):
+        yield

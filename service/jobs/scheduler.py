@@ -26,10 +26,9 @@ from service.errors import (
     case_problem,
 )
 from service.jobs.fairness import ChunkSizer, FairQueue, Permit, PrioritySemaphore
-from service.jobs.models import BLOCK_SIZE, CaseState, JobState, Status, block_of
+from service.jobs.models import BLOCK_SIZE, CaseState, JobState, Status, block_of, span_of
 from service.jobs.store import VERSIONS, JobStore
 from service.jobs.studies import Report, RunCases, StudyService
-from service.jobs.traces import span_of
 from service.operations import UNCERTAIN, KeyedRequest
 from service.queries import Answered, Count, QueryService, Rate
 

@@ -17,17 +17,16 @@ from service.schemas.batches import (
     TrajectoryResults,
 )
 from service.schemas.building import critical_angle_answer, trajectory_answer
-from service.schemas.calibration import (
+from service.schemas.calibration_depth import (
     DepthCalibrationAnswer,
     DepthCalibrationRequest,
-    MotionCalibrationAnswer,
-    MotionCalibrationRequest,
     ObliquityCalibrationAnswer,
     ObliquityCalibrationRequest,
     depth_answer,
-    motion_answer,
     obliquity_answer,
 )
+from service.schemas.calibration_motion import MotionCalibrationRequest
+from service.schemas.calibration_motion_answer import MotionCalibrationAnswer, motion_answer
 from service.schemas.formulas import FormulasAnswer, FormulasRequest, formulas_answer
 from service.schemas.jobs import Job, JobChange, JobResults, Jobs, Result
 from service.schemas.perforation import (
@@ -38,8 +37,7 @@ from service.schemas.perforation import (
     limit_speed_answer,
     thickness_answer,
 )
-from service.schemas.reports import ReportRequest
-from service.schemas.requests import CriticalAngleBase, CriticalAngleRequest, TrajectoryRequest
+from service.schemas.requests import CriticalAngleBase, CriticalAngleRequest, ReportRequest, TrajectoryRequest
 from service.schemas.sweeps import CriticalAngleSweep, LimitSpeedSweep, ThicknessSweep, TrajectorySweep
 from service.schemas.uncertainty import CriticalAngleUncertaintyRequest, TrajectoryUncertaintyRequest
 from service.schemas.uncertainty_answers import (

@@ -5,7 +5,6 @@ from typing import Annotated, Any, Generic, TypeVar
 from pydantic import MISSING, Field, StringConstraints
 
 from service.schemas.answers import FOUND, RUN, VERSIONED, CriticalAngleAnswer, TrajectoryAnswer
-from service.schemas.examples import PAPER, PAPER_AT_45
 from service.schemas.perforation import (
     SPEED,
     THICKNESS,
@@ -18,6 +17,7 @@ from service.schemas.perforation import (
 from service.schemas.problems import INVALID, Problem
 from service.schemas.quantities import Count, Flag, Num, Part, with_examples
 from service.schemas.requests import Case, CriticalAngleBase, TrajectoryFields, TrajectoryOutput
+from service.schemas.strike import PAPER, PAPER_AT_45
 
 MOST_CASES = 1_000
 """Cases of a JSON batch, which is parsed in one piece."""
@@ -41,10 +41,6 @@ class NamedCase(Case):
     """A case of a batch, which may have a name."""
 
     custom_id: CustomId | MISSING = MISSING
-
-    def canonical(self) -> dict[str, Any]:
-        """Return the resolved request as JSON data, as the same case gives it alone."""
-        return self.resolved().model_dump(mode="json", exclude={"custom_id"})
 
 
 class Batch(Part, Generic[BatchCase]):

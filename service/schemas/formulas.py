@@ -7,11 +7,9 @@ from pydantic import MISSING, Field
 import solver
 from service.schemas.answers import VERSIONED, EngineVersion, Key, ModelWarning
 from service.schemas.building import warning_texts
-from service.schemas.examples import PAPER
 from service.schemas.problems import pointer_of_parameter
-from service.schemas.projectile import Projectile
 from service.schemas.quantities import Num, Part, with_examples
-from service.schemas.strike import STRIKE, Impact, Target
+from service.schemas.strike import PAPER, STRIKE, Impact, Projectile, Target
 from solver.formulas import LIMITS, PERFORATION_MARGIN, SCABBING_MARGIN, formulas, nose_class, spread
 from solver.warnings import NORMAL_COMPONENT_ONLY
 

@@ -8,12 +8,13 @@ from typing_extensions import TypeAliasType
 
 from service.schemas.answers import FOUND, VERSIONED, CriticalAngleAnswer, TrajectoryAnswer
 from service.schemas.batches import Item
-from service.schemas.calibration import DepthCalibrationAnswer, MotionCalibrationAnswer, ObliquityCalibrationAnswer
-from service.schemas.examples import PAPER
+from service.schemas.calibration_depth import DepthCalibrationAnswer, ObliquityCalibrationAnswer
+from service.schemas.calibration_motion_answer import MotionCalibrationAnswer
 from service.schemas.formulas import FormulasAnswer
 from service.schemas.perforation import LimitSpeedAnswer, ThicknessAnswer
 from service.schemas.problems import Problem
 from service.schemas.quantities import Count, Part, with_examples
+from service.schemas.strike import PAPER
 from service.schemas.sweeps import EVEN, LISTED, Axis
 from service.schemas.uncertainty import CriticalAngleUncertaintyRequest, TrajectoryUncertaintyRequest
 from service.schemas.uncertainty_answers import (

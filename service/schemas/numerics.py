@@ -91,20 +91,6 @@ class Numerics(Part):
         ),
     ] = NUMERICS.retention_energy_fraction
 
-    def resolved(self, *, method: Method, termination_time_s: float, relative_tolerance: float) -> "Numerics":
-        """Return the same with what was left open filled in."""
-        return self.model_copy(
-            update={
-                "method": method if self.method is MISSING else self.method,
-                "termination_time_s": (
-                    termination_time_s if self.termination_time_s is MISSING else self.termination_time_s
-                ),
-                "relative_tolerance": (
-                    relative_tolerance if self.relative_tolerance is MISSING else self.relative_tolerance
-                ),
-            }
-        )
-
     def to_solver(self) -> solver.Numerics:
         """Return the solver's numerics."""
         method, end, tolerance = self.method, self.termination_time_s, self.relative_tolerance
@@ -154,21 +140,6 @@ class Search(Part):
             description="The paper's searches end when two angles in a row differ by less than this fraction. [1]",
         ),
     ] = SEARCH.relative_tolerance
-
-    @property
-    def by_paper(self) -> bool:
-        """Whether it is one of the paper's searches, which look at the final position."""
-        return self.method is not SearchMethod.OUTCOME
-
-    def resolved(self) -> "Search":
-        """Return the same with the range filled in."""
-        lower, upper = usual_range(self.method)
-        return self.model_copy(
-            update={
-                "lower_deg": lower if self.lower_deg is MISSING else self.lower_deg,
-                "upper_deg": upper if self.upper_deg is MISSING else self.upper_deg,
-            }
-        )
 
     def to_solver(self) -> solver.Search:
         """Return the solver's search."""

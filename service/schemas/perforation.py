@@ -7,12 +7,11 @@ from pydantic import MISSING, Field
 import solver
 from service.schemas.answers import EXIT, VERSIONED, WARNING, EngineVersion, Exit, Key, ModelWarning
 from service.schemas.building import exit_answer, warning_texts
-from service.schemas.examples import PAPER, PAPER_AT_45
 from service.schemas.formulas import ROW, FormulaRow, FormulasRequest, formula_row, formulas_answer
 from service.schemas.numerics import Method
 from service.schemas.quantities import Num, Part, with_examples
-from service.schemas.requests import Case
-from service.schemas.strike import Approach, Impact
+from service.schemas.requests import Case, filled
+from service.schemas.strike import PAPER, PAPER_AT_45, Approach, Impact
 from solver import Outcome, ParameterError, PerforationStatus
 from solver.perforation import RUN_TOLERANCE
 from solver.strike import TERMINATION_TIME
@@ -68,16 +67,13 @@ class ThicknessRequest(Case):
         """
         if self.target.thickness_m is not MISSING:
             raise ParameterError("target.thickness", "must not be given: it is what is sought")
-        numerics = self.numerics.resolved(
+        numerics = filled(
+            self.numerics,
             method=Method.ADAPTIVE,
             termination_time_s=self.usual_termination_time(self.impact.velocity_m_s),
             relative_tolerance=RUN_TOLERANCE,
         )
         return self.model_copy(update={"numerics": numerics})
-
-    def canonical(self) -> dict[str, Any]:
-        """Return the resolved request as JSON data."""
-        return self.resolved().model_dump(mode="json")
 
     def arguments(self) -> dict[str, Any]:
         """Return the arguments of `solver.least_thickness`.
@@ -118,16 +114,15 @@ class LimitSpeedRequest(Case):
         if self.target.thickness_m is MISSING:
             raise ParameterError("target.thickness", "must be given: a half-space is not perforated")
         end = self.numerics.termination_time_s
-        numerics = self.numerics.resolved(
-            method=Method.ADAPTIVE, termination_time_s=TERMINATION_TIME, relative_tolerance=RUN_TOLERANCE
+        numerics = filled(
+            self.numerics,
+            method=Method.ADAPTIVE,
+            termination_time_s=TERMINATION_TIME,
+            relative_tolerance=RUN_TOLERANCE,
         )
         if not self.by_panels:
             numerics = numerics.model_copy(update={"termination_time_s": end})
         return self.model_copy(update={"numerics": numerics})
-
-    def canonical(self) -> dict[str, Any]:
-        """Return the resolved request as JSON data."""
-        return self.resolved().model_dump(mode="json")
 
     def arguments(self) -> dict[str, Any]:
         """Return the arguments of `solver.limit_velocity`.

@@ -1,4 +1,4 @@
-"""The requests: one trajectory, one critical angle, and the same under other laws."""
+"""The requests: one trajectory, one critical angle, the same under other laws, and the report of one strike."""
 
 from abc import abstractmethod
 from collections.abc import Mapping
@@ -8,12 +8,22 @@ import orjson
 from pydantic import MISSING, Field
 
 import solver
-from service.schemas.examples import HEMISPHERE, PAPER, PAPER_AT_45, PAPER_BY_SECANT, TRUNCATED_CONE
-from service.schemas.numerics import Method, Numerics, Search
-from service.schemas.projectile import Projectile
+from service.schemas.numerics import Method, Numerics, Search, SearchMethod, usual_range
 from service.schemas.quantities import Flag, Num, Part, with_examples
-from service.schemas.resistance import Resistance
-from service.schemas.strike import Impact, Strike, Target
+from service.schemas.resistance import FreeSurfaceModel, Resistance
+from service.schemas.strike import (
+    HEMISPHERE,
+    PAPER,
+    PAPER_AT_45,
+    PAPER_BY_SECANT,
+    STRIKE,
+    TRUNCATED_CONE,
+    Impact,
+    ObliqueAngle,
+    Projectile,
+    Strike,
+    Target,
+)
 from solver import alternative_resistances
 from solver.search.critical_angle import PAPER_TERMINATION_TIME
 from solver.strike import SEARCH_TOLERANCE, TRAJECTORY_TOLERANCE, usual_termination_time
@@ -34,6 +44,9 @@ SampleInterval = Annotated[
     ),
 ]
 
+
+NO_PART_OF_THE_CASE = {"alternatives", "custom_id"}
+"""Fields without effect on the result."""
 
 Alternatives = Annotated[
     Flag,
@@ -62,6 +75,14 @@ class CriticalAngleOutput(Part):
     sample_interval_s: SampleInterval | MISSING = MISSING
 
 
+PartOfRequest = TypeVar("PartOfRequest", bound=Part)
+
+
+def filled(part: PartOfRequest, **usual: Any) -> PartOfRequest:
+    """Return a part of a request with usual values in the fields that were left open."""
+    return part.model_copy(update={name: value for name, value in usual.items() if getattr(part, name) is MISSING})
+
+
 class Case(Part):
     """What both requests have in common."""
 
@@ -82,6 +103,10 @@ class Case(Part):
     @abstractmethod
     def resolved(self) -> Self:
         """Return the same with what was left open filled in."""
+
+    def canonical(self) -> dict[str, Any]:
+        """Return the resolved request as JSON data, the same for one case however it is sent."""
+        return self.resolved().model_dump(mode="json", exclude=NO_PART_OF_THE_CASE)
 
     @property
     def by_panels(self) -> bool:
@@ -125,16 +150,13 @@ class TrajectoryFields(Case):
 
     def resolved(self) -> Self:
         """Return the same with what was left open filled in."""
-        numerics = self.numerics.resolved(
+        numerics = filled(
+            self.numerics,
             method=Method.ADAPTIVE,
             termination_time_s=self.usual_termination_time(self.impact.velocity_m_s),
             relative_tolerance=TRAJECTORY_TOLERANCE,
         )
         return self.model_copy(update={"numerics": numerics})
-
-    def canonical(self) -> dict[str, Any]:
-        """Return the resolved request as JSON data."""
-        return self.resolved().model_dump(mode="json")
 
     def arguments(self) -> dict[str, Any]:
         """Return the arguments of `solver.simulate`.
@@ -163,10 +185,6 @@ class TrajectoryRequest(TrajectoryFields):
 
     alternatives: Alternatives = False
 
-    def canonical(self) -> dict[str, Any]:
-        """Return the resolved request as JSON data, the same with alternatives as without."""
-        return self.resolved().model_dump(mode="json", exclude={"alternatives"})
-
 
 class CriticalAngleBase(Case):
     """Strikes that differ in their oblique angle alone, among many such requests."""
@@ -178,26 +196,28 @@ class CriticalAngleBase(Case):
     output: Annotated[CriticalAngleOutput, Field(default_factory=CriticalAngleOutput)]
 
     @property
+    def by_paper(self) -> bool:
+        """Whether the search is one of the paper's, which look at the final position."""
+        return self.search.method is not SearchMethod.OUTCOME
+
+    @property
     def by_panels(self) -> bool:
         """Whether it is computed by the paper's elements and fixed step."""
-        return super().by_panels or (self.numerics.method is MISSING and self.search.by_paper)
+        return super().by_panels or (self.numerics.method is MISSING and self.by_paper)
 
     def resolved(self) -> Self:
         """Return the same with what was left open filled in."""
-        numerics = self.numerics.resolved(
-            method=Method.PANELS if self.search.by_paper else Method.ADAPTIVE,
+        numerics = filled(
+            self.numerics,
+            method=Method.PANELS if self.by_paper else Method.ADAPTIVE,
             termination_time_s=(
-                PAPER_TERMINATION_TIME
-                if self.search.by_paper
-                else self.usual_termination_time(self.impact.velocity_m_s)
+                PAPER_TERMINATION_TIME if self.by_paper else self.usual_termination_time(self.impact.velocity_m_s)
             ),
             relative_tolerance=SEARCH_TOLERANCE,
         )
-        return self.model_copy(update={"numerics": numerics, "search": self.search.resolved()})
-
-    def canonical(self) -> dict[str, Any]:
-        """Return the resolved request as JSON data."""
-        return self.resolved().model_dump(mode="json")
+        lower, upper = usual_range(self.search.method)
+        search = filled(self.search, lower_deg=lower, upper_deg=upper)
+        return self.model_copy(update={"numerics": numerics, "search": search})
 
     def arguments(self) -> tuple[dict[str, Any], float | None]:
         """Return the arguments of `solver.critical_angle`, and the interval of a history if there is to be one.
@@ -218,10 +238,6 @@ class CriticalAngleRequest(CriticalAngleBase):
     model_config = with_examples(PAPER, PAPER_BY_SECANT, HEMISPHERE)
 
     alternatives: Alternatives = False
-
-    def canonical(self) -> dict[str, Any]:
-        """Return the resolved request as JSON data, the same with alternatives as without."""
-        return self.resolved().model_dump(mode="json", exclude={"alternatives"})
 
 
 Request = TypeVar("Request", bound=TrajectoryRequest | CriticalAngleRequest)
@@ -255,3 +271,69 @@ def answered_alternative(laws: Mapping[str, Any], answer: Mapping[str, Any]) -> 
 def with_alternatives(answer: bytes, alternatives: list[dict[str, Any]]) -> bytes:
     """Return the JSON of an answer with its alternatives behind the other fields."""
     return b'%b,"alternatives":%b}' % (answer[:-1], orjson.dumps(alternatives))
+
+
+USUAL_SCATTER: dict[str, dict[str, Any]] = {
+    "impact.velocity_m_s": {"type": "normal", "coefficient_of_variation": 0.02},
+    "target.compressive_strength_pa": {"type": "lognormal", "dispersion": 0.12},
+    "target.density_kg_m3": {"type": "normal", "coefficient_of_variation": 0.02},
+    "projectile.mass_kg": {"type": "normal", "coefficient_of_variation": 0.005},
+    "impact.angle_of_attack_deg": {"type": "normal", "standard_deviation": 1.0},
+    "resistance.free_surface.model": {
+        "type": "discrete",
+        "values": [FreeSurfaceModel.ELASTIC_PLASTIC.value, FreeSurfaceModel.MOHR_COULOMB.value],
+        "weights": [0.8, 0.2],
+    },
+}
+"""Distributions of the inputs that usually scatter, around the value of the case; the page takes them from here."""
+CENTRES = {"normal": "mean", "lognormal": "median"}
+"""Parameter of a distribution that is the value of the case."""
+
+
+class ReportedStrike(Strike):
+    """The motion at first contact, with the oblique angle if one is to be judged."""
+
+    model_config = with_examples(STRIKE, STRIKE | {"oblique_angle_deg": 45.0})
+
+    oblique_angle_deg: (
+        Annotated[ObliqueAngle, Field(description="Angle to judge: its run and outcome are in the report. [°]")]
+        | MISSING
+    ) = MISSING
+
+
+class ReportRequest(CriticalAngleRequest):
+    """One strike as in a search for its critical angle; `output` and `alternatives` are without effect."""
+
+    model_config = with_examples(PAPER, PAPER_AT_45)
+
+    impact: ReportedStrike
+
+    def check(self) -> None:
+        """Refuse routes that take seconds a case: a report is made of some hundreds.
+
+        Raises
+        ------
+        ParameterError
+            If the search or the numerics are the paper's.
+        """
+        if self.by_paper:
+            raise ParameterError("search.method", "must be `outcome` in a report, which takes hundreds of searches")
+        if self.numerics.method is Method.PANELS:
+            raise ParameterError("numerics.method", "must be `adaptive` in a report, which takes hundreds of searches")
+
+    def usual_scatter(self) -> list[dict[str, Any]]:
+        """Return the usual scatter around the values of the case, as `/cra/uncertainty` takes it.
+
+        The decay law scatters between the two theories, unless the case has none.
+        """
+        case = self.model_dump(mode="json")
+        found = []
+        for field, usual in USUAL_SCATTER.items():
+            value: Any = case
+            for name in field.split("."):
+                value = value[name]
+            if usual["type"] in CENTRES:
+                found.append({"field": field, "distribution": usual | {CENTRES[usual["type"]]: value}})
+            elif value in usual["values"]:
+                found.append({"field": field, "distribution": usual})
+        return found

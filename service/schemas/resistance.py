@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping
 from enum import StrEnum
+from functools import partial
 from typing import Annotated, Literal
 
 from pydantic import MISSING, Field
@@ -70,7 +71,7 @@ class ObliquityPolynomial(Part):
         Field(
             min_length=1,
             max_length=10,
-            default_factory=lambda: list(POLYNOMIAL.coefficients),
+            default_factory=partial(list, POLYNOMIAL.coefficients),
             description="From the constant term upwards; those fitted to finite element runs from 0° to 45°, "
             f"{list(POLYNOMIAL.coefficients)}, when not given. [1, 1/°, 1/°², ...]",
         ),
@@ -198,7 +199,7 @@ InertiaFactor = Annotated[Num, Field(ge=0.0, le=10.0, description="Scales densit
 Decay = Annotated[
     FreeSurface,
     Field(
-        default_factory=lambda: FreeSurface(model=FreeSurfaceModel.ELASTIC_PLASTIC),
+        default_factory=partial(FreeSurface, model=FreeSurfaceModel.ELASTIC_PLASTIC),
         description="Decay near the face; `elastic_plastic` without inertia when not given.",
     ),
 ]
@@ -254,7 +255,7 @@ class Resistance(Part):
     strength_factor: Annotated[
         StrengthFactor,
         Field(
-            default_factory=lambda: ObliquityPolynomial(model="obliquity_polynomial"),
+            default_factory=partial(ObliquityPolynomial, model="obliquity_polynomial"),
             description="Scales the compressive strength; `obliquity_polynomial` when not given.",
         ),
     ]

@@ -10,10 +10,10 @@ from pydantic import MISSING, BaseModel, Field, StringConstraints, model_validat
 from pydantic_core import PydanticCustomError
 
 from service.schemas.batches import MOST_LINES, TrajectoryBase
-from service.schemas.examples import PAPER, PAPER_AT_45
 from service.schemas.perforation import WALL, LimitSpeedRequest, ThicknessRequest
 from service.schemas.quantities import WHOLE, Count, Num, Part, with_examples
 from service.schemas.requests import Case, CriticalAngleBase
+from service.schemas.strike import PAPER, PAPER_AT_45
 
 MOST_AXES = 4
 EVEN = {"field": "impact.velocity_m_s", "start": 200.0, "stop": 300.0, "count": 3}

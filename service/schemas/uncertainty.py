@@ -11,11 +11,10 @@ from pydantic import Field, model_validator
 from pydantic_core import PydanticCustomError
 
 from service.schemas.building import exit_in
-from service.schemas.examples import PAPER, PAPER_AT_45
 from service.schemas.numerics import Search
 from service.schemas.quantities import WHOLE, Count, Flag, Num, Part, with_examples
 from service.schemas.requests import Case, CriticalAngleBase, TrajectoryFields
-from service.schemas.strike import Impact, Strike
+from service.schemas.strike import PAPER, PAPER_AT_45, Impact, Strike
 from service.schemas.uncertain_inputs import SCATTER, UncertainInput, accepts, inputs_of
 from solver.arrays import FloatArray
 from solver.uncertainty import (
@@ -106,10 +105,6 @@ class UncertainCase(Case):
 
     uncertain: Inputs
     sampling: Annotated[SamplingSettings, Field(default_factory=SamplingSettings)]
-
-    def canonical(self) -> dict[str, Any]:
-        """Return the request as JSON data, defaults filled in."""
-        return self.model_dump(mode="json")
 
     def resolved(self) -> Self:
         """Return the request: each sample fills in what was left open by itself."""

@@ -12,7 +12,7 @@ from contextlib import suppress
 from typing import Any, TypeVar, TypeVarTuple
 
 from service.errors import ExecutorError, PoolUnavailableError, TaskTimeoutError
-from service.workers.base import Call, CallResult
+from service.workers import Call, CallResult
 from service.workers.supervisor import CHUNK, END, PROBE, SINGLE, Task, TaskQueue, WorkerSupervisor
 from service.workers.worker import answer, dumps, loads
 from solver import warm_up

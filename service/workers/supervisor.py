@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from multiprocessing.context import ForkServerContext
 
 from service.errors import ExecutorError, PoolUnavailableError, TaskTimeoutError, WorkerCrashedError
-from service.workers.base import Call, CallResult
+from service.workers import Call, CallResult
 from service.workers.worker import STOP, WorkerDiedError, WorkerProcess, dumps, loads
 
 PROBE, SINGLE, CHUNK, END = range(4)

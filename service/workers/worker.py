@@ -22,7 +22,7 @@ from service.cache.hdf5 import Segment, encode_segments
 from service.cache.record import FloatColumns, Record
 from service.errors import PoolUnavailableError, field_errors
 from service.schemas.quantities import Part
-from service.workers.base import Call, CallResult
+from service.workers import Call, CallResult
 from solver import ParameterError, warm_up
 
 Compute = Callable[[bytes], tuple[dict[str, Any], FloatColumns | None]]

@@ -17,7 +17,7 @@ from itertools import count
 from statistics import quantiles
 from urllib.parse import urlsplit
 
-from service.schemas.examples import PAPER, PAPER_AT_45
+from service.schemas.strike import PAPER, PAPER_AT_45
 
 BODY = json.dumps(PAPER).encode()
 PAUSE = 0.005

@@ -6,8 +6,8 @@ from typing import Any
 import httpx
 import numpy as np
 
-from service.schemas.calibration.depth import TABLE_1, TABLE_2
-from service.schemas.examples import PAPER
+from service.schemas.calibration_depth import TABLE_1, TABLE_2
+from service.schemas.strike import PAPER
 
 BODY = {"projectile": PAPER["projectile"], "target": PAPER["target"]}
 TESTS = BODY | {"tests": TABLE_1}

@@ -7,7 +7,7 @@ from typing import Any
 
 import httpx
 
-from service.schemas.examples import PAPER, PAPER_AT_45
+from service.schemas.strike import PAPER, PAPER_AT_45
 
 JSONL = "application/jsonl"
 LINES = {"Content-Type": JSONL}

@@ -7,7 +7,7 @@ import httpx
 import pytest
 
 from service.schemas import CriticalAngleAnswer, TrajectoryAnswer
-from service.schemas.examples import PAPER, PAPER_AT_45
+from service.schemas.strike import PAPER, PAPER_AT_45
 
 from .refused import problem_of
 

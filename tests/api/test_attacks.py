@@ -11,7 +11,7 @@ import httpx
 import pytest
 
 from service.auth.api_keys import RELOAD_SECONDS, make_key
-from service.schemas.examples import PAPER
+from service.schemas.strike import PAPER
 
 from .attacks import ATTACKS, CHUNKED_BODY, JSON, Attack, Target, effect_of
 from .many import ASYNC, LINES, lines, searches

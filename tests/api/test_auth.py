@@ -38,7 +38,7 @@ from service.errors import (
     WorkerCrashedError,
 )
 from service.jobs.store import JobStore
-from service.schemas.examples import PAPER
+from service.schemas.strike import PAPER
 from service.settings import Settings
 from solver import ParameterError
 from tests.conftest import ROOT

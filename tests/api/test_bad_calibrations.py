@@ -7,9 +7,9 @@ from typing import Any
 import httpx
 import pytest
 
-from service.schemas.calibration.depth import TABLE_1, TABLE_2
-from service.schemas.calibration.motion import AT_30
-from service.schemas.examples import PAPER
+from service.schemas.calibration_depth import TABLE_1, TABLE_2
+from service.schemas.calibration_motion import AT_30
+from service.schemas.strike import PAPER
 
 from .refused import LITERALS, TEXT, changed, problem_of
 

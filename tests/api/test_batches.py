@@ -7,8 +7,8 @@ import httpx
 import pytest
 
 from service.schemas import CriticalAngleResults, Job, TrajectoryResults
-from service.schemas.examples import PAPER, PAPER_AT_45
 from service.schemas.problems import Problem
+from service.schemas.strike import PAPER, PAPER_AT_45
 
 from .many import ASYNC, JSONL, LINES, finished, items_of, lines, searches, strikes
 

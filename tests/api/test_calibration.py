@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from service.schemas import DepthCalibrationAnswer, MotionCalibrationAnswer, ObliquityCalibrationAnswer
-from service.schemas.calibration.depth import CURVE_POINTS, TABLE_1, TABLE_2
-from service.schemas.examples import PAPER
+from service.schemas.calibration_depth import CURVE_POINTS, TABLE_1, TABLE_2
+from service.schemas.strike import PAPER
 
 from .calibrations import BODY, POINTS, TESTS, answered, history_at, strike_at
 from .refused import problem_of

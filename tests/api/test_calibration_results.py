@@ -10,8 +10,8 @@ import httpx
 import numpy as np
 import pytest
 
-from service.schemas.calibration.depth import TABLE_1
-from service.schemas.calibration.motion import COMPARED_ROWS
+from service.schemas.calibration_depth import TABLE_1
+from service.schemas.calibration_motion import COMPARED_ROWS
 from service.schemas.requests import MOST_ROWS
 
 from .calibrations import BODY, POINTS, TESTS, answered, history_at, strike_at

@@ -7,7 +7,7 @@ from typing import Any
 import httpx
 import pytest
 
-from service.schemas.examples import PAPER_AT_45
+from service.schemas.strike import PAPER_AT_45
 
 from .many import ASYNC, finished, searches
 

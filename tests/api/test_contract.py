@@ -13,7 +13,7 @@ from pydantic import TypeAdapter
 
 from service.operations import SCHEMA_VERSION
 from service.schemas import CriticalAngleAnswer, Result, TrajectoryAnswer
-from service.schemas.examples import HEMISPHERE, PAPER, PAPER_AT_45
+from service.schemas.strike import HEMISPHERE, PAPER, PAPER_AT_45
 from solver import ENGINE_VERSION
 
 JSON = {"Content-Type": "application/json"}

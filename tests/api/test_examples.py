@@ -9,8 +9,8 @@ import pytest
 from service.api.app import create_app
 from service.api.health import Version
 from service.schemas import answers
-from service.schemas.examples import PAPER, PAPER_AT_45
 from service.schemas.quantities import Part
+from service.schemas.strike import PAPER, PAPER_AT_45
 
 SCHEMAS: dict[str, dict[str, Any]] = create_app().openapi()["components"]["schemas"]
 REQUESTS = {

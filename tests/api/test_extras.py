@@ -7,7 +7,7 @@ from pathlib import Path
 import httpx
 import pytest
 
-from service.schemas.examples import PAPER
+from service.schemas.strike import PAPER
 from tests.cli.commands import run
 from tests.conftest import ROOT, Service
 

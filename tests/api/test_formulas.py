@@ -10,7 +10,7 @@ import httpx
 import pytest
 
 from service.schemas import FormulasAnswer
-from service.schemas.examples import PAPER
+from service.schemas.strike import PAPER
 from solver import Impact, formulas
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET
 

@@ -9,7 +9,7 @@ import httpx
 import pytest
 
 from service.auth.middleware import POLICY, secured
-from service.schemas.examples import PAPER
+from service.schemas.strike import PAPER
 from service.settings import Settings
 
 from .certificates import make_certificate

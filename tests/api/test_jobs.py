@@ -11,7 +11,7 @@ import httpx
 import pytest
 
 from service.schemas import Job, JobResults, Jobs
-from service.schemas.examples import PAPER
+from service.schemas.strike import PAPER
 
 from .many import ASYNC, JSONL, LINES, finished, items_of, lines, searches, slow_strikes, strikes
 

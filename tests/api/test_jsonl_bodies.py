@@ -7,7 +7,7 @@ import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
-from service.schemas.examples import PAPER, PAPER_AT_45
+from service.schemas.strike import PAPER, PAPER_AT_45
 
 from .many import LINES, ROUGH
 from .refused import LITERALS, changed

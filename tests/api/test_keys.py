@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from service.api.app import create_app
 from service.operations import result_key
 from service.schemas import CriticalAngleRequest, TrajectoryRequest
-from service.schemas.examples import PAPER
 from service.schemas.quantities import degrees
+from service.schemas.strike import PAPER
 from solver import ParameterError
 
 SCHEMAS: dict[str, dict[str, Any]] = create_app().openapi()["components"]["schemas"]

@@ -14,7 +14,7 @@ from starlette.types import ASGIApp, Message, Scope
 
 from service.api.app import create_app
 from service.api.body import KnownBodies
-from service.schemas.examples import PAPER, PAPER_AT_45
+from service.schemas.strike import PAPER, PAPER_AT_45
 from service.settings import Settings
 
 from .many import searches

@@ -13,7 +13,7 @@ import pytest
 
 from service.auth.dependencies import ConcurrencyLimit
 from service.errors import OwnerQueriesError
-from service.schemas.examples import PAPER, PAPER_AT_45
+from service.schemas.strike import PAPER, PAPER_AT_45
 
 from .many import ASYNC, LINES, ROUGH, lines, slow_strikes, strikes
 from .refused import TEXT, problem_of

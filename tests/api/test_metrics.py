@@ -12,8 +12,8 @@ import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
 from service.api.app import create_app
-from service.api.metrics import Metrics
-from service.schemas.examples import PAPER
+from service.api.services import Metrics
+from service.schemas.strike import PAPER
 from service.settings import Settings
 from solver import ENGINE_VERSION
 from tests.conftest import ROOT

@@ -15,9 +15,9 @@ import pandas as pd
 import pytest
 from pyarrow import parquet
 
-from service.api.tables import GROUP_ROWS, as_parquet
+from service.api.results import GROUP_ROWS, as_parquet
 from service.jobs.models import CaseResult, JobState
-from service.schemas.examples import PAPER
+from service.schemas.strike import PAPER
 from solver import ENGINE_VERSION
 
 from .many import ASYNC, LINES, finished, lines

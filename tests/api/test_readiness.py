@@ -12,8 +12,8 @@ from fastapi import FastAPI
 
 from service.api.app import create_app
 from service.schemas import CriticalAngleAnswer
-from service.schemas.examples import PAPER
 from service.schemas.problems import Problem
+from service.schemas.strike import PAPER
 from service.settings import Settings
 
 pytestmark = pytest.mark.anyio

@@ -9,7 +9,7 @@ from pathlib import Path
 import httpx
 import pytest
 
-from service.schemas.examples import PAPER
+from service.schemas.strike import PAPER
 
 LONG = "^/calibration/|/uncertainty$|^/thickness|^/limit-speed|^/report$"
 """Fits, studies and walls are apart: each takes as long as twenty to a thousand other queries."""

@@ -8,8 +8,8 @@ import h5py
 import httpx
 import pytest
 
-from service.schemas.examples import PAPER, PAPER_AT_45
 from service.schemas.resistance import PUBLISHED, STRENGTH_AND_DIAMETER
+from service.schemas.strike import PAPER, PAPER_AT_45
 
 from .refused import problem_of
 

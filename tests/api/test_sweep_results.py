@@ -10,7 +10,7 @@ import httpx
 import orjson
 import pytest
 
-from service.schemas.examples import PAPER
+from service.schemas.strike import PAPER
 
 from .many import ASYNC, finished
 

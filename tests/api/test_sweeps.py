@@ -7,8 +7,8 @@ import httpx
 import pytest
 
 from service.schemas import CriticalAngleRequest
-from service.schemas.examples import PAPER, PAPER_AT_45
 from service.schemas.problems import Problem
+from service.schemas.strike import PAPER, PAPER_AT_45
 from service.schemas.sweeps import Axis, Grid, Outline
 
 from .many import ASYNC, ROUGH, finished

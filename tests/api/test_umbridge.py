@@ -6,7 +6,7 @@ from typing import Any
 import httpx
 import pytest
 
-from service.schemas.examples import PAPER, PAPER_AT_45
+from service.schemas.strike import PAPER, PAPER_AT_45
 
 
 def call(client: httpx.Client, endpoint: str, **content: Any) -> Any:

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 from service.schemas import CriticalAngleUncertaintyAnswer, TrajectoryUncertaintyAnswer
-from service.schemas.examples import PAPER
+from service.schemas.strike import PAPER
 from solver import ElasticPlastic, MohrCoulomb
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET
 from solver.uncertainty import Discrete, Normal, Sampling, Uncertain, critical_angle_uncertainty

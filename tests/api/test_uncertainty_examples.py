@@ -9,7 +9,7 @@ from pathlib import Path
 import httpx
 import pytest
 
-from service.schemas.examples import PAPER
+from service.schemas.strike import PAPER
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 

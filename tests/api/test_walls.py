@@ -17,7 +17,7 @@ from service.schemas import (
     ThicknessAnswer,
     ThicknessResults,
 )
-from service.schemas.examples import PAPER
+from service.schemas.strike import PAPER
 from solver import cea_edf_limit_speed, least_thickness, limit_velocity
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, paper_impact
 

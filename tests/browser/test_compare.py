@@ -8,7 +8,7 @@ from typing import Any
 import httpx
 from playwright.sync_api import Locator, Page, expect
 
-from service.schemas.examples import PAPER_AT_45
+from service.schemas.strike import PAPER_AT_45
 
 from .conftest import NewPage
 from .downloads import data_lines

@@ -9,7 +9,7 @@ import httpx
 import pytest
 from playwright.sync_api import Page, expect
 
-from service.schemas.examples import PAPER
+from service.schemas.strike import PAPER
 
 from .downloads import data_lines
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from playwright.sync_api import Page, Route, expect
 
-from service.schemas.examples import PAPER
+from service.schemas.strike import PAPER
 
 from .conftest import NewPage
 from .downloads import data_lines

@@ -10,7 +10,7 @@ import httpx
 import pytest
 from playwright.sync_api import Locator, Page, expect
 
-from service.schemas.examples import PAPER
+from service.schemas.strike import PAPER
 from tests.api.many import ASYNC, LINES, finished, lines, searches, slow_strikes
 
 

@@ -7,7 +7,7 @@ import httpx
 import pytest
 from playwright.sync_api import Page, Route, expect
 
-from service.schemas.examples import PAPER
+from service.schemas.strike import PAPER
 
 SPEEDS = (260.0, 310.0, 345.5, 238.0)
 WATCH = """() => {

@@ -6,7 +6,7 @@ import re
 import httpx
 from playwright.sync_api import Page, expect
 
-from service.schemas.examples import PAPER
+from service.schemas.strike import PAPER
 
 ALL_MS = 60_000
 STRIKE = PAPER | {"impact": PAPER["impact"] | {"oblique_angle_deg": 45.0}}

@@ -16,7 +16,7 @@ from pyarrow import parquet
 
 from service import cli
 from service.cli.client import connect
-from service.schemas.examples import PAPER
+from service.schemas.strike import PAPER
 from tests.api.many import searches, slow_strikes
 from tests.cli.commands import COMMAND, LIMIT_S, case_at, environment, run, run_on_terminal, write_cases
 from tests.conftest import free_port

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from service import cli
-from service.schemas.examples import PAPER_AT_45
+from service.schemas.strike import PAPER_AT_45
 from solver import Impact, critical_angle
 from solver.calibration import MotionHistory, predict_motion
 from solver.resistance import ObliquityPolynomial, Resistance

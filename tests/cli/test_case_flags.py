@@ -11,7 +11,7 @@ import pytest
 
 from service import cli
 from service.schemas import CriticalAngleRequest
-from service.schemas.examples import PAPER
+from service.schemas.strike import PAPER
 
 LAW = "resistance.strength_factor"
 NUMBERS = "--diameter 0.08 --length 0.53 --mass 13 --compressive-strength 39e6 --density 2250 --velocity 238"

@@ -14,7 +14,7 @@ import httpx
 import pytest
 
 from service import cli
-from service.schemas.examples import PAPER, PAPER_AT_45
+from service.schemas.strike import PAPER, PAPER_AT_45
 from service.settings import Settings
 from solver import ENGINE_VERSION
 from tests.cli.commands import COMMAND, LIMIT_S, environment, run

@@ -15,7 +15,7 @@ import pytest
 
 from service import cli
 from service.cli.arguments import RefusedError
-from service.schemas.examples import PAPER, PAPER_AT_45
+from service.schemas.strike import PAPER, PAPER_AT_45
 from tests.cli.commands import STRIKE_TOML, run, run_on_terminal
 from tests.conftest import free_port
 

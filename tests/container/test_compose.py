@@ -18,7 +18,7 @@ import yaml
 from service.auth.api_keys import ApiKeyStore
 from service.cli.arguments import CommandError
 from service.cli.serve import check_access
-from service.schemas.examples import PAPER
+from service.schemas.strike import PAPER
 from service.settings import Settings
 from solver import warm_up
 from tests.conftest import START_LIMIT_S, free_port

@@ -17,7 +17,7 @@ from pathlib import Path
 import httpx
 import pytest
 
-from service.schemas.examples import PAPER
+from service.schemas.strike import PAPER
 from tests.conftest import START_LIMIT_S, STOP_LIMIT_S, free_port
 
 from .clean_root import RELEASES, WHEELS, Container, build, skip_unless_possible

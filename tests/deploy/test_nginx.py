@@ -16,7 +16,7 @@ from pathlib import Path
 import httpx
 import pytest
 
-from service.schemas.examples import PAPER
+from service.schemas.strike import PAPER
 from tests.api.certificates import Certificate, make_certificate
 from tests.conftest import ROOT, Service, free_port
 

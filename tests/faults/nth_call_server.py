@@ -17,8 +17,8 @@ from typing import Any
 from service.api.app import create_app
 from service.cli.server import Server
 from service.errors import ExecutorError, FolderInUseError
-from service.logs import configure
 from service.settings import Settings
+from service.telemetry import configure_log
 from solver import warm_up
 
 NOT_STARTED = 3
@@ -31,7 +31,7 @@ def serve(order: dict[str, Any]) -> int:
         os.dup2(log, stream)
     library = ctypes.CDLL(None)
     library.nth_call_arm(order["data"].encode(), ctypes.c_long(order["number"]), order["fault"])
-    configure("warning")
+    configure_log("warning")
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
     settings = Settings(
         data_dir=Path(order["data"]), port=order["port"], executor="in-process", log_level="warning", access="open"

@@ -10,7 +10,7 @@ from typing import Any
 import httpx
 import pytest
 
-from service.schemas.examples import PAPER
+from service.schemas.strike import PAPER
 
 from .cases import jsonl, searches, slowly
 from .data_folder import keys_of, segments

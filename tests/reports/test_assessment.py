@@ -18,7 +18,7 @@ from service.assessment import first_queries, probability_range, require_extra, 
 from service.errors import ReportsMissingError
 from service.reports.assessment_numbers import FIELDS, leaves, lookup
 from service.schemas import ReportRequest
-from service.schemas.examples import HEMISPHERE, PAPER, TRUNCATED_CONE
+from service.schemas.strike import HEMISPHERE, PAPER, TRUNCATED_CONE
 from solver import Impact, critical_angle, formulas, mass_properties, simulate
 from solver.formulas import PERFORATION_MARGIN, SCABBING_MARGIN
 

@@ -9,12 +9,11 @@ from opentelemetry.trace import Tracer
 
 from service.cache.cache import ResultCache
 from service.jobs.manager import JobManager
-from service.jobs.models import Case, CaseResult, JobState
+from service.jobs.models import NO_TRACER, Case, CaseResult, JobState
 from service.jobs.store import JobStore
-from service.jobs.traces import NO_TRACER
 from service.operations import KeyedRequest
 from service.queries import QueryService
-from service.workers.base import Executor
+from service.workers import Executor
 from tests.service.questions import SQUARE, Question
 
 

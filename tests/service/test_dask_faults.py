@@ -17,12 +17,12 @@ import pytest
 from distributed import Client
 from pydantic import ValidationError
 
-from service.dask.cluster import UnfitWorkerError, differences, run_chunk, versions
-from service.dask.executor import DaskExecutor
 from service.errors import WorkerCrashedError
-from service.schemas.examples import PAPER
+from service.schemas.strike import PAPER
 from service.settings import Settings
-from service.workers.base import Call
+from service.workers import Call
+from service.workers.dask_cluster import UnfitWorkerError, differences, run_chunk, versions
+from service.workers.dask_executor import DaskExecutor
 from tests.service.dask_cluster import DaskCluster, dask_cluster
 from tests.service.squares import accepted, all_results, cases, ended, running, squares, until_done
 
@@ -125,7 +125,8 @@ async def test_scheduler_killed_and_started_again_costs_no_case(
 async def test_call_that_ends_whole_workers_fails_alone(
     executor: DaskExecutor, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("service.dask.executor.PATIENCE_SECONDS", WAIT_SECONDS)  # both workers are gone for a while
+    # both workers are gone for a while
+    monkeypatch.setattr("service.workers.dask_executor.PATIENCE_SECONDS", WAIT_SECONDS)
     first, deadly, last = await executor.run([(operator.add, (1, 2)), KILL_WORKER, (operator.add, (3, 4))])
     assert (first.value, last.value) == (3, 7)
     assert isinstance(deadly.error, WorkerCrashedError)

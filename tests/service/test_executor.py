@@ -20,7 +20,7 @@ import numpy as np
 import pytest
 
 from service.errors import PoolUnavailableError, TaskTimeoutError, WorkerCrashedError
-from service.workers.base import Call
+from service.workers import Call
 from service.workers.process_pool import ProcessPool
 
 pytestmark = [pytest.mark.anyio, pytest.mark.timed, pytest.mark.timeout(60)]

@@ -15,12 +15,12 @@ import numpy as np
 import orjson
 import pytest
 
-from service.dask.executor import DaskExecutor
 from service.errors import PoolUnavailableError, TaskTimeoutError, WorkerCrashedError
 from service.operations import compute_critical_angle, compute_trajectory
 from service.schemas import CriticalAngleRequest, TrajectoryRequest
-from service.schemas.examples import PAPER, PAPER_AT_45
-from service.workers.base import Call, Executor
+from service.schemas.strike import PAPER, PAPER_AT_45
+from service.workers import Call, Executor
+from service.workers.dask_executor import DaskExecutor
 from service.workers.process_pool import InThreadExecutor, ProcessPool
 from service.workers.worker import answer, compute_case, compute_single, dumps, loads
 from tests.service.dask_cluster import DaskCluster, dask_cluster

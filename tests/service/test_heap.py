@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from service.heap import give_back
+from service.api.app import give_back_memory
 
 BLOCK, BLOCKS, PINNED = 4096, 40_000, 50
 """Bytes; blocks; one in so many stays. Pages between them are free, but not at the end of the heap."""
@@ -28,7 +28,7 @@ def test_memory_between_what_stays_is_given_back() -> None:
     pinned = blocks[::PINNED]
     blocks.clear()
     before = resident_bytes()
-    give_back()
+    give_back_memory()
     assert before - resident_bytes() > 0.5 * BLOCK * BLOCKS
     assert all(block[0] == 1 for block in pinned)
 

@@ -3,7 +3,7 @@
 import pytest
 
 from service.jobs.models import Sweep, title_of
-from service.schemas.examples import PAPER
+from service.schemas.strike import PAPER
 
 
 @pytest.mark.parametrize(

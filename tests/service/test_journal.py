@@ -16,7 +16,7 @@ import pytest
 
 from service.cache.cache import JOURNAL_BYTES, JOURNAL_RECORDS, NOT_CACHED, ResultCache
 from service.cache.hdf5 import Segment, encode_segments
-from service.cache.journal import Journal
+from service.cache.index import Journal
 from service.cache.maintenance import stat
 from service.cache.record import Record
 from tests.service.records import critical_angle, key_of, made, obliquity_fit, trajectory

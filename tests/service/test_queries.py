@@ -16,7 +16,7 @@ from service.errors import ComputationCancelled, QueriesWaitingError, WorkerCras
 from service.operations import Answer, KeyedRequest, Operation
 from service.queries import QueryService
 from service.schemas.quantities import Part
-from service.workers.base import Executor
+from service.workers import Executor
 from service.workers.process_pool import ProcessPool
 from tests.faults.data_folder import keys_of, segments
 

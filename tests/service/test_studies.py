@@ -13,7 +13,6 @@ import pytest
 
 from service.cache.cache import ResultCache
 from service.cache.record import Record
-from service.dask.executor import DaskExecutor
 from service.errors import QuotaError
 from service.jobs.manager import JobManager
 from service.jobs.models import Case, CaseResult, JobState
@@ -21,8 +20,9 @@ from service.jobs.store import JobStore
 from service.jobs.studies import run_study
 from service.operations import OPERATIONS, KeyedRequest
 from service.queries import QueryService
-from service.schemas.examples import PAPER
-from service.workers.base import Executor
+from service.schemas.strike import PAPER
+from service.workers import Executor
+from service.workers.dask_executor import DaskExecutor
 from service.workers.process_pool import InThreadExecutor, ProcessPool
 from tests.service.dask_cluster import DaskCluster, dask_cluster
 from tests.service.squares import ended

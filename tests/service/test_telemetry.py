@@ -16,7 +16,7 @@ import pytest
 from opentelemetry.proto.collector.trace.v1.trace_service_pb2 import ExportTraceServiceRequest
 from opentelemetry.proto.trace.v1.trace_pb2 import Span
 
-from service.schemas.examples import PAPER
+from service.schemas.strike import PAPER
 from service.settings import Settings
 
 ROOT = Path(__file__).parents[2]

@@ -10,7 +10,7 @@ from pydantic import MISSING, Field, StringConstraints
 
 from service.schemas.answers import VERSIONED, EngineVersion, Key, ModelWarning
 from service.schemas.building import warning_texts
-from service.schemas.calibration.shared import (
+from service.schemas.calibration_motion import (
     Calibration,
     FittedStrength,
     Residuals,
@@ -18,7 +18,6 @@ from service.schemas.calibration.shared import (
     estimate_told,
 )
 from service.schemas.numerics import Obliquity
-from service.schemas.projectile import PROJECTILE
 from service.schemas.quantities import WHOLE, Count, Num, Part, with_examples
 from service.schemas.resistance import (
     LARGEST_COEFFICIENT,
@@ -26,7 +25,7 @@ from service.schemas.resistance import (
     CovarianceMatrix,
     ObliquityPolynomial,
 )
-from service.schemas.strike import TARGET
+from service.schemas.strike import PROJECTILE, TARGET
 from solver.arrays import FloatArray
 from solver.calibration import DepthFit, ObliquityFit
 from solver.calibration import DepthTest as SolverTest

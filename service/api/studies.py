@@ -1,33 +1,42 @@
-"""How sure an angle or an outcome is: samples are cases of cache and executor like those of a batch."""
+"""Studies of one strike: how sure an angle or an outcome is, and the report.
+
+Their samples are cases of cache and executor like those of a batch. A worker draws the page of a report.
+"""
 
 import asyncio
 import hashlib
 import time
-from collections.abc import AsyncIterator, Coroutine
+from collections.abc import AsyncIterator, Coroutine, Mapping
 from contextlib import nullcontext
+from datetime import UTC, datetime
 from http import HTTPStatus
 from typing import Any, TypeVar
 
+import orjson
 from anyio.to_thread import run_sync
 from fastapi import APIRouter, HTTPException, Request, Response
+from fastapi.responses import HTMLResponse
 
 from service.api.batch_response import IdempotencyKey, JobResponse, WantedPreference
 from service.api.body import JSON, KnownBody, Preference, next_turn, parse_json, read_body, require_type
-from service.api.contract import STUDIED, one_body
-from service.api.queries import reply, validated
+from service.api.contract import STUDIED, one_body, problems
+from service.api.page import REPORT_POLICY
+from service.api.queries import computed, computed_with_alternatives, reply, validated, validated_as
 from service.api.services import Services, services_of
+from service.assessment import Query, first_queries, require_extra, strike_queries, write_page
 from service.auth.dependencies import RUN, RequestContext, context_in
-from service.errors import InvalidBodyError, PoolUnavailableError
+from service.errors import InvalidBodyError, PoolUnavailableError, ProblemType, problem_of
 from service.jobs.models import Case
-from service.logs import BEGUN
-from service.operations import UNCERTAIN, KeyedRequest
+from service.operations import OPERATIONS, UNCERTAIN, KeyedRequest
 from service.queries import check_work
 from service.schemas import (
     CriticalAngleUncertaintyAnswer,
     CriticalAngleUncertaintyRequest,
+    ReportRequest,
     TrajectoryUncertaintyAnswer,
     TrajectoryUncertaintyRequest,
 )
+from service.telemetry import BEGUN
 
 Result = TypeVar("Result")
 
@@ -96,13 +105,13 @@ async def estimate(request: Request, operation: str, preference: Preference, ide
         return await answer_with_job(services, context, job, case, query, digest, begun)
     with services.owner_queries.held(context.principal.owner) if context.principal.key else nullcontext():
         answer = services.jobs.answer_study(operation, query, case, take=context.take, limiter=services.reading)
-        computed, status = await unless_left(request, answer)
+        found, status = await unless_left(request, answer)
     if status == "hit":  # computed for another request
         context.take(known.cases)
-    services.metrics.count(operation, computed.outcome, status, 1)
+    services.metrics.count(operation, found.outcome, status, 1)
     now = time.perf_counter()
     timing = f"validate;dur={1e3 * (read - begun):.2f}, compute;dur={1e3 * (now - read):.2f}"
-    return reply(computed.json, status, f"{timing}, total;dur={1e3 * (now - begun):.2f}")
+    return reply(found.json, status, f"{timing}, total;dur={1e3 * (now - begun):.2f}")
 
 
 async def unless_left(request: Request, work: Coroutine[Any, Any, Result]) -> Result:
@@ -182,3 +191,80 @@ async def answer_with_job(
 async def one_block(case: Case) -> AsyncIterator[list[Case]]:
     """Yield the only case of a job."""
     yield [case]
+
+
+NEEDED = "cra"
+"""The query without whose answer there is no report."""
+
+
+@router.post(
+    "/report",
+    response_class=HTMLResponse,
+    responses={
+        200: {
+            "description": "A page that needs no other file, for two sheets of A4.",
+            "content": {"text/html": {"schema": {"type": "string"}}},
+        },
+        **problems(400, 413, 415, 422, 429, 500, 501, 503),
+    },
+    openapi_extra=one_body(ReportRequest),
+    tags=["critical ricochet angle"],
+)
+async def make_report(request: Request) -> HTMLResponse:
+    """Write the report of one strike: critical angle and spread, other models, runs, limits of validity, formulas.
+
+    Of some 300 cases, most of them samples of the usual scatter; each is kept and counted like any other. With
+    `impact.oblique_angle_deg` the strike at that angle is judged too.
+    """
+    require_extra()
+    services = services_of(request)
+    require_type(request, JSON)
+    body = await read_body(request, services.settings.max_body_bytes)
+    if not body:
+        raise InvalidBodyError([{"pointer": "", "detail": "Field required"}])
+    await next_turn(services.parsing)
+    given = parse_json(body, services.settings.max_body_depth)
+    strike = validated_as(ReportRequest, given)
+    strike.check()
+    answers = await unless_left(request, answers_to(request, strike))
+    made = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")
+    page = await services.executor.submit(write_page, given, answers, made, str(request.base_url))
+    return HTMLResponse(page, headers={"Cache-Control": "no-store", "Content-Security-Policy": REPORT_POLICY})
+
+
+async def answers_to(request: Request, strike: ReportRequest) -> dict[str, Any]:
+    """Return the answers of the report by name, an object with a `problem` where there is none."""
+    found = await answer_all(request, first_queries(strike))
+    return found | await answer_all(request, strike_queries(strike, found[NEEDED]))
+
+
+async def answer_all(request: Request, queries: Mapping[str, Query]) -> dict[str, Any]:
+    """Answer some queries at the same time."""
+    found = await asyncio.gather(*(answer_query(request, name, query) for name, query in queries.items()))
+    return dict(zip(queries, found, strict=True))
+
+
+async def answer_query(request: Request, name: str, query: Query) -> Any:
+    """Answer one query; its problem takes the place of an answer that a report can do without."""
+    services, context = services_of(request), context_in(request.scope)
+    operation = query.operation
+    try:
+        case = validated(query.body, operation, services)
+        keyed = KeyedRequest.of(operation, case)
+        if operation in UNCERTAIN:
+            with services.owner_queries.held(context.principal.owner) if context.principal.key else nullcontext():
+                record, status = await services.jobs.answer_study(
+                    operation, keyed, case, take=context.take, limiter=services.reading
+                )
+            services.metrics.count(operation, record.outcome, status, 1)
+            return orjson.loads(record.json)
+        context.take(OPERATIONS[operation].cases(case))
+        if getattr(case, "alternatives", False):
+            content, _ = await computed_with_alternatives(request, operation, case, keyed)
+            return orjson.loads(content)
+        record, _ = await computed(services, context, operation, keyed)
+        return orjson.loads(record.json)
+    except Exception as error:
+        if name == NEEDED or ProblemType.of(error).status != HTTPStatus.UNPROCESSABLE_ENTITY:
+            raise
+        return {"problem": problem_of(error)}

@@ -8,8 +8,9 @@ from pydantic import MISSING, Field
 
 from service.schemas.answers import VERSIONED, WARNING, EngineVersion, Key, ModelWarning
 from service.schemas.building import warning_texts
-from service.schemas.calibration.motion import AT_30, COMPARED_ROWS
-from service.schemas.calibration.shared import (
+from service.schemas.calibration_motion import (
+    AT_30,
+    COMPARED_ROWS,
     ConfidenceInterval,
     FittedStrength,
     StandardError,

@@ -15,9 +15,9 @@ from typing import Any, TypeVar, TypeVarTuple
 
 from distributed import Future, KilledWorker
 
-from service.dask.cluster import Cluster, in_time, run_chunk, versions
 from service.errors import PoolUnavailableError, WorkerCrashedError
-from service.workers.base import Call, CallResult
+from service.workers import Call, CallResult
+from service.workers.dask_cluster import Cluster, in_time, run_chunk, versions
 from service.workers.process_pool import ProcessPool
 from service.workers.worker import answer, dumps, loads
 

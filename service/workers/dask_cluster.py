@@ -17,7 +17,7 @@ from distributed import WorkerPlugin as Plugin
 from distributed.worker_state_machine import TaskStateState
 
 from service.operations import SCHEMA_VERSION
-from service.workers.base import CallResult
+from service.workers import CallResult
 from service.workers.process_pool import ProcessPool
 from service.workers.worker import answer
 from solver import ENGINE_VERSION
