@@ -15,7 +15,7 @@ from service.schemas.calibration_motion import (
     FittedStrength,
     Residuals,
     StrengthFactorValue,
-    estimate_told,
+    estimate_answer,
 )
 from service.schemas.numerics import Obliquity
 from service.schemas.quantities import WHOLE, Count, Num, Part, with_examples
@@ -168,13 +168,13 @@ class DepthCalibrationAnswer(FittedStrength):
 
 def depth_answer(fit: DepthFit, curves: Sequence[tuple[float, FloatArray, FloatArray]]) -> dict[str, Any]:
     """Return the answer from a fit and the curves: strength factor, velocities and depths of each."""
-    answer = estimate_told(fit.estimate) | {
+    answer = estimate_answer(fit.estimate) | {
         "residuals": fit.residuals.tolist(),
         "predicted_depth_m": fit.predicted.tolist(),
         "root_mean_square_m": fit.root_mean_square,
     }
     if fit.groups:
-        answer["groups"] = [{"group": name} | estimate_told(group.estimate) for name, group in fit.groups.items()]
+        answer["groups"] = [{"group": name} | estimate_answer(group.estimate) for name, group in fit.groups.items()]
     if curves:
         answer["curves"] = [
             {"strength_factor": factor, "velocity_m_s": velocities.tolist(), "depth_m": depths.tolist()}

@@ -90,7 +90,7 @@ class FittedStrength(Part):
     confidence_interval: ConfidenceInterval
 
 
-def estimate_told(estimate: Estimate) -> dict[str, Any]:
+def estimate_answer(estimate: Estimate) -> dict[str, Any]:
     """Return an estimate as the contract has it."""
     return {
         "strength_factor": estimate.strength_factor,

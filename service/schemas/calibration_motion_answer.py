@@ -15,7 +15,7 @@ from service.schemas.calibration_motion import (
     FittedStrength,
     StandardError,
     StrengthFactorValue,
-    estimate_told,
+    estimate_answer,
 )
 from service.schemas.quantities import Num, Part, with_examples
 from service.schemas.resistance import FreeSurfaceModel
@@ -208,7 +208,7 @@ def motion_answer(
     """
     requested = fits.requested
     runs = [_run(fit, motions) for fit, motions in zip(requested.runs, compared, strict=True)]
-    answer = estimate_told(requested.estimate) | ({"runs": runs} if several else runs[0])
+    answer = estimate_answer(requested.estimate) | ({"runs": runs} if several else runs[0])
     return answer | {
         "normalized_root_mean_square": requested.normalized_root_mean_square,
         "decay_laws": [_decay_law(name, fit, several=several) for name, fit in fits.laws.items()],
@@ -247,7 +247,7 @@ def _decay_law(name: str, fit: MotionsFit | None, *, several: bool) -> dict[str,
 
 
 def _estimate(fit: MotionFit | MotionsFit) -> dict[str, Any]:
-    return estimate_told(fit.estimate) | {"normalized_root_mean_square": fit.normalized_root_mean_square}
+    return estimate_answer(fit.estimate) | {"normalized_root_mean_square": fit.normalized_root_mean_square}
 
 
 def _columns(motion: MotionHistory, quantities: Sequence[str]) -> dict[str, list[float]]:

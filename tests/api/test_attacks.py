@@ -66,7 +66,7 @@ def test_no_key_opens_nothing(guarded: Guarded, method: str, path: str, authoriz
         problem_of(told, 401)
 
 
-def test_wrong_keys_open_nothing_and_are_told_alike(guarded: Guarded) -> None:
+def test_wrong_keys_open_nothing_and_are_answered_alike(guarded: Guarded) -> None:
     right = guarded.anna.headers["Authorization"].removeprefix("Bearer ")
     revoked = key_in(guarded.folder, "gone", days=1e-9)
     other_case = right[:-1] + ("A" if right[-1] != "A" else "B")

@@ -274,7 +274,7 @@ def audited(log: Path, request_id: str) -> str:
     return log.read_text()
 
 
-def test_audit_log_tells_who_had_what_done(guarded: Guarded) -> None:
+def test_audit_log_records_who_had_what_done(guarded: Guarded) -> None:
     log = guarded.folder.parent / "audit.log"
     job = job_of(guarded.anna, 4, **{"X-Request-ID": "audited-job"})
     guarded.bert.post(f"{job['links']['self']}/cancel", headers={"X-Request-ID": "audited-cancel"})
@@ -407,7 +407,7 @@ def test_without_a_key_it_starts_for_this_machine_alone(tmp_path: Path) -> None:
         ("127.0.0.1", "keys", True, True),
     ],
 )
-def test_start_takes_a_key_unless_it_is_told_otherwise(
+def test_start_takes_a_key_unless_it_is_set_otherwise(
     tmp_path: Path, host: str, access: Any, key: bool, starts: bool
 ) -> None:
     if key:
@@ -665,7 +665,7 @@ def test_two_tokens_differ_and_open_only_their_own_key() -> None:
     assert not key.fits(token + "x")
 
 
-def test_window_frees_what_was_asked_for_an_hour_ago(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_window_frees_what_was_requested_an_hour_ago(monkeypatch: pytest.MonkeyPatch) -> None:
     now = 1_000_000.0
     monkeypatch.setattr(time, "time", lambda: now)
     quota = Quota(10)

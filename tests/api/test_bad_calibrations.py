@@ -197,7 +197,7 @@ def test_body_that_is_no_calibration_is_refused_whole(
     assert [error.pointer for error in found.errors] == [pointer]
 
 
-def test_columns_full_of_mistakes_are_told_of_by_their_first(client: httpx.Client) -> None:
+def test_columns_full_of_mistakes_are_reported_by_their_first(client: httpx.Client) -> None:
     body = CALIBRATIONS["/calibration/motion"] | {"history": {name: ["x"] * 20_000 for name in AT_30}}
     found = problem_of(client.post("/calibration/motion", json=body), 422)
     assert [error.pointer for error in found.errors] == [f"/history/{name}/0" for name in AT_30]

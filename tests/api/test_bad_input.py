@@ -101,7 +101,7 @@ def test_cra_problem_names_the_field(client: httpx.Client, pointer: str, value: 
     assert [error.pointer for error in found.errors] == [named], found
 
 
-def test_every_error_is_told_up_to_a_hundred(client: httpx.Client) -> None:
+def test_every_error_is_reported_up_to_a_hundred(client: httpx.Client) -> None:
     body = PAPER | {f"field_{number}": number for number in range(1000)}
     assert len(problem_of(client.post("/cra", json=body), 422).errors) == 100
 
@@ -186,7 +186,9 @@ def test_unknown_key_is_not_found(client: httpx.Client, key: str) -> None:
         ("PATCH", "/cra", "POST"),
     ],
 )
-def test_unknown_method_is_told_which_are_known(client: httpx.Client, method: str, path: str, allowed: str) -> None:
+def test_unknown_method_is_answered_with_those_that_are_known(
+    client: httpx.Client, method: str, path: str, allowed: str
+) -> None:
     response = client.request(method, path)
     problem_of(response, 405)
     assert response.headers["Allow"] == allowed

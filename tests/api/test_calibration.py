@@ -100,7 +100,7 @@ def test_quantities_that_are_not_given_are_absent(client: httpx.Client, motion: 
     assert list(answer["root_mean_square"]) == list(answer["r_squared"]) == ["rotation_deg"]
 
 
-def test_rows_behind_the_end_asked_for_are_not_used(client: httpx.Client, motion: dict[str, Any]) -> None:
+def test_rows_behind_the_requested_end_are_not_used(client: httpx.Client, motion: dict[str, Any]) -> None:
     history = motion["history"]
     deepest = int(np.argmax(history["depth_displacement_m"]))
     until = answered(client, "/calibration/motion", motion | {"until_s": 0.001})
@@ -226,7 +226,7 @@ def test_covariance_gives_the_critical_angle_a_standard_error(client: httpx.Clie
     assert other["critical_angle_standard_error_deg"] == pytest.approx(half, abs=0.01)
 
 
-def test_standard_error_is_told_of_many_angles_too(client: httpx.Client) -> None:
+def test_standard_error_is_given_of_many_angles_too(client: httpx.Client) -> None:
     case = PAPER | {"search": NARROW, "resistance": {"strength_factor": EQ_9 | {"covariance": COVARIANCE}}}
     alone = answered(client, "/cra", case)
     axes = [{"field": "impact.velocity_m_s", "values": [238.0]}]

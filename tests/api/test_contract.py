@@ -53,7 +53,7 @@ def test_history_runs_from_first_contact_to_the_final_instant(trajectory: dict[s
     assert {name: column[-1] for name, column in history.items()} == pytest.approx(trajectory["final"], rel=1e-12)
 
 
-def test_history_is_given_as_asked_for(client: httpx.Client, trajectory: dict[str, Any]) -> None:
+def test_history_is_given_as_requested(client: httpx.Client, trajectory: dict[str, Any]) -> None:
     without = client.post("/trajectory", json=PAPER_AT_45 | {"output": {"history": False}}).json()
     assert "history" not in without
     assert without["final"] == trajectory["final"]

@@ -55,7 +55,7 @@ def test_computed_answers_have_them_whether_known_or_not(client: httpx.Client) -
         assert headers["Cache-Control"] == "no-store"
 
 
-def test_result_may_be_kept_and_asked_for_again(client: httpx.Client) -> None:
+def test_result_may_be_kept_and_revalidated(client: httpx.Client) -> None:
     key = client.post("/cra", json=PAPER).json()["key"]
     first = client.get(f"/results/{key}")
     assert first.headers["Cache-Control"] == "private, no-cache"
@@ -154,6 +154,6 @@ def test_half_of_tls_is_refused(tmp_path: Path) -> None:
         Settings(tls_certificate=tmp_path / "certificate.pem")
 
 
-def test_names_are_told_with_commas_between_them(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_names_are_listed_with_commas_between_them(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("RICOCHET_ALLOWED_HOSTS", "a.example, b.example")
     assert Settings().allowed_hosts == ("a.example", "b.example")

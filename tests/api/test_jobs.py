@@ -36,7 +36,7 @@ def items(client: httpx.Client, job: dict[str, Any]) -> list[dict[str, Any]]:
     return items_of(client.get(job["links"]["results"], headers={"Accept": JSONL}))
 
 
-def test_finished_job_tells_its_times_and_counts(client: httpx.Client, job: dict[str, Any]) -> None:
+def test_finished_job_gives_its_times_and_counts(client: httpx.Client, job: dict[str, Any]) -> None:
     told = Job.model_validate(job)
     assert job["counts"] == {"total": 260, "done": 260, "cached": 0, "failed": 1}
     assert told.started is not None
@@ -164,7 +164,7 @@ def test_events_tell_of_a_job_until_its_end(client: httpx.Client) -> None:
     assert resumed == events[-1:]
 
 
-def test_events_of_a_job_under_way_are_not_told_again(client: httpx.Client) -> None:
+def test_events_of_a_job_under_way_are_not_sent_again(client: httpx.Client) -> None:
     job = client.post("/trajectory/batch", json={"cases": slow_strikes(30)}, headers=ASYNC).json()
     with client.stream("GET", job["links"]["events"]) as response:
         seen = next(line for line in response.iter_lines() if line.startswith("id: ")).removeprefix("id: ")

@@ -49,5 +49,5 @@ def test_no_header_takes_long_to_read() -> None:
         (Preference(False, 100), 30.0, "wait=30"),
     ],
 )
-def test_what_was_obeyed_is_told(preference: Preference, waited: float | None, told: str | None) -> None:
+def test_applied_preferences_are_named(preference: Preference, waited: float | None, told: str | None) -> None:
     assert preference.applied(waited).get("Preference-Applied") == told

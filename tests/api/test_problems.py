@@ -77,7 +77,7 @@ async def test_names_of_problems_are_unique() -> None:
     assert len(titles) == len({error.type for error in found}) > 10
 
 
-async def test_problem_of_many_cases_tells_the_line() -> None:
+async def test_problem_of_many_cases_gives_the_line() -> None:
     found = (await answer_to(InvalidBodyError([{"pointer": "/17", "detail": "is empty"}], "line 18"))).json()
     assert (found["detail"], found["errors"]) == ("line 18: /17: is empty", [{"pointer": "/17", "detail": "is empty"}])
 
@@ -93,12 +93,12 @@ async def test_problem_of_many_cases_tells_the_line() -> None:
         ("numerics.relative_tolerance", "/numerics/relative_tolerance"),
     ],
 )
-async def test_parameter_is_told_by_its_name_in_the_request(field: str, pointer: str) -> None:
+async def test_parameter_is_named_as_in_the_request(field: str, pointer: str) -> None:
     response = await answer_to(ParameterError(field, "is wrong"))
     assert response.json()["errors"] == [{"pointer": pointer, "detail": "is wrong"}]
 
 
-def test_wrong_method_is_told_all_that_the_path_allows(client: httpx.Client) -> None:
+def test_wrong_method_is_answered_with_all_that_the_path_allows(client: httpx.Client) -> None:
     paths = {"/jobs/1": "DELETE, GET, HEAD, PATCH", "/cra": "POST", "/jobs/1/cancel": "POST", "/livez": "GET, HEAD"}
     for path, allowed in paths.items():
         answer = client.request("PUT", path)

@@ -78,7 +78,7 @@ def test_map_shows_the_angles_of_the_service(page: Page, client: httpx.Client) -
     expect(cell.get_by_role("status")).to_have_text(f"turned away from {angles[0]:.2f}° on")
 
 
-def test_map_of_outcomes_tells_them_apart_in_words(page: Page, tmp_path: Path) -> None:
+def test_map_of_outcomes_distinguishes_them_in_words(page: Page, tmp_path: Path) -> None:
     page.goto("/#/map?operation=trajectory&x=impact.oblique_angle_deg,40,60,5&y=impact.velocity_m_s,237,239,2")
     page.get_by_role("button", name="Run").click()
     expect(page.locator("#map-counts")).to_have_text(

@@ -9,7 +9,7 @@ from service import cli
 from tests.cli.commands import run
 
 
-def test_table_tells_apart_what_is_in_range(folder: Path) -> None:
+def test_table_distinguishes_what_is_in_range(folder: Path) -> None:
     done = run(folder, "formulas", "strike.toml")
     assert (done.status, done.err) == (0, ""), done.err
     lines = {line.split()[0]: line for line in done.out.splitlines() if line.strip()}

@@ -127,7 +127,7 @@ def test_every_fine_trial_is_the_run_at_its_angle() -> None:
             assert trial.outcome == run.outcome or abs(math.degrees(trial.oblique_angle) - 48.634) < 1.0
 
 
-def test_bisection_keeps_the_sign_change_and_stops_when_two_angles_in_a_row_differ_by_less_than_asked() -> None:
+def test_bisection_keeps_the_sign_change_and_stops_when_two_angles_in_a_row_are_within_the_tolerance() -> None:
     found = find(method="bisection", relative_tolerance=0.01)
     positions = {trial.oblique_angle: trial.final_position for trial in found.iterations}
     tried = list(positions)

@@ -134,7 +134,7 @@ def test_work_done_is_energy_lost(angle: float) -> None:
     assert (np.diff(run.kinetic_energy) < 1e-6 * run.kinetic_energy[0]).all()
 
 
-def test_plug_asks_for_a_thicker_wall_and_lowers_the_limit_speed() -> None:
+def test_plug_requires_a_thicker_wall_and_lowers_the_limit_speed() -> None:
     case: dict[str, Any] = {"projectile": PAPER_PROJECTILE, "target": PAPER_TARGET}
     plug = Resistance(rear_plug=ShearPlug())
     for angle in (0.0, 30.0):

@@ -51,7 +51,7 @@ def page(folder: Path) -> str:
     return (folder / "index.html").read_text(encoding="utf-8")
 
 
-def test_page_asks_for_nothing_beyond_itself(page: str) -> None:
+def test_page_requests_nothing_beyond_itself(page: str) -> None:
     assert not re.search(r"https?://|<script|@import|url\(", page)
     assert all(address.startswith("#") for address in re.findall(r'href="([^"]*)"', page))
     assert all(address.startswith("data:image/svg+xml;base64,") for address in re.findall(r'src="([^"]*)"', page))
