@@ -55,6 +55,8 @@ SUFFIXES = (".py", ".md", ".js", ".toml", ".yaml")
 EXEMPT = {"CHANGELOG.md", "docs/vocabulary.py"}
 PATTERN = re.compile(r"(?<![\w])(" + "|".join(map(re.escape, REPLACED)) + r")(?![\w])")
 PHRASE = re.compile("|".join(rf"(?<!\w){re.escape(phrase)}(?!\w)" for phrase in PHRASES), re.IGNORECASE)
+BARE = re.compile(r"\s+Of ")
+"""Beginning of the description of a parameter that leaves its noun out."""
 
 
 def main() -> int:
@@ -66,6 +68,9 @@ def main() -> int:
         for number, line in enumerate(Path(name).read_text(encoding="utf-8").splitlines(), 1):
             for match in PATTERN.finditer(line):
                 print(f"{name}:{number}: `{match[1]}` is now `{REPLACED[match[1]]}`")
+                found += 1
+            if name.endswith(".py") and name.startswith(WORDED) and BARE.match(line):
+                print(f"{name}:{number}: `Of`: {PHRASES[OF]}")
                 found += 1
             for match in PHRASE.finditer(line) if name.startswith(WORDED) else ():
                 print(f"{name}:{number}: `{match[0]}`: {PHRASES.get(match[0].lower(), PHRASES[OF])}")

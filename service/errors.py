@@ -308,7 +308,7 @@ def validation_errors(errors: Sequence[Any], before: str = "") -> list[dict[str,
 def problem_of(exception: BaseException, errors: Sequence[dict[str, str]] | None = None) -> dict[str, Any]:
     """Return the problem that an exception is answered as, without its `instance`.
 
-    Of what is not foreseen only the log has the cause.
+    Only the log has the cause of an error that is not foreseen.
 
     Parameters
     ----------

@@ -231,7 +231,7 @@ class Compiled:
     function
         In Python.
     options
-        Of `numba.njit`.
+        Options of `numba.njit`.
     """
 
     def __init__(self, function: Callable[..., object], options: dict[str, Any]) -> None:

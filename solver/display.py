@@ -72,11 +72,11 @@ def card(title: str, rows: Mapping[str, str], warnings: Iterable[Warned] = (), m
     Parameters
     ----------
     title
-        Of the answer, as text.
+        Summary of the answer, as text.
     rows
         Names and values, as text; empty values are left out.
     warnings
-        Of the answer; folded.
+        Warnings of the answer; folded.
     more
         Further HTML, which is not escaped.
     """
@@ -121,7 +121,7 @@ def plot_motion(history: Columns, title: str, projectile: Projectile | None) -> 
     history
         Columns of `Motion`.
     title
-        Of the side view.
+        Title of the side view.
     projectile
         Drawn at some instants; without it its axis is, from the nose tip to the centre of gravity.
     """
@@ -236,7 +236,7 @@ def plot_perforation(trials: Columns, title: str, label: str, bracket: tuple[flo
     trials
         ``value``, ``outcome`` and ``speed``, the last one of those that perforated and zero of the others. [m/s]
     title
-        Of the figure.
+        Title of the figure.
     label
         Name and unit of the value that was varied.
     bracket
@@ -275,7 +275,7 @@ def plot_endings(
     speeds
         The same of the speed of those that leave, by outcome. [1, m/s, m/s, m/s]
     title
-        Of the figure.
+        Title of the figure.
     """
     figure = new_figure(9.0, 3.6)
     shown = {outcome: found for outcome, found in speeds.items() if len(found)}

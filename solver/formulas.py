@@ -265,7 +265,7 @@ def cea_edf_limit_speed(
     Parameters
     ----------
     thickness
-        Of the wall. [m]
+        Thickness of the wall. [m]
     oblique_angle
         From the inward normal of the face to the velocity; the formula is for the component along the normal. [rad]
 

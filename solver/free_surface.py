@@ -146,7 +146,7 @@ def decay_factor(
     radius_ratio
         (n,) k, from 1 at the face to infinity deep inside. [1]
     normal_velocity
-        Of the element along its outward normal; matters only to a model with inertia. [m/s]
+        Velocity of the element along its outward normal; matters only to a model with inertia. [m/s]
 
     Returns
     -------

@@ -249,13 +249,13 @@ def columns(answers: Iterable[Trajectory | CriticalAngle | RicochetError]) -> Co
     Parameters
     ----------
     answers
-        Of one of the two, not of both.
+        Answers from one of the two functions, not from both.
 
     Returns
     -------
     dict of str to array
-        Of trajectories ``outcome``, ``maximum_depth`` [m], ``strength_factor`` and ``final_time`` [s] to
-        ``final_kinetic_energy`` [J]; of critical angles ``status``, ``angle``, ``standard_error``, ``bracket_low`` and
+        For trajectories ``outcome``, ``maximum_depth`` [m], ``strength_factor`` and ``final_time`` [s] to
+        ``final_kinetic_energy`` [J]; for critical angles ``status``, ``angle``, ``standard_error``, ``bracket_low`` and
         ``bracket_high`` [rad], and ``strength_factor``. Then ``warnings``, their codes with blanks between them, and
         ``error``, empty unless the case failed. NaN and empty text stand where there is nothing.
 

@@ -127,7 +127,7 @@ class StrengthPowerLaw:
     coefficient
         82.6 with exponent -0.544 (Frew et al. 1998), 72 with -0.5 (Li and Chen 2003). [1]
     exponent
-        Of the strength. [1]
+        Exponent of the strength. [1]
     reference_strength
         [Pa]
     diameter_exponent

@@ -24,7 +24,7 @@ class Target:
     poissons_ratio
         0.5 is the incompressible solid that the decay theory of Warren et al. starts from. [1]
     thickness
-        Of a wall; a half-space unless given. At least a tenth of the projectile's diameter. [m]
+        Thickness of a wall; a half-space unless given. At least a tenth of the projectile's diameter. [m]
 
     Raises
     ------

@@ -166,7 +166,7 @@ def simulate(
     numerics
         Route and resolution; adaptive unless given.
     sample_interval
-        Of the history; None for no history. [s]
+        Interval of the history; None for no history. [s]
 
     Returns
     -------

@@ -45,7 +45,7 @@ class BatchBody:
     blocks
         Its cases, some at a time.
     count
-        Of the cases; 0 for JSONL, whose lines are not known before they are read.
+        Number of the cases; 0 for JSONL, whose lines are not known before they are read.
     sweep
         The request, if it is a sweep.
     """
@@ -70,7 +70,7 @@ class BatchReader:
     request
         Has the body.
     operation
-        Of every case.
+        Operation of every case.
     model
         What every case has to be.
     """

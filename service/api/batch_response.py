@@ -61,9 +61,9 @@ class JobResponse:
     request
         The request, its body aside.
     operation
-        Of every case.
+        Operation of every case.
     preference
-        Of the client.
+        Preference of the client.
     idempotency_key
         As it was sent, empty if it was not.
     """

@@ -41,13 +41,13 @@ class ManyCases:
     Parameters
     ----------
     operation
-        Of every case.
+        Operation of every case.
     tag
         Group of routes in the contract.
     batch, case, sweep, base, results
         Models: body of a batch and its cases, body of a sweep and its points, answer of both.
     batch_name, sweep_name
-        Of the routes, which are their operation ids.
+        Names of the routes, which are their operation ids.
     batch_summary, sweep_summary
         First words of their descriptions.
     note

@@ -168,7 +168,7 @@ class Page:
     start
         First case.
     limit
-        Of the page.
+        Largest number of cases of the page.
     """
 
     def __init__(self, job: JobState, start: int, limit: int) -> None:

@@ -100,7 +100,8 @@ async def calibrate_by_depth(request: Request) -> Response:
 async def calibrate_by_motion(request: Request) -> Response:
     """Find the strength factor that fits the motion in oblique strikes best, measured or by finite elements.
 
-    Of one strike, or of several `runs` at any angles and speeds with one strength factor; with every decay law.
+    The motion is that of one strike, or of several `runs` at any angles and speeds, which one strength factor is to fit
+    together. The fit is made with every decay law.
     """
     return await answer(request, "calibration_motion", long=True)
 

@@ -213,7 +213,7 @@ NEEDED = "cra"
 async def make_report(request: Request) -> HTMLResponse:
     """Write the report of one strike: critical angle and spread, other models, runs, limits of validity, formulas.
 
-    Of some 300 cases, most of them samples of the usual scatter; each is kept and counted like any other. With
+    It takes some 300 cases, most of them samples of the usual scatter; each is kept and counted like any other. With
     `impact.oblique_angle_deg` the strike at that angle is judged too.
     """
     require_extra()

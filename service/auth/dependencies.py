@@ -66,7 +66,7 @@ class RequestContext:
     Parameters
     ----------
     keys, quotas
-        Of the data folder.
+        Stores of the data folder.
     key_required
         Whether the request needs a key unless its route is public.
     """

@@ -73,7 +73,7 @@ class AuthMiddleware:
     settings
         Access, names, origins and TLS.
     keys, quotas
-        Of the data folder.
+        Stores of the data folder.
     audit
         Records every POST, PATCH and DELETE when keys are required or an audit file is set.
     """

@@ -113,7 +113,7 @@ class BatchFile:
     path
         Where it goes.
     operation
-        Of all its cases.
+        Operation of all its cases.
     axes
         Fields of a sweep, which become columns of the summary.
     base

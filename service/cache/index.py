@@ -87,8 +87,8 @@ class Index:
     Parameters
     ----------
     path
-        Of its file, made if it is not there, and made anew if it is damaged or of another layout; None to keep it in
-        memory.
+        Path of its file, made if it is not there, and made anew if it is damaged or of another layout; None to keep it
+        in memory.
 
     Raises
     ------
@@ -219,7 +219,7 @@ class Journal:
     Parameters
     ----------
     path
-        Of its file; made if it is not there, and made anew if it is damaged or of another layout.
+        Path of its file; made if it is not there, and made anew if it is damaged or of another layout.
 
     Raises
     ------

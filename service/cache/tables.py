@@ -64,9 +64,10 @@ def trials_of(columns: Iterable[Column], records: Sequence[Record | None], first
 
 
 def residuals_of(record: Record) -> dict[str, list[Any]]:
-    """Return what a calibration was given, what it predicts and what is left, by column; of other results nothing.
+    """Return what a calibration was given, what it predicts and what is left, by column.
 
-    Of a study of uncertainty, the probability over the angle, or probabilities and quantiles; of the formulas, all.
+    From a study of uncertainty it is the probability over the angle, or probabilities and quantiles; from the formulas
+    all that they give; from other results nothing.
     """
     kind = record.operation
     if kind.endswith("_uncertainty"):
@@ -198,7 +199,7 @@ class Stream:
     file
         Where it goes.
     name, description
-        Of the dataset.
+        Name and description of the dataset.
     columns
         What is known of the columns, if it is a table.
     chunk_bytes
@@ -299,7 +300,7 @@ class Contents:
     file
         Open and empty.
     operation
-        Of its results.
+        Operation of its results.
     chunk_bytes
         Largest chunk of a dataset; None if all is written at once.
     more

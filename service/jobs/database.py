@@ -116,7 +116,7 @@ class Database:
     Parameters
     ----------
     path
-        Of the file; made if it is not there. One that is no database, or a damaged one, is set aside.
+        Path of the file; made if it is not there. One that is no database, or a damaged one, is set aside.
     """
 
     def __init__(self, path: Path) -> None:

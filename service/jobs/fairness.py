@@ -112,7 +112,7 @@ class ChunkSizer:
     Parameters
     ----------
     seconds
-        Of work that one chunk should be.
+        Duration that one chunk should have. [s]
     """
 
     def __init__(self, seconds: float) -> None:

@@ -164,7 +164,7 @@ class JobManager:
         take
             Called with the number of samples before they are computed.
         limiter
-            Of the threads in which samples are validated.
+            Limiter of the threads in which samples are validated.
 
         Raises
         ------
@@ -196,7 +196,7 @@ class JobManager:
         charge
             What it counts as against a quota, if less may be used.
         count
-            Of its cases, if known before they are read: too many are refused before any is stored.
+            Number of its cases, if known before they are read: too many are refused before any is stored.
         estimate
             Returns about how many there are, else, once some are read: a refusal says when there is room for them all.
 

@@ -80,7 +80,7 @@ class Sweep:
     request
         Base and axes, as they were sent.
     fields, values
-        Of each axis.
+        Field and values of each axis.
     """
 
     request: dict[str, Any]

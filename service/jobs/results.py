@@ -184,7 +184,7 @@ class ResultReader:
         current
             The job as it is now; None once it has been deleted.
         limit
-            Of results; None for all.
+            Largest number of results; None for all.
         """
         count, left = FIRST_CASES, math.inf if limit is None else limit
         while left > 0 and (state := await current()) is not None:

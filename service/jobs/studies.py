@@ -137,7 +137,7 @@ async def run_study(
     report
         Called after every part of the samples, and with the partial answer at the end of every round.
     limiter
-        Of the threads in which samples are validated.
+        Limiter of the threads in which samples are validated.
     """
     found = UNCERTAIN[operation]
     steps = (await run_sync(study.study)).steps()

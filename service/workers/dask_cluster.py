@@ -147,7 +147,7 @@ class Cluster:
     Parameters
     ----------
     address
-        Of the scheduler.
+        Address of the scheduler.
     task_seconds
         Wall time one call may take.
     """

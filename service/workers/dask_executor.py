@@ -45,7 +45,7 @@ class DaskExecutor:
     Parameters
     ----------
     address
-        Of the scheduler, such as ``tcp://scheduler:8786``.
+        Address of the scheduler, such as ``tcp://scheduler:8786``.
     workers
         Processes of the pool.
     task_seconds

@@ -44,9 +44,9 @@ class DepthTest:
     depth
         Greatest depth of the nose tip. [m]
     mass
-        Of this projectile; that of the shared one if not given. [kg]
+        Mass of this projectile; that of the shared one if not given. [kg]
     weight
-        Of its squared residual. [1]
+        Weight of its squared residual. [1]
     group
         Name of the group it belongs to, if the tests have groups.
     """
@@ -186,7 +186,7 @@ def fit_depth(
     numerics
         Route and resolution; adaptive unless given.
     confidence_level
-        Of the interval. [1]
+        Confidence level of the interval. [1]
 
     Returns
     -------

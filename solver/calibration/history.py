@@ -103,7 +103,7 @@ class Weights:
     Parameters
     ----------
     depth, lateral, rotation
-        Of depth displacement, lateral displacement and rotation; 0 leaves a quantity out. [1]
+        Weights of depth displacement, lateral displacement and rotation; 0 leaves a quantity out. [1]
     """
 
     depth: float = 1.0
@@ -131,7 +131,7 @@ class MotionRun:
     history
         The motion to fit.
     weights
-        Of the quantities; all alike unless given.
+        Weights of the quantities; all alike unless given.
     """
 
     impact: Impact

@@ -167,13 +167,13 @@ def fit_motion(
     history
         The motion to fit.
     weights
-        Of the quantities; all alike unless given.
+        Weights of the quantities; all alike unless given.
     resistance
         Inertia factor and decay; its strength factor is not used.
     numerics
         Route and resolution; adaptive unless given.
     confidence_level
-        Of the interval. [1]
+        Confidence level of the interval. [1]
 
     Returns
     -------

@@ -171,7 +171,7 @@ class ObliquityPoint:
     strength_factor
         S. [1]
     standard_error
-        Of S, if known. [1]
+        Standard error of S, if known. [1]
     """
 
     oblique_angle: float

@@ -76,7 +76,7 @@ class AngleStudy:
     sensitivity
         Whether to compute Sobol indices.
     bounds
-        Of the search: in the indices, a sample without an angle counts as one end of it. [rad]
+        Bounds of the search: in the indices, a sample without an angle counts as one end of it. [rad]
     accepts
         Whether a value of an input, given by its place, is one that the model accepts; every value unless given. The
         surrogate has an answer for other values too, which counts as not known.

@@ -105,7 +105,7 @@ class TruncatedNormal:
     Parameters
     ----------
     mean, standard_deviation, coefficient_of_variation
-        Of the normal distribution before it is cut off.
+        Parameters of the normal distribution before it is cut off.
     lower, upper
         Bounds, at least one of them, with the mean between them.
     """

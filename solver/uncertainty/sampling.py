@@ -92,9 +92,9 @@ class Sampling:
     Parameters
     ----------
     half_width
-        Of the interval of every probability, cut off at 0 and 1, at which sampling ends. [1]
+        Half width of the interval of every probability, cut off at 0 and 1, at which sampling ends. [1]
     confidence
-        Of every interval. [1]
+        Confidence level of every interval. [1]
     max_samples
         Searches or runs at most, never exceeded: 256 or more, and with sensitivities two for each continuous input and
         one for each discrete value besides.

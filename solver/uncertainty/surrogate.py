@@ -76,7 +76,7 @@ class Expansion:
     Parameters
     ----------
     basis
-        Of the continuous inputs.
+        Basis of the continuous inputs.
     coefficients
         (alternatives, terms).
     scatter
@@ -141,7 +141,7 @@ def expansion_moments(expansion: Expansion, weights: Sequence[Sequence[float]], 
     Parameters
     ----------
     weights
-        Of the values of each discrete input; the alternatives are every combination, the last input fastest.
+        Weights of the values of each discrete input; the alternatives are every combination, the last input fastest.
     """
     joint, supports = _discrete_basis(weights)
     continuous = expansion.basis.terms > 0
