@@ -243,6 +243,8 @@ def _near_perforation(
 ) -> tuple[float, float, float]:
     """Angle of a change to or from perforation, and the shares of the energy left half a degree to either side of it.
 
+    Less than half a degree from the normal, what is left along the normal counts.
+
     Returns
     -------
     tuple
@@ -251,13 +253,15 @@ def _near_perforation(
     left, right = bracket
     outside = 1.0 if left.outcome is Outcome.PERFORATED else -1.0
     angle = right.oblique_angle
-    beyond, within = (_energy_behind(prepared, impact, angle + side * HALF_DEGREE) for side in (outside, -outside))
+    beyond, within = (
+        _energy_behind(prepared, impact, max(angle + side * HALF_DEGREE, 0.0)) for side in (outside, -outside)
+    )
     return angle, beyond, within
 
 
 def _energy_behind(prepared: PreparedCase, impact: Impact, oblique_angle: float) -> float:
     """Share of the energy left behind the wall; 0 where it is not perforated, or nothing can be computed."""
-    if not 0.0 <= oblique_angle < math.pi / 2.0:
+    if oblique_angle >= math.pi / 2.0:
         return 0.0
     strike, model = replace(impact, oblique_angle=oblique_angle), prepared.model
     floor = ENERGY_FLOOR * prepared.numerics.retention_energy_fraction

@@ -24,6 +24,7 @@ from solver import (
     Target,
     Trajectory,
     critical_angle,
+    least_thickness,
     simulate,
 )
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY, paper_impact
@@ -246,6 +247,18 @@ def test_change_to_perforation_that_moves_with_the_retention_energy_is_warned_of
 def _perforated_up_to(found: CriticalAngle) -> float:
     """Upper end of the angles at which the wall is perforated. [°]"""
     return math.degrees(next(each.upper for each in found.outcomes if each.outcome is Outcome.PERFORATED))
+
+
+def test_warning_of_a_change_next_to_the_normal_has_the_energy_left_along_the_normal() -> None:
+    limit = least_thickness(
+        projectile=PAPER_PROJECTILE, target=PAPER_TARGET, impact=paper_impact(oblique_angle_degrees=0.0)
+    )
+    assert limit.value is not None
+    wall = replace(PAPER_TARGET, thickness=0.9998 * limit.value)
+    found = search(wall, search=Search(lower=0.0, upper=math.radians(5.0), tolerance=math.radians(0.01)))
+    assert 0.0 < _perforated_up_to(found) < 0.5
+    (detail,) = (each.detail for each in found.warnings if each.code == "retention_decides_perforation")
+    assert "half a degree inside 1 %" in detail
 
 
 def test_projectile_that_turns_end_over_end_in_a_wall_is_warned_of() -> None:
