@@ -43,7 +43,7 @@ ENV PATH=/opt/ricochet/bin:$PATH \
 RUN useradd --system --user-group --uid 10001 --no-create-home --shell /usr/sbin/nologin ricochet \
     && install --directory --owner ricochet --group ricochet /data /var/cache/ricochet
 COPY --from=build /opt/ricochet /opt/ricochet
-# On x86-64 code for AVX2 and, when the build machine has AVX-512, code for that too. An older processor compiles at the start, into NUMBA_CACHE_DIR.
+# On x86-64 code for AVX2 and, when the build machine has AVX-512, code for that too, for AMD and for Intel. An older processor compiles at the start, into NUMBA_CACHE_DIR.
 RUN python -c "import solver.compilation as c; from solver.warm_up import compile_portable; compile_portable(str(c.SHIPPED))"
 USER 10001
 

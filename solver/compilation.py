@@ -10,9 +10,9 @@ each start. Every file ends with its SHA-256, and what does not match is compile
 would otherwise run. Processes that start together compile each function once, and load what another has compiled.
 
 A wheel for one platform (`make wheel`) and the container image carry code for x86-64-v3, the processors with AVX2, and
-for AMD's with AVX-512, which gain a tenth to a fifth by registers of 512 bits (`benchmarks/NOTES.md`). It is as fast as
-code compiled on the machine itself. A processor that it is not for compiles everything at the first start, as without
-such a wheel.
+for those with AVX-512, which gain a tenth to a fifth: AMD's by registers of 512 bits, Intel's with 256
+(`benchmarks/NOTES.md`). It is as fast as code compiled on the machine itself. A processor that it is not for compiles
+everything at the first start, as without such a wheel.
 """
 
 import hashlib
@@ -60,12 +60,26 @@ class Processor(NamedTuple):
 
 
 WITH_512_BITS = ("znver4", "znver5")
-"""Processors on which LLVM uses registers of 512 bits; on those of Intel, 256 bits are as fast."""
+"""Processors on which LLVM uses registers of 512 bits."""
+WITH_256_BITS = (
+    "skylake-avx512",
+    "cascadelake",
+    "cooperlake",
+    "cannonlake",
+    "icelake",
+    "tigerlake",
+    "rocketlake",
+    "sapphirerapids",
+    "emeraldrapids",
+    "graniterapids",
+)
+"""Processors of Intel with AVX-512, on which 256 bits are faster."""
 AVX2 = ("avx2", "bmi", "bmi2", "f16c", "fma", "lzcnt", "movbe")
 AVX512 = ("avx512f", "avx512bw", "avx512cd", "avx512dq", "avx512vl")
 PORTABLE = (
     (
         Processor("x86-64-v4", "-prefer-256-bit", AVX2 + AVX512, WITH_512_BITS),
+        Processor("skylake-avx512", "", AVX2 + AVX512, WITH_256_BITS),
         Processor("x86-64-v3", "", AVX2),
     )
     if platform.machine() in {"x86_64", "AMD64"}

@@ -27,7 +27,7 @@ from solver.surface import (
     FLAT,
     MAX_CUTS,
     Body,
-    Motion,
+    BodyMotion,
     Panels,
     cut,
     deepest_offset,
@@ -302,7 +302,7 @@ def accelerate_in_wall(
 
 
 @lean
-def _cut(piece: FloatArray, motion: Motion, loaded: float, cuts: FloatArray) -> int:
+def _cut(piece: FloatArray, motion: BodyMotion, loaded: float, cuts: FloatArray) -> int:
     """Write the sorted ends of the stretches of a piece, cut at both ends of what is loaded; return their number."""
     depth, c, s, forward, sideways, spin = motion
     behind = cuts[2 * MAX_CUTS :]

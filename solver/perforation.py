@@ -30,7 +30,7 @@ RUN_TOLERANCE, RUN_STATIONS = 3e-5, 8
 """Relative tolerance and stations of the runs unless given: what is found is within 5e-5 of its converged value. [1]"""
 
 
-Strike: TypeAlias = tuple[PreparedCase, Impact]
+PreparedStrike: TypeAlias = tuple[PreparedCase, Impact]
 
 
 class PerforationStatus(StrEnum):
@@ -163,7 +163,7 @@ def least_thickness(
     """
     require(target.thickness is None, "target.thickness", "must not be given to a search for it")
 
-    def strike(thickness: float) -> Strike:
+    def strike(thickness: float) -> PreparedStrike:
         wall = replace(target, thickness=thickness)
         return _prepare(projectile, wall, impact.velocity, resistance, numerics), impact
 
@@ -228,7 +228,7 @@ def limit_velocity(
     """
     require(target.thickness is not None, "target.thickness", "must be given: a half-space is not perforated")
 
-    def strike(velocity: float) -> Strike:
+    def strike(velocity: float) -> PreparedStrike:
         return _prepare(projectile, target, velocity, resistance, numerics), Impact(
             velocity=velocity,
             oblique_angle=oblique_angle,
@@ -258,7 +258,11 @@ def _prepare(
 
 
 def _search(
-    strike: Callable[[float], Strike], bounds: tuple[float, float], tolerance: float, *, perforated_at_first: bool
+    strike: Callable[[float], PreparedStrike],
+    bounds: tuple[float, float],
+    tolerance: float,
+    *,
+    perforated_at_first: bool,
 ) -> PerforationLimit:
     """Least value from the lower bound on at which the wall is perforated, or is not, unlike at that bound."""
     require_between("tolerance", tolerance, 1e-8, 0.1)

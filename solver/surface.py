@@ -29,7 +29,7 @@ HALF_TURN = math.pi / 2.0
 MAX_CUTS = 8
 """Ends of the stretches of one outline piece: two ends and at most six crossings."""
 
-Motion = tuple[float, float, float, float, float, float]
+BodyMotion = tuple[float, float, float, float, float, float]
 """Depth of the centre of gravity, cosine and sine of the axis angle; velocities along and across the axis, and spin."""
 Ring = tuple[float, float, float, float]
 """Sine and cosine of α, axial position and radius."""
@@ -174,7 +174,7 @@ def insert(cuts: FloatArray, count: int, value: float, upper: float) -> int:
 
 
 @lean
-def _cut_arc(cuts: FloatArray, piece: FloatArray, motion: Motion) -> int:
+def _cut_arc(cuts: FloatArray, piece: FloatArray, motion: BodyMotion) -> int:
     """Angles α at which the face or the separation line crosses the top or bottom of a circular piece."""
     depth, c, s, forward, sideways, spin = motion
     axial, radius, size, upper = piece[1], piece[2], piece[3], piece[5]
@@ -194,7 +194,7 @@ def _cut_arc(cuts: FloatArray, piece: FloatArray, motion: Motion) -> int:
 
 
 @lean
-def _cut_line(cuts: FloatArray, piece: FloatArray, motion: Motion) -> int:
+def _cut_line(cuts: FloatArray, piece: FloatArray, motion: BodyMotion) -> int:
     """Distances along a straight piece at which they do."""
     depth, c, s, forward, sideways, spin = motion
     axial, radius, length, sine_, cosine = piece[1], piece[2], piece[3], piece[4], piece[5]
@@ -222,13 +222,13 @@ def ring_at(piece: FloatArray, place: float) -> Ring:
 
 
 @lean
-def cut(cuts: FloatArray, piece: FloatArray, motion: Motion) -> int:
+def cut(cuts: FloatArray, piece: FloatArray, motion: BodyMotion) -> int:
     """Write the sorted ends of the stretches of a piece; return how many stretches there are."""
     return _cut_arc(cuts, piece, motion) if piece[0] == ARC else _cut_line(cuts, piece, motion)
 
 
 @lean
-def is_loaded(ring: Ring, motion: Motion) -> bool:
+def is_loaded(ring: Ring, motion: BodyMotion) -> bool:
     """Whether any of a ring is below the face, and any of it moves into the target."""
     sine, _, axial, radius = ring
     depth, c, s, forward, _, _ = motion
@@ -236,7 +236,7 @@ def is_loaded(ring: Ring, motion: Motion) -> bool:
 
 
 @lean
-def _turning(ring: Ring, motion: Motion) -> float:
+def _turning(ring: Ring, motion: BodyMotion) -> float:
     """How the normal velocity grows with cos β."""
     sine, cosine, axial, radius = ring
     _, _, _, _, sideways, spin = motion
@@ -244,13 +244,13 @@ def _turning(ring: Ring, motion: Motion) -> float:
 
 
 @lean
-def _faces_in(ring: Ring, motion: Motion) -> bool:
+def _faces_in(ring: Ring, motion: BodyMotion) -> bool:
     """Whether all of its normals point into the target."""
     return ring[0] * motion[1] >= ring[1] * motion[2]
 
 
 @lean
-def _dips_in(ring: Ring, motion: Motion) -> bool:
+def _dips_in(ring: Ring, motion: BodyMotion) -> bool:
     """Whether those below the face do, as its own meets the axis above the face."""
     sine, cosine, axial, radius = ring
     depth, c, _, _, _, _ = motion
@@ -258,7 +258,7 @@ def _dips_in(ring: Ring, motion: Motion) -> bool:
 
 
 @lean
-def is_full(piece: FloatArray, begin: float, end: float, middle: Ring, motion: Motion) -> bool:
+def is_full(piece: FloatArray, begin: float, end: float, middle: Ring, motion: BodyMotion) -> bool:
     """Whether a stretch, of which the ring in its middle is known, is resisted in full wherever it is loaded.
 
     The shank is where it moves sideways into the target. Elsewhere what holds at both ends of a stretch holds within:

@@ -19,7 +19,7 @@ import numpy as np
 from solver.arrays import FloatArray, arc_cosine, sine
 from solver.compilation import VECTOR_WIDTH, exact, lean, vectorised
 from solver.free_surface import TINY, Decay, inertial_factor, static_factor
-from solver.surface import ARC, Motion
+from solver.surface import ARC, BodyMotion
 
 ROOM = 520
 """Rings of either kind in a batch: two stretches with the most stations there may be, and more."""
@@ -126,7 +126,7 @@ def integrate_full(
 
 @vectorised
 def add_rings(
-    rows: FloatArray, place: int, piece: FloatArray, begin: float, end: float, stations: FloatArray, motion: Motion
+    rows: FloatArray, place: int, piece: FloatArray, begin: float, end: float, stations: FloatArray, motion: BodyMotion
 ) -> None:
     """Write what makes up the rings at the stations of a stretch. What fills the last vector has no weight."""
     span, first = end - begin, np.uint64(place)
@@ -154,7 +154,7 @@ def place_ring(rows: FloatArray, i: int) -> tuple[float, float, float, float]:
 
 
 @exact
-def ring_motion(rows: FloatArray, i: int) -> Motion:
+def ring_motion(rows: FloatArray, i: int) -> BodyMotion:
     """Motion of the body that a ring is part of."""
     return (
         rows[DEPTH + i], rows[COSINE + i], rows[SINE + i], rows[FORWARD + i], rows[SIDEWAYS + i], rows[SPIN + i],

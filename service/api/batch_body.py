@@ -17,7 +17,7 @@ from pydantic_core import to_json
 from service.api.body import JSON, JSONL, parse_json, read_body, require_type, stream_up_to
 from service.api.services import Services, services_of
 from service.errors import MAX_ERRORS, InvalidBodyError, field_errors, validation_errors
-from service.jobs.models import Case, Sweep
+from service.jobs.models import JobCase, Sweep
 from service.operations import KeyedRequest
 from service.queries import check_work
 from service.schemas.batches import MOST_LINES, Cases
@@ -50,7 +50,7 @@ class BatchBody:
         The request, if it is a sweep.
     """
 
-    blocks: AsyncIterator[list[Case]]
+    blocks: AsyncIterator[list[JobCase]]
     _digest: "hashlib._Hash"
     count: int = 0
     sweep: Sweep | None = None
@@ -102,7 +102,7 @@ class BatchReader:
         digest.update(body)
         reading = self._services.reading
         found = await run_sync(unwrap, body, self._limits.max_body_depth, limiter=reading)
-        cases: list[Case] = []
+        cases: list[JobCase] = []
         for first in range(0, len(found.cases), CASES_AT_ONCE):
             part = found.cases[first : first + CASES_AT_ONCE]
             valid, errors = await run_sync(self._validate_part, part, first, limiter=reading)
@@ -129,18 +129,18 @@ class BatchReader:
         sweep = Sweep(sent, tuple(grid.fields), tuple(grid.values))
         return BatchBody(self._read_points(grid), digest, grid.count, sweep)
 
-    def _case(self, content: Any) -> Case:
+    def _case(self, content: Any) -> JobCase:
         """Validate one case."""
         request: Any = self._model.model_validate(content)
         check_work(request, self._limits.max_panel_steps)
         custom_id = getattr(request, "custom_id", MISSING)
-        return Case(KeyedRequest.of(self._operation, request), None if custom_id is MISSING else custom_id)
+        return JobCase(KeyedRequest.of(self._operation, request), None if custom_id is MISSING else custom_id)
 
     def _validate_part(
         self, part: Sequence[Any], first: int
-    ) -> tuple[dict[int, Case], dict[int, list[dict[str, str]]]]:
+    ) -> tuple[dict[int, JobCase], dict[int, list[dict[str, str]]]]:
         """Return the valid cases of a part of a JSON batch, and what is wrong with the others, by number."""
-        cases: dict[int, Case] = {}
+        cases: dict[int, JobCase] = {}
         errors: dict[int, list[dict[str, str]]] = {}
         for number, content in enumerate(part, first):
             place, longest = f"/cases/{number}", self._limits.max_body_bytes
@@ -157,7 +157,7 @@ class BatchReader:
                 break
         return cases, errors
 
-    async def _check(self, cases: dict[int, Case]) -> dict[int, list[dict[str, str]]]:
+    async def _check(self, cases: dict[int, JobCase]) -> dict[int, list[dict[str, str]]]:
         """Have a worker check whether the values of each case go together; return what is wrong, by number."""
         canonical = self._services.queries.operations[self._operation].request
         numbers, errors = list(cases), dict[int, list[dict[str, str]]]()
@@ -168,7 +168,7 @@ class BatchReader:
             errors |= {some[place]: behind(f"/cases/{some[place]}", found) for place, found in wrong.items()}
         return errors
 
-    async def _read_lines(self, parts: AsyncIterator[list[bytes]]) -> AsyncIterator[list[Case]]:
+    async def _read_lines(self, parts: AsyncIterator[list[bytes]]) -> AsyncIterator[list[JobCase]]:
         """Yield the cases of a JSONL body."""
         async for lines in parts:
             first, count = self._read_count, self._read_count + len(lines)
@@ -184,11 +184,11 @@ class BatchReader:
         length = int(self._request.headers.get("content-length", 0))
         return length * self._read_count // max(1, self._read_bytes)
 
-    def _validate_lines(self, lines: Sequence[bytes], first: int) -> list[Case]:
+    def _validate_lines(self, lines: Sequence[bytes], first: int) -> list[JobCase]:
         """Validate some lines; the first that is wrong ends it."""
         return [self._validate_line(line, number) for number, line in enumerate(lines, first)]
 
-    def _validate_line(self, line: bytes, number: int) -> Case:
+    def _validate_line(self, line: bytes, number: int) -> JobCase:
         pointer, place = f"/{number}", f"line {number + 1}"
         if len(line) > self._limits.max_body_bytes:
             detail = f"may be {self._limits.max_body_bytes} bytes long at most"
@@ -221,17 +221,17 @@ class BatchReader:
         except AxisError as error:
             raise InvalidBodyError([{"pointer": error.pointer, "detail": error.detail}]) from error
 
-    async def _read_points(self, grid: Grid) -> AsyncIterator[list[Case]]:
+    async def _read_points(self, grid: Grid) -> AsyncIterator[list[JobCase]]:
         """Yield the cases of a sweep."""
         points = enumerate(grid.points())
         while cases := await run_sync(self._validate_points, grid, points, limiter=self._services.reading):
             yield cases
 
-    def _validate_points(self, grid: Grid, points: Iterator[tuple[int, tuple[float, ...]]]) -> list[Case]:
+    def _validate_points(self, grid: Grid, points: Iterator[tuple[int, tuple[float, ...]]]) -> list[JobCase]:
         """Validate the next points; the first that is wrong ends it."""
         return [self._validate_point(grid, *numbered) for numbered in itertools.islice(points, CASES_AT_ONCE)]
 
-    def _validate_point(self, grid: Grid, number: int, point: tuple[float, ...]) -> Case:
+    def _validate_point(self, grid: Grid, number: int, point: tuple[float, ...]) -> JobCase:
         try:
             return self._case(grid.request(point))
         except (ValidationError, ParameterError) as error:
@@ -241,7 +241,7 @@ class BatchReader:
             raise InvalidBodyError(errors, place) from error
 
 
-async def in_blocks(cases: Sequence[Case]) -> AsyncIterator[list[Case]]:
+async def in_blocks(cases: Sequence[JobCase]) -> AsyncIterator[list[JobCase]]:
     """Yield cases, some at a time."""
     for first in range(0, len(cases), CASES_AT_ONCE):
         yield list(cases[first : first + CASES_AT_ONCE])

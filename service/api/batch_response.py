@@ -18,7 +18,7 @@ from service.api.results import CSV, as_array, as_csv, as_lines, csv_head, csv_r
 from service.api.services import services_of
 from service.auth.dependencies import context_in
 from service.jobs.manager import JobManager
-from service.jobs.models import Case, CaseResult, Charge, Idempotency, JobState, Sweep
+from service.jobs.models import CaseResult, Charge, Idempotency, JobCase, JobState, Sweep
 from service.operations import OPERATIONS
 
 FORMS = (JSON, JSONL, CSV)
@@ -79,7 +79,7 @@ class JobResponse:
 
     async def accept(
         self,
-        blocks: AsyncIterator[list[Case]],
+        blocks: AsyncIterator[list[JobCase]],
         digest: str | Callable[[], str],
         sweep: Sweep | None = None,
         charge: Charge | None = None,
@@ -164,12 +164,12 @@ class BatchResponse(JobResponse):
         state, answered, headers = await self.wait(state)
         return self._answer_all(state, body.sweep, headers) if answered else self.accepted(state, headers)
 
-    async def _charged(self, blocks: AsyncIterator[list[Case]]) -> AsyncIterator[list[Case]]:
+    async def _charged(self, blocks: AsyncIterator[list[JobCase]]) -> AsyncIterator[list[JobCase]]:
         async for cases in blocks:
             self._context.take(len(cases) * OPERATIONS[self.operation].weight)
             yield cases
 
-    async def _answer_now(self, cases: Sequence[Case], sweep: Sweep | None) -> Response:
+    async def _answer_now(self, cases: Sequence[JobCase], sweep: Sweep | None) -> Response:
         results = self._jobs.run_now(self.operation, cases)
         if self.form == JSONL:
             begun = await begin(results)  # a refusal is answered before the answer has begun
@@ -195,9 +195,11 @@ class BatchResponse(JobResponse):
         )
 
 
-async def take(blocks: AsyncIterator[list[Case]], count: int) -> tuple[list[Case], AsyncIterator[list[Case]] | None]:
+async def take(
+    blocks: AsyncIterator[list[JobCase]], count: int
+) -> tuple[list[JobCase], AsyncIterator[list[JobCase]] | None]:
     """Return the first cases, all if there are no more than so many; and the rest, if there may be more."""
-    taken: list[Case] = []
+    taken: list[JobCase] = []
     async for cases in blocks:
         taken += cases
         if len(taken) > count:
@@ -205,7 +207,7 @@ async def take(blocks: AsyncIterator[list[Case]], count: int) -> tuple[list[Case
     return taken, None
 
 
-async def chain(first: list[Case], rest: AsyncIterator[list[Case]] | None) -> AsyncIterator[list[Case]]:
+async def chain(first: list[JobCase], rest: AsyncIterator[list[JobCase]] | None) -> AsyncIterator[list[JobCase]]:
     """Yield all cases."""
     yield first
     if rest is not None:

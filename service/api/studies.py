@@ -26,7 +26,7 @@ from service.api.services import Services, services_of
 from service.assessment import Query, first_queries, require_extra, strike_queries, write_page
 from service.auth.dependencies import RUN, RequestContext, context_in
 from service.errors import InvalidBodyError, PoolUnavailableError, ProblemType, problem_of
-from service.jobs.models import Case
+from service.jobs.models import JobCase
 from service.operations import OPERATIONS, UNCERTAIN, KeyedRequest
 from service.queries import check_work
 from service.schemas import (
@@ -173,7 +173,7 @@ async def answer_with_job(
     await run_sync(case.study)  # refuses inputs that do not go together
     try:
         charge = context.charge(case.sampling.max_samples)
-        state = await response.accept(one_block(Case(query)), digest, charge=charge)
+        state = await response.accept(one_block(JobCase(query)), digest, charge=charge)
     except BaseException:
         context.give_back()
         raise
@@ -188,7 +188,7 @@ async def answer_with_job(
     return answer
 
 
-async def one_block(case: Case) -> AsyncIterator[list[Case]]:
+async def one_block(case: JobCase) -> AsyncIterator[list[JobCase]]:
     """Yield the only case of a job."""
     yield [case]
 

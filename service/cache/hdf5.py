@@ -26,7 +26,7 @@ import numpy as np
 from h5py import h5d, h5f, h5p, h5t
 
 from service.cache.record import FloatColumns, Record
-from service.cache.tables import Contents, Table, residuals_of, summary_of, write_attribute
+from service.cache.tables import Contents, Rows, residuals_of, summary_of, write_attribute
 from service.columns import CASE, NUMBERING, Column
 from service.errors import DamagedFileError
 
@@ -54,7 +54,7 @@ Segment: TypeAlias = tuple[Sequence[str], bytes]
 """Keys of the records of a file, in its order, and its content."""
 
 
-class Case(Protocol):
+class WrittenCase(Protocol):
     """A finished case of a batch."""
 
     @property
@@ -158,7 +158,7 @@ class BatchFile:
             file.seek(0)
             file.write(_seal(digest.hexdigest()))
 
-    def write(self, cases: Sequence[Case], points: Sequence[Sequence[float]] = ()) -> None:
+    def write(self, cases: Sequence[WrittenCase], points: Sequence[Sequence[float]] = ()) -> None:
         """Add these cases; those of a sweep with their points."""
         summaries = []
         for case, point in zip(cases, points or itertools.repeat(()), strict=False):
@@ -225,7 +225,7 @@ def read_records(data: bytes, rows: Iterable[int] | None = None) -> list[Record]
         ]
 
 
-def read_single(file: h5py.File, name: str) -> Table:
+def read_single(file: h5py.File, name: str) -> Rows:
     """All of a dataset that is a single chunk, decompressed here.
 
     Measured, by hand and by HDF5: 26 and 63 ms for 256 histories, 0.24 and 0.65 ms for one critical angle.
@@ -242,7 +242,7 @@ def read_single(file: h5py.File, name: str) -> Table:
     return np.ascontiguousarray(planes.T).reshape(-1).view(dtype)
 
 
-def history_of(table: Table, row: int) -> FloatColumns | None:
+def history_of(table: Rows, row: int) -> FloatColumns | None:
     """History that belongs to a row of the summary."""
     if not len(table):
         return None
@@ -276,7 +276,7 @@ def _opened(data: bytes) -> Iterator[h5py.File]:
         raise DamagedFileError(str(error)) from error
 
 
-def _texts(summary: Table, name: str) -> list[str]:
+def _texts(summary: Rows, name: str) -> list[str]:
     return [text.decode() for text in summary[name].tolist()]
 
 

@@ -25,10 +25,10 @@ from service.columns import (
     summary_columns,
 )
 
-Table = npt.NDArray[Any]
+Rows = npt.NDArray[Any]
 
 
-def fill(column: Column, values: Sequence[Any]) -> Table:
+def fill(column: Column, values: Sequence[Any]) -> Rows:
     """Return the values of a column as an array; None becomes NaN or an empty text.
 
     Raises
@@ -50,12 +50,12 @@ def summary_of(record: Record) -> dict[str, Any]:
     return summarize(record.answer) | {column.name: getattr(record, column.name) for column in IDENTITY}
 
 
-def table_of(columns: Iterable[Column], rows: Sequence[Mapping[str, Any]]) -> Table:
+def table_of(columns: Iterable[Column], rows: Sequence[Mapping[str, Any]]) -> Rows:
     """Rows as a table with these columns."""
     return _joined(_filled(columns, rows), len(rows))
 
 
-def trials_of(columns: Iterable[Column], records: Sequence[Record | None], first: int) -> Table:
+def trials_of(columns: Iterable[Column], records: Sequence[Record | None], first: int) -> Rows:
     """Every trial of these results, in order, with the row of the summary, the first of which is given."""
     searches = [record.answer.get("iterations", ()) if record else () for record in records]
     trials = [trial for search in searches for trial in search]
@@ -138,7 +138,7 @@ def _stacked(motions: Sequence[Mapping[str, list[Any]]]) -> dict[str, list[Any]]
     return stacked
 
 
-def residual_table(records: Sequence[Record | None], first: int) -> Table:
+def residual_table(records: Sequence[Record | None], first: int) -> Rows:
     """Residuals of a calibration as a table, with the row of the summary; its file holds no other result."""
     found = [
         (row, columns) for row, record in enumerate(records, first) if record and (columns := residuals_of(record))
@@ -151,22 +151,22 @@ def residual_table(records: Sequence[Record | None], first: int) -> Table:
     return _joined({CASE.name: np.full(length, row)} | table, length)
 
 
-def histories_of(records: Sequence[Record | None], first: int) -> Table:
+def histories_of(records: Sequence[Record | None], first: int) -> Rows:
     """Every history of these results, in order, with the row of the summary. They must have the same columns."""
     histories = [(row, record.history) for row, record in enumerate(records, first) if record and record.history]
     if not histories:
         return np.empty(0)
     lengths = [len(next(iter(history.values()))) for _, history in histories]
-    columns: dict[str, Table] = {CASE.name: np.repeat([row for row, _ in histories], lengths)}
+    columns: dict[str, Rows] = {CASE.name: np.repeat([row for row, _ in histories], lengths)}
     columns |= {name: np.concatenate([history[name] for _, history in histories]) for name in histories[0][1]}
     return _joined(columns, sum(lengths))
 
 
-def _filled(columns: Iterable[Column], rows: Sequence[Mapping[str, Any]]) -> dict[str, Table]:
+def _filled(columns: Iterable[Column], rows: Sequence[Mapping[str, Any]]) -> dict[str, Rows]:
     return {column.name: fill(column, [row.get(column.name) for row in rows]) for column in columns}
 
 
-def _joined(columns: Mapping[str, Table], length: int) -> Table:
+def _joined(columns: Mapping[str, Rows], length: int) -> Rows:
     table = np.empty(length, dtype=[(name, column.dtype) for name, column in columns.items()])
     for name, column in columns.items():
         table[name] = column
@@ -215,11 +215,11 @@ class Stream:
         self._columns = {column.name: column for column in columns}
         self._chunk_bytes = chunk_bytes
         self._chunk = 0
-        self._waiting: list[Table] = []
+        self._waiting: list[Rows] = []
         self._length = 0
         self._dataset: h5d.DatasetID | None = None
 
-    def append(self, rows: Table) -> None:
+    def append(self, rows: Rows) -> None:
         """Add rows; chunks that they fill are written."""
         if not len(rows):
             return
@@ -237,7 +237,7 @@ class Stream:
         if sum(map(len, self._waiting)):
             self._write(np.concatenate(self._waiting))
 
-    def _write(self, rows: Table) -> None:
+    def _write(self, rows: Rows) -> None:
         """Write a chunk: the last may be shorter, and is filled up as HDF5 wants it.
 
         Compressed here, as `read_single` decompresses it: HDF5 would leave out compression where it does not pay.
@@ -255,7 +255,7 @@ class Stream:
             rows = np.concatenate([rows, np.zeros(missing, rows.dtype)])
         self._dataset.write_direct_chunk((start,), _shuffled_and_compressed(rows))
 
-    def _create(self, rows: Table) -> h5d.DatasetID:
+    def _create(self, rows: Rows) -> h5d.DatasetID:
         layout = h5p.create(h5p.DATASET_CREATE)
         layout.set_chunk(rows.shape)
         layout.set_fill_time(h5d.FILL_TIME_NEVER)
@@ -280,13 +280,13 @@ def write_attribute(owner: h5py.h5g.GroupID | h5d.DatasetID, name: str, *texts: 
 
 
 @lru_cache(maxsize=256)
-def prepared(texts: tuple[str, ...]) -> tuple[Table, h5t.TypeID, h5s.SpaceID]:
+def prepared(texts: tuple[str, ...]) -> tuple[Rows, h5t.TypeID, h5s.SpaceID]:
     """Texts as HDF5 wants them: of one length, with their type and extent."""
     array = np.array(texts, "S") if len(texts) > 1 else np.array(texts[0], "S")
     return array, h5t.py_create(array.dtype), h5s.create_simple(array.shape) if array.shape else h5s.create(h5s.SCALAR)
 
 
-def _shuffled_and_compressed(rows: Table) -> bytes:
+def _shuffled_and_compressed(rows: Rows) -> bytes:
     """Shuffle and compress as HDF5 does: the first bytes of all rows, then the second ones, and so on."""
     planes = np.ascontiguousarray(rows).view(np.uint8).reshape(len(rows), rows.itemsize).T
     return zlib.compress(np.ascontiguousarray(planes).data, LEVEL)
@@ -355,5 +355,5 @@ class Contents:
             stream.finish()
 
 
-def _lines(texts: Iterable[bytes]) -> Table:
+def _lines(texts: Iterable[bytes]) -> Rows:
     return np.frombuffer(b"".join(text + b"\n" for text in texts), np.uint8)

@@ -35,7 +35,7 @@ MAX_POINTS = 100_000
 """Points of a sweep; a service accepts no more."""
 
 
-class Axis(NamedTuple):
+class SweepAxis(NamedTuple):
     """A field of a sweep with its values, as typed and as sent."""
 
     field: str
@@ -135,7 +135,7 @@ def _explain_lines(error: RefusedError, file: str) -> CommandError:
 
 def run_sweep(args: argparse.Namespace) -> int:
     """Compute the points of a sweep; return 3 if some have a problem."""
-    axes: list[Axis] = args.axis
+    axes: list[SweepAxis] = args.axis
     body = without_sought(read_body(args.case, args, SWEEP_FLAGS), args.operation)
     content = {"base": _fill(body.content, axes), "axes": [axis.content for axis in axes]}
     writers: list[Writer] = []
@@ -166,7 +166,7 @@ def _compute_sweep(args: argparse.Namespace, content: dict[str, Any], writers: S
     return run_batch(args, BatchRequest(f"/{args.operation}/sweep", lambda: body, JSON, writers))
 
 
-def read_axis(text: str) -> Axis:
+def read_axis(text: str) -> SweepAxis:
     """Return the axis of a flag `--axis`.
 
     Raises
@@ -180,11 +180,11 @@ def read_axis(text: str) -> Axis:
             raise ValueError(text)
         if ":" not in range_:
             values = [float(value) for value in range_.split(",")]
-            return Axis(field, values, text, {"field": field, "values": values})
+            return SweepAxis(field, values, text, {"field": field, "values": values})
         first, last, number = range_.split(":")
         start, stop, count = float(first), float(last), int(number)
         content = {"field": field, "start": start, "stop": stop, "count": count}
-        return Axis(field, _linspace(start, stop, count), text, content)
+        return SweepAxis(field, _linspace(start, stop, count), text, content)
     except ValueError:
         raise argparse.ArgumentTypeError(
             f"must be FIELD=A,B,C or FIELD=START:STOP:COUNT with at most {MAX_POINTS:,} values, got {text!r}"
@@ -201,7 +201,7 @@ def _linspace(start: float, stop: float, count: int) -> list[float]:
     return [start + step * i for i in range(count - 1)] + [stop]
 
 
-def _fill(body: dict[str, Any], axes: Sequence[Axis]) -> dict[str, Any]:
+def _fill(body: dict[str, Any], axes: Sequence[SweepAxis]) -> dict[str, Any]:
     """Set missing fields of the axes to their first value, because the base of a sweep must be a valid request."""
     for axis in axes:
         *steps, last = axis.field.split(".")
@@ -213,7 +213,7 @@ def _fill(body: dict[str, Any], axes: Sequence[Axis]) -> dict[str, Any]:
     return body
 
 
-def _explain_axes(error: RefusedError, body: RequestBody, axes: Sequence[Axis]) -> CommandError:
+def _explain_axes(error: RefusedError, body: RequestBody, axes: Sequence[SweepAxis]) -> CommandError:
     """Return a problem with the flag or the file of each invalid field."""
     lines = []
     by_pointer = {"/" + axis.field.replace(".", "/"): axis for axis in axes}

@@ -29,7 +29,7 @@ from service.readers import (
     DEPTH_TESTS,
     MOTION,
     OBLIQUITY_POINTS,
-    Axis,
+    CoordinateAxis,
     Expected,
     FileError,
     read_depth_tests,
@@ -262,7 +262,7 @@ def calibrate_obliquity(args: argparse.Namespace) -> None:
 
 def _read_history(args: argparse.Namespace, expected: Expected) -> MotionHistory:
     try:
-        axes = {name: Axis.named(axis) for name, axis in by_quantity("--axis", args.axis, MOTION[1:]).items()}
+        axes = {name: CoordinateAxis.named(axis) for name, axis in by_quantity("--axis", args.axis, MOTION[1:]).items()}
     except ValueError as error:
         raise CommandError(f"--axis: {error}") from None
     history = read_motion(

@@ -26,7 +26,7 @@ from service.cli.writers import (
     Counts,
     Item,
     Report,
-    Table,
+    SweepTable,
     Writer,
     is_parquet,
     is_table,
@@ -171,7 +171,9 @@ def write_results(
     counts, results = Counts(), iter(results)
     first = next(results)  # a request that is refused leaves an earlier output as it is
     with open_output(args) as stream:
-        table = Table(stream, args.operation, content) if is_table(args) else writer_for(args, stream, args.operation)
+        table = (
+            SweepTable(stream, args.operation, content) if is_table(args) else writer_for(args, stream, args.operation)
+        )
         writers = (table, *further, counts)
         with progress("computing") as report:
             for item in itertools.chain([first], results):

@@ -69,7 +69,7 @@ class JsonLines:
         """Do nothing."""
 
 
-class Table:
+class SweepTable:
     """Results of a sweep as CSV, with the base as a comment, as the service sends them."""
 
     def __init__(self, stream: TextIO, operation: str, content: Mapping[str, Any]) -> None:

@@ -18,11 +18,11 @@ from service.jobs.fairness import PrioritySemaphore
 from service.jobs.models import (
     BLOCK_SIZE,
     NO_TRACER,
-    Case,
     CaseBlock,
     CaseResult,
     Charge,
     Idempotency,
+    JobCase,
     JobState,
     Status,
     Sweep,
@@ -133,7 +133,7 @@ class JobManager:
         await self._scheduler.stop()
         await self._thread(self._jobs.close)
 
-    def run_now(self, operation: str, cases: Sequence[Case]) -> AsyncGenerator[CaseResult, None]:
+    def run_now(self, operation: str, cases: Sequence[JobCase]) -> AsyncGenerator[CaseResult, None]:
         """Yield the result of every case as it finishes; closing it (`aclose`) stops the work.
 
         Raises
@@ -176,7 +176,7 @@ class JobManager:
     async def accept(
         self,
         operation: str,
-        blocks: AsyncIterator[Sequence[Case]],
+        blocks: AsyncIterator[Sequence[JobCase]],
         *,
         owner: str = OWNER,
         idempotency: Idempotency | None = None,
@@ -328,7 +328,7 @@ class JobManager:
             await changed.wait()
             await asyncio.sleep(CHANGE_SECONDS)
 
-    def _run_samples(self, operation: str, cases: Sequence[Case]) -> AsyncGenerator[CaseResult, None]:
+    def _run_samples(self, operation: str, cases: Sequence[JobCase]) -> AsyncGenerator[CaseResult, None]:
         """Yield the results of samples of a study that is a job."""
         return self._counted(operation, self._inline.run(operation, cases, urgent=False))
 
@@ -341,7 +341,7 @@ class JobManager:
     async def _receive(
         self,
         operation: str,
-        blocks: AsyncIterator[Sequence[Case]],
+        blocks: AsyncIterator[Sequence[JobCase]],
         owner: str,
         idempotency: Idempotency | None,
         sweep: Sweep | None,
@@ -355,7 +355,7 @@ class JobManager:
         job = await self._thread(lambda: self._jobs.create(operation, owner, sweep, traceparent=traceparent))
         received = 0
         try:
-            waiting: list[Case] = []
+            waiting: list[JobCase] = []
             number = 0
             async for cases in blocks:
                 self._admit(len(cases), max(0, estimate() - received - len(cases)))
@@ -377,7 +377,7 @@ class JobManager:
         self._scheduler.add(state)
         return state
 
-    def _append(self, job: int, number: int, cases: Sequence[Case]) -> None:
+    def _append(self, job: int, number: int, cases: Sequence[JobCase]) -> None:
         self._jobs.append(job, number, CaseBlock.of(cases))
 
     async def _counted(

@@ -43,7 +43,7 @@ SOUND_STATES = bytes(byte if byte in set(CaseState) else CaseState.WAITING for b
 
 
 @dataclass(frozen=True, slots=True)
-class Case:
+class JobCase:
     """One case of a batch, validated."""
 
     request: KeyedRequest
@@ -211,7 +211,7 @@ class CaseBlock:
     custom_ids: bytes | None
 
     @classmethod
-    def of(cls, cases: Sequence[Case]) -> "CaseBlock":
+    def of(cls, cases: Sequence[JobCase]) -> "CaseBlock":
         """Return the cases as they are stored."""
         ids = [case.custom_id for case in cases]
         return cls(

@@ -15,7 +15,7 @@ from anyio.to_thread import run_sync
 from service.cache.record import Record
 from service.errors import ComputationCancelled, DamagedCasesError, PoolUnavailableError, QueueFullError, case_problem
 from service.jobs.fairness import ChunkSizer, PrioritySemaphore
-from service.jobs.models import Case, CaseResult, CaseRow, CaseState, JobState, block_of
+from service.jobs.models import CaseResult, CaseRow, CaseState, JobCase, JobState, block_of
 from service.jobs.store import VERSIONS, JobStore
 from service.jobs.studies import StudyService
 from service.operations import UNCERTAIN, KeyedRequest, result_key
@@ -58,7 +58,7 @@ class InlineBatch:
         self._sizers: dict[str, ChunkSizer] = defaultdict(lambda: ChunkSizer(CHUNK_SECONDS))
 
     async def run(
-        self, operation: str, cases: Sequence[Case], *, urgent: bool = True
+        self, operation: str, cases: Sequence[JobCase], *, urgent: bool = True
     ) -> AsyncGenerator[CaseResult, None]:
         """Yield the result of every case as it finishes; closed, it stops the work. What is urgent goes before jobs.
 
@@ -214,12 +214,12 @@ class ResultReader:
     async def _compute(self, state: JobState, rows: Sequence[CaseRow]) -> dict[int, CaseResult]:
         """Compute these cases again."""
 
-        def load() -> list[Case]:
+        def load() -> list[JobCase]:
             keys = [row.key for row in rows]
             if state.versions != VERSIONS:  # they are of an earlier engine, whose results cannot be had any more
                 keys = [result_key(state.operation, orjson.loads(requests[row.number])) for row in rows]
             found = zip(rows, keys, strict=True)
-            return [Case(KeyedRequest(key, requests[row.number]), row.custom_id) for row, key in found]
+            return [JobCase(KeyedRequest(key, requests[row.number]), row.custom_id) for row, key in found]
 
         requests = await self._thread(self._jobs.requests, state.number, [row.number for row in rows])
         lost = {row.number: self._lost(state, row) for row in rows if row.number not in requests}
@@ -240,7 +240,7 @@ class ResultReader:
         problem = case_problem(DamagedCasesError(*block_of(row.number, state.total)))
         return CaseResult(row.number, row.custom_id, None, problem, cached=False)
 
-    async def _study(self, state: JobState, row: CaseRow, case: Case) -> CaseResult:
+    async def _study(self, state: JobState, row: CaseRow, case: JobCase) -> CaseResult:
         """Compute a study again, of whose samples most may still be there."""
         record, _ = await self._studies.answer(state.operation, case.request, self._inline.run)
         return CaseResult(row.number, row.custom_id, record, None, row.state == CaseState.CACHED)

@@ -11,7 +11,7 @@ from anyio.to_thread import run_sync
 
 from service.cache.record import Record
 from service.errors import InvalidBodyError
-from service.jobs.models import Case, CaseResult
+from service.jobs.models import CaseResult, JobCase
 from service.operations import OPERATIONS, UNCERTAIN, KeyedRequest, StudyOperation
 from service.queries import Answered, QueryService
 
@@ -20,7 +20,7 @@ PART = 320
 PARTIAL = ("probability", "outcomes", "convergence")
 """What a partial answer has of an answer."""
 
-RunCases: TypeAlias = Callable[[str, Sequence[Case]], AsyncGenerator[CaseResult, None]]
+RunCases: TypeAlias = Callable[[str, Sequence[JobCase]], AsyncGenerator[CaseResult, None]]
 """Yields the result of every case of an operation as it finishes."""
 Report: TypeAlias = Callable[[dict[str, Any], dict[str, Any] | None], Awaitable[None]]
 """Takes the progress of a study and, if it is another than before, its partial answer."""
@@ -151,7 +151,7 @@ async def run_study(
         for begin in range(0, len(batch.points), PART):
             points = batch.points[begin : begin + PART]
             requests = await run_sync(found.requests, study, points, limiter=limiter)
-            cases = {number: Case(each) for number, each in enumerate(requests) if each is not None}
+            cases = {number: JobCase(each) for number, each in enumerate(requests) if each is not None}
             take(len(cases))
             results += await _findings(found, len(points), cases, run)
             done += len(points)
@@ -162,7 +162,7 @@ async def run_study(
     return content
 
 
-async def _findings(operation: StudyOperation, count: int, cases: Mapping[int, Case], run: RunCases) -> list[Any]:
+async def _findings(operation: StudyOperation, count: int, cases: Mapping[int, JobCase], run: RunCases) -> list[Any]:
     """Return what a study keeps of some samples, of which those without a case are outside the contract."""
     found, numbers = [operation.outside] * count, list(cases)
     async with aclosing(run(operation.sample, list(cases.values()))) as results:

@@ -11,7 +11,7 @@ from service.readers.calibration import (
     read_motion_runs,
     read_obliquity_points,
 )
-from service.readers.dyna import Axis
+from service.readers.dyna import CoordinateAxis
 from service.readers.files import FileError
 from service.readers.table import Quantity
 
@@ -19,7 +19,7 @@ __all__ = [
     "DEPTH_TESTS",
     "MOTION",
     "OBLIQUITY_POINTS",
-    "Axis",
+    "CoordinateAxis",
     "Expected",
     "FileError",
     "MotionRunRow",

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from service.readers.dyna import (
     NODOUT_MARK,
     RBDOUT_MARK,
-    Axis,
+    CoordinateAxis,
     States,
     along,
     is_binout,
@@ -227,7 +227,7 @@ def read_motion(
     columns: Mapping[str, str] | None = None,
     units: Mapping[str, str] | None = None,
     *,
-    axes: Mapping[str, Axis] | None = None,
+    axes: Mapping[str, CoordinateAxis] | None = None,
     part: int | None = None,
     node: int | None = None,
     contact: float | None = None,

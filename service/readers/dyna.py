@@ -37,7 +37,7 @@ TRANSLATIONS = ("depth_displacement", "lateral_displacement")
 
 
 @dataclass(frozen=True, slots=True)
-class Axis:
+class CoordinateAxis:
     """A global axis with a direction.
 
     Parameters
@@ -52,7 +52,7 @@ class Axis:
     sign: float
 
     @classmethod
-    def named(cls, name: str) -> "Axis":
+    def named(cls, name: str) -> "CoordinateAxis":
         """Return the axis of a name such as ``-z``.
 
         Raises
@@ -89,7 +89,7 @@ class States:
     lines: Sequence[int] | None = None
 
 
-def along(states: States, axes: Mapping[str, Axis]) -> Readings:
+def along(states: States, axes: Mapping[str, CoordinateAxis]) -> Readings:
     """Return the motion along the given axes, in the units of the model.
 
     Raises

@@ -20,7 +20,7 @@ from service.reports.reference import (
     paper_value,
     path_of,
 )
-from service.reports.report import Column, Comparison, Figure, Progress, Section, Table, paragraphs, stack
+from service.reports.report import Column, Comparison, Figure, Progress, ReportTable, Section, paragraphs, stack
 from service.reports.style import TipPath, draw_concrete, draw_path
 from solver import CriticalAngle, Numerics, Resistance, Search, critical_angle, simulate, strength_factor
 from solver.calibration import predict_motion
@@ -128,8 +128,8 @@ def _comparison(method: str, answer: CriticalAngle, printed: float) -> Compariso
     )
 
 
-def _trial_table(method: str, attempts: Attempts) -> Table:
-    return Table(
+def _trial_table(method: str, attempts: Attempts) -> ReportTable:
+    return ReportTable(
         name=f"trials-{method}",
         caption=f"Trials of the {method} search.",
         columns=["trial", "angle °", "tip at 3.2 ms, m", "tip at 5 ms, m", "turned away"],
@@ -344,7 +344,7 @@ def cost_section(progress: Progress) -> Section:
             """
         ),
         tables=[
-            Table(
+            ReportTable(
                 name="cost",
                 caption="CPU time of a critical angle, over that of the secant search and over that of the finite "
                 "elements of the paper.",

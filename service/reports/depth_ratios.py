@@ -20,13 +20,13 @@ from service.reports.depth_tests import (
     TRAJECTORY,
     Agreement,
     Assessment,
-    Strike,
+    TestedStrike,
     agreement,
     every,
     of_series,
     percent,
 )
-from service.reports.report import Comparison, Figure, Section, Table
+from service.reports.report import Comparison, Figure, ReportTable, Section
 from solver import Projectile, solid_properties
 from solver.arrays import FloatArray
 
@@ -172,7 +172,7 @@ def _comparisons(assessment: Assessment) -> tuple[Comparison, ...]:
     return tuple(found)
 
 
-def _ratio_table(assessment: Assessment) -> Table:
+def _ratio_table(assessment: Assessment) -> ReportTable:
     rows = []
     for model in ALL_MODELS:
         for series in (*assessment.series, "all"):
@@ -190,7 +190,7 @@ def _ratio_table(assessment: Assessment) -> Table:
         f"within {percent(BAND)}."
     )
 
-    return Table(name="agreement", caption=caption, columns=columns, rows=rows)
+    return ReportTable(name="agreement", caption=caption, columns=columns, rows=rows)
 
 
 FASTEST = 1300.0
@@ -206,7 +206,7 @@ class CraterDifference:
     caliber_radius_head: float
     static: float
     """Without inertia, at every speed and strength. [m]"""
-    strikes: Sequence[Strike]
+    strikes: Sequence[TestedStrike]
     differences: FloatArray
     """Differences of each test. [m]"""
 
@@ -297,7 +297,7 @@ def _crater_text(assessment: Assessment, differences: Sequence[CraterDifference]
     )
 
 
-def _crater_table(differences: Sequence[CraterDifference]) -> Table:
+def _crater_table(differences: Sequence[CraterDifference]) -> ReportTable:
     rows = [
         (
             each.diameter * 1e3,
@@ -322,7 +322,7 @@ def _crater_table(differences: Sequence[CraterDifference]) -> Table:
         "mean [diameters]",
     )
     caption = f"Depth of the closed form less that of the trajectory model, S = {POWER_LAW}."
-    return Table(name="crater", caption=caption, columns=columns, rows=rows)
+    return ReportTable(name="crater", caption=caption, columns=columns, rows=rows)
 
 
 def _crater_figure(differences: Sequence[CraterDifference]) -> Figure:

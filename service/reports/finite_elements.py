@@ -22,7 +22,7 @@ from service.reports.finite_elements_fits import (
 )
 from service.reports.finite_elements_text import outcomes, paragraphs, short, with_extrapolation
 from service.reports.reference import MESHES, Mesh, finite_element_runs, table_2
-from service.reports.report import Comparison, Progress, Section, Table
+from service.reports.report import Comparison, Progress, ReportTable, Section
 
 SEPARATE_CALCULATION = "a separate calculation on the same runs"
 SEPARATE_RMS = {"mohr_coulomb": 0.051, "elastic_plastic": 0.090, "none": 0.216}
@@ -128,7 +128,7 @@ def _with_error(prediction: Prediction) -> str:
     return "standard error unknown" if error is None else f"standard error {error:.1f}°"
 
 
-def _laws(found: Mapping[Mesh, Calibration]) -> Table:
+def _laws(found: Mapping[Mesh, Calibration]) -> ReportTable:
     """Each law over all runs of a mesh."""
     rows: list[Sequence[object]] = []
     for mesh, calibration in found.items():
@@ -143,7 +143,7 @@ def _laws(found: Mapping[Mesh, Calibration]) -> Table:
                     common and common.normalized_root_mean_square,
                 )
             )
-    return Table(
+    return ReportTable(
         name="finite-elements-laws",
         caption="Normalised root mean square over all oblique runs of a mesh: each run at its own S, fitted until its "
         "nose tip or until its centre of gravity is deepest (empty if a run leaves S open), and at one S for all runs, "
@@ -153,7 +153,7 @@ def _laws(found: Mapping[Mesh, Calibration]) -> Table:
     )
 
 
-def _fits(found: Mapping[Mesh, Calibration]) -> Table:
+def _fits(found: Mapping[Mesh, Calibration]) -> ReportTable:
     rows: list[Sequence[object]] = []
     for calibration in found.values():
         for run in calibration.runs:
@@ -166,7 +166,7 @@ def _fits(found: Mapping[Mesh, Calibration]) -> Table:
             ]
             rows.append((run.name, end, *cells))
     columns = [cell for name in LAW_NAMES.values() for cell in (f"S, {name}", "rms")]
-    return Table(
+    return ReportTable(
         name="finite-elements-fits",
         caption="S fitted to each run until its nose tip is deepest, with its standard error, and the normalised root "
         "mean square of what is left, by decay law.",
@@ -175,7 +175,7 @@ def _fits(found: Mapping[Mesh, Calibration]) -> Table:
     )
 
 
-def _quantities(found: Mapping[Mesh, Calibration]) -> Table:
+def _quantities(found: Mapping[Mesh, Calibration]) -> ReportTable:
     rows: list[Sequence[object]] = []
     for calibration in found.values():
         for run in calibration.runs:
@@ -190,7 +190,7 @@ def _quantities(found: Mapping[Mesh, Calibration]) -> Table:
                         *(estimate and estimate.strength_factor for estimate in map(alone.get, ALONE)),
                     )
                 )
-    return Table(
+    return ReportTable(
         name="finite-elements-quantities",
         caption="Root mean square of what these fits leave of each quantity, and S fitted to each quantity alone.",
         columns=(
@@ -201,14 +201,14 @@ def _quantities(found: Mapping[Mesh, Calibration]) -> Table:
     )
 
 
-def _outcomes(found: Mapping[Mesh, Calibration]) -> Table:
+def _outcomes(found: Mapping[Mesh, Calibration]) -> ReportTable:
     """Whether the model at the S of a run turns its projectile away, as the finite elements do."""
     rows: list[Sequence[object]] = []
     for calibration in found.values():
         for run in calibration.runs:
             away = [ending(run).turned_away, *(outcomes(calibration, law)[run.degrees] for law in LAWS)]
             rows.append((run.name, *("turned away" if each else "retained" for each in away)))
-    return Table(
+    return ReportTable(
         name="finite-elements-outcomes",
         caption="Outcome of each run, and of the model at the S fitted to it until its nose tip is deepest.",
         columns=("run", "finite elements", *(LAW_NAMES[law] for law in LAWS)),
@@ -216,7 +216,7 @@ def _outcomes(found: Mapping[Mesh, Calibration]) -> Table:
     )
 
 
-def _depths(found: Mapping[Mesh, Calibration]) -> Table:
+def _depths(found: Mapping[Mesh, Calibration]) -> ReportTable:
     rows = []
     for mesh, calibration in found.items():
         fit, normal = calibration.by_depth, [run for run in finite_element_runs(mesh) if run.oblique_angle == 0.0]
@@ -227,7 +227,7 @@ def _depths(found: Mapping[Mesh, Calibration]) -> Table:
         f"{each.by_depth.estimate.strength_factor:.2f} ± {each.by_depth.estimate.standard_error:.2f} ({mesh} mesh)"
         for mesh, each in found.items()
     ]
-    return Table(
+    return ReportTable(
         name="finite-elements-depths",
         caption=f"Greatest depths in normal impact, and the model at the S that fits those of a mesh best, "
         f"{' and '.join(values)}.",
@@ -236,7 +236,7 @@ def _depths(found: Mapping[Mesh, Calibration]) -> Table:
     )
 
 
-def _angles(predicted: Predictions) -> Table:
+def _angles(predicted: Predictions) -> ReportTable:
     readings: dict[tuple[Mesh | None, str], dict[str, Prediction]] = {}
     for each in predicted.each:
         readings.setdefault((each.mesh, each.reading), {})[each.law] = each
@@ -248,7 +248,7 @@ def _angles(predicted: Predictions) -> Table:
             for cell in ((with_extrapolation(by_law[law]), by_law[law].factor) if law in by_law else ("", None))
         ]
         rows.append((mesh or "LS-DYNA", reading, f"{next(iter(by_law.values())).fitted_to:g}°", *cells))
-    return Table(
+    return ReportTable(
         name="finite-elements-angles",
         caption="Critical angle by mesh, reading of the calibration and decay law, with its standard error where there "
         "is one, and S at it. Extrapolated: beyond the last angle to which S was fitted.",
@@ -263,7 +263,7 @@ def _by_law(*columns: str) -> tuple[str, ...]:
     )
 
 
-def _cost(found: Mapping[Mesh, Calibration], predicted: Predictions) -> Table:
+def _cost(found: Mapping[Mesh, Calibration], predicted: Predictions) -> ReportTable:
     coarse = found["coarse"]
     spent = sum(run.cpu_seconds or 0.0 for run in finite_element_runs("coarse"))
     rows = (
@@ -272,7 +272,7 @@ def _cost(found: Mapping[Mesh, Calibration], predicted: Predictions) -> Table:
         ("critical angle at a known S", None, predicted.paper.cpu_seconds),
         ("critical angle with its standard error", None, predicted.chosen("elastic_plastic", "coarse").cpu_seconds),
     )
-    return Table(
+    return ReportTable(
         name="finite-elements-cost",
         caption="CPU seconds: finite elements as measured when they were made (not recorded for the finer mesh), this "
         "model now.",

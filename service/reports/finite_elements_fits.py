@@ -19,7 +19,7 @@ from service.reports.reference import (
     path_of_run,
     time_of_deepest_tip,
 )
-from service.reports.report import Progress, Table
+from service.reports.report import Progress, ReportTable
 from solver import (
     ConstantStrengthFactor,
     CriticalAngle,
@@ -240,7 +240,7 @@ def bracket(runs: Sequence[FiniteElementRun]) -> tuple[float, float]:
     return max(angle for angle, away in turned.items() if not away), min(a for a, away in turned.items() if away)
 
 
-def endings_table(runs: Sequence[FiniteElementRun]) -> Table:
+def endings_table(runs: Sequence[FiniteElementRun]) -> ReportTable:
     """Last rows of the oblique runs."""
     endings = [ending(run) for run in runs if run.oblique_angle > 0.0]
     words = {
@@ -267,7 +267,7 @@ def endings_table(runs: Sequence[FiniteElementRun]) -> Table:
         "Last row of each oblique finite element run; velocities along the inward normal, negative outwards. Turned "
         f"away: nose tip and centre of gravity move out with at least {100.0 * RETAINED:g} % of the energy."
     )
-    return Table(name="finite-elements-endings", caption=caption, columns=columns, rows=rows)
+    return ReportTable(name="finite-elements-endings", caption=caption, columns=columns, rows=rows)
 
 
 CHOSEN = "second order, all runs"

@@ -22,7 +22,7 @@ from service.reports.reference import (
     paper_strike,
     table_2,
 )
-from service.reports.report import Comparison, Figure, Progress, Section, Table, paragraphs, stack
+from service.reports.report import Comparison, Figure, Progress, ReportTable, Section, paragraphs, stack
 from solver import Numerics, Resistance, strength_factor
 from solver.arrays import FloatArray
 from solver.calibration import MotionHistory, predict_motion
@@ -152,7 +152,7 @@ def motion_section(progress: Progress) -> Section:
     )
 
 
-def _fit_table() -> Table:
+def _fit_table() -> ReportTable:
     rows = []
     for degrees in NUMBERS:
         found = finite_element_fit(f"oblique-{degrees}")
@@ -169,7 +169,7 @@ def _fit_table() -> Table:
                 found.r_squared["rotation"],
             )
         )
-    return Table(
+    return ReportTable(
         name="motion-fits",
         caption="Fits until the tip is deepest: root mean squares of what is left, and the share of the variance of "
         "the rotation that the model explains.",
@@ -322,8 +322,8 @@ def _grid_comparisons(grids: Sequence[Grid], adaptive: MotionHistory) -> list[Co
     ]
 
 
-def _grid_table(grids: Sequence[Grid], adaptive: MotionHistory) -> Table:
-    return Table(
+def _grid_table(grids: Sequence[Grid], adaptive: MotionHistory) -> ReportTable:
+    return ReportTable(
         name="sensitivity",
         caption="Greatest difference to the adaptive route at any time up to 5 ms.",
         columns=["step ms", "elements", "lateral, mm", "depth, mm", "rotation, °"],

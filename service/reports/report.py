@@ -64,7 +64,7 @@ class Figure:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Table:
+class ReportTable:
     """Rows under named columns."""
 
     name: str
@@ -81,7 +81,7 @@ class Section:
     title: str
     text: Sequence[str]
     comparisons: Sequence[Comparison] = ()
-    tables: Sequence[Table] = ()
+    tables: Sequence[ReportTable] = ()
     figures: Sequence[Figure] = ()
 
 
@@ -289,7 +289,7 @@ def _decimals(comparison: Comparison) -> int:
     return min(max(_places(comparison.ours, 4), _natural_places(printed)), 9)
 
 
-def _cells(table: Table) -> list[list[tuple[str, bool]]]:
+def _cells(table: ReportTable) -> list[list[tuple[str, bool]]]:
     """The rows as texts, each with whether it is a number; numbers of a column have the same decimals."""
     columns = [_column(values) for values in zip(*table.rows, strict=True)]
     return [list(row) for row in zip(*columns, strict=True)]

@@ -8,7 +8,7 @@ from typing import Final
 import solver
 from service.reports import critical_angle, finite_elements, motion, strength_factor
 from service.reports.reference import THREADS
-from service.reports.report import Comparison, Progress, Section, Table, paragraphs
+from service.reports.report import Comparison, Progress, ReportTable, Section, paragraphs
 from solver import (
     ENGINE_VERSION,
     ConstantStrengthFactor,
@@ -126,7 +126,7 @@ def open_points_section(progress: Progress) -> Section:
             for choice, angle in SEPARATE.items()
         ],
         tables=[
-            Table(
+            ReportTable(
                 name="open-points",
                 caption="Critical angle of the paper's strike, one choice changed at a time.",
                 columns=["what is open", "choice", "critical angle °", "change °"],

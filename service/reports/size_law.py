@@ -15,12 +15,12 @@ from service.reports.depth_tests import (
     POWER_LAW,
     TRAJECTORY,
     Assessment,
-    Strike,
+    TestedStrike,
     agreement,
     percent,
     trajectory_depth,
 )
-from service.reports.report import Comparison, Figure, Section, Table
+from service.reports.report import Comparison, Figure, ReportTable, Section
 from solver import PublishedTests, Resistance, StrengthPowerLaw, strength_factor
 from solver.arrays import FloatArray
 
@@ -28,7 +28,7 @@ REFERENCE_STRENGTH, REFERENCE_DIAMETER = 39e6, 0.0762
 """Strength and diameter at which S is the coefficient of the law. [Pa, m]"""
 RIGID_UP_TO = 900.0
 """Tests above this speed, where noses erode, are predicted but not fitted to. [m/s]"""
-VARIABLES: Mapping[str, tuple[Callable[[Strike], float], float]] = {
+VARIABLES: Mapping[str, tuple[Callable[[TestedStrike], float], float]] = {
     "speed [m/s]": (lambda strike: strike.test.velocity, 1.0),
     "f'c [MPa]": (lambda strike: strike.test.compressive_strength, 1e-6),
     "diameter [mm]": (lambda strike: strike.test.diameter, 1e3),
@@ -45,7 +45,7 @@ class SizeLaw:
     standard_errors: tuple[float, ...]
     """Standard errors of ln c, a and, with the diameter, b."""
 
-    def factor(self, strike: Strike) -> float:
+    def factor(self, strike: TestedStrike) -> float:
         """Strength factor of a test. [1]"""
         resistance = Resistance(strength_factor=self.model)
         return strength_factor(
@@ -53,7 +53,7 @@ class SizeLaw:
         )
 
 
-def fit_size_law(strikes: Sequence[Strike], factors: FloatArray, *, diameter: bool = True) -> SizeLaw:
+def fit_size_law(strikes: Sequence[TestedStrike], factors: FloatArray, *, diameter: bool = True) -> SizeLaw:
     """Fit a law by ordinary least squares between the logarithms.
 
     Parameters
@@ -311,13 +311,13 @@ def _power(value: float) -> str:
     return f"{value:.2f}".replace("-", "\N{MINUS SIGN}")
 
 
-def _left_out_table(left_out: Mapping[bool, Sequence[LeftOut]]) -> Table:
+def _left_out_table(left_out: Mapping[bool, Sequence[LeftOut]]) -> ReportTable:
     rows: list[Sequence[object]] = []
     for diameter, found in left_out.items():
         rows += [_row(each.name, each.law, diameter, each.slow) for each in found]
         slow = np.concatenate([each.slow for each in found if each.name != LARGE])
         rows.append(_row("each series in turn", None, diameter, slow))
-    return Table(
+    return ReportTable(
         name="leave-one-series-out",
         caption=f"Predicted over measured depth of tests that the law was not fitted to, up to {RIGID_UP_TO:g} m/s, "
         "and the law fitted to the others: S = c (f'c / 39 MPa)^a (d / 76.2 mm)^b.",
@@ -344,7 +344,7 @@ def _row(name: str, law: SizeLaw | None, diameter: bool, ratios: FloatArray) -> 
 
 def _trend_table(
     assessment: Assessment, fitted: Mapping[bool, SizeLaw], series: Mapping[bool, Sequence[LeftOut]]
-) -> Table:
+) -> ReportTable:
     everything = assessment.chosen()
     cases: dict[str, tuple[Sequence[int], FloatArray]] = {}
     for name in (POWER_LAW, CONSTANT):
@@ -359,7 +359,7 @@ def _trend_table(
             cells += [f"{_power(found.exponent)} ± {found.standard_error:.2f}", float(round(100.0 * found.change))]
         rows.append((name, len(places), *cells))
     columns = [cell for name in ("speed", "f'c", "diameter") for cell in (f"power of {name}", "change [%]")]
-    return Table(
+    return ReportTable(
         name="residual-trends",
         caption="Trend of predicted over measured depth with one variable at a time, over all counted tests: the power "
         "of the variable that it follows, with its standard error, and the change over the range of the variable.",

@@ -18,7 +18,7 @@ from service.reports.reference import (
     table_1,
     table_2,
 )
-from service.reports.report import Comparison, Figure, Progress, Section, Table, paragraphs, stack
+from service.reports.report import Comparison, Figure, Progress, ReportTable, Section, paragraphs, stack
 from solver.arrays import FloatArray
 from solver.calibration import (
     DepthFit,
@@ -165,11 +165,11 @@ def _depth_comparisons(strength: float, shots: Sequence[PublishedShot]) -> list[
     return found
 
 
-def _depth_table(shots: Sequence[PublishedShot], with_mean: DepthFit, with_own: DepthFit) -> Table:
+def _depth_table(shots: Sequence[PublishedShot], with_mean: DepthFit, with_own: DepthFit) -> ReportTable:
     printed = _depths(
         np.array([shot.velocity for shot in shots]), paper_value("strength_factor", "oblique angle 0 deg")
     )
-    return Table(
+    return ReportTable(
         name="table-1",
         caption="Table 1 and the model. Depths in m: measured, with the paper's S = 8.52, with the fitted S, and what "
         "is left (measured minus predicted).",
@@ -321,7 +321,7 @@ def _coefficient_comparisons(fitted: ObliquityFit) -> list[Comparison]:
     ]
 
 
-def _angle_table(fitted: ObliquityFit, own: dict[float, Estimate]) -> Table:
+def _angle_table(fitted: ObliquityFit, own: dict[float, Estimate]) -> ReportTable:
     rows = []
     for (degrees, printed), residual in zip(table_2(), fitted.residuals, strict=True):
         low, high = own[degrees].confidence_interval
@@ -337,7 +337,7 @@ def _angle_table(fitted: ObliquityFit, own: dict[float, Estimate]) -> Table:
                 strength - printed,
             )
         )
-    return Table(
+    return ReportTable(
         name="table-2",
         caption="Table 2, the polynomial through it, and S fitted to our own finite element runs.",
         columns=["angle °", "Table 2", "polynomial", "left", "our finite elements", "95 % interval", "minus Table 2"],

@@ -29,7 +29,7 @@ from service.reports.depth_tests import (
     of_series,
     percent,
 )
-from service.reports.report import Progress, Section, Table, paragraphs
+from service.reports.report import Progress, ReportTable, Section, paragraphs
 from service.reports.size_law import size_law_section
 from solver import (
     Crater,
@@ -108,7 +108,7 @@ def _outlier_text(assessment: Assessment) -> str:
     )
 
 
-def _tests_table(assessment: Assessment) -> Table:
+def _tests_table(assessment: Assessment) -> ReportTable:
     columns: tuple[str, ...] = ("series", "row", "d [mm]", "ψ", "f'c [MPa]", "v [m/s]", "depth [m]")
     columns += ("trajectory [m]", "ratio", "closed form [m]", "its ratio", "flags")
     rows = []
@@ -129,7 +129,7 @@ def _tests_table(assessment: Assessment) -> Table:
             )
         )
     caption = f"Measured depth of every test, the depths by S = {POWER_LAW}, and the ratios of these to it."
-    return Table(name="tests", caption=caption, columns=columns, rows=rows)
+    return ReportTable(name="tests", caption=caption, columns=columns, rows=rows)
 
 
 LARGE_DIAMETER = 0.0762
@@ -193,7 +193,7 @@ def _large_projectiles(assessment: Assessment) -> str:
     )
 
 
-def _limits_table(assessment: Assessment) -> Table:
+def _limits_table(assessment: Assessment) -> ReportTable:
     laws = {name: model_factors(assessment.strikes, FACTOR_MODELS[name]) for name in (POWER_LAW, SQUARE_ROOT)}
     rows = []
     for group in assessment.groups:
@@ -215,7 +215,7 @@ def _limits_table(assessment: Assessment) -> Table:
     caption = (
         "Strength factors fitted by least squares in depth to all counted tests of a group, beside the correlations."
     )
-    return Table(name="strength-factors", caption=caption, columns=columns, rows=rows)
+    return ReportTable(name="strength-factors", caption=caption, columns=columns, rows=rows)
 
 
 MODELS: Final[Mapping[str, Resistance]] = {
@@ -256,7 +256,7 @@ def walls_section(_: Assessment) -> Section:
     )
 
 
-def _thickness_table() -> Table:
+def _thickness_table() -> ReportTable:
     """Least thicknesses of the paper's strike."""
     impacts = [Impact(velocity=PAPER_VELOCITY, oblique_angle=math.radians(angle)) for angle in ANGLES_DEG]
     case: dict[str, Any] = {"projectile": PAPER_PROJECTILE, "target": PAPER_TARGET}
@@ -276,10 +276,10 @@ def _thickness_table() -> Table:
         "Least thickness that is not perforated by the paper's strike; formulas have no angle and take, as is common "
         "practice, the normal part of the speed."
     )
-    return Table(name="walls", caption=caption, columns=("by", *angles, "source", "range"), rows=rows)
+    return ReportTable(name="walls", caption=caption, columns=("by", *angles, "source", "range"), rows=rows)
 
 
-def _speed_table() -> Table:
+def _speed_table() -> ReportTable:
     """Limit speeds of the slabs of Hanchak et al."""
     walls = [Target(compressive_strength=strength, density=2400.0, thickness=SLAB) for strength in SLAB_STRENGTHS]
     rows: list[tuple[object, ...]] = []
@@ -295,7 +295,7 @@ def _speed_table() -> Table:
     rows.append(("tests, slowest with a residual speed", *(f"≤ {SLAB_SLOWEST:g}" for _ in walls)))
     strengths = [f"{strength / 1e6:g} MPa [m/s]" for strength in SLAB_STRENGTHS]
     caption = f"Limit speeds of slabs {SLAB * 1e3:g} mm thick at normal impact, S of `published_tests`."
-    return Table(name="slabs", caption=caption, columns=("by", *strengths), rows=rows)
+    return ReportTable(name="slabs", caption=caption, columns=("by", *strengths), rows=rows)
 
 
 def _millimetres(value: float | None) -> object:

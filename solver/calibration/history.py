@@ -162,7 +162,7 @@ def check_reach(projectile: Projectile, impact: Impact, history: MotionHistory) 
             )
 
 
-class Strike:
+class FittedStrike:
     """One strike, prepared, at any strength factor."""
 
     def __init__(
@@ -230,5 +230,5 @@ def predict_motion(
     """
     require_positive("strength_factor", strength_factor)
     sampled = MotionHistory(time=times, rotation=np.zeros(len(times))).time
-    strike = Strike(projectile, target, impact, resistance, (numerics or Numerics()).resolved(), sampled)
+    strike = FittedStrike(projectile, target, impact, resistance, (numerics or Numerics()).resolved(), sampled)
     return MotionHistory(time=sampled, **strike.columns(strength_factor))

@@ -9,7 +9,7 @@ import numpy as np
 
 from solver import warnings as model_warnings
 from solver.arrays import FloatArray
-from solver.calibration.history import QUANTITIES, MotionHistory, MotionRun, Strike, Weights, check_reach
+from solver.calibration.history import QUANTITIES, FittedStrike, MotionHistory, MotionRun, Weights, check_reach
 from solver.calibration.strength_factor import (
     Estimate,
     UndeterminedError,
@@ -93,8 +93,8 @@ class _Run:
         check_reach(projectile, run.impact, run.history)
         settings = (numerics or Numerics()).resolved(relative_tolerance=FIT_TOLERANCE)
         self.given, self.impact = run.history, run.impact
-        self.strike = Strike(projectile, target, run.impact, resistance, settings, run.history.time)
-        self.rough = Strike(projectile, target, run.impact, resistance, ROUGH.resolved(), run.history.time)
+        self.strike = FittedStrike(projectile, target, run.impact, resistance, settings, run.history.time)
+        self.rough = FittedStrike(projectile, target, run.impact, resistance, ROUGH.resolved(), run.history.time)
         self.scales = _scales(run, projectile.length)
 
     def residuals(self, strength_factor: float, *, rough: bool = False) -> FloatArray:

@@ -45,7 +45,7 @@ def scaled(model: StrengthFactor, factor: float) -> StrengthFactor:
     return replace(model, coefficient=factor * model.coefficient)
 
 
-class Strike:
+class SampledStrike:
     """One strike, of which samples differ in the uncertain inputs.
 
     Parameters
@@ -195,7 +195,7 @@ def critical_angle_uncertainty(
     )
     for index, each in enumerate(uncertain):
         require(each.field != "impact.oblique_angle", f"uncertain.{index}.field", "is what a search varies")
-    strike = Strike(strike_parts(impact, projectile, target, resistance, numerics), uncertain)
+    strike = SampledStrike(strike_parts(impact, projectile, target, resistance, numerics), uncertain)
     search = search or USUAL_SEARCH
     study = AngleStudy(
         uncertain,
@@ -249,7 +249,7 @@ def trajectory_uncertainty(
     ParameterError
         If a distribution or a field is not valid.
     """
-    strike = Strike(strike_parts(impact, projectile, target, resistance, numerics), uncertain)
+    strike = SampledStrike(strike_parts(impact, projectile, target, resistance, numerics), uncertain)
 
     def evaluate(point: Point) -> Ending:
         try:

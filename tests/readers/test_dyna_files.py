@@ -10,16 +10,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from service.readers import Axis, FileError, read_motion
+from service.readers import CoordinateAxis, FileError, read_motion
 from solver.arrays import FloatArray
 from tests.readers.dyna_files import write_binout, write_nodout, write_rbdout
 
 TIME = np.linspace(0.0, 4.0, 21)  # ms
 DEPTH, LATERAL, ROTATION = 200.0 * np.sin(TIME / 3.0), 120.0 * TIME, 0.05 * TIME**2  # mm, mm, rad
 AXES = {
-    "depth_displacement": Axis.named("-z"),
-    "lateral_displacement": Axis.named("x"),
-    "rotation": Axis.named("-y"),
+    "depth_displacement": CoordinateAxis.named("-z"),
+    "lateral_displacement": CoordinateAxis.named("x"),
+    "rotation": CoordinateAxis.named("-y"),
 }
 UNITS = {"time": "ms", "depth_displacement": "mm", "lateral_displacement": "mm"}
 OTHER = np.full((len(TIME), 6), -1.2345e-101)
@@ -134,7 +134,7 @@ def test_file_without_rotations_gives_displacements_alone(tmp_path: Path) -> Non
     write_nodout(tmp_path / "nodout", TIME, {42: along_axes()}, rotations=False)
     with pytest.raises(FileError, match="the file has no rotations"):
         read_motion(tmp_path / "nodout", axes=AXES)
-    history = read_motion(tmp_path / "nodout", axes={"depth_displacement": Axis.named("-z")})
+    history = read_motion(tmp_path / "nodout", axes={"depth_displacement": CoordinateAxis.named("-z")})
     assert history.columns.keys() == {"depth_displacement"}
 
 
@@ -143,7 +143,7 @@ def test_flags_of_the_other_kind_are_refused(tmp_path: Path) -> None:
     with pytest.raises(FileError, match="only CSV files have columns"):
         read_motion(tmp_path / "rbdout", {"time": "T"}, axes=AXES)
     with pytest.raises(FileError, match="cannot be along the same axis"):
-        read_motion(tmp_path / "rbdout", axes=AXES | {"lateral_displacement": Axis.named("z")})
+        read_motion(tmp_path / "rbdout", axes=AXES | {"lateral_displacement": CoordinateAxis.named("z")})
     with pytest.raises(FileError, match="unknown unit 'furlong' of time"):
         read_motion(tmp_path / "rbdout", units={"time": "furlong"}, axes=AXES)
     (tmp_path / "file.csv").write_text("time_s,rotation_deg\n0,0\n1,1\n")

@@ -9,7 +9,7 @@ import pytest
 
 from service.reports import style
 from service.reports.reference import MESHES, finite_element_runs, penetration_tests, table_1
-from service.reports.report import Comparison, Figure, Section, Table, paragraphs, stack, write_report
+from service.reports.report import Comparison, Figure, ReportTable, Section, paragraphs, stack, write_report
 
 
 def comparison(*, ours: float, reference: float | None = 8.5, tolerance: float | None = 0.1) -> Comparison:
@@ -28,7 +28,9 @@ def sections() -> Iterator[Section]:
             title=f"Part {number}: S < 9 & more",
             text=["A `flag`, **strong**, and <b>none of it</b>."],
             comparisons=[comparison(ours=8.44), comparison(ours=8.7), comparison(ours=8.4, reference=None)],
-            tables=[Table(name=f"rows-{number}", caption="Rows", columns=["a", "b"], rows=[["x", 1.5], ["y", None]])],
+            tables=[
+                ReportTable(name=f"rows-{number}", caption="Rows", columns=["a", "b"], rows=[["x", 1.5], ["y", None]])
+            ],
             figures=[
                 Figure(
                     name=f"lines-{number}", caption="Lines", figure=drawing, data={"x": [0.0, 1.0], "y": [0, number]}

@@ -7,7 +7,7 @@ import sys
 import time
 from pathlib import Path
 
-from service.jobs.models import BLOCK_SIZE, Case, CaseBlock, CaseState
+from service.jobs.models import BLOCK_SIZE, CaseBlock, CaseState, JobCase
 from service.jobs.store import JobStore
 from service.operations import KeyedRequest
 from tests.service.questions import PROBLEM, Question
@@ -21,7 +21,9 @@ def write_for_ever(folder: Path) -> None:
     while True:
         job = store.create("square", "local")
         for number, first in enumerate(range(0, CASES, BLOCK_SIZE)):
-            cases = [Case(KeyedRequest.of("square", Question(i))) for i in range(first, min(CASES, first + BLOCK_SIZE))]
+            cases = [
+                JobCase(KeyedRequest.of("square", Question(i))) for i in range(first, min(CASES, first + BLOCK_SIZE))
+            ]
             store.append(job, number, CaseBlock.of(cases))
         store.accept(job, CASES, None)
         for first in range(0, CASES, 50):

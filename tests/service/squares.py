@@ -9,7 +9,7 @@ from opentelemetry.trace import Tracer
 
 from service.cache.cache import ResultCache
 from service.jobs.manager import JobManager
-from service.jobs.models import NO_TRACER, Case, CaseResult, JobState
+from service.jobs.models import NO_TRACER, CaseResult, JobCase, JobState
 from service.jobs.store import JobStore
 from service.operations import KeyedRequest
 from service.queries import QueryService
@@ -32,20 +32,22 @@ async def running(
             await manager.stop()
 
 
-def case(question: Question, custom_id: str | None = None) -> Case:
-    return Case(KeyedRequest.of("square", question), custom_id)
+def case(question: Question, custom_id: str | None = None) -> JobCase:
+    return JobCase(KeyedRequest.of("square", question), custom_id)
 
 
-def cases(numbers: Iterable[float], folder: Path | str = "", how: str = "square", seconds: float = 0.0) -> list[Case]:
+def cases(
+    numbers: Iterable[float], folder: Path | str = "", how: str = "square", seconds: float = 0.0
+) -> list[JobCase]:
     return [case(Question(number, str(folder), how, seconds), f"case {number:g}") for number in numbers]
 
 
-async def sliced(whole: Sequence[Case], size: int = 200) -> AsyncIterator[Sequence[Case]]:
+async def sliced(whole: Sequence[JobCase], size: int = 200) -> AsyncIterator[Sequence[JobCase]]:
     for i in range(0, len(whole), size):
         yield whole[i : i + size]
 
 
-async def accepted(manager: JobManager, whole: Sequence[Case], owner: str = "local") -> JobState:
+async def accepted(manager: JobManager, whole: Sequence[JobCase], owner: str = "local") -> JobState:
     state, new = await manager.accept("square", sliced(whole), owner=owner)
     assert new
     assert state.status == "accepted"
@@ -82,5 +84,5 @@ def squares(results: Sequence[CaseResult]) -> list[float]:
     return [result.record.answer["square"] for result in results if result.record is not None]
 
 
-async def collect(manager: JobManager, whole: Sequence[Case]) -> list[CaseResult]:
+async def collect(manager: JobManager, whole: Sequence[JobCase]) -> list[CaseResult]:
     return [result async for result in manager.run_now("square", whole)]

@@ -16,7 +16,7 @@ import pytest
 
 from service.errors import IdempotencyBusyError, IdempotencyConflictError, QueueFullError, StorageError
 from service.jobs.manager import JobManager
-from service.jobs.models import Case, CaseResult, Idempotency
+from service.jobs.models import CaseResult, Idempotency, JobCase
 from service.workers.process_pool import ProcessPool
 from tests.service.questions import Question, runs, workers
 from tests.service.squares import (
@@ -295,7 +295,7 @@ async def test_request_sent_again_is_the_same_job(manager: JobManager) -> None:
     same, again = await manager.accept("square", sliced(whole), idempotency=Idempotency("key", "digest"))
     read = []
 
-    async def reading() -> AsyncIterator[Sequence[Case]]:
+    async def reading() -> AsyncIterator[Sequence[JobCase]]:
         async for part in sliced(whole, 1):
             read.append(part)
             yield part
@@ -315,7 +315,7 @@ async def test_request_sent_again_is_the_same_job(manager: JobManager) -> None:
 async def test_request_still_being_received_is_busy_and_invisible(manager: JobManager) -> None:
     go_on = asyncio.Event()
 
-    async def halting() -> AsyncIterator[Sequence[Case]]:
+    async def halting() -> AsyncIterator[Sequence[JobCase]]:
         yield cases(range(200))
         await go_on.wait()
         yield cases(range(200, 300))
@@ -333,7 +333,7 @@ async def test_request_still_being_received_is_busy_and_invisible(manager: JobMa
 
 @pytest.mark.parametrize("leaves", [ValueError("line 201 is wrong"), asyncio.CancelledError()], ids=["error", "left"])
 async def test_request_that_breaks_off_leaves_nothing(manager: JobManager, leaves: BaseException) -> None:
-    async def breaking() -> AsyncIterator[Sequence[Case]]:
+    async def breaking() -> AsyncIterator[Sequence[JobCase]]:
         yield cases(range(200))
         raise leaves
 

@@ -16,10 +16,10 @@ from service.errors import StorageError
 from service.jobs import store as module
 from service.jobs.models import (
     BLOCK_SIZE,
-    Case,
     CaseBlock,
     CaseState,
     Idempotency,
+    JobCase,
     JobState,
     Sweep,
     split_custom_ids,
@@ -40,7 +40,7 @@ def store_in(folder: Path, job_days: float = 7.0) -> JobStore:
     return JobStore(folder, job_days=job_days)
 
 
-def cases(count: int, first: int = 0) -> list[Case]:
+def cases(count: int, first: int = 0) -> list[JobCase]:
     return [case(Question(i), f"name {i}" if i % 3 == 0 else None) for i in range(first, first + count)]
 
 

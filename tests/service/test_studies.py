@@ -15,7 +15,7 @@ from service.cache.cache import ResultCache
 from service.cache.record import Record
 from service.errors import QuotaError
 from service.jobs.manager import JobManager
-from service.jobs.models import Case, CaseResult, JobState
+from service.jobs.models import CaseResult, JobCase, JobState
 from service.jobs.store import JobStore
 from service.jobs.studies import run_study
 from service.operations import OPERATIONS, KeyedRequest
@@ -159,7 +159,7 @@ async def test_curve_of_a_round_is_reported_before_more_samples_are_computed(thr
 
     async with running(tmp_path, thread) as manager:
 
-        async def run(name: str, cases: Sequence[Case]) -> AsyncGenerator[CaseResult, None]:
+        async def run(name: str, cases: Sequence[JobCase]) -> AsyncGenerator[CaseResult, None]:
             nonlocal computed
             async for result in manager.run_now(name, cases):
                 computed += 1
@@ -200,8 +200,8 @@ async def test_study_goes_on_for_the_others_when_the_first_client_cannot(thread:
 
 
 async def accepted(manager: JobManager, request: KeyedRequest, owner: str) -> JobState:
-    async def block() -> AsyncIterator[Sequence[Case]]:
-        yield [Case(request)]
+    async def block() -> AsyncIterator[Sequence[JobCase]]:
+        yield [JobCase(request)]
 
     state, _ = await manager.accept(STRIKE, block(), owner=owner)
     return state
