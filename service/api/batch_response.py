@@ -30,9 +30,9 @@ IdempotencyKey = Annotated[
     Header(
         alias="Idempotency-Key",
         max_length=255,
-        description="Of the client's choice: a request that is sent again with the same key and body is answered with "
-        "the job it made the first time, also if the client was gone before the answer, as an accepted job goes on. "
-        "Without effect on work that is answered at once.",
+        description="Key that the client chooses: a request that is sent again with the same key and body is answered "
+        "with the job it made the first time, also if the client was gone before the answer, as an accepted job goes "
+        "on. Without effect on work that is answered at once.",
     ),
 ]
 Prefer = Annotated[

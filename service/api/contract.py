@@ -34,11 +34,18 @@ RESULT_LINK = {
 
 
 RETRY_AFTER = {
-    "Retry-After": {"description": "When to ask again. [s]", "schema": {"type": "integer"}, "required": True}
+    "Retry-After": {
+        "description": "When to send the request again. [s]",
+        "schema": {"type": "integer"},
+        "required": True,
+    }
 }
 RETRY_LATER: dict[str, Any] = {
     "headers": {
-        "Retry-After": {"description": "When to ask again, unless it has ended. [s]", "schema": {"type": "integer"}}
+        "Retry-After": {
+            "description": "When to send the request again, unless it has ended. [s]",
+            "schema": {"type": "integer"},
+        }
     }
 }
 PROBLEMS: Responses = {
@@ -53,7 +60,7 @@ PROBLEMS: Responses = {
         "description": "A key is needed, or this one is not, or no longer, good.",
         "headers": {"WWW-Authenticate": {"description": "`Bearer`.", "schema": {"type": "string"}, "required": True}},
     },
-    403: {"description": "The key is not good for this, or the page of another site asks."},
+    403: {"description": "The key is not good for this, or the request comes from the page of another site."},
     408: {"description": "The body comes too slowly."},
     429: {"description": "Too many cases wait, or were requested with this key.", "headers": RETRY_AFTER},
     500: {"description": "The service failed."},

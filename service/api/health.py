@@ -36,8 +36,8 @@ class Version(Part):
 
     model_config = with_examples({"engine_version": "1", "schema_version": "1", "libraries": {"numpy": "2.4.6"}})
 
-    engine_version: Annotated[str, Field(description="Of the solver; raised whenever results change.")]
-    schema_version: Annotated[str, Field(description="Of the contract; raised whenever its meaning changes.")]
+    engine_version: Annotated[str, Field(description="Version of the solver; raised whenever results change.")]
+    schema_version: Annotated[str, Field(description="Version of the contract; raised whenever its meaning changes.")]
     libraries: Annotated[dict[str, str], Field(description="Versions of this package and those it stands on.")]
 
 

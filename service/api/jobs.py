@@ -47,7 +47,7 @@ async def event_stream(request: Request, context: ReadContext) -> AsyncIterator[
 
 
 CurrentManager = Annotated[JobManager, Depends(manager_of)]
-JobId = Annotated[str, Path(description="Of the job.", max_length=200)]
+JobId = Annotated[str, Path(description="Id of the job.", max_length=200)]
 
 
 async def job_of(job_id: JobId, jobs: CurrentManager, context: ReadContext) -> JobState:
@@ -93,7 +93,7 @@ EVENTS: Responses = {
 }
 LastEventId = Annotated[
     str,
-    Header(alias="Last-Event-ID", description="Of the event seen last: its state is not sent again."),
+    Header(alias="Last-Event-ID", description="Id of the event seen last: its state is not sent again."),
 ]
 
 

@@ -341,7 +341,7 @@ KEY = {"pattern": "^[0-9a-f]{64}$"}
 @router.get("/results/{key}", response_model=Result, responses=DECLARED)
 async def get_result(
     request: Request,
-    key: Annotated[str, PathParameter(description="Of an answer.", json_schema_extra=KEY)],
+    key: Annotated[str, PathParameter(description="Key of an answer.", json_schema_extra=KEY)],
     if_none_match: Annotated[str, Header(alias="If-None-Match", description="Entity tags the client has.")] = "",
 ) -> Response:
     """Give the result with this key: JSON, CSV or HDF5 (all of it).

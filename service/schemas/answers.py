@@ -157,7 +157,7 @@ class Trajectory(Part):
     final: Annotated[MotionState, Field(description="At the event that ended the run.")]
     exit: Annotated[Exit, Field(description="If the projectile left.")] | MISSING = MISSING
     maximum_depth_m: Annotated[Num, Field(description="Greatest depth of the nose tip. [m]")]
-    strength_factor: Annotated[Num, Field(description="In use, at this oblique angle. [1]")]
+    strength_factor: Annotated[Num, Field(description="Strength factor in use, at this oblique angle. [1]")]
     history: Annotated[MotionHistory, Field(description="If requested.")] | MISSING = MISSING
     warnings: list[ModelWarning]
 
@@ -250,7 +250,8 @@ class CriticalAngleAnswer(Part):
     ) = MISSING
     bracket_deg: Bracket | MISSING = MISSING
     strength_factor: (
-        Annotated[Num, Field(description="In use at the critical angle, if there is one. [1]")] | MISSING
+        Annotated[Num, Field(description="Strength factor in use at the critical angle, if there is one. [1]")]
+        | MISSING
     ) = MISSING
     energy_fraction_below: (
         Annotated[

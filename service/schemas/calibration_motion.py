@@ -59,7 +59,7 @@ class Calibration(Part):
             Field(
                 min_length=1,
                 max_length=MOST_COMPARED,
-                description="Asks what the model predicts with these as well. [1]",
+                description="Strength factors with which the model predicts as well. [1]",
             ),
         ]
         | MISSING
@@ -85,7 +85,7 @@ class Calibration(Part):
 class FittedStrength(Part):
     """A strength factor and how well it is known."""
 
-    strength_factor: Annotated[Num, Field(gt=0.0, description="That fits best. [1]")]
+    strength_factor: Annotated[Num, Field(gt=0.0, description="The one that fits best. [1]")]
     standard_error: StandardError
     confidence_interval: ConfidenceInterval
 

@@ -67,10 +67,13 @@ class SamplingSettings(Part):
         Field(
             ge=1e-4,
             le=0.5,
-            description="Of the interval of every probability, cut off at 0 and 1, at which sampling ends. [1]",
+            description="Half width of the interval of every probability, cut off at 0 and 1, at which sampling "
+            "ends. [1]",
         ),
     ] = SAMPLING.half_width
-    confidence: Annotated[Num, Field(ge=0.5, le=0.9999, description="Of every interval. [1]")] = SAMPLING.confidence
+    confidence: Annotated[Num, Field(ge=0.5, le=0.9999, description="Confidence level of every interval. [1]")] = (
+        SAMPLING.confidence
+    )
     max_samples: Annotated[
         Count,
         Field(

@@ -59,7 +59,7 @@ class CriticalAngleDistribution(Part):
     mean_deg: EstimateAnswer | MISSING = MISSING
     standard_deviation_deg: EstimateAnswer | MISSING = MISSING
     quantiles: Annotated[list[QuantileAnswer], Field(description="[°]")]
-    share_without_angle: Annotated[EstimateAnswer, Field(description="Of all samples with an outcome.")]
+    share_without_angle: Annotated[EstimateAnswer, Field(description="Share of all samples with an outcome.")]
 
 
 InputValue = TypeAliasType("InputValue", Annotated[Num | str, Field(description="A number, or the name of a model.")])
@@ -177,7 +177,7 @@ class CriticalAngleUncertaintyAnswer(UncertaintyAnswer):
             description="`surrogate`: a polynomial chaos of the angle; `direct`: outcomes of randomised Sobol points."
         ),
     ]
-    polynomial_order: Annotated[Count, Field(description="Of the surrogate.")] | MISSING = MISSING
+    polynomial_order: Annotated[Count, Field(description="Order of the surrogate.")] | MISSING = MISSING
     surrogate_error_deg: (
         Annotated[Num, Field(description="Root mean square at held-out points, also where it was too large. [°]")]
         | MISSING
@@ -218,11 +218,11 @@ class TrajectoryUncertaintyAnswer(UncertaintyAnswer):
 
     outcomes: list[OutcomeProbability]
     maximum_depth_m: Annotated[list[QuantileAnswer], Field(description="Quantiles over all runs. [m]")]
-    ricochet_exit: Annotated[ExitQuantilesAnswer, Field(description="Of those turned away, if any.")] | MISSING = (
+    ricochet_exit: Annotated[ExitQuantilesAnswer, Field(description="Exit of those turned away, if any.")] | MISSING = (
         MISSING
     )
     perforation_exit: (
-        Annotated[ExitQuantilesAnswer, Field(description="Of those that perforated, if any.")] | MISSING
+        Annotated[ExitQuantilesAnswer, Field(description="Exit of those that perforated, if any.")] | MISSING
     ) = MISSING
     exit_speed_m_s: (
         Annotated[list[QuantileAnswer], Field(description="`speed_m_s` of `ricochet_exit`. [m/s]")] | MISSING
@@ -245,8 +245,12 @@ class PartialUncertainty(Part):
         }
     )
 
-    probability: Annotated[ProbabilityCurve, Field(description="Of critical angles.")] | MISSING = MISSING
-    outcomes: Annotated[list[OutcomeProbability], Field(description="Of one strike.")] | MISSING = MISSING
+    probability: (
+        Annotated[ProbabilityCurve, Field(description="Probability curve of a study of critical angles.")] | MISSING
+    ) = MISSING
+    outcomes: Annotated[list[OutcomeProbability], Field(description="Outcomes of a study of one strike.")] | MISSING = (
+        MISSING
+    )
     convergence: ConvergenceAnswer
 
 

@@ -250,7 +250,7 @@ class Cluster:
             await in_time(client.close, CONNECT_SECONDS)
 
     async def _meet(self, address: str, threads: int) -> None:
-        """Ask a worker for its versions, and use it if they are ours."""
+        """Request the versions of a worker, and use it if they are ours."""
         client = self.client
         if client is None:
             return

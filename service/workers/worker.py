@@ -64,7 +64,7 @@ def check_requests(model: type[Part], requests: Sequence[bytes]) -> dict[int, li
 
 READY = b"ready"
 STOP = b""
-"""Asks a worker to leave the calls it has not begun, and is its answer that it has."""
+"""Requests that a worker leave the calls it has not begun, and is its answer that it has."""
 LENGTH = struct.Struct("!Q")
 GULP = 1 << 18
 """Bytes to read at once: more than a socket holds. A reader that lags behind catches up in one read."""

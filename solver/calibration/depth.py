@@ -195,7 +195,7 @@ def fit_depth(
     Raises
     ------
     ParameterError
-        If a test is not a test, or together they do not tell the strength factor.
+        If a test is not a test, or together they do not determine the strength factor.
 
     Notes
     -----

@@ -182,7 +182,7 @@ def fit_motion(
     Raises
     ------
     ParameterError
-        If an input is outside what the model accepts, or the history does not tell the strength factor.
+        If an input is outside what the model accepts, or the history does not determine the strength factor.
 
     Notes
     -----

@@ -149,7 +149,7 @@ def log_slope(values: Residuals, strength_factor: float) -> FloatArray:
 def _undetermined(field: str) -> UndeterminedError:
     return UndeterminedError(
         field,
-        f"must tell the strength factor, but no value between {LOWEST:g} and {HIGHEST:g} fits best: "
+        f"must determine the strength factor, but no value between {LOWEST:g} and {HIGHEST:g} fits best: "
         "check the units, the projectile and the target",
     )
 

@@ -308,7 +308,7 @@ def test_tests_that_nothing_fits_end_with_status_1(run: Run, tests_file: Path) -
     tests_file.write_text("velocity_m_s,depth_m\n200,0.001\n300,0.001\n")
     status, out, err = run("depth", tests_file, *CASE)
     assert (status, out) == (1, "")
-    assert "must tell the strength factor" in err
+    assert "must determine the strength factor" in err
 
 
 def test_too_few_points_are_an_error_that_names_the_file(run: Run, tmp_path: Path) -> None:

@@ -174,9 +174,9 @@ def test_run_that_leaves_the_factor_open_takes_it_from_the_others() -> None:
     assert found.estimate.strength_factor == pytest.approx(8.0, rel=1e-3)
     assert found.alone[1] is None
     assert "run_undetermined" in codes(found)
-    with pytest.raises(UndeterminedError, match=r"runs: must tell the strength factor"):
+    with pytest.raises(UndeterminedError, match=r"runs: must determine the strength factor"):
         fit(still, still)
-    with pytest.raises(UndeterminedError, match=r"history: must tell the strength factor"):
+    with pytest.raises(UndeterminedError, match=r"history: must determine the strength factor"):
         fit(still)
 
 

@@ -268,10 +268,10 @@ def test_history_that_does_not_give_the_strength_factor_is_refused() -> None:
     """A projectile that flies on as if nothing were there, and rows before first contact has had any effect."""
     impact = paper_impact(oblique_angle_degrees=30.0)
     on = MotionHistory(time=TIMES, depth_displacement=impact.velocity * math.cos(impact.oblique_angle) * TIMES)
-    with pytest.raises(ParameterError, match=r"history: must tell the strength factor"):
+    with pytest.raises(ParameterError, match=r"history: must determine the strength factor"):
         fit(30.0, on)
     still = MotionHistory(time=np.array([0.0, 1e-12]), depth_displacement=np.zeros(2))
-    with pytest.raises(ParameterError, match=r"history: must tell the strength factor"):
+    with pytest.raises(ParameterError, match=r"history: must determine the strength factor"):
         fit(30.0, still)
 
 
