@@ -7,9 +7,9 @@ import { request } from "./service.js";
 import { degreesShown, outcomeShown, statusShown } from "./words.js";
 
 const STRENGTH_LAWS = {
-  obliquity_polynomial: "Eq. 9",
-  published_tests: "Published tests",
-  strength_power_law: "82.6 (f'c/MPa)^-0.544",
+  obliquity_polynomial: () => ["Eq. 9"],
+  published_tests: () => ["Published tests"],
+  strength_power_law: () => ["82.6 (f′", element("sub", {}, "c"), "/MPa)", element("sup", {}, "−0.544")],
 };
 
 /** Return the critical angle of a case with its alternatives. */
@@ -27,15 +27,15 @@ export async function requestOutcomes(values, signal) {
 export function alternativesTable(angles, outcomes) {
   const decays = fieldAt("resistance.free_surface.model").choices;
   const rows = angles.alternatives.map((each, i) => [
-    decays[each.free_surface],
-    STRENGTH_LAWS[each.strength_factor],
-    angleShown(each),
-    ...(outcomes ? [endShown(outcomes.alternatives[i])] : []),
-    each.fitted_to,
+    [decays[each.free_surface]],
+    STRENGTH_LAWS[each.strength_factor](),
+    [angleShown(each)],
+    ...(outcomes ? [[endShown(outcomes.alternatives[i])]] : []),
+    [each.fitted_to],
   ]);
   const names = ["Decay", "Strength factor S", "Critical angle", ...(outcomes ? ["This strike"] : []), "Fitted to"];
   const head = element("tr", {}, ...names.map((name) => element("th", { scope: "col" }, name)));
-  const lines = rows.map((cells) => element("tr", {}, ...cells.map((cell) => element("td", {}, cell))));
+  const lines = rows.map((cells) => element("tr", {}, ...cells.map((cell) => element("td", {}, ...cell))));
   const parts = [element("thead", {}, head), element("tbody", {}, ...lines)];
   const table = element("table.laws", {}, element("caption", {}, "Under other laws"), ...parts);
   return element("div.wide", { tabindex: 0, role: "group", "aria-label": "Table of other laws" }, table); // it scrolls

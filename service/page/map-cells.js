@@ -1,6 +1,7 @@
 // What became of the cells of a map, in words.
 
 import { csvOf } from "./plots.js";
+import { STANDING } from "./words.js";
 
 /** What a map shows by colours, of its cells that have it: `column` in CSV, in SI units. Outcomes have none. */
 export const QUANTITIES = {
@@ -14,6 +15,32 @@ export const QUANTITIES = {
     factor: 1,
     range: [0, 1],
   },
+};
+
+/** Warnings that differ from cell to cell in a few words; Explore shows what each says in full. */
+const WARNINGS = {
+  base_strikes_first: "the tail strikes first",
+  crater_at_obliquity: "a crater of normal impact",
+  fixed_step_energy_gain: "time step too long",
+  large_angle_of_attack: "large angle of attack",
+  published_tests_extrapolated: "beyond the published tests",
+  range_clipped: "range cut where S falls to zero",
+  rear_face_unconservative: "wall without a plug holds less",
+  rear_plug_quasi_static: "plug without mass or energy",
+  retention_decides: "retention energy decides the angle",
+  retention_decides_perforation: "retention energy decides perforation",
+  ricochet_at_lower_bound: "turned away at the lower end already",
+  samples_failed: "samples not computed",
+  samples_outside: "samples outside the accepted range",
+  samples_without_angle: "samples without an angle",
+  shallow_penetration: "at rest within the front crater",
+  standard_error_unknown: "standard error not known",
+  strength_beyond_tests: "strength beyond the tests",
+  strength_factor_of_other_concrete: "S fitted to another concrete",
+  strength_fit_extrapolated: "angle beyond the fit of S",
+  tumbling: "turns end over end",
+  undecided: "still moving at the termination time",
+  velocity_beyond_rigid: "so fast that noses erode",
 };
 
 /** Ways to end that differ on a map, with the mark each has there. */
@@ -50,11 +77,12 @@ export function readCell({ result, problem }) {
   if (!result) return { ending: "failed", warnings: [], detail: problem?.detail };
   return {
     ending: result.status ?? result.outcome ?? "converged",
-    probability: result.outcomes && (result.outcomes.find(({ outcome }) => outcome === "ricochet")?.value ?? 0),
+    // The outcomes of a search on a wall are ranges of angles.
+    probability: result.status ? undefined : result.outcomes && (result.outcomes.find(({ outcome }) => outcome === "ricochet")?.value ?? 0),
     angle: result.critical_angle_deg,
     depth: result.outcome && result.maximum_depth_m,
     thickness: result.least_thickness_m,
-    warnings: [...new Set(result.warnings.map(({ code }) => code))],
+    warnings: [...new Set(result.warnings.map(({ code }) => code))].filter((code) => !STANDING.has(code)),
     key: result.key,
   };
 }
@@ -86,7 +114,7 @@ export function rareWarnings(cells) {
 
 /** Return the code of a warning as words. */
 export function warningWords(code) {
-  return code.replaceAll("_", " ");
+  return WARNINGS[code] ?? code.replaceAll("_", " ");
 }
 
 /** Say how many cells ended which way. */

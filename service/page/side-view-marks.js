@@ -52,11 +52,11 @@ export function holeTrace({ path, projectile, target }) {
 
 /** Return the names of the faces, for the layout. */
 export function faceNames(thickness) {
-  const name = (text, y, yanchor) => {
+  const name = (text, y) => {
     const font = { color: colour("quiet"), size: 11 };
-    return { text, x: 1, y, xref: "paper", yref: "y", xanchor: "right", yanchor, showarrow: false, font, borderpad: 2 };
+    return { text, x: 1, y, xref: "paper", yref: "y", xanchor: "right", yanchor: "bottom", showarrow: false, font, borderpad: 2 };
   };
-  return [name("face", 0, "bottom"), ...(thickness === undefined ? [] : [name("rear face", thickness, "top")])];
+  return [name("face", 0), ...(thickness === undefined ? [] : [name("rear face", thickness)])];
 }
 
 /**

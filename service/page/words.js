@@ -15,7 +15,8 @@ const STATUSES = {
   not_converged: "The search did not converge.",
 };
 
-const STANDING = new Set(["no_measured_angle"]); // of every case: the note in the footer
+/** Codes of warnings of every case: the note in the footer. */
+export const STANDING = new Set(["no_measured_angle"]);
 
 /** Return a number as text with so many significant digits, without a trailing exponent where it can be. */
 export function digits(value, count = 3) {

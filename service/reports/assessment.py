@@ -49,7 +49,10 @@ STATUSES: Final[Mapping[str, str]] = {
     "always_perforated": "perforated however thick",
     "never_perforated": "never perforated",
 }
-LAWS: Final[Mapping[str, str]] = {"obliquity_polynomial": "eq. 9", "strength_power_law": "82.6 (f'c/MPa)^-0.544"}
+LAWS: Final[Mapping[str, str]] = {
+    "obliquity_polynomial": "eq. 9",
+    "strength_power_law": Markup("82.6 (f′<sub>c</sub>/MPa)<sup>−0.544</sup>"),
+}
 """Strength laws with their default constants."""
 RUNS: Final = ("judged", "below", "above", "lowest", "highest")
 """Names of the runs in the order in which they are drawn."""

@@ -219,7 +219,7 @@ def test_warnings_that_few_cases_have_are_named_in_the_legend(page: Page) -> Non
     legend = page.locator(".map .drawing").evaluate("plot => plot.data.map(({ name }) => name).filter(Boolean)")
     named = [each for each in legend if each.startswith("warning: ")]
     assert named, legend
-    assert all(re.fullmatch(r"warning: [a-z ]+ \(\d+\)", each) for each in named)
+    assert all(re.fullmatch(r"warning: [A-Za-z ]+ \(\d+\)", each) for each in named)
 
 
 def test_files_of_a_map_name_what_varies_and_leave_its_values_out(page: Page, tmp_path: Path) -> None:
@@ -312,3 +312,14 @@ def test_map_of_inputs_before_is_marked(page: Page) -> None:
     page.get_by_role("button", name="Run").click()
     expect(page.locator("#map-progress")).to_have_text("All 4 cases are computed.")
     expect(page.locator("[aria-busy=true]")).to_have_count(0)
+
+
+def test_map_of_angles_of_a_wall_has_angles_and_no_probability(page: Page) -> None:
+    page.goto(
+        "/#/map?target.thickness_m=0.2&x=impact.velocity_m_s,230,250,3&y=target.compressive_strength_pa,38e6,40e6,3"
+    )
+    expect(page.locator("#map-progress")).to_have_text("All 9 cases are computed.")
+    one = page.get_by_role("region", name="One case")
+    expect(one.locator("output")).to_have_text(re.compile(r"^turned away from \d\d\.\d\d° on$"))
+    expect(one).to_contain_text("Warnings: mass properties assumed, ")
+    expect(one).not_to_contain_text("no measured angle")

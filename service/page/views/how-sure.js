@@ -35,7 +35,7 @@ class HowSure {
   #wrong = new Set(); // paths of sampling whose text is not accepted
 
   constructor(root, query) {
-    this.parts = build(root, () => this.#run(), () => this.#stop("Stopped."));
+    this.parts = build(root, () => this.#run(), () => this.#stop("Stopped."), () => this.#showResults());
     const inputs = readInputs(query);
     const values = readCase(query);
     this.sampling = readSampling(query);
@@ -89,7 +89,7 @@ class HowSure {
     const inputs = this.scatter.inputs();
     const isRight = Boolean(inputs?.length) && !this.#wrong.size && !this.#isRefused;
     parts.run.disabled = !isRight;
-    if (!isRight) parts.results.hidden = true; // nothing belongs to a field that is not accepted
+    if (!isRight) parts.results.hidden = parts.toResults.hidden = true; // nothing belongs to a field that is not accepted
     if (!parts.results.hidden) {
       parts.progress.textContent = "Results are for the previous inputs. Run again.";
       markUntilRun(parts.results);
@@ -134,7 +134,7 @@ class HowSure {
     const { parts } = this;
     parts.progress.textContent = `${study.samples.toLocaleString("en")} samples ...`;
     if (!study.probability) return;
-    parts.results.hidden = false;
+    parts.results.hidden = parts.toResults.hidden = false;
     parts.answerPanel.hidden = parts.sensitivity.hidden = !study.critical_angle;
     await drawCurve(parts.curve, study, values);
     if (study.critical_angle) {
@@ -145,6 +145,12 @@ class HowSure {
       await drawTornado(parts.tornado, study, values);
     } // else of a job that goes on
     if (this.#work?.signal === signal) markFresh(parts.results);
+  }
+
+  /** Bring the results into the window: the form is long. */
+  #showResults() {
+    this.parts.results.scrollIntoView();
+    this.parts.results.focus({ preventScroll: true });
   }
 
   #stop(text) {
@@ -179,7 +185,7 @@ function readSampling(query) {
   return found;
 }
 
-function build(root, onRun, onStop) {
+function build(root, onRun, onStop, onResults) {
   const { default: confidence } = nodeAt("sampling.confidence", {});
   const parts = {
     scatter: element("div"),
@@ -187,6 +193,7 @@ function build(root, onRun, onStop) {
     sampling: element("details", {}, element("summary", {}, "Sampling")),
     run: element("button.main", { type: "submit", form: "scatter" }, "Run"),
     stop: element("button", { type: "button", disabled: true, onclick: onStop }, "Stop"),
+    toResults: element("button", { type: "button", hidden: true, onclick: onResults }, "Show the results"),
     progress: element("p.quiet", { id: "study-progress" }),
     problem: element("p.problem", { role: "alert" }),
     answer: element("div.outcome"),
@@ -208,7 +215,7 @@ function build(root, onRun, onStop) {
     parts.scatter,
     parts.sampling,
   );
-  const buttons = element("p.actions", {}, parts.run, parts.stop);
+  const buttons = element("p.actions", {}, parts.run, parts.stop, parts.toResults);
   const start = element("section.panel", { "aria-label": "Study" }, buttons, parts.progress, parts.problem, lostNote());
   const others = element("details", {}, element("summary", {}, "The case"), parts.others);
   const band = `The band is the interval of the probability at a confidence of ${100 * confidence} %.`;
@@ -224,7 +231,7 @@ function build(root, onRun, onStop) {
   );
   parts.results = element(
     "div.column",
-    { hidden: true },
+    { hidden: true, tabindex: -1 },
     parts.answerPanel,
     element("section.panel", {}, element("h2", {}, "Probability of ricochet"), element("p.quiet", {}, band), parts.curve),
     parts.sensitivity,

@@ -117,14 +117,18 @@ function answer(lines, { perforation_thickness_spread: spread }, thickness) {
   return shown;
 }
 
+function capital(text) {
+  return text.charAt(0).toUpperCase() + text.slice(1);
+}
+
 function tableOf(lines, { formulas, scabbing_margin: scabbing, perforation_margin: perforation }) {
   const isNumber = (column) => column > 0 && column < COLUMNS.length - 1;
   const cell = (text, column) => element(isNumber(column) ? "td.number" : "td", {}, text);
   const row = (attributes, cells) => element("tr", attributes, ...cells.map(cell));
-  const models = lines.map(({ name, thickness: found }) => row({}, [name, thicknessShown(found, ""), "", "", ""]));
+  const models = lines.map(({ name, thickness: found }) => row({}, [capital(name), thicknessShown(found, ""), "", "", ""]));
   const others = formulas.map((each) =>
     row({ class: each.in_range ? undefined : "quiet" }, [
-      `${NAMES[each.formula] ?? each.formula}${each.verified ? "" : " *"}`,
+      `${NAMES[each.formula] ?? each.formula}${each.verified ? "" : "\u00a0*"}`,
       millimetres(each.perforation_thickness_m),
       millimetres(each.scabbing_thickness_m),
       millimetres(each.penetration_depth_m),
