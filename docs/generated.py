@@ -4,7 +4,7 @@ A page has a comment `<!-- generated: NAME -->` where the text goes; nothing of 
 """
 
 import argparse
-import inspect
+import ast
 import json
 import re
 from collections.abc import Iterator, Sequence
@@ -182,11 +182,28 @@ def commands() -> str:
 
 def warning_codes() -> str:
     """Return the codes of all model warnings that the solver gives, as Markdown."""
-    text = "".join(
-        inspect.getsource(import_module(f"solver.{name}"))
-        for name in ("warnings", "calibration.depth", "calibration.motion", "calibration.strength_factor")
-    )
-    return ", ".join(f"`{code}`" for code in sorted(set(re.findall(r"ModelWarning\(\s*\"(\w+)\"", text))))
+    codes = {code for path in (ROOT / "solver").rglob("*.py") for code in _codes_in(path.read_text(encoding="utf-8"))}
+    return ", ".join(f"`{code}`" for code in sorted(codes))
+
+
+def _codes_in(source: str) -> set[str]:
+    """Return the first arguments of `ModelWarning` in a module, which are texts or names of texts."""
+    tree = ast.parse(source)
+    texts: dict[str, set[str]] = {}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Assign):
+            target, value = node.targets[0], node.value
+            names = target.elts if isinstance(target, ast.Tuple) else [target]
+            values = value.elts if isinstance(value, ast.Tuple) else [value]
+            for name, text in zip(names, values, strict=False):
+                if isinstance(name, ast.Name) and isinstance(text, ast.Constant) and isinstance(text.value, str):
+                    texts.setdefault(name.id, set()).add(text.value)
+    found: set[str] = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "ModelWarning":
+            code = node.args[0]
+            found |= texts[code.id] if isinstance(code, ast.Name) else {ast.literal_eval(code)}
+    return found
 
 
 def terms() -> str:

@@ -1,7 +1,7 @@
 """What is recorded of requests: an entry of the log for each, with its id, and traces if they are enabled.
 
-Traces go to OpenTelemetry, of requests through FastAPI's own hook. OpenTelemetry's variables set the collector and the
-sampling, such as `OTEL_EXPORTER_OTLP_ENDPOINT` and `OTEL_TRACES_SAMPLER`.
+Traces go to OpenTelemetry, those of requests through FastAPI's own hook. OpenTelemetry's variables set the collector
+and the sampling, such as `OTEL_EXPORTER_OTLP_ENDPOINT` and `OTEL_TRACES_SAMPLER`.
 """
 
 import logging

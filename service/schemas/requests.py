@@ -84,7 +84,7 @@ def filled(part: PartOfRequest, **usual: Any) -> PartOfRequest:
 
 
 class Case(Part):
-    """What both requests have in common."""
+    """What requests for one strike have in common, and those for many."""
 
     projectile: Projectile
     target: Target

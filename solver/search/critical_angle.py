@@ -414,7 +414,7 @@ def _warnings(
 
 
 def _turned(impact: Impact, trial: Trial) -> float:
-    """How far the axis turned until the projectile left; 0 if it did not. [rad]"""
+    """How far the axis turned until the projectile left; 0 if it stayed. [rad]"""
     if trial.exit is None:
         return 0.0
     return abs(trial.exit.axis_angle - replace(impact, oblique_angle=trial.oblique_angle).axis_angle)
