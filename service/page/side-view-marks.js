@@ -9,6 +9,7 @@ const CRITICAL = "critical"; // name of the trace of the critical angle
 const SWEPT = 48; // instants whose outlines together are the hole
 const THINNED = 20; // points of an outline, above which the hole takes every fourth of its nose
 const ARC_POINTS = 16;
+const NAME_SHARE = 0.08; // of the height of the picture: the room for the name of a face
 const LEAST_DEG = 0.05; // smaller angles of attack have no mark of their own
 /** Distances from the point of contact, in lengths of the projectile. */
 const RADII = { theta: 0.6, delta: 0.82, phi: 0.42, normal: 0.95, critical: 1.12, criticalBeside: 0.68, exit: 0.3 };
@@ -50,13 +51,21 @@ export function holeTrace({ path, projectile, target }) {
   };
 }
 
-/** Return the names of the faces, for the layout. */
-export function faceNames(thickness) {
-  const name = (text, y) => {
+/**
+ * Return the names of the faces, for the layout; that of the rear face is below it, but where the picture ends there.
+ *
+ * @param {number|undefined} thickness of a wall [m]
+ * @param {number} top of the picture, as a depth [m]
+ * @param {number} bottom of the picture [m]
+ */
+export function faceNames(thickness, top, bottom) {
+  const name = (text, y, yanchor) => {
     const font = { color: colour("quiet"), size: 11 };
-    return { text, x: 1, y, xref: "paper", yref: "y", xanchor: "right", yanchor: "bottom", showarrow: false, font, borderpad: 2 };
+    return { text, x: 1, y, xref: "paper", yref: "y", xanchor: "right", yanchor, showarrow: false, font, borderpad: 2 };
   };
-  return [name("face", 0), ...(thickness === undefined ? [] : [name("rear face", thickness)])];
+  if (thickness === undefined) return [name("face", 0, "bottom")];
+  const isLast = thickness > bottom - NAME_SHARE * (bottom - top);
+  return [name("face", 0, "bottom"), name("rear face", thickness, isLast ? "bottom" : "top")];
 }
 
 /**

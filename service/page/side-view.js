@@ -170,7 +170,7 @@ function layoutOf(traces, legend, wall, room, held) {
       { ...across, type: "rect", y1: thickness, fillcolor: colour("concrete"), line: { width: 0 } },
       ...[0, thickness].map((y) => ({ ...across, type: "line", y0: y, y1: y, line: face })),
     ],
-    annotations: faceNames(wall),
+    annotations: faceNames(wall, top, Math.max(bottom, GRID_M)),
     showlegend: legend !== false,
     legend: { orientation: "h", y: legend || 0 },
     hovermode: "closest",

@@ -240,3 +240,18 @@ def test_numbers_of_inputs_before_are_marked_until_they_are_run_again(page: Page
     expect(page.get_by_role("button", name="Run")).to_be_disabled()
     page.get_by_label("Speed", exact=True).fill("240")
     expect(page.get_by_role("button", name="Run")).to_be_enabled()
+
+
+@pytest.mark.parametrize("size", [(1440, 900), (390, 844)])
+def test_button_and_results_of_a_long_form_are_a_step_away(page: Page, size: tuple[int, int]) -> None:
+    width, height = size
+    page.set_viewport_size({"width": width, "height": height})
+    page.goto("/#/how-sure")
+    expect(page.get_by_role("button", name="Run")).to_be_in_viewport()
+    expect(page.get_by_role("button", name="Show the results")).to_be_hidden()
+    page.goto(f"/#/how-sure?{TWO}&sampling.max_samples=512")
+    wait(page)
+    page.mouse.wheel(0, 400)
+    expect(page.get_by_role("button", name="Run")).to_be_in_viewport()
+    page.get_by_role("button", name="Show the results").click()
+    expect(page.get_by_role("region", name="Answer")).to_be_in_viewport()
