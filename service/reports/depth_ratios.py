@@ -20,7 +20,7 @@ from service.reports.depth_tests import (
     TRAJECTORY,
     Agreement,
     Assessment,
-    TestedStrike,
+    PublishedStrike,
     agreement,
     every,
     of_series,
@@ -206,7 +206,7 @@ class CraterDifference:
     caliber_radius_head: float
     static: float
     """Without inertia, at every speed and strength. [m]"""
-    strikes: Sequence[TestedStrike]
+    strikes: Sequence[PublishedStrike]
     differences: FloatArray
     """Differences of each test. [m]"""
 

@@ -37,7 +37,7 @@ NEXT_GRADE = 1.25
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class TestedStrike:
+class PublishedStrike:
     """A test and what the solver needs for it."""
 
     test: PenetrationTest
@@ -54,7 +54,7 @@ class TestedStrike:
         return self.test.row != OUTLIER_ROW
 
 
-def strikes(tests: Sequence[PenetrationTest]) -> tuple[TestedStrike, ...]:
+def strikes(tests: Sequence[PenetrationTest]) -> tuple[PublishedStrike, ...]:
     """Prepare every test, in the given order."""
     groups = grades(tests)
     return tuple(_strike(test, group) for test, group in zip(tests, groups, strict=True))
@@ -78,12 +78,12 @@ def _range(strengths: Sequence[float]) -> str:
     return lowest if lowest == highest else f"{lowest} to {highest}"
 
 
-def _strike(test: PenetrationTest, group: str) -> TestedStrike:
+def _strike(test: PenetrationTest, group: str) -> PublishedStrike:
     projectile = _projectile(test)
     target = Target(compressive_strength=test.compressive_strength, density=test.density)
     warnings = input_warnings(projectile=projectile, target=target, velocity=test.velocity, angle_of_attack=0.0)
     flags = tuple(warning for warning in warnings if warning.code != "mass_properties_assumed")  # it does not turn
-    return TestedStrike(test=test, projectile=projectile, target=target, group=group, flags=flags)
+    return PublishedStrike(test=test, projectile=projectile, target=target, group=group, flags=flags)
 
 
 def _projectile(test: PenetrationTest) -> Projectile:
@@ -129,7 +129,7 @@ FACTOR_MODELS: Mapping[str, StrengthFactor] = {
 ALL_MODELS = (POWER_LAW, SQUARE_ROOT, CONSTANT, LEFT_OUT)
 
 
-def trajectory_depth(strike: TestedStrike, factor: float) -> float:
+def trajectory_depth(strike: PublishedStrike, factor: float) -> float:
     """Greatest depth of the nose tip by the trajectory model. [m]"""
     depths = penetration_depths(
         projectile=strike.projectile,
@@ -140,7 +140,7 @@ def trajectory_depth(strike: TestedStrike, factor: float) -> float:
     return float(depths[0])
 
 
-def crater_depth(strike: TestedStrike, factor: float) -> float:
+def crater_depth(strike: PublishedStrike, factor: float) -> float:
     """Depth by the closed form with a crater two diameters deep. [m]"""
     return closed_form_depth(
         projectile=strike.projectile,
@@ -150,13 +150,13 @@ def crater_depth(strike: TestedStrike, factor: float) -> float:
     )
 
 
-METHODS: Mapping[str, Callable[[TestedStrike, float], float]] = {
+METHODS: Mapping[str, Callable[[PublishedStrike, float], float]] = {
     TRAJECTORY: trajectory_depth,
     CLOSED_FORM: crater_depth,
 }
 
 
-def predict(strikes: Sequence[TestedStrike], method: str, curves: Sequence[DepthCurve]) -> list[Prediction]:
+def predict(strikes: Sequence[PublishedStrike], method: str, curves: Sequence[DepthCurve]) -> list[Prediction]:
     """Depths of all strikes by one method, for every choice of the strength factor; `curves` are theirs by it."""
     depth = METHODS[method]
     found = [
@@ -173,7 +173,7 @@ def predict(strikes: Sequence[TestedStrike], method: str, curves: Sequence[Depth
     return [*found, Prediction(factor_model=LEFT_OUT, method=method, factors=factors, depths=depths)]
 
 
-def model_factors(strikes: Sequence[TestedStrike], model: StrengthFactor) -> FloatArray:
+def model_factors(strikes: Sequence[PublishedStrike], model: StrengthFactor) -> FloatArray:
     """Strength factor of each strike by a model that knows the concrete only. [1]"""
     resistance = Resistance(strength_factor=model)
     return np.array(
@@ -184,7 +184,7 @@ def model_factors(strikes: Sequence[TestedStrike], model: StrengthFactor) -> Flo
     )
 
 
-def depth_curve(strike: TestedStrike, method: str) -> DepthCurve:
+def depth_curve(strike: PublishedStrike, method: str) -> DepthCurve:
     """Depth over S as a polynomial between the logarithms of both, so that a fit costs a dozen runs only."""
     depth = METHODS[method]
 
@@ -196,7 +196,7 @@ def depth_curve(strike: TestedStrike, method: str) -> DepthCurve:
     return lambda factor: math.exp(float(curve(math.log(factor))))
 
 
-def leave_one_out(strikes: Sequence[TestedStrike], curves: Sequence[DepthCurve]) -> FloatArray:
+def leave_one_out(strikes: Sequence[PublishedStrike], curves: Sequence[DepthCurve]) -> FloatArray:
     """Strength factor of each strike, fitted to the others of its group that are counted. [1]"""
     factors = []
     for index, strike in enumerate(strikes):
@@ -218,7 +218,7 @@ def fit_factor(measured: Sequence[tuple[float, DepthCurve]]) -> float:
     return float(minimize_scalar(squares, bounds=FIT_RANGE, method="bounded", options={"xatol": 1e-7}).x)
 
 
-def exact_factor(strike: TestedStrike, curve: DepthCurve) -> float:
+def exact_factor(strike: PublishedStrike, curve: DepthCurve) -> float:
     """Strength factor with which a test goes as deep as was measured; nan if there is none in `FIT_RANGE`. [1]"""
 
     def difference(factor: float) -> float:
@@ -257,11 +257,11 @@ def agreement(ratios: FloatArray) -> Agreement:
     )
 
 
-Choice: TypeAlias = Callable[[TestedStrike], bool]
+Choice: TypeAlias = Callable[[PublishedStrike], bool]
 """Choice of tests."""
 
 
-def every(_: TestedStrike) -> bool:
+def every(_: PublishedStrike) -> bool:
     """Choose all tests."""
     return True
 
@@ -285,7 +285,7 @@ def of_diameter(diameter: float) -> Choice:
 class Assessment:
     """All tests, and every prediction of their depths."""
 
-    strikes: Sequence[TestedStrike]
+    strikes: Sequence[PublishedStrike]
     predictions: Mapping[tuple[str, str], Prediction]
     """By method and choice of the strength factor."""
     group_factors: Mapping[tuple[str, str], float]

@@ -15,7 +15,7 @@ from service.reports.depth_tests import (
     POWER_LAW,
     TRAJECTORY,
     Assessment,
-    TestedStrike,
+    PublishedStrike,
     agreement,
     percent,
     trajectory_depth,
@@ -28,7 +28,7 @@ REFERENCE_STRENGTH, REFERENCE_DIAMETER = 39e6, 0.0762
 """Strength and diameter at which S is the coefficient of the law. [Pa, m]"""
 RIGID_UP_TO = 900.0
 """Tests above this speed, where noses erode, are predicted but not fitted to. [m/s]"""
-VARIABLES: Mapping[str, tuple[Callable[[TestedStrike], float], float]] = {
+VARIABLES: Mapping[str, tuple[Callable[[PublishedStrike], float], float]] = {
     "speed [m/s]": (lambda strike: strike.test.velocity, 1.0),
     "f'c [MPa]": (lambda strike: strike.test.compressive_strength, 1e-6),
     "diameter [mm]": (lambda strike: strike.test.diameter, 1e3),
@@ -45,7 +45,7 @@ class SizeLaw:
     standard_errors: tuple[float, ...]
     """Standard errors of ln c, a and, with the diameter, b."""
 
-    def factor(self, strike: TestedStrike) -> float:
+    def factor(self, strike: PublishedStrike) -> float:
         """Strength factor of a test. [1]"""
         resistance = Resistance(strength_factor=self.model)
         return strength_factor(
@@ -53,7 +53,7 @@ class SizeLaw:
         )
 
 
-def fit_size_law(strikes: Sequence[TestedStrike], factors: FloatArray, *, diameter: bool = True) -> SizeLaw:
+def fit_size_law(strikes: Sequence[PublishedStrike], factors: FloatArray, *, diameter: bool = True) -> SizeLaw:
     """Fit a law by ordinary least squares between the logarithms.
 
     Parameters

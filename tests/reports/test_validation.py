@@ -19,7 +19,7 @@ from service.reports.depth_tests import (
     POWER_LAW,
     TRAJECTORY,
     Assessment,
-    TestedStrike,
+    PublishedStrike,
     assess,
     crater_depth,
     depth_curve,
@@ -93,7 +93,7 @@ def test_outlier_enters_no_fit(assessment: Assessment) -> None:
     np.testing.assert_array_equal(leave_one_out(moved, curves), leave_one_out(assessment.strikes, curves))
 
 
-def with_depth(given: Sequence[TestedStrike], place: int, *, factor: float) -> list[TestedStrike]:
+def with_depth(given: Sequence[PublishedStrike], place: int, *, factor: float) -> list[PublishedStrike]:
     """The same strikes, with one measured depth changed."""
     strike = given[place]
     test = replace(strike.test, depth=factor * strike.test.depth)
