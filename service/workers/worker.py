@@ -140,7 +140,8 @@ class WorkerProcess:
                 self._process.start()
         except (OSError, EOFError) as error:
             self._channel.close()
-            raise PoolUnavailableError("no worker process could be started") from error
+            cause = str(error) or type(error).__name__
+            raise PoolUnavailableError(f"no worker process could be started: {cause}") from error
         finally:
             theirs.close()  # the worker's copy is then the only one: its death is the end of the stream
 
