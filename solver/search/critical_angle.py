@@ -391,9 +391,8 @@ def _warnings(
         )
     )
     warnings += _retention_warnings(prepared, change)
-    turns = {trial.oblique_angle: _turned(impact, trial) for trial in trials if trial.fine}
-    most = max(turns, key=turns.__getitem__, default=0.0)
-    warnings += model_warnings.tumbling(turned=turns.get(most, 0.0), oblique_angle=most)
+    turned, at = _most_turned(trials, impact.angle_of_attack)
+    warnings += model_warnings.tumbling(turned=turned, oblique_angle=at)
     reach = change.angle if change.angle is not None else max(trial.oblique_angle for trial in trials)
     warnings += model_warnings.law_warnings(
         projectile=prepared.projectile,
@@ -413,11 +412,14 @@ def _warnings(
     return tuple(warnings)
 
 
-def _turned(impact: Impact, trial: Trial) -> float:
-    """How far the axis turned until the projectile left; 0 if it stayed. [rad]"""
-    if trial.exit is None:
-        return 0.0
-    return abs(trial.exit.axis_angle - replace(impact, oblique_angle=trial.oblique_angle).axis_angle)
+def _most_turned(trials: tuple[Trial, ...], angle_of_attack: float) -> tuple[float, float]:
+    """How far the axis turned at most until the projectile left, and at which oblique angle; 0 if it stayed. [rad]"""
+    turns = (
+        (abs(trial.exit.axis_angle - trial.oblique_angle - angle_of_attack), trial.oblique_angle)
+        for trial in trials
+        if trial.fine and trial.exit is not None
+    )
+    return max(turns, default=(0.0, 0.0))
 
 
 def _retention_warnings(prepared: PreparedCase, change: Change) -> list[ModelWarning]:
