@@ -49,7 +49,7 @@ from solver.validation import IntegrationError, ParameterError, RicochetError, S
 from solver.warm_up import warm_up
 from solver.warnings import ModelWarning
 
-ENGINE_VERSION = "10"
+ENGINE_VERSION = "11"
 """Raised whenever results change: results kept under another version are not used."""
 
 __all__ = [

@@ -8,8 +8,7 @@ In a wall, an element that faces the rear is weakened by it as one that faces ou
 decay function, on the distance along its normal to the rear face. What is beyond the rear face is not loaded, nor is
 what is in the plug that shears out, if there is one. On a ring that gives up to four arcs, in the order of rising
 cos β: near the rear face, deep before it, deep behind the impact face, and near that. So every ring is laid out twice:
-once with the arcs that face the impact face, once with those that face the rear. A face across the axis, whose normal
-meets the axis nowhere, is resisted in full up to the rear.
+once with the arcs that face the impact face, once with those that face the rear.
 """
 
 import math
@@ -23,8 +22,6 @@ from solver.compilation import VECTOR_WIDTH, compiled, inlined, lean, vectorised
 from solver.free_surface import TINY, build_decay, decay_at
 from solver.resistance import Resistance
 from solver.surface import (
-    FAR,
-    FLAT,
     MAX_CUTS,
     Body,
     BodyMotion,
@@ -63,6 +60,7 @@ from solver.surface_integration import (
     Load,
     add_arcs,
     add_rings,
+    cavity_scales,
     clamp,
     integrate_full,
     integrate_rings,
@@ -250,11 +248,11 @@ def panel_loads(state: FloatArray, panels: Panels, law: Law) -> Load:
         speed = (forward - spin * lateral) * n_axial + (sideways + spin * axial) * n_lateral
         if speed <= 0.0:
             continue
-        outward = panels.wall[i] * (n_lateral * s - n_axial * c)
-        if outward < 0.0 and law.thickness < math.inf and panels.wall[i] < FAR:  # its normal meets the rear face
-            factor = decay_at(law.thickness - inside, -outward, speed, law.decay)
+        tilt, cavity = n_lateral * s - n_axial * c, panels.cavity[i]
+        if tilt < 0.0 and law.thickness < math.inf:
+            factor = decay_at(law.thickness - inside, -tilt * min(cavity, panels.radius), speed, law.decay)
         else:
-            factor = decay_at(inside, outward, speed, law.decay)
+            factor = decay_at(inside, cavity * tilt, speed, law.decay)
         force = factor * (law.static_stress + law.dynamic_density * speed * speed) * panels.area[i]
         along -= force * n_axial
         across -= force * n_lateral
@@ -339,15 +337,16 @@ def _load_rings(rows: FloatArray, last: np.uint64, law: Law) -> None:
         inside, inside_slope = depth + axial * c, -radius * s
         speed = forward * sine_
         speed_slope = (sideways + spin * axial) * cosine - spin * radius * sine_
-        outward, outward_slope = -radius * sine_ * c, radius * cosine * s
-        ahead, ahead_slope = cosine * (law.thickness - inside), -cosine * inside_slope
-        inward, inward_slope = cosine * inside, cosine * inside_slope
+        depth_scale, tilt_scale = cavity_scales(rows, i, cosine, radius)
+        outward, outward_slope = -tilt_scale * sine_ * c, tilt_scale * cosine * s
+        ahead, ahead_slope = depth_scale * (law.thickness - inside), -depth_scale * inside_slope
+        inward, inward_slope = depth_scale * inside, depth_scale * inside_slope
 
         low, high = loaded_range(inside, inside_slope, speed, speed_slope)
         low = clamp((inside - loaded) / (TINY - inside_slope), low, high)
         start = clamp(-outward / (outward_slope + TINY), low, high)
         start = high if endless else start
-        full = start if endless or cosine <= FLAT else low  # up to here in full
+        full = start if endless else low  # up to here in full
         rear = -(ahead + beyond * outward) / (ahead_slope + beyond * outward_slope + TINY)
         rear = clamp(rear, full, start)
         front = (inward - beyond * outward) / (beyond * outward_slope - inward_slope + TINY)

@@ -5,6 +5,7 @@ on which elements start to separate, crosses the top or the bottom of a ring.
 """
 
 import math
+from collections.abc import Iterator
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -12,16 +13,15 @@ import numpy as np
 
 from solver.arrays import FloatArray, arc_cosine, sine
 from solver.compilation import compiled, lean
-from solver.projectile import Line, MassProperties, OutlinePiece, Projectile
+from solver.projectile import Arc, Line, MassProperties, OutlinePiece, Projectile
 from solver.validation import require
 
 LINE, ARC = 0.0, 1.0
 """First column of an outline row, the kind of the piece."""
 
-FLAT = 1e-100
-"""Cosine of α on a face across the axis, whose normal meets the axis nowhere: small enough for an infinite distance."""
-FAR = 1e50
-"""Distance from the axis beyond which a normal meets it nowhere. [m]"""
+BEHIND = 1e-100
+"""Cosine of α that stands for that of the base: where the base faces the impact face, the channel that the body has cut
+is behind it, which a cavity without bound describes. The decay is then zero to the precision of its polynomials."""
 AROUND_PER_AXIAL = 0.3
 """Panels around over panels along the axis: 60 by 200 for the paper's 12,000."""
 
@@ -39,9 +39,9 @@ class Body(NamedTuple):
     """A projectile for the compiled code. The centre of gravity is the origin, positions ahead of it are positive."""
 
     outline: FloatArray
-    """(n, 7), the base last. A line: kind, axial position and radius at its start, its length, sine and cosine of α,
-    and α. An arc: kind, axial position and radius of its centre, its radius, smallest and largest α, and nothing.
-    [m, rad]"""
+    """(n, 8), the base last. A line: kind, axial position and radius at its start, its length, sine and cosine of α,
+    and α. An arc: kind, axial position and radius of its centre, its radius, smallest and largest α, and nothing. Last
+    in each row the radius of the cavity if it is bounded, as `Section` has it, else 0. [m, rad]"""
     corners: FloatArray
     """(m, 2) axial position and radius of the points between pieces, tip and rear edge included. [m]"""
     tip: float
@@ -66,13 +66,44 @@ class Panels(NamedTuple):
     """Component of the outward normal along the axis, sin α. [1]"""
     normal_lateral: FloatArray
     """Component of the outward normal along u, cos α cos β. [1]"""
-    wall: FloatArray
-    """Distance from the axis along the normal, r / cos α. [m]"""
+    cavity: FloatArray
+    """Radius of the cavity, r / cos α and at most that of the shank; without bound on the base. [m]"""
     area: FloatArray
     """Area of the element and its mirror image together. [m²]"""
+    radius: float
+    """Radius of the shank, and of the cavity of a base that faces the rear of a wall. [m]"""
 
 
-NO_PANELS = Panels(*(np.empty(0) for _ in Panels._fields))
+NO_PANELS = Panels(*(np.empty(0) for _ in range(6)), 0.0)
+
+
+class Section(NamedTuple):
+    """Piece of an outline on which the radius of the cavity follows one rule."""
+
+    piece: OutlinePiece
+    cavity: float
+    """The bound, the radius of the shank, where r / cos α is larger; 0 where the cavity is r / cos α. [m]"""
+
+
+def sections(pieces: tuple[OutlinePiece, ...], radius: float) -> Iterator[Section]:
+    """Cut pieces of an outline where the distance to the axis along the normal reaches the radius of the shank.
+
+    The decay law takes that distance for the radius of a cavity. A blunt face would open one without bound, wider than
+    the hole that the body makes, and feel a distant rear face as if it were near. So the cavity is no wider than the
+    shank. An ogive is nowhere beyond the bound, a cap everywhere: its normals meet in its centre.
+    """
+    for piece in pieces:
+        if isinstance(piece, Arc):
+            yield Section(piece, radius if piece.r_center == 0.0 and piece.radius > radius else 0.0)
+            continue
+        reach = radius * (piece.x_end - piece.x_start) / piece.length
+        if not piece.r_start < reach < piece.r_end:
+            yield Section(piece, 0.0 if max(piece.r_start, piece.r_end) <= reach else radius)
+            continue
+        share = (reach - piece.r_start) / (piece.r_end - piece.r_start)
+        x = piece.x_start + share * (piece.x_end - piece.x_start)
+        yield Section(Line(piece.x_start, piece.r_start, x, reach), 0.0)
+        yield Section(Line(x, reach, piece.x_end, piece.r_end), radius)
 
 
 @lru_cache  # as for `mass_properties`
@@ -80,16 +111,15 @@ def build_body(projectile: Projectile, properties: MassProperties) -> Body:
     """Outline and mass properties of `projectile` for the compiled code."""
     center = properties.center_of_gravity
     rows, corners = [], []
-    for piece in (*projectile.outline(), projectile.base):
+    for piece, cavity in sections((*projectile.outline(), projectile.base), projectile.radius):
         if isinstance(piece, Line):
             sine, cosine = (piece.r_end - piece.r_start) / piece.length, (piece.x_end - piece.x_start) / piece.length
             alpha = math.atan2(sine, cosine)
-            rows.append((LINE, center - piece.x_start, piece.r_start, piece.length, sine, cosine, alpha))
+            rows.append((LINE, center - piece.x_start, piece.r_start, piece.length, sine, cosine, alpha, cavity))
             corners += [(center - piece.x_start, piece.r_start), (center - piece.x_end, piece.r_end)]
         else:
-            rows.append(
-                (ARC, center - piece.x_center, piece.r_center, piece.radius, piece.angle_end, piece.angle_start, 0.0)
-            )
+            ends = (piece.angle_end, piece.angle_start, 0.0)
+            rows.append((ARC, center - piece.x_center, piece.r_center, piece.radius, *ends, cavity))
             for angle in (piece.angle_start, piece.angle_end):
                 x, r = piece.x_center - piece.radius * math.sin(angle), piece.r_center + piece.radius * math.cos(angle)
                 corners.append((center - x, r))
@@ -122,41 +152,41 @@ def build_panels(projectile: Projectile, properties: MassProperties, count: int)
     """
     around = max(4, 2 * round(math.sqrt(AROUND_PER_AXIAL * count) / 2.0))
     rings = count // around
-    outline = projectile.outline()
-    nose = len(projectile.nose.outline(projectile.radius))
-    lengths = np.array([piece.length for piece in outline])
+    outline = tuple(sections(projectile.outline(), projectile.radius))
+    nose = len(tuple(sections(projectile.nose.outline(projectile.radius), projectile.radius)))
+    lengths = np.array([piece.length for piece, _ in outline])
     share = np.where(np.arange(len(outline)) < nose, lengths / lengths[:nose].sum(), 1.0)
     if nose < len(outline):
         share /= 2.0
     require(rings >= len(outline), "numerics.panels", f"too few for {len(outline)} pieces of outline, got {count}")
     azimuth = (np.arange(around // 2) + 0.5) * 2.0 * math.pi / around
-    pieces = (*outline, projectile.base)
     shares = (*share, projectile.base.length / lengths.sum())
     strips = [
-        _strip(piece, max(1, round(rings * part)), properties.center_of_gravity, azimuth)
-        for piece, part in zip(pieces, shares, strict=True)
+        _strip(section, max(1, round(rings * part)), properties.center_of_gravity, azimuth)
+        for section, part in zip((*outline, Section(projectile.base, math.inf)), shares, strict=True)
     ]
-    return Panels(*(np.concatenate(columns) for columns in zip(*strips, strict=True)))
+    return Panels(*(np.concatenate(columns) for columns in zip(*strips, strict=True)), projectile.radius)
 
 
-def _strip(piece: OutlinePiece, rings: int, center: float, azimuth: FloatArray) -> Panels:
-    """Panels of one outline piece, `rings` along it and one for each azimuth."""
+def _strip(section: Section, rings: int, center: float, azimuth: FloatArray) -> tuple[FloatArray, ...]:
+    """Columns of the panels of one section, `rings` along it and one for each azimuth; the base has no bound."""
     t = (np.arange(rings) + 0.5) / rings
-    x, r, sine, cosine = piece.at(t)
-    area = 2.0 * 2.0 * math.pi * r * (piece.length / rings) / (2 * azimuth.size)
+    x, r, sine, cosine = section.piece.at(t)
+    area = 2.0 * 2.0 * math.pi * r * (section.piece.length / rings) / (2 * azimuth.size)
 
     def spread(along: FloatArray) -> FloatArray:
         return np.repeat(along, azimuth.size)
 
     around = np.tile(np.cos(azimuth), rings)
-    wall = r / np.maximum(cosine, FLAT)
-    return Panels(
-        axial=spread(center - x),
-        lateral=spread(r) * around,
-        normal_axial=spread(sine),
-        normal_lateral=spread(cosine) * around,
-        wall=spread(wall),
-        area=spread(area),
+    bound = section.cavity
+    cavity = np.full_like(r, bound) if 0.0 < bound < math.inf else r / (BEHIND if bound > 0.0 else cosine)
+    return (
+        spread(center - x),
+        spread(r) * around,
+        spread(sine),
+        spread(cosine) * around,
+        spread(cavity),
+        spread(area),
     )
 
 

@@ -31,17 +31,18 @@ VECTOR = np.uint64(VECTOR_WIDTH)
 (
     ALPHA, AXIAL, RADIUS, SIZE, WEIGHT, DEPTH, COSINE, SINE, FORWARD, SIDEWAYS, SPIN,
     INWARD, INWARD_SLOPE, OUTWARD, OUTWARD_SLOPE, SPEED, SPEED_SLOPE, STATIC, ALONG, ACROSS, TURN,
-    DEEP_BEGIN, DEEP_SPAN, NEAR_BEGIN, NEAR_SPAN, EVEN, ODD,
-) = (np.uint64(row * CAPACITY) for row in range(27))  # fmt: skip
+    DEEP_BEGIN, DEEP_SPAN, NEAR_BEGIN, NEAR_SPAN, EVEN, ODD, CAVITY,
+) = (np.uint64(row * CAPACITY) for row in range(28))  # fmt: skip
 """Where the rows begin. Unsigned, since an index that might be negative costs a test each time.
 
 What `add_rings` writes: α; axial position and radius of the centre of curvature; radius of curvature; the ring's share
-of the outline; the motion of its body. On a straight piece the second and third are those of the ring itself, and the
-radius of curvature is zero. What `_load_rings` adds, as values and slopes in c: depth times cos α and outward tilt of
-the normal times the radius, which make up k; normal velocity. Then S f'c, ramped; what the integral of the stress adds
+of the outline; the motion of its body; the radius of its cavity if it is bounded. On a straight piece the second and
+third are those of the ring itself, and the radius of curvature is zero. What `_load_rings` adds, as values and slopes
+in c: depth times cos α and outward tilt of the normal times the radius, which make up k, where the cavity is bounded
+depth and outward tilt times the bound; normal velocity. Then S f'c, ramped; what the integral of the stress adds
 to the force along the axis, and that of the stress times c to the force across and the moment; where the two arcs with
 a decay begin, as β - π/2, and how far they reach; and the two integrals, to which the sums over the arcs add."""
-ROW_COUNT = 27
+ROW_COUNT = 28
 SPAN = np.uint64(CAPACITY)
 """From the row where arcs begin to the one with their ends."""
 HALF_TURN = math.pi / 2.0
@@ -131,7 +132,7 @@ def add_rings(
     """Write what makes up the rings at the stations of a stretch. What fills the last vector has no weight."""
     span, first = end - begin, np.uint64(place)
     depth, c, s, forward, sideways, spin = motion
-    axial, radius = piece[1], piece[2]
+    axial, radius, cavity = piece[1], piece[2], piece[7]
     if piece[0] == ARC:
         alpha, turn, size, share, sine_, cosine = 0.0, 1.0, piece[3], piece[3] * span, 0.0, 0.0
     else:
@@ -143,6 +144,7 @@ def add_rings(
         rows[SIZE + i], rows[WEIGHT + i] = size, share * stations[1, n]
         rows[DEPTH + i], rows[COSINE + i], rows[SINE + i] = depth, c, s
         rows[FORWARD + i], rows[SIDEWAYS + i], rows[SPIN + i] = forward, sideways, spin
+        rows[CAVITY + i] = cavity
 
 
 @exact
@@ -151,6 +153,17 @@ def place_ring(rows: FloatArray, i: int) -> tuple[float, float, float, float]:
     sine_, half = sine(rows[ALPHA + i]), sine(0.5 * rows[ALPHA + i])
     cosine = 1.0 - 2.0 * half * half
     return sine_, cosine, rows[AXIAL + i] + rows[SIZE + i] * sine_, rows[RADIUS + i] + rows[SIZE + i] * cosine
+
+
+@exact
+def cavity_scales(rows: FloatArray, i: int, cosine: float, radius: float) -> tuple[float, float]:
+    """Factors of the depth and of the outward tilt of a ring, of which the ratio, plus one, is k.
+
+    With a cavity of radius r / cos α they are cos α and r, so that a ring near the axis needs no division by zero; with
+    a bounded one, 1 and the bound.
+    """
+    bound = rows[CAVITY + i]
+    return (1.0, bound) if bound > 0.0 else (cosine, radius)
 
 
 @exact
@@ -189,8 +202,9 @@ def _load_rings(rows: FloatArray, end: np.uint64, law: Law) -> None:
         inside, inside_slope = depth + axial * c, -radius * s
         speed = forward * sine_
         speed_slope = (sideways + spin * axial) * cosine - spin * radius * sine_
-        inward, inward_slope = cosine * inside, cosine * inside_slope
-        outward, outward_slope = -radius * sine_ * c, radius * cosine * s
+        depth_scale, tilt_scale = cavity_scales(rows, i, cosine, radius)
+        inward, inward_slope = depth_scale * inside, depth_scale * inside_slope
+        outward, outward_slope = -tilt_scale * sine_ * c, tilt_scale * cosine * s
 
         low, high = loaded_range(inside, inside_slope, speed, speed_slope)
         tilted = -outward / (outward_slope + TINY)
