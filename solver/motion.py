@@ -38,6 +38,9 @@ REST_FRACTION = 1e-4
 """Kinetic energy at rest, over its initial value."""
 HALVINGS = 24
 """Bisections of a step, to find the instant of an event: to 1e-7 of the step."""
+MOST_TURN = 2.0 * math.pi
+"""How far the axis turns at most in a target: one that turns on end over end meets concrete that it has broken before,
+which the model takes for intact, so that its motion says nothing any more. [rad]"""
 RELEASE_HALVINGS = 12
 """Bisections for a release, where each takes an evaluation and hardly any load is left."""
 
@@ -216,6 +219,8 @@ class Termination(IntEnum):
     NONE = 7
     PERFORATED = 8
     """Beyond the rear face, moving on."""
+    TUMBLED = 9
+    """Loaded after the axis has turned by more than `MOST_TURN` since first contact."""
 
 
 class Thresholds(NamedTuple):
@@ -339,6 +344,7 @@ def end_of_step(
     was_loaded: bool,
     loaded: bool,
     thresholds: Thresholds,
+    begin_angle: float,
     last: bool,
     event: FloatArray,
 ) -> Termination:
@@ -352,6 +358,8 @@ def end_of_step(
         Whether anything was loaded at its start, and at its end.
     thresholds
         As energies. [J]
+    begin_angle
+        Axis angle at first contact. [rad]
     last
         Whether the step reaches the termination time.
     event
@@ -385,8 +393,10 @@ def end_of_step(
             return Termination.RETAINED if retained else Termination.PERFORATED
         if not retained and (_is_clear(step[8:14], body) or (last and step[11] < 0.0)):
             return Termination.EXIT
-    if last:
+    tumbled = loaded and abs(step[10] - begin_angle) > MOST_TURN
+    if last or tumbled:
         event[0] = time + step[1]
         interpolate(step, 1.0, state)
-        return Termination.RETAINED if kinetic_energy(state, body) < thresholds.retention else Termination.TIME
+        end = Termination.TUMBLED if tumbled else Termination.TIME
+        return Termination.RETAINED if kinetic_energy(state, body) < thresholds.retention else end
     return Termination.NONE

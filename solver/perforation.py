@@ -8,7 +8,7 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 
 from solver.display import Columns, card, dataframe, line, plot_perforation
-from solver.motion import Thresholds
+from solver.motion import Termination, Thresholds
 from solver.prepared import LEAST_THICKNESS, OUTCOMES, Exit, Outcome, PreparedCase, exit_of, integrate, prepare
 from solver.projectile import Projectile
 from solver.resistance import EQUATION_9, Resistance
@@ -16,7 +16,7 @@ from solver.strike import USUAL, Impact, Numerics, usual_termination_time
 from solver.target import Target
 from solver.trajectory import run_warnings
 from solver.validation import require, require_between
-from solver.warnings import UNDECIDED, ModelWarning, decided_by_time, undecided
+from solver.warnings import TUMBLING, UNDECIDED, ModelWarning, decided_by_time, undecided
 
 MOST_DIAMETERS = 1000.0
 """Thickest wall that is tried, over the diameter of the projectile: far more than a rigid projectile goes. [1]"""
@@ -149,7 +149,8 @@ def least_thickness(
     Notes
     -----
     Each wall is half as thick again as the one before until one holds; bisection follows. A wall that is not perforated
-    by the termination time counts as one that holds, with a warning if it is next to the change. Without a plug that
+    by the termination time, or before the projectile has turned by more than 360°, counts as one that holds, with a
+    warning if it is next to the change. Without a plug that
     shears out and a crater, see `Resistance`, real walls have to be thicker: compare with `solver.formulas`.
 
     Examples
@@ -280,7 +281,7 @@ def _search(
         outcome = OUTCOMES[run.end]
         trials.append(PerforationTrial(value, outcome, exit_of(outcome, run.state.tolist(), model.body)))
         warnings[value] = run_warnings(prepared, impact, run, outcome)
-        if outcome is Outcome.IN_MOTION:
+        if run.end == Termination.TIME:
             end_times[value] = run.time
         return (outcome is Outcome.PERFORATED) is not perforated_at_first
 
@@ -288,6 +289,8 @@ def _search(
         value = None if bracket is None else bracket[1]
         quantity: Literal["thickness", "velocity"] = "thickness" if perforated_at_first else "velocity"
         found = [each for each in warnings[value or trials[-1].value] if each.code != UNDECIDED]
+        beside = [each for each in warnings[bracket[0]] if each.code == TUMBLING] if bracket else []
+        found += beside if TUMBLING not in {each.code for each in found} else []
         if unfinished := [end_times[each] for each in bracket or end_times if each in end_times]:
             found.append((undecided if bracket is None else decided_by_time)(termination_time=max(unfinished)))
         return PerforationLimit(quantity, status, value, bracket, tuple(trials), tuple(found))

@@ -227,6 +227,7 @@ OUTCOMES: dict[float, Outcome] = {
     Termination.RETAINED: Outcome.EMBEDDED,
     Termination.TIME: Outcome.IN_MOTION,
     Termination.PERFORATED: Outcome.PERFORATED,
+    Termination.TUMBLED: Outcome.IN_MOTION,
 }
 """What the end of a run comes to."""
 RELEASED = (Termination.EXIT, Termination.RETAINED, Termination.PERFORATED)

@@ -5,7 +5,7 @@ on which elements start to separate, crosses the top or the bottom of a ring.
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -74,7 +74,12 @@ class Panels(NamedTuple):
     """Radius of the shank, and of the cavity of a base that faces the rear of a wall. [m]"""
 
 
-NO_PANELS = Panels(*(np.empty(0) for _ in range(6)), 0.0)
+def _panels(columns: Iterable[FloatArray], radius: float) -> Panels:
+    axial, lateral, normal_axial, normal_lateral, cavity, area = columns
+    return Panels(axial, lateral, normal_axial, normal_lateral, cavity, area, radius)
+
+
+NO_PANELS = _panels((np.empty(0) for _ in range(6)), 0.0)
 
 
 class Section(NamedTuple):
@@ -165,7 +170,7 @@ def build_panels(projectile: Projectile, properties: MassProperties, count: int)
         _strip(section, max(1, round(rings * part)), properties.center_of_gravity, azimuth)
         for section, part in zip((*outline, Section(projectile.base, math.inf)), shares, strict=True)
     ]
-    return Panels(*(np.concatenate(columns) for columns in zip(*strips, strict=True)), projectile.radius)
+    return _panels((np.concatenate(columns) for columns in zip(*strips, strict=True)), projectile.radius)
 
 
 def _strip(section: Section, rings: int, center: float, azimuth: FloatArray) -> tuple[FloatArray, ...]:

@@ -97,7 +97,7 @@ def integrate_fixed(
         gain = max(gain, (energy - before) / initial_energy)
         row = steps[index if steps.shape[0] > 1 else 0]
         store_step(row, time, step, state, work)
-        end = end_of_step(row, model, work, was_loaded, loaded, energies, index == count - 1, event)
+        end = end_of_step(row, model, work, was_loaded, loaded, energies, start[2], index == count - 1, event)
         until = time + step if end == Termination.NONE else event[0]
         if until > time:
             deepest = max(deepest, deepest_tip(row, until, body, work.point))
@@ -275,6 +275,9 @@ def _size(error: FloatArray, scale: FloatArray) -> float:
     return math.sqrt(total / 6.0)
 
 
+MOST_ENERGY = 2.0
+"""Kinetic energy, over its initial value, from which on a run has diverged: a true motion has no gain at all. With too
+few stations a body between the faces of a wall can gain without bound, in ever shorter steps."""
 STEP_LIMIT = 100_000
 """Reached only in a stiff phase at tolerances of 1e-8 and below."""
 FIRST_STEP, LARGEST_STEP, SMALLEST_STEP = 1e-2, 0.25, 1e-15
@@ -343,8 +346,10 @@ def integrate_adaptive(
         row = steps[count if steps.shape[0] > 1 else 0]
         store_step(row, time, step, state, work)
         count += 1
+        if kinetic_energy(work.trial, body) > MOST_ENERGY * initial_energy:
+            return Run(Termination.NOT_FINITE, time, state, deepest, count, evaluations, 0.0)
         last = time + step >= end_time * (1.0 - 1e-12)
-        end = end_of_step(row, model, work, was_loaded, loaded, energies, last, event)
+        end = end_of_step(row, model, work, was_loaded, loaded, energies, start[2], last, event)
         until = time + step if end == Termination.NONE else event[0]
         if until > time:
             deepest = max(deepest, deepest_tip(row, until, body, work.point))

@@ -9,7 +9,7 @@ import numpy as np
 from solver import warnings as model_warnings
 from solver.arrays import FloatArray
 from solver.display import Columns, card, dataframe, line, plot_motion
-from solver.motion import Model, Run, sample, sample_loads
+from solver.motion import Model, Run, Termination, sample, sample_loads
 from solver.prepared import OUTCOMES, Exit, Outcome, PreparedCase, exit_of, integrate, prepare
 from solver.projectile import Projectile
 from solver.resistance import EQUATION_9, Resistance
@@ -185,7 +185,8 @@ def simulate(
     its initial value, wherever the nose is; the run then goes on to rest, at 1e-4 of it, or to the end of all load, so
     that depths are complete. It is `Outcome.RICOCHET` when before that nothing is loaded any more and the projectile
     moves out for good, `Outcome.PERFORATED` when before that all of it is beyond the rear face of a target with a
-    thickness and moves on, and `Outcome.IN_MOTION` when the termination time comes first.
+    thickness and moves on, and `Outcome.IN_MOTION` when the termination time comes first, or the axis has turned by
+    more than 360° in the target.
     """
     if sample_interval is not None:
         require_positive("sample_interval", sample_interval)
@@ -278,7 +279,7 @@ def run_warnings(prepared: PreparedCase, impact: Impact, run: Run, outcome: Outc
         found.append(model_warnings.BASE_FIRST)
     if run.energy_gain > ENERGY_GAIN_TOLERATED:
         found.append(model_warnings.ENERGY_GAIN)
-    if outcome is Outcome.IN_MOTION:
+    if run.end == Termination.TIME:
         found.append(model_warnings.undecided(termination_time=run.time))
     turned = abs(float(run.state[2]) - impact.axis_angle)
     found += model_warnings.tumbling(turned=turned, oblique_angle=impact.oblique_angle)

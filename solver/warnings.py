@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from solver.formulas import formulas, spread
+from solver.motion import MOST_TURN
 from solver.projectile import Projectile
 from solver.resistance import (
     EQUATION_9_COEFFICIENTS,
@@ -250,16 +251,21 @@ def _share(energy: float, least: float) -> str:
     return f"{100.0 * energy:.2g} %" if energy > 0.0 else f"less than {100.0 * least:g} %"
 
 
+TUMBLING = "tumbling"
+"""Code of the warnings about projectiles that turn end over end."""
+
+
 def tumbling(*, turned: float, oblique_angle: float) -> tuple[ModelWarning, ...]:
     """Warning of a projectile that turns end over end in the target."""
     if turned <= math.pi:
         return ()
+    ends = "; the run ends there, in motion" if turned > MOST_TURN else ""
     return (
         ModelWarning(
-            "tumbling",
+            TUMBLING,
             f"at {math.degrees(oblique_angle):.4g}° the projectile turns by {math.degrees(turned):.0f}° in the "
             "target: the model takes concrete that is broken already for intact, the outcomes of such strikes change "
-            "within fractions of a degree, and a search may miss them",
+            "within fractions of a degree, and a search may miss them" + ends,
         ),
     )
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from solver import warnings as model_warnings
 from solver.arrays import FloatArray
-from solver.motion import REST_FRACTION, Termination, Thresholds
+from solver.motion import MOST_TURN, REST_FRACTION, Termination, Thresholds
 from solver.prepared import (
     OUTCOMES,
     Outcome,
@@ -43,6 +43,8 @@ PAPER_TERMINATION_TIME = 5e-3
 """When the paper reads the final position. [s]"""
 PAPER_THRESHOLDS = Thresholds(REST_FRACTION, REST_FRACTION)
 """The paper knows no retention energy: its projectile moves until it is at rest."""
+UNSTOPPED = (Outcome.RICOCHET, Outcome.PERFORATED, Outcome.IN_MOTION)
+"""Outcomes of strikes whose tumbling is warned of."""
 
 
 def critical_angle(
@@ -205,7 +207,8 @@ def _search_paper(prepared: PreparedCase, impact: Impact, search: Search) -> tup
         position = final_tip_depth(run, model.body, prepared.numerics.termination_time)
         outcome = OUTCOMES[run.end]
         left = exit_of(outcome, run.state.tolist(), model.body)
-        trials.append(Trial(oblique_angle, position, outcome, exit=left))
+        turned = abs(float(run.state[2]) - strike.axis_angle)
+        trials.append(Trial(oblique_angle, position, outcome, exit=left, turned=turned))
         return trials[-1]
 
     change = (search_bisection if search.method == "bisection" else search_secant)(attempt, search)
@@ -346,7 +349,14 @@ def _find_changes(
         prepared.strength_factor_at(rows[-1][ANGLE])
     check_end(rows[-1][END], numerics.termination_time)
     trials = tuple(
-        Trial(angle, position, outcome := OUTCOMES[end], fine > 0.0, exit_of(outcome, state, body))
+        Trial(
+            angle,
+            position,
+            outcome := OUTCOMES[end],
+            fine > 0.0,
+            exit_of(outcome, state, body),
+            abs(state[2] - angle - impact.angle_of_attack),
+        )
         for angle, position, end, _, fine, *state in rows
     )
     below, above, with_inertia = found.nearby.tolist()
@@ -391,7 +401,7 @@ def _warnings(
         )
     )
     warnings += _retention_warnings(prepared, change)
-    turned, at = _most_turned(trials, impact.angle_of_attack)
+    turned, at = _most_turned(trials)
     warnings += model_warnings.tumbling(turned=turned, oblique_angle=at)
     reach = change.angle if change.angle is not None else max(trial.oblique_angle for trial in trials)
     warnings += model_warnings.law_warnings(
@@ -403,7 +413,7 @@ def _warnings(
     if change.starts_turned_away:
         warnings.append(model_warnings.RICOCHET_AT_LOWER_BOUND)
     end_time = prepared.numerics.termination_time
-    if any(trial.outcome is Outcome.IN_MOTION for trial in change.deciding or trials):
+    if any(trial.outcome is Outcome.IN_MOTION and trial.turned <= MOST_TURN for trial in change.deciding or trials):
         by_time = change.deciding and not by_paper
         warnings.append(
             (model_warnings.decided_by_time if by_time else model_warnings.undecided)(termination_time=end_time)
@@ -412,13 +422,9 @@ def _warnings(
     return tuple(warnings)
 
 
-def _most_turned(trials: tuple[Trial, ...], angle_of_attack: float) -> tuple[float, float]:
-    """How far the axis turned at most until the projectile left, and at which oblique angle; 0 if it stayed. [rad]"""
-    turns = (
-        (abs(trial.exit.axis_angle - trial.oblique_angle - angle_of_attack), trial.oblique_angle)
-        for trial in trials
-        if trial.fine and trial.exit is not None
-    )
+def _most_turned(trials: tuple[Trial, ...]) -> tuple[float, float]:
+    """How far the axis turned at most while the projectile did not come to rest, and at which oblique angle. [rad]"""
+    turns = ((trial.turned, trial.oblique_angle) for trial in trials if trial.fine and trial.outcome in UNSTOPPED)
     return max(turns, default=(0.0, 0.0))
 
 

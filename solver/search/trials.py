@@ -113,7 +113,7 @@ final state. [rad, m, 1, 1, 1, and m, m, rad, m/s, m/s, rad/s]"""
 COLUMNS = STATE + 6
 TIME, RETAINED, EXIT = Termination.TIME.value, Termination.RETAINED.value, Termination.EXIT.value
 STEP_LIMIT, NOT_FINITE = Termination.STEP_LIMIT.value, Termination.NOT_FINITE.value
-PERFORATED = Termination.PERFORATED.value
+PERFORATED, TUMBLED = Termination.PERFORATED.value, Termination.TUMBLED.value
 NO_STRENGTH = Termination.NO_STRENGTH.value
 ENERGY_FLOOR = 0.1
 """Energy at which a trial ends, over the retention energy: the energy left varies smoothly with the angle that far."""
@@ -242,7 +242,7 @@ def run_trial(oblique_angle: float, level: Level, search: SearchState) -> int:
                 start, present, inputs.end_time, thresholds, level.accuracy, table.steps, table.work, table.linear
             )
         energy = kinetic_energy(run.state, model.body) / kinetic_energy(start, model.body)
-        if level.fine or (energy < 1.0 and run.end != STEP_LIMIT):
+        if level.fine or (energy < 1.0 and run.end not in (STEP_LIMIT, NOT_FINITE)):
             break
         level = search.levels[REQUESTED]
     row[FINE] = 1.0 if level.fine else 0.0
@@ -251,7 +251,7 @@ def run_trial(oblique_angle: float, level: Level, search: SearchState) -> int:
     for n in range(run.state.size):
         row[STATE + n] = run.state[n]
         finite = finite and math.isfinite(run.state[n])
-    if energy < inputs.retention and run.end in (EXIT, TIME, PERFORATED):
+    if energy < inputs.retention and run.end in (EXIT, TIME, PERFORATED, TUMBLED):
         row[END] = RETAINED
     if not finite:
         row[END] = NOT_FINITE
@@ -267,8 +267,8 @@ def failed(trial: FloatArray) -> bool:
 
 @lean
 def undecided(trial: FloatArray) -> bool:
-    """Whether a trial was still going on at the termination time."""
-    return bool(trial[END] == TIME)
+    """Whether a trial was still going on at the termination time, or ended since the projectile tumbled."""
+    return bool(trial[END] == TIME or trial[END] == TUMBLED)
 
 
 @lean

@@ -97,6 +97,8 @@ class Trial:
     search by outcome where to look: they are rougher, and may be wrong within a degree of the critical angle."""
     exit: Exit | None = None
     """How the projectile left, if it did."""
+    turned: float = 0.0
+    """How far the axis had turned by the end of the trial. [rad]"""
 
 
 @dataclass(frozen=True, slots=True)
