@@ -1,0 +1,286 @@
+"""Random strikes over the whole input space by both routes: Gauss points with error control, and panels with a step.
+
+A strike is a combination of every choice that the model offers, with random sizes, speeds and angles. Whoever adds a
+choice adds it to `Combination`: the table of what was compared then has a cell for it.
+"""
+
+import itertools
+import math
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from solver import (
+    Conical,
+    ConstantStrengthFactor,
+    Crater,
+    ElasticPlastic,
+    Flat,
+    Impact,
+    MohrCoulomb,
+    NoFreeSurface,
+    Numerics,
+    Ogive,
+    Outcome,
+    Profile,
+    Projectile,
+    Resistance,
+    ShearPlug,
+    Spherical,
+    Target,
+    solid_properties,
+)
+from solver.free_surface import FreeSurface
+from solver.prepared import OUTCOMES, exit_of, integrate, prepare
+from solver.projectile import NoseShape
+from solver.strike import RETENTION_ENERGY_FRACTION, USUAL, usual_termination_time
+
+NOSES = ("ogive", "cone", "cap", "flat", "pointed profile", "truncated profile")
+DECAYS: dict[str, FreeSurface] = {
+    "elastic-plastic": ElasticPlastic(),
+    "elastic-plastic, inertia": ElasticPlastic(inertia=True),
+    "Mohr-Coulomb": MohrCoulomb(),
+    "Mohr-Coulomb, inertia": MohrCoulomb(inertia=True),
+    "none": NoFreeSurface(),
+}
+MOST_STEPS = 190_000
+"""Of the panel route, a little below its own limit."""
+PANELS, RAMP = "finer panels", "shorter ramp"
+"""What explains a difference."""
+SHORT_RAMP = 0.01
+"""Of the usual ramp, over which the static stress of the Gauss points builds up: it lets a shank that lies in its hole
+creep, which turns it by tenths of a degree on a long way. Panels have none. [1]"""
+NEAR_THRESHOLD = 3.0
+"""Factor of the retention energy within which the energy left may decide an outcome either way. [1]"""
+SPEED_TOLERANCE, DEPTH_TOLERANCE = 0.01, 0.02
+"""Of the exit speed over the striking speed, and of the depth over the larger of depth and diameter. [1]"""
+
+
+class Resolution(NamedTuple):
+    """How fine the panels are."""
+
+    panels: int
+    steps: float
+    """In the time to travel one diameter."""
+
+
+COARSE = Resolution(4_000, 40.0)
+FINER = (Resolution(16_000, 160.0), Resolution(64_000, 640.0), Resolution(256_000, 640.0))
+"""Where the coarse ones differ, their own error is the reason if the difference goes away with these."""
+
+
+class Combination(NamedTuple):
+    """The choices of a strike."""
+
+    nose: str
+    wall: bool
+    decay: str
+    crater: bool
+    plug: bool
+    attack: bool
+    spin: bool
+
+
+CELLS = tuple(itertools.product(NOSES, (False, True), DECAYS))
+"""Nose, target and decay: each comes in turn."""
+EXTRAS = {
+    wall: tuple(itertools.product((False, True), (False, True) if wall else (False,), (False, True), (False, True)))
+    for wall in (False, True)
+}
+"""Crater, plug, attack and spin on a half-space and on a wall."""
+STRIDE = 5
+"""Through the extras from one round of the cells to the next: prime to how many there are, so that all come in turn."""
+COMBINATIONS = tuple(Combination(*cell, *extras) for cell in CELLS for extras in EXTRAS[cell[1]])
+FULL_TABLE = len(CELLS) * len(EXTRAS[True])
+"""Strikes after which every combination has come."""
+
+
+class End(NamedTuple):
+    """What the routes have to agree on."""
+
+    outcome: Outcome
+    energy: float
+    """Kinetic energy left over that at first contact, rotation then left out. [1]"""
+    speed: float | None
+    """At which the projectile leaves, if it does. [m/s]"""
+    depth: float
+    """Greatest depth of the nose tip. [m]"""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Strike:
+    """One strike, as `simulate` takes it."""
+
+    combination: Combination
+    projectile: Projectile
+    target: Target
+    impact: Impact
+    resistance: Resistance
+
+    def end(self, numerics: Numerics = USUAL, ramp_share: float = 1.0) -> End:
+        """How it ends, with the ramp of the static stress so much shorter than usual."""
+        longest = usual_termination_time(length=self.projectile.length, velocity=self.impact.velocity)
+        prepared = prepare(
+            projectile=self.projectile,
+            target=self.target,
+            resistance=self.resistance,
+            numerics=numerics.resolved(termination_time=longest),
+        )
+        law = prepared.law_at(self.impact)
+        model = prepared.model._replace(law=law._replace(ramp_velocity=ramp_share * law.ramp_velocity))
+        run, _ = integrate(prepared, model, self.impact, keep_steps=False)
+        outcome = OUTCOMES[run.end]
+        left = exit_of(outcome, run.state.tolist(), model.body)
+        _, _, _, *speeds, spin = run.state.tolist()
+        energy = sum(speed**2 for speed in speeds) + model.body.moment_of_inertia / model.body.mass * spin**2
+        return End(outcome, energy / self.impact.velocity**2, left.speed if left else None, run.maximum_tip_depth)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Comparison:
+    """One strike by both routes."""
+
+    number: int
+    strike: Strike
+    adaptive: End
+    panels: End
+    explained: str
+    """What made a difference go away: finer panels, or a shorter ramp; empty if there was none."""
+    difference: str
+    """What differs for no reason found; empty if nothing does."""
+
+
+def combination(number: int) -> Combination:
+    """The choices of the strike of this number."""
+    turn, place = divmod(number, len(CELLS))
+    cell = CELLS[place]
+    extras = EXTRAS[cell[1]]
+    return Combination(*cell, *extras[(STRIDE * turn + place) % len(extras)])
+
+
+def random_strikes(count: int, seed: int) -> Iterator[Strike]:
+    """Yield so many strikes, every cell in turn.
+
+    Diameter 5 to 250 mm, shank of 1 to 8 diameters, velocity 30 to 900 m/s and walls of 0.2 to 6 diameters, evenly in
+    their logarithms; mean density 3000 to 12,000 kg/m³; concrete of 10 to 150 MPa and 1900 to 2600 kg/m³; oblique angle
+    0° to 85°, one in eight of them 0; attack up to 5° and spin up to a tenth of the speed over the length, either way;
+    strength factor 3 to 15, inertia factor 0 to 1.5, crater of 0.5 to 3 diameters, plug of 40° to 75°.
+    """
+    random = np.random.default_rng(seed)
+    for number in range(count):
+        yield _random_strike(combination(number), random)
+
+
+def _random_strike(chosen: Combination, random: np.random.Generator) -> Strike:
+    projectile = _random_projectile(chosen.nose, random)
+    diameter, velocity = projectile.diameter, _log_uniform(random, 30.0, 900.0)
+    target = Target(compressive_strength=random.uniform(10e6, 150e6), density=random.uniform(1900.0, 2600.0))
+    thickness, oblique = _log_uniform(random, 0.2, 6.0) * diameter, math.radians(random.uniform(0.0, 85.0))
+    head_on = random.integers(8) == 0
+    attack = math.radians(random.uniform(-5.0, 5.0))
+    spin = random.uniform(-0.1, 0.1) * velocity / projectile.length
+    crater, plug = random.uniform(0.5, 3.0), math.radians(random.uniform(40.0, 75.0))
+    return Strike(
+        combination=chosen,
+        projectile=projectile,
+        target=replace(target, thickness=thickness) if chosen.wall else target,
+        impact=Impact(
+            velocity=velocity,
+            oblique_angle=0.0 if head_on else oblique,
+            angle_of_attack=attack if chosen.attack else 0.0,
+            angular_velocity=spin if chosen.spin else 0.0,
+        ),
+        resistance=Resistance(
+            strength_factor=ConstantStrengthFactor(value=random.uniform(3.0, 15.0)),
+            inertia_factor=random.uniform(0.0, 1.5),
+            free_surface=DECAYS[chosen.decay],
+            crater=Crater(depth_diameters=crater) if chosen.crater else None,
+            rear_plug=ShearPlug(cone_angle=plug) if chosen.plug else None,
+        ),
+    )
+
+
+def _log_uniform(random: np.random.Generator, low: float, high: float) -> float:
+    return math.exp(random.uniform(math.log(low), math.log(high)))
+
+
+def _random_projectile(shape: str, random: np.random.Generator) -> Projectile:
+    diameter = _log_uniform(random, 0.005, 0.25)
+    nose = _random_nose(shape, diameter / 2.0, random)
+    length = nose.length(diameter / 2.0) + diameter * _log_uniform(random, 1.0, 8.0)
+    volume = solid_properties(Projectile(nose=nose, diameter=diameter, length=length, mass=1.0)).volume
+    return Projectile(nose=nose, diameter=diameter, length=length, mass=random.uniform(3000.0, 12_000.0) * volume)
+
+
+def _random_nose(shape: str, radius: float, random: np.random.Generator) -> NoseShape:
+    slope, front, middle = _log_uniform(random, 0.02, 4.0), random.uniform(0.1, 0.9), random.uniform(0.2, 0.8)
+    roundness = _log_uniform(random, 0.5, 10.0)
+    if shape == "ogive":
+        return Ogive(caliber_radius_head=roundness)
+    if shape == "cone":
+        return Conical(length_to_diameter=slope)
+    if shape == "cap":
+        return Spherical(caliber_radius_head=roundness)
+    if shape == "flat":
+        return Flat()
+    height, begin = 2.0 * slope * radius, 0.0 if shape == "pointed profile" else front * radius
+    bend = begin + (radius - begin) * (middle + 0.5 * (1.0 - middle))  # above the straight line, so convex
+    return Profile(points=((0.0, begin), (middle * height, bend), (height, radius)))
+
+
+def compare(number: int, strike: Strike) -> Comparison:
+    """Compare both routes; where they differ, make the panels finer and then the ramp of the other route shorter."""
+    adaptive, explained = strike.end(), ""
+    panels = strike.end(_panel_numerics(strike, COARSE))
+    difference = _difference(strike, adaptive, panels)
+    for resolution in FINER:
+        if not difference:
+            break
+        panels, explained = strike.end(_panel_numerics(strike, resolution)), PANELS
+        difference = _difference(strike, adaptive, panels)
+    if difference:
+        explained = RAMP
+        difference = _difference(strike, strike.end(ramp_share=SHORT_RAMP), panels)
+    return Comparison(
+        number=number,
+        strike=strike,
+        adaptive=adaptive,
+        panels=panels,
+        explained="" if difference else explained,
+        difference=difference,
+    )
+
+
+def _panel_numerics(strike: Strike, resolution: Resolution) -> Numerics:
+    """Panels as fine as this, for as long as so many steps allow."""
+    velocity = strike.impact.velocity
+    step = strike.projectile.diameter / velocity / resolution.steps
+    end = min(usual_termination_time(length=strike.projectile.length, velocity=velocity), MOST_STEPS * step)
+    return Numerics(method="panels", panels=resolution.panels, time_step=step, termination_time=end)
+
+
+def _difference(strike: Strike, one: End, other: End) -> str:
+    """What differs by more than it may."""
+    if one.outcome is not other.outcome:
+        near = any(
+            1.0 / NEAR_THRESHOLD < end.energy / RETENTION_ENERGY_FRACTION < NEAR_THRESHOLD for end in (one, other)
+        )
+        return "" if near else f"outcome: {one.outcome.value} and {other.outcome.value}"
+    if one.speed is not None and other.speed is not None:
+        error = abs(one.speed - other.speed) / strike.impact.velocity
+        if error > SPEED_TOLERANCE:
+            return f"exit speed: by {100.0 * error:.2g} % of the striking speed"
+    rear = math.inf if strike.target.thickness is None else strike.target.thickness
+    depth, depth_too = min(one.depth, rear), min(other.depth, rear)  # how far a tip flies behind a wall says nothing
+    error = abs(depth - depth_too) / max(depth, strike.projectile.diameter)
+    return f"depth: by {100.0 * error:.2g} %" if error > DEPTH_TOLERANCE else ""
+
+
+def table_of_combinations(strikes: Iterator[Strike] | list[Strike]) -> Counter[Combination]:
+    """How often each combination came, those that did not with 0."""
+    counts: Counter[Combination] = Counter(dict.fromkeys(COMBINATIONS, 0))
+    counts.update(strike.combination for strike in strikes)
+    return counts
