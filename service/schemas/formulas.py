@@ -106,6 +106,9 @@ class FormulaRow(Part):
     ]
     range_known: Annotated[bool, Field(description="Whether a source gives the range of the formula.")]
     out_of_range: list[NotFitted]
+    note: Annotated[str, Field(description="What is in doubt, or assumed; absent where nothing is.")] | MISSING = (
+        MISSING
+    )
     verified: Annotated[
         bool,
         Field(
@@ -195,6 +198,7 @@ def formula_row(result: solver.FormulaResult) -> dict[str, Any]:
     values = {f"{name}_m": value for name in LIMITS if (value := getattr(result, name)) is not None}
     if result.limit_speed is not None:
         values["limit_speed_m_s"] = result.limit_speed
+    note = {"note": result.note} if result.note else {}
     outside = [{"pointer": pointer_of_parameter(each.field), "detail": each.detail} for each in result.out_of_range]
     return {
         "formula": result.formula,
@@ -202,6 +206,7 @@ def formula_row(result: solver.FormulaResult) -> dict[str, Any]:
         "in_range": result.in_range,
         "range_known": result.range_known,
         "out_of_range": outside,
+        **note,
         "verified": result.verified,
         "source": result.source,
     }
