@@ -399,6 +399,7 @@ class MassProperties:
     """About a transverse axis through the centre of gravity. [kg m²]"""
 
 
+@lru_cache  # as for `mass_properties`
 def solid_properties(projectile: Projectile) -> SolidProperties:
     """Geometry of the homogeneous solid of the outer shape, by Gauss quadrature on each piece."""
     t, w = gauss_rule(GAUSS_POINTS).T

@@ -11,7 +11,7 @@ from service.schemas.problems import pointer_of_parameter
 from service.schemas.quantities import Num, Part, with_examples
 from service.schemas.strike import PAPER, STRIKE, Impact, Projectile, Target
 from solver.formulas import LIMITS, PERFORATION_MARGIN, SCABBING_MARGIN, formulas, nose_class, spread
-from solver.warnings import NORMAL_COMPONENT_ONLY
+from solver.warnings import NORMAL_COMPONENT_ONLY, body_warnings
 
 REQUEST = {name: PAPER[name] for name in ("projectile", "target")} | {"impact": STRIKE}
 NOT_FITTED = {"pointer": "/impact/velocity_m_s", "detail": "fitted from 20 to 200 m/s along the normal, here 238"}
@@ -163,7 +163,10 @@ class FormulasAnswer(Part):
     perforation_margin: Annotated[
         Num, Field(description="Factor on a perforation thickness that DOE-STD-3014-2006 requires in a design. [1]")
     ]
-    warnings: Annotated[list[ModelWarning], Field(description="`normal_component_only` for an oblique strike.")]
+    warnings: Annotated[
+        list[ModelWarning],
+        Field(description="`normal_component_only` for an oblique strike, and `mean_density_unusual`."),
+    ]
     key: Key
     engine_version: EngineVersion
 
@@ -177,6 +180,7 @@ def formulas_answer(request: FormulasRequest) -> dict[str, Any]:
         If the strike has no velocity along the normal.
     """
     arguments = request.arguments()
+    projectile = arguments["projectile"]
     found = formulas(**arguments)
     spreads = {f"{name}_spread": each for name in LIMITS if (each := spread(found, name))}
     oblique = arguments["impact"].oblique_angle != 0.0
@@ -186,10 +190,10 @@ def formulas_answer(request: FormulasRequest) -> dict[str, Any]:
             name: {"lowest": each.lowest, "highest": each.highest, "formulas": each.count}
             for name, each in spreads.items()
         },
-        "nose_class": nose_class(arguments["projectile"]),
+        "nose_class": nose_class(projectile),
         "scabbing_margin": SCABBING_MARGIN,
         "perforation_margin": PERFORATION_MARGIN,
-        "warnings": warning_texts((NORMAL_COMPONENT_ONLY,) if oblique else ()),
+        "warnings": warning_texts(((NORMAL_COMPONENT_ONLY,) if oblique else ()) + body_warnings(projectile)),
     }
 
 
