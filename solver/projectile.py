@@ -13,7 +13,7 @@ from solver.arrays import FloatArray, gauss_rule
 from solver.validation import require, require_finite, require_kind, require_number, require_positive
 
 GAUSS_POINTS = 48  # on one piece of the outline; exact for lines, near machine precision for arcs
-MATCH = 1e-6  # relative; how closely a profile must end at the radius of the shank, for which single precision does
+MATCH = 1e-6  # relative; how closely a profile must end at the radius of the shank: single precision suffices
 DENT = 1e-4
 """How far a point of a profile may lie inside the line between others, over the size of the nose. Points of a straight
 line lie off it by what they are rounded to, 1e-16 of its size or, to the micrometre, 1e-5; no nose is made to 1e-4. [1]

@@ -284,8 +284,9 @@ def _coordinates(name: str, field: str, values: Sequence[Any]) -> dict[str, tupl
 
 def _label(field: str, value: Any) -> Any:
     """Return a number or text as it is, the name of a model, and of a list that of its field."""
-    is_list = isinstance(value, list | tuple | np.ndarray) and np.ndim(value) > 0
-    return field.rpartition(".")[2] if is_list else getattr(value, "name", value)
+    if isinstance(value, list | tuple | np.ndarray):
+        return field.rpartition(".")[2]
+    return getattr(value, "name", value)
 
 
 def _described(field: str) -> dict[str, str]:
