@@ -192,6 +192,7 @@ RESIDUALS = (
     Column("scabbing_thickness_m", "least thickness of a wall whose back does not scab"),
     Column("perforation_thickness_m", "least thickness of a wall that is not perforated"),
     Column("in_range", "whether the strike is in the range of the formula, unknown if that is not known", "S8"),
+    Column("note", "what is in doubt, or assumed", "S256"),
     Column("verified", "whether the constants were compared with an original", "S8"),
     Column("source", "authors and year", "S128"),
 )

@@ -85,7 +85,8 @@ def critical_angle_sweep(
         As for `critical_angle`. [SI, rad]
     axes
         Values by field: a dotted name, as in ``target.compressive_strength``, or its last part where that is clear.
-        Models, as in ``resistance.free_surface`` or ``projectile.nose``, become coordinates by their names.
+        Models, as in ``resistance.free_surface`` or ``projectile.nose``, become coordinates by their names, those of
+        one name with a number too.
     velocity
         As for `critical_angle`; not needed where it is an axis. [m/s]
     threads
@@ -223,10 +224,9 @@ class _Grid:
         """Return the answers as a dataset."""
         last = [field.rpartition(".")[2] for field in self.fields]
         names = [name if last.count(name) == 1 else field for name, field in zip(last, self.fields, strict=True)]
-        coordinates = {
-            name: (name, [getattr(value, "name", value) for value in values], _described(field))
-            for name, field, values in zip(names, self.fields, self._values, strict=True)
-        }
+        coordinates: dict[str, tuple[Any, ...]] = {}
+        for name, field, values in zip(names, self.fields, self._values, strict=True):
+            coordinates |= _coordinates(name, field, values)
         shape = tuple(map(len, self._values))
         variables = {}
         for name, column in columns(answers).items():
@@ -263,6 +263,30 @@ def _names(parts: Mapping[str, Any], before: str = "") -> Iterable[str]:
         if is_part(part):
             fields = {each: getattr(part, each) for each in part.__dataclass_fields__}
             yield from _names(fields, f"{before}{name}.")
+
+
+def _coordinates(name: str, field: str, values: Sequence[Any]) -> dict[str, tuple[Any, ...]]:
+    """Return the labels of an axis as a coordinate.
+
+    Models of one name, and lists, are numbered, so that a label stands for one of them; a second coordinate has them in
+    full.
+    """
+    plain = [_label(field, value) for value in values]
+    labels = [
+        f"{label} {plain[: place + 1].count(label)}" if isinstance(label, str) and plain.count(label) > 1 else label
+        for place, label in enumerate(plain)
+    ]
+    found: dict[str, tuple[Any, ...]] = {name: (name, labels, _described(field))}
+    if labels != plain:
+        found[f"{name}_in_full"] = (name, list(map(repr, values)), {"long_name": f"{name}, in full"})
+    return found
+
+
+def _label(field: str, value: Any) -> Any:
+    """Return a number or text as it is, the name of a model, and of a list that of its field."""
+    if isinstance(value, list | tuple | np.ndarray):
+        return field.rpartition(".")[2]
+    return getattr(value, "name", value)
 
 
 def _described(field: str) -> dict[str, str]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from solver.formulas import formulas, spread
 from solver.motion import MOST_TURN
-from solver.projectile import Projectile
+from solver.projectile import Projectile, solid_properties
 from solver.resistance import (
     EQUATION_9_COEFFICIENTS,
     ObliquityPolynomial,
@@ -25,6 +25,8 @@ EQUATION_9_STRENGTH, EQUATION_9_DIAMETER = 39e6, 0.08
 """Concrete and projectile that eq. 9 was fitted to. [Pa, m]"""
 SAME_STRENGTH, SAME_DIAMETER = 0.1, 0.25
 """Relative difference from them up to which eq. 9 is used without a warning. [1]"""
+MEAN_DENSITY = (1e3, 2e4)
+"""Mean densities of bodies, from hollow ones to those of tungsten or uranium. [kg/m³]"""
 SMALL_ATTACK = math.radians(5.0)
 CRATER_CALIBERS = 2.0
 """Depth of the front crater over the diameter, for which the theory of deep cavities was not made."""
@@ -69,6 +71,21 @@ def range_warnings(*, target: Target, velocity: float) -> tuple[ModelWarning, ..
     return tuple(found)
 
 
+def body_warnings(projectile: Projectile) -> tuple[ModelWarning, ...]:
+    """Warning about a body too light or too heavy for its size, whose mass or size may be in another unit."""
+    lowest, highest = MEAN_DENSITY
+    density = projectile.mass / solid_properties(projectile).volume
+    if lowest <= density <= highest:
+        return ()
+    return (
+        ModelWarning(
+            "mean_density_unusual",
+            f"the mean density of the projectile, its mass over the volume of its outline, is {density:.4g} kg/m³, "
+            f"outside {lowest:,.0f} to {highest:,.0f} kg/m³: compare its mass, diameter and length with those meant",
+        ),
+    )
+
+
 def input_warnings(
     *,
     projectile: Projectile,
@@ -90,6 +107,7 @@ def input_warnings(
                 "the body is taken as rigid",
             )
         )
+    found += body_warnings(projectile)
     found += _mass_properties_assumed(projectile, angle_shift)
     return tuple(found)
 

@@ -98,6 +98,7 @@ def formula_columns(answer: Mapping[str, Any]) -> dict[str, list[Any]]:
     rows = [dict.fromkeys(limits, math.nan) | row for row in answer["formulas"]]
     columns = {name: [row[name] for row in rows] for name in ("formula", *limits)}
     columns["in_range"] = ["yes" if row["in_range"] else "no" if row["out_of_range"] else "unknown" for row in rows]
+    columns["note"] = [row.get("note", "") for row in rows]
     columns["verified"] = ["yes" if row["verified"] else "no" for row in rows]
     return columns | {"source": [row["source"] for row in rows]}
 

@@ -156,6 +156,9 @@ def print_formulas(answer: Mapping[str, Any]) -> None:
     for row in answer["formulas"]:
         for each in row["out_of_range"]:
             print(f"* {row['formula']}: {each['pointer']}: {each['detail']}")
+    for row in answer["formulas"]:
+        if "note" in row:
+            print(f"! {row['formula']}: {row['note']}")
     print("? the range of the formula is not known: it is left out of the figures below")
     print("+ constants from secondary sources, not compared with an original\n")
     values = {}
@@ -169,5 +172,6 @@ def print_formulas(answer: Mapping[str, Any]) -> None:
 
 
 def _marks(row: Mapping[str, Any]) -> str:
-    marks = (("*", row["out_of_range"]), ("?", not row["range_known"]), ("+", not row["verified"]))
+    known, verified = row["range_known"], row["verified"]
+    marks = (("*", row["out_of_range"]), ("?", not known), ("!", "note" in row), ("+", not verified))
     return "".join(mark for mark, holds in marks if holds)

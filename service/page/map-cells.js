@@ -23,6 +23,7 @@ const WARNINGS = {
   crater_at_obliquity: "a crater of normal impact",
   fixed_step_energy_gain: "time step too long",
   large_angle_of_attack: "large angle of attack",
+  mean_density_unusual: "unlikely mean density",
   published_tests_extrapolated: "beyond the published tests",
   range_clipped: "range cut where S falls to zero",
   rear_face_unconservative: "wall without a plug holds less",

@@ -74,6 +74,7 @@ FORMULAS: Final[Mapping[str, str]] = {
     "ace": "ACE",
     "brl": "BRL",
     "li_chen": "Li and Chen",
+    "whiffen": "Whiffen",
 }
 SCATTERS: Final[Mapping[str, tuple[str, float, str]]] = {
     "impact.velocity_m_s": ("Speed", 1.0, " m/s"),

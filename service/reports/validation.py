@@ -269,6 +269,7 @@ def _thickness_table() -> ReportTable:
         limits = [_millimetres(each.perforation_thickness) for each in results]
         outside = ", ".join(sorted({each.field for result in results for each in result.out_of_range}))
         source = f"{first.source}{'' if first.verified else ' (not compared with the original)'}"
+        source += f"; {first.note}" if first.note else ""
         known = "in range" if first.range_known else "range not known"
         rows.append((first.formula, *limits, source, f"out of range: {outside}" if outside else known))
     angles = [f"at {angle:g}° [mm]" for angle in ANGLES_DEG]

@@ -11,7 +11,7 @@ from service.schemas.problems import pointer_of_parameter
 from service.schemas.quantities import Num, Part, with_examples
 from service.schemas.strike import PAPER, STRIKE, Impact, Projectile, Target
 from solver.formulas import LIMITS, PERFORATION_MARGIN, SCABBING_MARGIN, formulas, nose_class, spread
-from solver.warnings import NORMAL_COMPONENT_ONLY
+from solver.warnings import NORMAL_COMPONENT_ONLY, body_warnings
 
 REQUEST = {name: PAPER[name] for name in ("projectile", "target")} | {"impact": STRIKE}
 NOT_FITTED = {"pointer": "/impact/velocity_m_s", "detail": "fitted from 20 to 200 m/s along the normal, here 238"}
@@ -106,6 +106,9 @@ class FormulaRow(Part):
     ]
     range_known: Annotated[bool, Field(description="Whether a source gives the range of the formula.")]
     out_of_range: list[NotFitted]
+    note: Annotated[str, Field(description="What is in doubt, or assumed; absent where nothing is.")] | MISSING = (
+        MISSING
+    )
     verified: Annotated[
         bool,
         Field(
@@ -160,7 +163,10 @@ class FormulasAnswer(Part):
     perforation_margin: Annotated[
         Num, Field(description="Factor on a perforation thickness that DOE-STD-3014-2006 requires in a design. [1]")
     ]
-    warnings: Annotated[list[ModelWarning], Field(description="`normal_component_only` for an oblique strike.")]
+    warnings: Annotated[
+        list[ModelWarning],
+        Field(description="`normal_component_only` for an oblique strike, and `mean_density_unusual`."),
+    ]
     key: Key
     engine_version: EngineVersion
 
@@ -174,6 +180,7 @@ def formulas_answer(request: FormulasRequest) -> dict[str, Any]:
         If the strike has no velocity along the normal.
     """
     arguments = request.arguments()
+    projectile = arguments["projectile"]
     found = formulas(**arguments)
     spreads = {f"{name}_spread": each for name in LIMITS if (each := spread(found, name))}
     oblique = arguments["impact"].oblique_angle != 0.0
@@ -183,10 +190,10 @@ def formulas_answer(request: FormulasRequest) -> dict[str, Any]:
             name: {"lowest": each.lowest, "highest": each.highest, "formulas": each.count}
             for name, each in spreads.items()
         },
-        "nose_class": nose_class(arguments["projectile"]),
+        "nose_class": nose_class(projectile),
         "scabbing_margin": SCABBING_MARGIN,
         "perforation_margin": PERFORATION_MARGIN,
-        "warnings": warning_texts((NORMAL_COMPONENT_ONLY,) if oblique else ()),
+        "warnings": warning_texts(((NORMAL_COMPONENT_ONLY,) if oblique else ()) + body_warnings(projectile)),
     }
 
 
@@ -195,6 +202,7 @@ def formula_row(result: solver.FormulaResult) -> dict[str, Any]:
     values = {f"{name}_m": value for name in LIMITS if (value := getattr(result, name)) is not None}
     if result.limit_speed is not None:
         values["limit_speed_m_s"] = result.limit_speed
+    note = {"note": result.note} if result.note else {}
     outside = [{"pointer": pointer_of_parameter(each.field), "detail": each.detail} for each in result.out_of_range]
     return {
         "formula": result.formula,
@@ -202,6 +210,7 @@ def formula_row(result: solver.FormulaResult) -> dict[str, Any]:
         "in_range": result.in_range,
         "range_known": result.range_known,
         "out_of_range": outside,
+        **note,
         "verified": result.verified,
         "source": result.source,
     }

@@ -24,6 +24,7 @@ from solver.uncertainty import (
     Sampling,
     TrajectoryStudy,
 )
+from solver.warnings import body_warnings
 
 SAMPLING = Sampling()
 MOST_SAMPLES = 131_072
@@ -151,6 +152,7 @@ class CriticalAngleUncertaintyRequest(UncertainCase):
             sensitivity=self.sensitivity,
             bounds=(lower, upper),
             accepts=partial(accepts, CriticalAngleBase, base, inputs),
+            warnings=body_warnings(self.projectile.to_solver()),
         )
 
 
@@ -175,7 +177,9 @@ class TrajectoryUncertaintyRequest(UncertainCase):
         ParameterError
             If values do not go together.
         """
-        return TrajectoryStudy(inputs_of(self.uncertain, TrajectoryFields, self.base), self.sampling.to_solver())
+        inputs = inputs_of(self.uncertain, TrajectoryFields, self.base)
+        warnings = body_warnings(self.projectile.to_solver())
+        return TrajectoryStudy(inputs, self.sampling.to_solver(), warnings=warnings)
 
 
 def crossings_in(answer: Mapping[str, Any]) -> Crossings:

@@ -272,6 +272,9 @@ def _first_look(residuals: Residuals) -> float:
 
 def _warnings(tests: Sequence[DepthTest], runs: Sequence[Run], shots: _Shots) -> tuple[ModelWarning, ...]:
     found = list(model_warnings.range_warnings(target=shots.target, velocity=max(test.velocity for test in tests)))
+    masses = [shots.projectile.mass if test.mass is None else test.mass for test in tests]
+    bodies = [replace(shots.projectile, mass=mass) for mass in (min(masses), max(masses))]
+    found += dict.fromkeys(warning for body in bodies for warning in model_warnings.body_warnings(body))
     found += model_warnings.shallow_tests(depths=[test.depth for test in tests], diameter=shots.projectile.diameter)
     if any(run.end == Termination.TIME for run in runs):
         found.append(model_warnings.undecided(termination_time=shots.numerics.termination_time))

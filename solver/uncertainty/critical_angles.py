@@ -80,6 +80,8 @@ class AngleStudy:
     accepts
         Whether a value of an input, given by its place, is one that the model accepts; every value unless given. The
         surrogate has an answer for other values too, which counts as not known.
+    warnings
+        Those of the strike, which every answer carries.
 
     Raises
     ------
@@ -106,6 +108,7 @@ class AngleStudy:
         sensitivity: bool = True,
         bounds: tuple[float, float] = (math.radians(5.0), math.radians(85.0)),
         accepts: Accepts = lambda _, __: True,
+        warnings: tuple[ModelWarning, ...] = (),
     ) -> None:
         check_inputs(uncertain)
         angles = np.asarray(oblique_angles, float)
@@ -119,6 +122,7 @@ class AngleStudy:
         self.sensitivity = sensitivity
         self.bounds = bounds
         self.accepts = accepts
+        self.warnings = warnings
 
     @cached_property
     def _unit(self) -> FloatArray:
@@ -181,7 +185,7 @@ class AngleStudy:
             surrogate_error=error,
             convergence=(*history, Round(tables.samples, half)),
             converged=half <= self.sampling.half_width,
-            warnings=_warnings(tables, answer, self._beyond if answer.method == "surrogate" else None),
+            warnings=self.warnings + _warnings(tables, answer, self._beyond if answer.method == "surrogate" else None),
         )
 
     def _expansion(self, tables: Tables) -> Expansion | None:
@@ -338,7 +342,7 @@ class AngleStudy:
         own = np.array([self._in_range(each[place]) for each, place in zip(base, places, strict=True)])
         keep = ~(np.isnan(found).any(axis=0) | np.isnan(own))
         counted = replace(answer, samples=tables.samples, failed=tables.failed, outside=tables.outside)
-        warnings = _warnings(tables, counted)
+        warnings = self.warnings + _warnings(tables, counted)
         if not keep.all():
             warning = ModelWarning(
                 "no_indices", f"{int((~keep).sum())} of {size} base samples have no outcome: there are no indices"

@@ -23,6 +23,7 @@ from solver.uncertainty.results import AngleUncertainty, Crossings, TrajectoryUn
 from solver.uncertainty.sampling import Point, Sampling, Uncertain, check_inputs, check_values
 from solver.uncertainty.trajectories import Ending, TrajectoryStudy
 from solver.validation import ParameterError, RicochetError, require, require_positive
+from solver.warnings import body_warnings
 
 RESIDUAL = "resistance.strength_residual"
 """Field of a factor on S, whatever the law of S: the part of its scatter that no input of the law explains."""
@@ -204,6 +205,7 @@ def critical_angle_uncertainty(
         sensitivity=sensitivity,
         bounds=search.bounds,
         accepts=strike.accepts,
+        warnings=body_warnings(projectile),
     )
 
     def find(parts: dict[str, Any]) -> Crossings:
@@ -257,7 +259,8 @@ def trajectory_uncertainty(
         except RicochetError as error:
             return Ending.of(error)
 
-    return _run(TrajectoryStudy(uncertain, sampling or Sampling()).steps(), evaluate, threads)
+    study = TrajectoryStudy(uncertain, sampling or Sampling(), warnings=body_warnings(projectile))
+    return _run(study.steps(), evaluate, threads)
 
 
 class _Batch(Protocol):

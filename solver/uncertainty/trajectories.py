@@ -72,14 +72,19 @@ class TrajectoryStudy:
         Independent inputs.
     sampling
         Accuracy, budget, seed.
+    warnings
+        Those of the strike, which every answer carries.
 
     Notes
     -----
     As `AngleStudy`. Outcomes jump with the inputs, so there is no surrogate.
     """
 
-    def __init__(self, uncertain: Sequence[Uncertain], sampling: Sampling) -> None:
+    def __init__(
+        self, uncertain: Sequence[Uncertain], sampling: Sampling, *, warnings: tuple[ModelWarning, ...] = ()
+    ) -> None:
         check_inputs(uncertain)
+        self.warnings = warnings
         self.design = Design(uncertain, sampling)
         self.sampling = sampling
 
@@ -133,7 +138,7 @@ class TrajectoryStudy:
             failed=failed,
             outside=outside,
             seed=sampling.seed,
-            warnings=_warnings(samples, failed, outside),
+            warnings=self.warnings + _warnings(samples, failed, outside),
         )
 
     def _exits(self, found: list[list[Ending]], weights: FloatArray, outcome: Outcome) -> ExitQuantiles:

@@ -44,6 +44,7 @@ def test_rows_are_those_of_the_solver(client: httpx.Client) -> None:
             assert row.get(f"{name}_m") == getattr(result, name)
         assert (row["in_range"], row["range_known"]) == (result.in_range, result.range_known)
         assert (row["verified"], row["source"]) == (result.verified, result.source)
+        assert row.get("note", "") == result.note
     assert not rows
 
 
@@ -64,9 +65,20 @@ def test_what_is_out_of_range_is_answered_and_points_at_the_field(client: httpx.
 
 def test_formula_without_a_known_range_is_flagged(client: httpx.Client) -> None:
     rows = rows_of(client.post("/formulas", json=BODY).json())
-    assert {name for name, row in rows.items() if not row["range_known"]} == {"brl", "hughes"}
+    assert {name for name, row in rows.items() if not row["range_known"]} == {"brl"}
     assert not rows["brl"]["in_range"]
     assert rows["brl"]["out_of_range"] == []
+
+
+def test_what_is_in_doubt_or_assumed_is_said(client: httpx.Client) -> None:
+    rows = rows_of(client.post("/formulas", json=BODY).json())
+    assert {name for name, row in rows.items() if "note" in row} == {"brl", "whiffen"}
+    assert rows["brl"]["note"].startswith("in doubt")
+    assert "aggregate taken as 20 mm" in rows["whiffen"]["note"]
+    sphere = {"nose": {"shape": "spherical", "caliber_radius_head": 0.5}}
+    answer = client.post("/formulas", json=BODY | {"projectile": BODY["projectile"] | sphere}).json()
+    assert answer["nose_class"] == "hemispherical"
+    assert "1.0, the safe side" in rows_of(answer)["modified_ndrc"]["note"]
 
 
 def test_spread_is_over_the_formulas_in_range(client: httpx.Client) -> None:
@@ -105,6 +117,8 @@ def test_result_is_kept_as_json_csv_and_hdf5(client: httpx.Client) -> None:
     table = list(csv.DictReader(io.StringIO(client.get(address, headers={"Accept": "text/csv"}).text)))
     assert [row["formula"] for row in table] == [row["formula"] for row in answer["formulas"]]
     assert math.isnan(float(table[1]["scabbing_thickness_m"]))
+    assert table[0]["note"] == ""
+    assert {row["formula"]: row["note"] for row in table}["brl"].startswith("in doubt")
     in_range = {row["formula"]: row["in_range"] for row in table}
     assert [in_range[name] for name in ("cea_edf", "brl", "modified_ndrc")] == ["no", "unknown", "yes"]
     file = io.BytesIO(client.get(address, headers={"Accept": "application/x-hdf5"}).content)

@@ -100,6 +100,14 @@ CASES: list[tuple[str, Callable[[], object]]] = [
     (f"{POINTS}.2", lambda: profile((0.0, 0.0), (0.1, 0.05), (0.2, 0.04))),
     (f"{POINTS}.2", lambda: profile((0.0, 0.0), (0.1, 0.03), (0.05, 0.04))),
     (f"{POINTS}.1", lambda: profile((0.0, 0.0), (0.1, 0.0))),
+    (f"{POINTS}.2", lambda: profile((0.0, 0.0), (0.1, 0.02 * (1.0 - 1e-2)), (0.2, 0.04))),
+    (f"{POINTS}.3", lambda: profile((0.0, 0.0), (0.05, 0.02), (0.1, 0.025), (0.15, 0.04), (0.2, 0.045))),
+    (f"{POINTS}.2", lambda: profile((0.0, 0.0), (0.1, 0.03), (0.1, 0.03), (0.2, 0.04))),
+    (f"{POINTS}.1", lambda: Profile(points=np.array([[0.0, 0.0], [NAN, 0.03], [0.2, 0.04]]))),  # type: ignore[arg-type]
+    (f"{POINTS}.1", lambda: profile((0.0, 0.0), (0.1, 0.03, 0.0), (0.2, 0.04))),  # type: ignore[arg-type]
+    (f"{POINTS}.1", lambda: profile((0.0, 0.0), 0.1)),  # type: ignore[arg-type]
+    (f"{POINTS}.1", lambda: profile((0.0, 0.0), (0.1, "0.03"))),  # type: ignore[arg-type]
+    *[(POINTS, lambda value=value: Profile(points=value)) for value in (None, 0.04, "flat", np.array(0.04))],
     *[
         ("target.compressive_strength", lambda value=value: target(compressive_strength=value))
         for value in (0.0, -39e6, NAN, INF)

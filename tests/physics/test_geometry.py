@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from solver import Conical, Flat, Ogive, Profile, Projectile, Spherical, mass_properties, solid_properties
-from solver.projectile import NoseShape
+from solver.projectile import Line, NoseShape
 from solver.surface import build_body, build_panels, deepest_offset
 
 from .strikes import NOSES, steel
@@ -196,3 +196,49 @@ def test_a_pointed_nose_touches_with_its_tip_until_its_flank_lies_in_the_face() 
         angle = flank + math.radians(degrees)
         tip = properties.center_of_gravity * math.cos(angle)
         assert (deepest_offset(body, angle) > tip + 1e-9) == (degrees > 0.0)
+
+
+@pytest.mark.parametrize("digits", [None, 6, "single precision"])
+def test_points_on_a_straight_line_are_a_cone_whatever_they_are_rounded_to(digits: int | str | None) -> None:
+    rng = np.random.default_rng(32)
+    for _ in range(200):
+        length, radius = rng.uniform(0.05, 0.5), rng.uniform(0.02, 0.1)
+        radius = round(float(radius), 6)
+        share = np.concatenate([[0.0], np.sort(rng.uniform(0.01, 0.99, rng.integers(1, 60))), [1.0]])
+        points = np.outer(share, (length, radius))
+        if isinstance(digits, int):
+            points = np.unique(points.round(digits), axis=0)
+        elif digits:
+            points = points.astype(np.float32)
+        nose = Profile(points=points)  # type: ignore[arg-type]
+        body = Projectile(nose=nose, diameter=2.0 * radius, length=1.0, mass=10.0)
+        cone = Projectile(
+            nose=Conical(length_to_diameter=0.5 * length / radius), diameter=2.0 * radius, length=1.0, mass=10.0
+        )
+        assert solid_properties(body).surface_area == pytest.approx(solid_properties(cone).surface_area, rel=1e-4)
+        assert solid_properties(body).volume == pytest.approx(solid_properties(cone).volume, rel=1e-4)
+        slopes = [piece.tangent_angle for piece in nose.outline(radius) if isinstance(piece, Line)]
+        assert all(later <= earlier + 1e-12 for earlier, later in pairwise(slopes))
+
+
+def test_arc_sampled_finely_in_single_precision_is_convex() -> None:
+    nose = Ogive(caliber_radius_head=3.0)
+    (arc,) = nose.outline(A)
+    x, r, _, _ = arc.at(np.linspace(0.0, 1.0, 1000))
+    points = np.column_stack([x - x[0], r]).astype(np.float32)
+    points[0] = 0.0
+    sampled = Projectile(nose=Profile(points=points), diameter=2.0 * A, length=LENGTH, mass=13.0)  # type: ignore[arg-type]
+    exact = Projectile(nose=nose, diameter=2.0 * A, length=LENGTH, mass=13.0)
+    assert solid_properties(sampled).volume == pytest.approx(solid_properties(exact).volume, rel=1e-5)
+
+
+def test_lists_and_arrays_of_points_are_the_profile_of_the_tuple() -> None:
+    points = ((0.0, 0.01), (0.06, 0.03), (0.12, 0.04))
+    expected = Profile(points=points)
+    for given in ([list(point) for point in points], np.array(points), [*map(np.array, points)]):
+        nose = Profile(points=given)  # type: ignore[arg-type]
+        assert nose == expected
+        assert hash(nose) == hash(expected)
+        assert all(type(value) is float for point in nose.points for value in point)
+        body = Projectile(nose=nose, diameter=2.0 * A, length=LENGTH, mass=13.0)
+        assert mass_properties(body).center_of_gravity > 0.0

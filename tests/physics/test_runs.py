@@ -20,7 +20,9 @@ from solver import (
 )
 from solver.arrays import FloatArray
 from solver.motion import REST_FRACTION
+from solver.projectile import Flat
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, paper_impact
+from solver.warnings import body_warnings
 
 from .strikes import NOSES, steel
 
@@ -141,6 +143,8 @@ def test_well_covered_strike_carries_no_warning() -> None:
         ("large_angle_of_attack", {"impact": Impact(velocity=238.0, oblique_angle=0.5, angle_of_attack=-0.088)}),
         ("mass_properties_assumed", {"projectile": replace(PLAIN, moment_of_inertia=None)}),
         ("mass_properties_assumed", {"projectile": replace(PLAIN, center_of_gravity=None)}),
+        ("mean_density_unusual", {"projectile": replace(PLAIN, mass=2.0)}),
+        ("mean_density_unusual", {"projectile": replace(PLAIN, mass=1e6)}),
         ("undecided", {"numerics": Numerics(termination_time=1e-3)}),
         ("shallow_penetration", {"impact": Impact(velocity=60.0, oblique_angle=0.0)}),
         ("base_strikes_first", {**FIXED, "impact": Impact(velocity=238.0, oblique_angle=1.0, angle_of_attack=1.0)}),
@@ -150,6 +154,16 @@ def test_what_an_assessor_should_know_travels_with_the_result(code: str, changes
     found = run(30.0, **{"projectile": PLAIN, **changes})
     assert code in codes(found)
     assert all(warning.detail for warning in found.warnings)
+
+
+def test_mean_density_is_the_mass_over_the_volume_of_the_outline() -> None:
+    """A cylinder of 80 mm by 530 mm is 2.664 litres."""
+    volume = math.pi * 0.04**2 * 0.53
+    for density, warned in ((990.0, True), (1_010.0, False), (19_900.0, False), (20_100.0, True)):
+        cylinder = replace(PLAIN, nose=Flat(), mass=density * volume)
+        details = [each.detail for each in body_warnings(cylinder)]
+        assert bool(details) is warned
+        assert all(f"{density:.4g} kg/m³" in detail for detail in details)
 
 
 @pytest.mark.parametrize("name", NOSES)

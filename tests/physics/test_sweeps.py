@@ -2,6 +2,7 @@
 
 import math
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -73,6 +74,37 @@ def test_models_are_coordinates_by_name() -> None:
     outcomes = found.outcome.sel(oblique_angle=math.radians(50.0))
     assert outcomes.values.tolist() == ["ricochet", "embedded"]
     assert float(found.maximum_depth.max()) > 0.0
+
+
+CONE, TRUNCATED = ((0.0, 0.0), (0.13, 0.04)), ((0.0, 0.01), (0.06, 0.03), (0.12, 0.04))
+
+
+def test_profiles_are_an_axis_and_each_has_its_own_label(tmp_path: Path) -> None:
+    noses: list[Any] = [
+        solver.Profile(points=CONE),
+        solver.Profile(points=np.array(TRUNCATED)),  # type: ignore[arg-type]
+        PAPER_PROJECTILE.nose,
+    ]
+    found = solver.critical_angle_sweep(**CASE, axes={"nose": noses}, velocity=PAPER_VELOCITY, search=ROUGH)
+    assert found.nose.values.tolist() == ["profile 1", "profile 2", "ogive"]
+    for label, nose in zip(found.nose.values, noses, strict=True):
+        projectile = replace(PAPER_PROJECTILE, nose=nose)
+        alone = solver.critical_angle(projectile=projectile, target=PAPER_TARGET, velocity=PAPER_VELOCITY, search=ROUGH)
+        assert float(found.angle.sel(nose=label)) == alone.angle
+    assert str(found.nose_in_full.sel(nose="profile 2").item()) == repr(solver.Profile(points=TRUNCATED))
+    pytest.importorskip("h5netcdf")
+    found.to_netcdf(tmp_path / "noses.nc", engine="h5netcdf")
+
+
+def test_points_of_a_profile_are_an_axis() -> None:
+    projectile = replace(PAPER_PROJECTILE, nose=solver.Profile(points=CONE))
+    axes: dict[str, Any] = {"nose.points": [CONE, [list(point) for point in TRUNCATED], np.array(CONE)]}
+    found = solver.simulate_sweep(
+        projectile=projectile, target=PAPER_TARGET, impact=paper_impact(oblique_angle_degrees=20.0), axes=axes
+    )
+    assert found.points.values.tolist() == ["points 1", "points 2", "points 3"]
+    first, second, third = found.maximum_depth.values
+    assert first == third != second
 
 
 def test_case_that_fails_has_nan_and_its_error() -> None:

@@ -105,6 +105,7 @@ def test_answer_is_that_of_the_solver(client: httpx.Client) -> None:
     for place, each in enumerate(formulas(**case, impact=Impact(**impact))):
         if each.perforation_thickness is not None:
             assert values[f"/formulas/formulas/{place}/perforation_thickness_m"] == each.perforation_thickness
+        assert each.note in text_of(page)
 
 
 def test_margins_are_the_recommended_ones(client: httpx.Client) -> None:

@@ -10,6 +10,7 @@ from solver import (
     ElasticPlastic,
     MohrCoulomb,
     ParameterError,
+    Profile,
     PublishedTests,
     critical_angle,
     simulate,
@@ -71,6 +72,23 @@ def test_models_and_scatter_are_seen_side_by_side() -> None:
     assert mohr == critical_angle(**PAPER, resistance=replace(EQUATION_9, free_surface=MohrCoulomb())).angle
     attack, model = (known(each.total).value for each in answer.sensitivity)
     assert model > attack
+
+
+def test_profiles_are_models_of_a_study_and_of_its_strike() -> None:
+    """One given as a tuple, one as an array; the critical angle of each is that of a search."""
+    cones = [Profile(points=((0.0, 0.0), (0.13, 0.04))), Profile(points=np.array([[0.0, 0.01], [0.12, 0.04]]))]  # type: ignore[arg-type]
+    body = replace(PAPER_PROJECTILE, nose=cones[1])
+    noses = Uncertain("projectile.nose", Discrete(values=cones))
+    answer = critical_angle_uncertainty(
+        **(PAPER | {"projectile": body}),
+        uncertain=[SPEED, noses],
+        sampling=Sampling(half_width=0.2, max_samples=1024),
+        oblique_angles=ANGLES,
+    )
+    for change, nose in zip(answer.sensitivity[1].swing, cones, strict=True):
+        assert change.value == nose
+        assert change.angle == critical_angle(**(PAPER | {"projectile": replace(body, nose=nose)})).angle
+    assert (answer.failed, answer.outside) == (0, 0)
 
 
 @pytest.mark.parametrize("law", [EQUATION_9.strength_factor, PublishedTests()])

@@ -25,6 +25,7 @@ const NAMES = {
   ace: "ACE",
   brl: "BRL",
   li_chen: "Li and Chen",
+  whiffen: "Whiffen",
 };
 const COLUMNS = ["By", "Perforation limit [mm]", "Scabbing limit [mm]", "Penetration [mm]", "Range of the tests behind it"];
 const STATUSES = {
@@ -151,10 +152,10 @@ function tableOf(lines, { formulas, scabbing_margin: scabbing, perforation_margi
   );
 }
 
-function rangeShown({ in_range: isWithin, range_known: isKnown, out_of_range: outside }) {
-  if (isWithin) return "within";
+function rangeShown({ in_range: isWithin, range_known: isKnown, out_of_range: outside, note }) {
   const reasons = outside.map(({ detail }) => detail).join("; ");
-  return isKnown ? `outside: ${reasons}` : `not known${reasons && `; ${reasons}`}`;
+  const range = isWithin ? "within" : isKnown ? `outside: ${reasons}` : `not known${reasons && `; ${reasons}`}`;
+  return note ? `${range}; ${note}` : range;
 }
 
 function thicknessShown({ status, least_thickness_m: found }, unit = " mm") {

@@ -1,0 +1,85 @@
+"""Bodies whatever the operation: outlines by points, and a mean density that gives a wrong unit away."""
+
+import json
+from typing import Any
+
+import httpx
+import pytest
+
+from service.schemas.calibration_depth import TABLE_1
+from service.schemas.strike import PAPER
+
+from .calibrations import answered, history_at, strike_at
+from .many import ROUGH
+
+LIGHT = PAPER["projectile"] | {"mass_kg": 2.0}
+"""Some 860 kg/m³."""
+AT_20 = {"velocity_m_s": 100.0, "oblique_angle_deg": 20.0}
+WALL = PAPER["target"] | {"thickness_m": 0.2}
+SPEED = {"field": "impact.velocity_m_s", "distribution": {"type": "normal", "mean": 100.0, "standard_deviation": 1.0}}
+STUDY = {"uncertain": [SPEED], "sampling": {"half_width": 0.2, "max_samples": 512}}
+OPERATIONS: dict[str, dict[str, Any]] = {
+    "/trajectory": {"impact": AT_20},
+    "/cra": {"search": ROUGH},
+    "/thickness": {"impact": AT_20},
+    "/limit-speed": {"target": WALL, "impact": {"oblique_angle_deg": 20.0}},
+    "/formulas": {"impact": AT_20},
+    "/cra/uncertainty": STUDY | {"search": ROUGH, "sensitivity": False},
+    "/trajectory/uncertainty": STUDY | {"impact": AT_20},
+}
+ON_A_LINE = [[0.12 * i / 7, 0.04 * i / 7] for i in range(8)]
+"""Rounding makes one slope exceed the one before in its last digit."""
+
+
+def densities(answer: dict[str, Any]) -> list[str]:
+    return [each["detail"] for each in answer["warnings"] if each["code"] == "mean_density_unusual"]
+
+
+@pytest.mark.parametrize("path", OPERATIONS)
+def test_mean_density_outside_that_of_bodies_is_named(client: httpx.Client, path: str) -> None:
+    usual = {name: part for name, part in PAPER.items() if name != "impact"} | {"impact": {"velocity_m_s": 100.0}}
+    body = usual | OPERATIONS[path]
+    (detail,) = densities(answered(client, path, body | {"projectile": LIGHT}))
+    assert "kg/m³, outside 1,000 to 20,000 kg/m³" in detail
+    assert densities(answered(client, path, body)) == []
+
+
+def test_mean_density_is_named_by_calibrations(client: httpx.Client) -> None:
+    motion = strike_at(30.0, history_at(client, 30.0, 8.0))
+    assert densities(answered(client, "/calibration/motion", motion)) == []
+    (_,) = densities(answered(client, "/calibration/motion", motion | {"projectile": LIGHT}))
+    tests = [{name: test[name] for name in ("velocity_m_s", "depth_m")} for test in TABLE_1]
+    body = {"projectile": PAPER["projectile"], "target": PAPER["target"], "tests": tests}
+    assert densities(answered(client, "/calibration/depth", body)) == []
+    (_,) = densities(answered(client, "/calibration/depth", body | {"projectile": LIGHT}))
+    light = [tests[0] | {"mass_kg": 2.0}, *tests[1:]]
+    (_,) = densities(answered(client, "/calibration/depth", body | {"tests": light}))
+
+
+def test_points_on_a_straight_line_are_a_cone(client: httpx.Client) -> None:
+    noses = [{"shape": "profile", "points": ON_A_LINE}, {"shape": "profile", "points": [[0.0, 0.0], [0.12, 0.04]]}]
+    bases = [PAPER | {"search": ROUGH, "projectile": PAPER["projectile"] | {"nose": nose}} for nose in noses]
+    axes = [{"field": "impact.velocity_m_s", "values": [200.0, 238.0]}]
+    first, second = (client.post("/cra/sweep", json={"base": base, "axes": axes}).json()["results"] for base in bases)
+    angles = [[item["result"]["critical_angle_deg"] for item in items] for items in (first, second)]
+    assert angles[0] == pytest.approx(angles[1], abs=1e-9)
+    study = answered(client, "/cra/uncertainty", bases[0] | STUDY | {"sensitivity": False})
+    assert (study["samples_failed"], study["samples_outside"]) == (0, 0)
+
+
+@pytest.mark.parametrize(
+    ("points", "place"),
+    [
+        ([[0.0, 0.0], [0.05, 0.01], [0.12, 0.04]], 2),
+        ([[0.0, 0.0], [0.05, 0.03], [0.05, 0.03], [0.12, 0.04]], 2),
+        ([[0.0, 0.0], [0.05, float("nan")], [0.12, 0.04]], 1),
+        ([[0.0, 0.0], [0.05], [0.12, 0.04]], 1),
+    ],
+    ids=["not convex", "repeated", "not a number", "no pair"],
+)
+def test_wrong_point_is_named(client: httpx.Client, points: Any, place: int) -> None:
+    body = PAPER | {"projectile": PAPER["projectile"] | {"nose": {"shape": "profile", "points": points}}}
+    response = client.post("/cra", content=json.dumps(body), headers={"Content-Type": "application/json"})
+    assert response.status_code == 422
+    (error,) = response.json()["errors"]
+    assert error["pointer"].startswith(f"/projectile/nose/points/{place}")
