@@ -1,12 +1,14 @@
 """How far critical angles with default settings are from converged ones, and from scans, over random strikes.
 
-    python benchmarks/accuracy.py [--only usual|odd|walls] [--cases N] [--seed 1] [--processes 2] [--output FILE]
+    python benchmarks/accuracy.py [--only usual|odd|walls|routes] [--cases N] [--seed 1] [--processes 2] [--output FILE]
 
 `usual`: 200 strikes against searches with converged settings; angles must agree within 0.02°. `odd`: 300 strikes far
 beyond usual ones against scans, a fine trajectory every 0.5°; the status must agree, and each change of outcome lie in
 its cell of the scan. `walls`: 200 usual strikes on walls of 0.5 to 5 diameters against such scans; the outcome at each
-angle must be that of its interval. Disagreements are printed with inputs and warnings. Exits with 1 if a case fails, if
-status or angle of a usual one disagree, or those of more than 1 % of the others, or of any of them without a warning.
+angle must be that of its interval. `routes`: 3,000 strikes of every kind by both routes, see `validation/routes.py`.
+Disagreements are printed with inputs and warnings. Exits with 1 if a case fails, if status or angle of a usual one
+disagree, or those of more than 1 % of the others, or of any of them without a warning; if the routes differ for no
+reason found, or a combination did not come.
 """
 
 import argparse
@@ -27,6 +29,8 @@ from benchmarks.converged import CONVERGED, CONVERGED_SEARCH, SCANNED, paper_cri
 from benchmarks.machine import machine, versions
 from benchmarks.random_cases import Case, answer_or_error, odd_cases, one_by_one, random_cases, wall_cases
 from solver import CriticalAngle, Impact, Outcome, OutcomeInterval, RicochetError, critical_angle, simulate, warm_up
+from validation import routes
+from validation.routes import random_strikes
 
 TOLERATED_DEG = 0.02
 SCAN_DEG = [5.0 + 0.5 * index for index in range(161)]
@@ -36,6 +40,8 @@ DOUBTS = {"retention_decides", "retention_decides_perforation", "tumbling", "und
 DISAGREEMENTS = ("error", "status", "first angle", "other crossings", "intervals")
 UNWARNED = ("status", "first angle", "intervals")
 """Disagreements that are counted where no warning says so."""
+ROUTES = 3000
+"""Strikes that are compared by both routes."""
 TOLERATED_SHARE = 0.01
 """Odd strikes, and strikes on walls, that may disagree, each with such a warning."""
 
@@ -222,6 +228,37 @@ def passes(kind: str, rows: list[Comparison]) -> bool:
     return not wrong or (kind != "usual" and warned and len(wrong) <= TOLERATED_SHARE * len(rows))
 
 
+def compare_routes(count: int, seed: int, processes: int) -> bool:
+    """Print the table of combinations and every difference of the routes; return whether all is as it must be."""
+    strikes = list(random_strikes(count, seed))
+    with ProcessPoolExecutor(processes, multiprocessing.get_context("spawn"), initializer=warm_up) as pool:
+        rows = list(pool.map(routes.compare, range(count), strikes, chunksize=20))
+    table = routes.table_of_combinations(strikes)
+    print(f"# routes, seed {seed}\n{count} strikes, {len(table)} combinations, {sum(table.values())} compared")
+    for extras in ("crater", "plug", "attack", "spin"):
+        chosen = sum(number for each, number in table.items() if getattr(each, extras))
+        print(f"with {extras:33} {chosen}")
+    print(f"\n{'strikes by nose, target and decay':38} " + " ".join(f"{name:>24}" for name in routes.DECAYS))
+    for nose in routes.NOSES:
+        for wall in (False, True):
+            cells = [
+                [number for each, number in table.items() if each[:3] == (nose, wall, decay)] for decay in routes.DECAYS
+            ]
+            texts = [f"{sum(cell)} ({min(cell)} to {max(cell)} each)" for cell in cells]
+            name = f"{nose}, {'wall' if wall else 'half-space'}"
+            print(f"{name:38} " + " ".join(f"{text:>24}" for text in texts))
+    print()
+    for name, number in sorted(Counter(row.explained for row in rows).items()):
+        print(f"{'equal, with ' + name if name else 'equal as they are, or different':38} {number}")
+    differing = [row for row in rows if row.difference]
+    print(f"{'different for no reason found':38} {len(differing)}")
+    for row in differing:
+        print(f"\nstrike {row.number}, {row.difference}: {row.adaptive} {row.panels}\n  {row.strike}")
+    missing = sum(number == 0 for number in table.values())
+    print(f"{'combinations that did not come':38} {missing}\n", flush=True)
+    return not differing and (missing == 0 or count < routes.FULL_TABLE)
+
+
 SETS = {
     "usual": (compare_usual, random_cases, 200),
     "odd": (compare_odd, odd_cases, 300),
@@ -237,8 +274,10 @@ def run(compare: Callable[[tuple[int, Case]], Comparison], cases: list[Case], pr
 
 def main() -> int:
     parser = argparse.ArgumentParser(description="Compare critical angles with references over random strikes.")
-    parser.add_argument("--only", choices=tuple(SETS), help="one of the sets")
-    parser.add_argument("--cases", type=int, help="in each set; 300 odd ones and 200 of the others unless given")
+    parser.add_argument("--only", choices=(*SETS, "routes"), help="one of the sets")
+    parser.add_argument(
+        "--cases", type=int, help="in each set; 300 odd ones, 3,000 by both routes and 200 of the others unless given"
+    )
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--output", type=Path, help="JSON file for all comparisons")
@@ -253,6 +292,8 @@ def main() -> int:
             report(f"{kind}, seed {options.seed}", rows)
             found[kind] = {"summary": summarize(rows), "cases": [asdict(row) for row in rows]}
             passed = passed and passes(kind, rows)
+    if options.only in (None, "routes"):
+        passed = compare_routes(options.cases or ROUTES, options.seed, options.processes) and passed
     if options.output:
         options.output.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
     return 0 if passed else 1
