@@ -9,6 +9,7 @@ import numpy as np
 
 from solver.display import Columns, card, dataframe, line, plot_perforation
 from solver.motion import Termination, Thresholds
+from solver.plausibility import check_walls
 from solver.prepared import LEAST_THICKNESS, OUTCOMES, Exit, Outcome, PreparedCase, exit_of, integrate, prepare
 from solver.projectile import Projectile
 from solver.resistance import EQUATION_9, Resistance
@@ -267,6 +268,7 @@ def _search(
 ) -> PerforationLimit:
     """Least value from the lower bound on at which the wall is perforated, or is not, unlike at that bound."""
     require_between("tolerance", tolerance, 1e-8, 0.1)
+    always, never = PerforationStatus.ALWAYS_PERFORATED, PerforationStatus.NEVER_PERFORATED
     trials: list[PerforationTrial] = []
     warnings: dict[float, tuple[ModelWarning, ...]] = {}
     end_times: dict[float, float] = {}
@@ -291,11 +293,13 @@ def _search(
         found = [each for each in warnings[value or trials[-1].value] if each.code != UNDECIDED]
         beside = [each for each in warnings[bracket[0]] if each.code == TUMBLING] if bracket else []
         found += beside if TUMBLING not in {each.code for each in found} else []
+        if perforated_at_first and status is not never:
+            passed = [(each.value, each.exit) for each in trials if each.outcome is Outcome.PERFORATED and each.exit]
+            found += check_walls(*strike(trials[-1].value), value, passed)
         if unfinished := [end_times[each] for each in bracket or end_times if each in end_times]:
             found.append((undecided if bracket is None else decided_by_time)(termination_time=max(unfinished)))
         return PerforationLimit(quantity, status, value, bracket, tuple(trials), tuple(found))
 
-    always, never = PerforationStatus.ALWAYS_PERFORATED, PerforationStatus.NEVER_PERFORATED
     value, upper = bounds
     if changed(value):
         return answer(never if perforated_at_first else always)

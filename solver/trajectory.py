@@ -10,6 +10,7 @@ from solver import warnings as model_warnings
 from solver.arrays import FloatArray
 from solver.display import Columns, card, dataframe, line, plot_motion
 from solver.motion import Model, Run, Termination, sample, sample_loads
+from solver.plausibility import check_depth, check_energy
 from solver.prepared import OUTCOMES, Exit, Outcome, PreparedCase, exit_of, integrate, prepare
 from solver.projectile import Projectile
 from solver.resistance import EQUATION_9, Resistance
@@ -283,6 +284,9 @@ def run_warnings(prepared: PreparedCase, impact: Impact, run: Run, outcome: Outc
         found.append(model_warnings.undecided(termination_time=run.time))
     turned = abs(float(run.state[2]) - impact.axis_angle)
     found += model_warnings.tumbling(turned=turned, oblique_angle=impact.oblique_angle)
+    left = exit_of(outcome, run.state.tolist(), prepared.model_without_address.body)
+    found += check_energy(prepared, impact, outcome, left)
+    found += check_depth(prepared, impact, run.maximum_tip_depth)
     if outcome is Outcome.EMBEDDED:
         found += model_warnings.shallow(depth=run.maximum_tip_depth, diameter=prepared.projectile.diameter)
     return tuple(found)

@@ -269,6 +269,17 @@ def _share(energy: float, least: float) -> str:
     return f"{100.0 * energy:.2g} %" if energy > 0.0 else f"less than {100.0 * least:g} %"
 
 
+IMPLAUSIBLE = "implausible"
+"""Code of the warnings about answers that break a rule which every true one keeps."""
+
+
+def implausible(what: str) -> ModelWarning:
+    """Warning of an answer that breaks such a rule."""
+    return ModelWarning(
+        IMPLAUSIBLE, f"{what}: no such strike exists; this is a fault of the program, please report it with the inputs"
+    )
+
+
 TUMBLING = "tumbling"
 """Code of the warnings about projectiles that turn end over end."""
 

@@ -175,7 +175,7 @@ def random_strikes(count: int, seed: int) -> Iterator[Strike]:
 
 
 def _random_strike(chosen: Combination, random: np.random.Generator) -> Strike:
-    projectile = _random_projectile(chosen.nose, random)
+    projectile = random_projectile(chosen.nose, random)
     diameter, velocity = projectile.diameter, _log_uniform(random, 30.0, 900.0)
     target = Target(compressive_strength=random.uniform(10e6, 150e6), density=random.uniform(1900.0, 2600.0))
     thickness, oblique = _log_uniform(random, 0.2, 6.0) * diameter, math.radians(random.uniform(0.0, 85.0))
@@ -207,7 +207,8 @@ def _log_uniform(random: np.random.Generator, low: float, high: float) -> float:
     return math.exp(random.uniform(math.log(low), math.log(high)))
 
 
-def _random_projectile(shape: str, random: np.random.Generator) -> Projectile:
+def random_projectile(shape: str, random: np.random.Generator) -> Projectile:
+    """A body with this nose, of any size and mean density as above."""
     diameter = _log_uniform(random, 0.005, 0.25)
     nose = _random_nose(shape, diameter / 2.0, random)
     length = nose.length(diameter / 2.0) + diameter * _log_uniform(random, 1.0, 8.0)

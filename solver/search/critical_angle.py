@@ -10,6 +10,7 @@ import numpy as np
 from solver import warnings as model_warnings
 from solver.arrays import FloatArray
 from solver.motion import MOST_TURN, REST_FRACTION, Termination, Thresholds
+from solver.plausibility import check_energy
 from solver.prepared import (
     OUTCOMES,
     Outcome,
@@ -412,6 +413,12 @@ def _warnings(
     )
     if change.starts_turned_away:
         warnings.append(model_warnings.RICOCHET_AT_LOWER_BOUND)
+    for trial in trials:
+        if trial.fine:
+            strike = replace(impact, oblique_angle=trial.oblique_angle)
+            if broken := check_energy(prepared, strike, trial.outcome, trial.exit):
+                warnings += broken
+                break
     end_time = prepared.numerics.termination_time
     if any(trial.outcome is Outcome.IN_MOTION and trial.turned <= MOST_TURN for trial in change.deciding or trials):
         by_time = change.deciding and not by_paper

@@ -1,0 +1,83 @@
+"""Both routes end alike over the whole input space: all noses, targets, laws, attacks and spins in turn."""
+
+import itertools
+import math
+from collections import Counter
+from dataclasses import fields
+from typing import get_args
+
+import pytest
+
+from solver import Impact, Projectile, Resistance, Target, warm_up
+from solver.free_surface import FreeSurface
+from solver.projectile import NoseShape
+from validation.routes import (
+    COMBINATIONS,
+    DECAYS,
+    FULL_TABLE,
+    Combination,
+    Comparison,
+    combination,
+    compare,
+    random_strikes,
+    table_of_combinations,
+)
+
+COUNT = 150
+"""Strikes here; `make accuracy ARGS="--only routes"` compares 3,000."""
+
+
+@pytest.fixture(scope="module")
+def comparisons() -> list[Comparison]:
+    warm_up()
+    return [compare(number, strike) for number, strike in enumerate(random_strikes(COUNT, 1))]
+
+
+def test_routes_end_alike(comparisons: list[Comparison]) -> None:
+    """Outcome, exit speed and depth; where they differ at first, finer panels or a shorter ramp take it away."""
+    assert [(row.number, row.difference, row.strike) for row in comparisons if row.difference] == []
+    explained = Counter(row.explained for row in comparisons)
+    assert explained[""] > 0.9 * COUNT
+
+
+def test_every_pair_of_choices_is_compared(comparisons: list[Comparison]) -> None:
+    compared = {row.strike.combination for row in comparisons}
+    for first, second in itertools.combinations(range(len(Combination._fields)), 2):
+        possible = {(each[first], each[second]) for each in COMBINATIONS}
+        assert {(each[first], each[second]) for each in compared} == possible
+
+
+def test_strikes_are_of_every_kind(comparisons: list[Comparison]) -> None:
+    outcomes = Counter((row.strike.combination.wall, row.adaptive.outcome.value) for row in comparisons)
+    assert set(outcomes) >= {(False, "embedded"), (False, "ricochet")}
+    assert set(outcomes) >= {(True, "embedded"), (True, "ricochet"), (True, "perforated")}
+
+
+def test_every_combination_comes_in_a_full_table() -> None:
+    assert min(Counter(map(combination, range(FULL_TABLE))).values()) >= 1
+    assert set(map(combination, range(FULL_TABLE))) == set(COMBINATIONS)
+    assert sum(table_of_combinations(list(random_strikes(60, 2))).values()) == 60
+
+
+def test_table_has_a_place_for_every_choice_of_the_model() -> None:
+    """A nose, decay law or field that is new has to be added to the strikes that are compared."""
+    strikes = list(random_strikes(FULL_TABLE // 4, 3))
+    assert {type(strike.projectile.nose) for strike in strikes} == set(get_args(NoseShape))
+    assert {type(decay) for decay in DECAYS.values()} == set(get_args(FreeSurface))
+    varied = {
+        Projectile: {"nose", "diameter", "length", "mass"},
+        Target: {"compressive_strength", "density", "thickness"},
+        Impact: {"velocity", "oblique_angle", "angle_of_attack", "angular_velocity"},
+        Resistance: {"strength_factor", "inertia_factor", "free_surface", "crater", "rear_plug"},
+    }
+    follows_from_the_others = {
+        Projectile: {"center_of_gravity", "moment_of_inertia"},
+        Target: {"youngs_modulus", "poissons_ratio"},
+    }
+    for part, names in varied.items():
+        assert {field.name for field in fields(part)} == names | follows_from_the_others.get(part, set())
+        name = part.__name__.lower()
+        for field in names:
+            values = {repr(getattr(getattr(strike, name), field)) for strike in strikes}
+            assert len(values) > 1, f"{name}.{field}"
+    assert max(strike.impact.oblique_angle for strike in strikes) > math.radians(80.0)
