@@ -78,6 +78,14 @@ class ServerSettings(BaseSettings):
             "else's: any client could name another."
         ),
     ] = ()
+    root_path: Annotated[
+        str,
+        Field(
+            pattern=r"^(/[A-Za-z0-9._~-]+)*$",
+            description="Path before all others in the addresses of clients, such as `/ricochet`, where a proxy serves "
+            "the service below it and passes requests on without it.",
+        ),
+    ] = ""
     data_dir: Annotated[Path, Field(description="Folder of results and jobs; made if it is not there.")] = Path("data")
     manual_dir: Annotated[
         Path,

@@ -152,6 +152,12 @@ def route_of(scope: Scope) -> str:
     return path
 
 
+def path_of(scope: Scope) -> str:
+    """Return the path of a request at this service, without the prefix of a proxy."""
+    path: str = scope["path"]
+    return path.removeprefix(scope.get("root_path", ""))
+
+
 UNTRACED = frozenset({"/livez", "/readyz", "/metrics"})
 """Polled every few seconds by monitors; not worth a trace."""
 REQUEST_ID = "ricochet.request_id"
@@ -188,7 +194,7 @@ def tracing_config(provider: trace.TracerProvider | None) -> TelemetryConfig:
         "logs": False,  # and the log
         "operation_spans": False,
         "auto_configure": False,
-        "exclude": lambda scope: scope.get("path") in UNTRACED,
+        "exclude": lambda scope: path_of(scope) in UNTRACED,
     }
 
 

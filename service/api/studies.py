@@ -36,7 +36,7 @@ from service.schemas import (
     TrajectoryUncertaintyAnswer,
     TrajectoryUncertaintyRequest,
 )
-from service.telemetry import BEGUN
+from service.telemetry import BEGUN, path_of
 
 Result = TypeVar("Result")
 
@@ -82,7 +82,7 @@ async def estimate_trajectory(
 
 async def estimate(request: Request, operation: str, preference: Preference, idempotency_key: str) -> Response:
     """Answer one request: from the cache, by its samples, or with a job."""
-    services, path, begun = services_of(request), request.scope["path"], request.scope[BEGUN]
+    services, path, begun = services_of(request), path_of(request.scope), request.scope[BEGUN]
     require_type(request, JSON)
     body = await read_body(request, services.settings.max_body_bytes)
     context = context_in(request.scope)
@@ -184,7 +184,7 @@ async def answer_with_job(
     answer = reply(
         record.json, "hit" if state.cached else "miss", f"total;dur={1e3 * (time.perf_counter() - begun):.2f}"
     )
-    answer.headers.update(headers | {"Content-Location": f"/results/{query.key}"})
+    answer.headers.update(headers | {"Content-Location": f"{response.root}/results/{query.key}"})
     return answer
 
 

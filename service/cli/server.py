@@ -60,6 +60,7 @@ class Server(uvicorn.Server):
                 app,
                 host=settings.host,
                 port=settings.port,
+                root_path=settings.root_path,
                 http=Connection,
                 ws="none",
                 lifespan="off",
