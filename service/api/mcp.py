@@ -15,8 +15,7 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 
 from service.api.body import is_deeper
 from service.api.queries import computed, computed_with_alternatives, validated
-from service.api.services import services_of
-from service.api.studies import unless_left
+from service.api.services import services_of, unless_left
 from service.auth.dependencies import RUN, context_in
 from service.errors import InvalidBodyError, ProblemType, ServiceError, case_problem
 from service.operations import OPERATIONS, UNCERTAIN, KeyedRequest
