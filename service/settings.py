@@ -159,9 +159,9 @@ class AccessSettings(BaseSettings):
     allowed_hosts: Annotated[
         Names,
         Field(
-            description="Names in the `Host` header that are answered, with commas between them; any if none is set, "
-            "but on the loopback interface of an open service only those of this machine: a page elsewhere could "
-            "otherwise have its own name point here."
+            description="Names in the `Host` header that are answered, with commas between them. If none is set, where "
+            "no key is required only `localhost`, `127.0.0.1` and `[::1]`: a page elsewhere could otherwise have its "
+            "own name point here; any where one is."
         ),
     ] = ()
     cors_origins: Annotated[

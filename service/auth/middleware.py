@@ -150,7 +150,7 @@ class AuthMiddleware:
         if path not in PROBES:
             if self._hosts:
                 refuse_other_hosts(headers.get(b"host", b""), self._hosts)
-            elif not key_required and is_loopback(address_of(scope)):
+            elif not key_required and is_loopback(address_of(scope)) is not None:
                 refuse_other_hosts(headers.get(b"host", b""), LOOPBACK_NAMES)
         if scope["method"] not in SAFE:
             refuse_other_sites(headers, self._origins)

@@ -112,7 +112,8 @@ def check_access(settings: "Settings", keys: "ApiKeyStore") -> None:
     """
     if settings.access == "open":
         if not settings.on_loopback:
-            log.warning("the service on %s is open to everyone: RICOCHET_ACCESS is open", settings.host)
+            names = ", ".join(settings.allowed_hosts) or "localhost alone (RICOCHET_ALLOWED_HOSTS)"
+            log.warning("the service on %s is open to everyone, under the names: %s", settings.host, names)
         return
     if keys.lost:
         raise CommandError(
