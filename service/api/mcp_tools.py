@@ -176,9 +176,9 @@ TOOLS = (
 
 
 KEPT = ("type", "const", "enum", "required")
-"""Of a schema, what a list of tools has as it is."""
+"""What a list of tools has of a schema, as it is."""
 REMARK = re.compile(r"(?<=\]) .*", re.DOTALL)
-"""Of a description, what follows the unit: reasons for the bounds."""
+"""What follows the unit in a description: reasons for the bounds."""
 
 
 def brief(

@@ -168,10 +168,10 @@ def test_study_ends_with_its_client(dedicated_service: Service, mode: str) -> No
 def test_study_over_pipes_ends_with_their_input(dedicated_service: Service, tmp_path: Path) -> None:
     url = dedicated_service.url
     command = [sys.executable, "-W", "error", "-m", "service.cli", "mcp", "--url", url]
-    asked = {"protocolVersion": "2025-06-18", "capabilities": {}, "clientInfo": {"name": "test", "version": "1"}}
+    opening = {"protocolVersion": "2025-06-18", "capabilities": {}, "clientInfo": {"name": "test", "version": "1"}}
     study = {"name": "uncertainty", "arguments": {"critical_angle": LONG_STUDY}}
     messages: list[dict[str, Any]] = [
-        {"id": 0, "method": "initialize", "params": asked},
+        {"id": 0, "method": "initialize", "params": opening},
         {"method": "notifications/initialized"},
         {"id": 1, "method": "tools/call", "params": study},
     ]
