@@ -292,7 +292,8 @@ class LimitSettings(BaseSettings):
         int,
         Field(
             ge=1,
-            description="Event streams of one owner: more than a browser opens, and ten owners still find room.",
+            description="Event streams of one owner, where no key is required of one address: more than a browser "
+            "opens, and ten owners still find room.",
         ),
     ] = 20
     max_owner_queries: Annotated[

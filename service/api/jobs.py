@@ -19,6 +19,7 @@ from service.api.contract import RETRY_LATER, Responses, one_body, problems
 from service.api.results import CSV, HDF5, PARQUET, as_array, as_csv, as_lines, as_parquet, has_parquet, hdf5_response
 from service.api.services import services_of
 from service.auth.dependencies import ReadContext, RunContext
+from service.auth.middleware import client_of
 from service.errors import InvalidBodyError, validation_errors
 from service.jobs.manager import JobManager
 from service.jobs.models import CaseResult, JobState
@@ -41,8 +42,10 @@ async def manager_of(request: Request) -> JobManager:
 
 
 async def event_stream(request: Request, context: ReadContext) -> AsyncIterator[None]:
-    """Count an event stream as open while a request lasts."""
-    with services_of(request).streams.held(context.principal.owner):
+    """Count an event stream as open while a request lasts: of the owner of a key, or of an address without one."""
+    principal = context.principal
+    holder = principal.owner if principal.key else f"address {client_of(request.scope)}"
+    with services_of(request).streams.held(holder):
         yield
 
 
