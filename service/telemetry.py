@@ -179,10 +179,17 @@ def tracer_provider() -> trace.TracerProvider:
         from opentelemetry.sdk.trace.export import BatchSpanProcessor  # noqa: PLC0415
     except ModuleNotFoundError as error:
         raise MissingExtraError(missing_package("RICOCHET_TELEMETRY", str(error.name), "telemetry")) from None
+    logging.getLogger("opentelemetry.util.re").addFilter(hide_header)
     named = Resource({"service.name": "ricochet", "service.version": version("ricochet")})
     provider = TracerProvider(resource=named.merge(OTELResourceDetector().detect()), shutdown_on_exit=False)
     provider.add_span_processor(BatchSpanProcessor(OTLPSpanExporter()))
     return provider
+
+
+def hide_header(record: logging.LogRecord) -> bool:
+    """Take the header out of the library's complaint about it: it holds the key of the collector."""
+    record.msg, record.args = "OTEL_EXPORTER_OTLP_HEADERS: an entry is not NAME=VALUE, URL encoded; it is left out", ()
+    return True
 
 
 def tracing_config(provider: trace.TracerProvider | None) -> TelemetryConfig:

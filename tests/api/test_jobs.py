@@ -292,11 +292,8 @@ def test_title_of_a_sweep_is_changed_by_patch(client: httpx.Client) -> None:
     assert client.get(path).json()["title"] == "North wall"
     hidden = "\x1b[31m\u202eNor\u2066th\r\n \x85wa\u200ell\u061c\u2028\x7f"
     assert client.patch(path, json={"title": hidden}).json()["title"] == "[31mNorth wall"
-    assert (
-        client.patch(path, json={"title": "Nördliche Wand \u05d0\u200d\u05d1"})
-        .json()["title"]
-        .endswith("\u05d0\u200d\u05d1")
-    )
+    joined = "Wand \u05d0\u200d\u05d1"
+    assert client.patch(path, json={"title": joined}).json()["title"] == joined
     assert client.patch(path, json={"title": " North wall "}).status_code == 200
     for body, pointer in (
         ({"title": ""}, "/title"),
