@@ -3,7 +3,8 @@
 Nothing is imported that takes time: the command line reads these too.
 """
 
-from collections.abc import Mapping
+import re
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -247,3 +248,12 @@ def batch_row(operation: str, item: Mapping[str, Any], point: tuple[float, ...] 
     middle = [row.get(column.name) for column in SUMMARY[operation]]
     problem = None if answer else (item.get("problem") or {}).get("type")
     return [item["index"], *point, item.get("custom_id"), row.get("key"), *middle, row.get("warnings"), problem]
+
+
+FORMULA = re.compile("[=+\\-@\t\r\n\uff1d\uff0b\uff0d\uff20]")
+"""First character of a text that a spreadsheet takes for a formula, in its wide form too, or skips before one."""
+
+
+def csv_cells(row: Iterable[Any]) -> list[Any]:
+    """Return the cells of a row of CSV: an apostrophe stands before a text that a spreadsheet would compute."""
+    return [f"'{value}" if isinstance(value, str) and FORMULA.match(value) else value for value in row]

@@ -18,6 +18,7 @@ from service.errors import (
     problem_of,
     validation_errors,
 )
+from service.telemetry import path_of
 from solver import RicochetError
 
 MEDIA_TYPE = "application/problem+json"
@@ -72,7 +73,7 @@ def allowed_methods(request: Request, known: str) -> list[str]:
     found = {
         method.upper()
         for path, operations in contract.openapi()["paths"].items()
-        if compile_path(path)[0].match(request.scope["path"])
+        if compile_path(path)[0].match(path_of(request.scope))
         for method in operations
     }
     found = found or set(known.split(", "))
@@ -85,8 +86,8 @@ def problem_response(
     headers: Mapping[str, str] | None = None,
     retry_after: int = RETRY_SECONDS,
 ) -> Response:
-    """Return a problem as the answer to a request."""
-    body = orjson.dumps({**content, "instance": request.scope["path"]})
+    """Return a problem as the answer to a request; its instance is the path unless it has one."""
+    body = orjson.dumps({**content, "instance": content.get("instance", request.scope["path"])})
     response = Response(body, int(str(content["status"])), headers=headers, media_type=MEDIA_TYPE)
     if response.status_code in TEMPORARY:
         response.headers["Retry-After"] = str(retry_after)

@@ -78,6 +78,14 @@ class ServerSettings(BaseSettings):
             "else's: any client could name another."
         ),
     ] = ()
+    root_path: Annotated[
+        str,
+        Field(
+            pattern=r"^(/[A-Za-z0-9._~-]+)*$",
+            description="Path before all others in the addresses of clients, such as `/ricochet`, where a proxy serves "
+            "the service below it and passes requests on without it.",
+        ),
+    ] = ""
     data_dir: Annotated[Path, Field(description="Folder of results and jobs; made if it is not there.")] = Path("data")
     manual_dir: Annotated[
         Path,
@@ -151,9 +159,9 @@ class AccessSettings(BaseSettings):
     allowed_hosts: Annotated[
         Names,
         Field(
-            description="Names in the `Host` header that are answered, with commas between them; any if none is set, "
-            "but on the loopback interface of an open service only those of this machine: a page elsewhere could "
-            "otherwise have its own name point here."
+            description="Names in the `Host` header that are answered, with commas between them. If none is set, where "
+            "no key is required only `localhost`, `127.0.0.1` and `[::1]`: a page elsewhere could otherwise have its "
+            "own name point here; any where one is."
         ),
     ] = ()
     cors_origins: Annotated[
@@ -284,7 +292,8 @@ class LimitSettings(BaseSettings):
         int,
         Field(
             ge=1,
-            description="Event streams of one owner: more than a browser opens, and ten owners still find room.",
+            description="Event streams of one owner, where no key is required of one address: more than a browser "
+            "opens, and ten owners still find room.",
         ),
     ] = 20
     max_owner_queries: Annotated[

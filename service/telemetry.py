@@ -152,6 +152,12 @@ def route_of(scope: Scope) -> str:
     return path
 
 
+def path_of(scope: Scope) -> str:
+    """Return the path of a request at this service, without the prefix of a proxy."""
+    path: str = scope["path"]
+    return path.removeprefix(scope.get("root_path", ""))
+
+
 UNTRACED = frozenset({"/livez", "/readyz", "/metrics"})
 """Polled every few seconds by monitors; not worth a trace."""
 REQUEST_ID = "ricochet.request_id"
@@ -173,10 +179,17 @@ def tracer_provider() -> trace.TracerProvider:
         from opentelemetry.sdk.trace.export import BatchSpanProcessor  # noqa: PLC0415
     except ModuleNotFoundError as error:
         raise MissingExtraError(missing_package("RICOCHET_TELEMETRY", str(error.name), "telemetry")) from None
+    logging.getLogger("opentelemetry.util.re").addFilter(hide_header)
     named = Resource({"service.name": "ricochet", "service.version": version("ricochet")})
     provider = TracerProvider(resource=named.merge(OTELResourceDetector().detect()), shutdown_on_exit=False)
     provider.add_span_processor(BatchSpanProcessor(OTLPSpanExporter()))
     return provider
+
+
+def hide_header(record: logging.LogRecord) -> bool:
+    """Take the header out of the library's complaint about it: it holds the key of the collector."""
+    record.msg, record.args = "OTEL_EXPORTER_OTLP_HEADERS: an entry is not NAME=VALUE, URL encoded; it is left out", ()
+    return True
 
 
 def tracing_config(provider: trace.TracerProvider | None) -> TelemetryConfig:
@@ -188,7 +201,7 @@ def tracing_config(provider: trace.TracerProvider | None) -> TelemetryConfig:
         "logs": False,  # and the log
         "operation_spans": False,
         "auto_configure": False,
-        "exclude": lambda scope: scope.get("path") in UNTRACED,
+        "exclude": lambda scope: path_of(scope) in UNTRACED,
     }
 
 

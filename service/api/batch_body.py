@@ -23,6 +23,7 @@ from service.queries import check_work
 from service.schemas.batches import MOST_LINES, Cases
 from service.schemas.quantities import Part
 from service.schemas.sweeps import AxisError, Grid, Outline
+from service.telemetry import path_of
 from service.workers.worker import check_requests
 from solver import ParameterError
 
@@ -93,7 +94,7 @@ class BatchReader:
             If it is not valid.
         """
         media_type = require_type(self._request, JSON, JSONL)
-        digest = hashlib.sha256(f"{self._request.scope['path']} {media_type}\n".encode())
+        digest = hashlib.sha256(f"{path_of(self._request.scope)} {media_type}\n".encode())
         if media_type == JSONL:
             chunks = stream_up_to(self._request, self._limits.max_jsonl_bytes)
             lines = split_lines(chunks, self._limits.max_body_bytes, digest)
@@ -121,7 +122,7 @@ class BatchReader:
             If it is not valid.
         """
         media_type = require_type(self._request, JSON)
-        digest = hashlib.sha256(f"{self._request.scope['path']} {media_type}\n".encode())
+        digest = hashlib.sha256(f"{path_of(self._request.scope)} {media_type}\n".encode())
         body = await read_body(self._request, self._limits.max_batch_bytes)
         digest.update(body)
         outline, grid = await run_sync(self._lay_grid, body)

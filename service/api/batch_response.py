@@ -71,6 +71,7 @@ class JobResponse:
     def __init__(self, request: Request, operation: str, preference: Preference, idempotency_key: str) -> None:
         self.operation = operation
         self.path: str = request.scope["path"]
+        self.root = root_of(request)
         self.preference = preference
         self._token = idempotency_key
         services = services_of(request)
@@ -128,8 +129,8 @@ class JobResponse:
 
     def accepted(self, state: JobState, headers: dict[str, str]) -> Response:
         """Return the job as the answer, and where it is."""
-        headers = headers | {"Location": f"/jobs/{state.id}"} | retry_after(state, self._jobs)
-        return job_response(state, HTTPStatus.ACCEPTED, headers)
+        headers = headers | {"Location": f"{self.root}/jobs/{state.id}"} | retry_after(state, self._jobs)
+        return job_response(self.root, state, HTTPStatus.ACCEPTED, headers)
 
 
 class BatchResponse(JobResponse):
@@ -185,7 +186,7 @@ class BatchResponse(JobResponse):
 
     def _answer_all(self, state: JobState, sweep: Sweep | None, headers: dict[str, str]) -> Response:
         blocks = self._jobs.results(state.id)
-        path = f"/jobs/{state.id}/results"
+        path = f"{self.root}/jobs/{state.id}/results"
         if self.form == CSV:
             content = as_csv(blocks, self.operation, sweep)
         else:
@@ -267,7 +268,14 @@ def retry_after(state: JobState, jobs: JobManager) -> dict[str, str]:
     return {"Retry-After": str(min(LONGEST_RETRY, max(SHORTEST_RETRY, math.ceil(left))))}
 
 
+def root_of(request: Request) -> str:
+    """Return what stands before every path of the service in an address; empty unless a proxy has put it there."""
+    root: str = request.scope.get("root_path", "")
+    return root
+
+
 def job_response(
+    root: str,
     state: JobState,
     status: HTTPStatus = HTTPStatus.OK,
     headers: dict[str, str] | None = None,
@@ -275,19 +283,21 @@ def job_response(
     partial: dict[str, Any] | None = None,
 ) -> Response:
     """Return a job as the answer."""
-    return Response(job_json(state, request, partial), status, media_type=JSON, headers=headers)
+    return Response(job_json(root, state, request, partial), status, media_type=JSON, headers=headers)
 
 
-def job_json(state: JobState, request: dict[str, Any] | None = None, partial: dict[str, Any] | None = None) -> bytes:
+def job_json(
+    root: str, state: JobState, request: dict[str, Any] | None = None, partial: dict[str, Any] | None = None
+) -> bytes:
     """Return a job as JSON."""
-    return orjson.dumps(to_job(state, request, partial), option=orjson.OPT_UTC_Z)
+    return orjson.dumps(to_job(root, state, request, partial), option=orjson.OPT_UTC_Z)
 
 
 def to_job(
-    state: JobState, request: dict[str, Any] | None = None, partial: dict[str, Any] | None = None
+    root: str, state: JobState, request: dict[str, Any] | None = None, partial: dict[str, Any] | None = None
 ) -> dict[str, Any]:
     """Return a job as the contract has it, with the request of a sweep or a study or a partial answer if given."""
-    path = f"/jobs/{state.id}"
+    path = f"{root}/jobs/{state.id}"
     times = {name: getattr(state, name) for name in ("created", "started", "finished", "expires")}
     problem = None if state.problem is None else {**state.problem, "instance": path}
     return {

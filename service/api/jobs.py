@@ -13,12 +13,13 @@ from fastapi.responses import StreamingResponse
 from fastapi.sse import EventSourceResponse, ServerSentEvent
 from pydantic import ValidationError
 
-from service.api.batch_response import closing, job_json, job_response, retry_after, to_job, until
+from service.api.batch_response import closing, job_json, job_response, retry_after, root_of, to_job, until
 from service.api.body import JSON, JSONL, choose, parse_json, read_body, require_type
 from service.api.contract import RETRY_LATER, Responses, one_body, problems
 from service.api.results import CSV, HDF5, PARQUET, as_array, as_csv, as_lines, as_parquet, has_parquet, hdf5_response
 from service.api.services import services_of
 from service.auth.dependencies import ReadContext, RunContext
+from service.auth.middleware import client_of
 from service.errors import InvalidBodyError, validation_errors
 from service.jobs.manager import JobManager
 from service.jobs.models import CaseResult, JobState
@@ -41,8 +42,10 @@ async def manager_of(request: Request) -> JobManager:
 
 
 async def event_stream(request: Request, context: ReadContext) -> AsyncIterator[None]:
-    """Count an event stream as open while a request lasts."""
-    with services_of(request).streams.held(context.principal.owner):
+    """Count an event stream as open while a request lasts: of the owner of a key, or of an address without one."""
+    principal = context.principal
+    holder = principal.owner if principal.key else f"address {client_of(request.scope)}"
+    with services_of(request).streams.held(holder):
         yield
 
 
@@ -99,6 +102,7 @@ LastEventId = Annotated[
 
 @router.get("/jobs", response_model=Jobs, response_description="The jobs.", responses=problems(422, 500, 507))
 async def list_jobs(
+    request: Request,
     jobs: CurrentManager,
     context: ReadContext,
     cursor: Cursor = "",
@@ -107,7 +111,7 @@ async def list_jobs(
     """List the jobs of the owner in pages, the newest first; with the scope `admin`, those of all."""
     owner, before = context.principal.visible_owner, read_cursor(cursor)
     states = await jobs.jobs(owner, before=before, limit=limit + 1)  # one more shows whether a page follows
-    content: dict[str, Any] = {"jobs": [to_job(state) for state in states[:limit]]}
+    content: dict[str, Any] = {"jobs": [to_job(root_of(request), state) for state in states[:limit]]}
     if len(states) > limit:
         content["next"] = write_cursor(states[limit - 1].number).decode()
     return Response(orjson.dumps(content, option=orjson.OPT_UTC_Z), media_type=JSON)
@@ -119,10 +123,12 @@ async def list_jobs(
     response_description="The job.",
     responses={200: RETRY_LATER, **problems(404, 422, 500, 507)},
 )
-async def get_job(job: RequestedJob, jobs: CurrentManager) -> Response:
+async def get_job(request: Request, job: RequestedJob, jobs: CurrentManager) -> Response:
     """Return a job: how far it is; the request of a sweep or a study of uncertainty; of a study, the answer so far."""
     headers = {} if job.final else retry_after(job, jobs)
-    return job_response(job, headers=headers, request=await jobs.request(job), partial=await jobs.partial(job))
+    return job_response(
+        root_of(request), job, headers=headers, request=await jobs.request(job), partial=await jobs.partial(job)
+    )
 
 
 @router.get("/jobs/{job_id}/results", response_model=JobResults, responses=RESULTS)  # noqa: FAST003
@@ -139,7 +145,7 @@ async def get_job_results(
     if form is None:
         more = "" if has_parquet() else f"; {missing_package('Parquet', 'pyarrow', 'parquet')}"
         raise HTTPException(HTTPStatus.NOT_ACCEPTABLE, f"results are given as {', '.join(forms)}{more}")
-    start, path = read_cursor(cursor), f"/jobs/{job.id}/results"
+    start, path = read_cursor(cursor), f"{root_of(request)}/jobs/{job.id}/results"
     most = limit if form == JSON or "limit" in request.query_params else None
     blocks, sweep = jobs.results(job.id, start=start, limit=most), await jobs.sweep(job)
     if form == HDF5:
@@ -233,7 +239,7 @@ async def follow_job(
             if context.principal.key and not keys.holds(context.principal.key):
                 return  # revoked meanwhile
             if state.final or str(state.revision) != last_event_id:
-                content = job_json(state, partial=await jobs.partial(state))
+                content = job_json(root_of(request), state, partial=await jobs.partial(state))
                 yield ServerSentEvent(raw_data=content.decode(), id=str(state.revision))
 
 
@@ -243,11 +249,11 @@ async def follow_job(
     response_description="The job.",
     responses=problems(404, 422, 500, 507),
 )
-async def cancel_job(job_id: JobId, jobs: CurrentManager, context: RunContext) -> Response:
+async def cancel_job(request: Request, job_id: JobId, jobs: CurrentManager, context: RunContext) -> Response:
     """End a job; what is ready of its results stays until it expires. A job that has ended stays as it is."""
     state = known(await jobs.cancel(job_id, context.principal.visible_owner))
     context.job = state.id
-    return job_response(state)
+    return job_response(root_of(request), state)
 
 
 @router.patch(
@@ -268,7 +274,7 @@ async def change_job(request: Request, job_id: JobId, jobs: CurrentManager, cont
         raise InvalidBodyError(validation_errors(error.errors())) from error
     state = known(await jobs.rename(job_id, change.title, context.principal.visible_owner))
     context.job = state.id
-    return job_response(state)
+    return job_response(root_of(request), state)
 
 
 @router.delete(

@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING, Any
 
 import orjson
 from anyio.to_thread import run_sync
-from fastapi import APIRouter, Request, Response
+from fastapi import APIRouter, HTTPException, Request, Response
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from service.api.body import is_deeper
 from service.api.queries import computed, computed_with_alternatives, validated
-from service.api.services import services_of
+from service.api.services import services_of, unless_left
 from service.auth.dependencies import RUN, context_in
-from service.errors import InvalidBodyError, ServiceError, case_problem
+from service.errors import InvalidBodyError, ProblemType, ServiceError, case_problem
 from service.operations import OPERATIONS, UNCERTAIN, KeyedRequest
 from service.queries import check_work
 
@@ -115,6 +115,8 @@ async def compute(operation: str, content: Mapping[str, Any], request: Request) 
     try:
         found: dict[str, Any] = orjson.loads(await _answer(operation, content, request))
     except Exception as error:
+        if isinstance(error, HTTPException):  # the client has left
+            raise ToolError(ProblemType.of_status(error.status_code).content(error.detail)) from error
         problem = case_problem(error)
         if isinstance(error, ServiceError) and error.status in {
             HTTPStatus.TOO_MANY_REQUESTS,
@@ -153,10 +155,9 @@ async def _study(operation: str, case: Any, query: KeyedRequest, request: Reques
         return record.json
     check_work(await run_sync(UNCERTAIN[operation].base, case), services.settings.max_panel_steps)
     with services.owner_queries.held(context.principal.owner) if context.principal.key else nullcontext():
-        record, status = await services.jobs.answer_study(
-            operation, query, case, take=context.take, limiter=services.reading
-        )
+        answer = services.jobs.answer_study(operation, query, case, take=context.take, limiter=services.reading)
+        found, status = await unless_left(request, answer)
     if status == "hit":  # computed for another request
         context.take(1)
-    services.metrics.count(operation, record.outcome, status, 1)
-    return record.json
+    services.metrics.count(operation, found.outcome, status, 1)
+    return found.json

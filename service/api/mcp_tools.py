@@ -1,15 +1,18 @@
 """Tools of the Model Context Protocol: single queries with the schemas of their routes; imports the extra `mcp`.
 
 An answer is a JSON object with `answer`, as the route gives it but for the columns of a history, and `validity_limits`;
-the text says the same in short. A refusal has `is_error` and the problem (RFC 9457) that the route would answer with.
+the text says the same in short. A refusal has `is_error` and two texts: the problem in short, and the problem document
+(RFC 9457) that the route would answer with. It has no structured content, which has to fit the schema of an answer.
 """
 
+import re
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from dataclasses import dataclass
 from http import HTTPStatus
 from importlib.metadata import version
 from typing import Any, TypeAlias
 
+import orjson
 from mcp.server import Server, ServerRequestContext
 from mcp.types import (
     CallToolRequestParams,
@@ -21,20 +24,14 @@ from mcp.types import (
     ToolAnnotations,
 )
 from pydantic import BaseModel
-from pydantic.json_schema import models_json_schema
 
 from service.columns import summarize
 from service.errors import InvalidBodyError, ProblemType, problem_of
 from service.schemas import (
-    CriticalAngleAnswer,
     CriticalAngleRequest,
-    CriticalAngleUncertaintyAnswer,
     CriticalAngleUncertaintyRequest,
-    ThicknessAnswer,
     ThicknessRequest,
-    TrajectoryAnswer,
     TrajectoryRequest,
-    TrajectoryUncertaintyAnswer,
     TrajectoryUncertaintyRequest,
 )
 
@@ -54,8 +51,9 @@ VALIDITY_LIMITS = (
 INSTRUCTIONS = (
     "Oblique impact of rigid projectiles on concrete. Quantities are in SI units, angles in degrees from the inward "
     "normal of the face: 0 is normal impact. No tool assumes a quantity that its schema requires: a missing one is "
-    "refused with a pointer to its field, and is to be requested from the user. Repeat the warnings and the validity "
-    "limits of an answer with its numbers."
+    "refused with a pointer to its field, and is to be requested from the user. An object that a schema shows by "
+    "examples alone is described by an earlier tool or by the contract, `/openapi.json` of a service. Repeat the "
+    "warnings and the validity limits of an answer with its numbers."
 )
 
 
@@ -81,8 +79,8 @@ class ToolOperation:
     ----------
     operations
         By the field of the arguments that holds the request; one without a name takes the arguments as its request.
-    requests, answers
-        Models of each operation.
+    requests
+        Models of the requests, one for each operation.
     """
 
     name: str
@@ -90,36 +88,30 @@ class ToolOperation:
     description: str
     operations: Mapping[str, str]
     requests: Sequence[type[BaseModel]]
-    answers: Sequence[type[BaseModel]]
 
-    def to_tool(self) -> Tool:
-        """Return the tool as it is listed."""
-        inputs = joined_schema(self.requests, "validation")
-        references = inputs.pop("references")
+    def to_tool(self, listed: set[str]) -> Tool:
+        """Return the tool as it is listed, and add the models that it describes in full to those of the tools before.
+
+        The list is part of the context of a language model, so that its schemas are short: see `brief`.
+        """
         if "" in self.operations:
-            (reference,) = references
-            inputs |= inputs["$defs"].pop(reference["$ref"].rpartition("/")[2])
+            [model] = self.requests
+            inputs = brief(model.model_json_schema(), listed)
         else:
-            inputs |= {
+            parts = [brief(model.model_json_schema(), listed) for model in self.requests]
+            inputs = {
                 "type": "object",
                 "description": "One of these.",
-                "properties": dict(zip(self.operations, references, strict=True)),
+                "properties": dict(zip(self.operations, parts, strict=True)),
                 "minProperties": 1,
                 "maxProperties": 1,
-                "additionalProperties": False,
             }
-        outputs = joined_schema(self.answers, "serialization")
-        references = outputs.pop("references")
-        limits = {
-            "type": "array",
-            "items": {"type": "string"},
-            "description": "Limits that hold for every answer of the model.",
-        }
-        outputs |= {
+        routes = " or ".join(f"`POST /{operation.replace('_', '/')}`" for operation in self.operations.values())
+        outputs = {
             "type": "object",
             "properties": {
-                "answer": references[0] if len(references) == 1 else {"anyOf": references},
-                "validity_limits": limits,
+                "answer": {"type": "object", "description": f"As {routes} answers."},
+                "validity_limits": {"type": "array", "items": {"type": "string"}},
             },
             "required": ["answer", "validity_limits"],
         }
@@ -156,7 +148,6 @@ TOOLS = (
         "Find the smallest oblique angle, from the normal, at which a projectile is turned away by concrete.",
         {"": "cra"},
         (CriticalAngleRequest,),
-        (CriticalAngleAnswer,),
     ),
     ToolOperation(
         "trajectory",
@@ -165,7 +156,6 @@ TOOLS = (
         "columns over time are not in the answer: `GET /results/{key}` of the service has them.",
         {"": "trajectory"},
         (TrajectoryRequest,),
-        (TrajectoryAnswer,),
     ),
     ToolOperation(
         "uncertainty",
@@ -174,7 +164,6 @@ TOOLS = (
         "oblique angle, or the probability of each outcome of one impact. Takes seconds to minutes.",
         {"critical_angle": "cra_uncertainty", "trajectory": "trajectory_uncertainty"},
         (CriticalAngleUncertaintyRequest, TrajectoryUncertaintyRequest),
-        (CriticalAngleUncertaintyAnswer, TrajectoryUncertaintyAnswer),
     ),
     ToolOperation(
         "thickness",
@@ -182,15 +171,56 @@ TOOLS = (
         "Find the least thickness of a wall that a strike does not perforate, beside the empirical formulas.",
         {"": "thickness"},
         (ThicknessRequest,),
-        (ThicknessAnswer,),
     ),
 )
 
 
-def joined_schema(models: Sequence[type[BaseModel]], mode: Any) -> dict[str, Any]:
-    """Return the `$defs` of these models, and `references` to them in this order."""
-    found, schema = models_json_schema([(model, mode) for model in models])
-    return {"$defs": schema["$defs"], "references": [found[model, mode] for model in models]}
+KEPT = ("type", "const", "enum", "required")
+"""What a list of tools has of a schema, as it is."""
+REMARK = re.compile(r"(?<=\]) .*", re.DOTALL)
+"""What follows the unit in a description: reasons for the bounds."""
+
+
+def brief(
+    node: Mapping[str, Any], listed: set[str], definitions: Mapping[str, Any] | None = None, *, full: bool = True
+) -> dict[str, Any]:
+    """Return a schema in short, without references: no titles, bounds or defaults.
+
+    An object that may be left out, that is of one of several kinds, or that was described in full before is shown by
+    examples. What is wrong in a request is refused with its pointer, so that nothing has to be known in advance.
+
+    Parameters
+    ----------
+    listed
+        Names of the models that have been described; those described here are added.
+    definitions
+        Schemas that references lead to; those of the node itself if they are not given.
+    full
+        Whether an object is described field by field if it has not been described before.
+    """
+    definitions = node.get("$defs", {}) if definitions is None else definitions
+    name = node.get("$ref", "").rpartition("/")[2]
+    node = {**definitions.get(name, {}), **node}
+    short = {key: node[key] for key in KEPT if key in node}
+    if "description" in node:
+        short["description"] = REMARK.sub("", node["description"])
+    if "items" in node:
+        short["items"] = brief(node["items"], listed, definitions)
+    if "oneOf" in node:
+        kinds = [definitions[kind["$ref"].rpartition("/")[2]] for kind in node["oneOf"]]
+        short |= {"type": "object", "examples": [kind["examples"][0] for kind in kinds]}
+    elif "properties" in node and name in listed:
+        short["examples"] = node["examples"][:1]
+    elif "properties" in node and not full:
+        short["examples"] = node["examples"]
+    elif "properties" in node:
+        short["properties"] = {
+            field: brief(each, listed, definitions, full=field in node.get("required", ()))
+            for field, each in node["properties"].items()
+        }
+    if name and "properties" in node:
+        listed.add(name)
+    return short
 
 
 def server_of(compute: Compute) -> Server[Any]:
@@ -201,7 +231,8 @@ def server_of(compute: Compute) -> Server[Any]:
     compute
         Answers requests; raises ToolError otherwise.
     """
-    listed = ListToolsResult(tools=[tool.to_tool() for tool in TOOLS])
+    described: set[str] = set()
+    listed = ListToolsResult(tools=[tool.to_tool(described) for tool in TOOLS])
     tools = {tool.name: tool for tool in TOOLS}
 
     async def list_tools(_: ServerRequestContext[Any], __: PaginatedRequestParams | None) -> ListToolsResult:
@@ -252,7 +283,5 @@ def refusal(problem: Mapping[str, Any], before: str = "") -> CallToolResult:
     errors = [{**error, "pointer": before + error["pointer"]} for error in problem.get("errors", ())]
     lines = [": ".join(filter(None, (problem.get("title"), None if errors else problem.get("detail"))))]
     lines += [f"{error['pointer'] or '/'}: {error['detail']}" for error in errors]
-    content = {**problem, "errors": errors} if errors else dict(problem)
-    return CallToolResult(
-        content=[TextContent(text="\n".join(lines))], structured_content={"problem": content}, is_error=True
-    )
+    document = orjson.dumps({**problem, "errors": errors} if errors else problem).decode()
+    return CallToolResult(content=[TextContent(text="\n".join(lines)), TextContent(text=document)], is_error=True)

@@ -30,7 +30,7 @@ from service.auth.dependencies import READ
 from service.cache.hdf5 import BatchFile, to_hdf5
 from service.cache.record import Record
 from service.cache.tables import residuals_of
-from service.columns import Column, batch_columns, batch_row
+from service.columns import Column, batch_columns, batch_row, csv_cells
 from service.errors import StorageError
 from service.jobs.models import CaseResult, JobState, Sweep
 from service.schemas import Result
@@ -185,7 +185,7 @@ def _row(result: CaseResult, operation: str, sweep: Sweep | None) -> list[Any]:
 
 def _lines(rows: Iterable[list[Any]]) -> bytes:
     text = io.StringIO()
-    csv.writer(text).writerows(rows)
+    csv.writer(text).writerows(map(csv_cells, rows))
     return text.getvalue().encode()
 
 
@@ -315,7 +315,7 @@ def to_csv(record: Record) -> bytes:
     writer = csv.writer(text)
     writer.writerow(names)
     for row in zip(*columns, strict=True):  # all at once would hold the interpreter lock until the last
-        writer.writerow(row)
+        writer.writerow(csv_cells(row))
     return text.getvalue().encode()
 
 

@@ -26,7 +26,7 @@ from service.auth.quotas import QuotaStore
 from service.errors import ProblemType
 from service.problems import problem_response
 from service.settings import Settings
-from service.telemetry import route_of
+from service.telemetry import path_of, route_of
 
 PROBES = frozenset({"/livez", "/readyz"})
 """Sent by monitors, which know neither names nor keys."""
@@ -100,7 +100,7 @@ class AuthMiddleware:
             return
         status, key_required = 0, self._requires_key(scope)
         tls = self._tls or scope.get("scheme") == "https"  # at a trusted proxy
-        public = self._metrics_open and scope["path"] == "/metrics"
+        public = self._metrics_open and path_of(scope) == "/metrics"
         context = RequestContext(self._keys, self._quotas, key_required=key_required and not public)
         scope[CONTEXT] = context
 
@@ -115,6 +115,8 @@ class AuthMiddleware:
             self._check(scope, key_required)
         except HTTPException as refused:
             content = ProblemType.of_status(refused.status_code).content(refused.detail)
+            if PREFIX in path_of(scope):  # nor does the answer repeat a key
+                content["instance"] = ""
             await problem_response(Request(scope), content)(scope, receive, send_secured)
         else:
             await self._app(scope, receive, send_secured)
@@ -142,13 +144,13 @@ class AuthMiddleware:
         """
         headers = read_headers(scope)
         refuse_transfer_codings(headers.get(b"transfer-encoding", CHUNKED))
-        path = scope["path"]
+        path = path_of(scope)
         if scope["query_string"] or PREFIX in path:
             refuse_key_in_address(scope)
         if path not in PROBES:
             if self._hosts:
                 refuse_other_hosts(headers.get(b"host", b""), self._hosts)
-            elif not key_required and is_loopback(address_of(scope)):
+            elif not key_required and is_loopback(address_of(scope)) is not None:
                 refuse_other_hosts(headers.get(b"host", b""), LOOPBACK_NAMES)
         if scope["method"] not in SAFE:
             refuse_other_sites(headers, self._origins)
@@ -204,7 +206,7 @@ def refuse_transfer_codings(codings: bytes) -> None:
         raise HTTPException(HTTPStatus.NOT_IMPLEMENTED, "the one Transfer-Encoding that is decoded is `chunked`")
 
 
-def refuse_key_in_address(scope: Mapping[str, Any]) -> None:
+def refuse_key_in_address(scope: Scope) -> None:
     """Refuse addresses with a key in them, which every proxy on the way logs.
 
     Raises
@@ -214,7 +216,7 @@ def refuse_key_in_address(scope: Mapping[str, Any]) -> None:
     """
     query: bytes = scope["query_string"]
     fields = parse_qsl(query.decode("latin-1"), keep_blank_values=True) if query else ()
-    if PREFIX in scope["path"] or any(name.lower() in KEY_FIELDS or PREFIX in name + value for name, value in fields):
+    if PREFIX in path_of(scope) or any(name.lower() in KEY_FIELDS or PREFIX in name + value for name, value in fields):
         raise HTTPException(
             HTTPStatus.BAD_REQUEST,
             "a key never goes into an address, where logs keep it: send it as `Authorization: Bearer ...`, and revoke "

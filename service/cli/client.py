@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -23,6 +24,8 @@ LONGEST_PAUSE = 60.0
 """Longest `Retry-After` that is followed. [s]"""
 BUSY = frozenset({429, 503})
 """Statuses after which a request is repeated."""
+NOT_IN_KEYS = re.compile(r"[^!-~]")
+"""A key goes into a header: printable ASCII without spaces."""
 PAGE_SIZE = 1000
 JSON, CSV, PARQUET = "application/json", "text/csv", "application/vnd.apache.parquet"
 
@@ -31,24 +34,33 @@ Content: TypeAlias = Callable[[], "bytes | Iterable[bytes]"]
 
 
 @contextmanager
-def connect(address: str, **options: Any) -> Iterator["Client"]:
-    """Open a client for the service at this address.
+def connect(address: str, *, socket: str | None = None, **options: Any) -> Iterator["Client"]:
+    """Open a client for the service at this address, or behind this socket.
+
+    Messages never hold the text of the library, which quotes headers and addresses with what is secret in them.
 
     Raises
     ------
     CommandError
-        If the address is not an HTTP address.
+        If the address is not an HTTP address, or no header can hold the API key.
     """
-    key = os.environ.get(API_KEY)
+    key = os.environ.get(API_KEY, "").strip()
+    if stray := NOT_IN_KEYS.search(key):
+        raise CommandError(f"{API_KEY}: character {stray.start() + 1} cannot be part of a key; copy the key anew")
     headers = {"Authorization": f"Bearer {key}"} if key else {}
     try:
-        http = httpx.Client(base_url=address, headers=headers, timeout=TIMEOUT, **options)
-        if http.base_url.scheme not in {"http", "https"} or not http.base_url.host:
-            raise httpx.InvalidURL("must be http://HOST:PORT")
-    except (httpx.InvalidURL, ValueError) as error:
-        raise CommandError(f"{address}: not the address of a service: {error}") from None
+        url = httpx.URL(address)
+    except httpx.InvalidURL:
+        url = httpx.URL()
+    if url.scheme not in {"http", "https"} or not url.host:
+        raise CommandError(f"{without_secrets(address)}: not the address of a service: must be http://HOST:PORT")
+    transport = None if socket is None else httpx.HTTPTransport(uds=socket)
+    try:
+        http = httpx.Client(base_url=url, headers=headers, timeout=TIMEOUT, transport=transport, **options)
+    except ValueError:
+        raise CommandError("a variable such as HTTP_PROXY or ALL_PROXY is not the address of a proxy") from None
     with http:
-        yield Client(http, address)
+        yield Client(http, without_secrets(address), socket)
 
 
 class Client:
@@ -60,17 +72,41 @@ class Client:
         Connections, with the base URL and the API key.
     address
         The address in error messages.
+    socket
+        Path of the socket of a service in this process.
     """
 
-    def __init__(self, http: httpx.Client, address: str) -> None:
+    def __init__(self, http: httpx.Client, address: str, socket: str | None = None) -> None:
         self._http = http
         self._address = address
+        self._socket = socket
         self._reached = False
+
+    def asynchronous(self) -> httpx.AsyncClient:
+        """Return connections to the same service whose requests end as soon as they are cancelled."""
+        transport = None if self._socket is None else httpx.AsyncHTTPTransport(uds=self._socket)
+        return httpx.AsyncClient(
+            base_url=self._http.base_url, headers=self._http.headers, timeout=TIMEOUT, transport=transport
+        )
+
+    async def compute_until_cancelled(
+        self, http: httpx.AsyncClient, operation: str, body: dict[str, Any]
+    ) -> dict[str, Any]:
+        """Return the answer to one case; a service that is busy refuses it at once, with `retry_after_s`."""
+        try:
+            response = await http.post(path_to(operation), content=dumps(body), headers={"Content-Type": JSON})
+        except httpx.TransportError as lost:
+            raise self._unreachable(lost) from None
+        if response.is_success:
+            return parse(response)
+        error = refusal(response)
+        wait = {"retry_after_s": retry_pause(response)} if response.status_code in BUSY else {}
+        raise RefusedError({**error.problem, **wait})
 
     def compute(self, operation: str, body: dict[str, Any]) -> bytes:
         """Return the answer to one case, as JSON."""
         content = dumps(body)
-        return self._send("POST", f"/{operation.replace('_', '/')}", lambda: content, {"Content-Type": JSON}).content
+        return self._send("POST", path_to(operation), lambda: content, {"Content-Type": JSON}).content
 
     def report(self, body: dict[str, Any]) -> bytes:
         """Return the report of one strike, as HTML."""
@@ -140,8 +176,7 @@ class Client:
                 response = self._http.request(method, path, content=content() if content else None, headers=headers)
             except httpx.TransportError as error:
                 if pause is None or not self._reached:
-                    reason = str(error) or type(error).__name__
-                    raise CommandError(f"no service answers at {self._address}: {reason}", FAILED) from None
+                    raise self._unreachable(error) from None
                 time.sleep(pause)
                 continue
             self._reached = True
@@ -151,6 +186,28 @@ class Client:
                 raise refusal(response)
             time.sleep(retry_pause(response))
         raise AssertionError("the last attempt returns or raises")
+
+    def _unreachable(self, error: httpx.TransportError) -> CommandError:
+        """Return the error of a service without an answer; a protocol error may quote what was sent."""
+        quotes = isinstance(error, httpx.LocalProtocolError)
+        reason = type(error).__name__ if quotes else str(error) or type(error).__name__
+        return CommandError(f"no service answers at {self._address}: {reason}", FAILED)
+
+
+def without_secrets(address: str) -> str:
+    """Return an address as it may be shown: what may hold a password or a key is left out."""
+    if not any(mark in address for mark in "@?#"):
+        return address
+    try:
+        url = httpx.URL(address)
+    except httpx.InvalidURL:
+        return "the address, not shown as it may hold a password"
+    return f"{url.scheme}://{url.netloc.decode()}"
+
+
+def path_to(operation: str) -> str:
+    """Return the route of an operation."""
+    return f"/{operation.replace('_', '/')}"
 
 
 def path_of(job_id: str) -> str:
@@ -176,7 +233,7 @@ def parse(response: httpx.Response) -> dict[str, Any]:
     except orjson.JSONDecodeError:
         content = None
     if not isinstance(content, dict):
-        raise CommandError(f"the server at {response.url} is not a ricochet service", FAILED)
+        raise CommandError(f"the server at {without_secrets(str(response.url))} is not a ricochet service", FAILED)
     return content
 
 

@@ -290,7 +290,9 @@ def without_header(table: str) -> str:
 def how_to_continue(job: dict[str, Any], args: argparse.Namespace) -> str:
     """Return how to continue after Ctrl-C."""
     if args.url:
-        where = "" if os.environ.get(URL) == args.url else f" --url {args.url}"
+        from service.cli.client import without_secrets
+
+        where = "" if os.environ.get(URL) == args.url else f" --url {without_secrets(args.url)}"
         return f"the job continues at the service; for its results: ricochet jobs results {job['id']}{where}"
     if args.data_dir:
         return f"finished results are kept in {args.data_dir}; the same command continues from there"

@@ -112,7 +112,8 @@ def check_access(settings: "Settings", keys: "ApiKeyStore") -> None:
     """
     if settings.access == "open":
         if not settings.on_loopback:
-            log.warning("the service on %s is open to everyone: RICOCHET_ACCESS is open", settings.host)
+            names = ", ".join(settings.allowed_hosts) or "localhost alone (RICOCHET_ALLOWED_HOSTS)"
+            log.warning("the service on %s is open to everyone, under the names: %s", settings.host, names)
         return
     if keys.lost:
         raise CommandError(
@@ -177,18 +178,18 @@ def run_mcp(args: argparse.Namespace) -> int:
 
 
 async def serve_tools(client: "Client") -> None:
-    """Answer messages; their computations run in threads, one for each."""
-    from anyio.to_thread import run_sync
+    """Answer messages. What is computed for a call that is cancelled, or as the input ends, ends too."""
     from mcp.server.stdio import stdio_server
 
     from service.api.mcp_tools import ToolError, server_of
+    from service.cli.client import path_of
     from service.errors import InvalidBodyError, ProblemType
 
     async def compute(operation: str, body: Mapping[str, Any], _: Any) -> dict[str, Any]:
         try:
-            answer: dict[str, Any] = json.loads(await run_sync(client.compute, operation, dict(body)))
+            answer = await client.compute_until_cancelled(http, operation, dict(body))
             if "key" not in answer:  # a job: more samples than are answered at once
-                await run_sync(client.delete, answer["id"])
+                await http.delete(path_of(answer["id"]))
                 detail = "more samples than are answered at once: lower it"
                 raise InvalidBodyError([{"pointer": "/sampling/max_samples", "detail": detail}])
         except RefusedError as error:
@@ -198,7 +199,7 @@ async def serve_tools(client: "Client") -> None:
         return answer
 
     server = server_of(compute)
-    async with stdio_server() as (reading, writing):
+    async with client.asynchronous() as http, stdio_server() as (reading, writing):
         await server.run(reading, writing, server.create_initialization_options())
 
 

@@ -16,7 +16,6 @@ from typing import Any
 
 import uvicorn
 from fastapi import FastAPI
-from httpx import HTTPTransport
 
 from service.api.app import STOP_SECONDS, create_app
 from service.api.connection import Connection
@@ -61,6 +60,7 @@ class Server(uvicorn.Server):
                 app,
                 host=settings.host,
                 port=settings.port,
+                root_path=settings.root_path,
                 http=Connection,
                 ws="none",
                 lifespan="off",
@@ -154,7 +154,7 @@ def local_server(data_dir: Path | None) -> Iterator[Client]:
         try:
             with progress("starting"):
                 started.result()
-            with connect("http://ricochet", transport=HTTPTransport(uds=socket_path), trust_env=False) as client:
+            with connect("http://ricochet", socket=socket_path, trust_env=False) as client:
                 yield client
         except FolderInUseError as error:
             raise CommandError(f"{error}; use that service with --url", FAILED) from None

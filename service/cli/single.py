@@ -26,6 +26,7 @@ from service.cli.arguments import (
 )
 from service.cli.request_body import RequestBody, read_body
 from service.cli.writers import heading, print_table, print_values, print_warning_codes, print_warnings
+from service.columns import csv_cells
 
 TRAJECTORY_FLAGS = (*IMPACT, *BODY, *RESISTANCE)
 CRA_FLAGS = (VELOCITY, *ATTACK, *BODY, *RESISTANCE)
@@ -168,7 +169,7 @@ def print_csv(columns: Mapping[str, Sequence[Any]]) -> None:
     """Print columns of equal length."""
     writer = csv.writer(sys.stdout, lineterminator="\n")
     writer.writerow(columns)
-    writer.writerows(zip(*columns.values(), strict=True))
+    writer.writerows(map(csv_cells, zip(*columns.values(), strict=True)))
 
 
 def print_motion(answer: Mapping[str, Any]) -> None:

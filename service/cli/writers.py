@@ -10,7 +10,7 @@ from typing import Any, Protocol, TextIO, TypeAlias
 import orjson
 
 from service.cli.arguments import FAILED, SOME_FAILED, CommandError, problem_text
-from service.columns import batch_columns, batch_row, summarize
+from service.columns import batch_columns, batch_row, csv_cells, summarize
 
 Item: TypeAlias = Mapping[str, Any]
 """Result or problem of one case of a job."""
@@ -88,7 +88,7 @@ class SweepTable:
             self._begun = True
         for item in items:
             point = tuple(item["point"][field] for field in self._fields)
-            self._rows.writerow(batch_row(self._operation, item, point))
+            self._rows.writerow(csv_cells(batch_row(self._operation, item, point)))
         self._stream.flush()
 
     def close(self) -> None:

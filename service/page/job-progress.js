@@ -25,7 +25,7 @@ export async function submit(path, body, signal) {
   const isTemporary = (error) => isLost(error) || error.status === 409; // while an earlier try is being accepted
   const { data: job } = await untilAnswered(() => request(path, { body, headers }), signal, isTemporary);
   if (!signal.aborted) return job;
-  request(job.links.cancel, { method: "POST" }).catch(() => {});
+  request(`jobs/${job.id}/cancel`, { method: "POST" }).catch(() => {});
   throw signal.reason;
 }
 

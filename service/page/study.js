@@ -23,14 +23,14 @@ export async function* computeStudy({ values, inputs, sampling }, signal) {
   const uncertain = inputs.map((input) => uncertainInput(input, values));
   for (const samples of few < most ? [few, most] : [most]) {
     const body = { ...angleRequest(values), uncertain, sampling: { ...sampling, max_samples: samples } };
-    const { id, links } = await submit("cra/uncertainty", body, signal);
-    const cancel = () => request(links.cancel, { method: "POST" }).catch(() => {});
+    const { id } = await submit("cra/uncertainty", body, signal);
+    const cancel = () => request(`jobs/${id}/cancel`, { method: "POST" }).catch(() => {});
     signal.addEventListener("abort", cancel, { once: true });
     for await (const { progress, partial } of statesOf(id, signal)) {
       if (progress) yield { samples: progress.samples, ...partial };
     }
     signal.removeEventListener("abort", cancel);
-    const answer = await answerOf(links, signal);
+    const answer = await answerOf(id, signal);
     known.set(keyOf(values, inputs), answer);
     yield answer;
     if (answer.converged) return;
@@ -38,10 +38,10 @@ export async function* computeStudy({ values, inputs, sampling }, signal) {
 }
 
 /** Return the answer of a job that has ended, and delete it: a list of jobs is no place for each change of an input. */
-async function answerOf({ results, self }, signal) {
-  const [item] = (await untilAnswered(() => request(results, { signal }), signal)).data.results;
+async function answerOf(id, signal) {
+  const [item] = (await untilAnswered(() => request(`jobs/${id}/results`, { signal }), signal)).data.results;
   if (!item) throw new Error("The job of the study was cancelled.");
-  request(self, { method: "DELETE" }).catch(() => {}); // its result is kept in the cache
+  request(`jobs/${id}`, { method: "DELETE" }).catch(() => {}); // its result is kept in the cache
   if (item.problem) throw new Problem(item.problem);
   return item.result;
 }

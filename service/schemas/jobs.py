@@ -1,9 +1,10 @@
 """Jobs and results of any operation, as the contract has them."""
 
+import re
 from enum import StrEnum
 from typing import Annotated, Any
 
-from pydantic import MISSING, AwareDatetime, Field, StringConstraints
+from pydantic import MISSING, AwareDatetime, BeforeValidator, Field, StringConstraints
 from typing_extensions import TypeAliasType
 
 from service.schemas.answers import FOUND, VERSIONED, CriticalAngleAnswer, TrajectoryAnswer
@@ -117,7 +118,13 @@ class SweepRequest(Part):
     axes: list[Axis]
 
 
-Title = Annotated[str, StringConstraints(strict=True, strip_whitespace=True, min_length=1, max_length=200)]
+UNSHOWN = re.compile("[\x00-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069]")
+"""Control characters, and those that end a line or turn the direction of what follows them."""
+Title = Annotated[
+    str,
+    StringConstraints(strict=True, strip_whitespace=True, min_length=1, max_length=200),
+    BeforeValidator(lambda given: UNSHOWN.sub("", given) if isinstance(given, str) else given),
+]
 
 
 class JobChange(Part):

@@ -23,6 +23,15 @@ def motion(client: httpx.Client) -> dict[str, Any]:
     return strike_at(30.0, history_at(client, 30.0, 7.5))
 
 
+def test_group_that_a_spreadsheet_would_compute_is_quoted_in_the_table(client: httpx.Client) -> None:
+    tests = [test | {"group": "=1+1" if number < 2 else "-1"} for number, test in enumerate(TABLE_1)]
+    key = answered(client, "/calibration/depth", BODY | {"tests": tests})["key"]
+    text = client.get(f"/results/{key}", headers={"Accept": "text/csv"}).text
+    rows = list(csv.DictReader(io.StringIO(text)))
+    assert [row["group"] for row in rows] == ["'=1+1", "'=1+1"] + ["'-1"] * (len(rows) - 2)
+    assert min(float(row["residual_m"]) for row in rows) < 0.0
+
+
 REQUESTED: dict[str, dict[str, Any]] = {"/calibration/depth": TESTS, "/calibration/obliquity": POINTS}
 
 

@@ -1,5 +1,6 @@
 """What every answer tells browsers, and what browsers are refused."""
 
+import socket
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
 from pathlib import Path
@@ -11,6 +12,7 @@ import pytest
 from service.auth.middleware import POLICY, secured
 from service.schemas.strike import PAPER
 from service.settings import Settings
+from tests.conftest import Service
 
 from .certificates import make_certificate
 from .refused import problem_of
@@ -88,6 +90,26 @@ def test_other_name_on_the_loopback_interface_is_refused(client: httpx.Client, h
 @pytest.mark.parametrize("host", ["localhost", "LOCALHOST:8000", "127.0.0.1", "127.0.0.1:1", "[::1]", "[::1]:8000"])
 def test_own_name_on_the_loopback_interface_is_answered(client: httpx.Client, host: str) -> None:
     assert client.get("/jobs", headers={"Host": host}).status_code == 200
+
+
+def test_other_name_is_refused_on_any_address_of_an_open_service(
+    service_on: Callable[..., AbstractContextManager[Service]], tmp_path: Path
+) -> None:
+    """As in a container, whose port is published on the loopback interface of its host."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.connect(("192.0.2.1", 9))  # sends nothing, and finds the address that leads out
+        except OSError:
+            pytest.skip("this machine has no address but that of the loopback interface")
+        address = probe.getsockname()[0]
+    settings = {"host": "0.0.0.0", "access": "open", "executor": "in-process"}  # noqa: S104
+    with service_on(tmp_path, **settings) as service:
+        port = service.url.rpartition(":")[2]
+        with httpx.Client(base_url=f"http://{address}:{port}", trust_env=False) as client:
+            for host in ("evil.example", f"{address}:{port}"):
+                problem_of(client.get("/jobs", headers={"Host": host}), 421)
+                assert client.get("/livez", headers={"Host": host}).status_code == 200
+            assert client.get("/jobs", headers={"Host": f"localhost:{port}"}).status_code == 200
 
 
 def test_names_that_are_set_are_the_only_ones(named: httpx.Client) -> None:

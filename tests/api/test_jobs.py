@@ -4,6 +4,9 @@ import csv
 import io
 import json
 import time
+from collections.abc import Callable
+from contextlib import AbstractContextManager, ExitStack
+from pathlib import Path
 from typing import Any, Protocol
 
 import h5py
@@ -119,6 +122,25 @@ def test_table_has_a_row_a_case(client: httpx.Client, job: dict[str, Any], items
     assert (rows[7]["key"], rows[7]["problem"]) == ("", "urn:ricochet:problem:invalid-request")
 
 
+COMPUTED_BY_SPREADSHEETS = ["=1+1", "+1", "-1+1", "@SUM(A1)", "\t=1", "\r=1", "\uff1d1"]
+
+
+def test_texts_that_a_spreadsheet_would_compute_are_quoted_in_tables_alone(client: httpx.Client) -> None:
+    names = [*COMPUTED_BY_SPREADSHEETS, "a=1", "'=1"]
+    cases = [case | {"custom_id": name} for case, name in zip(strikes(len(names)), names, strict=True)]
+    at_once = client.post("/trajectory/batch", json={"cases": cases}, headers={"Accept": "text/csv"})
+    job = finished(client, client.post("/trajectory/batch", json={"cases": cases}, headers=ASYNC).json())
+    stored = client.get(job["links"]["results"], headers={"Accept": "text/csv"})
+    items = client.get(job["links"]["results"]).json()["results"]
+    assert [item["custom_id"] for item in items] == names
+    for table in (at_once, stored):
+        rows = list(csv.DictReader(io.StringIO(table.text, newline="")))
+        assert [row["custom_id"] for row in rows] == [f"'{name}" for name in COMPUTED_BY_SPREADSHEETS] + names[-2:]
+        velocities = [row["final_depth_velocity_m_s"] for row in rows]
+        assert list(map(float, velocities)) == [item["result"]["final"]["depth_velocity_m_s"] for item in items]
+        assert any(velocity.startswith("-") for velocity in velocities)
+
+
 def test_table_of_trajectories_has_their_ends(client: httpx.Client) -> None:
     job = finished(client, client.post("/trajectory/batch", json={"cases": strikes(2)}, headers=ASYNC).json())
     response = client.get(job["links"]["results"], headers={"Accept": "text/csv"})
@@ -171,6 +193,41 @@ def test_events_of_a_job_under_way_are_not_sent_again(client: httpx.Client) -> N
     events = events_of(client.get(job["links"]["events"], headers={"Last-Event-ID": seen}))
     assert min(revision for revision, _ in events) > int(seen)
     assert events[-1][1]["status"] == "successful"
+
+
+def test_event_streams_of_an_address_are_limited_where_no_key_is_required(
+    service_on: Callable[..., AbstractContextManager[Service]], tmp_path: Path
+) -> None:
+    with (
+        service_on(tmp_path, max_owner_streams="2", max_streams="3") as service,
+        ExitStack() as opened,
+    ):
+        one, other = (
+            opened.enter_context(
+                httpx.Client(base_url=service.url, transport=httpx.HTTPTransport(local_address=address), timeout=60.0)
+            )
+            for address in ("127.0.0.1", "127.0.0.2")
+        )
+        job = one.post("/trajectory/batch", json={"cases": slow_strikes(100)}, headers=ASYNC).json()
+        path = job["links"]["events"]
+        for _ in range(2):
+            assert opened.enter_context(one.stream("GET", path)).status_code == 200
+        assert one.get(path).status_code == 429
+        assert opened.enter_context(other.stream("GET", path)).status_code == 200
+        assert other.get(path).status_code == 503
+        one.delete(job["links"]["self"])
+
+
+@pytest.mark.slow
+def test_event_stream_of_a_job_that_does_not_change_shows_that_it_is_there(dedicated_service: Service) -> None:
+    """Proxies end connections on which nothing comes; a comment comes every 15 s."""
+    numerics = {"method": "panels", "panels": 96_000, "time_step_s": 1e-6}
+    with httpx.Client(base_url=dedicated_service.url, timeout=20.0, trust_env=False) as client:
+        case = PAPER | {"numerics": numerics, "search": {"method": "outcome"}}
+        job = client.post("/cra/batch", json={"cases": [case]}, headers=ASYNC).json()
+        with client.stream("GET", job["links"]["events"]) as events:
+            assert next(line for line in events.iter_lines() if line.startswith(":"))
+        client.delete(job["links"]["self"])
 
 
 @pytest.mark.timed
@@ -233,8 +290,14 @@ def test_title_of_a_sweep_is_changed_by_patch(client: httpx.Client) -> None:
     assert job["title"] == "speed, 80 mm, 13 kg"
     assert client.patch(path, json={"title": " North wall "}).json()["title"] == "North wall"
     assert client.get(path).json()["title"] == "North wall"
+    hidden = "\x1b[31m\u202eNor\u2066th\r\n \x85wa\u200ell\u061c\u2028\x7f"
+    assert client.patch(path, json={"title": hidden}).json()["title"] == "[31mNorth wall"
+    joined = "Wand \u05d0\u200d\u05d1"
+    assert client.patch(path, json={"title": joined}).json()["title"] == joined
+    assert client.patch(path, json={"title": " North wall "}).status_code == 200
     for body, pointer in (
         ({"title": ""}, "/title"),
+        ({"title": "\u202e \n"}, "/title"),
         ({"title": "x" * 201}, "/title"),
         ({}, "/title"),
         ({"id": "1"}, "/id"),

@@ -1,6 +1,9 @@
 """The tools of the Model Context Protocol, by the client of its SDK: over HTTP, and from the command over its pipes."""
 
+import json
+import subprocess
 import sys
+import time
 from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import AbstractContextManager, asynccontextmanager
 from pathlib import Path
@@ -9,7 +12,9 @@ from typing import Any, NamedTuple
 import anyio
 import httpx
 import httpx2
+import jsonschema  # type: ignore[import-untyped] # comes with the SDK
 import pytest
+from anyio import to_thread
 from mcp import Client, StdioServerParameters
 from mcp.client.streamable_http import streamable_http_client
 from mcp.types import CallToolResult, Tool
@@ -56,23 +61,150 @@ async def over_http(url: str, token: str | None = None) -> AsyncIterator[Any]:
 
 
 def text_of(result: CallToolResult) -> str:
-    [content] = result.content
+    content, *_ = result.content
     assert content.type == "text"
     return content.text
 
 
+def problem_of(result: CallToolResult) -> dict[str, Any]:
+    """The problem of a refused call, which has nothing beside it that would have to fit the schema of an answer."""
+    assert result.is_error
+    assert result.structured_content is None
+    _, document = result.content
+    assert document.type == "text"
+    problem: dict[str, Any] = json.loads(document.text)
+    return problem
+
+
 @pytest.mark.parametrize("mode", ["auto", "legacy"])
-def test_tools_are_listed_with_the_schemas_of_the_routes(live_url: str, client: httpx.Client, mode: str) -> None:
+def test_tools_are_listed_with_the_fields_of_the_routes(live_url: str, client: httpx.Client, mode: str) -> None:
     tools = converse(over_http(live_url), mode=mode).tools
     assert [tool.name for tool in tools] == NAMES
     contract = client.get("/openapi.json").json()["components"]["schemas"]
     for tool, model in zip(tools, ("CriticalAngleRequest", "TrajectoryRequest", None, "ThicknessRequest"), strict=True):
         assert tool.input_schema["type"] == "object"
         if model is not None:
+            properties = tool.input_schema["properties"]
             assert tool.input_schema["required"] == contract[model]["required"]
-            assert tool.input_schema["properties"].keys() == contract[model]["properties"].keys()
-            diameter = tool.input_schema["$defs"]["Projectile"]["properties"]["diameter_m"]
-            assert diameter == contract["Projectile"]["properties"]["diameter_m"]
+            assert properties.keys() == contract[model]["properties"].keys()
+            assert properties["projectile"]["required"] == contract["Projectile"]["required"]
+    [projectile, *again] = (tool.input_schema["properties"]["projectile"] for tool in (*tools[:2], tools[3]))
+    assert projectile["properties"].keys() == contract["Projectile"]["properties"].keys()
+    assert projectile["properties"]["diameter_m"]["description"] == "Diameter of the shank. [m]"
+    shapes = [each["shape"] for each in projectile["properties"]["nose"]["examples"]]
+    assert set(shapes) == contract["Nose"]["discriminator"]["mapping"].keys()
+    assert [each["examples"] for each in again] == [contract["Projectile"]["examples"][:1]] * 2
+
+
+def test_examples_of_the_schemas_are_answered(live_url: str) -> None:
+    """A model that has read nothing but the list of tools knows enough."""
+    [angle, *_] = converse(over_http(live_url)).tools
+    properties = angle.input_schema["properties"]
+    projectile = {"diameter_m": 0.08, "length_m": 0.53, "mass_kg": 13.0}
+    noses = [projectile | {"nose": nose} for nose in properties["projectile"]["properties"]["nose"]["examples"]]
+    cases = [PAPER | {"projectile": each} for each in noses]
+    cases += [PAPER | {part: each} for part in ("resistance", "search") for each in properties[part]["examples"]]
+    results = converse(over_http(live_url), *(("critical_angle", case) for case in cases)).results
+    assert [text_of(result) for result in results if result.is_error] == []
+
+
+def test_list_of_tools_is_small_enough_for_the_context_of_a_model(client: httpx.Client) -> None:
+    message = {"jsonrpc": "2.0", "id": 1, "method": "tools/list"}
+    response = client.post("/mcp", json=message, headers={"Accept": "application/json, text/event-stream"})
+    assert [tool["name"] for tool in response.json()["result"]["tools"]] == NAMES
+    assert len(response.content) < 14_400
+
+
+@pytest.mark.parametrize("mode", ["auto", "legacy"])
+def test_structured_content_fits_the_schema_of_its_tool_whether_the_call_is_refused_or_not(
+    live_url: str, mode: str
+) -> None:
+    """Clients hold every result with structured content to the schema, refusals too."""
+    short = PAPER | {"projectile": PAPER["projectile"] | {"length_m": 0.1}}
+    study = PAPER | {"uncertain": UNCERTAIN, "sampling": {"max_samples": 131072}}
+    calls: list[tuple[str, dict[str, Any]]] = [
+        ("critical_angle", PAPER),
+        ("trajectory", PAPER_AT_45),
+        ("critical_angle", {}),
+        ("critical_angle", short),
+        ("trajectory", PAPER),
+        ("uncertainty", {}),
+        ("uncertainty", {"critical_angle": study}),
+        ("thickness", PAPER_AT_45 | {"more": 1}),
+    ]
+    tools, results = converse(over_http(live_url), *calls, mode=mode)
+    schemas = {tool.name: tool.output_schema for tool in tools}
+    assert [result.is_error for result in results] == [False, False] + [True] * 6
+    for (name, _), result in zip(calls, results, strict=True):
+        if result.structured_content is not None:
+            jsonschema.validate(result.structured_content, schemas[name])
+        if result.is_error:
+            assert problem_of(result)["status"] == 422
+            assert len(text_of(result)) > 20
+
+
+LONG_STUDY = PAPER | {
+    "uncertain": UNCERTAIN,
+    "sampling": {"max_samples": 16384, "half_width": 1e-4, "method": "direct"},
+    "sensitivity": False,
+}
+
+
+@pytest.mark.parametrize("mode", ["auto", "legacy"])
+def test_study_ends_with_its_client(dedicated_service: Service, mode: str) -> None:
+    url = dedicated_service.url
+
+    async def leave() -> None:
+        async with Client(over_http(url), mode=mode) as client, anyio.create_task_group() as calls:
+            await client.list_tools()
+            calls.start_soon(client.call_tool, "uncertainty", {"critical_angle": LONG_STUDY})
+            await to_thread.run_sync(wait_until, lambda: measured(url, "ricochet_cases_total") > 0)
+            calls.cancel_scope.cancel()
+
+    anyio.run(leave)
+    check_that_it_has_ended(url)
+
+
+def test_study_over_pipes_ends_with_their_input(dedicated_service: Service, tmp_path: Path) -> None:
+    url = dedicated_service.url
+    command = [sys.executable, "-W", "error", "-m", "service.cli", "mcp", "--url", url]
+    opening = {"protocolVersion": "2025-06-18", "capabilities": {}, "clientInfo": {"name": "test", "version": "1"}}
+    study = {"name": "uncertainty", "arguments": {"critical_angle": LONG_STUDY}}
+    messages: list[dict[str, Any]] = [
+        {"id": 0, "method": "initialize", "params": opening},
+        {"method": "notifications/initialized"},
+        {"id": 1, "method": "tools/call", "params": study},
+    ]
+    with subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, cwd=tmp_path, env=environment()
+    ) as process:
+        assert process.stdin is not None
+        for message in messages:
+            process.stdin.write(json.dumps({"jsonrpc": "2.0", **message}).encode() + b"\n")
+        process.stdin.flush()
+        wait_until(lambda: measured(url, "ricochet_cases_total") > 0)
+        process.stdin.close()
+        assert process.wait(60.0) == 0
+    check_that_it_has_ended(url)
+
+
+def check_that_it_has_ended(url: str) -> None:
+    """Nothing is computed any more, though the study has by far not all of its samples."""
+    wait_until(lambda: measured(url, "ricochet_queued_cases") == 0)
+    assert measured(url, "ricochet_cases_total") < 0.9 * LONG_STUDY["sampling"]["max_samples"]
+
+
+def wait_until(condition: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + 60.0
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.1)
+
+
+def measured(url: str, name: str) -> float:
+    """Sum of the values of a metric."""
+    lines = httpx.get(f"{url}/metrics", trust_env=False).text.splitlines()
+    return sum(float(line.split()[-1]) for line in lines if line.startswith((f"{name} ", f"{name}{{")))
 
 
 def test_answer_is_that_of_the_route_with_its_warnings_and_limits(live_url: str, client: httpx.Client) -> None:
@@ -152,7 +284,7 @@ def test_missing_quantity_is_an_error_that_names_it(live_url: str, tool: str, be
         body |= {"impact": PAPER["impact"]}
     [result] = converse(over_http(live_url), (tool, {before[1:]: body} if before else body)).results
     assert result.is_error
-    problem = result.structured_content["problem"]
+    problem = problem_of(result)
     assert problem["type"] == "urn:ricochet:problem:invalid-request"
     assert [error["pointer"] for error in problem["errors"]] == [f"{before}/projectile/mass_kg"]
     assert f"{before}/projectile/mass_kg: Field required" in text_of(result)
@@ -161,7 +293,7 @@ def test_missing_quantity_is_an_error_that_names_it(live_url: str, tool: str, be
 def test_study_that_takes_a_job_is_refused_with_the_bound(live_url: str) -> None:
     study = PAPER | {"uncertain": UNCERTAIN, "sampling": {"max_samples": 131072}}
     [result] = converse(over_http(live_url), ("uncertainty", {"critical_angle": study})).results
-    problem = result.structured_content["problem"]
+    problem = problem_of(result)
     assert problem["type"] == "urn:ricochet:problem:invalid-request"
     [error] = problem["errors"]
     assert error["pointer"] == "/critical_angle/sampling/max_samples"
@@ -171,7 +303,7 @@ def test_study_that_takes_a_job_is_refused_with_the_bound(live_url: str) -> None
 def test_tool_that_does_not_exist_is_a_problem_with_a_type(live_url: str) -> None:
     [result] = converse(over_http(live_url), ("ballistics", {})).results
     assert result.is_error
-    problem = result.structured_content["problem"]
+    problem = problem_of(result)
     assert (problem["type"], problem["status"]) == ("about:blank", 404)
     assert "no tool 'ballistics'" in text_of(result)
 
@@ -203,7 +335,7 @@ def test_keys_scopes_and_quotas_are_those_of_the_routes(keyed: tuple[str, dict[s
     calls = [("critical_angle", short)] * 2 + [("critical_angle", PAPER)] * 3
     results = converse(over_http(url, tokens["runs"]), *calls).results
     assert [result.is_error for result in results] == [True, True, False, False, True]
-    problem = results[4].structured_content["problem"]
+    problem = problem_of(results[4])
     assert problem["type"] == "urn:ricochet:problem:quota"
     assert problem["retry_after_s"] > 0
 
@@ -231,8 +363,8 @@ def test_command_offers_the_same_over_its_pipes(
     assert [tool.name for tool in tools] == NAMES
     assert result.structured_content["answer"] == client.post("/cra", json=PAPER).json()
     assert missing.is_error
-    pointers = [error["pointer"] for error in missing.structured_content["problem"]["errors"]]
+    pointers = [error["pointer"] for error in problem_of(missing)["errors"]]
     assert pointers == ["/projectile", "/target"]
-    problem = large.structured_content["problem"]
+    problem = problem_of(large)
     assert problem["type"] == "urn:ricochet:problem:invalid-request"
     assert [error["pointer"] for error in problem["errors"]] == ["/critical_angle/sampling/max_samples"]

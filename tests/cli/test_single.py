@@ -6,7 +6,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Iterator
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from http.server import BaseHTTPRequestHandler, SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -293,6 +293,50 @@ def test_no_service_ends_with_status_1(folder: Path) -> None:
     assert (done.status, done.out) == (1, "")
     assert done.err.startswith(f"ricochet cra: no service answers at {address}: ")
     assert run(folder, "cra", "strike.toml", "--url", "nowhere").status == 2
+
+
+def test_key_is_taken_without_the_spaces_around_it(folder: Path, moody_url: str) -> None:
+    Moody.moods = ["good"]
+    done = run(folder, "cra", "strike.toml", "--json", "--url", moody_url, RICOCHET_API_KEY=" secret\r\n")
+    assert (done.status, done.out, done.err) == (0, '{"mood": "good"}\n', "")
+
+
+@pytest.mark.parametrize("key", ["hush\nhush", "hush hush", "“hush”", "hush\u200b"])
+def test_key_with_a_stray_character_is_named_and_not_shown(folder: Path, moody_url: str, key: str) -> None:
+    Moody.moods = []
+    done = run(folder, "cra", "strike.toml", "--url", moody_url, RICOCHET_API_KEY=key)
+    assert (done.status, done.out) == (2, "")
+    assert done.err.startswith("ricochet cra: RICOCHET_API_KEY: character ")
+    assert "hush" not in done.err
+
+
+@pytest.mark.parametrize(
+    "address",
+    [
+        "http://anna:hush@127.0.0.1:{port}",
+        "http://anna:hu#sh@127.0.0.1:{port}",
+        "http://anna:hush/@127.0.0.1:{port}",
+        "http://127.0.0.1:{port}/?token=hush",
+        "ftp://anna:hush@127.0.0.1:{port}",
+        "anna:hush@127.0.0.1:{port}",
+    ],
+)
+def test_password_in_an_address_is_not_shown(folder: Path, address: str) -> None:
+    done = run(folder, "cra", "strike.toml", "--url", address.format(port=free_port()))
+    assert done.status in {1, 2}
+    assert done.err.startswith("ricochet cra: ")
+    assert "hu" not in done.err
+
+
+def test_password_in_the_address_of_another_server_is_not_shown(folder: Path) -> None:
+    with ThreadingHTTPServer(("127.0.0.1", 0), SimpleHTTPRequestHandler) as server:
+        thread = threading.Thread(target=server.serve_forever)
+        thread.start()
+        done = run(folder, "jobs", "list", "--url", f"http://anna:hush@127.0.0.1:{server.server_port}")
+        server.shutdown()
+        thread.join()
+    assert (done.status, done.out) == (1, "")
+    assert "hush" not in done.err
 
 
 def test_missing_matplotlib_is_found_before_the_computation(folder: Path) -> None:

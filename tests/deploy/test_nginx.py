@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
+from urllib.parse import urljoin
 
 import httpx
 import pytest
@@ -65,6 +66,7 @@ def configuration(folder: Path, certificate: Certificate, port: int, service_por
         "/etc/ssl/ricochet/key.pem": str(certificate.key),
         "/run/nginx.pid": f"{folder}/nginx.pid",
         "/var/log/nginx/": f"{folder}/",
+        "ssl_session_cache shared:tls:10m;": "ssl_session_cache shared:tls:10m; rewrite ^/ricochet(/.*)$ $1;",
         "http {": f"http {{ client_body_temp_path {folder}/body; proxy_temp_path {folder}/proxy;",
     }
     for before, after in own.items():
@@ -81,7 +83,7 @@ def proxy(
         pytest.skip("nginx is not there")
     folder = tmp_path_factory.mktemp("nginx")
     certificate, port, audit_log = make_certificate(folder), free_port(), folder / "audit.jsonl"
-    settings = {"access": "open", "allowed_hosts": "127.0.0.1", "executor": "in-process"}
+    settings = {"access": "open", "allowed_hosts": "127.0.0.1", "executor": "in-process", "root_path": "/ricochet"}
     with service_on(folder, trusted_proxies="127.0.0.1", audit_log=str(audit_log), **settings) as service:
         (folder / "nginx.conf").write_text(configuration(folder, certificate, port, service.url.rpartition(":")[2]))
         command = [NGINX, "-c", str(folder / "nginx.conf"), "-p", str(folder), "-g", "daemon off;"]
@@ -178,6 +180,50 @@ def test_requests_of_one_address_are_bounded(proxy: Proxy) -> None:
         assert statuses.count(429) > 0
     with proxy.client(MONITOR) as client:
         assert client.get("/version").status_code == 200
+
+
+def test_addresses_hold_below_a_prefix(proxy: Proxy) -> None:
+    """As a client follows them that knows nothing of the service but the address it has sent a request to."""
+    base = f"https://127.0.0.1:{proxy.port}"
+    with proxy.client() as client:
+
+        def follow(response: httpx.Response, reference: str) -> httpx.Response:
+            found = client.get(urljoin(str(response.url), reference))
+            assert (found.status_code, found.url.path.startswith("/ricochet/")) == (200, True), found.url
+            return found
+
+        body = {"cases": [PAPER]}
+        accepted = client.post(f"{base}/ricochet/cra/batch", json=body, headers={"Prefer": "respond-async"})
+        assert accepted.status_code == 202
+        job = follow(accepted, accepted.headers["Location"])
+        for name in ("self", "results", "events"):
+            follow(job, job.json()["links"][name])
+        assert client.post(urljoin(base, job.json()["links"]["cancel"])).status_code == 200
+        [listed] = client.get(f"{base}/ricochet/jobs").json()["jobs"]
+        assert listed["links"] == job.json()["links"]
+        waited = client.post(f"{base}/ricochet/cra/batch", json=body, headers={"Prefer": "respond-async, wait=30"})
+        assert follow(waited, waited.headers["Content-Location"]).json()["results"] == waited.json()["results"]
+        page = client.get(f"{base}/ricochet/")
+        follow(page, "page/main.js")
+        follow(page, client.get(f"{base}/ricochet/openapi.json").json()["servers"][0]["url"] + "/version")
+
+
+def test_bodies_are_refused_before_all_of_them_has_been_taken(proxy: Proxy) -> None:
+    """Those that are too long for their path by nginx, those for many cases by the service as they begin."""
+    known = len(proxy.entries())
+    for path in (b"/nothing", b"/cra", b"/jobs", b"/mcp"):
+        assert first_line(proxy, b"POST %b HTTP/1.1" % path, length=60_000_000).split()[1] == b"413"
+    assert len(proxy.entries()) == known
+    head = b"POST /cra/batch HTTP/1.1\r\nContent-Type: text/plain"
+    assert first_line(proxy, head, length=60_000_000).split()[1] == b"415"
+
+
+def first_line(proxy: Proxy, head: bytes, length: int) -> bytes:
+    """The first line of the answer to a request of whose body only the first bytes are sent."""
+    with proxy.connection(MONITOR) as connection:
+        connection.settimeout(10.0)
+        connection.sendall(b"%b\r\nHost: 127.0.0.1\r\nContent-Length: %d\r\n\r\n%b" % (head, length, b"x" * 100_000))
+        return connection.recv(4096).splitlines()[0]
 
 
 def test_metrics_are_for_the_monitor_of_this_machine_alone(proxy: Proxy) -> None:

@@ -154,6 +154,18 @@ def test_collector_that_is_down_costs_no_answer_and_no_time_at_the_end(
         assert service.process.wait(Settings().grace_seconds + 1) == 0
 
 
+def test_key_of_the_collector_is_not_logged(
+    service_on: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("OTEL_EXPORTER_OTLP_ENDPOINT", "http://127.0.0.1:9")
+    monkeypatch.setenv("OTEL_EXPORTER_OTLP_HEADERS", "authorization: Bearer hush")
+    with service_on(tmp_path, telemetry="true", executor="in-process") as service:
+        assert httpx.get(f"{service.url}/version", trust_env=False).status_code == 200
+    log = (tmp_path / "log").read_text()
+    assert "OTEL_EXPORTER_OTLP_HEADERS" in log
+    assert "hush" not in log
+
+
 def test_nothing_is_sent_nor_loaded_unless_it_is_requested(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("OTEL_EXPORTER_OTLP_ENDPOINT", "http://127.0.0.1:9")
     program = (

@@ -1,0 +1,100 @@
+"""Addresses that the service gives out below the prefix of a proxy, which passes requests on without it."""
+
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager
+
+import httpx
+import pytest
+from pydantic import ValidationError
+
+from service.schemas.strike import PAPER
+from service.settings import Settings
+from tests.conftest import Service
+
+from .owners import key_in
+
+PREFIX = "/ricochet"
+STUDY = PAPER | {
+    "uncertain": [
+        {"field": "impact.velocity_m_s", "distribution": {"type": "normal", "mean": 238.0, "standard_deviation": 2.4}}
+    ],
+    "sampling": {"max_samples": 256, "half_width": 0.2},
+    "sensitivity": False,
+}
+JOB = {"Prefer": "respond-async"}
+WAIT = {"Prefer": "respond-async, wait=60"}
+
+
+@pytest.fixture(scope="module")
+def below(
+    service_on: Callable[..., AbstractContextManager[Service]], tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[httpx.Client]:
+    """A client at the place of the proxy."""
+    folder = tmp_path_factory.mktemp("below")
+    with (
+        service_on(folder, executor="in-process", root_path=PREFIX) as service,
+        httpx.Client(base_url=service.url, trust_env=False, timeout=180.0) as client,
+    ):
+        yield client
+
+
+def passed_on(address: str) -> str:
+    """The address that the proxy passes on."""
+    assert address.startswith(f"{PREFIX}/")
+    return address.removeprefix(PREFIX)
+
+
+def test_job_and_its_links_are_below_the_prefix(below: httpx.Client) -> None:
+    accepted = below.post("/cra/batch", json={"cases": [PAPER, {}]}, headers=JOB | {"Idempotency-Key": "one"})
+    assert accepted.status_code == 422
+    accepted = below.post("/cra/batch", json={"cases": [PAPER]}, headers=JOB)
+    assert accepted.status_code == 202
+    job = below.get(passed_on(accepted.headers["Location"])).json()
+    assert job["links"] == accepted.json()["links"]
+    for name in ("self", "results", "events"):
+        assert below.get(passed_on(job["links"][name])).status_code == 200
+    assert below.post(passed_on(job["links"]["cancel"])).json()["links"] == job["links"]
+    assert job["links"] in [each["links"] for each in below.get("/jobs").json()["jobs"]]
+    assert job["links"]["cancel"] in below.get(passed_on(job["links"]["events"])).text
+
+
+def test_content_is_located_below_the_prefix(below: httpx.Client) -> None:
+    batch = below.post("/cra/batch", json={"cases": [PAPER]}, headers=WAIT)
+    study = below.post("/cra/uncertainty", json=STUDY, headers=WAIT)
+    for answer in (batch, study):
+        assert answer.status_code == 200
+        assert below.get(passed_on(answer.headers["Content-Location"])).json() == answer.json()
+
+
+def test_problems_and_the_contract_name_the_prefix(below: httpx.Client) -> None:
+    assert below.post("/cra", json={}).json()["instance"] == f"{PREFIX}/cra"
+    assert below.get("/jobs/none").json()["instance"] == f"{PREFIX}/jobs/none"
+    assert below.get("/openapi.json").json()["servers"] == [{"url": PREFIX}]
+    assert below.put("/cra").headers["Allow"] == "POST"
+
+
+def test_open_paths_stay_open_and_no_others(
+    service_on: Callable[..., AbstractContextManager[Service]], tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    folder = tmp_path_factory.mktemp("keyed")
+    (folder / "data").mkdir()
+    token = key_in(folder / "data", "anna", "read")
+    settings = {"access": "keys", "metrics_open": "true", "allowed_hosts": "a.example", "root_path": "/ricochet_1"}
+    with (
+        service_on(folder, executor="in-process", **settings) as service,
+        httpx.Client(base_url=service.url, trust_env=False, headers={"Host": "a.example"}) as client,
+    ):
+        assert client.get("/livez", headers={"Host": "other.example"}).status_code == 200
+        assert client.get("/metrics").status_code == 200
+        assert client.get("/jobs").status_code == 401
+        assert client.get("/jobs", headers={"Authorization": f"Bearer {token}"}).status_code == 200
+        shown = client.get(f"/jobs/{token}")
+        assert shown.status_code == 400
+        assert token not in shown.text
+
+
+@pytest.mark.parametrize("path", ["ricochet", "/ricochet/", "/", "//a.example", "/a b", "https://a.example/ricochet"])
+def test_prefix_is_a_path_without_a_slash_at_its_end(monkeypatch: pytest.MonkeyPatch, path: str) -> None:
+    monkeypatch.setenv("RICOCHET_ROOT_PATH", path)
+    with pytest.raises(ValidationError, match="root_path"):
+        Settings()
