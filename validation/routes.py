@@ -108,6 +108,8 @@ class End(NamedTuple):
     """At which the projectile leaves, if it does. [m/s]"""
     depth: float
     """Greatest depth of the nose tip. [m]"""
+    time: float
+    """[s]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -136,7 +138,8 @@ class Strike:
         left = exit_of(outcome, run.state.tolist(), model.body)
         _, _, _, *speeds, spin = run.state.tolist()
         energy = sum(speed**2 for speed in speeds) + model.body.moment_of_inertia / model.body.mass * spin**2
-        return End(outcome, energy / self.impact.velocity**2, left.speed if left else None, run.maximum_tip_depth)
+        speed = left.speed if left else None
+        return End(outcome, energy / self.impact.velocity**2, speed, run.maximum_tip_depth, run.time)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -235,12 +238,12 @@ def _random_nose(shape: str, radius: float, random: np.random.Generator) -> Nose
 def compare(number: int, strike: Strike) -> Comparison:
     """Compare both routes; where they differ, make the panels finer and then the ramp of the other route shorter."""
     adaptive, explained = strike.end(), ""
-    panels = strike.end(_panel_numerics(strike, COARSE))
+    panels = strike.end(_panel_numerics(strike, adaptive, COARSE))
     difference = _difference(strike, adaptive, panels)
     for resolution in FINER:
         if not difference:
             break
-        panels, explained = strike.end(_panel_numerics(strike, resolution)), PANELS
+        panels, explained = strike.end(_panel_numerics(strike, adaptive, resolution)), PANELS
         difference = _difference(strike, adaptive, panels)
     if difference:
         explained = RAMP
@@ -255,11 +258,16 @@ def compare(number: int, strike: Strike) -> Comparison:
     )
 
 
-def _panel_numerics(strike: Strike, resolution: Resolution) -> Numerics:
-    """Panels as fine as this, for as long as so many steps allow."""
+def _panel_numerics(strike: Strike, adaptive: End, resolution: Resolution) -> Numerics:
+    """Panels as fine as this, for as long as so many steps allow.
+
+    A fixed step may never see rest, so a body that rests in a half-space is followed half as long again and no longer.
+    """
     velocity = strike.impact.velocity
     step = strike.projectile.diameter / velocity / resolution.steps
     end = min(usual_termination_time(length=strike.projectile.length, velocity=velocity), MOST_STEPS * step)
+    if adaptive.outcome is Outcome.EMBEDDED and strike.target.thickness is None:
+        end = min(end, 1.5 * adaptive.time)
     return Numerics(method="panels", panels=resolution.panels, time_step=step, termination_time=end)
 
 

@@ -22,6 +22,7 @@ const WARNINGS = {
   base_strikes_first: "the tail strikes first",
   crater_at_obliquity: "a crater of normal impact",
   fixed_step_energy_gain: "time step too long",
+  implausible: "breaks a rule of every strike: a fault, please report",
   large_angle_of_attack: "large angle of attack",
   mean_density_unusual: "unlikely mean density",
   published_tests_extrapolated: "beyond the published tests",
