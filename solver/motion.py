@@ -214,6 +214,7 @@ class Termination(IntEnum):
     EXIT = 3
     STEP_LIMIT = 4
     NOT_FINITE = 5
+    """Diverged: not finite, or with far more energy than at first contact."""
     NO_STRENGTH = 6
     """Never begun: the strength factor is not above zero."""
     NONE = 7

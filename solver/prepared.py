@@ -240,7 +240,9 @@ def check_end(end: float, time: float) -> None:
         return
     if end == Termination.STEP_LIMIT:
         raise StepLimitError(f"more than {STEP_LIMIT} steps, stopped at {time:g} s")
-    raise IntegrationError(f"the motion is no longer finite at {time:g} s")
+    raise IntegrationError(
+        f"the motion diverges at {time:g} s: it is no longer finite, or has gained as much energy as it had"
+    )
 
 
 def final_tip_depth(run: Run, body: Body, time: float) -> float:

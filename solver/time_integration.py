@@ -35,6 +35,11 @@ from solver.surface import Body
 UNRESOLVED_ENERGY = 1e-2
 """Kinetic energy, over its initial value, below which a fixed step may be unable to tell motion from rest."""
 
+MOST_ENERGY = 2.0
+"""Kinetic energy, over its initial value, from which on a run has diverged: a true motion has no gain at all. With too
+few stations a body between the faces of a wall can gain without bound, in ever shorter steps; so can fixed
+steps that are too long."""
+
 
 @lean
 def _attempt_fixed_step(state: FloatArray, step: float, model: Model, work: Workspace) -> None:
@@ -95,6 +100,8 @@ def integrate_fixed(
         if before < energy < enough:
             return Run(Termination.REST, time, state, deepest, index, 4 * index, gain)
         gain = max(gain, (energy - before) / initial_energy)
+        if energy > MOST_ENERGY * initial_energy:
+            return Run(Termination.NOT_FINITE, time, state, deepest, index, 4 * index, gain)
         row = steps[index if steps.shape[0] > 1 else 0]
         store_step(row, time, step, state, work)
         end = end_of_step(row, model, work, was_loaded, loaded, energies, start[2], index == count - 1, event)
@@ -275,9 +282,6 @@ def _size(error: FloatArray, scale: FloatArray) -> float:
     return math.sqrt(total / 6.0)
 
 
-MOST_ENERGY = 2.0
-"""Kinetic energy, over its initial value, from which on a run has diverged: a true motion has no gain at all. With too
-few stations a body between the faces of a wall can gain without bound, in ever shorter steps."""
 STEP_LIMIT = 100_000
 """Reached only in a stiff phase at tolerances of 1e-8 and below."""
 FIRST_STEP, LARGEST_STEP, SMALLEST_STEP = 1e-2, 0.25, 1e-15
