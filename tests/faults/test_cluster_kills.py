@@ -70,10 +70,10 @@ def test_dask_workers_ended_during_jobs_cost_no_case(
                 job = server.until_done(job, job["counts"]["done"] + instants.randrange(cases // 4))
                 if job["status"] in UNFINISHED and width(server) == workers:
                     ended |= end_one(client, how, ended, instants)
-            job = server.finished(job)
+            job = server.finished(server.until_done(job, cases))
             assert job["status"] == "successful", job
             assert [job["counts"][name] for name in ("total", "done", "failed")] == [cases, cases, 0]
-            expected = undisturbed.finished(undisturbed.submit(body))
+            expected = undisturbed.finished(undisturbed.until_done(undisturbed.submit(body), cases))
             assert server.results(job) == undisturbed.results(expected)
             assert server.computed() == jobs * cases
         assert server.folder_faults() == []
