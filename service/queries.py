@@ -177,13 +177,13 @@ class QueryService:
         own = [case for case in cases if case.key not in shared]
         loop = asyncio.get_running_loop()
         futures: dict[str, asyncio.Future[Answered]] = {case.key: loop.create_future() for case in own}
-        self._in_flight |= futures
         compute, chunk = self.operations[operation].compute, secrets.token_hex(8)
         calls: list[Call] = [(compute_case, (compute, operation, case.key, case.json, chunk)) for case in own]
         if calls:
             calls.append((close_chunk, (chunk,)))
         running = asyncio.ensure_future(self.executor.run(calls))
         running.add_done_callback(lambda _: computed())
+        self._in_flight |= futures
         kept = asyncio.create_task(self._keep(operation, own, futures, running))
         return Chunk(futures, shared, running, kept)
 
@@ -221,8 +221,9 @@ class QueryService:
         except Exception as error:  # noqa: BLE001 (raised where the cases are waited for)
             outcomes = [error] * len(own)
         finally:
-            for (key, future), outcome in zip(futures.items(), outcomes, strict=True):
+            for key in futures:  # before anything that can fail: a key that stays is never answered again
                 del self._in_flight[key]
+            for future, outcome in zip(futures.values(), outcomes, strict=True):
                 if isinstance(outcome, Record):
                     future.set_result((outcome, "miss"))
                 else:
@@ -234,7 +235,7 @@ class QueryService:
     ) -> list[Record | Exception]:
         """Keep the results of a chunk in one file."""
         outcomes: list[Record | Exception] = []
-        for case, result in zip(own, results, strict=False):
+        for case, result in zip(own, results[: len(own)], strict=True):
             if result.error is not None:
                 outcomes.append(result.error)
             else:

@@ -24,6 +24,7 @@ from service.cli.client import Client, connect
 from service.cli.writers import progress
 from service.errors import ExecutorError, FolderInUseError
 from service.settings import Settings
+from service.workers.process_pool import socket_folder
 from solver.compilation import compilation_progress
 
 TICKS_PER_SECOND = 10
@@ -144,8 +145,11 @@ def local_server(data_dir: Path | None) -> Iterator[Client]:
         If the folder belongs to a running service, or the workers cannot be started.
     """
     previous = signal.signal(signal.SIGTERM, lambda *_: sys.exit(TERMINATED))  # unwinds the contexts below
-    with tempfile.TemporaryDirectory(prefix="ricochet-") as folder:
-        socket_path = f"{folder}/socket"
+    with (
+        tempfile.TemporaryDirectory(prefix="ricochet-") as folder,
+        tempfile.TemporaryDirectory(prefix="ricochet-", dir=socket_folder()) as sockets,
+    ):
+        socket_path = f"{sockets}/socket"
         settings = read_settings(data_dir=data_dir or Path(folder) / "data", log_level="error", access="open")
         started: Future[None] = Future()
         server = Server(create_app(settings), settings, lambda _: started.set_result(None), uds=socket_path)

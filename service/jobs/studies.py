@@ -98,9 +98,9 @@ class StudyService:
             record = await run_sync(self._queries.cache.put, Record(key, operation, request.json, found))
             return record, "miss"
         finally:
-            own.done.set_result(record)
             if self._in_flight.get(key) is own:
                 del self._in_flight[key]
+            own.done.set_result(record)
 
     async def _follow(self, other: RunningStudy, reports: Sequence[Report]) -> Record | None:
         """Wait for another computation, and pass its progress on."""

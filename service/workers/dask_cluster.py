@@ -83,9 +83,7 @@ class WorkerPlugin(Plugin):
             self._pool.run([(answer, (message,)) for message in messages])
         )
         try:
-            return await running
-        except asyncio.CancelledError:
-            return []  # to nobody
+            return await running  # cancelled when the worker closes: Dask gives the chunk to another one then
         finally:
             del self._running[key]
 

@@ -190,15 +190,15 @@ class DaskExecutor:
                 changed = asyncio.ensure_future(self.cluster.changed.wait())
                 await asyncio.wait([result, changed], return_when=asyncio.FIRST_COMPLETED)
                 changed.cancel()
-            return outcome_of(result)
+            return replies_of(result, len(messages))
         finally:
             result.add_done_callback(lambda done: done.cancelled() or done.exception())  # seen
             if not result.done():
                 await give_up(task)
 
 
-def outcome_of(result: "asyncio.Future[list[CallResult]]") -> list[CallResult]:
-    """Return what a chunk came to, or raise why there is nothing."""
+def replies_of(result: "asyncio.Future[list[CallResult]]", calls: int) -> list[CallResult]:
+    """Return the replies to a chunk of so many calls, one for each, or raise why there are none."""
     if result.cancelled():
         raise LostError("the connection was lost")
     error = result.exception()
@@ -206,7 +206,10 @@ def outcome_of(result: "asyncio.Future[list[CallResult]]") -> list[CallResult]:
         raise error
     if error is not None:
         raise LostError(f"{type(error).__name__}: {error}") from error
-    return result.result()
+    replies = result.result()
+    if len(replies) != calls:
+        raise LostError(f"{len(replies)} replies to {calls} calls")
+    return replies
 
 
 async def give_up(task: "Future[Any]") -> None:

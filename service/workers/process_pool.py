@@ -4,11 +4,13 @@ import asyncio
 import itertools
 import multiprocessing
 import os
+import tempfile
 import threading
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import suppress
+from multiprocessing.util import get_temp_dir
 from typing import Any, TypeVar, TypeVarTuple
 
 from service.errors import ExecutorError, PoolUnavailableError, TaskTimeoutError
@@ -118,6 +120,26 @@ def _cancelled_from_outside() -> bool:
     return task is not None and task.cancelling() > 0
 
 
+SOCKET_FOLDER_BYTES = 70
+"""Longest path of a folder for sockets: the names below it take 32, and macOS allows 103 in all, Linux 107."""
+
+
+def socket_folder() -> str:
+    """Return the folder for temporary files, or /tmp if the path of a socket in it would be too long."""
+    folder = tempfile.gettempdir()
+    return folder if len(os.fsencode(folder)) <= SOCKET_FOLDER_BYTES else "/tmp"  # noqa: S108 (folders in it are private)
+
+
+def prepare_fork_server() -> None:
+    """Have the fork server import nothing from the working folder, and listen where its path is short enough."""
+    os.environ["PYTHONSAFEPATH"] = "1"  # else it runs a user's solver.py or secrets.py in place of the installed one
+    usual, tempfile.tempdir = tempfile.tempdir, socket_folder()
+    try:
+        get_temp_dir()  # multiprocessing makes its folder at the first call and keeps it
+    finally:
+        tempfile.tempdir = usual
+
+
 KILL_SECONDS = 0.5
 """Kept back from the grace time to end workers that are still busy."""
 
@@ -178,6 +200,7 @@ class ProcessPool:
         PoolUnavailableError
             If one could not be started.
         """
+        prepare_fork_server()
         for supervisor in self._supervisors:
             supervisor.thread.start()
         try:

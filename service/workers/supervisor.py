@@ -114,6 +114,7 @@ class WorkerSupervisor:
     ) -> None:
         self.worker: WorkerProcess | None = None
         self.started: Future[None] = Future()
+        self.started.set_running_or_notify_cancel()  # a start that is cancelled leaves it to the thread, which sets it
         self.starts = 0  # workers that have come up
         self.thread = threading.Thread(target=self._run, name="ricochet-supervisor", daemon=True)
         self._context = context

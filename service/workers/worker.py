@@ -12,8 +12,8 @@ import sys
 import threading
 import time
 import traceback
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from multiprocessing.context import ForkServerContext
 from pathlib import Path
 from typing import Any
@@ -136,7 +136,7 @@ class WorkerProcess:
         self._channel = Channel(ours)
         self._process = context.Process(target=serve, args=(theirs,), name="ricochet-worker", daemon=True)
         try:
-            with self._starting:
+            with self._starting, existing_folder():
                 self._process.start()
         except (OSError, EOFError) as error:
             self._channel.close()
@@ -184,6 +184,23 @@ class WorkerProcess:
     def close(self) -> None:
         """Give up the channel; an idle worker ends by itself then."""
         self._channel.close()
+
+
+@contextmanager
+def existing_folder() -> Iterator[None]:
+    """Leave a working folder that has been deleted, and return to it: multiprocessing starts no process in one."""
+    try:
+        Path.cwd()
+    except FileNotFoundError:
+        deleted = os.open(".", os.O_RDONLY)
+        try:
+            os.chdir("/")
+            yield
+        finally:
+            os.fchdir(deleted)
+            os.close(deleted)
+    else:
+        yield
 
 
 def serve(end: socket.socket) -> None:

@@ -51,10 +51,10 @@ class DaskCluster:
         self.scheduler.wait()
         self.scheduler = None
 
-    def start_workers(self, count: int) -> None:
-        """Start a supervised command with so many workers, each below a nanny."""
+    def start_workers(self, count: int, *, nanny: bool = True) -> None:
+        """Start a supervised command with so many workers, each below a nanny if there is one."""
         command = self._command("worker", self.address, "--nworkers", str(count), "--nthreads", "1")
-        command += ["--host", "127.0.0.1", "--local-directory", str(self._folder)]
+        command += ["--nanny" if nanny else "--no-nanny", "--host", "127.0.0.1", "--local-directory", str(self._folder)]
         self._workers.append(self._run([sys.executable, "-c", SUPERVISED, *command]))
 
     def start_odd_worker(self) -> None:

@@ -380,3 +380,17 @@ async def test_stop_lets_chunks_finish_or_gives_them_up(pool: ProcessPool) -> No
             await chunk
     with pytest.raises(PoolUnavailableError):
         await pool.run([nap(0.0)])
+
+
+async def test_start_that_is_cancelled_leaves_no_worker_and_no_failed_thread(monkeypatch: pytest.MonkeyPatch) -> None:
+    failures: list[threading.ExceptHookArgs] = []
+    monkeypatch.setattr(threading, "excepthook", failures.append)
+    pool = ProcessPool(workers=2, task_seconds=60.0)
+    starting = asyncio.create_task(pool.start())
+    assert await until(lambda: bool(pool.worker_pids), 30.0)
+    starting.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await starting
+    assert await until(lambda: not pool.worker_pids, 30.0)
+    assert await until(lambda: not any(thread.name == "ricochet-supervisor" for thread in threading.enumerate()), 30.0)
+    assert failures == []

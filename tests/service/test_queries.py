@@ -3,6 +3,7 @@
 import asyncio
 import signal
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,7 @@ from service.errors import ComputationCancelled, QueriesWaitingError, WorkerCras
 from service.operations import Answer, KeyedRequest, Operation
 from service.queries import QueryService
 from service.schemas.quantities import Part
-from service.workers import Executor
+from service.workers import Call, CallResult, Executor
 from service.workers.process_pool import ProcessPool
 from tests.faults.data_folder import keys_of, segments
 
@@ -235,3 +236,33 @@ async def test_result_that_another_kept_after_the_look_up_is_not_kept_twice(
     answers = {key: future.result()[0].answer["number"] for key, future in late.own.items()}
     assert answers == {case.key: number for number, case in enumerate(wanted) if number}
     assert keys_of(segments(tmp_path / "data")) == {case.key: 1 for case in wanted}
+
+
+class LosesFirstChunk(ProcessPool):
+    """Returns no answer to the first chunk that it has run."""
+
+    lost = False
+
+    async def run(self, calls: Sequence[Call]) -> list[CallResult]:
+        results = await super().run(calls)
+        first, self.lost = not self.lost, True
+        return [] if first else results
+
+
+async def test_cases_whose_chunk_comes_back_without_answers_fail_and_are_answered_when_sent_again(
+    tmp_path: Path,
+) -> None:
+    pool = LosesFirstChunk(workers=1, task_seconds=60.0)
+    await pool.start()
+    try:
+        service = queries_on(tmp_path, pool)
+        requests = keyed("slow", [Question(tmp_path, number) for number in range(3)])
+        lost = service.begin("slow", requests, lambda: None)
+        await asyncio.wait([lost.kept])
+        assert [type(future.exception()) for future in lost.own.values()] == [ValueError] * 3
+        again = service.begin("slow", requests, lambda: None)
+        await asyncio.wait([again.kept])
+        assert [future.result()[0].answer["number"] for future in again.own.values()] == [0, 1, 2]
+        assert (await service.answer("slow", requests[0]))[1] == "hit"
+    finally:
+        await pool.stop(2.0)

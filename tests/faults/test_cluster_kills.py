@@ -1,0 +1,116 @@
+"""Workers of Dask are ended in the middle of jobs, in every way: each case is answered once, by the same bytes."""
+
+import os
+import random
+import signal
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+import pytest
+from distributed import Client
+
+from tests.service.dask_cluster import DaskCluster, dask_cluster
+
+from .cases import jsonl, searches
+from .server import UNFINISHED, RestartableServer
+
+pytestmark = [
+    pytest.mark.system,
+    pytest.mark.skipif(not Path("/proc/self/environ").exists(), reason="finds processes in /proc"),
+]
+SIGNALS = {"SIGTERM": signal.SIGTERM, "SIGKILL": signal.SIGKILL, "closed nanny": signal.SIGTERM}
+"""A worker without a nanny ends politely on SIGTERM, one below a nanny when that is closed."""
+POOL_WORKERS = "3"
+"""Processes of the service: more than there are workers of Dask, so that its metrics tell them apart."""
+WAIT_SECONDS = 60.0
+"""For a worker to come back: its imports and those of its pool, on a busy machine."""
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RestartableServer]:
+    """A service without a cluster, whose answers are the expected ones."""
+    with RestartableServer(tmp_path_factory.mktemp("undisturbed")) as server:
+        server.start()
+        yield server
+
+
+@pytest.mark.parametrize(
+    ("how", "workers", "kills", "cases"),
+    [
+        ("SIGTERM", 2, 1, 400),
+        ("SIGKILL", 1, 1, 400),
+        ("closed nanny", 1, 1, 400),
+        *(
+            pytest.param(how, workers, 20, 2000, marks=[pytest.mark.slow, pytest.mark.timeout(1800)])
+            for how in SIGNALS
+            for workers in (1, 2)
+        ),
+    ],
+)
+def test_dask_workers_ended_during_jobs_cost_no_case(
+    how: str, workers: int, kills: int, cases: int, undisturbed: RestartableServer, tmp_path: Path
+) -> None:
+    instants, ended, jobs = random.Random(0), set[int](), 0  # noqa: S311
+    with (
+        workers_alone(tmp_path, workers, nanny=how != "SIGTERM") as cluster,
+        RestartableServer(
+            tmp_path / "killed", executor="dask", dask_scheduler=cluster.address, workers=POOL_WORKERS
+        ) as server,
+        Client(cluster.address, set_as_default=False) as client,  # type: ignore[no-untyped-call]
+    ):
+        server.start()
+        while len(ended) < kills:
+            until_width(server, workers)
+            body = jsonl(searches(cases, first=jobs * cases))
+            job = server.submit(body)
+            jobs += 1
+            while job["status"] in UNFINISHED and len(ended) < kills:
+                job = server.until_done(job, job["counts"]["done"] + instants.randrange(cases // 4))
+                if job["status"] in UNFINISHED and width(server) == workers:
+                    ended |= end_one(client, how, ended, instants)
+            job = server.finished(server.until_done(job, cases))
+            assert job["status"] == "successful", job
+            assert [job["counts"][name] for name in ("total", "done", "failed")] == [cases, cases, 0]
+            expected = undisturbed.finished(undisturbed.until_done(undisturbed.submit(body), cases))
+            assert server.results(job) == undisturbed.results(expected)
+            assert server.computed() == jobs * cases
+        assert server.folder_faults() == []
+        server.stop()
+        assert server.logged_errors() == []
+
+
+@contextmanager
+def workers_alone(folder: Path, workers: int, *, nanny: bool) -> Iterator[DaskCluster]:
+    """A cluster in which each worker belongs to a supervised command, so that it can be ended alone."""
+    with dask_cluster(folder, workers=0) as cluster:
+        for _ in range(workers):
+            cluster.start_workers(1, nanny=nanny)
+        yield cluster
+
+
+def width(server: RestartableServer) -> int:
+    """Chunks that the service has computed at the same time: workers of Dask or, without any, of its pool."""
+    lines = server.client.get("/metrics").raise_for_status().text.splitlines()
+    return next(int(float(line.split()[1])) for line in lines if line.startswith("ricochet_chunk_width "))
+
+
+def until_width(server: RestartableServer, workers: int) -> None:
+    """Wait until the service uses so many workers of Dask."""
+    deadline = time.monotonic() + WAIT_SECONDS
+    while width(server) != workers:
+        assert time.monotonic() < deadline
+        time.sleep(0.1)
+
+
+def end_one(client: Client, how: str, before: set[int], instants: random.Random) -> set[int]:
+    """End one of the workers that are up; return its process id, if there is one that has not been ended before."""
+    parents = client.run(lambda: (os.getpid(), os.getppid()), on_error="ignore")
+    victims = {worker: nanny for worker, nanny in parents.values() if worker not in before}
+    if not victims:
+        return set()
+    worker = instants.choice(sorted(victims))
+    with suppress(ProcessLookupError):
+        os.kill(victims[worker] if how == "closed nanny" else worker, SIGNALS[how])
+    return {worker}
