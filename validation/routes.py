@@ -68,8 +68,10 @@ class Resolution(NamedTuple):
 
 
 COARSE = Resolution(4_000, 40.0)
-FINER = (Resolution(16_000, 160.0), Resolution(64_000, 640.0), Resolution(256_000, 640.0))
+FINER = (Resolution(16_000, 160.0), Resolution(64_000, 640.0))
 """Where the coarse ones differ, their own error is the reason if the difference goes away with these."""
+FINEST = Resolution(256_000, 640.0)
+"""Minutes for one strike: only where neither the finer ones nor a shorter ramp take a difference away."""
 
 
 class Combination(NamedTuple):
@@ -238,6 +240,7 @@ def _random_nose(shape: str, radius: float, random: np.random.Generator) -> Nose
 def compare(number: int, strike: Strike) -> Comparison:
     """Compare both routes; where they differ, make the panels finer and then the ramp of the other route shorter."""
     adaptive, explained = strike.end(), ""
+    sharp = adaptive
     panels = strike.end(_panel_numerics(strike, adaptive, COARSE))
     difference = _difference(strike, adaptive, panels)
     for resolution in FINER:
@@ -246,8 +249,12 @@ def compare(number: int, strike: Strike) -> Comparison:
         panels, explained = strike.end(_panel_numerics(strike, adaptive, resolution)), PANELS
         difference = _difference(strike, adaptive, panels)
     if difference:
-        explained = RAMP
-        difference = _difference(strike, strike.end(ramp_share=SHORT_RAMP), panels)
+        sharp, explained = strike.end(ramp_share=SHORT_RAMP), RAMP
+        difference = _difference(strike, sharp, panels)
+    if difference:
+        panels = strike.end(_panel_numerics(strike, adaptive, FINEST))
+        explained = PANELS if not _difference(strike, adaptive, panels) else RAMP
+        difference = _difference(strike, adaptive if explained == PANELS else sharp, panels)
     return Comparison(
         number=number,
         strike=strike,
@@ -261,12 +268,13 @@ def compare(number: int, strike: Strike) -> Comparison:
 def _panel_numerics(strike: Strike, adaptive: End, resolution: Resolution) -> Numerics:
     """Panels as fine as this, for as long as so many steps allow.
 
-    A fixed step may never see rest, so a body that rests in a half-space is followed half as long again and no longer.
+    A fixed step may never see rest, so a body that rests in the target is followed half as long again and no longer.
     """
     velocity = strike.impact.velocity
     step = strike.projectile.diameter / velocity / resolution.steps
     end = min(usual_termination_time(length=strike.projectile.length, velocity=velocity), MOST_STEPS * step)
-    if adaptive.outcome is Outcome.EMBEDDED and strike.target.thickness is None:
+    rear = math.inf if strike.target.thickness is None else strike.target.thickness
+    if adaptive.outcome is Outcome.EMBEDDED and adaptive.depth < rear:
         end = min(end, 1.5 * adaptive.time)
     return Numerics(method="panels", panels=resolution.panels, time_step=step, termination_time=end)
 
