@@ -2,10 +2,10 @@
 
 import asyncio
 import math
-from collections.abc import AsyncGenerator, AsyncIterator, Callable, Sequence
+from collections.abc import AsyncGenerator, AsyncIterator, Callable, Coroutine, Sequence
 from contextlib import aclosing, suppress
 from http import HTTPStatus
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
 import orjson
 from anyio import CancelScope
@@ -17,6 +17,7 @@ from service.api.body import JSON, JSONL, Preference, choose, read_preference
 from service.api.results import CSV, as_array, as_csv, as_lines, csv_head, csv_rows, to_item, to_lines
 from service.api.services import services_of
 from service.auth.dependencies import context_in
+from service.errors import PoolUnavailableError
 from service.jobs.manager import JobManager
 from service.jobs.models import CaseResult, Charge, Idempotency, JobCase, JobState, Sweep
 from service.operations import OPERATIONS
@@ -24,6 +25,8 @@ from service.operations import OPERATIONS
 FORMS = (JSON, JSONL, CSV)
 VARY = {"Vary": "Prefer, Accept"}
 SHORTEST_RETRY, LONGEST_RETRY = 1, 60  # [s]
+
+Result = TypeVar("Result")
 
 IdempotencyKey = Annotated[
     str,
@@ -244,6 +247,40 @@ async def until(stopping: asyncio.Event, changes: AsyncGenerator[JobState, None]
                 yield state
         finally:
             stopped.cancel()
+
+
+async def unless_left(request: Request, work: Coroutine[Any, Any, Result]) -> Result:
+    """Return the result of work; cancel it once the client has left or the service is stopping.
+
+    Raises
+    ------
+    HTTPException
+        400 if the client has left.
+    PoolUnavailableError
+        If the service is stopping.
+    """
+    working = asyncio.ensure_future(work)
+    left = asyncio.ensure_future(disconnected(request))
+    stopping = asyncio.ensure_future(services_of(request).stopping.wait())
+    try:
+        await asyncio.wait([working, left, stopping], return_when=asyncio.FIRST_COMPLETED)
+    finally:
+        left.cancel()
+        stopping.cancel()
+        if not working.done():
+            working.cancel()
+            await asyncio.wait([working])
+    if not working.cancelled():
+        return working.result()
+    if left.done() and not left.cancelled():
+        raise HTTPException(HTTPStatus.BAD_REQUEST, "the client has left")
+    raise PoolUnavailableError("the service is stopping")
+
+
+async def disconnected(request: Request) -> None:
+    """Return once the client has closed the connection, after the body has been read."""
+    while (await request.receive())["type"] != "http.disconnect":
+        pass
 
 
 async def settle(task: asyncio.Future[Any]) -> None:
