@@ -18,7 +18,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 
-from service.cache.hdf5 import Segment, encode_segments, read_keys, read_records
+from service.cache.hdf5 import Segment, encode_segments, read_keys
 from service.cache.index import Index, Journal, Location, Statistics, discard_database
 from service.cache.record import RecentRecords, Record
 from service.cache.segments import FolderLock, Segments, discard, name_of
@@ -317,7 +317,7 @@ class ResultCache:
     def _read(self, name: str, rows: Mapping[str, int]) -> dict[str, Record]:
         """Results in these rows of a segment."""
         with self._missing(name):
-            records = read_records(self._segments.path(name).read_bytes(), rows.values())
+            records = self._segments.decoded(name).records(rows.values())
             if [record.key for record in records] != list(rows):
                 self._index.drop([name])  # it was wrong
                 self._adopt(name)

@@ -17,7 +17,7 @@ from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
 
-from service.cache.hdf5 import check
+from service.cache.hdf5 import DecodedSegment, check
 from service.errors import FolderInUseError
 
 FILE = re.compile(r"[0-9a-f]{32}\.h5")
@@ -87,6 +87,7 @@ class Segments:
         self._damaged = folder / "damaged"
         self._numbers = itertools.count()
         self._whole: dict[str, tuple[int, int]] = {}
+        self._latest: tuple[str, tuple[int, int], DecodedSegment] | None = None
 
     def sweep(self) -> None:
         """Remove what a crash left half written, and make the folder: it is copied when there is none in it too."""
@@ -152,6 +153,21 @@ class Segments:
         if self._whole.get(name) != signature:
             check(self.path(name).read_bytes())
             self._remember(name, signature)
+
+    def decoded(self, name: str) -> DecodedSegment:
+        """Content of a segment; that of the latest is kept, as a job is read in pieces smaller than a segment.
+
+        Raises
+        ------
+        DamagedFileError
+            If it is not what was written.
+        OSError
+            If it cannot be read.
+        """
+        signature, latest = _signature(self.path(name)), self._latest
+        if latest is None or latest[:2] != (name, signature):
+            self._latest = latest = (name, signature, DecodedSegment(self.path(name).read_bytes()))
+        return latest[2]
 
     def remove(self, names: Sequence[str]) -> None:
         """Remove segments.
