@@ -272,15 +272,21 @@ class JobManager:
         return await self._thread(self._jobs.partial, job.number)
 
     async def results(
-        self, name: str, *, start: int = 0, limit: int | None = None
-    ) -> AsyncGenerator[list[CaseResult], None]:
-        """Yield what is ready of a job, in order, in blocks of up to 200, from case `start` on.
+        self,
+        name: str,
+        use: Callable[[list[CaseResult]], Value],
+        *,
+        start: int = 0,
+        limit: int | None = None,
+    ) -> AsyncGenerator[Value, None]:
+        """Yield what `use` makes of the results that are ready of a job, in order, in blocks, from case `start` on.
 
         Ends at the first case that is not ready yet; if the job has ended, such cases are left out. What the cache has
-        lost is computed again.
+        lost is computed again. `use` is called in a thread, for two blocks of all jobs at a time, so that readers take
+        memory for what they send alone.
         """
-        async for results in self._reader.read(lambda: self._state(name), start, limit):
-            yield results
+        async for used in self._reader.read(lambda: self._state(name), use, start, limit):
+            yield used
 
     async def cancel(self, name: str, owner: str | None = OWNER) -> JobState | None:
         """End the job as it is, if it has not ended; return it."""
