@@ -217,7 +217,9 @@ async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         services.cache = stack.enter_context(
             ResultCache(settings.data_dir, memory_bytes=settings.memory_cache_bytes, disk_bytes=for_results)
         )
-        services.downloads = downloads.Downloads(settings.data_dir / downloads.FOLDER, for_downloads)
+        services.downloads = downloads.Downloads(
+            settings.data_dir / downloads.FOLDER, for_downloads, services.cache.check_folder
+        )
         services.downloads.clear()
         services.executor = executor_for(settings)
         await services.executor.start()
@@ -231,7 +233,7 @@ async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         )
         services.jobs = JobManager(
             services.queries,
-            JobStore(settings.data_dir, job_days=settings.job_days),
+            JobStore(settings.data_dir, job_days=settings.job_days, check_folder=services.cache.check_folder),
             max_queued_cases=settings.max_queued_cases,
             count=services.metrics.count,
             give_back=services.quotas.give_back,

@@ -34,11 +34,14 @@ class Downloads:
         Where they are; made when it is needed.
     most_bytes
         How much is kept. A larger file is made for one client at a time, and gone once that has been sent.
+    check_folder
+        Called before anything is written; raises StorageError if nothing may be.
     """
 
-    def __init__(self, folder: Path, most_bytes: int) -> None:
+    def __init__(self, folder: Path, most_bytes: int, check_folder: Callable[[], None]) -> None:
         self._folder = folder
         self._most_bytes = most_bytes
+        self._check_folder = check_folder
         self._kept: OrderedDict[str, int] = OrderedDict()
         """Sizes by name, the latest used last."""
         self._turns = asyncio.Semaphore(WRITTEN_AT_ONCE)
@@ -57,7 +60,7 @@ class Downloads:
         Raises
         ------
         StorageError
-            If the disk has no room for it.
+            If the disk has no room for it, or the data folder has been replaced.
         """
         lock = self._writing.setdefault(name, asyncio.Lock())
         async with lock:
@@ -80,6 +83,7 @@ class Downloads:
 
     async def _write(self, name: str, write: Callable[[Path], Awaitable[None]], *, keep: bool) -> BufferedReader:
         path = self._folder / f"{token_hex(16)}.partial"
+        await run_sync(self._check_folder)
         try:
             await run_sync(lambda: path.parent.mkdir(parents=True, exist_ok=True))
             await write(path)

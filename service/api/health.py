@@ -14,6 +14,7 @@ from pydantic import Field
 from service.api.contract import problems
 from service.api.services import services_of
 from service.auth.dependencies import READ
+from service.errors import StorageError
 from service.operations import SCHEMA_VERSION
 from service.schemas.quantities import Part, with_examples
 from solver import ENGINE_VERSION
@@ -55,6 +56,10 @@ async def readyz(request: Request) -> Health:
         raise HTTPException(HTTPStatus.SERVICE_UNAVAILABLE, services.executor.last_error)
     if not await run_sync(services.cache.writable):
         raise HTTPException(HTTPStatus.SERVICE_UNAVAILABLE, f"results cannot be written: {services.cache.last_error}")
+    try:
+        await services.jobs.check()
+    except StorageError as error:
+        raise HTTPException(HTTPStatus.SERVICE_UNAVAILABLE, f"jobs cannot be stored: {error}") from error
     return Health(status="ok")
 
 

@@ -22,7 +22,7 @@ from service.cache.hdf5 import Segment, encode_segments, read_keys
 from service.cache.index import Index, Journal, Location, Statistics, discard_database
 from service.cache.record import RecentRecords, Record
 from service.cache.segments import FolderLock, Segments, discard, name_of
-from service.errors import DamagedFileError
+from service.errors import DamagedFileError, FolderReplacedError
 
 NOT_CACHED = "result_not_cached"
 KEY = re.compile(r"[0-9a-f]{64}")
@@ -161,9 +161,21 @@ class ResultCache:
         detail = f"this result was not stored: {self.last_error}"
         return [record.with_warning(NOT_CACHED, detail) if record.key in lost else record for record in records]
 
+    def check_folder(self) -> None:
+        """See that the data folder is the one that was opened.
+
+        Raises
+        ------
+        FolderReplacedError
+            If it has been removed or replaced.
+        """
+        if self._lock is not None:
+            self._lock.check()
+
     def writable(self) -> bool:
         """Try whether results can be written now."""
         with self._noting():
+            self.check_folder()
             discard(self._segments.stage(PROBE))
             self._note(None)
             return True
@@ -178,6 +190,7 @@ class ResultCache:
         with self._noting():
             self._index.flush()  # the order they go in; a full disk may refuse it, but not what makes it less full
         with self._noting():
+            self.check_folder()
             while self._index.statistics.bytes > limit:
                 excess, names = self._index.statistics.bytes - limit, []
                 for name, size in self._index.oldest(EVICTED_AT_ONCE, but=keep):
@@ -260,6 +273,7 @@ class ResultCache:
 
     def _add_to_journal(self, journal: Journal, record: Record) -> bool:
         with self._noting():
+            self.check_folder()
             journal.add(record)
             self._pending[record.key] = record
             self._note(None)
@@ -280,6 +294,7 @@ class ResultCache:
     def _store(self, keys: Sequence[str], content: bytes) -> bool:
         name = name_of(keys)
         with self._noting():
+            self.check_folder()
             staged = self._segments.stage(content)
             with self._changing:
                 self._segments.place(staged, name)
@@ -353,6 +368,7 @@ class ResultCache:
                     if not self._segments.path(name).exists():  # nor written anew meanwhile
                         self._index.drop([name])
             except DamagedFileError as error:
+                self.check_folder()
                 with self._changing:
                     self._segments.set_aside(name, str(error))
                     self._index.drop([name])
@@ -362,10 +378,10 @@ class ResultCache:
         """Note what the disk refuses, and go on behind the block."""
         try:
             yield
-        except (OSError, sqlite3.Error) as error:
+        except (OSError, sqlite3.Error, FolderReplacedError) as error:
             self._note(error)
 
-    def _note(self, error: OSError | sqlite3.Error | None) -> None:
+    def _note(self, error: Exception | None) -> None:
         last_error = None if error is None else getattr(error, "strerror", None) or str(error) or type(error).__name__
         if last_error != self.last_error:
             log.warning("cache folder %s: %s", self._folder, error or "written again")

@@ -18,7 +18,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from service.cache.hdf5 import DecodedSegment, check
-from service.errors import FolderInUseError
+from service.errors import FolderInUseError, FolderReplacedError
 
 FILE = re.compile(r"[0-9a-f]{32}\.h5")
 MOST_REMEMBERED = 100_000
@@ -45,15 +45,33 @@ class FolderLock:
 
     def __init__(self, folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
-        self._file: int | None = os.open(folder / "lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+        self._path = folder / "lock"
+        self._file: int | None = os.open(self._path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
         try:
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            self.check()
         except BlockingIOError:
             self.release()
             raise FolderInUseError(f"the data folder {folder} is in use by another service") from None
-        except OSError:
+        except (OSError, FolderReplacedError):
             self.release()
             raise
+
+    def check(self) -> None:
+        """See that the path still leads to the folder that is locked; another service can have what stands there now.
+
+        Raises
+        ------
+        FolderReplacedError
+            If it does not.
+        """
+        if self._file is not None:
+            try:
+                same = os.path.samestat(os.fstat(self._file), self._path.stat())
+            except FileNotFoundError:
+                same = False
+            if not same:
+                raise FolderReplacedError("the data folder has been removed or replaced; start the service again")
 
     def release(self) -> None:
         """Give the folder up."""

@@ -4,14 +4,15 @@ Write-ahead log with a sync at each commit: a transaction is there whole after a
 """
 
 import logging
+import os
 import sqlite3
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from service.errors import StorageError
+from service.errors import FolderReplacedError, StorageError
 
 LAYOUT = 1
 """Raised when the tables change."""
@@ -117,10 +118,14 @@ class Database:
     ----------
     path
         Path of the file; made if it is not there. One that is no database, or a damaged one, is set aside.
+    check
+        Called before anything is written; raises StorageError if nothing may be.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, check: Callable[[], None] = lambda: None) -> None:
         self._path = path
+        self._check = check
+        self._opened: os.stat_result | None = None
         self._checked = False
         self._opening = threading.Lock()
         self._locks = {"write": threading.Lock(), "read": threading.Lock()}
@@ -169,14 +174,34 @@ class Database:
                 connection = self._connections.pop(kind, None)
                 if connection is not None:
                     connection.close()
+        self._opened = None
+
+    def check(self) -> None:
+        """See that what is written goes to the file of this path, and not to one that was there before.
+
+        Raises
+        ------
+        StorageError
+            If it does not.
+        """
+        self._check()
+        try:
+            same = self._opened is None or os.path.samestat(self._opened, self._path.stat())
+        except FileNotFoundError:
+            same = False
+        if not same:
+            raise FolderReplacedError(f"{self._path.name} has been removed or replaced; start the service again")
 
     @contextmanager
     def _connected(self, kind: str) -> Iterator[sqlite3.Connection]:
         with self._locks[kind]:
             try:
+                if kind == "write" or kind not in self._connections:
+                    self.check()
                 if kind not in self._connections:
                     with self._opening:
                         self._connections[kind] = self._open()
+                        self._opened = self._path.stat()
                 yield self._connections[kind]
             except (sqlite3.Error, OSError) as error:
                 raise StorageError(f"jobs cannot be stored: {reason(error)}") from error

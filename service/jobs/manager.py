@@ -124,6 +124,16 @@ class JobManager:
             log.warning("%s", error)
         self._tasks = [asyncio.create_task(self._scheduler.run()), asyncio.create_task(self._expire())]
 
+    async def check(self) -> None:
+        """See that jobs can be accepted as far as their file goes.
+
+        Raises
+        ------
+        StorageError
+            If it, or the data folder, has been removed or replaced.
+        """
+        await self._thread(self._jobs.check)
+
     async def stop(self) -> None:
         """Give up what is being computed: the next start goes on with it."""
         self._stopping = True
