@@ -9,7 +9,7 @@ from anyio.to_thread import run_sync
 from fastapi import APIRouter, HTTPException, Request, Response
 from fastapi.responses import PlainTextResponse
 from prometheus_client import CONTENT_TYPE_LATEST, generate_latest
-from pydantic import Field
+from pydantic import MISSING, Field
 
 from service.api.contract import problems
 from service.api.services import services_of
@@ -24,12 +24,19 @@ router = APIRouter(tags=["health"])
 LIBRARIES = ("ricochet", "fastapi", "h5py", "numba", "numpy", "pydantic", "scipy", "uvicorn")
 
 
+MOST_NAMES = 5
+"""Damaged files that are named; there may be thousands."""
+
+
 class Health(Part):
     """How the service is."""
 
     model_config = with_examples({"status": "ok"})
 
     status: Literal["ok"]
+    warnings: (
+        Annotated[list[str], Field(description="What somebody should look at, though the service works.")] | MISSING
+    ) = MISSING
 
 
 class Version(Part):
@@ -60,6 +67,9 @@ async def readyz(request: Request) -> Health:
         await services.jobs.check()
     except StorageError as error:
         raise HTTPException(HTTPStatus.SERVICE_UNAVAILABLE, f"jobs cannot be stored: {error}") from error
+    if damaged := await run_sync(services.cache.set_aside):
+        text = f"{', '.join(damaged[-MOST_NAMES:])}: damaged, {len(damaged)} in all; see the log and the folder damaged"
+        return Health(status="ok", warnings=[text])
     return Health(status="ok")
 
 

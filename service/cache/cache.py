@@ -181,6 +181,13 @@ class ResultCache:
             return True
         return False
 
+    def set_aside(self) -> list[str]:
+        """Names of the damaged files of the data folder that nobody has removed yet."""
+        try:
+            return sorted(path.name for path in (self._folder / "damaged").iterdir())
+        except OSError:
+            return []
+
     def statistics(self) -> Statistics:
         """What is on disk."""
         return self._index.statistics

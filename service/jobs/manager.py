@@ -40,6 +40,8 @@ CHUNKS_KEPT = 2
 EXPIRY_SECONDS = 3600.0
 RETRY_SECONDS = 5.0
 """Between looks at a folder of jobs that could not be read at the start."""
+CHECKPOINT_SECONDS = 5.0
+"""What a damaged log costs at most of the jobs: some milliseconds of work, if anything was written since."""
 CHANGE_SECONDS = 0.2
 """Between two changes sent of a job: more than anyone reads."""
 OWNER = "local"
@@ -122,7 +124,9 @@ class JobManager:
             await self._go_on()
         except StorageError as error:
             log.warning("%s", error)
-        self._tasks = [asyncio.create_task(self._scheduler.run()), asyncio.create_task(self._expire())]
+        self._tasks = [
+            asyncio.create_task(work) for work in (self._scheduler.run(), self._expire(), self._checkpoint())
+        ]
 
     async def check(self) -> None:
         """See that jobs can be accepted as far as their file goes.
@@ -437,6 +441,12 @@ class JobManager:
             with suppress(StorageError):
                 await self._go_on()
                 await self._thread(self._jobs.expire)
+
+    async def _checkpoint(self) -> None:
+        while True:
+            await asyncio.sleep(CHECKPOINT_SECONDS)
+            with suppress(StorageError):
+                await self._thread(self._jobs.checkpoint)
 
     async def _thread(self, function: Callable[..., Value], *arguments: Any) -> Value:
         return await run_sync(function, *arguments)

@@ -316,6 +316,10 @@ class JobStore:
         """See that jobs would be stored where the next start looks for them."""
         self._database.check()
 
+    def checkpoint(self) -> None:
+        """Move what stands in the log of the database into the file itself."""
+        self._database.checkpoint()
+
     def close(self) -> None:
         """Let go of the file."""
         self._database.close()
