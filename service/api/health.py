@@ -22,8 +22,6 @@ from solver import ENGINE_VERSION
 router = APIRouter(tags=["health"])
 
 LIBRARIES = ("ricochet", "fastapi", "h5py", "numba", "numpy", "pydantic", "scipy", "uvicorn")
-
-
 MOST_NAMES = 5
 """Damaged files that are named; there may be thousands."""
 

@@ -371,6 +371,7 @@ class ResultCache:
             try:
                 yield
             except FileNotFoundError:
+                self.check_folder()
                 with self._changing:
                     if not self._segments.path(name).exists():  # nor written anew meanwhile
                         self._index.drop([name])
