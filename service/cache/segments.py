@@ -13,6 +13,7 @@ import logging
 import os
 import re
 import shutil
+import threading
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -106,6 +107,7 @@ class Segments:
         self._numbers = itertools.count()
         self._whole: dict[str, tuple[int, int]] = {}
         self._latest: tuple[str, tuple[int, int], DecodedSegment] | None = None
+        self._decoding = threading.Lock()
 
     def sweep(self) -> None:
         """Remove what a crash left half written, and make the folder: it is copied when there is none in it too."""
@@ -182,10 +184,12 @@ class Segments:
         OSError
             If it cannot be read.
         """
-        signature, latest = _signature(self.path(name)), self._latest
-        if latest is None or latest[:2] != (name, signature):
-            self._latest = latest = (name, signature, DecodedSegment(self.path(name).read_bytes()))
-        return latest[2]
+        with self._decoding:  # another reader may be about to need the same
+            signature, latest = _signature(self.path(name)), self._latest
+            if latest is None or latest[:2] != (name, signature):
+                latest = self._latest = None  # before as much memory is taken again
+                latest = self._latest = (name, signature, DecodedSegment(self.path(name).read_bytes()))
+            return latest[2]
 
     def remove(self, names: Sequence[str]) -> None:
         """Remove segments.
