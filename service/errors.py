@@ -188,6 +188,10 @@ class StorageError(ServiceError):
     title = "Nothing can be stored now"
 
 
+class FolderReplacedError(StorageError):
+    """The path of the data folder, or of a file in it, leads to something else than when it was opened."""
+
+
 class DamagedCasesError(ServiceError):
     """What was stored of a block of cases cannot be read.
 

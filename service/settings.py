@@ -321,8 +321,9 @@ class CacheSettings(BaseSettings):
         int,
         Field(
             ge=0,
-            description="Disk for results; those used longest ago go first. Ten million critical angles or a hundred "
-            "thousand histories: more than most request, less than a disk holds.",
+            description="Disk for results, a tenth of it for files of whole jobs that have been downloaded; those used "
+            "longest ago go first. Ten million critical angles or a hundred thousand histories: more than most "
+            "request, less than a disk holds.",
         ),
     ] = 10 * 1024**3
 

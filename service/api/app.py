@@ -3,7 +3,6 @@
 import asyncio
 import ctypes
 import logging
-import shutil
 from collections.abc import AsyncIterator
 from contextlib import AsyncExitStack, asynccontextmanager
 from functools import cache
@@ -18,11 +17,11 @@ from starlette.middleware.gzip import DEFAULT_EXCLUDED_CONTENT_TYPES, GZipMiddle
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from service import telemetry
-from service.api import batches, health, jobs, mcp, page, queries, results, studies, umbridge
+from service.api import batches, downloads, health, jobs, mcp, page, queries, results, studies, umbridge
 from service.api.body import KnownBodies
 from service.api.connection import BodyTimeoutMiddleware, HeadMiddleware
 from service.api.contract import declare_access, declare_bodies, declare_events, declare_problems
-from service.api.results import DOWNLOADS, HDF5, PARQUET
+from service.api.results import HDF5, PARQUET
 from service.api.services import READING_THREADS, Metrics, Services, executor_for
 from service.auth.api_keys import ApiKeyStore
 from service.auth.dependencies import ConcurrencyLimit, authorize_unrouted
@@ -213,10 +212,15 @@ async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         await stack.enter_async_context(memory_kept_small())
         if services.traces is not None:
             stack.push_async_callback(telemetry.finish_traces, services.traces, TRACES_SECONDS)
+        for_downloads = round(downloads.SHARE * settings.cache_bytes)
+        for_results = settings.cache_bytes - for_downloads
         services.cache = stack.enter_context(
-            ResultCache(settings.data_dir, memory_bytes=settings.memory_cache_bytes, disk_bytes=settings.cache_bytes)
+            ResultCache(settings.data_dir, memory_bytes=settings.memory_cache_bytes, disk_bytes=for_results)
         )
-        shutil.rmtree(settings.data_dir / DOWNLOADS, ignore_errors=True)
+        services.downloads = downloads.Downloads(
+            settings.data_dir / downloads.FOLDER, for_downloads, services.cache.check_folder
+        )
+        services.downloads.clear()
         services.executor = executor_for(settings)
         await services.executor.start()
         stack.push_async_callback(services.executor.stop, POOL_SECONDS)
@@ -229,7 +233,7 @@ async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         )
         services.jobs = JobManager(
             services.queries,
-            JobStore(settings.data_dir, job_days=settings.job_days),
+            JobStore(settings.data_dir, job_days=settings.job_days, check_folder=services.cache.check_folder),
             max_queued_cases=settings.max_queued_cases,
             count=services.metrics.count,
             give_back=services.quotas.give_back,

@@ -5,7 +5,7 @@ import math
 from collections.abc import AsyncGenerator, AsyncIterator, Callable, Sequence
 from contextlib import aclosing, suppress
 from http import HTTPStatus
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
 import orjson
 from anyio import CancelScope
@@ -14,7 +14,7 @@ from fastapi.responses import StreamingResponse
 
 from service.api.batch_body import BatchBody
 from service.api.body import JSON, JSONL, Preference, choose, read_preference
-from service.api.results import CSV, as_array, as_csv, as_lines, csv_head, csv_rows, to_item, to_lines
+from service.api.results import CSV, ReadyResults, as_array, as_csv, as_lines, csv_head, csv_rows, to_item, to_lines
 from service.api.services import services_of
 from service.auth.dependencies import context_in
 from service.jobs.manager import JobManager
@@ -24,6 +24,8 @@ from service.operations import OPERATIONS
 FORMS = (JSON, JSONL, CSV)
 VARY = {"Vary": "Prefer, Accept"}
 SHORTEST_RETRY, LONGEST_RETRY = 1, 60  # [s]
+
+Result = TypeVar("Result")
 
 IdempotencyKey = Annotated[
     str,
@@ -185,15 +187,13 @@ class BatchResponse(JobResponse):
         return Response(content, media_type=self.form, headers={**VARY, "Cache-Status": status})
 
     def _answer_all(self, state: JobState, sweep: Sweep | None, headers: dict[str, str]) -> Response:
-        blocks = self._jobs.results(state.id)
-        path = f"{self.root}/jobs/{state.id}/results"
+        ready, path = ReadyResults(self._jobs, state, sweep), f"{self.root}/jobs/{state.id}/results"
         if self.form == CSV:
-            content = as_csv(blocks, self.operation, sweep)
+            content = as_csv(ready)
         else:
-            content = as_lines(blocks, path, sweep) if self.form == JSONL else as_array(blocks, path, sweep)
-        return StreamingResponse(
-            closing(content, blocks), media_type=self.form, headers={**headers, "Content-Location": path}
-        )
+            content = as_lines(ready, path) if self.form == JSONL else as_array(ready, path)
+        headers = {**headers, "Content-Location": path}
+        return StreamingResponse(content, media_type=self.form, headers=headers)
 
 
 async def take(

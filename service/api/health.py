@@ -9,11 +9,12 @@ from anyio.to_thread import run_sync
 from fastapi import APIRouter, HTTPException, Request, Response
 from fastapi.responses import PlainTextResponse
 from prometheus_client import CONTENT_TYPE_LATEST, generate_latest
-from pydantic import Field
+from pydantic import MISSING, Field
 
 from service.api.contract import problems
 from service.api.services import services_of
 from service.auth.dependencies import READ
+from service.errors import StorageError
 from service.operations import SCHEMA_VERSION
 from service.schemas.quantities import Part, with_examples
 from solver import ENGINE_VERSION
@@ -21,6 +22,8 @@ from solver import ENGINE_VERSION
 router = APIRouter(tags=["health"])
 
 LIBRARIES = ("ricochet", "fastapi", "h5py", "numba", "numpy", "pydantic", "scipy", "uvicorn")
+MOST_NAMES = 5
+"""Damaged files that are named; there may be thousands."""
 
 
 class Health(Part):
@@ -29,6 +32,9 @@ class Health(Part):
     model_config = with_examples({"status": "ok"})
 
     status: Literal["ok"]
+    warnings: (
+        Annotated[list[str], Field(description="What somebody should look at, though the service works.")] | MISSING
+    ) = MISSING
 
 
 class Version(Part):
@@ -55,6 +61,13 @@ async def readyz(request: Request) -> Health:
         raise HTTPException(HTTPStatus.SERVICE_UNAVAILABLE, services.executor.last_error)
     if not await run_sync(services.cache.writable):
         raise HTTPException(HTTPStatus.SERVICE_UNAVAILABLE, f"results cannot be written: {services.cache.last_error}")
+    try:
+        await services.jobs.check()
+    except StorageError as error:
+        raise HTTPException(HTTPStatus.SERVICE_UNAVAILABLE, f"jobs cannot be stored: {error}") from error
+    if damaged := await run_sync(services.cache.set_aside):
+        text = f"{', '.join(damaged[-MOST_NAMES:])}: damaged, {len(damaged)} in all; see the log and the folder damaged"
+        return Health(status="ok", warnings=[text])
     return Health(status="ok")
 
 

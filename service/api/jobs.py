@@ -13,11 +13,22 @@ from fastapi.responses import StreamingResponse
 from fastapi.sse import EventSourceResponse, ServerSentEvent
 from pydantic import ValidationError
 
-from service.api.batch_response import closing, job_json, job_response, retry_after, root_of, to_job, until
+from service.api.batch_response import job_json, job_response, retry_after, root_of, to_job, until
 from service.api.body import JSON, JSONL, choose, parse_json, read_body, require_type
 from service.api.contract import RETRY_LATER, Responses, one_body, problems
-from service.api.results import CSV, HDF5, PARQUET, as_array, as_csv, as_lines, as_parquet, has_parquet, hdf5_response
-from service.api.services import services_of
+from service.api.results import (
+    CSV,
+    FILES,
+    HDF5,
+    PARQUET,
+    ReadyResults,
+    as_array,
+    as_csv,
+    as_lines,
+    file_response,
+    has_parquet,
+)
+from service.api.services import services_of, unless_left
 from service.auth.dependencies import ReadContext, RunContext
 from service.auth.middleware import client_of
 from service.errors import InvalidBodyError, validation_errors
@@ -88,7 +99,7 @@ RESULTS: Responses = {
             PARQUET: {},
         },
     },
-    **problems(404, 406, 422, 500, 507),
+    **problems(404, 406, 422, 500, 503, 507),
 }
 EVENTS: Responses = {
     200: {"description": "A `Job` whenever it changes, as the data of server-sent events; the last is its end."},
@@ -145,23 +156,19 @@ async def get_job_results(
     if form is None:
         more = "" if has_parquet() else f"; {missing_package('Parquet', 'pyarrow', 'parquet')}"
         raise HTTPException(HTTPStatus.NOT_ACCEPTABLE, f"results are given as {', '.join(forms)}{more}")
-    start, path = read_cursor(cursor), f"{root_of(request)}/jobs/{job.id}/results"
     most = limit if form == JSON or "limit" in request.query_params else None
-    blocks, sweep = jobs.results(job.id, start=start, limit=most), await jobs.sweep(job)
-    if form == HDF5:
-        return await hdf5_response(services_of(request).settings.data_dir, job, blocks, sweep)
-    headers = {"Vary": "Accept"}
+    ready = ReadyResults(jobs, job, await jobs.sweep(job), read_cursor(cursor), most)
+    if form in FILES:
+        return await unless_left(request, file_response(request, ready, form))
+    path = f"{root_of(request)}/jobs/{job.id}/results"
     if form == CSV:
-        content = as_csv(blocks, job.operation, sweep)
-    elif form == PARQUET:
-        content = as_parquet(blocks, job, sweep)
-        headers["Content-Disposition"] = f'attachment; filename="{job.id}.parquet"'
+        content = as_csv(ready)
     elif form == JSONL:
-        content = as_lines(blocks, path, sweep)
+        content = as_lines(ready, path)
     else:
-        page = Page(job, start, limit)
-        content = as_array(page.read(blocks), path, sweep, page.end)
-    return StreamingResponse(closing(content, blocks), media_type=form, headers=headers)
+        page = Page(job, ready.start, limit)
+        content = as_array(ready, path, page.note, page.end)
+    return StreamingResponse(content, media_type=form, headers={"Vary": "Accept"})
 
 
 class Page:
@@ -183,12 +190,10 @@ class Page:
         self._next = start
         self._count = 0
 
-    async def read(self, blocks: AsyncIterator[list[CaseResult]]) -> AsyncIterator[list[CaseResult]]:
-        """Yield the results, and see how far they go."""
-        async for results in blocks:
-            self._count += len(results)
-            self._next = results[-1].number + 1 if results else self._next
-            yield results
+    def note(self, results: list[CaseResult]) -> None:
+        """See how far the results go."""
+        self._count += len(results)
+        self._next = results[-1].number + 1
 
     def end(self) -> bytes:
         """Return what follows the results of the page: the cursor, if anything may follow."""
@@ -283,8 +288,9 @@ async def change_job(request: Request, job_id: JobId, jobs: CurrentManager, cont
     response_description="The job is gone.",
     responses=problems(404, 422, 500, 507),
 )
-async def delete_job(job_id: JobId, jobs: CurrentManager, context: RunContext) -> None:
+async def delete_job(request: Request, job_id: JobId, jobs: CurrentManager, context: RunContext) -> None:
     """Cancel a job and forget it; its results stay, by their keys, as long as there is room."""
     if not await jobs.delete(job_id, context.principal.visible_owner):
         known(None)
+    await services_of(request).downloads.remove_of(job_id)
     context.job = job_id

@@ -8,13 +8,13 @@ import hashlib
 import io
 import itertools
 import os
-from collections.abc import AsyncGenerator, AsyncIterator, Callable, Iterable, Iterator, Sequence
+from collections.abc import AsyncGenerator, AsyncIterator, Awaitable, Callable, Iterable, Iterator, Sequence
+from contextlib import aclosing
+from dataclasses import dataclass
 from http import HTTPStatus
 from importlib.util import find_spec
-from io import BufferedReader
 from pathlib import Path
-from secrets import token_hex
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import orjson
 from anyio import CancelScope
@@ -25,13 +25,14 @@ from fastapi.responses import StreamingResponse
 
 from service.api.body import choose, matches
 from service.api.contract import Responses, problems
+from service.api.downloads import file_pieces
 from service.api.services import services_of
 from service.auth.dependencies import READ
 from service.cache.hdf5 import BatchFile, to_hdf5
 from service.cache.record import Record
 from service.cache.tables import residuals_of
 from service.columns import Column, batch_columns, batch_row, csv_cells
-from service.errors import StorageError
+from service.jobs.manager import JobManager
 from service.jobs.models import CaseResult, JobState, Sweep
 from service.schemas import Result
 
@@ -39,12 +40,43 @@ if TYPE_CHECKING:
     from pyarrow import DataType
 
 HDF5 = "application/x-hdf5"
-DOWNLOADS = "downloads"
-"""Folder of files being written to be sent, in the data folder. Emptied at the start of the service."""
 JSON_PIECE = 128 * 1024
 """JSON sent at once. [bytes]"""
-FILE_PIECE = 256 * 1024
-"""The same of a file. [bytes]"""
+
+Value = TypeVar("Value")
+
+
+@dataclass(frozen=True, slots=True)
+class ReadyResults:
+    """What is ready of a job.
+
+    Parameters
+    ----------
+    jobs
+        Reads it.
+    job
+        The job as it was when it was requested.
+    sweep
+        Its request, if it is a sweep.
+    start
+        First case.
+    limit
+        Largest number of results; None for all.
+    """
+
+    jobs: JobManager
+    job: JobState
+    sweep: Sweep | None
+    start: int = 0
+    limit: int | None = None
+
+    def read(self, use: Callable[[list[CaseResult]], Value]) -> AsyncGenerator[Value, None]:
+        """Yield what `use` makes of the results, block by block; see `JobManager.results`."""
+        return self.jobs.results(self.job.id, use, start=self.start, limit=self.limit)
+
+    def points(self, results: Iterable[CaseResult]) -> list[tuple[float, ...]]:
+        """Return the values of the axes of these results of a sweep; none of a batch."""
+        return [self.sweep.point(result.number) for result in results] if self.sweep else []
 
 
 def to_item(result: CaseResult, instance: str, sweep: Sweep | None) -> bytes:
@@ -64,24 +96,35 @@ def to_lines(results: Iterable[CaseResult], instance: str, sweep: Sweep | None) 
     return b"".join(to_item(result, instance, sweep) + b"\n" for result in results)
 
 
-async def as_lines(blocks: AsyncIterator[list[CaseResult]], instance: str, sweep: Sweep | None) -> AsyncIterator[bytes]:
+async def as_lines(ready: ReadyResults, instance: str) -> AsyncIterator[bytes]:
     """Yield results as JSON lines, some at a time."""
-    async for results in blocks:
-        for part in in_pieces(to_item(result, instance, sweep) + b"\n" for result in results):
-            yield part
+
+    def encode(results: list[CaseResult]) -> list[bytes]:
+        return list(in_pieces(to_item(result, instance, ready.sweep) + b"\n" for result in results))
+
+    async with aclosing(ready.read(encode)) as blocks:
+        async for pieces in blocks:
+            while pieces:
+                yield pieces.pop(0)
 
 
 async def as_array(
-    blocks: AsyncIterator[list[CaseResult]],
+    ready: ReadyResults,
     instance: str,
-    sweep: Sweep | None,
+    note: Callable[[list[CaseResult]], object] = lambda _: None,
     end: Callable[[], bytes] = lambda: b"",
 ) -> AsyncIterator[bytes]:
-    """Yield results as one JSON object, some at a time; `end` returns what stands in it after them."""
+    """Yield results as one JSON object, some at a time; `end` returns what stands in it after those that `note` saw."""
     separators = itertools.chain([b'{"results":['], itertools.repeat(b","))
-    async for results in blocks:
-        for part in in_pieces(next(separators) + to_item(result, instance, sweep) for result in results):
-            yield part
+
+    def encode(results: list[CaseResult]) -> list[bytes]:
+        note(results)
+        return list(in_pieces(next(separators) + to_item(result, instance, ready.sweep) for result in results))
+
+    async with aclosing(ready.read(encode)) as blocks:
+        async for pieces in blocks:
+            while pieces:
+                yield pieces.pop(0)
     yield next(separators).replace(b",", b"") + b"]" + end() + b"}"
 
 
@@ -99,57 +142,28 @@ def in_pieces(items: Iterable[bytes]) -> Iterator[bytes]:
         yield b"".join(piece)
 
 
-async def hdf5_response(
-    data_dir: Path, job: JobState, blocks: AsyncGenerator[list[CaseResult], None], sweep: Sweep | None
-) -> StreamingResponse:
-    """Return a file with all the results, which is gone from the disk before it is sent."""
-    file = await write_hdf5(data_dir / DOWNLOADS / token_hex(16), job.operation, blocks, sweep)
-    length = await run_sync(file.seek, 0, 2)
+async def file_response(request: Request, ready: ReadyResults, form: str) -> StreamingResponse:
+    """Return a file with the results, HDF5 or Parquet. That of a job that has ended is kept."""
+    job, ending, write = ready.job, *FILES[form]
+    name = f"{job.id}-{job.revision}-{ready.start}-{ready.limit}.{ending}"
+    file = await services_of(request).downloads.open(name, lambda path: write(path, ready), keep=job.final)
     headers = {
-        "Content-Length": str(length),
-        "Content-Disposition": f'attachment; filename="{job.id}.h5"',
+        "Content-Length": str(os.fstat(file.fileno()).st_size),
+        "Content-Disposition": f'attachment; filename="{job.id}.{ending}"',
         "Vary": "Accept",
     }
-    return StreamingResponse(file_pieces(file), media_type=HDF5, headers=headers)
+    return StreamingResponse(file_pieces(file), media_type=form, headers=headers)
 
 
-async def write_hdf5(
-    path: Path, operation: str, blocks: AsyncGenerator[list[CaseResult], None], sweep: Sweep | None
-) -> BufferedReader:
-    """Write the results, block by block; return the file, open, without a name on the disk any more.
-
-    Raises
-    ------
-    StorageError
-        If the disk has no room for it.
-    """
-    axes = sweep.fields if sweep else ()
-    base = orjson.dumps(sweep.request["base"]).decode() if sweep else ""
-    try:
-        await run_sync(lambda: path.parent.mkdir(parents=True, exist_ok=True))
-        with await run_sync(lambda: BatchFile(path, operation, axes=axes, base=base)) as batch:
-            async for results in blocks:
-                points = [sweep.point(result.number) for result in results] if sweep else []
-                await run_sync(batch.write, results, points)
-            await run_sync(batch.finish)  # compresses what is left and reads the whole file for its hash
-        return await run_sync(path.open, "rb")
-    except OSError as error:  # the message of HDF5 holds the path
-        why = os.strerror(error.errno) if error.errno else "the disk refuses it"
-        raise StorageError(f"the file cannot be written: {why}") from error
-    finally:
-        with CancelScope(shield=True):
-            await blocks.aclose()
-            await run_sync(lambda: path.unlink(missing_ok=True))
-
-
-async def file_pieces(file: BufferedReader) -> AsyncIterator[bytes]:
-    """Yield the content of a file."""
-    try:
-        await run_sync(file.seek, 0)
-        while piece := await run_sync(file.read, FILE_PIECE):
-            yield piece
-    finally:
-        file.close()
+async def write_hdf5(path: Path, ready: ReadyResults) -> None:
+    """Write the results to a file, block by block."""
+    axes = ready.sweep.fields if ready.sweep else ()
+    base = orjson.dumps(ready.sweep.request["base"]).decode() if ready.sweep else ""
+    with await run_sync(lambda: BatchFile(path, ready.job.operation, axes=axes, base=base)) as batch:
+        async with aclosing(ready.read(lambda results: batch.write(results, ready.points(results)))) as blocks:
+            async for _ in blocks:
+                pass
+        await run_sync(batch.finish)  # compresses what is left and reads the whole file for its hash
 
 
 CSV = "text/csv"
@@ -169,11 +183,13 @@ def csv_rows(results: Iterable[CaseResult], operation: str, sweep: Sweep | None)
     return _lines(_row(result, operation, sweep) for result in results)
 
 
-async def as_csv(blocks: AsyncIterator[list[CaseResult]], operation: str, sweep: Sweep | None) -> AsyncIterator[bytes]:
+async def as_csv(ready: ReadyResults) -> AsyncIterator[bytes]:
     """Yield the table of the summaries."""
+    operation, sweep = ready.job.operation, ready.sweep
     yield csv_head(operation, sweep)
-    async for results in blocks:
-        yield await run_sync(csv_rows, results, operation, sweep)
+    async with aclosing(ready.read(lambda results: csv_rows(results, operation, sweep))) as blocks:
+        async for rows in blocks:
+            yield rows
 
 
 def _row(result: CaseResult, operation: str, sweep: Sweep | None) -> list[Any]:
@@ -194,29 +210,32 @@ def has_parquet() -> bool:
     return find_spec("pyarrow") is not None
 
 
-async def as_parquet(
-    blocks: AsyncIterator[list[CaseResult]], job: JobState, sweep: Sweep | None
-) -> AsyncIterator[bytes]:
-    """Yield the table of the summaries, a row group at a time."""
-    table = await run_sync(ParquetTable, job, sweep)
-    async for results in blocks:
-        if piece := await run_sync(table.write, results):
-            yield piece
-    yield await run_sync(table.finish)
+async def write_parquet(path: Path, ready: ReadyResults) -> None:
+    """Write the table of the summaries to a file."""
+    table = await run_sync(ParquetTable, path, ready.job, ready.sweep)
+    try:
+        async with aclosing(ready.read(table.write)) as blocks:
+            async for _ in blocks:
+                pass
+    finally:
+        with CancelScope(shield=True):
+            await run_sync(table.close)
 
 
 class ParquetTable:
-    """A Parquet file of the cases of a job, made piece by piece.
+    """A Parquet file of the cases of a job, a row group in memory at a time.
 
     Parameters
     ----------
+    path
+        Where it goes.
     job
         Its operation names the columns, its engine goes into the metadata.
     sweep
         Request of a sweep: its axes become columns, its base goes into the metadata.
     """
 
-    def __init__(self, job: JobState, sweep: Sweep | None) -> None:
+    def __init__(self, path: Path, job: JobState, sweep: Sweep | None) -> None:
         import pyarrow as pa  # noqa: PLC0415 (an extra)
         from pyarrow import parquet  # noqa: PLC0415
 
@@ -235,22 +254,19 @@ class ParquetTable:
         self._operation = job.operation
         self._sweep = sweep
         self._rows: list[list[Any]] = []
-        self._sink = Pieces()
-        self._writer = parquet.ParquetWriter(self._sink, self._schema)
+        self._writer = parquet.ParquetWriter(path, self._schema)
 
-    def write(self, results: Sequence[CaseResult]) -> bytes:
-        """Add the rows of these cases; return what has become ready of the file."""
+    def write(self, results: Sequence[CaseResult]) -> None:
+        """Add the rows of these cases."""
         self._rows += (_row(result, self._operation, self._sweep) for result in results)
         if len(self._rows) >= GROUP_ROWS:
             self._write_group()
-        return self._sink.take()
 
-    def finish(self) -> bytes:
-        """Return the rest of the file."""
+    def close(self) -> None:
+        """Write the rest of the file."""
         if self._rows:
             self._write_group()
         self._writer.close()
-        return self._sink.take()
 
     def _write_group(self) -> None:
         import pyarrow as pa  # noqa: PLC0415 (an extra)
@@ -261,39 +277,18 @@ class ParquetTable:
         self._rows = []
 
 
-class Pieces(io.RawIOBase):
-    """A file that hands over what is written to it."""
-
-    def __init__(self) -> None:
-        self._pieces: list[bytes] = []
-        self._size = 0
-
-    def writable(self) -> bool:
-        """Return that it is written to."""
-        return True
-
-    def tell(self) -> int:
-        """Return how much has been written."""
-        return self._size
-
-    def write(self, data: Any) -> int:
-        """Keep a piece until it is taken."""
-        self._pieces.append(bytes(data))
-        self._size += len(self._pieces[-1])
-        return len(self._pieces[-1])
-
-    def take(self) -> bytes:
-        """Return what has been written since the last call."""
-        pieces, self._pieces = self._pieces, []
-        return b"".join(pieces)
-
-
 def _arrow_type(column: Column) -> "DataType":
     """Return the type of a column in Arrow."""
     import pyarrow as pa  # noqa: PLC0415 (an extra)
 
     return {"f": pa.float64(), "i": pa.int64(), "S": pa.string(), "?": pa.bool_()}[column.dtype.lstrip("<")[0]]
 
+
+FILES: dict[str, tuple[str, Callable[[Path, ReadyResults], Awaitable[None]]]] = {
+    HDF5: ("h5", write_hdf5),
+    PARQUET: ("parquet", write_parquet),
+}
+"""Forms that are made as a file first: how its name ends, and what writes it."""
 
 router = APIRouter(tags=["results"], dependencies=[READ])
 

@@ -14,6 +14,7 @@ from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, Info
 from starlette.types import ASGIApp
 
 from service.api.body import KnownBodies
+from service.api.downloads import Downloads
 from service.auth.api_keys import ApiKeyStore
 from service.auth.dependencies import ConcurrencyLimit
 from service.auth.middleware import AuditLog
@@ -120,6 +121,7 @@ class Services:
     traces: TracerProvider | None
 
     cache: ResultCache = field(init=False)
+    downloads: Downloads = field(init=False)
     executor: Executor = field(init=False)
     queries: QueryService = field(init=False)
     jobs: JobManager = field(init=False)

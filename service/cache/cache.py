@@ -18,11 +18,11 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 
-from service.cache.hdf5 import Segment, encode_segments, read_keys, read_records
+from service.cache.hdf5 import Segment, encode_segments, read_keys
 from service.cache.index import Index, Journal, Location, Statistics, discard_database
 from service.cache.record import RecentRecords, Record
 from service.cache.segments import FolderLock, Segments, discard, name_of
-from service.errors import DamagedFileError
+from service.errors import DamagedFileError, FolderReplacedError
 
 NOT_CACHED = "result_not_cached"
 KEY = re.compile(r"[0-9a-f]{64}")
@@ -161,13 +161,32 @@ class ResultCache:
         detail = f"this result was not stored: {self.last_error}"
         return [record.with_warning(NOT_CACHED, detail) if record.key in lost else record for record in records]
 
+    def check_folder(self) -> None:
+        """See that the data folder is the one that was opened.
+
+        Raises
+        ------
+        FolderReplacedError
+            If it has been removed or replaced.
+        """
+        if self._lock is not None:
+            self._lock.check()
+
     def writable(self) -> bool:
         """Try whether results can be written now."""
         with self._noting():
+            self.check_folder()
             discard(self._segments.stage(PROBE))
             self._note(None)
             return True
         return False
+
+    def set_aside(self) -> list[str]:
+        """Names of the damaged files of the data folder that nobody has removed yet."""
+        try:
+            return sorted(path.name for path in (self._folder / "damaged").iterdir())
+        except OSError:
+            return []
 
     def statistics(self) -> Statistics:
         """What is on disk."""
@@ -178,6 +197,7 @@ class ResultCache:
         with self._noting():
             self._index.flush()  # the order they go in; a full disk may refuse it, but not what makes it less full
         with self._noting():
+            self.check_folder()
             while self._index.statistics.bytes > limit:
                 excess, names = self._index.statistics.bytes - limit, []
                 for name, size in self._index.oldest(EVICTED_AT_ONCE, but=keep):
@@ -260,6 +280,7 @@ class ResultCache:
 
     def _add_to_journal(self, journal: Journal, record: Record) -> bool:
         with self._noting():
+            self.check_folder()
             journal.add(record)
             self._pending[record.key] = record
             self._note(None)
@@ -280,6 +301,7 @@ class ResultCache:
     def _store(self, keys: Sequence[str], content: bytes) -> bool:
         name = name_of(keys)
         with self._noting():
+            self.check_folder()
             staged = self._segments.stage(content)
             with self._changing:
                 self._segments.place(staged, name)
@@ -317,7 +339,7 @@ class ResultCache:
     def _read(self, name: str, rows: Mapping[str, int]) -> dict[str, Record]:
         """Results in these rows of a segment."""
         with self._missing(name):
-            records = read_records(self._segments.path(name).read_bytes(), rows.values())
+            records = self._segments.decoded(name).records(rows.values())
             if [record.key for record in records] != list(rows):
                 self._index.drop([name])  # it was wrong
                 self._adopt(name)
@@ -349,10 +371,12 @@ class ResultCache:
             try:
                 yield
             except FileNotFoundError:
+                self.check_folder()
                 with self._changing:
                     if not self._segments.path(name).exists():  # nor written anew meanwhile
                         self._index.drop([name])
             except DamagedFileError as error:
+                self.check_folder()
                 with self._changing:
                     self._segments.set_aside(name, str(error))
                     self._index.drop([name])
@@ -362,10 +386,10 @@ class ResultCache:
         """Note what the disk refuses, and go on behind the block."""
         try:
             yield
-        except (OSError, sqlite3.Error) as error:
+        except (OSError, sqlite3.Error, FolderReplacedError) as error:
             self._note(error)
 
-    def _note(self, error: OSError | sqlite3.Error | None) -> None:
+    def _note(self, error: Exception | None) -> None:
         last_error = None if error is None else getattr(error, "strerror", None) or str(error) or type(error).__name__
         if last_error != self.last_error:
             log.warning("cache folder %s: %s", self._folder, error or "written again")

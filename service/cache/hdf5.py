@@ -194,6 +194,54 @@ def read_keys(data: bytes) -> list[str]:
         return _texts(read_single(file, "summary"), "key")
 
 
+class DecodedSegment:
+    """The tables of a file made by `to_hdf5`, from which any of its records are made.
+
+    Raises
+    ------
+    DamagedFileError
+        If the file is not what was written.
+    """
+
+    def __init__(self, data: bytes) -> None:
+        with _opened(data) as file:
+            summary = read_single(file, "summary")
+            self._requests, self._answers = (
+                read_single(file, name).tobytes().split(b"\n") for name in ("requests", "answers")
+            )
+            has_history = b"history" in file.id
+            self._history = read_single(file, "history") if has_history else np.empty(0, [(CASE.name, CASE.dtype)])
+            names = ("key", "operation", "engine_version", "schema_version")
+            self.keys, self._operations, self._engines, self._schemas = (_texts(summary, name) for name in names)
+            ending = next((name for name in ("outcome", "status") if name in (summary.dtype.names or ())), None)
+            self._outcomes: Sequence[str | None] = [None] * len(summary) if ending is None else _texts(summary, ending)
+
+    def records(self, rows: Iterable[int]) -> list[Record]:
+        """Results in these rows.
+
+        Raises
+        ------
+        DamagedFileError
+            If there is no such row.
+        """
+        try:
+            return [
+                Record(
+                    self.keys[row],
+                    self._operations[row],
+                    self._requests[row],
+                    self._answers[row],
+                    history_of(self._history, row),
+                    outcome=self._outcomes[row],
+                    engine_version=self._engines[row],
+                    schema_version=self._schemas[row],
+                )
+                for row in rows
+            ]
+        except IndexError as error:
+            raise DamagedFileError(str(error)) from error
+
+
 def read_records(data: bytes, rows: Iterable[int] | None = None) -> list[Record]:
     """Results in these rows of a file made by `to_hdf5`, or all of them.
 
@@ -202,27 +250,8 @@ def read_records(data: bytes, rows: Iterable[int] | None = None) -> list[Record]
     DamagedFileError
         If the file is not what was written, or has no such row.
     """
-    with _opened(data) as file:
-        summary = read_single(file, "summary")
-        requests, answers = (read_single(file, name).tobytes().split(b"\n") for name in ("requests", "answers"))
-        history = read_single(file, "history") if b"history" in file.id else np.empty(0, [(CASE.name, CASE.dtype)])
-        names = ("key", "operation", "engine_version", "schema_version")
-        keys, operations, engines, schemas = (_texts(summary, name) for name in names)
-        ending = next((name for name in ("outcome", "status") if name in (summary.dtype.names or ())), None)
-        outcomes: Sequence[str | None] = [None] * len(keys) if ending is None else _texts(summary, ending)
-        return [
-            Record(
-                keys[row],
-                operations[row],
-                requests[row],
-                answers[row],
-                history_of(history, row),
-                outcome=outcomes[row],
-                engine_version=engines[row],
-                schema_version=schemas[row],
-            )
-            for row in (range(len(keys)) if rows is None else rows)
-        ]
+    segment = DecodedSegment(data)
+    return segment.records(range(len(segment.keys)) if rows is None else rows)
 
 
 def read_single(file: h5py.File, name: str) -> Rows:

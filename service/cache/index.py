@@ -15,6 +15,7 @@ from typing import Any
 
 import orjson
 
+from service.cache.database_files import set_aside, unread_commits
 from service.cache.record import Record
 
 LAYOUT = 1
@@ -219,7 +220,7 @@ class Journal:
     Parameters
     ----------
     path
-        Path of its file; made if it is not there, and made anew if it is damaged or of another layout.
+        Path of its file; made if it is not there. One that is damaged or of another layout is set aside.
 
     Raises
     ------
@@ -229,7 +230,7 @@ class Journal:
 
     def __init__(self, path: Path) -> None:
         self._lock = threading.Lock()
-        self._connection = _opened(path, JOURNAL_TABLES, decode)
+        self._connection = _opened(path, JOURNAL_TABLES, decode, path.parent.parent / "damaged")
 
     def add(self, record: Record) -> None:
         """Write a result, whole or not at all."""
@@ -307,26 +308,35 @@ def discard_database(path: Path) -> None:
         Path(f"{path}{end}").unlink(missing_ok=True)
 
 
-def _opened(path: Path | None, tables: str, text: Callable[[bytes], str] = str) -> sqlite3.Connection:
-    """Open a file with these tables, made anew if it is damaged or of another layout; `text` decodes its texts."""
+def _opened(
+    path: Path | None, tables: str, text: Callable[[bytes], str] = str, aside: Path | None = None
+) -> sqlite3.Connection:
+    """Open a file with these tables, made anew if it is damaged or of another layout; `text` decodes its texts.
+
+    A damaged file that holds what nothing else has is kept in the folder `aside`.
+    """
     try:
-        return _connected(path, tables, text)
+        return _connected(path, tables, text, aside)
     except sqlite3.OperationalError:
         raise
-    except sqlite3.DatabaseError:  # it is no database, or no longer one
+    except sqlite3.DatabaseError as error:  # it is no database, or no longer one
         if path is None:
             raise
+        if aside is not None:
+            set_aside(path, aside, str(error))
         discard_database(path)
-        return _connected(path, tables, text)
+        return _connected(path, tables, text, None)
 
 
-def _connected(path: Path | None, tables: str, text: Callable[[bytes], str]) -> sqlite3.Connection:
+def _connected(path: Path | None, tables: str, text: Callable[[bytes], str], aside: Path | None) -> sqlite3.Connection:
     connection = sqlite3.connect(path or ":memory:", isolation_level=None, check_same_thread=False)
     connection.text_factory = text
     try:
         connection.execute("PRAGMA journal_mode = WAL")
         connection.execute("PRAGMA foreign_keys = ON")
         connection.execute("PRAGMA synchronous = NORMAL")  # a power cut may cost the last segments their entries
+        if path is not None and aside is not None and (lost := unread_commits(connection, path)):
+            set_aside(path, aside, f"damaged log, its last {lost} commits are lost", keep=True)
         [(layout,)] = connection.execute("PRAGMA user_version").fetchall()
         if layout == 0 and not connection.execute("SELECT 1 FROM sqlite_master").fetchall():
             connection.executescript(f"BEGIN; {tables} PRAGMA user_version = {LAYOUT}; COMMIT;")

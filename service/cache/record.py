@@ -17,6 +17,10 @@ DICT_WEIGHT = 8
 """Memory of parsed JSON over the length of its text, about."""
 
 
+TEXT_LENGTH = 2.3
+"""Length of numbers as JSON over that of their bytes, about."""
+
+
 class Record:
     """A request, its answer and the versions that made it. Not to be changed.
 
@@ -83,6 +87,14 @@ class Record:
         if self._json is None:
             self._json = self._encode()
         return self._json
+
+    @property
+    def length(self) -> int:
+        """Length of the answer as it is sent; about, as long as it has not been encoded."""
+        if self._json is not None:
+            return len(self._json)
+        columns = sum(column.nbytes for column in (self._history or {}).values())
+        return len(self.answer_json) + round(TEXT_LENGTH * columns)
 
     @property
     def request(self) -> dict[str, Any]:

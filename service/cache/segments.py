@@ -13,12 +13,13 @@ import logging
 import os
 import re
 import shutil
+import threading
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
 
-from service.cache.hdf5 import check
-from service.errors import FolderInUseError
+from service.cache.hdf5 import DecodedSegment, check
+from service.errors import FolderInUseError, FolderReplacedError
 
 FILE = re.compile(r"[0-9a-f]{32}\.h5")
 MOST_REMEMBERED = 100_000
@@ -45,15 +46,33 @@ class FolderLock:
 
     def __init__(self, folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
-        self._file: int | None = os.open(folder / "lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+        self._path = folder / "lock"
+        self._file: int | None = os.open(self._path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
         try:
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            self.check()
         except BlockingIOError:
             self.release()
             raise FolderInUseError(f"the data folder {folder} is in use by another service") from None
-        except OSError:
+        except (OSError, FolderReplacedError):
             self.release()
             raise
+
+    def check(self) -> None:
+        """See that the path still leads to the folder that is locked; another service can have what stands there now.
+
+        Raises
+        ------
+        FolderReplacedError
+            If it does not.
+        """
+        if self._file is not None:
+            try:
+                same = os.path.samestat(os.fstat(self._file), self._path.stat())
+            except FileNotFoundError:
+                same = False
+            if not same:
+                raise FolderReplacedError("the data folder has been removed or replaced; start the service again")
 
     def release(self) -> None:
         """Give the folder up."""
@@ -87,6 +106,8 @@ class Segments:
         self._damaged = folder / "damaged"
         self._numbers = itertools.count()
         self._whole: dict[str, tuple[int, int]] = {}
+        self._latest: tuple[str, tuple[int, int], DecodedSegment] | None = None
+        self._decoding = threading.Lock()
 
     def sweep(self) -> None:
         """Remove what a crash left half written, and make the folder: it is copied when there is none in it too."""
@@ -152,6 +173,23 @@ class Segments:
         if self._whole.get(name) != signature:
             check(self.path(name).read_bytes())
             self._remember(name, signature)
+
+    def decoded(self, name: str) -> DecodedSegment:
+        """Content of a segment; that of the latest is kept, as a job is read in pieces smaller than a segment.
+
+        Raises
+        ------
+        DamagedFileError
+            If it is not what was written.
+        OSError
+            If it cannot be read.
+        """
+        with self._decoding:  # another reader may be about to need the same
+            signature, latest = _signature(self.path(name)), self._latest
+            if latest is None or latest[:2] != (name, signature):
+                latest = self._latest = None  # before as much memory is taken again
+                latest = self._latest = (name, signature, DecodedSegment(self.path(name).read_bytes()))
+            return latest[2]
 
     def remove(self, names: Sequence[str]) -> None:
         """Remove segments.

@@ -1,24 +1,25 @@
 """The SQLite file of the jobs: opened when it is needed, one writer at a time, every failure the same error.
 
-Write-ahead log with a sync at each commit: a transaction is there whole after any crash, or not at all.
+Write-ahead log with a sync at each commit: a transaction is there whole after any crash, or not at all. The log
+is emptied regularly, and only whole: a damaged bit costs what was written since, and what is before it fits the file.
 """
 
-import logging
+import os
 import sqlite3
 import threading
-import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from service.errors import StorageError
+from service.cache.database_files import set_aside, unread_commits
+from service.errors import FolderReplacedError, StorageError
 
 LAYOUT = 1
 """Raised when the tables change."""
 BUSY_SECONDS = 10.0
 """For another process to let go of the file, such as someone who looks into it."""
-LOG_BYTES = 16 * 1024 * 1024
-"""What is left of the write-ahead log after a large batch."""
+CHECKPOINT_SECONDS = 0.1
+"""For a reader to finish; a checkpoint that another process is in the way of is done the next time."""
 
 TABLES = """
 CREATE TABLE jobs (
@@ -107,8 +108,6 @@ CREATE TABLE IF NOT EXISTS titles (
 )
 """Tables that files of this layout lack if an earlier version made them, and that such a version does not mind."""
 
-log = logging.getLogger(__name__)
-
 
 class Database:
     """One connection to write, one to read, each for one thread at a time.
@@ -117,11 +116,18 @@ class Database:
     ----------
     path
         Path of the file; made if it is not there. One that is no database, or a damaged one, is set aside.
+    check
+        Called before anything is written; raises StorageError if nothing may be.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, check: Callable[[], None] = lambda: None) -> None:
         self._path = path
+        self._check = check
+        self._opened: os.stat_result | None = None
         self._checked = False
+        self._taken_over = False
+        self._written = False
+        """Whether anything may stand in the log."""
         self._opening = threading.Lock()
         self._locks = {"write": threading.Lock(), "read": threading.Lock()}
         self._connections: dict[str, sqlite3.Connection] = {}
@@ -137,6 +143,7 @@ class Database:
         """
         with self._connected("write") as connection:
             connection.execute("BEGIN IMMEDIATE")
+            self._written = True
             try:
                 yield connection
                 connection.execute("COMMIT")
@@ -162,21 +169,60 @@ class Database:
             finally:
                 connection.execute("COMMIT")
 
+    def checkpoint(self) -> None:
+        """Move what stands in the log into the file, and empty the log.
+
+        Raises
+        ------
+        StorageError
+            If it cannot be done; nothing is lost then.
+        """
+        if self._written:
+            with self._connected("write") as connection:
+                connection.execute(f"PRAGMA busy_timeout = {round(1000 * CHECKPOINT_SECONDS)}")
+                try:
+                    [(busy, _, _)] = connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+                finally:
+                    connection.execute(f"PRAGMA busy_timeout = {round(1000 * BUSY_SECONDS)}")
+                self._written = bool(busy)
+
     def close(self) -> None:
         """Give up the file; it is opened again when it is needed."""
+        with suppress(StorageError):
+            self.checkpoint()
         for kind, lock in self._locks.items():
             with lock:
                 connection = self._connections.pop(kind, None)
                 if connection is not None:
                     connection.close()
+        self._opened = None
+
+    def check(self) -> None:
+        """See that what is written goes to the file of this path, and not to one that was there before.
+
+        Raises
+        ------
+        StorageError
+            If it does not.
+        """
+        self._check()
+        try:
+            same = self._opened is None or os.path.samestat(self._opened, self._path.stat())
+        except FileNotFoundError:
+            same = False
+        if not same:
+            raise FolderReplacedError(f"{self._path.name} has been removed or replaced; start the service again")
 
     @contextmanager
     def _connected(self, kind: str) -> Iterator[sqlite3.Connection]:
         with self._locks[kind]:
             try:
+                if kind == "write" or kind not in self._connections:
+                    self.check()
                 if kind not in self._connections:
                     with self._opening:
                         self._connections[kind] = self._open()
+                        self._opened = self._path.stat()
                 yield self._connections[kind]
             except (sqlite3.Error, OSError) as error:
                 raise StorageError(f"jobs cannot be stored: {reason(error)}") from error
@@ -188,7 +234,7 @@ class Database:
         except sqlite3.OperationalError:
             raise
         except sqlite3.DatabaseError as error:  # it is no database, or no longer one
-            self._set_aside(error)
+            self._set_aside(str(error))
             return self._connect()
 
     def _connect(self) -> sqlite3.Connection:
@@ -199,7 +245,9 @@ class Database:
             connection.execute("PRAGMA journal_mode = WAL")
             connection.execute("PRAGMA synchronous = FULL")
             connection.execute("PRAGMA foreign_keys = ON")
-            connection.execute(f"PRAGMA journal_size_limit = {LOG_BYTES}")
+            connection.execute("PRAGMA wal_autocheckpoint = 0")  # it would copy a part of the log to the file
+            if not self._taken_over:
+                self._take_over_log(connection)
             layout = connection.execute("PRAGMA user_version").fetchone()[0]
             if layout == 0:
                 connection.executescript(f"BEGIN IMMEDIATE; {TABLES} PRAGMA user_version = {LAYOUT}; COMMIT;")
@@ -215,14 +263,16 @@ class Database:
             raise
         return connection
 
-    def _set_aside(self, error: sqlite3.DatabaseError) -> None:
-        aside = self._path.parent / "damaged" / f"{self._path.stem}-{time.time_ns()}{self._path.suffix}"
-        log.warning("%s set aside as %s: %s", self._path, aside, error)
-        aside.parent.mkdir(exist_ok=True)
-        self._path.replace(aside)
-        with suppress(FileNotFoundError):
-            Path(f"{self._path}-wal").replace(f"{aside}-wal")  # it may hold what is worth saving
-        Path(f"{self._path}-shm").unlink(missing_ok=True)
+    def _take_over_log(self, connection: sqlite3.Connection) -> None:
+        """Say what is lost of the log that an earlier process has left, and move the rest into the file."""
+        if lost := unread_commits(connection, self._path):
+            self._set_aside(f"damaged log, the jobs are as before its last {lost} commits", keep=True)
+        self._taken_over = self._written = True
+        with suppress(sqlite3.OperationalError):  # a full disk: the next checkpoint does it
+            connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+
+    def _set_aside(self, reason: str, *, keep: bool = False) -> None:
+        set_aside(self._path, self._path.parent / "damaged", reason, keep=keep)
 
 
 def reason(error: sqlite3.Error | OSError) -> str:

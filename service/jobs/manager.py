@@ -40,6 +40,8 @@ CHUNKS_KEPT = 2
 EXPIRY_SECONDS = 3600.0
 RETRY_SECONDS = 5.0
 """Between looks at a folder of jobs that could not be read at the start."""
+CHECKPOINT_SECONDS = 5.0
+"""What a damaged log costs at most of the jobs: some milliseconds of work, if anything was written since."""
 CHANGE_SECONDS = 0.2
 """Between two changes sent of a job: more than anyone reads."""
 OWNER = "local"
@@ -122,7 +124,19 @@ class JobManager:
             await self._go_on()
         except StorageError as error:
             log.warning("%s", error)
-        self._tasks = [asyncio.create_task(self._scheduler.run()), asyncio.create_task(self._expire())]
+        self._tasks = [
+            asyncio.create_task(work) for work in (self._scheduler.run(), self._expire(), self._checkpoint())
+        ]
+
+    async def check(self) -> None:
+        """See that jobs can be accepted as far as their file goes.
+
+        Raises
+        ------
+        StorageError
+            If it, or the data folder, has been removed or replaced.
+        """
+        await self._thread(self._jobs.check)
 
     async def stop(self) -> None:
         """Give up what is being computed: the next start goes on with it."""
@@ -272,15 +286,21 @@ class JobManager:
         return await self._thread(self._jobs.partial, job.number)
 
     async def results(
-        self, name: str, *, start: int = 0, limit: int | None = None
-    ) -> AsyncGenerator[list[CaseResult], None]:
-        """Yield what is ready of a job, in order, in blocks of up to 200, from case `start` on.
+        self,
+        name: str,
+        use: Callable[[list[CaseResult]], Value],
+        *,
+        start: int = 0,
+        limit: int | None = None,
+    ) -> AsyncGenerator[Value, None]:
+        """Yield what `use` makes of the results that are ready of a job, in order, in blocks, from case `start` on.
 
         Ends at the first case that is not ready yet; if the job has ended, such cases are left out. What the cache has
-        lost is computed again.
+        lost is computed again. `use` is called in a thread, for two blocks of all jobs at a time, so that readers take
+        memory for what they send alone.
         """
-        async for results in self._reader.read(lambda: self._state(name), start, limit):
-            yield results
+        async for used in self._reader.read(lambda: self._state(name), use, start, limit):
+            yield used
 
     async def cancel(self, name: str, owner: str | None = OWNER) -> JobState | None:
         """End the job as it is, if it has not ended; return it."""
@@ -421,6 +441,12 @@ class JobManager:
             with suppress(StorageError):
                 await self._go_on()
                 await self._thread(self._jobs.expire)
+
+    async def _checkpoint(self) -> None:
+        while True:
+            await asyncio.sleep(CHECKPOINT_SECONDS)
+            with suppress(StorageError):
+                await self._thread(self._jobs.checkpoint)
 
     async def _thread(self, function: Callable[..., Value], *arguments: Any) -> Value:
         return await run_sync(function, *arguments)

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
 import orjson
+from anyio import CapacityLimiter
 from anyio.to_thread import run_sync
 
 from service.cache.record import Record
@@ -145,10 +146,12 @@ class InlineBatch:
 
 
 MOST_CASES = 200
-FIRST_CASES = 16
+FIRST_CASES = 4
 """Before it is known how large the results of a job are."""
-READ_BYTES = 8 * 1024 * 1024
+READ_BYTES = 1024 * 1024
 """Answers read at once, about: those with long histories take 4 MB each."""
+BLOCKS_AT_ONCE = 2
+"""Blocks of results in memory, of all readers together: one can take twenty times its answers while it is encoded."""
 
 Value = TypeVar("Value")
 
@@ -171,11 +174,16 @@ class ResultReader:
         self._jobs = jobs
         self._inline = inline
         self._studies = studies
+        self._blocks = CapacityLimiter(BLOCKS_AT_ONCE)
 
     async def read(
-        self, current: Callable[[], Awaitable[JobState | None]], start: int, limit: int | None
-    ) -> AsyncGenerator[list[CaseResult], None]:
-        """Yield results from case `start` on, block by block.
+        self,
+        current: Callable[[], Awaitable[JobState | None]],
+        use: Callable[[list[CaseResult]], Value],
+        start: int,
+        limit: int | None,
+    ) -> AsyncGenerator[Value, None]:
+        """Yield what `use` makes of the results from case `start` on, block by block.
 
         Ends at the first case without a result; in a job that has ended, such cases are left out.
 
@@ -183,6 +191,8 @@ class ResultReader:
         ----------
         current
             The job as it is now; None once it has been deleted.
+        use
+            Called in a thread, for few blocks at a time; what it returns should hold no more than is sent.
         limit
             Largest number of results; None for all.
         """
@@ -191,25 +201,38 @@ class ResultReader:
             rows = await self._thread(self._jobs.rows, state.number, start, int(min(count, left)))
             ready = rows_ready(rows, final=state.final)
             if ready:
-                results = await self._results(state, ready)
-                count = next_count(results)
-                yield results
+                count, used = await self._use(state, ready, use)
+                yield used
+                del used
             if not rows or (len(ready) < len(rows) and not state.final):
                 return
             start += len(rows)
             left -= len(ready)
 
-    async def _results(self, state: JobState, rows: Sequence[CaseRow]) -> list[CaseResult]:
-        answered = [row for row in rows if row.problem is None]
-        records = await self._thread(self._queries.cache.get_many, list({row.key for row in answered}))
-        lost = [row for row in answered if row.key not in records]
-        again = await self._compute(state, lost) if lost else {}
-        return [
-            again[row.number]
-            if row.number in again
-            else CaseResult(row.number, row.custom_id, records.get(row.key), row.problem, row.state == CaseState.CACHED)
-            for row in rows
-        ]
+    async def _use(
+        self, state: JobState, rows: Sequence[CaseRow], use: Callable[[list[CaseResult]], Value]
+    ) -> tuple[int, Value]:
+        """Return how many cases to read next, and what `use` makes of the results of these."""
+        again: dict[int, CaseResult] = {}
+
+        def gather() -> list[CaseRow] | tuple[int, Value]:
+            """Return what the cache has lost, or use the results if it has all; they live no longer than this."""
+            stored = [row for row in rows if row.problem is None and row.number not in again]
+            records = self._queries.cache.get_many(list({row.key for row in stored}))
+            if lost := [row for row in stored if row.key not in records]:
+                return lost
+            results = [
+                again.get(row.number)
+                or CaseResult(
+                    row.number, row.custom_id, records.get(row.key), row.problem, row.state == CaseState.CACHED
+                )
+                for row in rows
+            ]
+            return next_count(results), use(results)
+
+        while isinstance(found := await run_sync(gather, limiter=self._blocks), list):
+            again |= await self._compute(state, found)  # may take long, and holds up no other reader
+        return found
 
     async def _compute(self, state: JobState, rows: Sequence[CaseRow]) -> dict[int, CaseResult]:
         """Compute these cases again."""
@@ -258,5 +281,5 @@ def rows_ready(rows: Sequence[CaseRow], *, final: bool) -> list[CaseRow]:
 
 def next_count(results: Sequence[CaseResult]) -> int:
     """Return how many cases to read next, going by the size of these."""
-    nbytes = sum(len(result.record.json) for result in results if result.record is not None)
+    nbytes = sum(result.record.length for result in results if result.record is not None)
     return max(1, min(MOST_CASES, READ_BYTES * len(results) // max(nbytes, 1)))

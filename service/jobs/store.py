@@ -11,7 +11,7 @@ import sqlite3
 import time
 import zlib
 from collections import Counter
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -67,10 +67,12 @@ class JobStore:
         Data folder of the service.
     job_days
         How long a job is kept after its end.
+    check_folder
+        Called before anything is written; raises StorageError if nothing may be.
     """
 
-    def __init__(self, folder: Path, *, job_days: float) -> None:
-        self._database = Database(folder / "jobs.sqlite")
+    def __init__(self, folder: Path, *, job_days: float, check_folder: Callable[[], None] = lambda: None) -> None:
+        self._database = Database(folder / "jobs.sqlite", check_folder)
         self._kept_seconds = job_days * DAY
 
     def expire(self, *, at_start: bool = False) -> int:
@@ -309,6 +311,14 @@ class JobStore:
                 database.execute("UPDATE slices SET keys = ? WHERE job = ? AND slice = ?", (keys, job, number))
         with self._database.writing() as database:
             _changed(database, job, "versions = ?", (VERSIONS,))
+
+    def check(self) -> None:
+        """See that jobs would be stored where the next start looks for them."""
+        self._database.check()
+
+    def checkpoint(self) -> None:
+        """Move what stands in the log of the database into the file itself."""
+        self._database.checkpoint()
 
     def close(self) -> None:
         """Let go of the file."""

@@ -1,9 +1,10 @@
 """What the service says of itself when something it stands on is gone."""
 
 import os
+import shutil
 import signal
 import sys
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 
 import httpx
@@ -11,6 +12,7 @@ import pytest
 from fastapi import FastAPI
 
 from service.api.app import create_app
+from service.cache.cache import ResultCache
 from service.schemas import CriticalAngleAnswer
 from service.schemas.problems import Problem
 from service.schemas.strike import PAPER
@@ -63,3 +65,75 @@ async def test_query_whose_worker_is_stopped_is_to_be_sent_again(app: FastAPI, c
     assert refused.type == "urn:ricochet:problem:unavailable"
     assert "stopped" in refused.detail
     assert (await client.post("/cra", json=PAPER)).is_success
+
+
+@pytest.fixture
+async def on_disk(tmp_path: Path) -> AsyncIterator[httpx.AsyncClient]:
+    """A client of a running application with the data folder `data`."""
+    app = create_app(Settings(data_dir=tmp_path / "data", workers=1))
+    async with (
+        app.router.lifespan_context(app),
+        httpx.AsyncClient(transport=httpx.ASGITransport(app), base_url="http://service") as client,
+    ):
+        yield client
+
+
+def remove(data: Path) -> None:
+    """Move the folder away."""
+    data.rename(data.with_name("elsewhere"))
+
+
+def replace(data: Path) -> None:
+    """Put a copy in its place, as a restored backup is."""
+    remove(data)
+    shutil.copytree(data.with_name("elsewhere"), data)
+
+
+def replace_lock(data: Path) -> None:
+    """Replace the lock alone, as by a start after it has been removed."""
+    (data / "lock").rename(data.with_name("lock"))
+    (data / "lock").touch()
+
+
+def replace_jobs(data: Path) -> None:
+    """Replace the file of the jobs alone."""
+    (data / "jobs.sqlite").rename(data.with_name("jobs.sqlite"))
+    shutil.copy(data.with_name("jobs.sqlite"), data)
+
+
+def files_in(folder: Path) -> dict[Path, int]:
+    return {path: path.stat().st_size for path in folder.rglob("*") if path.is_file()}
+
+
+@pytest.mark.parametrize("change", [remove, replace, replace_lock, replace_jobs])
+async def test_folder_replaced_under_a_running_service_takes_no_jobs_any_more(
+    change: Callable[[Path], None], on_disk: httpx.AsyncClient, tmp_path: Path
+) -> None:
+    data, headers = tmp_path / "data", {"Prefer": "respond-async, wait=30"}
+    job = (await on_disk.post("/cra/batch", json={"cases": [PAPER]}, headers=headers)).raise_for_status()
+    assert (await on_disk.get("/readyz")).is_success
+    change(data)
+    before = files_in(data)
+    assert "removed or replaced" in assert_unavailable(await on_disk.get("/readyz")).detail
+    refused = await on_disk.post("/cra/batch", json={"cases": [PAPER]}, headers=headers)
+    assert refused.status_code == 507
+    assert "removed or replaced" in refused.json()["detail"]
+    assert (await on_disk.get("/jobs")).json()["jobs"]
+    if change is not replace_jobs:
+        file = await on_disk.get(job.headers["Content-Location"], headers={"Accept": "application/x-hdf5"})
+        assert file.status_code == 507
+        other = PAPER | {"impact": {"velocity_m_s": 251.0}}
+        answer = CriticalAngleAnswer.model_validate_json((await on_disk.post("/cra", json=other)).content)
+        assert "result_not_cached" in {warning.code for warning in answer.warnings}
+        assert files_in(data) == before
+        with ResultCache(data, memory_bytes=0, disk_bytes=10**9):  # another service may start there
+            assert (await on_disk.get("/readyz")).status_code == 503
+
+
+async def test_folder_that_is_put_back_is_used_again(on_disk: httpx.AsyncClient, tmp_path: Path) -> None:
+    remove(tmp_path / "data")
+    assert_unavailable(await on_disk.get("/readyz"))
+    (tmp_path / "elsewhere").rename(tmp_path / "data")
+    assert (await on_disk.get("/readyz")).is_success
+    job = await on_disk.post("/cra/batch", json={"cases": [PAPER]}, headers={"Prefer": "respond-async"})
+    assert job.status_code == 202

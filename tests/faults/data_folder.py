@@ -60,6 +60,9 @@ def faults_of(data: Path, indexed: str) -> list[str]:
         faults.append(f"{keys.total()} results in {len(stored)} files, but the index has {indexed}")
     faults += [f"stored {count} times: {key}" for key, count in keys.items() if count > 1]
     expected = EXPECTED | {str(path.relative_to(data)) for path in stored}
+    expected |= {
+        str(path.relative_to(data)) for ending in ("h5", "parquet") for path in data.glob(f"downloads/*.{ending}")
+    }
     files = {str(path.relative_to(data)) for path in data.rglob("*") if path.is_file()}
     faults += [f"stray file {name}" for name in sorted(files - expected)]
     for name in (INDEX, JOURNAL, JOBS):

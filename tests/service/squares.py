@@ -74,7 +74,7 @@ async def until_done(manager: JobManager, job: JobState, count: int) -> None:
 
 async def all_results(manager: JobManager, job: JobState, start: int = 0, limit: int | None = None) -> list[CaseResult]:
     found = []
-    async for results in manager.results(job.id, start=start, limit=limit):
+    async for results in manager.results(job.id, list, start=start, limit=limit):
         assert 0 < len(results) <= 200
         found += results
     return found
