@@ -2,11 +2,13 @@
 
 import asyncio
 from collections import Counter as Tally
+from collections.abc import Coroutine
 from dataclasses import dataclass, field
-from typing import get_args
+from http import HTTPStatus
+from typing import Any, TypeVar, get_args
 
 from anyio import CapacityLimiter
-from fastapi import Request
+from fastapi import HTTPException, Request
 from opentelemetry.trace import TracerProvider
 from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, Info, disable_created_metrics
 from starlette.types import ASGIApp
@@ -17,6 +19,7 @@ from service.auth.dependencies import ConcurrencyLimit
 from service.auth.middleware import AuditLog
 from service.auth.quotas import QuotaStore
 from service.cache.cache import ResultCache
+from service.errors import PoolUnavailableError
 from service.jobs.manager import JobManager
 from service.jobs.models import Status
 from service.operations import SCHEMA_VERSION
@@ -25,6 +28,8 @@ from service.settings import Settings
 from service.workers import Executor
 from service.workers.process_pool import InThreadExecutor, ProcessPool
 from solver import ENGINE_VERSION
+
+Result = TypeVar("Result")
 
 READING_THREADS = 1
 """Threads that validate cases: more would only take the interpreter lock from the event loop more often."""
@@ -129,6 +134,40 @@ def services_of(request: Request) -> Services:
     """Return the services of the application that a request came to."""
     services: Services = request.app.state.services
     return services
+
+
+async def unless_left(request: Request, work: Coroutine[Any, Any, Result]) -> Result:
+    """Return the result of work; cancel it once the client has left or the service is stopping.
+
+    Raises
+    ------
+    HTTPException
+        400 if the client has left.
+    PoolUnavailableError
+        If the service is stopping.
+    """
+    working = asyncio.ensure_future(work)
+    left = asyncio.ensure_future(disconnected(request))
+    stopping = asyncio.ensure_future(services_of(request).stopping.wait())
+    try:
+        await asyncio.wait([working, left, stopping], return_when=asyncio.FIRST_COMPLETED)
+    finally:
+        left.cancel()
+        stopping.cancel()
+        if not working.done():
+            working.cancel()
+            await asyncio.wait([working])
+    if not working.cancelled():
+        return working.result()
+    if left.done() and not left.cancelled():
+        raise HTTPException(HTTPStatus.BAD_REQUEST, "the client has left")
+    raise PoolUnavailableError("the service is stopping")
+
+
+async def disconnected(request: Request) -> None:
+    """Return once the client has closed the connection, after the body has been read."""
+    while (await request.receive())["type"] != "http.disconnect":
+        pass
 
 
 def executor_for(settings: Settings) -> Executor:

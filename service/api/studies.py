@@ -6,15 +6,15 @@ Their samples are cases of cache and executor like those of a batch. A worker dr
 import asyncio
 import hashlib
 import time
-from collections.abc import AsyncIterator, Coroutine, Mapping
+from collections.abc import AsyncIterator, Mapping
 from contextlib import nullcontext
 from datetime import UTC, datetime
 from http import HTTPStatus
-from typing import Any, TypeVar
+from typing import Any
 
 import orjson
 from anyio.to_thread import run_sync
-from fastapi import APIRouter, HTTPException, Request, Response
+from fastapi import APIRouter, Request, Response
 from fastapi.responses import HTMLResponse
 
 from service.api.batch_response import IdempotencyKey, JobResponse, WantedPreference
@@ -22,10 +22,10 @@ from service.api.body import JSON, KnownBody, Preference, next_turn, parse_json,
 from service.api.contract import STUDIED, one_body, problems
 from service.api.page import REPORT_POLICY
 from service.api.queries import computed, computed_with_alternatives, reply, validated, validated_as
-from service.api.services import Services, services_of
+from service.api.services import Services, services_of, unless_left
 from service.assessment import Query, first_queries, require_extra, strike_queries, write_page
 from service.auth.dependencies import RUN, RequestContext, context_in
-from service.errors import InvalidBodyError, PoolUnavailableError, ProblemType, problem_of
+from service.errors import InvalidBodyError, ProblemType, problem_of
 from service.jobs.models import JobCase
 from service.operations import OPERATIONS, UNCERTAIN, KeyedRequest
 from service.queries import check_work
@@ -37,8 +37,6 @@ from service.schemas import (
     TrajectoryUncertaintyRequest,
 )
 from service.telemetry import BEGUN
-
-Result = TypeVar("Result")
 
 router = APIRouter(dependencies=[RUN])
 
@@ -112,40 +110,6 @@ async def estimate(request: Request, operation: str, preference: Preference, ide
     now = time.perf_counter()
     timing = f"validate;dur={1e3 * (read - begun):.2f}, compute;dur={1e3 * (now - read):.2f}"
     return reply(found.json, status, f"{timing}, total;dur={1e3 * (now - begun):.2f}")
-
-
-async def unless_left(request: Request, work: Coroutine[Any, Any, Result]) -> Result:
-    """Return the result of work; cancel it once the client has left or the service is stopping.
-
-    Raises
-    ------
-    HTTPException
-        400 if the client has left.
-    PoolUnavailableError
-        If the service is stopping.
-    """
-    working = asyncio.ensure_future(work)
-    left = asyncio.ensure_future(disconnected(request))
-    stopping = asyncio.ensure_future(services_of(request).stopping.wait())
-    try:
-        await asyncio.wait([working, left, stopping], return_when=asyncio.FIRST_COMPLETED)
-    finally:
-        left.cancel()
-        stopping.cancel()
-        if not working.done():
-            working.cancel()
-            await asyncio.wait([working])
-    if not working.cancelled():
-        return working.result()
-    if left.done() and not left.cancelled():
-        raise HTTPException(HTTPStatus.BAD_REQUEST, "the client has left")
-    raise PoolUnavailableError("the service is stopping")
-
-
-async def disconnected(request: Request) -> None:
-    """Return once the client has closed the connection, after the body has been read."""
-    while (await request.receive())["type"] != "http.disconnect":
-        pass
 
 
 async def read_study(services: Services, body: bytes, operation: str) -> tuple[Any, KeyedRequest]:
