@@ -14,7 +14,7 @@ from anyio.to_thread import run_sync
 from opentelemetry.trace import Tracer
 
 from service.errors import IdempotencyBusyError, IdempotencyConflictError, QueueFullError, StorageError
-from service.jobs.fairness import PrioritySemaphore
+from service.fairness import PrioritySemaphore
 from service.jobs.models import (
     BLOCK_SIZE,
     NO_TRACER,

@@ -14,7 +14,7 @@ from anyio.to_thread import run_sync
 
 from service.cache.record import Record
 from service.errors import ComputationCancelled, DamagedCasesError, PoolUnavailableError, QueueFullError, case_problem
-from service.jobs.fairness import ChunkSizer, PrioritySemaphore
+from service.fairness import ChunkSizer, PrioritySemaphore
 from service.jobs.models import CaseResult, CaseRow, CaseState, JobCase, JobState, block_of
 from service.jobs.store import VERSIONS, JobStore
 from service.jobs.studies import StudyService

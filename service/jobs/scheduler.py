@@ -25,7 +25,7 @@ from service.errors import (
     StorageError,
     case_problem,
 )
-from service.jobs.fairness import ChunkSizer, FairQueue, Permit, PrioritySemaphore
+from service.fairness import ChunkSizer, FairQueue, Permit, PrioritySemaphore
 from service.jobs.models import BLOCK_SIZE, CaseState, JobState, Status, block_of, span_of
 from service.jobs.store import VERSIONS, JobStore
 from service.jobs.studies import Report, RunCases, StudyService
