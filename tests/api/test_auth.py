@@ -185,6 +185,16 @@ def test_cases_of_a_key_are_limited(guarded: Guarded) -> None:
         assert guarded.anna.post("/cra", json=PAPER).status_code == 200
 
 
+@pytest.mark.parametrize("jump", [-7200.0, 7200.0])
+def test_quota_goes_by_no_clock_that_can_be_set(jump: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    real, quota = time.time, Quota(10)
+    quota.take(10)
+    monkeypatch.setattr("time.time", lambda: real() + jump)
+    with pytest.raises(QuotaError) as refused:
+        quota.take(1)
+    assert WINDOW - STEP <= refused.value.retry_after <= WINDOW + STEP
+
+
 def test_query_that_is_refused_does_not_count(guarded: Guarded) -> None:
     short = PAPER["projectile"] | {"length_m": 0.1}  # too short for its nose, which a worker finds out
     call = {"name": "cra", "input": [[238.0, 39.0]], "config": {"projectile": short}}
@@ -667,7 +677,7 @@ def test_two_tokens_differ_and_open_only_their_own_key() -> None:
 
 def test_window_frees_what_was_requested_an_hour_ago(monkeypatch: pytest.MonkeyPatch) -> None:
     now = 1_000_000.0
-    monkeypatch.setattr(time, "time", lambda: now)
+    monkeypatch.setattr(time, "monotonic", lambda: now)
     quota = Quota(10)
     quota.take(6)
     now += 1800.0
