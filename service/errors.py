@@ -102,6 +102,15 @@ class QueueFullError(ServiceError):
         self.retry_after = retry_after
 
 
+class JobsTooLargeError(QueueFullError):
+    """The unfinished jobs of an owner would take more than so many bytes of disk."""
+
+    retry_after = 60
+
+    def __init__(self, limit: int) -> None:
+        ServiceError.__init__(self, f"the unfinished jobs of one owner may take {limit:,} bytes; let some end first")
+
+
 class QueriesWaitingError(QueueFullError):
     """More single queries would wait than may."""
 

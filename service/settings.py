@@ -350,6 +350,14 @@ class JobSettings(BaseSettings):
         float,
         Field(gt=0.0, description="How long a job is kept after its end: over a weekend and a few days more."),
     ] = 7.0
+    owner_jobs_bytes: Annotated[
+        int,
+        Field(
+            ge=1,
+            description="Disk for the jobs of one owner, their results aside: ten million usual cases. Those that "
+            "ended first go when there is no room for a new one.",
+        ),
+    ] = 1024**3
     most_wait_seconds: Annotated[
         float,
         Field(

@@ -229,7 +229,7 @@ async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         )
         services.jobs = JobManager(
             services.queries,
-            JobStore(settings.data_dir, job_days=settings.job_days),
+            JobStore(settings.data_dir, job_days=settings.job_days, owner_bytes=settings.owner_jobs_bytes),
             max_queued_cases=settings.max_queued_cases,
             count=services.metrics.count,
             give_back=services.quotas.give_back,
