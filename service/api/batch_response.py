@@ -166,7 +166,7 @@ class BatchResponse(JobResponse):
 
     async def _charged(self, blocks: AsyncIterator[list[JobCase]]) -> AsyncIterator[list[JobCase]]:
         async for cases in blocks:
-            self._context.take(len(cases) * OPERATIONS[self.operation].weight)
+            self._context.take(sum(case.request.work for case in cases))
             yield cases
 
     async def _answer_now(self, cases: Sequence[JobCase], sweep: Sweep | None) -> Response:

@@ -154,9 +154,9 @@ async def answer(endpoint: str, request: Request) -> dict[str, Any]:
         values = read_input(content.get("input"), len(inputs))
         scaled = [value * each.scale for value, each in zip(values, inputs, strict=True)]
         case = validated(with_values(base, [each.field for each in inputs], scaled), name, services)
-        context = context_in(request.scope)
-        with context.taking(1):
-            record, _ = await computed(services, context, name, KeyedRequest.of(name, case))
+        context, query = context_in(request.scope), KeyedRequest.of(name, case)
+        with context.taking(query.work):
+            record, _ = await computed(services, context, name, query)
     except (ServiceError, RicochetError) as error:
         raise protocol_error(error) from error
     return {"output": [model.output(record.answer)]}

@@ -38,7 +38,7 @@ from service.errors import (
     WorkerCrashedError,
 )
 from service.jobs.store import JobStore
-from service.schemas.strike import PAPER
+from service.schemas.strike import PAPER, PAPER_AT_45
 from service.settings import Settings
 from solver import ParameterError
 from tests.conftest import ROOT
@@ -183,6 +183,29 @@ def test_cases_of_a_key_are_limited(guarded: Guarded) -> None:
         assert statuses == [200] * 4 + [429] * 2  # what was refused has not counted, what was known has
         assert gina.get("/jobs").json() == {"jobs": []}
         assert guarded.anna.post("/cra", json=PAPER).status_code == 200
+
+
+def test_panel_steps_count_as_ordinary_cases(guarded: Guarded) -> None:
+    """Alone, among many or by another protocol: 1,000 panels for 50,000 steps are 50 of them."""
+    numerics = {"method": "panels", "panels": 1000, "time_step_s": 1e-6, "termination_time_s": 0.05}
+    strike = PAPER_AT_45 | {"numerics": numerics, "output": {"history": False}}
+    call = {"name": "trajectory", "input": [[238.0, 39.0]], "config": {"numerics": numerics}}
+    spread = {"type": "normal", "mean": 238.0, "standard_deviation": 2.4}
+    study = strike | {"uncertain": [{"field": "impact.velocity_m_s", "distribution": spread}]}
+    del study["output"]
+    bodies = {
+        "/trajectory": strike,
+        "/trajectory/batch": {"cases": [strike]},
+        "/trajectory/sweep": {"base": strike, "axes": [{"field": "impact.velocity_m_s", "values": [240.0]}]},
+        "/umbridge/Evaluate": call,
+    }
+    for number, (path, body) in enumerate(bodies.items()):
+        with guarded.with_key(f"hilda {number}", cases_per_hour=99) as hilda:
+            statuses = [hilda.post(path, json=body).status_code for _ in range(2)]
+            assert (path, statuses) == (path, [200, 429])
+    with guarded.with_key("ida", cases_per_hour=300) as ida:
+        for headers in ({}, ASYNC):
+            problem_of(ida.post("/trajectory/uncertainty", json=study, headers=headers), 429)
 
 
 @pytest.mark.parametrize("jump", [-7200.0, 7200.0])
