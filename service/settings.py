@@ -297,8 +297,20 @@ class LimitSettings(BaseSettings):
     ] = 100
     max_waiting_queries: Annotated[
         int,
-        Field(ge=1, description="Single queries that may wait for a worker: at 10 ms each, some seconds of work."),
+        Field(
+            ge=1,
+            description="Single queries that may wait for a worker: at 10 ms each, some seconds of work. When there is "
+            "no room, the last of the owner with most waiting gives way to an owner with fewer.",
+        ),
     ] = 1000
+    queue_seconds: Annotated[
+        float,
+        Field(
+            gt=0.0,
+            description="Longest that a single query waits for a worker: less than the 60 s after which proxies give "
+            "up.",
+        ),
+    ] = 30.0
 
 
 class CacheSettings(BaseSettings):
@@ -343,9 +355,10 @@ class JobSettings(BaseSettings):
         int,
         Field(
             ge=1,
-            description="Cases that may wait in all jobs together: ten of the largest batches, some hours of work.",
+            description="Cases that may wait in all jobs together, an owner's up to half of what the others leave: ten "
+            "of the largest batches of one owner, some hours of work.",
         ),
-    ] = 1_000_000
+    ] = 2_000_000
     job_days: Annotated[
         float,
         Field(gt=0.0, description="How long a job is kept after its end: over a weekend and a few days more."),

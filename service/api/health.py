@@ -1,9 +1,10 @@
 """Whether the service lives and is ready, what it runs, and what it has done: the metrics for Prometheus."""
 
+from enum import StrEnum
 from functools import cache
 from http import HTTPStatus
 from importlib.metadata import version as installed_version
-from typing import Annotated, Literal
+from typing import Annotated
 
 from anyio.to_thread import run_sync
 from fastapi import APIRouter, HTTPException, Request, Response
@@ -23,12 +24,19 @@ router = APIRouter(tags=["health"])
 LIBRARIES = ("ricochet", "fastapi", "h5py", "numba", "numpy", "pydantic", "scipy", "uvicorn")
 
 
+class HealthStatus(StrEnum):
+    """`busy` if all workers were at work."""
+
+    OK = "ok"
+    BUSY = "busy"
+
+
 class Health(Part):
     """How the service is."""
 
     model_config = with_examples({"status": "ok"})
 
-    status: Literal["ok"]
+    status: HealthStatus
 
 
 class Version(Part):
@@ -44,18 +52,19 @@ class Version(Part):
 @router.get("/livez", response_description="It answers.", responses=problems(500))
 async def livez() -> Health:
     """Return whether the service answers at all."""
-    return Health(status="ok")
+    return Health(status=HealthStatus.OK)
 
 
 @router.get("/readyz", response_description="It is ready.", responses=problems(500, 503))
 async def readyz(request: Request) -> Health:
-    """Return whether a worker answers and results can be written."""
+    """Return whether a worker answers, or all are at work, and results can be written."""
     services = services_of(request)
-    if not await services.executor.probe(services.settings.probe_seconds):
+    idle = await services.executor.probe(services.settings.probe_seconds)
+    if not idle and not services.executor.busy:
         raise HTTPException(HTTPStatus.SERVICE_UNAVAILABLE, services.executor.last_error)
     if not await run_sync(services.cache.writable):
         raise HTTPException(HTTPStatus.SERVICE_UNAVAILABLE, f"results cannot be written: {services.cache.last_error}")
-    return Health(status="ok")
+    return Health(status=HealthStatus.OK if idle else HealthStatus.BUSY)
 
 
 @router.get("/version", response_description="The versions.", responses=problems(500))
@@ -80,6 +89,6 @@ def library_versions() -> dict[str, str]:
 async def metrics(request: Request) -> Response:
     """Return what the service has done and how it is, in the text format of Prometheus."""
     services = services_of(request)
-    services.metrics.look_up(services.jobs, services.executor, services.cache, await services.jobs.tally())
+    services.metrics.look_up(services.jobs, services.queries, await services.jobs.tally())
     content = await run_sync(generate_latest, services.metrics.registry)  # thousands of lines of a busy service
     return Response(content, media_type=CONTENT_TYPE_LATEST)

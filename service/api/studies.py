@@ -104,7 +104,9 @@ async def estimate(request: Request, operation: str, preference: Preference, ide
         charge = case.sampling.max_samples * work_of(UNCERTAIN[operation].sample, base)
         return await answer_with_job(services, context, job, case, query, digest, begun, charge)
     with services.owner_queries.held(context.principal.owner) if context.principal.key else nullcontext():
-        answer = services.jobs.answer_study(operation, query, case, take=context.take, limiter=services.reading)
+        answer = services.jobs.answer_study(
+            operation, query, case, owner=context.queue_owner, take=context.take, limiter=services.reading
+        )
         found, status = await unless_left(request, answer)
     if status == "hit":  # computed for another request
         context.take(known.cases)
@@ -221,7 +223,7 @@ async def answer_query(request: Request, name: str, query: Query) -> Any:
         if operation in UNCERTAIN:
             with services.owner_queries.held(context.principal.owner) if context.principal.key else nullcontext():
                 record, status = await services.jobs.answer_study(
-                    operation, keyed, case, take=context.take, limiter=services.reading
+                    operation, keyed, case, owner=context.queue_owner, take=context.take, limiter=services.reading
                 )
             services.metrics.count(operation, record.outcome, status, 1)
             return orjson.loads(record.json)
