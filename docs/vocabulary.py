@@ -25,7 +25,7 @@ REPLACED = {
     "Marks": "CaseUpdates",
     "Pace": "ChunkSizer",
     "Shot": "PreparedCase",
-    "Slots": "PrioritySemaphore",
+    "Slots": "FairSemaphore",
     "SmallWork": "InlineBatch",
     "Turns": "FairQueue",
     "Usages": "QuotaStore",

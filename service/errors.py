@@ -18,8 +18,6 @@ MAX_ERRORS = 100
 """Errors listed in one problem: a body may be wrong in ten thousand places, and nobody reads on."""
 RETRY_SECONDS = 5
 """When to try again a service that starts, stops or has lost its workers; a worker starts in about 1 s."""
-QUERIES_PER_SECOND = 100
-"""Single queries that a service answers, about."""
 
 
 class ServiceError(Exception):
@@ -102,6 +100,15 @@ class QueueFullError(ServiceError):
         self.retry_after = retry_after
 
 
+class JobsTooLargeError(QueueFullError):
+    """The unfinished jobs of an owner would take more than so many bytes of disk."""
+
+    retry_after = 60
+
+    def __init__(self, limit: int) -> None:
+        ServiceError.__init__(self, f"the unfinished jobs of one owner may take {limit:,} bytes; let some end first")
+
+
 class QueriesWaitingError(QueueFullError):
     """More single queries would wait than may."""
 
@@ -115,9 +122,6 @@ class OwnerQueriesError(QueueFullError):
 
     type = "urn:ricochet:problem:owner-busy"
     title = "Too many queries of this owner are waiting"
-
-    def __init__(self, limit: int) -> None:
-        super().__init__(max(1, limit // QUERIES_PER_SECOND))
 
 
 class QuotaError(ServiceError):

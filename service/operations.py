@@ -1,8 +1,10 @@
 """What the service computes, each operation once: request, computation, answer, columns and key of its result."""
 
 import hashlib
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, Protocol, TypeAlias
 
 import orjson
@@ -62,12 +64,15 @@ class KeyedRequest:
 
     key: str
     json: bytes
+    work: int = 1
+    """What it counts as, in ordinary cases."""
 
     @classmethod
     def of(cls, operation: str, request: Request) -> "KeyedRequest":
         """Return the canonical form of a validated request with its key."""
         canonical = request.canonical()
-        return cls(result_key(operation, canonical), orjson.dumps(canonical))
+        work = work_of(operation, request) if isinstance(request, Case) else 1
+        return cls(result_key(operation, canonical), orjson.dumps(canonical), work)
 
 
 def result_key(operation: str, request: dict[str, Any]) -> str:
@@ -127,7 +132,9 @@ class Operation:
     cases
         Returns what a request counts as against a quota.
     weight
-        What a case of a batch or a sweep counts as, against a quota and the size of what is answered at once.
+        What an ordinary case of a batch or a sweep counts as, against a quota and the size of what is answered at once.
+    runs
+        Runs of which it consists, about.
     """
 
     compute: Callable[[bytes], Answer]
@@ -135,6 +142,7 @@ class Operation:
     columns: tuple[Column, ...] = ()
     cases: Callable[[Any], int] = lambda _: 1
     weight: int = 1
+    runs: int = 1
 
 
 def compute_trajectory(request: bytes) -> Answer:
@@ -336,9 +344,16 @@ WALL_CASES = 20
 """What a search for perforation counts as: it takes 20 to 30 runs."""
 
 
-def cases_of_a_wall(_: Part) -> int:
-    """Return what a search for perforation counts as."""
-    return WALL_CASES
+SEARCH_RUNS = 10
+"""Runs of a search for a critical angle, about."""
+PANEL_STEPS = 1e6
+"""Panels times time steps of a run that takes as long as an ordinary case, 10 to 20 ms."""
+
+
+def work_of(operation: str, request: Case) -> int:
+    """Return what one case counts as: by panels, as all the time steps that its runs may take."""
+    found = OPERATIONS[operation]
+    return max(found.weight, math.ceil(found.runs * request.panel_steps() / PANEL_STEPS))
 
 
 def cases_of_a_fit(_: Part) -> int:
@@ -356,14 +371,22 @@ def cases_of_a_study(request: UncertainCase) -> int:
     return request.sampling.max_samples
 
 
-def cases_of_a_query(request: Any) -> int:
+def cases_of_a_query(operation: str, request: Any) -> int:
     """Return what a query counts as: with alternatives, each of them is a case too."""
-    return 1 + len(alternative_requests(request)) if request.alternatives else 1
+    return work_of(operation, request) * (1 + len(alternative_requests(request)) if request.alternatives else 1)
 
 
 OPERATIONS: Mapping[str, Operation] = {
-    "trajectory": Operation(compute_trajectory, TrajectoryRequest, SUMMARY["trajectory"], cases_of_a_query),
-    "cra": Operation(compute_critical_angle, CriticalAngleRequest, SUMMARY["cra"], cases_of_a_query),
+    "trajectory": Operation(
+        compute_trajectory, TrajectoryRequest, SUMMARY["trajectory"], partial(cases_of_a_query, "trajectory")
+    ),
+    "cra": Operation(
+        compute_critical_angle,
+        CriticalAngleRequest,
+        SUMMARY["cra"],
+        partial(cases_of_a_query, "cra"),
+        runs=SEARCH_RUNS,
+    ),
     "calibration_depth": Operation(
         compute_depth_calibration,
         DepthCalibrationRequest,
@@ -381,10 +404,20 @@ OPERATIONS: Mapping[str, Operation] = {
     ),
     "formulas": Operation(compute_formulas, FormulasRequest),
     "thickness": Operation(
-        compute_thickness, ThicknessRequest, SUMMARY["thickness"], cases_of_a_wall, weight=WALL_CASES
+        compute_thickness,
+        ThicknessRequest,
+        SUMMARY["thickness"],
+        partial(work_of, "thickness"),
+        weight=WALL_CASES,
+        runs=WALL_CASES,
     ),
     "limit-speed": Operation(
-        compute_limit_speed, LimitSpeedRequest, SUMMARY["limit-speed"], cases_of_a_wall, weight=WALL_CASES
+        compute_limit_speed,
+        LimitSpeedRequest,
+        SUMMARY["limit-speed"],
+        partial(work_of, "limit-speed"),
+        weight=WALL_CASES,
+        runs=WALL_CASES,
     ),
     "cra_uncertainty": Operation(
         compute_critical_angle_uncertainty,

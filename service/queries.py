@@ -4,7 +4,7 @@ import asyncio
 import math
 import secrets
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -16,6 +16,7 @@ from service.cache.cache import ResultCache
 from service.cache.hdf5 import Segment
 from service.cache.record import Record
 from service.errors import ComputationCancelled, QueriesWaitingError
+from service.fairness import FairSemaphore, Permit
 from service.operations import KeyedRequest, Operation
 from service.schemas.requests import Case
 from service.workers import Call, CallResult, Executor
@@ -28,6 +29,10 @@ STEP_SECONDS = 0.5
 """What was done within this time is counted as one entry."""
 LONGEST_WAIT_SECONDS = 3600
 """Nobody plans further ahead than the rate is worth."""
+CASE_SECONDS = 0.02
+"""An ordinary case on one core, about: what is expected as long as nothing has been measured."""
+ABANDONED_SECONDS = 0.5
+"""For a running query after its last client has left: an ordinary one ends, and its result is kept."""
 
 
 def check_work(case: Any, most: float) -> None:
@@ -48,9 +53,16 @@ def check_work(case: Any, most: float) -> None:
 
 
 class Rate:
-    """Cases done in a second, measured lately."""
+    """Cases done in a second, measured lately.
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    cores
+        Returns how many cases are computed at the same time.
+    """
+
+    def __init__(self, cores: Callable[[], int]) -> None:
+        self._cores = cores
         self._entries: deque[tuple[float, int]] = deque()
         self._count = 0
 
@@ -76,8 +88,8 @@ class Rate:
 
     def seconds_for(self, count: int) -> int:
         """Whole seconds until so many more are done, at least 1."""
-        rate = self.per_second
-        return min(LONGEST_WAIT_SECONDS, max(1, math.ceil(count / rate))) if rate else 5
+        rate = self.per_second or self._cores() / CASE_SECONDS
+        return min(LONGEST_WAIT_SECONDS, max(1, math.ceil(count / rate)))
 
     def _forget(self, now: float) -> None:
         while self._entries and now - self._entries[0][0] > MEMORY_SECONDS:
@@ -92,6 +104,8 @@ Count: TypeAlias = Callable[[str, str, str, int], None]
 
 MAX_WAITING = 1000
 """Single queries that may wait for a worker: at 10 ms each, a few seconds of work."""
+QUEUE_SECONDS = 30.0
+"""Longest that one waits for a worker."""
 
 
 class QueryService:
@@ -107,6 +121,8 @@ class QueryService:
         What can be computed, by name.
     max_waiting
         Single queries that may wait for a worker.
+    queue_seconds
+        Longest that one waits for a worker. [s]
     count
         Counts single queries that are answered.
     """
@@ -118,6 +134,7 @@ class QueryService:
         operations: Mapping[str, Operation],
         *,
         max_waiting: int = MAX_WAITING,
+        queue_seconds: float = QUEUE_SECONDS,
         count: Count = lambda *_: None,
     ) -> None:
         self.cache = cache
@@ -125,24 +142,42 @@ class QueryService:
         self.operations = operations
         self._max_waiting = max_waiting
         self._count = count
-        self._rate = Rate()
+        self._queue_seconds = queue_seconds
+        self._rate = Rate(lambda: executor.single_capacity)
+        self._turns = FairSemaphore(lambda: executor.single_capacity)
+        """No more than run: so chunks get their turn between them, as owners do."""
+        self._work = 0
+        """What the single queries that wait or run count as, in ordinary cases."""
         self._in_flight: dict[str, asyncio.Future[Answered]] = {}
+        self._running: set[asyncio.Future[Answered]] = set()
+        """Single queries that a worker has."""
+        self._clients: Counter[asyncio.Future[Answered]] = Counter()
+        """How many wait for each."""
 
     @property
     def chunk_limit(self) -> int:
         """Chunks that should be begun at the same time, now: some wait, so that no worker does."""
         return self.executor.capacity + self.executor.prefetch
 
-    async def answer(self, operation: str, request: KeyedRequest) -> Answered:
+    @property
+    def queued(self) -> int:
+        """Single queries that wait for a worker."""
+        return self._turns.waiting + self.executor.queued
+
+    def seconds_until_done(self) -> int:
+        """Whole seconds until the single queries that wait or run now are likely to be done."""
+        return self._rate.seconds_for(self._work)
+
+    async def answer(self, operation: str, request: KeyedRequest, owner: str = "") -> Answered:
         """Return the record of the request, and whether it was there already.
 
-        Equal requests in flight share one computation. It belongs to none of them: it goes on when they have all left,
-        and its result is kept.
+        Equal requests in flight share one computation, in the turn of the owner who was first. When all have left, it
+        is given up: at once while it waits for a worker, after `ABANDONED_SECONDS` when it runs.
 
         Raises
         ------
         QueriesWaitingError
-            If too many wait for a worker.
+            If too many wait for a worker, or this one has waited too long.
         """
         record = self.cache.recall(request.key)
         if record is not None:
@@ -152,11 +187,11 @@ class QueryService:
             found = self._in_flight.get(request.key)
             shared = found is not None
             if found is None:
-                found = asyncio.create_task(self._find(operation, request))
+                found = asyncio.create_task(self._find(operation, request, owner))
                 self._in_flight[request.key] = found
                 found.add_done_callback(lambda done: self._forget(request.key, done))
             with suppress(ComputationCancelled):
-                answered = await asyncio.shield(found)
+                answered = await self._wait_for(request.key, found)
                 if shared or answered[1] == "hit":
                     self._count(operation, answered[0].outcome, "hit", 1)
                 return answered
@@ -187,19 +222,59 @@ class QueryService:
         kept = asyncio.create_task(self._keep(operation, own, futures, running))
         return Chunk(futures, shared, running, kept)
 
-    async def _find(self, operation: str, request: KeyedRequest) -> Answered:
+    async def _wait_for(self, key: str, found: "asyncio.Future[Answered]") -> Answered:
+        """Wait for an answer in flight; the last client to leave gives a single query up."""
+        self._clients[found] += 1
+        try:
+            return await asyncio.shield(found)
+        finally:
+            self._clients[found] -= 1
+            if not self._clients[found]:
+                del self._clients[found]
+                if found in self._running:
+                    asyncio.get_running_loop().call_later(ABANDONED_SECONDS, self._give_up, key, found)
+                elif isinstance(found, asyncio.Task):  # else it is the case of a chunk
+                    self._give_up(key, found)
+
+    def _give_up(self, key: str, found: "asyncio.Future[Answered]") -> None:
+        """Cancel a single query, unless it is done or somebody waits for it again."""
+        if not found.done() and not self._clients[found]:
+            self._forget(key, found)
+            found.cancel()
+
+    async def _find(self, operation: str, request: KeyedRequest, owner: str) -> Answered:
         record = await run_sync(self.cache.get, request.key)
         if record is not None:
             return record, "hit"
-        queued = self.executor.queued
-        if queued >= self._max_waiting:
-            raise QueriesWaitingError(self._rate.seconds_for(queued))
-        compute = self.operations[operation].compute
-        json, outcome = await self.executor.submit(compute_single, compute, operation, request.key, request.json)
-        self._rate.add(1)
+        json, outcome = await self._compute(operation, request, owner)
+        self._rate.add(request.work)
         self._count(operation, outcome, "miss", 1)
         record = Record(request.key, operation, request.json, json=json, outcome=outcome)
         return await run_sync(self.cache.put, record), "miss"
+
+    async def _compute(self, operation: str, request: KeyedRequest, owner: str) -> tuple[bytes, str]:
+        """Compute one request when it is its owner's turn."""
+        self._work += request.work
+        try:
+            permit = await self._permit(owner)
+            self._running.add(self._in_flight[request.key])
+            compute = self.operations[operation].compute
+            try:
+                return await self.executor.submit(compute_single, compute, operation, request.key, request.json)
+            finally:
+                permit.release()
+        finally:
+            self._work -= request.work
+
+    async def _permit(self, owner: str) -> Permit:
+        busy = QueriesWaitingError(self.seconds_until_done())
+        if self._turns.waiting >= self._max_waiting and not self._turns.make_room(owner, busy):
+            raise busy
+        try:
+            async with asyncio.timeout(self._queue_seconds):
+                return await self._turns.acquire(owner)
+        except TimeoutError:
+            raise QueriesWaitingError(self.seconds_until_done()) from None
 
     async def _keep(
         self,
@@ -250,8 +325,10 @@ class QueryService:
         return [records[outcome.key] if isinstance(outcome, Record) else outcome for outcome in outcomes]
 
     def _forget(self, key: str, task: "asyncio.Future[Answered]") -> None:
-        del self._in_flight[key]
-        if not task.cancelled():
+        self._running.discard(task)
+        if self._in_flight.get(key) is task:
+            del self._in_flight[key]
+        if task.done() and not task.cancelled():
             task.exception()  # seen, even if nothing waits for it any more
 
 

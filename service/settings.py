@@ -306,8 +306,20 @@ class LimitSettings(BaseSettings):
     ] = 100
     max_waiting_queries: Annotated[
         int,
-        Field(ge=1, description="Single queries that may wait for a worker: at 10 ms each, some seconds of work."),
+        Field(
+            ge=1,
+            description="Single queries that may wait for a worker: at 10 ms each, some seconds of work. When there is "
+            "no room, the last of the owner with most waiting gives way to an owner with fewer.",
+        ),
     ] = 1000
+    queue_seconds: Annotated[
+        float,
+        Field(
+            gt=0.0,
+            description="Longest that a single query waits for a worker: less than the 60 s after which proxies give "
+            "up.",
+        ),
+    ] = 30.0
 
 
 class CacheSettings(BaseSettings):
@@ -353,13 +365,22 @@ class JobSettings(BaseSettings):
         int,
         Field(
             ge=1,
-            description="Cases that may wait in all jobs together: ten of the largest batches, some hours of work.",
+            description="Cases that may wait in all jobs together, an owner's up to half of what the others leave: ten "
+            "of the largest batches of one owner, some hours of work.",
         ),
-    ] = 1_000_000
+    ] = 2_000_000
     job_days: Annotated[
         float,
         Field(gt=0.0, description="How long a job is kept after its end: over a weekend and a few days more."),
     ] = 7.0
+    owner_jobs_bytes: Annotated[
+        int,
+        Field(
+            ge=1,
+            description="Disk for the jobs of one owner, their results aside: ten million usual cases. Those that "
+            "ended first go when there is no room for a new one.",
+        ),
+    ] = 1024**3
     most_wait_seconds: Annotated[
         float,
         Field(

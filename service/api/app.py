@@ -63,6 +63,8 @@ TRACES_SECONDS = 0.5
 """For the last traces to be sent, when all else has ended."""
 STOP_SECONDS = POOL_SECONDS + 1
 """Part of the grace time for jobs and workers to end after the last request has been answered or given up."""
+REFUSAL_SECONDS = 1
+"""Part of it, before that, for what cannot be finished to be refused."""
 GZIP_BYTES, GZIP_LEVEL = 8 * 1024, 1
 """Least answer that is compressed, and how hard: level 6 takes four times as long and saves 3 % more."""
 RESOURCES = (queries, batches, studies, umbridge, results, jobs, health, page)
@@ -181,7 +183,9 @@ def create_app(settings: Settings | None = None) -> FastAPI:
         quotas=QuotaStore(settings.data_dir),
         audit=AuditLog(settings.audit_log),
         streams=ConcurrencyLimit(settings.max_owner_streams, OwnerStreamsError, settings.max_streams, StreamsFullError),
-        owner_queries=ConcurrencyLimit(settings.max_owner_queries, OwnerQueriesError),
+        owner_queries=ConcurrencyLimit(
+            settings.max_owner_queries, lambda _: OwnerQueriesError(app.state.services.queries.seconds_until_done())
+        ),
         bodies=KnownBodies(settings.memory_cache_bytes),
         traces=traces,
     )
@@ -202,7 +206,7 @@ async def lifespan(app: FastAPI) -> AsyncIterator[None]:
     """Start what the routes work with, and end it at last."""
     services: Services = app.state.services
     settings = services.settings
-    services.stopping = asyncio.Event()
+    services.stopping, services.ending = asyncio.Event(), asyncio.Event()
     services.reading = CapacityLimiter(READING_THREADS)
     services.parsing = asyncio.Lock()
     async with AsyncExitStack() as stack:
@@ -229,11 +233,17 @@ async def lifespan(app: FastAPI) -> AsyncIterator[None]:
             services.executor,
             OPERATIONS,
             max_waiting=settings.max_waiting_queries,
+            queue_seconds=settings.queue_seconds,
             count=services.metrics.count,
         )
         services.jobs = JobManager(
             services.queries,
-            JobStore(settings.data_dir, job_days=settings.job_days, check_folder=services.cache.check_folder),
+            JobStore(
+                settings.data_dir,
+                job_days=settings.job_days,
+                owner_bytes=settings.owner_jobs_bytes,
+                check_folder=services.cache.check_folder,
+            ),
             max_queued_cases=settings.max_queued_cases,
             count=services.metrics.count,
             give_back=services.quotas.give_back,

@@ -15,7 +15,7 @@ from pydantic import MISSING, ValidationError
 from pydantic_core import to_json
 
 from service.api.body import JSON, JSONL, parse_json, read_body, require_type, stream_up_to
-from service.api.services import Services, services_of
+from service.api.services import Services, services_of, unless_left
 from service.errors import MAX_ERRORS, InvalidBodyError, field_errors, validation_errors
 from service.jobs.models import JobCase, Sweep
 from service.operations import KeyedRequest
@@ -165,7 +165,8 @@ class BatchReader:
         for first in range(0, len(numbers), CHECKED_AT_ONCE):
             some = numbers[first : first + CHECKED_AT_ONCE]
             requests = [cases[number].request.json for number in some]
-            wrong = await self._services.executor.submit(check_requests, canonical, requests)
+            checking = self._services.executor.submit(check_requests, canonical, requests)
+            wrong = await unless_left(self._request, checking)
             errors |= {some[place]: behind(f"/cases/{some[place]}", found) for place, found in wrong.items()}
         return errors
 

@@ -15,7 +15,7 @@ from fastapi.responses import StreamingResponse
 from service.api.batch_body import BatchBody
 from service.api.body import JSON, JSONL, Preference, choose, read_preference
 from service.api.results import CSV, ReadyResults, as_array, as_csv, as_lines, csv_head, csv_rows, to_item, to_lines
-from service.api.services import services_of
+from service.api.services import services_of, unless_left
 from service.auth.dependencies import context_in
 from service.jobs.manager import JobManager
 from service.jobs.models import CaseResult, Charge, Idempotency, JobCase, JobState, Sweep
@@ -72,6 +72,7 @@ class JobResponse:
 
     def __init__(self, request: Request, operation: str, preference: Preference, idempotency_key: str) -> None:
         self.operation = operation
+        self._request = request
         self.path: str = request.scope["path"]
         self.root = root_of(request)
         self.preference = preference
@@ -96,6 +97,7 @@ class JobResponse:
             self.operation,
             blocks,
             owner=owner,
+            queue=self._context.queue_owner,
             idempotency=idempotency,
             sweep=sweep,
             charge=charge,
@@ -169,16 +171,17 @@ class BatchResponse(JobResponse):
 
     async def _charged(self, blocks: AsyncIterator[list[JobCase]]) -> AsyncIterator[list[JobCase]]:
         async for cases in blocks:
-            self._context.take(len(cases) * OPERATIONS[self.operation].weight)
+            self._context.take(sum(case.request.work for case in cases))
             yield cases
 
     async def _answer_now(self, cases: Sequence[JobCase], sweep: Sweep | None) -> Response:
-        results = self._jobs.run_now(self.operation, cases)
+        results = self._jobs.run_now(self.operation, cases, self._context.queue_owner)
         if self.form == JSONL:
-            begun = await begin(results)  # a refusal is answered before the answer has begun
+            beginning = begin(results)  # a refusal is answered before the answer has begun
+            begun = await unless_left(self._request, beginning)
             lines = (to_lines([result], self.path, sweep) async for result in begun)
             return StreamingResponse(closing(lines, results), media_type=JSONL, headers=VARY)
-        found = sorted([result async for result in results], key=lambda result: result.number)
+        found = await unless_left(self._request, all_of(results))
         status = "ricochet; hit" if all(result.cached for result in found) else "ricochet; fwd=miss"
         if self.form == CSV:
             content = csv_head(self.operation, sweep) + csv_rows(found, self.operation, sweep)
@@ -227,6 +230,12 @@ async def begin(results: AsyncGenerator[CaseResult, None]) -> AsyncIterator[Case
             yield result
 
     return resumed()
+
+
+async def all_of(results: AsyncGenerator[CaseResult, None]) -> list[CaseResult]:
+    """Return all results in the order of their cases."""
+    async with aclosing(results):
+        return sorted([result async for result in results], key=lambda result: result.number)
 
 
 async def until(stopping: asyncio.Event, changes: AsyncGenerator[JobState, None]) -> AsyncGenerator[JobState, None]:

@@ -1,9 +1,10 @@
 """Whether the service lives and is ready, what it runs, and what it has done: the metrics for Prometheus."""
 
+from enum import StrEnum
 from functools import cache
 from http import HTTPStatus
 from importlib.metadata import version as installed_version
-from typing import Annotated, Literal
+from typing import Annotated
 
 from anyio.to_thread import run_sync
 from fastapi import APIRouter, HTTPException, Request, Response
@@ -26,12 +27,19 @@ MOST_NAMES = 5
 """Damaged files that are named; there may be thousands."""
 
 
+class HealthStatus(StrEnum):
+    """`busy` if all workers were at work."""
+
+    OK = "ok"
+    BUSY = "busy"
+
+
 class Health(Part):
     """How the service is."""
 
     model_config = with_examples({"status": "ok"})
 
-    status: Literal["ok"]
+    status: HealthStatus
     warnings: (
         Annotated[list[str], Field(description="What somebody should look at, though the service works.")] | MISSING
     ) = MISSING
@@ -50,14 +58,15 @@ class Version(Part):
 @router.get("/livez", response_description="It answers.", responses=problems(500))
 async def livez() -> Health:
     """Return whether the service answers at all."""
-    return Health(status="ok")
+    return Health(status=HealthStatus.OK)
 
 
 @router.get("/readyz", response_description="It is ready.", responses=problems(500, 503))
 async def readyz(request: Request) -> Health:
-    """Return whether a worker answers and results can be written."""
+    """Return whether a worker answers, or all are at work, and results can be written."""
     services = services_of(request)
-    if not await services.executor.probe(services.settings.probe_seconds):
+    idle = await services.executor.probe(services.settings.probe_seconds)
+    if not idle and not services.executor.busy:
         raise HTTPException(HTTPStatus.SERVICE_UNAVAILABLE, services.executor.last_error)
     if not await run_sync(services.cache.writable):
         raise HTTPException(HTTPStatus.SERVICE_UNAVAILABLE, f"results cannot be written: {services.cache.last_error}")
@@ -65,10 +74,11 @@ async def readyz(request: Request) -> Health:
         await services.jobs.check()
     except StorageError as error:
         raise HTTPException(HTTPStatus.SERVICE_UNAVAILABLE, f"jobs cannot be stored: {error}") from error
+    status = HealthStatus.OK if idle else HealthStatus.BUSY
     if damaged := await run_sync(services.cache.set_aside):
         text = f"{', '.join(damaged[-MOST_NAMES:])}: damaged, {len(damaged)} in all; see the log and the folder damaged"
-        return Health(status="ok", warnings=[text])
-    return Health(status="ok")
+        return Health(status=status, warnings=[text])
+    return Health(status=status)
 
 
 @router.get("/version", response_description="The versions.", responses=problems(500))
@@ -93,6 +103,6 @@ def library_versions() -> dict[str, str]:
 async def metrics(request: Request) -> Response:
     """Return what the service has done and how it is, in the text format of Prometheus."""
     services = services_of(request)
-    services.metrics.look_up(services.jobs, services.executor, services.cache, await services.jobs.tally())
+    services.metrics.look_up(services.jobs, services.queries, await services.jobs.tally())
     content = await run_sync(generate_latest, services.metrics.registry)  # thousands of lines of a busy service
     return Response(content, media_type=CONTENT_TYPE_LATEST)

@@ -138,8 +138,8 @@ async def _answer(operation: str, content: Mapping[str, Any], request: Request) 
         return await _study(operation, case, query, request)
     with context.taking(OPERATIONS[operation].cases(case)):
         if getattr(case, "alternatives", False):
-            return (await computed_with_alternatives(request, operation, case, query))[0]
-        return (await computed(services, context, operation, query))[0].json
+            return (await unless_left(request, computed_with_alternatives(request, operation, case, query)))[0]
+        return (await unless_left(request, computed(services, context, operation, query)))[0].json
 
 
 async def _study(operation: str, case: Any, query: KeyedRequest, request: Request) -> bytes:
@@ -155,7 +155,9 @@ async def _study(operation: str, case: Any, query: KeyedRequest, request: Reques
         return record.json
     check_work(await run_sync(UNCERTAIN[operation].base, case), services.settings.max_panel_steps)
     with services.owner_queries.held(context.principal.owner) if context.principal.key else nullcontext():
-        answer = services.jobs.answer_study(operation, query, case, take=context.take, limiter=services.reading)
+        answer = services.jobs.answer_study(
+            operation, query, case, owner=context.queue_owner, take=context.take, limiter=services.reading
+        )
         found, status = await unless_left(request, answer)
     if status == "hit":  # computed for another request
         context.take(1)

@@ -12,7 +12,7 @@ from pydantic import BaseModel, ValidationError
 
 from service.api.body import JSON, KnownBody, next_turn, parse_json, read_body, require_type
 from service.api.contract import COMPUTED, one_body
-from service.api.services import Services, services_of
+from service.api.services import Services, services_of, unless_left
 from service.auth.dependencies import RUN, RequestContext, context_in
 from service.errors import InvalidBodyError, ProblemType, problem_of, validation_errors
 from service.jobs.scheduler import problem_name
@@ -190,10 +190,11 @@ async def answer(request: Request, operation: str, *, long: bool = False) -> Res
     with context.taking(cases):
         query = await run_sync(KeyedRequest.of, operation, case) if long else KeyedRequest.of(operation, case)
         if getattr(case, "alternatives", False):
-            content, status = await computed_with_alternatives(request, operation, case, query)
+            answering = computed_with_alternatives(request, operation, case, query)
+            content, status = await unless_left(request, answering)
         else:
-            record, status = await computed(services, context, operation, query)
-            content = record.json
+            found, status = await unless_left(request, computed(services, context, operation, query))
+            content = found.json
             services.bodies.remember(path, body, KnownBody(query.key, cases))
     now = time.perf_counter()
     timing = f"validate;dur={1e3 * (read - begun):.2f}, compute;dur={1e3 * (now - read):.2f}"
@@ -227,7 +228,7 @@ async def computed(services: Services, context: RequestContext, operation: str, 
     """Return the record of a request, and whether it was there; count what has none."""
     try:
         with services.owner_queries.held(context.principal.owner) if context.principal.key else nullcontext():
-            return await services.queries.answer(operation, query)
+            return await services.queries.answer(operation, query, context.queue_owner)
     except Exception as error:
         services.metrics.count(operation, problem_name(problem_of(error)), "miss", 1)
         raise

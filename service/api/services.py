@@ -82,11 +82,11 @@ class Metrics:
         """Count cases that have been answered, computed (`miss`) or from the cache (`hit`)."""
         self._cases.labels(operation, outcome, cache).inc(count)
 
-    def look_up(self, manager: JobManager, executor: Executor, cache: ResultCache, jobs: Tally[Status]) -> None:
+    def look_up(self, manager: JobManager, queries: QueryService, jobs: Tally[Status]) -> None:
         """Note how things are now; `jobs` by status."""
-        stored = cache.statistics()
+        stored, executor = queries.cache.statistics(), queries.executor
         values = {
-            "queued_queries": executor.queued,
+            "queued_queries": queries.queued,
             "queued_cases": manager.queued_cases,
             "running_chunks": manager.running_chunks,
             "chunk_width": executor.capacity,
@@ -126,6 +126,8 @@ class Services:
     queries: QueryService = field(init=False)
     jobs: JobManager = field(init=False)
     stopping: asyncio.Event = field(init=False)
+    ending: asyncio.Event = field(init=False)
+    """Set some time after `stopping`: what has not been answered by then is refused."""
     reading: CapacityLimiter = field(init=False)
     parsing: asyncio.Lock = field(init=False)
     mcp: ASGIApp = field(init=False)
@@ -138,37 +140,24 @@ def services_of(request: Request) -> Services:
     return services
 
 
-def executor_for(settings: Settings) -> Executor:
-    """Return the executor of the settings; nothing runs until it is started."""
-    if settings.executor == "in-process":
-        return InThreadExecutor(task_seconds=settings.task_seconds)
-    if settings.executor == "dask":
-        from service.workers.dask_executor import DaskExecutor  # noqa: PLC0415 (an extra that few have installed)
-
-        return DaskExecutor(
-            address=settings.dask_scheduler, workers=settings.workers, task_seconds=settings.task_seconds
-        )
-    return ProcessPool(workers=settings.workers, task_seconds=settings.task_seconds)
-
-
 async def unless_left(request: Request, work: Coroutine[Any, Any, Result]) -> Result:
-    """Return the result of work; cancel it once the client has left or the service is stopping.
+    """Return the result of work; cancel it once the client has left or the service can wait for it no longer.
 
     Raises
     ------
     HTTPException
         400 if the client has left.
     PoolUnavailableError
-        If the service is stopping.
+        If the service is about to end.
     """
     working = asyncio.ensure_future(work)
     left = asyncio.ensure_future(disconnected(request))
-    stopping = asyncio.ensure_future(services_of(request).stopping.wait())
+    ending = asyncio.ensure_future(services_of(request).ending.wait())
     try:
-        await asyncio.wait([working, left, stopping], return_when=asyncio.FIRST_COMPLETED)
+        await asyncio.wait([working, left, ending], return_when=asyncio.FIRST_COMPLETED)
     finally:
         left.cancel()
-        stopping.cancel()
+        ending.cancel()
         if not working.done():
             working.cancel()
             await asyncio.wait([working])
@@ -183,3 +172,16 @@ async def disconnected(request: Request) -> None:
     """Return once the client has closed the connection, after the body has been read."""
     while (await request.receive())["type"] != "http.disconnect":
         pass
+
+
+def executor_for(settings: Settings) -> Executor:
+    """Return the executor of the settings; nothing runs until it is started."""
+    if settings.executor == "in-process":
+        return InThreadExecutor(task_seconds=settings.task_seconds)
+    if settings.executor == "dask":
+        from service.workers.dask_executor import DaskExecutor  # noqa: PLC0415 (an extra that few have installed)
+
+        return DaskExecutor(
+            address=settings.dask_scheduler, workers=settings.workers, task_seconds=settings.task_seconds
+        )
+    return ProcessPool(workers=settings.workers, task_seconds=settings.task_seconds)

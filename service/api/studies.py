@@ -27,7 +27,7 @@ from service.assessment import Query, first_queries, require_extra, strike_queri
 from service.auth.dependencies import RUN, RequestContext, context_in
 from service.errors import InvalidBodyError, ProblemType, problem_of
 from service.jobs.models import JobCase
-from service.operations import OPERATIONS, UNCERTAIN, KeyedRequest
+from service.operations import OPERATIONS, UNCERTAIN, KeyedRequest, work_of
 from service.queries import check_work
 from service.schemas import (
     CriticalAngleUncertaintyAnswer,
@@ -96,13 +96,17 @@ async def estimate(request: Request, operation: str, preference: Preference, ide
         services.metrics.count(operation, record.outcome, "hit", 1)
         return reply(record.json, "hit", f"total;dur={1e3 * (time.perf_counter() - begun):.2f}")
     case, query = study or await read_study(services, body, operation)
-    check_work(await run_sync(UNCERTAIN[operation].base, case), services.settings.max_panel_steps)
+    base = await run_sync(UNCERTAIN[operation].base, case)
+    check_work(base, services.settings.max_panel_steps)
     if preference.respond_async or case.sampling.max_samples > services.settings.small_samples:
         digest = hashlib.sha256(f"{path} {JSON}\n".encode() + body).hexdigest()
         job = JobResponse(request, operation, preference, idempotency_key)
-        return await answer_with_job(services, context, job, case, query, digest, begun)
+        charge = case.sampling.max_samples * work_of(UNCERTAIN[operation].sample, base)
+        return await answer_with_job(services, context, job, case, query, digest, begun, charge)
     with services.owner_queries.held(context.principal.owner) if context.principal.key else nullcontext():
-        answer = services.jobs.answer_study(operation, query, case, take=context.take, limiter=services.reading)
+        answer = services.jobs.answer_study(
+            operation, query, case, owner=context.queue_owner, take=context.take, limiter=services.reading
+        )
         found, status = await unless_left(request, answer)
     if status == "hit":  # computed for another request
         context.take(known.cases)
@@ -129,14 +133,15 @@ async def answer_with_job(
     query: KeyedRequest,
     digest: str,
     begun: float,
+    most: int,
 ) -> Response:
     """Return the job of a study; its answer, if it is there in the time that the client waits.
 
-    It counts as all the samples it may take until it ends, then as those it has taken.
+    It counts as all the samples it may take, `most`, until it ends, then as those it has taken.
     """
     await run_sync(case.study)  # refuses inputs that do not go together
     try:
-        charge = context.charge(case.sampling.max_samples)
+        charge = context.charge(most)
         state = await response.accept(one_block(JobCase(query)), digest, charge=charge)
     except BaseException:
         context.give_back()
@@ -218,7 +223,7 @@ async def answer_query(request: Request, name: str, query: Query) -> Any:
         if operation in UNCERTAIN:
             with services.owner_queries.held(context.principal.owner) if context.principal.key else nullcontext():
                 record, status = await services.jobs.answer_study(
-                    operation, keyed, case, take=context.take, limiter=services.reading
+                    operation, keyed, case, owner=context.queue_owner, take=context.take, limiter=services.reading
                 )
             services.metrics.count(operation, record.outcome, status, 1)
             return orjson.loads(record.json)

@@ -19,7 +19,7 @@ from pydantic import Field, TypeAdapter, ValidationError
 
 from service.api.body import JSON, next_turn, parse_json, read_body
 from service.api.queries import computed, validated
-from service.api.services import services_of
+from service.api.services import services_of, unless_left
 from service.auth.dependencies import RUN, context_in
 from service.errors import InvalidBodyError, ProblemType, ServiceError, problem_of, validation_errors
 from service.operations import OPERATIONS, KeyedRequest
@@ -154,9 +154,9 @@ async def answer(endpoint: str, request: Request) -> dict[str, Any]:
         values = read_input(content.get("input"), len(inputs))
         scaled = [value * each.scale for value, each in zip(values, inputs, strict=True)]
         case = validated(with_values(base, [each.field for each in inputs], scaled), name, services)
-        context = context_in(request.scope)
-        with context.taking(1):
-            record, _ = await computed(services, context, name, KeyedRequest.of(name, case))
+        context, query = context_in(request.scope), KeyedRequest.of(name, case)
+        with context.taking(query.work):
+            record, _ = await unless_left(request, computed(services, context, name, query))
     except (ServiceError, RicochetError) as error:
         raise protocol_error(error) from error
     return {"output": [model.output(record.answer)]}

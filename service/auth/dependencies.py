@@ -4,7 +4,9 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import lru_cache
 from http import HTTPStatus
+from ipaddress import IPv6Network
 from typing import Annotated
 
 from fastapi import Depends, HTTPException, Request, Security
@@ -69,11 +71,14 @@ class RequestContext:
         Stores of the data folder.
     key_required
         Whether the request needs a key unless its route is public.
+    client
+        Address of the client.
     """
 
-    __slots__ = ("_keys", "_quotas", "cases", "job", "key_required", "principal")
+    __slots__ = ("_client", "_keys", "_quotas", "cases", "job", "key_required", "principal")
 
-    def __init__(self, keys: ApiKeyStore, quotas: QuotaStore, *, key_required: bool) -> None:
+    def __init__(self, keys: ApiKeyStore, quotas: QuotaStore, *, key_required: bool, client: str | None = None) -> None:
+        self._client = client
         self._keys = keys
         self._quotas = quotas
         self.key_required = key_required
@@ -82,6 +87,11 @@ class RequestContext:
         """Cases counted against the quota."""
         self.job = ""
         """Id of the job that was made or ended."""
+
+    @property
+    def queue_owner(self) -> str:
+        """Owner in whose turn work is computed: without a key, the address of the client."""
+        return self.principal.owner if self.principal.key else f"address {network_of(self._client)}"
 
     def authorize(self, token: str | None, scopes: Iterable[str]) -> None:
         """Identify the principal, and check that its key has these scopes.
@@ -153,6 +163,15 @@ class RequestContext:
         except REFUSALS:
             self.give_back(count)
             raise
+
+
+@lru_cache(maxsize=1024)
+def network_of(address: str | None) -> str | None:
+    """Return an IPv4 address, or the /64 of an IPv6 address: one client has all of it."""
+    try:
+        return str(IPv6Network((address or "", 64), strict=False))
+    except ValueError:
+        return address
 
 
 def context_in(scope: RequestScope) -> RequestContext:

@@ -101,7 +101,9 @@ class AuthMiddleware:
         status, key_required = 0, self._requires_key(scope)
         tls = self._tls or scope.get("scheme") == "https"  # at a trusted proxy
         public = self._metrics_open and path_of(scope) == "/metrics"
-        context = RequestContext(self._keys, self._quotas, key_required=key_required and not public)
+        context = RequestContext(
+            self._keys, self._quotas, key_required=key_required and not public, client=client_of(scope)
+        )
         scope[CONTEXT] = context
 
         async def send_secured(message: Message) -> None:

@@ -22,6 +22,15 @@ SAVE_SECONDS = 10
 """Between two times that counts are written. [s]"""
 
 
+SINCE_1970 = time.time() - time.monotonic()
+"""Added to the monotonic clock: nobody gains or loses cases when the clock of the machine is set. [s]"""
+
+
+def clock() -> float:
+    """Return the time as it was when the service started, and what has passed since. [s since 1970]"""
+    return SINCE_1970 + time.monotonic()
+
+
 class Quota:
     """Cases of one key within the last hour.
 
@@ -35,7 +44,7 @@ class Quota:
 
     def __init__(self, most: int | None, entries: list[tuple[int, int]] | None = None) -> None:
         self.most = most
-        now = time.time()
+        now = clock()
         self.entries = deque((began, count) for began, count in entries or () if began <= now)
         self._count = sum(count for _, count in self.entries)
 
@@ -47,7 +56,7 @@ class Quota:
         QuotaError
             If they are more than are left; none is counted then.
         """
-        now = time.time()
+        now = clock()
         self._forget(now)
         if self.most is not None and self._count + count > self.most:
             raise QuotaError(self.most, count, self._seconds_until(count, now))
@@ -72,7 +81,7 @@ class Quota:
 
     def give_back_from(self, began: int, count: int) -> None:
         """Take back cases of the entry with this begin, unless it has left the window."""
-        self._forget(time.time())
+        self._forget(clock())
         for place, (begin, here) in enumerate(self.entries):
             if begin == began:
                 self.entries[place] = (begin, max(0, here - count))

@@ -17,7 +17,7 @@ from typing import Any
 import uvicorn
 from fastapi import FastAPI
 
-from service.api.app import STOP_SECONDS, create_app
+from service.api.app import REFUSAL_SECONDS, STOP_SECONDS, create_app
 from service.api.connection import Connection
 from service.cli.arguments import FAILED, CommandError, read_settings
 from service.cli.client import Client, connect
@@ -122,7 +122,9 @@ class Server(uvicorn.Server):
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
         """Announce the end to the application, whose event streams would not end by themselves, and stop."""
-        self._app.state.services.stopping.set()
+        services, seconds = self._app.state.services, self.config.timeout_graceful_shutdown or 0
+        services.stopping.set()
+        asyncio.get_running_loop().call_later(seconds - REFUSAL_SECONDS, services.ending.set)
         await super().shutdown(sockets)
         if not self.force_exit:
             await self._lifespan.aclose()

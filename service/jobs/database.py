@@ -105,6 +105,12 @@ CREATE TABLE IF NOT EXISTS titles (
     title TEXT NOT NULL
 )
 """,
+    """
+CREATE TABLE IF NOT EXISTS sizes (
+    job INTEGER PRIMARY KEY REFERENCES jobs ON DELETE CASCADE,
+    bytes INTEGER NOT NULL
+)
+""",
 )
 """Tables that files of this layout lack if an earlier version made them, and that such a version does not mind."""
 

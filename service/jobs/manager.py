@@ -2,10 +2,12 @@
 
 import asyncio
 import logging
+import math
 from collections import Counter
 from collections.abc import AsyncGenerator, AsyncIterator, Callable, Sequence
 from contextlib import aclosing, suppress
 from dataclasses import replace
+from functools import partial
 from typing import Any, TypeVar
 
 import orjson
@@ -14,7 +16,7 @@ from anyio.to_thread import run_sync
 from opentelemetry.trace import Tracer
 
 from service.errors import IdempotencyBusyError, IdempotencyConflictError, QueueFullError, StorageError
-from service.jobs.fairness import PrioritySemaphore
+from service.fairness import FairSemaphore
 from service.jobs.models import (
     BLOCK_SIZE,
     NO_TRACER,
@@ -60,7 +62,7 @@ class JobManager:
     jobs
         Keeps the jobs.
     max_queued_cases
-        Cases that may wait, of all jobs together.
+        Cases that may wait, of all jobs together; an owner has room for half of what the others leave.
     count
         Counts cases by how they ended; see `Count`.
     give_back
@@ -83,9 +85,9 @@ class JobManager:
         self._jobs = jobs
         self._queries = queries
         self._most_queued = max_queued_cases
-        self._rate = Rate()
-        chunks = PrioritySemaphore(lambda: queries.chunk_limit)
-        begun = PrioritySemaphore(lambda: queries.chunk_limit + CHUNKS_KEPT)
+        self._rate = Rate(lambda: queries.executor.capacity)
+        chunks = FairSemaphore(lambda: queries.chunk_limit)
+        begun = FairSemaphore(lambda: queries.chunk_limit + CHUNKS_KEPT)
         self._inline = InlineBatch(queries, chunks, self._rate)
         self._studies = StudyService(queries)
         self._scheduler = Scheduler(
@@ -94,8 +96,8 @@ class JobManager:
         self._reader = ResultReader(queries, jobs, self._inline, self._studies)
         self._accepting: set[tuple[str, str]] = set()
         """Owners and idempotency keys of what is being received."""
-        self._received = 0
-        """Cases of jobs that are not yet accepted."""
+        self._received: Counter[str] = Counter()
+        """Cases of jobs that are not yet accepted, by owner."""
         self._going_on = False
         """Whether the jobs of before have been taken on."""
         self._beginning = asyncio.Lock()
@@ -105,8 +107,7 @@ class JobManager:
     @property
     def queued_cases(self) -> int:
         """Cases that wait or are being computed."""
-        waiting = sum(job.state.total - job.state.done for job in self._scheduler.active.values())
-        return self._received + self._inline.queued + waiting
+        return self._queued.total()
 
     @property
     def running_chunks(self) -> int:
@@ -147,7 +148,7 @@ class JobManager:
         await self._scheduler.stop()
         await self._thread(self._jobs.close)
 
-    def run_now(self, operation: str, cases: Sequence[JobCase]) -> AsyncGenerator[CaseResult, None]:
+    def run_now(self, operation: str, cases: Sequence[JobCase], owner: str = OWNER) -> AsyncGenerator[CaseResult, None]:
         """Yield the result of every case as it finishes; closing it (`aclose`) stops the work.
 
         Raises
@@ -157,8 +158,8 @@ class JobManager:
         PoolUnavailableError
             While it runs, if no worker can take the cases.
         """
-        self._admit(len(cases))
-        return self._counted(operation, self._inline.run(operation, cases))
+        self._admit(owner, len(cases))
+        return self._counted(operation, self._inline.run(operation, cases, owner=owner))
 
     async def answer_study(
         self,
@@ -166,6 +167,7 @@ class JobManager:
         request: KeyedRequest,
         study: Any,
         *,
+        owner: str = OWNER,
         take: Callable[[int], None] = lambda _: None,
         limiter: CapacityLimiter | None = None,
     ) -> Answered:
@@ -175,6 +177,8 @@ class JobManager:
         ----------
         study
             The validated request.
+        owner
+            In whose turn its samples are computed.
         take
             Called with the number of samples before they are computed.
         limiter
@@ -185,7 +189,8 @@ class JobManager:
         QueueFullError, PoolUnavailableError
             As `run_now`.
         """
-        return await self._studies.answer(operation, request, self.run_now, study=study, take=take, limiter=limiter)
+        run = partial(self.run_now, owner=owner)
+        return await self._studies.answer(operation, request, run, study=study, take=take, limiter=limiter)
 
     async def accept(
         self,
@@ -193,6 +198,7 @@ class JobManager:
         blocks: AsyncIterator[Sequence[JobCase]],
         *,
         owner: str = OWNER,
+        queue: str = "",
         idempotency: Idempotency | None = None,
         sweep: Sweep | None = None,
         charge: Charge | None = None,
@@ -205,6 +211,8 @@ class JobManager:
         ----------
         blocks
             Its cases.
+        queue
+            Owner in whose turn they are computed until the service starts anew, if another.
         sweep
             The request, if it is a sweep.
         charge
@@ -234,15 +242,15 @@ class JobManager:
         """
         token = (owner, idempotency.token) if idempotency is not None else None
         if token is None or idempotency is None:
-            return await self._receive(operation, blocks, owner, None, sweep, charge, count, estimate), True
+            return await self._receive(operation, blocks, owner, queue, None, sweep, charge, count, estimate), True
         if token in self._accepting:
             raise IdempotencyBusyError("the request with this idempotency key is still being accepted; try again")
         self._accepting.add(token)
         try:
             found = await self._thread(self._jobs.token, *token)
             if found is None:
-                state = await self._receive(operation, blocks, owner, idempotency, sweep, charge, count, estimate)
-                return state, True
+                receiving = self._receive(operation, blocks, owner, queue, idempotency, sweep, charge, count, estimate)
+                return await receiving, True
             if not isinstance(idempotency.digest, str):
                 async for _ in blocks:  # the digest is known when the body has been read
                     pass
@@ -348,13 +356,25 @@ class JobManager:
             await changed.wait()
             await asyncio.sleep(CHANGE_SECONDS)
 
-    def _run_samples(self, operation: str, cases: Sequence[JobCase]) -> AsyncGenerator[CaseResult, None]:
+    def _run_samples(self, operation: str, cases: Sequence[JobCase], *, owner: str) -> AsyncGenerator[CaseResult, None]:
         """Yield the results of samples of a study that is a job."""
-        return self._counted(operation, self._inline.run(operation, cases, urgent=False))
+        return self._counted(operation, self._inline.run(operation, cases, owner=owner, urgent=False))
 
-    def _admit(self, count: int, more: int = 0) -> None:
-        """Refuse cases if too many would wait; `more` of the same request are to come."""
-        over = self.queued_cases + count - self._most_queued
+    @property
+    def _queued(self) -> Counter[str]:
+        """Cases that wait or are being computed, by owner."""
+        queued = self._received + self._inline.queued
+        for job in self._scheduler.active.values():
+            queued[job.queue] += job.state.total - job.state.done
+        return queued
+
+    def _admit(self, owner: str, count: int, more: int = 0) -> None:
+        """Refuse cases of an owner if too many would wait; `more` of the same request are to come.
+
+        Half of what the others leave is always free for the next owner, however many there are.
+        """
+        queued = self._queued
+        over = queued[owner] + count - math.ceil((self._most_queued - queued.total() + queued[owner]) / 2)
         if over > 0:
             raise QueueFullError(self._rate.seconds_for(over + more))
 
@@ -363,13 +383,15 @@ class JobManager:
         operation: str,
         blocks: AsyncIterator[Sequence[JobCase]],
         owner: str,
+        queue: str,
         idempotency: Idempotency | None,
         sweep: Sweep | None,
         charge: Charge | None,
         count: int,
         estimate: Callable[[], int],
     ) -> JobState:
-        self._admit(count)
+        queue = queue or owner
+        self._admit(queue, count)
         await self._go_on()
         traceparent = current_traceparent()
         job = await self._thread(lambda: self._jobs.create(operation, owner, sweep, traceparent=traceparent))
@@ -378,9 +400,9 @@ class JobManager:
             waiting: list[JobCase] = []
             number = 0
             async for cases in blocks:
-                self._admit(len(cases), max(0, estimate() - received - len(cases)))
+                self._admit(queue, len(cases), max(0, estimate() - received - len(cases)))
                 received += len(cases)
-                self._received += len(cases)
+                self._received[queue] += len(cases)
                 waiting += cases
                 while len(waiting) >= BLOCK_SIZE:
                     await self._thread(self._append, job, number, waiting[:BLOCK_SIZE])
@@ -393,8 +415,8 @@ class JobManager:
                 await self._thread(self._jobs.discard, job)
             raise
         finally:
-            self._received -= received
-        self._scheduler.add(state)
+            self._received -= Counter({queue: received})
+        self._scheduler.add(state, queue)
         return state
 
     def _append(self, job: int, number: int, cases: Sequence[JobCase]) -> None:

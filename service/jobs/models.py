@@ -185,8 +185,10 @@ class JobState:
         """Cases that it was charged and has not taken; an answer that was there already counts as one."""
         if self.charge is None:
             return 0
-        taken = 1 if self.cached or self.progress is None else self.progress["samples"]
-        return max(0, self.charge.cases - max(1, taken))
+        if self.cached or self.progress is None:
+            return self.charge.cases - 1
+        taken, most = max(1, int(self.progress["samples"])), int(self.progress["max_samples"])
+        return max(0, self.charge.cases * (most - taken) // most)
 
 
 class CaseRow(NamedTuple):

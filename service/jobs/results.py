@@ -3,10 +3,11 @@
 import asyncio
 import itertools
 import math
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import AsyncGenerator, Awaitable, Callable, Mapping, Sequence
 from contextlib import aclosing
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, TypeVar
 
 import orjson
@@ -15,7 +16,7 @@ from anyio.to_thread import run_sync
 
 from service.cache.record import Record
 from service.errors import ComputationCancelled, DamagedCasesError, PoolUnavailableError, QueueFullError, case_problem
-from service.jobs.fairness import ChunkSizer, PrioritySemaphore
+from service.fairness import ChunkSizer, FairSemaphore
 from service.jobs.models import CaseResult, CaseRow, CaseState, JobCase, JobState, block_of
 from service.jobs.store import VERSIONS, JobStore
 from service.jobs.studies import StudyService
@@ -51,17 +52,20 @@ class InlineBatch:
         Counts every case that is done.
     """
 
-    def __init__(self, queries: QueryService, chunks: PrioritySemaphore, rate: Rate) -> None:
-        self.queued = 0
+    def __init__(self, queries: QueryService, chunks: FairSemaphore, rate: Rate) -> None:
+        self.queued: Counter[str] = Counter()
+        """Cases that wait or are being computed, by owner."""
         self._queries = queries
         self._permits = chunks
         self._rate = rate
         self._sizers: dict[str, ChunkSizer] = defaultdict(lambda: ChunkSizer(CHUNK_SECONDS))
 
     async def run(
-        self, operation: str, cases: Sequence[JobCase], *, urgent: bool = True
+        self, operation: str, cases: Sequence[JobCase], *, owner: str, urgent: bool = True
     ) -> AsyncGenerator[CaseResult, None]:
-        """Yield the result of every case as it finishes; closed, it stops the work. What is urgent goes before jobs.
+        """Yield the result of every case as it finishes; closed, it stops the work.
+
+        Owners take turns; what is urgent goes before jobs.
 
         Raises
         ------
@@ -69,7 +73,7 @@ class InlineBatch:
             If no worker can take the cases.
         """
         left, work = len(cases), set[asyncio.Task[list[Outcome]]]()
-        self.queued += left
+        self.queued[owner] += left
         try:
             numbers: dict[str, list[int]] = defaultdict(list)
             for number, case in enumerate(cases):
@@ -77,12 +81,12 @@ class InlineBatch:
             known: Mapping[str, Record] = await run_sync(self._queries.cache.get_many, list(numbers))
             finished = [Outcome(key, record, None, own=False) for key, record in known.items()]
             missing = [cases[same[0]].request for key, same in numbers.items() if key not in known]
-            work |= self._begin(operation, missing, urgent=urgent)
+            work |= self._begin(operation, missing, owner, urgent=urgent)
             while True:
                 for outcome in finished:
                     for number in numbers[outcome.key]:
                         left -= 1
-                        self.queued -= 1
+                        self.queued[owner] -= 1
                         cached = not outcome.own or number != numbers[outcome.key][0]
                         yield CaseResult(number, cases[number].custom_id, outcome.record, outcome.problem, cached)
                 if not work:
@@ -91,37 +95,39 @@ class InlineBatch:
                 finished = [outcome for chunk in done for outcome in chunk.result()]
                 self._rate.add(sum(len(numbers[outcome.key]) for outcome in finished))
         finally:
-            self.queued -= left
+            self.queued -= Counter({owner: left})  # and forget owners who have nothing queued
             for chunk in work:
                 chunk.cancel()
             if work:
                 await asyncio.wait(work)
 
     def _begin(
-        self, operation: str, missing: Sequence[KeyedRequest], *, urgent: bool
+        self, operation: str, missing: Sequence[KeyedRequest], owner: str, *, urgent: bool
     ) -> set["asyncio.Task[list[Outcome]]"]:
         share = math.ceil(len(missing) / self._queries.executor.capacity)
         size = max(1, min(self._sizers[operation].cases, share))
         chunks = [missing[i : i + size] for i in range(0, len(missing), size)]
-        work = {asyncio.create_task(self._compute(operation, chunk, urgent=urgent)) for chunk in chunks}
+        work = {asyncio.create_task(self._compute(operation, chunk, owner, urgent=urgent)) for chunk in chunks}
         for task in work:  # seen, even if nothing waits for it any more
             task.add_done_callback(lambda done: done.cancelled() or done.exception())
         return work
 
-    async def _compute(self, operation: str, chunk: Sequence[KeyedRequest], *, urgent: bool) -> list[Outcome]:
+    async def _compute(
+        self, operation: str, chunk: Sequence[KeyedRequest], owner: str, *, urgent: bool
+    ) -> list[Outcome]:
         outcomes: list[Outcome] = []
         left = {case.key: case for case in chunk}
         while left:
-            for outcome in await self._try(operation, list(left.values()), urgent=urgent):
+            for outcome in await self._try(operation, list(left.values()), owner, urgent=urgent):
                 del left[outcome.key]
                 outcomes.append(outcome)
             if left:
                 await asyncio.sleep(RETRY_SECONDS)
         return outcomes
 
-    async def _try(self, operation: str, cases: Sequence[KeyedRequest], *, urgent: bool) -> list[Outcome]:
+    async def _try(self, operation: str, cases: Sequence[KeyedRequest], owner: str, *, urgent: bool) -> list[Outcome]:
         """Compute these cases; those that were in flight elsewhere and given up there are left out."""
-        permit = await self._permits.acquire(urgent=urgent)
+        permit = await self._permits.acquire(owner, urgent=urgent)
         chunk = self._queries.begin(operation, cases, permit.release)
         answers = {**chunk.own, **chunk.shared}
         try:
@@ -252,7 +258,7 @@ class ResultReader:
             found = {row.number: await self._study(state, row, case) for row, case in zip(rows, cases, strict=True)}
             return found | lost
         found = lost
-        async with aclosing(self._inline.run(state.operation, cases)) as results:
+        async with aclosing(self._inline.run(state.operation, cases, owner=state.owner)) as results:
             async for result in results:
                 row = rows[result.number]
                 found[row.number] = replace(result, number=row.number, cached=row.state == CaseState.CACHED)
@@ -265,7 +271,8 @@ class ResultReader:
 
     async def _study(self, state: JobState, row: CaseRow, case: JobCase) -> CaseResult:
         """Compute a study again, of whose samples most may still be there."""
-        record, _ = await self._studies.answer(state.operation, case.request, self._inline.run)
+        run = partial(self._inline.run, owner=state.owner)
+        record, _ = await self._studies.answer(state.operation, case.request, run)
         return CaseResult(row.number, row.custom_id, record, None, row.state == CaseState.CACHED)
 
     async def _thread(self, function: Callable[..., Value], *arguments: Any) -> Value:

@@ -7,10 +7,11 @@ marked, or found in the cache when the job goes on, or computed then.
 import asyncio
 import logging
 from collections import Counter, defaultdict, deque
-from collections.abc import Callable, Coroutine, Mapping, Sequence
+from collections.abc import AsyncGenerator, Callable, Coroutine, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
+from functools import partial
 from typing import Any, NamedTuple, TypeAlias, TypeVar
 
 from anyio.to_thread import run_sync
@@ -25,10 +26,10 @@ from service.errors import (
     StorageError,
     case_problem,
 )
-from service.jobs.fairness import ChunkSizer, FairQueue, Permit, PrioritySemaphore
-from service.jobs.models import BLOCK_SIZE, CaseState, JobState, Status, block_of, span_of
+from service.fairness import ChunkSizer, FairQueue, FairSemaphore, Permit
+from service.jobs.models import BLOCK_SIZE, CaseResult, CaseState, JobState, Status, block_of, span_of
 from service.jobs.store import VERSIONS, JobStore
-from service.jobs.studies import Report, RunCases, StudyService
+from service.jobs.studies import Report, StudyService
 from service.operations import UNCERTAIN, KeyedRequest
 from service.queries import Answered, Count, QueryService, Rate
 
@@ -64,6 +65,8 @@ class ActiveJob:
     """How far a job is."""
 
     state: JobState
+    queue: str
+    """Owner in whose turn it is computed."""
     ended: Callable[[JobState], object] = lambda _: None
     """Called once, with the last state."""
     sizer: ChunkSizer = field(default_factory=lambda: ChunkSizer(CHUNK_SECONDS))
@@ -161,12 +164,12 @@ class Scheduler:
         self,
         queries: QueryService,
         jobs: JobStore,
-        chunks: PrioritySemaphore,
-        begun: PrioritySemaphore,
+        chunks: FairSemaphore,
+        begun: FairSemaphore,
         rate: Rate,
         count: Count,
         studies: StudyService,
-        run_cases: RunCases,
+        run_cases: Callable[..., AsyncGenerator[CaseResult, None]],
         give_back: GiveBack,
         tracer: Tracer,
     ) -> None:
@@ -186,19 +189,19 @@ class Scheduler:
         self._begun = begun
         self._step: asyncio.Task[None] | None = None
 
-    def add(self, state: JobState) -> None:
-        """Take on a job."""
+    def add(self, state: JobState, queue: str = "") -> None:
+        """Take on a job; `queue` is the owner in whose turn it is computed, if not its own."""
         if not state.final:
-            self.active[state.id] = job = ActiveJob(state, self._settle_charge)
-            self._queue.add(state.owner, job)
+            self.active[state.id] = job = ActiveJob(state, queue or state.owner, self._settle_charge)
+            self._queue.add(job.queue, job)
 
     async def run(self) -> None:
         """Hand out cases until cancelled."""
         while True:
             job = await self._queue.next()
-            begun = await self._begun.acquire(urgent=False)
+            begun = await self._begun.acquire(job.queue, urgent=False)
             try:
-                permit = await self._chunks.acquire(urgent=False)
+                permit = await self._chunks.acquire(job.queue, urgent=False)
             except asyncio.CancelledError:
                 begun.release()
                 raise
@@ -218,7 +221,7 @@ class Scheduler:
     async def halt(self, job: ActiveJob) -> None:
         """Hand out nothing more of the job, and give up what is computed for it."""
         job.ending = True
-        self._queue.remove(job.state.owner, job)
+        self._queue.remove(job.queue, job)
         while others := job.work - {asyncio.current_task()}:
             for stop in list(job.stops):
                 stop()
@@ -296,9 +299,9 @@ class Scheduler:
     def _settle(self, job: ActiveJob) -> None:
         """Put the job where it belongs now."""
         if job.left:
-            self._queue.add(job.state.owner, job, first=True)
+            self._queue.add(job.queue, job, first=True)
             return
-        self._queue.remove(job.state.owner, job)
+        self._queue.remove(job.queue, job)
         if job.state.final and not job.work and not job.ending:
             self.active.pop(job.state.id, None)
 
@@ -365,7 +368,11 @@ class Scheduler:
             requests, updates = await self.thread(self._requests, job, numbers)
             for request in requests:  # none if it has been answered meanwhile
                 answer = self._studies.answer(
-                    job.state.operation, request, self._run_cases, urgent=False, report=self._report_of(job)
+                    job.state.operation,
+                    request,
+                    partial(self._run_cases, owner=job.queue),
+                    urgent=False,
+                    report=self._report_of(job),
                 )
                 running = asyncio.ensure_future(answer)
                 await self._stoppable(job, running, running.cancel)

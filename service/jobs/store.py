@@ -19,7 +19,7 @@ from typing import Any
 
 import orjson
 
-from service.errors import JobGoneError
+from service.errors import JobGoneError, JobsTooLargeError
 from service.jobs.database import Database
 from service.jobs.models import (
     BLOCK_SIZE,
@@ -45,6 +45,24 @@ from solver import ENGINE_VERSION
 DAY = 86_400.0  # [s]
 VERSIONS = f"{ENGINE_VERSION} {SCHEMA_VERSION}"
 """What the keys of a job were made with."""
+OWNER_BYTES = 2**30
+"""Disk for the jobs of one owner."""
+JOB_BYTES = 10_000
+"""What a job counts as beside its cases: more than it takes, so that an owner has no more than 100,000."""
+CASE_BYTES, PROBLEM_BYTES = 100, 300
+"""What a case takes where that has not been noted, and a problem, about."""
+BEYOND = f"""
+SELECT number, finished IS NOT NULL FROM (
+    SELECT number, finished,
+        sum(coalesce(bytes, {JOB_BYTES} + {CASE_BYTES} * total) + {PROBLEM_BYTES} * failed)
+            OVER (ORDER BY finished IS NOT NULL, finished DESC, number DESC) AS taken
+    FROM jobs LEFT JOIN sizes ON sizes.job = jobs.number
+    WHERE owner = (SELECT owner FROM jobs WHERE number = ?)
+)
+WHERE taken > ?
+"""  # noqa: S608 (of this file)
+"""Jobs of the owner of a job that are too many for so many bytes, and whether they have ended: those that end last
+and those not ended stay."""
 LARGEST = 2**63 - 1
 """Integer in SQLite."""
 TABLES = (
@@ -67,13 +85,23 @@ class JobStore:
         Data folder of the service.
     job_days
         How long a job is kept after its end.
+    owner_bytes
+        Disk for the jobs of one owner: those that ended first go when there is no room for a new one.
     check_folder
         Called before anything is written; raises StorageError if nothing may be.
     """
 
-    def __init__(self, folder: Path, *, job_days: float, check_folder: Callable[[], None] = lambda: None) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        *,
+        job_days: float,
+        owner_bytes: int = OWNER_BYTES,
+        check_folder: Callable[[], None] = lambda: None,
+    ) -> None:
         self._database = Database(folder / "jobs.sqlite", check_folder)
         self._kept_seconds = job_days * DAY
+        self._owner_bytes = owner_bytes
 
     def expire(self, *, at_start: bool = False) -> int:
         """Remove what has expired, and at the start what was never accepted whole; return how many jobs."""
@@ -112,8 +140,15 @@ class JobStore:
             database.execute("INSERT INTO states VALUES (?, ?, ?)", (job, number, bytes(cases.count)))
 
     def accept(self, job: int, total: int, idempotency: Idempotency | None, charge: Charge | None = None) -> JobState:
-        """Make the job known: from here on it will be finished."""
+        """Make the job known: from here on it will be finished.
+
+        Raises
+        ------
+        JobsTooLargeError
+            If the unfinished jobs of its owner would take more room than they may.
+        """
         with self._database.writing() as database:
+            self._make_room(database, job)
             if idempotency is not None:
                 statement = "INSERT INTO idempotency SELECT owner, ?, ?, number FROM jobs WHERE number = ?"
                 database.execute(statement, (idempotency.token, idempotency.whole_digest, job))
@@ -323,6 +358,18 @@ class JobStore:
     def close(self) -> None:
         """Let go of the file."""
         self._database.close()
+
+    def _make_room(self, database: sqlite3.Connection, job: int) -> None:
+        """Note the size of a new job, and remove what its owner has no room for any more."""
+        database.execute(
+            f"INSERT INTO sizes SELECT ?, {JOB_BYTES} + coalesce(sum(length(keys) + length(requests) "  # noqa: S608 (of this file)
+            "+ coalesce(length(custom_ids), 0)), 0) FROM slices WHERE job = ?",
+            (job, job),
+        )
+        beyond = database.execute(BEYOND, (job, self._owner_bytes)).fetchall()
+        if not all(ended for _, ended in beyond):
+            raise JobsTooLargeError(self._owner_bytes)
+        database.executemany("DELETE FROM jobs WHERE number = ?", [(number,) for number, _ in beyond])
 
     def _end(self, database: sqlite3.Connection, job: int, status: Status, problem: dict[str, Any] | None) -> JobState:
         now = time.time()

@@ -133,7 +133,7 @@ async def run_study(
     run
         Computes samples.
     take
-        Called with the number of samples before they are computed.
+        Called with what samples count as before they are computed.
     report
         Called after every part of the samples, and with the partial answer at the end of every round.
     limiter
@@ -152,7 +152,7 @@ async def run_study(
             points = batch.points[begin : begin + PART]
             requests = await run_sync(found.requests, study, points, limiter=limiter)
             cases = {number: JobCase(each) for number, each in enumerate(requests) if each is not None}
-            take(len(cases))
+            take(sum(case.request.work for case in cases.values()))
             results += await _findings(found, len(points), cases, run)
             done += len(points)
             await report(progress_of(study, done, partial), None)

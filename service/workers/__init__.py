@@ -49,12 +49,20 @@ class Executor(Protocol):
         """Chunks that can run at the same time, now; it may change as workers come and go."""
 
     @property
+    def single_capacity(self) -> int:
+        """Calls submitted singly that can run at the same time."""
+
+    @property
     def prefetch(self) -> int:
         """Chunks beyond these that should wait with it, so that no worker has to wait for its next one."""
 
     @property
     def last_error(self) -> str:
         """Why the last probe failed."""
+
+    @property
+    def busy(self) -> bool:
+        """Whether the last probe failed only because all workers were at work."""
 
     async def start(self) -> None:
         """Bring the workers up, warm.
@@ -68,7 +76,8 @@ class Executor(Protocol):
     async def submit(self, function: Callable[[*Arguments], Result], *arguments: *Arguments) -> Result:
         """Run a picklable function and return what it returns, or raise what it raises.
 
-        Cancelled while it waits for a worker, it never runs; once running, it runs to its end.
+        Cancelled while it waits for a worker, it never runs; once running, it ends or its worker is ended within 0.5 s,
+        where it has a process for itself.
 
         Raises
         ------

@@ -54,6 +54,7 @@ class DaskExecutor:
 
     def __init__(self, *, address: str, workers: int, task_seconds: float) -> None:
         self.last_error = ""
+        self.busy = False
         self.cluster = Cluster(address, task_seconds)
         self._pool = ProcessPool(workers=workers, task_seconds=task_seconds)
         self._task_seconds = task_seconds
@@ -79,6 +80,11 @@ class DaskExecutor:
     def capacity(self) -> int:
         """Chunks that can run at the same time: on the cluster or, while there is none, here."""
         return self.cluster.capacity or self._pool.capacity
+
+    @property
+    def single_capacity(self) -> int:
+        """Calls submitted singly that can run at the same time, in the pool."""
+        return self._pool.single_capacity
 
     @property
     def prefetch(self) -> int:
@@ -119,6 +125,7 @@ class DaskExecutor:
     async def probe(self, seconds: float) -> bool:
         """Return whether a worker of the pool answers within this time, and the cluster."""
         pool, cluster = await asyncio.gather(self._pool.probe(seconds), self.cluster.answers(seconds))
+        self.busy = cluster and self._pool.busy
         self.last_error = "cluster unreachable: no worker of it can be used" if pool else self._pool.last_error
         return pool and cluster
 

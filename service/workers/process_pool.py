@@ -39,8 +39,10 @@ class InThreadExecutor:
     worker_pids: list[int]
     restarts = 0
     capacity = 1
+    single_capacity = 1
     prefetch = 1
     last_error = "no worker answered in time"
+    busy = False
 
     def __init__(self, *, task_seconds: float) -> None:
         self.worker_pids = [os.getpid()]
@@ -80,6 +82,7 @@ class InThreadExecutor:
         with suppress(ExecutorError, TimeoutError):
             await asyncio.wait_for(self.submit(os.getpid), seconds)
             return True
+        self.busy = not self._stopping
         return False
 
     async def stop(self, grace: float) -> None:
@@ -161,6 +164,7 @@ class ProcessPool:
     """Chunks beyond one a worker that should wait here: the supervisors share them, so that one is enough."""
     last_error = "no worker answered in time"
     """Why a probe fails."""
+    busy = False
 
     def __init__(self, *, workers: int, task_seconds: float, preload: Sequence[str] = ()) -> None:
         context = multiprocessing.get_context("forkserver")
@@ -192,6 +196,11 @@ class ProcessPool:
         """Chunks that can run at the same time."""
         return len(self._supervisors)
 
+    @property
+    def single_capacity(self) -> int:
+        """Calls submitted singly that can run at the same time."""
+        return len(self._supervisors)
+
     async def start(self) -> None:
         """Bring every worker up, warm.
 
@@ -212,14 +221,14 @@ class ProcessPool:
     async def submit(self, function: Callable[[*Arguments], Result], *arguments: *Arguments) -> Result:
         """Run a picklable function in a worker and return what it returns, or raise what it raises.
 
-        Cancelled while it waits for a worker, it never runs; once running, it runs to its end.
+        Cancelled while it waits for a worker, it never runs; once running, it ends or is ended within 0.5 s.
 
         Raises
         ------
         WorkerCrashedError, TaskTimeoutError, PoolUnavailableError
             If the pool could not bring it to an end.
         """
-        (finished,) = await asyncio.wrap_future(self._enqueue(SINGLE, [(function, arguments)]).future)
+        (finished,) = await self._finished(self._enqueue(SINGLE, [(function, arguments)]))
         if finished.error is not None:
             raise finished.error
         result: Result = finished.value
@@ -239,12 +248,7 @@ class ProcessPool:
         """
         if not calls:
             return []
-        task = self._enqueue(CHUNK, calls)
-        try:
-            return await asyncio.wrap_future(task.future)
-        except asyncio.CancelledError:
-            task.cancelled = time.monotonic()
-            raise
+        return await self._finished(self._enqueue(CHUNK, calls))
 
     async def probe(self, seconds: float) -> bool:
         """Return whether a worker answers within this time; overtakes all that waits, and chunks between two calls."""
@@ -252,12 +256,22 @@ class ProcessPool:
             task = self._enqueue(PROBE, [(os.getpid, ())])
             (finished,) = await asyncio.wait_for(asyncio.wrap_future(task.future), seconds)
             return finished.error is None
+        workers = [supervisor.worker for supervisor in self._supervisors]
+        self.busy = any(worker is not None and not worker.stopped for worker in workers)
         return False
 
     async def stop(self, grace: float) -> None:
         """Take no more work, let what there is finish, and have ended all workers within the grace time. [s]"""
         self._stopping = True
         await asyncio.to_thread(self._wind_down, time.monotonic() + grace)
+
+    async def _finished(self, task: Task) -> list[CallResult]:
+        """Wait for a task; have its supervisor give it up if nothing waits for it any more."""
+        try:
+            return await asyncio.wrap_future(task.future)
+        except asyncio.CancelledError:
+            task.cancelled = time.monotonic()
+            raise
 
     def _enqueue(self, priority: int, calls: Sequence[Call]) -> Task:
         if self._stopping:

@@ -38,7 +38,7 @@ from service.errors import (
     WorkerCrashedError,
 )
 from service.jobs.store import JobStore
-from service.schemas.strike import PAPER
+from service.schemas.strike import PAPER, PAPER_AT_45
 from service.settings import Settings
 from solver import ParameterError
 from tests.conftest import ROOT
@@ -183,6 +183,39 @@ def test_cases_of_a_key_are_limited(guarded: Guarded) -> None:
         assert statuses == [200] * 4 + [429] * 2  # what was refused has not counted, what was known has
         assert gina.get("/jobs").json() == {"jobs": []}
         assert guarded.anna.post("/cra", json=PAPER).status_code == 200
+
+
+def test_panel_steps_count_as_ordinary_cases(guarded: Guarded) -> None:
+    """Alone, among many or by another protocol: 1,000 panels for 50,000 steps are 50 of them."""
+    numerics = {"method": "panels", "panels": 1000, "time_step_s": 1e-6, "termination_time_s": 0.05}
+    strike = PAPER_AT_45 | {"numerics": numerics, "output": {"history": False}}
+    call = {"name": "trajectory", "input": [[238.0, 39.0]], "config": {"numerics": numerics}}
+    spread = {"type": "normal", "mean": 238.0, "standard_deviation": 2.4}
+    study = strike | {"uncertain": [{"field": "impact.velocity_m_s", "distribution": spread}]}
+    del study["output"]
+    bodies = {
+        "/trajectory": strike,
+        "/trajectory/batch": {"cases": [strike]},
+        "/trajectory/sweep": {"base": strike, "axes": [{"field": "impact.velocity_m_s", "values": [240.0]}]},
+        "/umbridge/Evaluate": call,
+    }
+    for number, (path, body) in enumerate(bodies.items()):
+        with guarded.with_key(f"hilda {number}", cases_per_hour=99) as hilda:
+            statuses = [hilda.post(path, json=body).status_code for _ in range(2)]
+            assert (path, statuses) == (path, [200, 429])
+    with guarded.with_key("ida", cases_per_hour=300) as ida:
+        for headers in ({}, ASYNC):
+            problem_of(ida.post("/trajectory/uncertainty", json=study, headers=headers), 429)
+
+
+@pytest.mark.parametrize("jump", [-7200.0, 7200.0])
+def test_quota_goes_by_no_clock_that_can_be_set(jump: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    real, quota = time.time, Quota(10)
+    quota.take(10)
+    monkeypatch.setattr("time.time", lambda: real() + jump)
+    with pytest.raises(QuotaError) as refused:
+        quota.take(1)
+    assert WINDOW - STEP <= refused.value.retry_after <= WINDOW + STEP
 
 
 def test_query_that_is_refused_does_not_count(guarded: Guarded) -> None:
@@ -667,7 +700,7 @@ def test_two_tokens_differ_and_open_only_their_own_key() -> None:
 
 def test_window_frees_what_was_requested_an_hour_ago(monkeypatch: pytest.MonkeyPatch) -> None:
     now = 1_000_000.0
-    monkeypatch.setattr(time, "time", lambda: now)
+    monkeypatch.setattr(time, "monotonic", lambda: now)
     quota = Quota(10)
     quota.take(6)
     now += 1800.0

@@ -42,7 +42,9 @@ async def call(app: ASGIApp, path: str, body: bytes, headers: dict[str, str], *,
     sent: list[Message] = []
 
     async def receive() -> Message:
-        return messages.pop(0) if messages else {"type": "http.disconnect"}
+        if not messages:
+            await asyncio.Event().wait()  # the client stays
+        return messages.pop(0)
 
     async def send(message: Message) -> None:
         sent.append(message)

@@ -41,7 +41,7 @@ def tight_url(
         "send_seconds": SEND_SECONDS,
         "slowest_bytes_per_second": 1_000_000,
         "max_connections": CONNECTIONS,
-        "max_queued_cases": QUEUED,
+        "max_queued_cases": 2 * QUEUED,  # of which one owner has half
         "max_panel_steps": PANEL_STEPS,
         "task_seconds": 2.0,
     }

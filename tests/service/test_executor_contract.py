@@ -203,6 +203,18 @@ async def test_cancelled_chunk_stops_after_the_call_it_is_on(executor: Executor,
     assert not made(later)
 
 
+@with_processes
+async def test_cancelled_single_call_is_ended_long_before_its_time(executor: Executor) -> None:
+    endless = [asyncio.ensure_future(executor.submit(*ENDLESS[:1], *ENDLESS[1])) for _ in range(2)]
+    await asyncio.sleep(0.5)
+    for call in endless:
+        call.cancel()
+    async with asyncio.timeout(USUAL_SECONDS / 2):
+        assert await executor.submit(operator.add, 2, 3) == 5
+    assert all(call.cancelled() for call in endless)
+    assert executor.restarts > 0
+
+
 async def test_cancelled_while_it_waits_a_chunk_never_runs(executor: Executor, tmp_path: Path) -> None:
     busy = [asyncio.ensure_future(executor.run([nap(0.5)])) for _ in range(executor.capacity)]
     await asyncio.sleep(0.1)

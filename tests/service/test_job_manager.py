@@ -348,7 +348,7 @@ async def test_request_that_breaks_off_leaves_nothing(manager: JobManager, leave
 
 
 async def test_more_cases_than_may_wait_are_refused_with_a_time(pool: ProcessPool, tmp_path: Path) -> None:
-    async with running(tmp_path, pool, max_queued_cases=500) as manager:
+    async with running(tmp_path, pool, max_queued_cases=1000) as manager:
         job = await accepted(manager, cases(range(300), seconds=0.05))
         await asyncio.sleep(0.6)
         with pytest.raises(QueueFullError) as caught:
@@ -363,7 +363,7 @@ async def test_more_cases_than_may_wait_are_refused_with_a_time(pool: ProcessPoo
 
 async def test_time_of_a_refusal_is_that_of_all_cases_of_the_request(pool: ProcessPool, tmp_path: Path) -> None:
     """At most 40 of them end in a second, as two workers take 0.05 s for each."""
-    async with running(tmp_path, pool, max_queued_cases=500) as manager:
+    async with running(tmp_path, pool, max_queued_cases=1000) as manager:
         job = await accepted(manager, cases(range(400), seconds=0.05))
         while not manager.rate:  # noqa: ASYNC110 (it sets no event)
             await asyncio.sleep(0.05)
@@ -371,6 +371,20 @@ async def test_time_of_a_refusal_is_that_of_all_cases_of_the_request(pool: Proce
             await manager.accept("square", sliced(cases(range(1000, 1400))), count=100_000)
         assert caught.value.retry_after > 1000
         await manager.cancel(job.id)
+
+
+async def test_no_owner_fills_the_queue(pool: ProcessPool, tmp_path: Path) -> None:
+    """An owner may have half of what the others leave, so that there is room for the next."""
+    async with running(tmp_path, pool, max_queued_cases=800) as manager:
+        jobs = [await accepted(manager, cases(range(400), seconds=0.2), "anna")]
+        with pytest.raises(QueueFullError):
+            await manager.accept("square", sliced(cases(range(400, 450))), owner="anna")
+        jobs.append(await accepted(manager, cases(range(1000, 1200), seconds=0.2), "bert"))
+        with pytest.raises(QueueFullError):
+            manager.run_now("square", cases(range(1200, 1250)), "bert")
+        assert squares(await collect(manager, cases(range(2000, 2100)))) == [i**2 for i in range(2000, 2100)]
+        for job in jobs:
+            await manager.cancel(job.id, job.owner)
 
 
 async def test_results_are_readable_while_the_job_runs(manager: JobManager) -> None:

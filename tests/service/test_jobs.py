@@ -12,7 +12,7 @@ from pathlib import Path
 import orjson
 import pytest
 
-from service.errors import StorageError
+from service.errors import QueueFullError, StorageError
 from service.jobs import store as module
 from service.jobs.models import (
     BLOCK_SIZE,
@@ -49,6 +49,22 @@ def stored_job(store: JobStore, count: int = 450, owner: str = "local", token: I
     for number, first in enumerate(range(0, count, BLOCK_SIZE)):
         store.append(job, number, CaseBlock.of(cases(min(BLOCK_SIZE, count - first), first)))
     return store.accept(job, count, token)
+
+
+def test_jobs_of_an_owner_have_a_bound_on_disk(tmp_path: Path) -> None:
+    """For a new one those go that ended first; those that have not ended stay, and no more are taken on."""
+    store = JobStore(tmp_path, job_days=7.0, owner_bytes=100_000)  # three jobs and a bit
+    other = stored_job(store, owner="bert")
+    first, second, third = (stored_job(store, owner="anna") for _ in range(3))
+    for job in (other, second, first, third):
+        store.end(job.number, "dismissed")
+    unfinished = [stored_job(store, owner="anna")]
+    assert [job.id for job in store.jobs("anna")] == [unfinished[0].id, third.id, first.id]
+    unfinished += [stored_job(store, owner="anna") for _ in range(2)]
+    with pytest.raises(QueueFullError):
+        stored_job(store, owner="anna")
+    assert [job.id for job in store.jobs("anna")] == [job.id for job in reversed(unfinished)]
+    assert [job.id for job in store.jobs("bert")] == [other.id]
 
 
 def test_slice_gives_back_what_was_packed() -> None:

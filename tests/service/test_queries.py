@@ -4,7 +4,7 @@ import asyncio
 import signal
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,7 @@ import pytest
 from service.cache.cache import NOT_CACHED, ResultCache
 from service.errors import ComputationCancelled, QueriesWaitingError, WorkerCrashedError
 from service.operations import Answer, KeyedRequest, Operation
-from service.queries import QueryService
+from service.queries import Answered, QueryService
 from service.schemas.quantities import Part
 from service.workers import Call, CallResult, Executor
 from service.workers.process_pool import ProcessPool
@@ -47,6 +47,11 @@ def slow(request: bytes) -> Answer:
     return {"number": question(request).number, "result": None, "warnings": []}, None
 
 
+def slower(request: bytes) -> Answer:
+    time.sleep(1.0)
+    return slow(request)
+
+
 def deadly(_: bytes) -> Answer:
     signal.raise_signal(signal.SIGKILL)
     raise AssertionError
@@ -61,6 +66,7 @@ def draw(request: bytes) -> Answer:
 OPERATIONS = {
     "once": Operation(compute=once, request=Part),
     "slow": Operation(compute=slow, request=Part),
+    "slower": Operation(compute=slower, request=Part),
     "deadly": Operation(compute=deadly, request=Part),
     "trajectory": Operation(compute=draw, request=Part),
 }
@@ -205,6 +211,35 @@ async def test_no_more_single_queries_wait_than_may(pool: ProcessPool, tmp_path:
     assert all(1 <= error.retry_after < 60 for error in refused)
     hit = await service.answer("slow", KeyedRequest.of("slow", Question(tmp_path, 99)))
     assert hit[1] == "hit"
+
+
+async def test_owner_with_most_waiting_gives_way_to_another(pool: ProcessPool, tmp_path: Path) -> None:
+    service = queries_on(tmp_path, pool, max_waiting=3)
+
+    def ask(number: int, owner: str) -> "asyncio.Future[Answered]":
+        request = KeyedRequest.of("slow", Question(tmp_path, number))
+        return asyncio.ensure_future(service.answer("slow", request, owner))
+
+    crowd = [ask(number, "anna") for number in range(5)]  # of which two run
+    await asyncio.sleep(0.1)
+    others = [ask(10, "bert"), ask(11, "carla"), ask(12, "bert")]
+    outcomes = await asyncio.gather(*crowd, *others, return_exceptions=True)
+    refused = [number for number, outcome in enumerate(outcomes) if isinstance(outcome, QueriesWaitingError)]
+    assert refused == [3, 4, 7]
+
+
+async def test_query_waits_no_longer_than_it_may(pool: ProcessPool, tmp_path: Path) -> None:
+    """The refusal names the time that what waits or runs is likely to take, not a fixed one."""
+    cache = ResultCache(tmp_path / "data", memory_bytes=100_000_000, disk_bytes=10**9)
+    service = QueryService(cache, pool, OPERATIONS, queue_seconds=0.2)
+    heavy = [replace(KeyedRequest.of("slower", Question(tmp_path, number)), work=5000) for number in range(2)]
+    running = [asyncio.ensure_future(service.answer("slower", request)) for request in heavy]
+    await asyncio.sleep(0.1)
+    with pytest.raises(QueriesWaitingError) as refused:
+        await service.answer("once", KeyedRequest.of("once", Question(tmp_path)))
+    assert refused.value.retry_after > 30
+    assert not (tmp_path / "ran").exists()
+    await asyncio.gather(*running)
 
 
 async def test_event_loop_stays_free_while_histories_are_made_and_kept(service: QueryService, tmp_path: Path) -> None:

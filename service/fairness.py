@@ -1,4 +1,4 @@
-"""What runs next, and how much of it: inline batches first, then the jobs of owners in turn."""
+"""What runs next, and how much of it: what a client waits for first, then jobs; owners in turn."""
 
 import asyncio
 from collections import deque
@@ -19,12 +19,16 @@ NEWEST = 0.3
 
 
 class FairQueue(Generic[Item]):
-    """What has work to hand out, by owner."""
+    """What waits, by owner; owners take turns."""
 
     def __init__(self) -> None:
         self._queues: dict[str, deque[Item]] = {}
         """The owner whose turn is next comes first."""
         self._added = asyncio.Event()
+
+    def __len__(self) -> int:
+        """Return how many items wait."""
+        return sum(map(len, self._queues.values()))
 
     def add(self, owner: str, item: Item, *, first: bool = False) -> None:
         """Put the item behind the others of its owner, or before them."""
@@ -46,17 +50,32 @@ class FairQueue(Generic[Item]):
         while not self._queues:
             self._added.clear()
             await self._added.wait()
+        return self._queues[self._turn()][0]
+
+    def take(self) -> Item:
+        """Take out the first item of the owner whose turn it is; there must be one."""
+        owner = self._turn()
+        item = self._queues[owner][0]
+        self.remove(owner, item)
+        return item
+
+    def take_from_longest(self, owner: str) -> Item | None:
+        """Take out the last item of the owner who has most, if another of this owner would still be fewer."""
+        longest = max(self._queues.values(), key=len, default=deque[Item]())
+        return longest.pop() if len(longest) > len(self._queues.get(owner, ())) + 1 else None
+
+    def _turn(self) -> str:
+        """Return the owner whose turn it is, who comes last from now on."""
         owner = next(iter(self._queues))
-        queue = self._queues.pop(owner)
-        self._queues[owner] = queue
-        return queue[0]
+        self._queues[owner] = self._queues.pop(owner)
+        return owner
 
 
 class Permit:
     """One permit in the pool; given back once, however often it is left."""
 
-    def __init__(self, semaphore: "PrioritySemaphore") -> None:
-        self._semaphore: PrioritySemaphore | None = semaphore
+    def __init__(self, semaphore: "FairSemaphore") -> None:
+        self._semaphore: FairSemaphore | None = semaphore
 
     def release(self) -> None:
         """Give the permit back."""
@@ -65,8 +84,8 @@ class Permit:
             semaphore.release()
 
 
-class PrioritySemaphore:
-    """Permits for chunks.
+class FairSemaphore:
+    """Permits, for which owners take turns.
 
     Parameters
     ----------
@@ -78,29 +97,46 @@ class PrioritySemaphore:
     def __init__(self, count: Callable[[], int]) -> None:
         self._count = count
         self._taken = 0
-        self._waiting: dict[bool, deque[asyncio.Future[None]]] = {True: deque(), False: deque()}
+        self._waiting: dict[bool, FairQueue[asyncio.Future[None]]] = {True: FairQueue(), False: FairQueue()}
 
-    async def acquire(self, *, urgent: bool) -> Permit:
+    @property
+    def waiting(self) -> int:
+        """How many wait for a permit."""
+        return sum(map(len, self._waiting.values()))
+
+    async def acquire(self, owner: str, *, urgent: bool = True) -> Permit:
         """Wait for a permit; urgent work goes first."""
         if self._taken < self._count():
             self._taken += 1
             return Permit(self)
         turn = asyncio.get_running_loop().create_future()
-        self._waiting[urgent].append(turn)
+        self._waiting[urgent].add(owner, turn)
         try:
             await turn
         except asyncio.CancelledError:
-            if not turn.cancelled():  # it was given the permit just before
+            if turn.done() and not turn.cancelled() and turn.exception() is None:  # it was given the permit just before
                 self.release()
             raise
+        finally:
+            self._waiting[urgent].remove(owner, turn)
         return Permit(self)
+
+    def make_room(self, owner: str, error: Exception) -> bool:
+        """Refuse the last of the owner who has most urgent work waiting in favour of this owner, who has less.
+
+        Returns whether there was one, which gets this error.
+        """
+        turn = self._waiting[True].take_from_longest(owner)
+        if turn is not None and not turn.done():
+            turn.set_exception(error)
+        return turn is not None
 
     def release(self) -> None:
         """Pass a permit on; if there are more permits than before, several."""
         self._taken -= 1
         for waiting in (self._waiting[True], self._waiting[False]):
             while waiting and self._taken < self._count():
-                turn = waiting.popleft()
+                turn = waiting.take()
                 if not turn.done():
                     self._taken += 1
                     turn.set_result(None)

@@ -1,0 +1,130 @@
+"""What one client leaves behind, or asks too much of, costs the others nothing."""
+
+import json
+import signal
+import socket
+import time
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import AbstractContextManager, ExitStack, contextmanager
+from pathlib import Path
+from typing import Any, TypeAlias
+from urllib.parse import urlsplit
+
+import httpx
+import pytest
+
+from service.schemas.strike import PAPER, PAPER_AT_45
+from tests.conftest import Service
+
+pytestmark = pytest.mark.timeout(120)
+
+PATIENCE_S = 60.0
+RunService: TypeAlias = Callable[..., AbstractContextManager[Service]]
+MINUTE = {"method": "panels", "panels": 96_000, "time_step_s": 1e-6, "termination_time_s": 0.05}
+"""Numerics of a search that takes longer than any query may."""
+TENTH = {"method": "panels", "panels": 12_000, "time_step_s": 1e-5, "termination_time_s": 0.05}
+"""Numerics of a run that takes some 0.1 s."""
+
+
+def search(number: int, **numerics: Any) -> dict[str, Any]:
+    return PAPER | {"impact": {"velocity_m_s": 200.0 + number}} | ({"numerics": numerics} if numerics else {})
+
+
+def run(number: int, **numerics: Any) -> dict[str, Any]:
+    impact = PAPER_AT_45["impact"] | {"velocity_m_s": 200.0 + 0.1 * number}
+    return PAPER_AT_45 | {"impact": impact, "numerics": numerics, "output": {"history": False}}
+
+
+@contextmanager
+def sent(url: str, path: str, bodies: Sequence[dict[str, Any]], address: str) -> Iterator[list[socket.socket]]:
+    """Connections from an address of this machine on which requests have been sent and nothing is read."""
+    with ExitStack() as open_:
+        ends = []
+        for content in bodies:
+            body = json.dumps(content).encode()
+            head = f"POST {path} HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\nConnection: close\r\n"
+            end = socket.create_connection(("127.0.0.1", urlsplit(url).port or 0), PATIENCE_S, (address, 0))
+            ends.append(open_.enter_context(end))
+            end.sendall(f"{head}Content-Length: {len(body)}\r\n\r\n".encode() + body)
+        yield ends
+
+
+@contextmanager
+def client_at(url: str, address: str) -> Iterator[httpx.Client]:
+    transport = httpx.HTTPTransport(local_address=address)
+    with httpx.Client(base_url=url, transport=transport, timeout=PATIENCE_S) as client:
+        yield client
+
+
+def gauge(client: httpx.Client, name: str) -> float:
+    return float(client.get("/metrics").text.partition(f"\n{name} ")[2].split("\n")[0])
+
+
+def until(claim: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + PATIENCE_S
+    while not claim():
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+
+
+@pytest.fixture(scope="module")
+def one_worker(service_on: RunService, tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    with service_on(tmp_path_factory.mktemp("one"), workers="1", probe_seconds="0.5") as service:
+        yield service.url
+
+
+@pytest.mark.parametrize("path", ["/cra", "/cra/batch"])
+def test_what_nobody_waits_for_any_more_is_dropped(one_worker: str, path: str) -> None:
+    """Waiting and running alike: 20 of these would take 20 minutes."""
+    bodies = [search(number, **MINUTE) for number in range(20)]
+    if path == "/cra/batch":
+        bodies = [{"cases": [body]} for body in bodies]
+    with client_at(one_worker, "127.0.0.3") as other:
+        with sent(one_worker, path, bodies, "127.0.0.2"):
+            until(lambda: sum(gauge(other, f"ricochet_queued_{kind}") for kind in ("queries", "cases")) >= 19)
+        assert other.post("/cra", json=search(100 + len(path))).status_code == 200
+        assert other.post("/cra/batch", json={"cases": [search(200 + len(path))]}).status_code == 200
+        assert gauge(other, "ricochet_queued_queries") == gauge(other, "ricochet_queued_cases") == 0.0
+
+
+def test_addresses_take_turns(one_worker: str) -> None:
+    """Whoever has sent 40 queries before, another client's is among the next."""
+    with (
+        client_at(one_worker, "127.0.0.2") as crowd,
+        client_at(one_worker, "127.0.0.3") as other,
+        ThreadPoolExecutor(40) as threads,
+    ):
+        queries = [threads.submit(crowd.post, "/trajectory", json=run(number, **TENTH)) for number in range(40)]
+        until(lambda: any(query.done() for query in queries))
+        assert other.post("/trajectory", json=run(100, **TENTH)).status_code == 200
+        assert sum(query.done() for query in queries) < 30
+        assert [query.result().status_code for query in queries] == [200] * 40
+
+
+def test_service_whose_workers_are_all_at_work_is_ready_and_says_so(one_worker: str) -> None:
+    with client_at(one_worker, "127.0.0.3") as other:
+        with sent(one_worker, "/cra", [search(50, **MINUTE), search(51, **MINUTE)], "127.0.0.2"):
+            until(lambda: gauge(other, "ricochet_queued_queries") >= 1)
+            answer = other.get("/readyz")
+            assert (answer.status_code, answer.json()) == (200, {"status": "busy"})
+        until(lambda: bool(other.get("/readyz").json() == {"status": "ok"}))
+
+
+def test_stop_refuses_what_cannot_be_finished_in_time(service_on: RunService, tmp_path: Path) -> None:
+    """Running or waiting, alone or in a batch; the fixture sees that nothing is logged as a failure."""
+    with service_on(tmp_path, workers="1", grace_seconds="4") as service, client_at(service.url, "127.0.0.1") as client:
+        bodies = [search(number, **MINUTE) for number in range(5)]
+        with (
+            sent(service.url, "/cra", bodies, "127.0.0.1") as ends,
+            sent(service.url, "/cra/batch", [{"cases": [search(9, **MINUTE)]}], "127.0.0.1") as more,
+        ):
+            until(lambda: gauge(client, "ricochet_queued_queries") >= 4)
+            service.process.send_signal(signal.SIGTERM)
+            for end in (*ends, *more):
+                head, _, body = b"".join(iter(lambda: end.recv(65536), b"")).partition(b"\r\n\r\n")  # noqa: B023
+                assert head.startswith(b"HTTP/1.1 503 ")
+                assert b"application/problem+json" in head
+                assert b"retry-after" in head.lower()
+                assert json.loads(body)["type"] == "urn:ricochet:problem:unavailable"
+            assert service.process.wait(PATIENCE_S) == 0
