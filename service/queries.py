@@ -1,6 +1,7 @@
 """Single queries: look up, share what is in flight, compute, keep; and how much may wait."""
 
 import asyncio
+import logging
 import math
 import secrets
 import time
@@ -22,6 +23,7 @@ from service.schemas.requests import Case
 from service.workers import Call, CallResult, Executor
 from service.workers.worker import close_chunk, compute_case, compute_single
 from solver import ParameterError
+from solver.warnings import IMPLAUSIBLE
 
 MEMORY_SECONDS = 30.0
 """How far back a rate looks: a few chunks of slow work, not the hour before."""
@@ -102,6 +104,10 @@ Answered: TypeAlias = tuple[Record, CacheStatus]
 Count: TypeAlias = Callable[[str, str, str, int], None]
 """Counts cases that are done: operation, outcome, `hit` or `miss`, number."""
 
+log = logging.getLogger(__name__)
+
+IMPLAUSIBLE_MARK = f'"code":"{IMPLAUSIBLE}"'.encode()
+"""In the JSON of an answer with this warning."""
 MAX_WAITING = 1000
 """Single queries that may wait for a worker: at 10 ms each, a few seconds of work."""
 QUEUE_SECONDS = 30.0
@@ -153,6 +159,8 @@ class QueryService:
         """Single queries that a worker has."""
         self._clients: Counter[asyncio.Future[Answered]] = Counter()
         """How many wait for each."""
+        self.implausible = 0
+        """Computed answers that break a rule which every true one keeps."""
 
     @property
     def chunk_limit(self) -> int:
@@ -249,7 +257,7 @@ class QueryService:
         json, outcome = await self._compute(operation, request, owner)
         self._rate.add(request.work)
         self._count(operation, outcome, "miss", 1)
-        record = Record(request.key, operation, request.json, json=json, outcome=outcome)
+        record = self._record(operation, request, json, outcome)
         return await run_sync(self.cache.put, record), "miss"
 
     async def _compute(self, operation: str, request: KeyedRequest, owner: str) -> tuple[bytes, str]:
@@ -315,7 +323,7 @@ class QueryService:
                 outcomes.append(result.error)
             else:
                 json, outcome = result.value
-                outcomes.append(Record(case.key, operation, case.json, json=json, outcome=outcome))
+                outcomes.append(self._record(operation, case, json, outcome))
         records = {outcome.key: outcome for outcome in outcomes if isinstance(outcome, Record)}
         known = self.cache.known(list(records))  # another chunk may have kept some since they were looked up
         segments: Sequence[Segment] = results[-1].value or () if results and results[-1].error is None else ()
@@ -323,6 +331,13 @@ class QueryService:
         segments = [segment for segment in segments if all(key in records and key not in known for key in segment[0])]
         records |= {record.key: record for record in self.cache.put_many(missing, segments)}
         return [records[outcome.key] if isinstance(outcome, Record) else outcome for outcome in outcomes]
+
+    def _record(self, operation: str, request: KeyedRequest, json: bytes, outcome: str) -> Record:
+        """Return the record of a computed answer; log and count one that cannot be true."""
+        if IMPLAUSIBLE_MARK in json:
+            self.implausible += 1
+            log.warning("implausible answer of %s, result %s: %s", operation, request.key, request.json.decode())
+        return Record(request.key, operation, request.json, json=json, outcome=outcome)
 
     def _forget(self, key: str, task: "asyncio.Future[Answered]") -> None:
         self._running.discard(task)

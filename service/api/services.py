@@ -70,6 +70,12 @@ class Metrics:
             "ricochet_worker_restarts", "Worker processes that had to be replaced since the start", registry=registry
         )
         self._restarts_counted = 0
+        self._implausible = Counter(
+            "ricochet_implausible",
+            "Computed answers with the warning `implausible` since the start: faults of the program",
+            registry=registry,
+        )
+        self._implausible_counted = 0
         self._jobs = Gauge("ricochet_jobs", "Jobs that are kept", ("status",), registry=registry)
         build = {"engine_version": ENGINE_VERSION, "schema_version": SCHEMA_VERSION}
         Info("ricochet_build", "Versions of the service", registry=registry).info(build)
@@ -99,6 +105,8 @@ class Metrics:
             self._gauges[name].set(value)
         self._restarts.inc(executor.restarts - self._restarts_counted)
         self._restarts_counted = executor.restarts
+        self._implausible.inc(queries.implausible - self._implausible_counted)
+        self._implausible_counted = queries.implausible
         for status in get_args(Status):
             self._jobs.labels(status).set(jobs[status])
 

@@ -63,7 +63,13 @@ def draw(request: bytes) -> Answer:
     return {"number": number}, {f"column_{i}": column for i in range(12)}
 
 
+def implausible(request: bytes) -> Answer:
+    warning = {"code": "implausible", "detail": "no such strike exists"}
+    return {"number": question(request).number, "result": None, "warnings": [warning]}, None
+
+
 OPERATIONS = {
+    "implausible": Operation(compute=implausible, request=Part),
     "once": Operation(compute=once, request=Part),
     "slow": Operation(compute=slow, request=Part),
     "slower": Operation(compute=slower, request=Part),
@@ -301,3 +307,17 @@ async def test_cases_whose_chunk_comes_back_without_answers_fail_and_are_answere
         assert (await service.answer("slow", requests[0]))[1] == "hit"
     finally:
         await pool.stop(2.0)
+
+
+async def test_implausible_answers_are_logged_and_counted(
+    service: QueryService, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Single ones and those of a chunk, once each; a repeated query is no second fault."""
+    single, *chunk = keyed("implausible", [Question(tmp_path, number) for number in range(3)])
+    await service.answer("implausible", single)
+    await service.answer("implausible", single)
+    await service.begin("implausible", chunk, lambda: None).kept
+    await service.answer("slow", keyed("slow", [Question(tmp_path)])[0])
+    assert service.implausible == 3
+    logged = [each.getMessage() for each in caplog.records if "implausible answer" in each.getMessage()]
+    assert [query.key in text for query, text in zip([single, *chunk], logged, strict=True)] == [True] * 3
