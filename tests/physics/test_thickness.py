@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from solver import (
     CriticalAngle,
     Impact,
+    IntegrationError,
     MohrCoulomb,
     Numerics,
     Ogive,
@@ -21,6 +22,7 @@ from solver import (
     Projectile,
     Resistance,
     Search,
+    StrengthPowerLaw,
     Target,
     Trajectory,
     critical_angle,
@@ -262,7 +264,7 @@ def test_warning_of_a_change_next_to_the_normal_has_the_energy_left_along_the_no
 
 
 def test_projectile_that_turns_end_over_end_in_a_wall_is_warned_of() -> None:
-    """It is still inside after 50 ms and 18 m along the wall at 84.2 to 84.9°, where the search does not look."""
+    """At 84.2 to 84.9°, where the search does not look, it turns on as long as it is followed."""
     nose = Ogive(caliber_radius_head=2.138339435115425)
     body = Projectile(nose=nose, diameter=0.09735998346263668, length=0.8502825430574642, mass=33.98285616711883)
     wall = Target(compressive_strength=83506119.05974251, density=2488.7656325658056, thickness=0.0701537343192152)
@@ -275,6 +277,38 @@ def test_projectile_that_turns_end_over_end_in_a_wall_is_warned_of() -> None:
         run = simulate(**case, impact=impact, sample_interval=None)
         assert ("tumbling" in [each.code for each in run.warnings]) == tumbles
         assert (abs(run.final.axis_angle - impact.axis_angle) > math.pi) == tumbles
+
+
+def test_run_ends_in_motion_after_a_full_turn_in_the_target() -> None:
+    """By both routes; it says `tumbling`, not that the termination time came."""
+    nose = Ogive(caliber_radius_head=2.138339435115425)
+    body = Projectile(nose=nose, diameter=0.09735998346263668, length=0.8502825430574642, mass=33.98285616711883)
+    wall = Target(compressive_strength=83506119.05974251, density=2488.7656325658056, thickness=0.0701537343192152)
+    decay = Resistance(free_surface=MohrCoulomb())
+    case: dict[str, Any] = {"projectile": body, "target": wall, "resistance": decay, "sample_interval": None}
+    impact = Impact(velocity=598.15, oblique_angle=math.radians(84.5), angle_of_attack=0.03895949452329724)
+    for numerics in (None, Numerics(method="panels", panels=4000, time_step=4e-6)):
+        run = simulate(**case, impact=impact, numerics=numerics)
+        assert run.outcome is Outcome.IN_MOTION
+        assert 2.0 * math.pi < abs(run.final.axis_angle - impact.axis_angle) < 3.0 * math.pi
+        assert run.final.time < 0.025
+        codes = [each.code for each in run.warnings]
+        assert codes.count("tumbling") == 1
+        assert "undecided" not in codes
+
+
+def test_run_that_gains_energy_between_the_faces_diverges_at_once() -> None:
+    """With few stations; it went on to 100,000 ever shorter steps, so that searches on such walls took seconds."""
+    nose = Ogive(caliber_radius_head=5.690303148099852)
+    body = Projectile(nose=nose, diameter=0.12287467948546833, length=0.7013633683649022, mass=56.95403029714366)
+    wall = Target(compressive_strength=38067137.271900564, density=2238.9669610416436, thickness=0.06518926882855638)
+    power_law = Resistance(strength_factor=StrengthPowerLaw(), free_surface=MohrCoulomb())
+    case: dict[str, Any] = {"projectile": body, "target": wall, "resistance": power_law}
+    impact = Impact(velocity=233.33, oblique_angle=math.radians(69.942), angle_of_attack=0.048124079120554955)
+    coarse = Numerics(relative_tolerance=2e-3, stations=5, points=3)
+    with pytest.raises(IntegrationError, match="gained as much energy"):
+        simulate(**case, impact=impact, numerics=coarse, sample_interval=None)
+    assert simulate(**case, impact=impact, sample_interval=None).evaluations < 5000
 
 
 def test_rough_trial_that_gains_energy_is_done_again() -> None:
