@@ -157,8 +157,8 @@ class AccessSettings(BaseSettings):
         Names,
         Field(
             description="Names in the `Host` header that are answered, with commas between them. If none is set, any "
-            "where keys are required, else `localhost`, `127.0.0.1` and `[::1]`: a page elsewhere could have its own "
-            "name point here."
+            "where keys are required, else `localhost`, `127.0.0.1` and `[::1]`: another page could have its own name "
+            "point here."
         ),
     ] = ()
     cors_origins: Annotated[
@@ -187,7 +187,7 @@ class LimitSettings(BaseSettings):
         Field(
             ge=1024,
             description="Largest request body: a profile of 1,000 points with all its digits takes 50 kB; listing all "
-            "that is wrong with 1 MiB of nonsense would hold up other requests for half a second.",
+            "that is wrong with 1 MiB would hold up other requests for half a second.",
         ),
     ] = 128 * 1024
     max_batch_bytes: Annotated[
@@ -264,8 +264,8 @@ class LimitSettings(BaseSettings):
         float,
         Field(
             gt=0.0,
-            description="How long the rest of a request that has been answered is read, so that the client gets to "
-            "the answer, before the connection is closed.",
+            description="How long the rest of an answered request is read, so that the client gets to the answer, "
+            "before the connection is closed.",
         ),
     ] = 2.0
     max_discarded_bytes: Annotated[
@@ -276,8 +276,8 @@ class LimitSettings(BaseSettings):
         int,
         Field(
             ge=8,
-            description="Open connections; those beyond are answered 503. Each takes some 10 kB and one of the usual "
-            "1,024 file descriptors.",
+            description="Open connections, of some 10 kB and one of the usual 1,024 file descriptors each; those "
+            "beyond are answered 503.",
         ),
     ] = 800
     max_streams: Annotated[
@@ -343,8 +343,8 @@ class JobSettings(BaseSettings):
         Field(
             ge=0,
             le=1000,
-            description="Up to so many cases are answered at once, more become a job: a hundred take about a second. A "
-            "search for perforation counts as 20 cases.",
+            description="Up to so many cases are answered at once, more become a job: a hundred take about a second. "
+            "A search for perforation counts as 20.",
         ),
     ] = 100
     small_samples: Annotated[
@@ -352,8 +352,8 @@ class JobSettings(BaseSettings):
         Field(
             ge=0,
             le=16_384,
-            description="A study of uncertainty with up to so many samples is answered at once, with more it becomes "
-            "a job: sixteen thousand take about a minute.",
+            description="Up to so many samples a study of uncertainty is answered at once, with more it becomes a "
+            "job: sixteen thousand take about a minute.",
         ),
     ] = 16_384
     max_queued_cases: Annotated[
@@ -366,7 +366,7 @@ class JobSettings(BaseSettings):
     ] = 2_000_000
     job_days: Annotated[
         float,
-        Field(gt=0.0, description="How long a job is kept after its end: over a weekend and a few days more."),
+        Field(gt=0.0, description="How long a job is kept after its end: over a weekend and some days more."),
     ] = 7.0
     owner_jobs_bytes: Annotated[
         int,
@@ -396,7 +396,7 @@ class ExecutorSettings(BaseSettings):
         ),
     ] = "pool"
     workers: Annotated[
-        int, Field(default_factory=available_cores, ge=1, le=1024, description="Worker processes; the cores.")
+        int, Field(default_factory=available_cores, ge=1, le=1024, description="Worker processes: one a core.")
     ]
     dask_scheduler: Annotated[
         str,
