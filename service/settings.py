@@ -72,7 +72,7 @@ class ServerSettings(BaseSettings):
         Names,
         Field(
             description="Addresses or networks of proxies, such as `127.0.0.1,10.0.0.0/8`, whose `X-Forwarded-For` "
-            "and `X-Forwarded-Proto` are believed, and nobody else's: any client could name another."
+            "and `X-Forwarded-Proto` are believed, and nobody else's: any client could name another address."
         ),
     ] = ()
     root_path: Annotated[
@@ -157,8 +157,8 @@ class AccessSettings(BaseSettings):
         Names,
         Field(
             description="Names in the `Host` header that are answered, with commas between them. If none is set, any "
-            "where keys are required, else `localhost`, `127.0.0.1` and `[::1]`: another page could have its own name "
-            "point here."
+            "where keys are required, else `localhost`, `127.0.0.1` and `[::1]`: a page elsewhere could have its own "
+            "name point here."
         ),
     ] = ()
     cors_origins: Annotated[
