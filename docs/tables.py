@@ -28,7 +28,7 @@ def settings_table() -> str:
             (f"`{(prefix + name).upper()}`", default(name, field), bounds(field), field.description or "")
             for name, field in settings.model_fields.items()
         ]
-        found = table(("variable", "default", "bounds", "what it is, and why so much"), rows)
+        found = table(("variable", "default", "bounds", "what and why"), rows)
         parts.append(f"### {group.capitalize()}\n\n{settings.__doc__}\n\n{found}")
     return "\n\n".join(parts)
 

@@ -28,7 +28,7 @@ MEMBERSHIP = Path("/proc/self/cgroup")
 
 
 def available_cores(control_groups: Path = CONTROL_GROUPS, membership: Path = MEMBERSHIP) -> int:
-    """Cores this process may use, within the quota of its container or of its unit of systemd."""
+    """Cores this process may use, within the quota of its container or unit of systemd."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     groups = {"": "", "cpu": ""}
     with suppress(OSError, ValueError):
@@ -62,44 +62,41 @@ def built_manual() -> Path:
 class ServerSettings(BaseSettings):
     """Where the service listens, what it logs, and how it ends."""
 
-    host: Annotated[str, Field(description="Address to listen on; this machine only unless said otherwise.")] = (
-        "127.0.0.1"
-    )
+    host: Annotated[str, Field(description="Address to listen on; by default this machine only.")] = "127.0.0.1"
     port: Annotated[int, Field(ge=0, le=65535, description="Port to listen on; 0 takes a free one.")] = 8000
     tls_certificate: Annotated[
-        Path | None, Field(description="Certificate (PEM, with its chain) to serve HTTPS with; takes a `tls_key`.")
+        Path | None, Field(description="Certificate (PEM, with its chain) for HTTPS; takes a `tls_key`.")
     ] = None
     tls_key: Annotated[Path | None, Field(description="Private key of the certificate (PEM).")] = None
     trusted_proxies: Annotated[
         Names,
         Field(
-            description="Addresses or networks of proxies, with commas between them, such as `127.0.0.1,10.0.0.0/8`: "
-            "the client and scheme that their `X-Forwarded-For` and `X-Forwarded-Proto` name are believed, and nobody "
-            "else's: any client could name another."
+            description="Addresses or networks of proxies, such as `127.0.0.1,10.0.0.0/8`, whose `X-Forwarded-For` "
+            "and `X-Forwarded-Proto` are believed, and nobody else's: any client could name another address."
         ),
     ] = ()
     root_path: Annotated[
         str,
         Field(
             pattern=r"^(/[A-Za-z0-9._~-]+)*$",
-            description="Path before all others in the addresses of clients, such as `/ricochet`, where a proxy serves "
-            "the service below it and passes requests on without it.",
+            description="Path, such as `/ricochet`, below which a proxy serves the service and which it takes off the "
+            "requests it passes on.",
         ),
     ] = ""
-    data_dir: Annotated[Path, Field(description="Folder of results and jobs; made if it is not there.")] = Path("data")
+    data_dir: Annotated[Path, Field(description="Folder of results and jobs; made if it is missing.")] = Path("data")
     manual_dir: Annotated[
         Path,
         Field(
             default_factory=built_manual,
-            description="Folder of the built manual, served at `/manual`: `make docs` in a copy of the repository "
-            "makes it. A wheel does not carry it; without it `/manual` says so.",
+            description="Folder of the manual that `make docs` builds in a copy of the repository, served at "
+            "`/manual`; a wheel has none.",
         ),
     ]
     gzip: Annotated[
         bool,
         Field(
-            description="Whether answers of 8 KiB and more are compressed for clients that accept gzip. A history of "
-            "72 kB becomes 35 kB in a millisecond, which pays over slow networks; on fast ones it takes longer."
+            description="Whether answers of 8 KiB and more are compressed for clients that accept gzip: a history of "
+            "72 kB becomes 35 kB in a millisecond, which pays over slow networks only."
         ),
     ] = False
     log_level: Annotated[
@@ -117,8 +114,8 @@ class ServerSettings(BaseSettings):
         int,
         Field(
             ge=3,
-            description="How long the service may take to end after SIGTERM, running queries included. Less than the "
-            "10 s after which container managers kill.",
+            description="Longest that the service takes to end after SIGTERM: less than the 10 s after which "
+            "container managers kill.",
         ),
     ] = 8
 
@@ -152,23 +149,23 @@ class AccessSettings(BaseSettings):
     access: Annotated[
         Literal["auto", "keys", "open"],
         Field(
-            description="Who is answered: `keys` only those with a key, `open` everybody who reaches the service, "
-            "`auto` those with a key as soon as there is one, and otherwise everybody on this machine."
+            description="Who is answered: `keys` those with a key, `open` everybody who reaches the service, `auto` "
+            "those with a key once there is one, before that everybody on this machine."
         ),
     ] = "auto"
     allowed_hosts: Annotated[
         Names,
         Field(
-            description="Names in the `Host` header that are answered, with commas between them. If none is set, where "
-            "no key is required only `localhost`, `127.0.0.1` and `[::1]`: a page elsewhere could otherwise have its "
-            "own name point here; any where one is."
+            description="Names in the `Host` header that are answered, with commas between them. If none is set, any "
+            "where keys are required, else `localhost`, `127.0.0.1` and `[::1]`: a page elsewhere could have its own "
+            "name point here."
         ),
     ] = ()
     cors_origins: Annotated[
         Names,
         Field(
-            description="Origins whose pages may send requests from a browser, such as `https://a.example`, with "
-            "commas between them; none but the service's own if none is set."
+            description="Other origins whose pages may send requests from a browser, such as `https://a.example`, "
+            "with commas between them."
         ),
     ] = ()
     metrics_open: Annotated[
@@ -177,7 +174,7 @@ class AccessSettings(BaseSettings):
     audit_log: Annotated[
         Path | None,
         Field(
-            description="File of the audit log; standard error if none is set. Opened anew once it has been moved away."
+            description="File of the audit log, opened anew once it has been moved away; standard error if none is set."
         ),
     ] = None
 
@@ -189,16 +186,16 @@ class LimitSettings(BaseSettings):
         int,
         Field(
             ge=1024,
-            description="Largest request body. A profile of 1,000 points with all its digits takes 50 kB; listing all "
-            "that is wrong with 1 MiB of nonsense would hold up the other requests for half a second.",
+            description="Largest request body: a profile of 1,000 points with all its digits takes 50 kB; listing all "
+            "that is wrong with 1 MiB would hold up other requests for half a second.",
         ),
     ] = 128 * 1024
     max_batch_bytes: Annotated[
         int,
         Field(
             ge=1024,
-            description="Largest JSON body of a batch or a sweep. A thousand cases take some 400 kB; parsing is one "
-            "piece of work that nothing else gets between, and 2 MiB of it take some 20 ms.",
+            description="Largest JSON body of a batch or a sweep: a thousand cases take some 400 kB, and parsing 2 "
+            "MiB holds up all else for some 20 ms.",
         ),
     ] = 2 * 1024 * 1024
     max_jsonl_bytes: Annotated[
@@ -213,8 +210,8 @@ class LimitSettings(BaseSettings):
         Field(
             ge=10,
             le=190,
-            description="Objects and lists in one another that a body may have: the deepest request has 7. The parser "
-            "itself goes no deeper than some 200.",
+            description="Objects and lists in one another in a body: the deepest request has 7, the parser takes some "
+            "200.",
         ),
     ] = 20
     max_panel_steps: Annotated[
@@ -222,15 +219,15 @@ class LimitSettings(BaseSettings):
         Field(
             gt=0.0,
             description="Panels times time steps of one run of the paper's method, up to its termination time. [1] "
-            "96,000 panels with steps of 1 µs over the usual 0.05 s are 4.8e9, some 100 s of work if no event ends it.",
+            "96,000 panels with steps of 1 µs over the usual 0.05 s are 4.8e9, some 100 s of work.",
         ),
     ] = 5e9
     max_head_bytes: Annotated[
         int,
         Field(
             ge=1024,
-            description="Longest head of a request, its address and headers. Browsers with many cookies send 4 kB; the "
-            "server's own parser has no limit.",
+            description="Longest head of a request, its address and headers: browsers with many cookies send 4 kB; "
+            "the server's parser has no limit.",
         ),
     ] = 16 * 1024
     max_head_fields: Annotated[
@@ -240,24 +237,23 @@ class LimitSettings(BaseSettings):
         float,
         Field(
             gt=0.0,
-            description="For the head of a request to arrive once its connection is there: more than any network "
-            "needs, and a connection that says nothing is not kept for longer.",
+            description="Time for the head of a request to arrive, after which a silent connection is closed: more "
+            "than any network needs.",
         ),
     ] = 10.0
     body_seconds: Annotated[
         float,
         Field(
             gt=0.0,
-            description="How long the service waits for a body in all, beside the time that it takes at "
-            "`slowest_bytes_per_second`: a link that is lost for some seconds does not lose the request.",
+            description="Longest wait for a body in all, beside its time at `slowest_bytes_per_second`: a link that "
+            "is lost for some seconds does not lose the request.",
         ),
     ] = 20.0
     send_seconds: Annotated[
         float,
         Field(
             gt=0.0,
-            description="How long a client that reads too slowly, or not at all, keeps its connection and what waits "
-            "to be sent to it.",
+            description="How long a client that reads too slowly, or not at all, keeps its connection.",
         ),
     ] = 30.0
     slowest_bytes_per_second: Annotated[
@@ -268,20 +264,20 @@ class LimitSettings(BaseSettings):
         float,
         Field(
             gt=0.0,
-            description="How long the rest of a request is read that has been answered already, so that the client "
-            "gets to the answer; then the connection is closed.",
+            description="How long the rest of an answered request is read, so that the client gets to the answer, "
+            "before the connection is closed.",
         ),
     ] = 2.0
     max_discarded_bytes: Annotated[
         int,
-        Field(ge=0, description="How much of such a rest is read at most: half a second of work."),
+        Field(ge=0, description="Most that is read of such a rest: half a second of work."),
     ] = 64 * 1024 * 1024
     max_connections: Annotated[
         int,
         Field(
             ge=8,
-            description="Open connections. Each takes a file descriptor, of which a process usually has 1,024, and "
-            "some 10 kB; those beyond are answered 503.",
+            description="Open connections, of some 10 kB and one of the usual 1,024 file descriptors each; those "
+            "beyond are answered 503.",
         ),
     ] = 800
     max_streams: Annotated[
@@ -301,15 +297,15 @@ class LimitSettings(BaseSettings):
         Field(
             ge=1,
             description="Single queries of one owner that may wait for a worker or run, where keys are required: half "
-            "a second to some seconds of work, and the others need not wait behind more.",
+            "a second to some seconds of work.",
         ),
     ] = 100
     max_waiting_queries: Annotated[
         int,
         Field(
             ge=1,
-            description="Single queries that may wait for a worker: at 10 ms each, some seconds of work. When there is "
-            "no room, the last of the owner with most waiting gives way to an owner with fewer.",
+            description="Single queries that may wait for a worker: at 10 ms each, some seconds of work. Beyond, the "
+            "last of the owner with most waiting gives way to an owner with fewer.",
         ),
     ] = 1000
     queue_seconds: Annotated[
@@ -333,9 +329,8 @@ class CacheSettings(BaseSettings):
         int,
         Field(
             ge=0,
-            description="Disk for results, a tenth of it for files of whole jobs that have been downloaded; those used "
-            "longest ago go first. Ten million critical angles or a hundred thousand histories: more than most "
-            "request, less than a disk holds.",
+            description="Disk for results, a tenth of it for downloads of whole jobs; those used longest ago go "
+            "first. Ten million critical angles or a hundred thousand histories.",
         ),
     ] = 10 * 1024**3
 
@@ -348,8 +343,8 @@ class JobSettings(BaseSettings):
         Field(
             ge=0,
             le=1000,
-            description="Up to so many cases are answered at once, more become a job: a hundred take about a second. A "
-            "search for perforation counts as 20 cases.",
+            description="Up to so many cases are answered at once, more become a job: a hundred take about a second. "
+            "A search for perforation counts as 20.",
         ),
     ] = 100
     small_samples: Annotated[
@@ -357,7 +352,7 @@ class JobSettings(BaseSettings):
         Field(
             ge=0,
             le=16_384,
-            description="A study of uncertainty with up to so many samples is answered at once, with more it becomes a "
+            description="Up to so many samples a study of uncertainty is answered at once, with more it becomes a "
             "job: sixteen thousand take about a minute.",
         ),
     ] = 16_384
@@ -365,20 +360,20 @@ class JobSettings(BaseSettings):
         int,
         Field(
             ge=1,
-            description="Cases that may wait in all jobs together, an owner's up to half of what the others leave: ten "
-            "of the largest batches of one owner, some hours of work.",
+            description="Cases that may wait in all jobs, an owner's up to half of what the others leave: ten of the "
+            "largest batches of one owner, some hours of work.",
         ),
     ] = 2_000_000
     job_days: Annotated[
         float,
-        Field(gt=0.0, description="How long a job is kept after its end: over a weekend and a few days more."),
+        Field(gt=0.0, description="How long a job is kept after its end: over a weekend and some days more."),
     ] = 7.0
     owner_jobs_bytes: Annotated[
         int,
         Field(
             ge=1,
             description="Disk for the jobs of one owner, their results aside: ten million usual cases. Those that "
-            "ended first go when there is no room for a new one.",
+            "ended first make room for a new one.",
         ),
     ] = 1024**3
     most_wait_seconds: Annotated[
@@ -396,12 +391,12 @@ class ExecutorSettings(BaseSettings):
     executor: Annotated[
         Literal["pool", "dask", "in-process"],
         Field(
-            description="Where batches are computed: in the worker processes, on a Dask cluster, or in a thread of the "
-            "service, for a debugger. Single queries go to the worker processes in either of the first two.",
+            description="Where batches are computed: in the worker processes, on a Dask cluster or, for a debugger, "
+            "in a thread of the service. Single queries go to the worker processes in the first two.",
         ),
     ] = "pool"
     workers: Annotated[
-        int, Field(default_factory=available_cores, ge=1, le=1024, description="Worker processes; the cores.")
+        int, Field(default_factory=available_cores, ge=1, le=1024, description="Worker processes: one a core.")
     ]
     dask_scheduler: Annotated[
         str,
@@ -411,16 +406,16 @@ class ExecutorSettings(BaseSettings):
         float,
         Field(
             gt=0.0,
-            description="Longest a single query may run. The paper's case takes well under a second; the largest one "
-            "the request limits let through takes minutes and would keep a core from everyone else.",
+            description="Longest a single query may run: the paper's case takes well under a second, the largest that "
+            "the other limits let through takes minutes.",
         ),
     ] = 60.0
     probe_seconds: Annotated[
         float,
         Field(
             gt=0.0,
-            description="How long the readiness probe waits for a worker. It overtakes waiting queries but not running "
-            "ones, so a busy pool may take as long as a usual query.",
+            description="How long the readiness probe waits for a worker. It overtakes waiting queries, not running "
+            "ones.",
         ),
     ] = 2.0
 

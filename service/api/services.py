@@ -57,9 +57,9 @@ class Metrics:
             name: Gauge(f"ricochet_{name}", text, registry=registry)
             for name, text in {
                 "queued_queries": "Single queries that wait for a worker",
-                "queued_cases": "Cases of batches and jobs that wait or are being computed",
+                "queued_cases": "Cases of batches and jobs that wait or run",
                 "running_chunks": "Chunks of jobs being made, computed or kept",
-                "chunk_width": "Chunks that can be computed at the same time, here or on the cluster",
+                "chunk_width": "Chunks that can be computed at once, here or on the cluster",
                 "workers": "Worker processes that are up",
                 "cache_bytes": "Size of the results on the disk",
                 "cache_segments": "Files of results",
@@ -67,7 +67,7 @@ class Metrics:
             }.items()
         }
         self._restarts = Counter(
-            "ricochet_worker_restarts", "Worker processes that had to be replaced since the start", registry=registry
+            "ricochet_worker_restarts", "Worker processes replaced since the start", registry=registry
         )
         self._restarts_counted = 0
         self._implausible = Counter(
