@@ -212,7 +212,7 @@ def add_reproduce(parser: argparse.ArgumentParser) -> None:
 def add_validate(parser: argparse.ArgumentParser) -> None:
     """Define `ricochet validate`."""
     parser.description = "Compare the model with published penetration tests."
-    _add_output(parser, "validation", Path("build/validation"))
+    _add_output(parser, "published_tests", Path("build/validation"))
 
 
 def _add_output(parser: argparse.ArgumentParser, report: str, folder: Path) -> None:
@@ -232,8 +232,8 @@ def run(args: argparse.Namespace) -> int:
         If the extra `reports` is not installed, or the folder cannot be written.
     """
     try:
-        writer = import_module("service.reports.report")
-        report = import_module(f"service.reports.{args.report}")
+        writer = import_module("validation.report")
+        report = import_module(f"validation.{args.report}")
     except ModuleNotFoundError as error:
         if (error.name or "").partition(".")[0] not in EXTRA:
             raise

@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 
 from service.reports import style
-from service.reports.depth_ratios import crater_differences, ratios_section
-from service.reports.depth_tests import (
+from solver import ConstantStrengthFactor, solid_properties
+from solver.calibration import DepthTest, fit_depth
+from validation.depth_ratios import crater_differences, ratios_section
+from validation.depth_tests import (
     ALL_MODELS,
     CLOSED_FORM,
     CONSTANT,
@@ -33,12 +35,10 @@ from service.reports.depth_tests import (
     strikes,
     trajectory_depth,
 )
-from service.reports.reference import penetration_tests, table_2
-from service.reports.report import Section
-from service.reports.validation import parts
-from service.reports.validation import tests_section as listing_section
-from solver import ConstantStrengthFactor, solid_properties
-from solver.calibration import DepthTest, fit_depth
+from validation.published_tests import parts
+from validation.published_tests import tests_section as listing_section
+from validation.reference import penetration_tests, table_2
+from validation.report import Section
 
 WEAK_2006 = "frew-2006, 23 MPa"
 

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from service.reports import style
-from service.reports.reference import MESHES, finite_element_runs, penetration_tests, table_1
-from service.reports.report import Comparison, Figure, ReportTable, Section, paragraphs, stack, write_report
+from validation.reference import MESHES, finite_element_runs, penetration_tests, table_1
+from validation.report import Comparison, Figure, ReportTable, Section, paragraphs, stack, write_report
 
 
 def comparison(*, ours: float, reference: float | None = 8.5, tolerance: float | None = 0.1) -> Comparison:
