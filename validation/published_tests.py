@@ -1,4 +1,4 @@
-"""The report of `ricochet validate`: its tests one by one, its limits, the walls, and the order of its sections."""
+"""The report of `make validate`: its tests one by one, its limits, the walls, and the order of its sections."""
 
 import math
 from collections.abc import Callable, Iterator, Mapping

@@ -1,4 +1,4 @@
-"""The report of `ricochet reproduce`: the paper, figure by figure, beside its own numbers."""
+"""The report of `make reproduce`: the paper, figure by figure, beside its own numbers."""
 
 import math
 from collections.abc import Callable, Iterator

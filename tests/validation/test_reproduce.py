@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from service.cli import main
 from service.reports import style
 from solver.strike import PAPER_PROJECTILE
+from validation.__main__ import main
 from validation.critical_angle import search_section, turning_section
 from validation.motion import PAPER_STEP, STEPS, sensitivity_section
 from validation.reference import equation_9, paper_numbers, paper_value, table_1
