@@ -123,11 +123,11 @@ cluster: setup ## compare a Dask cluster with the pool, two minutes; ARGS="--qui
 slider: setup ## measure a step of a slider in the page, in Chromium
 	$(BIN)/python benchmarks/slider.py $(ARGS)
 
-reproduce: setup ## compute the paper anew, into build/reproduce
-	@$(BIN)/ricochet reproduce $(ARGS)
+reproduce: setup ## compute the paper anew, into build/reproduce; ARGS="--output FOLDER"
+	@$(BIN)/python -m validation reproduce $(ARGS)
 
-validate: setup ## compare with published penetration tests, into build/validation
-	@$(BIN)/ricochet validate $(ARGS)
+validate: setup ## compare with published penetration tests, into build/validation; ARGS="--output FOLDER"
+	@$(BIN)/python -m validation validate $(ARGS)
 
 figures: setup ## draw the pictures of the README
 	$(BIN)/python docs/figures/trajectories.py

@@ -1,1 +1,1 @@
-"""Comparisons of the model with a second route to the same answers. Not part of the installed package."""
+"""Compares the model with the source paper, published tests and a second route. Not part of the installed package."""

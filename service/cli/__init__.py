@@ -39,8 +39,6 @@ COMMANDS = (
     Command("keys", "add, list and revoke the API keys of a service", "service.cli.data_folder"),
     Command("cache", "inspect and repair the stored results", "service.cli.data_folder"),
     Command("calibrate", "fit strength factors to tests or finite element histories", "service.cli.calibrate"),
-    Command("reproduce", "recompute the source paper beside its printed numbers", "service.cli.reports"),
-    Command("validate", "compare with published penetration tests", "service.cli.reports"),
     Command("openapi", "write the contract, openapi/openapi.json", "service.cli.serve"),
     Command("completion", "print a script that completes commands and flags in a shell", "service.cli.init"),
     Command("version", "print the versions of the package and the solver", "service.cli"),

@@ -1,4 +1,4 @@
-"""`ricochet report`, `ricochet reproduce` and `ricochet validate`: pages with figures and tables."""
+"""`ricochet report`: a strike on two pages, as HTML or PDF."""
 
 import argparse
 import json
@@ -6,8 +6,6 @@ import os
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Iterator
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -25,9 +23,6 @@ from service.cli.arguments import (
 from service.cli.local import compute
 from service.cli.request_body import read_body
 from service.cli.writers import progress
-
-EXTRA = frozenset({"jinja2", "markupsafe", "matplotlib"})
-"""Packages of the extra `reports`."""
 
 BROWSERS = (
     "chromium",
@@ -201,68 +196,3 @@ def print_pdf(browser: str, page: bytes, output: Path) -> None:
             reason = done.stderr.strip().splitlines()[-1:] or [f"exit status {done.returncode}"]
             raise CommandError(f"{browser} has not printed the report: {reason[0]}", FAILED)
         shutil.copyfile(target, output)
-
-
-def add_reproduce(parser: argparse.ArgumentParser) -> None:
-    """Define `ricochet reproduce`."""
-    parser.description = "Recompute the source paper figure by figure, each number beside the printed one."
-    _add_output(parser, "reproduction", Path("build/reproduce"))
-
-
-def add_validate(parser: argparse.ArgumentParser) -> None:
-    """Define `ricochet validate`."""
-    parser.description = "Compare the model with published penetration tests."
-    _add_output(parser, "validation", Path("build/validation"))
-
-
-def _add_output(parser: argparse.ArgumentParser, report: str, folder: Path) -> None:
-    parser.epilog = examples(f"{parser.prog} --output report")
-    parser.add_argument(
-        "--output", type=Path, default=folder, metavar="FOLDER", help="folder of the page (%(default)s)"
-    )
-    parser.set_defaults(run=run, report=report)
-
-
-def run(args: argparse.Namespace) -> int:
-    """Write a report of the paper or of tests.
-
-    Raises
-    ------
-    CommandError
-        If the extra `reports` is not installed, or the folder cannot be written.
-    """
-    try:
-        writer = import_module("service.reports.report")
-        report = import_module(f"service.reports.{args.report}")
-    except ModuleNotFoundError as error:
-        if (error.name or "").partition(".")[0] not in EXTRA:
-            raise
-        from service.settings import missing_package
-
-        raise CommandError(missing_package("a report", str(error.name), "reports"), FAILED) from None
-    try:
-        page = _write(writer, report, args.output)
-    except OSError as error:
-        raise CommandError(f"the report cannot be written: {error}", FAILED) from None
-    print(f"wrote {page}")
-    return 0
-
-
-def _write(writer: Any, report: Any, folder: Path) -> Path:
-    """Write a report, with a progress bar on standard error."""
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=Console(stderr=True)) as progress:
-        task = progress.add_task("warming up", total=report.COUNT)
-
-        def sections() -> Iterator[Any]:
-            for section in report.sections(lambda name: progress.update(task, description=name)):
-                yield section
-                progress.advance(task)
-
-        page: Path = writer.write_report(
-            folder, title=report.TITLE, introduction=report.INTRODUCTION, sections=sections()
-        )
-    return page

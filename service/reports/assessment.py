@@ -14,7 +14,7 @@ from markupsafe import Markup
 from service.reports import style
 from service.reports.assessment_figures import SETTINGS, curves, side_views, sketch, svg
 from service.reports.assessment_numbers import WORDS, Numbers, Row, lookup, rows, sentence
-from service.reports.report import embedded
+from service.reports.style import embedded
 from solver.projectile import Projectile
 from solver.resistance import EQUATION_9_COEFFICIENTS, ObliquityPolynomial, PublishedTests
 from solver.warnings import (

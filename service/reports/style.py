@@ -1,5 +1,6 @@
 """Style of every figure of the reports, and the projectile from the side at instants of its motion."""
 
+import base64
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -161,3 +162,8 @@ def draw_concrete(
     axes.axhspan(0.0, back, color=CONCRETE, zorder=0)
     for place in (0.0,) if thickness is None or thickness > depth[1] else (0.0, thickness):
         axes.axhline(place, color=FACE, linewidth=1.0, zorder=1)
+
+
+def embedded(picture: bytes) -> str:
+    """An SVG as the address of an image: identifiers of one do not reach into another."""
+    return "data:image/svg+xml;base64," + base64.b64encode(picture).decode("ascii")

@@ -40,8 +40,6 @@ LIGHT = (
     "serve",
     "keys",
     "cache",
-    "reproduce",
-    "validate",
     "openapi",
     "init",
     "completion",
@@ -61,7 +59,7 @@ LOCAL = [
     words for words in ALL if words[0] in SINGLE | {"calibrate", "cache", "completion", "init", "openapi", "version"}
 ]
 SERVED = [words for words in ALL if words[0] in {"batch", "sweep", "jobs"}]
-"""`serve` is started by a fixture; `report`, `reproduce` and `validate` take long and are tested in tests/reports."""
+"""`serve` is started by a fixture; `report` takes long and is tested in tests/reports."""
 TESTS_CSV = "velocity_m_s,depth_m\n238.1,0.30\n275.7,0.38\n314.0,0.45\n369.5,0.53\n"
 POINTS_CSV = "oblique_angle_deg,strength_factor\n0,8.52\n15,8.25\n30,7.91\n45,6.48\n"
 

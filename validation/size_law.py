@@ -9,8 +9,10 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import FuncFormatter, NullFormatter
 
 from service.reports import style
-from service.reports.depth_ratios import COLORS, MARKS
-from service.reports.depth_tests import (
+from solver import PublishedTests, Resistance, StrengthPowerLaw, strength_factor
+from solver.arrays import FloatArray
+from validation.depth_ratios import COLORS, MARKS
+from validation.depth_tests import (
     CONSTANT,
     POWER_LAW,
     TRAJECTORY,
@@ -20,9 +22,7 @@ from service.reports.depth_tests import (
     percent,
     trajectory_depth,
 )
-from service.reports.report import Comparison, Figure, ReportTable, Section
-from solver import PublishedTests, Resistance, StrengthPowerLaw, strength_factor
-from solver.arrays import FloatArray
+from validation.report import Comparison, Figure, ReportTable, Section
 
 REFERENCE_STRENGTH, REFERENCE_DIAMETER = 39e6, 0.0762
 """Strength and diameter at which S is the coefficient of the law. [Pa, m]"""

@@ -1,4 +1,4 @@
-"""The report of `ricochet validate`: its tests one by one, its limits, the walls, and the order of its sections."""
+"""The report of `make validate`: its tests one by one, its limits, the walls, and the order of its sections."""
 
 import math
 from collections.abc import Callable, Iterator, Mapping
@@ -7,8 +7,24 @@ from typing import Any, Final
 
 import numpy as np
 
-from service.reports.depth_ratios import crater_section, ratios_section
-from service.reports.depth_tests import (
+from solver import (
+    Crater,
+    Impact,
+    Ogive,
+    Projectile,
+    PublishedTests,
+    Resistance,
+    ShearPlug,
+    Target,
+    cea_edf_limit_speed,
+    formulas,
+    least_thickness,
+    limit_velocity,
+)
+from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY
+from solver.warnings import NO_MEASURED_ANGLE
+from validation.depth_ratios import crater_section, ratios_section
+from validation.depth_tests import (
     CLOSED_FORM,
     CONSTANT,
     FACTOR_MODELS,
@@ -29,24 +45,8 @@ from service.reports.depth_tests import (
     of_series,
     percent,
 )
-from service.reports.report import Progress, ReportTable, Section, paragraphs
-from service.reports.size_law import size_law_section
-from solver import (
-    Crater,
-    Impact,
-    Ogive,
-    Projectile,
-    PublishedTests,
-    Resistance,
-    ShearPlug,
-    Target,
-    cea_edf_limit_speed,
-    formulas,
-    least_thickness,
-    limit_velocity,
-)
-from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY
-from solver.warnings import NO_MEASURED_ANGLE
+from validation.report import Progress, ReportTable, Section, paragraphs
+from validation.size_law import size_law_section
 
 ALIKE = 0.05
 """Speeds that differ by less are compared directly. [1]"""

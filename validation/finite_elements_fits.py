@@ -7,19 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from service.reports.reference import (
-    MESHES,
-    FiniteElementRun,
-    Mesh,
-    equation_9,
-    finite_element_depths,
-    finite_element_runs,
-    history_of,
-    impact_of,
-    path_of_run,
-    time_of_deepest_tip,
-)
-from service.reports.report import Progress, ReportTable
 from solver import (
     ConstantStrengthFactor,
     CriticalAngle,
@@ -51,6 +38,19 @@ from solver.calibration import (
 from solver.free_surface import FreeSurface
 from solver.resistance import StrengthFactor, strength_factor
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY
+from validation.reference import (
+    MESHES,
+    FiniteElementRun,
+    Mesh,
+    equation_9,
+    finite_element_depths,
+    finite_element_runs,
+    history_of,
+    impact_of,
+    path_of_run,
+    time_of_deepest_tip,
+)
+from validation.report import Progress, ReportTable
 
 ELASTIC_PLASTIC, MOHR_COULOMB = ElasticPlastic(), MohrCoulomb()
 LAWS: Mapping[str, FreeSurface] = {law.name: law for law in (ELASTIC_PLASTIC, MOHR_COULOMB)}

@@ -1,13 +1,11 @@
 """A report: its sections, its page and the files beside the page."""
 
-import base64
 import csv
 import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
-from importlib.resources import files
 from pathlib import Path
 from typing import TypeAlias
 
@@ -16,6 +14,7 @@ from markupsafe import Markup, escape
 from matplotlib.figure import Figure as Drawing
 
 from service.reports import style
+from service.reports.style import embedded
 from solver.arrays import FloatArray
 
 Column: TypeAlias = Sequence[object] | FloatArray
@@ -252,7 +251,7 @@ def _render(*, title: str, introduction: Sequence[str], shown: Sequence[ShownSec
         "embedded": embedded,
     }
     held = [each.holds for part in shown for each in part.section.comparisons if each.holds is not None]
-    template = environment.from_string(files("service.reports").joinpath("template.html").read_text(encoding="utf-8"))
+    template = environment.from_string(Path(__file__).with_name("template.html").read_text(encoding="utf-8"))
     return template.render(title=title, introduction=introduction, shown=shown, held=sum(held), checked=len(held))
 
 
@@ -341,8 +340,3 @@ def _printed(text: str) -> str:
     mantissa, _, power = text.partition("e")
     raised = f"{NARROW}×{NARROW}10{str(int(power)).translate(SUPERSCRIPTS)}" if power else ""
     return mantissa.replace("-", "\N{MINUS SIGN}") + raised
-
-
-def embedded(picture: bytes) -> str:
-    """An SVG as the address of an image: identifiers of one do not reach into another."""
-    return "data:image/svg+xml;base64," + base64.b64encode(picture).decode("ascii")

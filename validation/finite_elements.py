@@ -3,8 +3,8 @@
 import math
 from collections.abc import Iterator, Mapping, Sequence
 
-from service.reports.finite_elements_figures import angle_figure, factor_figure, fitted_figure, rms_figure, tip_figure
-from service.reports.finite_elements_fits import (
+from validation.finite_elements_figures import angle_figure, factor_figure, fitted_figure, rms_figure, tip_figure
+from validation.finite_elements_fits import (
     ALONE,
     CHOSEN,
     LAW_NAMES,
@@ -20,9 +20,9 @@ from service.reports.finite_elements_fits import (
     overall,
     predictions,
 )
-from service.reports.finite_elements_text import outcomes, paragraphs, short, with_extrapolation
-from service.reports.reference import MESHES, Mesh, finite_element_runs, table_2
-from service.reports.report import Comparison, Progress, ReportTable, Section
+from validation.finite_elements_text import outcomes, paragraphs, short, with_extrapolation
+from validation.reference import MESHES, Mesh, finite_element_runs, table_2
+from validation.report import Comparison, Progress, ReportTable, Section
 
 SEPARATE_CALCULATION = "a separate calculation on the same runs"
 SEPARATE_RMS = {"mohr_coulomb": 0.051, "elastic_plastic": 0.090, "none": 0.216}

@@ -9,8 +9,6 @@ import numpy as np
 from numpy.polynomial import Chebyshev
 from scipy.optimize import brentq, minimize_scalar
 
-from service.reports.reference import PenetrationTest, penetration_tests
-from service.reports.report import Progress
 from solver import (
     ConstantStrengthFactor,
     ModelWarning,
@@ -26,6 +24,8 @@ from solver.arrays import FloatArray
 from solver.calibration import penetration_depths
 from solver.resistance import StrengthFactor, closed_form_depth
 from solver.warnings import input_warnings
+from validation.reference import PenetrationTest, penetration_tests
+from validation.report import Progress
 
 OUTLIER_ROW = 55
 LIKELY_VELOCITY = 690.0

@@ -8,15 +8,15 @@ from pathlib import Path
 
 import pytest
 
-from service.cli import main
 from service.reports import style
-from service.reports.critical_angle import search_section, turning_section
-from service.reports.motion import PAPER_STEP, STEPS, sensitivity_section
-from service.reports.reference import equation_9, paper_numbers, paper_value, table_1
-from service.reports.report import Comparison, Progress, Section
-from service.reports.reproduction import open_points_section
-from service.reports.strength_factor import FIRED_DIAMETER, depth_section, fit, fit_table_2, obliquity_section
 from solver.strike import PAPER_PROJECTILE
+from validation.__main__ import main
+from validation.critical_angle import search_section, turning_section
+from validation.motion import PAPER_STEP, STEPS, sensitivity_section
+from validation.reference import equation_9, paper_numbers, paper_value, table_1
+from validation.report import Comparison, Progress, Section
+from validation.reproduction import open_points_section
+from validation.strength_factor import FIRED_DIAMETER, depth_section, fit, fit_table_2, obliquity_section
 
 LIMIT_S = 120.0
 FIGURES = {f"figure-{number:02d}" for number in (6, *range(8, 19))}

@@ -11,7 +11,11 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from service.reports import style
-from service.reports.reference import (
+from solver import Numerics, Resistance, strength_factor
+from solver.arrays import FloatArray
+from solver.calibration import MotionHistory, predict_motion
+from solver.strike import PAPER_PROJECTILE, PAPER_TARGET
+from validation.reference import (
     THREADS,
     FiniteElementRun,
     finite_element_fit,
@@ -22,11 +26,7 @@ from service.reports.reference import (
     paper_strike,
     table_2,
 )
-from service.reports.report import Comparison, Figure, Progress, ReportTable, Section, paragraphs, stack
-from solver import Numerics, Resistance, strength_factor
-from solver.arrays import FloatArray
-from solver.calibration import MotionHistory, predict_motion
-from solver.strike import PAPER_PROJECTILE, PAPER_TARGET
+from validation.report import Comparison, Figure, Progress, ReportTable, Section, paragraphs, stack
 
 LABELS = {
     "lateral_displacement": "lateral displacement [m]",

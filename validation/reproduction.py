@@ -1,4 +1,4 @@
-"""The report of `ricochet reproduce`: the paper, figure by figure, beside its own numbers."""
+"""The report of `make reproduce`: the paper, figure by figure, beside its own numbers."""
 
 import math
 from collections.abc import Callable, Iterator
@@ -6,9 +6,6 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import solver
-from service.reports import critical_angle, finite_elements, motion, strength_factor
-from service.reports.reference import THREADS
-from service.reports.report import Comparison, Progress, ReportTable, Section, paragraphs
 from solver import (
     ENGINE_VERSION,
     ConstantStrengthFactor,
@@ -27,6 +24,9 @@ from solver import (
 )
 from solver.free_surface import FreeSurface
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY
+from validation import critical_angle, finite_elements, motion, strength_factor
+from validation.reference import THREADS
+from validation.report import Comparison, Progress, ReportTable, Section, paragraphs
 
 TITLE = "The paper, reproduced"
 INTRODUCTION = paragraphs(

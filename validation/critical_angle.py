@@ -10,7 +10,12 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from service.reports import style
-from service.reports.reference import (
+from service.reports.style import TipPath, draw_concrete, draw_path
+from solver import CriticalAngle, Numerics, Resistance, Search, critical_angle, simulate, strength_factor
+from solver.calibration import predict_motion
+from solver.search.types import SearchMethod
+from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY
+from validation.reference import (
     finite_element_run,
     finite_element_runs,
     history_of,
@@ -20,12 +25,7 @@ from service.reports.reference import (
     paper_value,
     path_of,
 )
-from service.reports.report import Column, Comparison, Figure, Progress, ReportTable, Section, paragraphs, stack
-from service.reports.style import TipPath, draw_concrete, draw_path
-from solver import CriticalAngle, Numerics, Resistance, Search, critical_angle, simulate, strength_factor
-from solver.calibration import predict_motion
-from solver.search.types import SearchMethod
-from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY
+from validation.report import Column, Comparison, Figure, Progress, ReportTable, Section, paragraphs, stack
 
 PLOTTED_SEARCHES: tuple[SearchMethod, ...] = ("bisection", "secant")
 

@@ -10,7 +10,10 @@ from matplotlib.figure import Figure as Drawing
 from matplotlib.lines import Line2D
 
 from service.reports import style
-from service.reports.finite_elements_fits import (
+from solver import ObliquityPolynomial
+from solver.arrays import FloatArray
+from solver.calibration import Estimate, MotionHistory
+from validation.finite_elements_fits import (
     LAW_NAMES,
     LAWS,
     NEAR_ANGLES,
@@ -19,7 +22,7 @@ from service.reports.finite_elements_fits import (
     Prediction,
     Predictions,
 )
-from service.reports.reference import (
+from validation.reference import (
     MESHES,
     FiniteElementRun,
     Mesh,
@@ -30,10 +33,7 @@ from service.reports.reference import (
     path_of,
     table_2,
 )
-from service.reports.report import Column, Figure, stack
-from solver import ObliquityPolynomial
-from solver.arrays import FloatArray
-from solver.calibration import Estimate, MotionHistory
+from validation.report import Column, Figure, stack
 
 QUANTITIES = {
     "depth_displacement": "depth displacement [m]",

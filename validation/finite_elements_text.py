@@ -3,7 +3,9 @@
 import math
 from collections.abc import Mapping
 
-from service.reports.finite_elements_fits import (
+from solver import Outcome
+from solver.calibration import Estimate, MotionHistory
+from validation.finite_elements_fits import (
     LATER,
     LAW_NAMES,
     LAWS,
@@ -16,9 +18,7 @@ from service.reports.finite_elements_fits import (
     ending,
     modelled_outcome,
 )
-from service.reports.reference import MESHES, Mesh, equation_9, finite_element_run, finite_element_runs
-from solver import Outcome
-from solver.calibration import Estimate, MotionHistory
+from validation.reference import MESHES, Mesh, equation_9, finite_element_run, finite_element_runs
 
 Brackets = Mapping[Mesh, tuple[float, float]]
 

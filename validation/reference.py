@@ -7,7 +7,7 @@ import csv
 import re
 from dataclasses import dataclass, replace
 from functools import cache
-from importlib.resources import files
+from pathlib import Path
 from typing import Final, Literal, TypeAlias
 
 import numpy as np
@@ -27,6 +27,7 @@ from solver.calibration import (
 from solver.free_surface import FreeSurface
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY
 
+DATA = Path(__file__).with_name("data")
 Mesh: TypeAlias = Literal["coarse", "fine"]
 MESHES: Final[tuple[Mesh, ...]] = ("coarse", "fine")
 """Elements of the finite element runs: cubes of 10 mm and of 7.5 mm where the target is struck."""
@@ -223,11 +224,7 @@ def _finite_element_run(row: dict[str, str]) -> FiniteElementRun:
 
 
 def _rows(name: str) -> list[dict[str, str]]:
-    return list(csv.DictReader(_text(name).splitlines()))
-
-
-def _text(name: str) -> str:
-    return files("service.reports").joinpath("data", name).read_text(encoding="utf-8")
+    return list(csv.DictReader((DATA / name).read_text(encoding="utf-8").splitlines()))
 
 
 def paper_strike(oblique_angle: float) -> Impact:

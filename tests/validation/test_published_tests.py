@@ -2,13 +2,17 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from service.reports import style
-from service.reports.depth_ratios import crater_differences, ratios_section
-from service.reports.depth_tests import (
+from solver import ConstantStrengthFactor, solid_properties
+from solver.calibration import DepthTest, fit_depth
+from validation.__main__ import main
+from validation.depth_ratios import crater_differences, ratios_section
+from validation.depth_tests import (
     ALL_MODELS,
     CLOSED_FORM,
     CONSTANT,
@@ -33,12 +37,10 @@ from service.reports.depth_tests import (
     strikes,
     trajectory_depth,
 )
-from service.reports.reference import penetration_tests, table_2
-from service.reports.report import Section
-from service.reports.validation import parts
-from service.reports.validation import tests_section as listing_section
-from solver import ConstantStrengthFactor, solid_properties
-from solver.calibration import DepthTest, fit_depth
+from validation.published_tests import parts
+from validation.published_tests import tests_section as listing_section
+from validation.reference import penetration_tests, table_2
+from validation.report import Section
 
 WEAK_2006 = "frew-2006, 23 MPa"
 
@@ -232,3 +234,15 @@ def test_walls_have_every_model_and_formula_in_one_table_with_its_range(sections
     assert {name for name, text in ranges.items() if text == "range not known"} == {"brl"}
     assert {name for name, text in ranges.items() if "out of range" in text} == {"cea_edf", "chang"}
     assert "in doubt" in str(rows["brl"][-2])
+
+
+@pytest.mark.slow
+def test_page_has_every_table_and_figure_beside_it(
+    tmp_path: Path, sections: list[Section], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["validate", "--output", str(tmp_path)]) == 0
+    assert str(tmp_path / "index.html") in capsys.readouterr().out
+    tables = {table.name for section in sections for table in section.tables}
+    figures = {figure.name for section in sections for figure in section.figures}
+    assert {path.stem for path in (tmp_path / "tables").glob("*.csv")} == tables
+    assert {path.stem for path in (tmp_path / "figures").glob("*.svg")} == figures

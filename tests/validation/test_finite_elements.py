@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from service.reports import style
-from service.reports.finite_elements import compare
-from service.reports.finite_elements_fits import (
+from solver import mass_properties
+from solver.strike import PAPER_PROJECTILE
+from validation.finite_elements import compare
+from validation.finite_elements_fits import (
     CHOSEN,
     LAWS,
     PAPER_ANGLES,
@@ -19,11 +21,9 @@ from service.reports.finite_elements_fits import (
     ending,
     predictions,
 )
-from service.reports.finite_elements_text import outcomes, place
-from service.reports.reference import MESHES, Mesh, finite_element_run, finite_element_runs, time_of_deepest_tip
-from service.reports.report import Section
-from solver import mass_properties
-from solver.strike import PAPER_PROJECTILE
+from validation.finite_elements_text import outcomes, place
+from validation.reference import MESHES, Mesh, finite_element_run, finite_element_runs, time_of_deepest_tip
+from validation.report import Section
 
 NO_DECAY = "none"
 

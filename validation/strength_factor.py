@@ -8,17 +8,6 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from service.reports import style
-from service.reports.reference import (
-    PublishedShot,
-    equation_9,
-    finite_element_depths,
-    finite_element_fit,
-    finite_element_runs,
-    paper_value,
-    table_1,
-    table_2,
-)
-from service.reports.report import Comparison, Figure, Progress, ReportTable, Section, paragraphs, stack
 from solver.arrays import FloatArray
 from solver.calibration import (
     DepthFit,
@@ -32,6 +21,17 @@ from solver.calibration import (
 )
 from solver.projectile import Projectile
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET
+from validation.reference import (
+    PublishedShot,
+    equation_9,
+    finite_element_depths,
+    finite_element_fit,
+    finite_element_runs,
+    paper_value,
+    table_1,
+    table_2,
+)
+from validation.report import Comparison, Figure, Progress, ReportTable, Section, paragraphs, stack
 
 STRENGTH_FACTORS = (6.0, 7.0, 8.0, 9.0, 10.0, 11.0)
 VELOCITIES = np.linspace(200.0, 400.0, 41)

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from service.reports import style
-from service.reports.depth_tests import OUTLIER_ROW, TRAJECTORY, Assessment, assess, trajectory_depth
-from service.reports.size_law import (
+from solver import PublishedTests
+from validation.depth_tests import OUTLIER_ROW, TRAJECTORY, Assessment, assess, trajectory_depth
+from validation.size_law import (
     LARGE,
     REFERENCE_DIAMETER,
     REFERENCE_STRENGTH,
@@ -22,7 +23,6 @@ from service.reports.size_law import (
     trend,
     trends,
 )
-from solver import PublishedTests
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,9 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import FuncFormatter, NullFormatter
 
 from service.reports import style
-from service.reports.depth_tests import (
+from solver import Projectile, solid_properties
+from solver.arrays import FloatArray
+from validation.depth_tests import (
     ALL_MODELS,
     BAND,
     CLOSED_FORM,
@@ -26,9 +28,7 @@ from service.reports.depth_tests import (
     of_series,
     percent,
 )
-from service.reports.report import Comparison, Figure, ReportTable, Section
-from solver import Projectile, solid_properties
-from solver.arrays import FloatArray
+from validation.report import Comparison, Figure, ReportTable, Section
 
 MARKS = ("o", "s", "^", "D", "v", "P")
 COLORS = (style.MODEL, style.FINITE_ELEMENT, style.PAPER, "#8a4fae")
