@@ -2,6 +2,7 @@
 
 import csv
 import json
+import os
 import subprocess
 import sys
 import threading
@@ -16,7 +17,7 @@ import pytest
 from service import cli
 from service.cli.arguments import RefusedError
 from service.schemas.strike import PAPER, PAPER_AT_45
-from tests.cli.commands import STRIKE_TOML, run, run_on_terminal
+from tests.cli.commands import ROOT, STRIKE_TOML, run, run_on_terminal
 from tests.conftest import free_port
 
 FLAGS = "--diameter 0.08 --length 0.53 --mass 13 --caliber-radius-head 3 --compressive-strength 39e6 --density 2250"
@@ -340,7 +341,9 @@ def test_password_in_the_address_of_another_server_is_not_shown(folder: Path) ->
 
 
 def test_missing_matplotlib_is_found_before_the_computation(folder: Path) -> None:
-    (folder / "matplotlib.py").write_text("raise ModuleNotFoundError(name='matplotlib')")
-    done = run(folder, "cra", "strike.toml", "--plot", "a.svg")
+    (folder / "without").mkdir()
+    (folder / "without" / "matplotlib.py").write_text("raise ModuleNotFoundError(name='matplotlib')")
+    path = os.pathsep.join((str(folder / "without"), str(ROOT)))
+    done = run(folder, "cra", "strike.toml", "--plot", "a.svg", PYTHONPATH=path)
     assert (done.status, done.out) == (1, "")
     assert "install the extra reports from the wheel" in done.err
