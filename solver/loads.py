@@ -191,7 +191,7 @@ def accelerate_by_gauss(
                 rule = quadrature.few_stations if short else quadrature.stations
                 if max(rings, fulls) + rule.table.shape[1] > ROOM:
                     scratch.ends[k, 0], scratch.ends[k, 1] = rings, FULL + fulls
-                    integrate_rings(rows, rings, fulls, quadrature.points, law)
+                    integrate_rings(rows, rings, fulls, quadrature.points, law, body.bounded)
                     _add_up(first, k, body, scratch, out)
                     first, rings, fulls = k, 0, 0
                 if law.decay.corner == 0.0 or is_full(piece, begin, end, middle, motion):
@@ -201,7 +201,7 @@ def accelerate_by_gauss(
                     add_rings(rows, rings, piece, begin, end, rule.table, motion)
                     rings += rule.size
         scratch.ends[k, 0], scratch.ends[k, 1] = rings, FULL + fulls
-    integrate_rings(rows, rings, fulls, quadrature.points, law)
+    integrate_rings(rows, rings, fulls, quadrature.points, law, body.bounded)
     _add_up(first, out.size // 3 - 1, body, scratch, out)
 
 

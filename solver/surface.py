@@ -50,6 +50,8 @@ class Body(NamedTuple):
     """[kg]"""
     moment_of_inertia: float
     """About a transverse axis through the centre of gravity. [kg m²]"""
+    bounded: bool
+    """Whether the cavity is bounded anywhere but on the base."""
 
 
 class Panels(NamedTuple):
@@ -128,8 +130,9 @@ def build_body(projectile: Projectile, properties: MassProperties) -> Body:
             for angle in (piece.angle_start, piece.angle_end):
                 x, r = piece.x_center - piece.radius * math.sin(angle), piece.r_center + piece.radius * math.cos(angle)
                 corners.append((center - x, r))
-    numbers = (center, properties.mass, properties.moment_of_inertia)
-    return Body(np.array(rows, float), np.array(corners, float), *map(float, numbers))  # 13 would be another type
+    tip, mass, inertia = map(float, (center, properties.mass, properties.moment_of_inertia))  # 13 is another type
+    bounded = any(row[-1] > 0.0 for row in rows[:-1])
+    return Body(np.array(rows, float), np.array(corners, float), tip, mass, inertia, bounded)
 
 
 @compiled

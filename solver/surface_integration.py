@@ -12,6 +12,7 @@ fraction of them.
 """
 
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -192,41 +193,51 @@ def _load_full_rings(rows: FloatArray, end: np.uint64, law: Law) -> None:
         rows[TURN + i] = weight * (radius * sine_ - axial * cosine)
 
 
-@vectorised
-def _load_rings(rows: FloatArray, end: np.uint64, law: Law) -> None:
-    """Find the arcs of every ring up to a place, and integrate around those that are resisted in full."""
-    beyond = law.decay.corner - 1.0
-    for i in range(end):
-        depth, c, s, forward, sideways, spin = ring_motion(rows, i)
-        sine_, cosine, axial, radius = place_ring(rows, i)
-        inside, inside_slope = depth + axial * c, -radius * s
-        speed = forward * sine_
-        speed_slope = (sideways + spin * axial) * cosine - spin * radius * sine_
-        depth_scale, tilt_scale = cavity_scales(rows, i, cosine, radius)
-        inward, inward_slope = depth_scale * inside, depth_scale * inside_slope
-        outward, outward_slope = -tilt_scale * sine_ * c, tilt_scale * cosine * s
+def _ring_loader(bounded: bool) -> Callable[[FloatArray, np.uint64, Law], None]:
+    """Function for bodies with or without a bounded cavity: those without, as ogives are, save the choice of it."""
 
-        low, high = loaded_range(inside, inside_slope, speed, speed_slope)
-        tilted = -outward / (outward_slope + TINY)
-        plastic = (inward - beyond * outward) / (beyond * outward_slope - inward_slope + TINY)
-        start = clamp(tilted, low, high)
-        middle = clamp(plastic, start, high)
+    @vectorised
+    def load_rings(rows: FloatArray, end: np.uint64, law: Law) -> None:
+        """Find the arcs of every ring, and integrate around those that are resisted in full, up to a place."""
+        beyond = law.decay.corner - 1.0
+        for i in range(end):
+            depth, c, s, forward, sideways, spin = ring_motion(rows, i)
+            sine_, cosine, axial, radius = place_ring(rows, i)
+            inside, inside_slope = depth + axial * c, -radius * s
+            speed = forward * sine_
+            speed_slope = (sideways + spin * axial) * cosine - spin * radius * sine_
+            depth_scale, tilt_scale = cosine, radius
+            if bounded:
+                depth_scale, tilt_scale = cavity_scales(rows, i, cosine, radius)
+            inward, inward_slope = depth_scale * inside, depth_scale * inside_slope
+            outward, outward_slope = -tilt_scale * sine_ * c, tilt_scale * cosine * s
 
-        static = ramped(speed + abs(speed_slope), law.static_stress, law.ramp_velocity, law.smooth_ramp)
-        angle_low, angle_start = arc_cosine(low), arc_cosine(start)
-        angle_middle, angle_high = arc_cosine(middle), arc_cosine(high)
-        turn = angle_low - angle_start
-        even, odd = integrate_full(low, start, turn, static, law.dynamic_density, speed, speed_slope)
+            low, high = loaded_range(inside, inside_slope, speed, speed_slope)
+            tilted = -outward / (outward_slope + TINY)
+            plastic = (inward - beyond * outward) / (beyond * outward_slope - inward_slope + TINY)
+            start = clamp(tilted, low, high)
+            middle = clamp(plastic, start, high)
 
-        weight = 2.0 * rows[WEIGHT + i] * radius
-        rows[EVEN + i], rows[ODD + i] = even, odd
-        rows[ALONG + i], rows[ACROSS + i] = -weight * sine_, -weight * cosine
-        rows[TURN + i] = weight * (radius * sine_ - axial * cosine)
-        rows[INWARD + i], rows[INWARD_SLOPE + i] = inward, inward_slope
-        rows[OUTWARD + i], rows[OUTWARD_SLOPE + i] = outward, outward_slope
-        rows[SPEED + i], rows[SPEED_SLOPE + i], rows[STATIC + i] = speed, speed_slope, static
-        rows[DEEP_BEGIN + i], rows[DEEP_SPAN + i] = angle_middle - HALF_TURN, angle_start - angle_middle
-        rows[NEAR_BEGIN + i], rows[NEAR_SPAN + i] = angle_high - HALF_TURN, angle_middle - angle_high
+            static = ramped(speed + abs(speed_slope), law.static_stress, law.ramp_velocity, law.smooth_ramp)
+            angle_low, angle_start = arc_cosine(low), arc_cosine(start)
+            angle_middle, angle_high = arc_cosine(middle), arc_cosine(high)
+            turn = angle_low - angle_start
+            even, odd = integrate_full(low, start, turn, static, law.dynamic_density, speed, speed_slope)
+
+            weight = 2.0 * rows[WEIGHT + i] * radius
+            rows[EVEN + i], rows[ODD + i] = even, odd
+            rows[ALONG + i], rows[ACROSS + i] = -weight * sine_, -weight * cosine
+            rows[TURN + i] = weight * (radius * sine_ - axial * cosine)
+            rows[INWARD + i], rows[INWARD_SLOPE + i] = inward, inward_slope
+            rows[OUTWARD + i], rows[OUTWARD_SLOPE + i] = outward, outward_slope
+            rows[SPEED + i], rows[SPEED_SLOPE + i], rows[STATIC + i] = speed, speed_slope, static
+            rows[DEEP_BEGIN + i], rows[DEEP_SPAN + i] = angle_middle - HALF_TURN, angle_start - angle_middle
+            rows[NEAR_BEGIN + i], rows[NEAR_SPAN + i] = angle_high - HALF_TURN, angle_middle - angle_high
+
+    return load_rings
+
+
+_load_rings, _load_bounded_rings = _ring_loader(bounded=False), _ring_loader(bounded=True)
 
 
 @exact
@@ -287,11 +298,14 @@ def whole(count: int) -> np.uint64:
 
 
 @lean
-def integrate_rings(rows: FloatArray, count: int, full: int, points: FloatArray, law: Law) -> None:
+def integrate_rings(rows: FloatArray, count: int, full: int, points: FloatArray, law: Law, bounded: bool) -> None:
     """Integrate around the first `count` rings, and around so many that are resisted in full."""
     if count > 0:
         end = whole(count)
-        _load_rings(rows, end, law)
+        if bounded:
+            _load_bounded_rings(rows, end, law)
+        else:
+            _load_rings(rows, end, law)
         add_arcs(rows, end, points, law)
     if full > 0:
         _load_full_rings(rows, np.uint64(FULL) + whole(full), law)
