@@ -6,7 +6,7 @@ from pathlib import Path
 
 from solver.calibration import DepthTest, ObliquityPoint
 
-REFERENCE = Path(__file__).parents[2] / "service" / "reports" / "data"
+REFERENCE = Path(__file__).parents[2] / "validation" / "data"
 
 
 def rows(name: str) -> list[dict[str, str]]:

@@ -29,7 +29,7 @@ from solver.resistance import StrengthFactor, strength_factor
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY, paper_impact
 
 ROOT = Path(__file__).parents[2]
-TESTS = ROOT / "service" / "reports" / "data" / "penetration_tests.csv"
+TESTS = ROOT / "validation" / "data" / "penetration_tests.csv"
 OUTLIER_ROW = "55"
 """Probably 690 m/s instead of 590, as the source note beside the data says."""
 FITTED_BELOW = 900.0
