@@ -295,6 +295,8 @@ class Accuracy(NamedTuple):
     """Error of one step over the scale of the motion."""
     largest_step: float
     """Over the time to travel, at the present speed, the distance from centre of gravity to tip."""
+    most_steps: int = STEP_LIMIT
+    """Steps that are tried before a run is given up."""
 
 
 @compiled
@@ -328,7 +330,7 @@ def integrate_adaptive(
     loaded, fresh = accelerate(state, model, work.scratch, work.start), False
     end_loaded = loaded
     evaluations, count = 1, 0
-    for _ in range(STEP_LIMIT):
+    for _ in range(accuracy.most_steps):
         pace = math.hypot(state[3], state[4]) + abs(state[5]) * body.tip
         step = min(step, accuracy.largest_step * body.tip / pace, end_time - time)
         if not fresh:

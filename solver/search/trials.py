@@ -54,9 +54,11 @@ class Level(NamedTuple):
 
 
 Levels = tuple[Level, Level, Level, Level]
+MOST_STEPS = 1000
+"""Steps of a rough trial: one that takes more has lost the motion, and is repeated as finely as requested."""
 ROUGH_LEVEL = Level(
     quadrature=build_quadrature(stations=2, points=2),
-    accuracy=Accuracy(relative_tolerance=3e-2, largest_step=1.0),
+    accuracy=Accuracy(relative_tolerance=3e-2, largest_step=1.0, most_steps=MOST_STEPS),
     ramp_fraction=5e-3,
     smooth_ramp=False,
     stride=0.0,
@@ -66,7 +68,7 @@ ROUGH_LEVEL = Level(
 """Where a search first looks: right to a few tenths of a degree, at a quarter of the cost."""
 MIDDLE_LEVEL = Level(
     quadrature=build_quadrature(stations=5, points=3),
-    accuracy=Accuracy(relative_tolerance=2e-3, largest_step=LARGEST_STEP),
+    accuracy=Accuracy(relative_tolerance=2e-3, largest_step=LARGEST_STEP, most_steps=MOST_STEPS),
     ramp_fraction=RAMP_FRACTION,
     smooth_ramp=True,
     stride=math.radians(0.5),
