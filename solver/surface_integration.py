@@ -193,10 +193,12 @@ def _load_full_rings(rows: FloatArray, end: np.uint64, law: Law) -> None:
         rows[TURN + i] = weight * (radius * sine_ - axial * cosine)
 
 
-def _ring_loader(bounded: bool) -> Callable[[FloatArray, np.uint64, Law], None]:
-    """Function for bodies with or without a bounded cavity: those without, as ogives are, save the choice of it."""
+def _ring_loader(name: str, *, bounded: bool) -> Callable[[FloatArray, np.uint64, Law], None]:
+    """Function for bodies with or without a bounded cavity: those without, as ogives are, save the choice of it.
 
-    @vectorised
+    Compiled code is kept by the name.
+    """
+
     def load_rings(rows: FloatArray, end: np.uint64, law: Law) -> None:
         """Find the arcs of every ring, and integrate around those that are resisted in full, up to a place."""
         beyond = law.decay.corner - 1.0
@@ -234,10 +236,12 @@ def _ring_loader(bounded: bool) -> Callable[[FloatArray, np.uint64, Law], None]:
             rows[DEEP_BEGIN + i], rows[DEEP_SPAN + i] = angle_middle - HALF_TURN, angle_start - angle_middle
             rows[NEAR_BEGIN + i], rows[NEAR_SPAN + i] = angle_high - HALF_TURN, angle_middle - angle_high
 
-    return load_rings
+    load_rings.__name__ = load_rings.__qualname__ = name
+    return vectorised(load_rings)
 
 
-_load_rings, _load_bounded_rings = _ring_loader(bounded=False), _ring_loader(bounded=True)
+_load_rings = _ring_loader("_load_rings", bounded=False)
+_load_bounded_rings = _ring_loader("_load_bounded_rings", bounded=True)
 
 
 @exact

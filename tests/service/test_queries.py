@@ -231,7 +231,8 @@ async def test_owner_with_most_waiting_gives_way_to_another(pool: ProcessPool, t
     others = [ask(10, "bert"), ask(11, "carla"), ask(12, "bert")]
     outcomes = await asyncio.gather(*crowd, *others, return_exceptions=True)
     refused = [number for number, outcome in enumerate(outcomes) if isinstance(outcome, QueriesWaitingError)]
-    assert refused == [3, 4, 7]
+    assert [number for number in refused if number >= 5] == [7]
+    assert len(refused) == 3  # two of the crowd; in which order they came to wait is not said
 
 
 async def test_query_waits_no_longer_than_it_may(pool: ProcessPool, tmp_path: Path) -> None:
