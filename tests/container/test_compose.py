@@ -5,8 +5,9 @@ import re
 import shutil
 import subprocess
 import sys
+import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, suppress
 from pathlib import Path
 from typing import Any
@@ -113,24 +114,31 @@ def test_engine_leaves_the_service_its_time_to_end() -> None:
     assert Settings().grace_seconds < 15
 
 
+@pytest.fixture
+def short_path() -> Iterator[Path]:
+    """A folder whose path leaves room for the name of a socket, which that of `tmp_path` may not."""
+    with tempfile.TemporaryDirectory() as folder:
+        yield Path(folder)
+
+
 @pytest.mark.system
-def test_service_works_where_only_its_data_and_tmp_can_be_written(tmp_path: Path) -> None:
+def test_service_works_where_only_its_data_and_tmp_can_be_written(short_path: Path) -> None:
     """As with `read_only`, `tmpfs` and `cap_drop`."""
     if os.geteuid() != 0 or not all(map(shutil.which, ("unshare", "setpriv"))):
         pytest.skip("only root may take the right to write away")
     warm_up()  # what is compiled is read from there
     port = str(free_port())
-    data, temporary = tmp_path / "data", tmp_path / "tmp"
+    data, temporary = short_path / "data", short_path / "tmp"
     temporary.mkdir()
     enter = f"""
-        mount --make-rprivate / && mount --bind {tmp_path} {tmp_path} && mount -o remount,bind,ro / || exit 77
+        mount --make-rprivate / && mount --bind {short_path} {short_path} && mount -o remount,bind,ro / || exit 77
         mount -t tmpfs -o mode=1777 tmpfs /dev/shm
         if touch /var/written 2>/dev/null; then exit 77; fi
         exec setpriv --no-new-privs --bounding-set=-all --inh-caps=-all {sys.executable} -m service.cli serve
     """
     environment = os.environ | {"RICOCHET_DATA_DIR": str(data), "RICOCHET_PORT": port, "RICOCHET_WORKERS": "1"}
     environment |= {"TMPDIR": str(temporary)}
-    with (tmp_path / "log").open("wb") as log:
+    with (short_path / "log").open("wb") as log:
         process = subprocess.Popen(
             ["unshare", "--mount", "sh", "-c", enter],  # noqa: S607
             cwd=ROOT,
@@ -142,7 +150,7 @@ def test_service_works_where_only_its_data_and_tmp_can_be_written(tmp_path: Path
         while True:
             if process.poll() == 77:
                 pytest.skip("this machine does not let processes have mounts of their own")
-            assert process.poll() is None, (tmp_path / "log").read_text()
+            assert process.poll() is None, (short_path / "log").read_text()
             assert time.monotonic() < deadline
             with suppress(httpx.TransportError):
                 if httpx.get(f"{url}/readyz", trust_env=False).is_success:
@@ -158,18 +166,18 @@ def test_service_works_where_only_its_data_and_tmp_can_be_written(tmp_path: Path
     finally:
         process.terminate()
         process.wait()
-    assert "Traceback" not in (tmp_path / "log").read_text()
+    assert "Traceback" not in (short_path / "log").read_text()
 
 
 @pytest.mark.system
 def test_its_commands_make_a_cluster_that_answers(
-    tmp_path: Path, service_on: Callable[..., AbstractContextManager[Any]]
+    short_path: Path, service_on: Callable[..., AbstractContextManager[Any]]
 ) -> None:
     port = str(free_port())
 
     def here(text: str) -> str:
         replaced = text.replace("scheduler:8786", f"127.0.0.1:{port}").replace("8786", port)
-        return str(tmp_path) if replaced == "/tmp" else replaced  # noqa: S108
+        return str(short_path) if replaced == "/tmp" else replaced  # noqa: S108
 
     with ExitStack() as running:
         for name in ("scheduler", "worker"):
@@ -180,7 +188,7 @@ def test_its_commands_make_a_cluster_that_answers(
             running.callback(process.terminate)
         given = services()["service"]["environment"]
         settings = {name.removeprefix("RICOCHET_").lower(): here(value) for name, value in given.items()}
-        service = running.enter_context(service_on(tmp_path, **settings))
+        service = running.enter_context(service_on(short_path, **settings))
         cases = [PAPER | {"impact": {"velocity_m_s": 200.0 + number}} for number in range(3)]
         answer = httpx.post(f"{service.url}/cra/batch", json={"cases": cases}, timeout=60.0, trust_env=False)
         assert [item["result"]["status"] for item in answer.json()["results"]] == ["converged"] * 3
