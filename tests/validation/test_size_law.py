@@ -122,7 +122,7 @@ def test_section_names_the_confounding_and_shows_every_test(assessment: Assessme
     assert "S = 6.55 (f'c / 39 MPa)^−0.31 (d / 76.2 mm)^−0.42" in text
     assert "the diameter does not help" in text
     assert "may be the target's" in text
-    assert all(comparison.holds for comparison in section.comparisons)
+    assert [comparison.holds for comparison in section.comparisons] == [True] * 3
     (figure,) = section.figures
     assert {len(column) for column in figure.data.values()} == {2 * 54}
     assert [table.name for table in section.tables] == ["leave-one-series-out", "residual-trends"]
