@@ -70,15 +70,6 @@ def processes() -> dict[int, int]:
     return groups
 
 
-async def test_results_and_exceptions_of_tasks_come_back(pool: ProcessPool) -> None:
-    assert await pool.submit(operator.add, 2, 3) == 5
-    with pytest.raises(ValueError, match="invalid literal"):
-        await pool.submit(int, "x")
-    with pytest.raises(TypeError, match="pickle"):
-        await pool.submit(threading.Lock)  # a result that cannot be pickled
-    assert await pool.submit(operator.add, 2, 3) == 5
-
-
 async def test_every_worker_takes_part(pool: ProcessPool, tmp_path: Path) -> None:
     """A named pipe passes its bytes on only while one process writes and another reads."""
     pipe = tmp_path / "pipe"
@@ -202,22 +193,6 @@ async def test_probe_overtakes_waiting_tasks_and_sees_a_stuck_pool(pool: Process
     await asyncio.gather(*stuck, return_exceptions=True)
 
 
-async def test_calls_of_a_chunk_come_back_in_order_each_with_its_own_outcome(pool: ProcessPool) -> None:
-    calls: list[Call] = [(operator.add, (1, 2)), (int, ("x",)), nap(0.2), (threading.Lock, ()), (os.getpid, ())]
-    first, wrong, slow, unsendable, last = await pool.run(calls)
-    assert (first.value, first.error, slow.error, last.error) == (3, None, None, None)
-    assert isinstance(wrong.error, ValueError)
-    assert isinstance(unsendable.error, TypeError)
-    assert first.seconds < 0.2 <= slow.seconds
-    assert last.value in pool.worker_pids
-    assert await pool.run([]) == []
-
-
-async def test_large_results_of_a_chunk_arrive_whole(pool: ProcessPool) -> None:
-    finished = await pool.run([(np.full, (1_000_000, number)) for number in range(5)])
-    assert [outcome.value.sum() for outcome in finished] == [0.0, 1e6, 2e6, 3e6, 4e6]
-
-
 async def test_call_that_kills_its_workers_fails_alone_and_what_was_answered_is_kept(tmp_path: Path) -> None:
     pool = await pool_with(60.0)
     diary = tmp_path / "diary"
@@ -274,18 +249,6 @@ async def test_worker_that_no_longer_moves_is_replaced() -> None:
     with pytest.raises(PoolUnavailableError):
         await pool.run([nap(0.0)] * 2)
     assert [outcome.error for outcome in await pool.run([nap(0.0)] * 2)] == [None, None]
-    await pool.stop(2.0)
-
-
-async def test_cancelled_chunk_that_waits_never_runs(tmp_path: Path) -> None:
-    pool = await pool_with(60.0)
-    busy = asyncio.ensure_future(pool.run([nap(0.2)]))
-    waiting = asyncio.ensure_future(pool.run(folders(tmp_path, 3)))
-    await asyncio.sleep(0.1)
-    waiting.cancel()
-    await busy
-    await pool.run([nap(0.0)])
-    assert not made(tmp_path)
     await pool.stop(2.0)
 
 

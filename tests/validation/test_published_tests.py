@@ -24,7 +24,6 @@ from validation.depth_tests import (
     TRAJECTORY,
     Assessment,
     PublishedStrike,
-    assess,
     crater_depth,
     depth_curve,
     every,
@@ -43,11 +42,6 @@ from validation.reference import penetration_tests, table_2
 from validation.report import Section
 
 WEAK_2006 = "frew-2006, 23 MPa"
-
-
-@pytest.fixture(scope="module")
-def assessment() -> Assessment:
-    return assess(lambda what: None)
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,7 @@ import pytest
 
 from service.reports import style
 from solver import PublishedTests
-from validation.depth_tests import OUTLIER_ROW, TRAJECTORY, Assessment, assess, trajectory_depth
+from validation.depth_tests import OUTLIER_ROW, TRAJECTORY, Assessment, trajectory_depth
 from validation.size_law import (
     LARGE,
     REFERENCE_DIAMETER,
@@ -23,11 +23,6 @@ from validation.size_law import (
     trend,
     trends,
 )
-
-
-@pytest.fixture(scope="module")
-def assessment() -> Assessment:
-    return assess(lambda what: None)
 
 
 def test_exact_factors_give_the_measured_depths(assessment: Assessment) -> None:
