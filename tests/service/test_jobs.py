@@ -365,9 +365,8 @@ def test_readers_do_not_wait_for_a_writer(tmp_path: Path) -> None:
     writer = threading.Thread(target=write)
     writer.start()
     assert inside.wait(10.0)
-    began = time.monotonic()
     assert store.jobs("local")[0].revision == 1
-    assert time.monotonic() - began < 0.5
+    assert writer.is_alive()
     leave.set()
     writer.join()
     assert store.jobs("local")[0].revision == 77
