@@ -14,14 +14,21 @@ from pathlib import Path
 from service.cache.database_files import set_aside, unread_commits
 from service.errors import FolderReplacedError, StorageError
 
-LAYOUT = 1
-"""Raised when the tables change."""
+LAYOUT = 2
+"""Number of the schema below, raised when it changes; files of an earlier one are brought up to it when opened."""
 BUSY_SECONDS = 10.0
 """For another process to let go of the file, such as someone who looks into it."""
 CHECKPOINT_SECONDS = 0.1
 """For a reader to finish; a checkpoint that another process is in the way of is done the next time."""
 
-TABLES = """
+SWEEPS = """
+CREATE TABLE sweeps (
+    job INTEGER PRIMARY KEY REFERENCES jobs ON DELETE CASCADE,
+    sweep BLOB NOT NULL
+)
+"""
+"""Requests of sweeps, apart from `jobs`: they can be large, and every progress of a job writes its whole row anew."""
+TABLES = f"""
 CREATE TABLE jobs (
     number INTEGER PRIMARY KEY AUTOINCREMENT,
     id TEXT NOT NULL UNIQUE,
@@ -38,9 +45,19 @@ CREATE TABLE jobs (
     finished REAL,
     expires REAL,
     problem TEXT,
-    revision INTEGER NOT NULL DEFAULT 0
+    revision INTEGER NOT NULL DEFAULT 0,
+    fields TEXT,
+    progress TEXT,
+    partial TEXT,
+    charge_key TEXT,
+    charge_cases INTEGER,
+    charge_began INTEGER,
+    traceparent TEXT,
+    title TEXT,
+    bytes INTEGER
 );
 CREATE INDEX jobs_by_owner ON jobs (owner, number);
+{SWEEPS};
 CREATE TABLE slices (
     job INTEGER NOT NULL REFERENCES jobs ON DELETE CASCADE,
     slice INTEGER NOT NULL,
@@ -70,49 +87,15 @@ CREATE TABLE idempotency (
 ) WITHOUT ROWID;
 CREATE INDEX idempotency_by_job ON idempotency (job);
 """
-ADDED = (
-    """
-CREATE TABLE IF NOT EXISTS sweeps (
-    job INTEGER PRIMARY KEY REFERENCES jobs ON DELETE CASCADE,
-    fields TEXT NOT NULL,
-    sweep BLOB NOT NULL
-)
-""",
-    """
-CREATE TABLE IF NOT EXISTS studies (
-    job INTEGER PRIMARY KEY REFERENCES jobs ON DELETE CASCADE,
-    progress TEXT NOT NULL,
-    partial TEXT
-)
-""",
-    """
-CREATE TABLE IF NOT EXISTS charges (
-    job INTEGER PRIMARY KEY REFERENCES jobs ON DELETE CASCADE,
-    key TEXT NOT NULL,
-    cases INTEGER NOT NULL,
-    began INTEGER NOT NULL
-)
-""",
-    """
-CREATE TABLE IF NOT EXISTS traces (
-    job INTEGER PRIMARY KEY REFERENCES jobs ON DELETE CASCADE,
-    traceparent TEXT NOT NULL
-)
-""",
-    """
-CREATE TABLE IF NOT EXISTS titles (
-    job INTEGER PRIMARY KEY REFERENCES jobs ON DELETE CASCADE,
-    title TEXT NOT NULL
-)
-""",
-    """
-CREATE TABLE IF NOT EXISTS sizes (
-    job INTEGER PRIMARY KEY REFERENCES jobs ON DELETE CASCADE,
-    bytes INTEGER NOT NULL
-)
-""",
-)
-"""Tables that files of this layout lack if an earlier version made them, and that such a version does not mind."""
+SIDE_TABLES = {
+    "sweeps": {"fields": "fields TEXT"},
+    "studies": {"progress": "progress TEXT", "partial": "partial TEXT"},
+    "charges": {"key": "charge_key TEXT", "cases": "charge_cases INTEGER", "began": "charge_began INTEGER"},
+    "traces": {"traceparent": "traceparent TEXT"},
+    "titles": {"title": "title TEXT"},
+    "sizes": {"bytes": "bytes INTEGER"},
+}
+"""Columns of `jobs` that were in tables beside it in layout 1, by those tables; an early file lacks some of them."""
 
 
 class Database:
@@ -257,12 +240,12 @@ class Database:
             layout = connection.execute("PRAGMA user_version").fetchone()[0]
             if layout == 0:
                 connection.executescript(f"BEGIN IMMEDIATE; {TABLES} PRAGMA user_version = {LAYOUT}; COMMIT;")
-            elif layout != LAYOUT:
+            elif layout not in {1, LAYOUT}:
                 raise sqlite3.OperationalError(f"jobs.sqlite has layout {layout}, this version knows {LAYOUT}")
             elif not self._checked and (said := connection.execute("PRAGMA quick_check(1)").fetchone()[0]) != "ok":
                 raise sqlite3.DatabaseError(said)
-            for table in ADDED:
-                connection.execute(table)
+            if layout == 1:
+                _fold_side_tables(connection)
             self._checked = True
         except BaseException:
             connection.close()
@@ -279,6 +262,28 @@ class Database:
 
     def _set_aside(self, reason: str, *, keep: bool = False) -> None:
         set_aside(self._path, self._path.parent / "damaged", reason, keep=keep)
+
+
+def _fold_side_tables(connection: sqlite3.Connection) -> None:
+    """Bring a file of layout 1 up to layout 2, in one transaction."""
+    connection.execute("BEGIN IMMEDIATE")
+    if connection.execute("PRAGMA user_version").fetchone() == (1,):  # else another process has just done it
+        tables = {name for (name,) in connection.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
+        for table, columns in SIDE_TABLES.items():
+            for column, declaration in columns.items():
+                connection.execute(f"ALTER TABLE jobs ADD COLUMN {declaration}")
+                if table in tables:
+                    new = declaration.split()[0]
+                    value = f"(SELECT {column} FROM {table} WHERE job = jobs.number)"  # noqa: S608 (of this file)
+                    connection.execute(f"UPDATE jobs SET {new} = {value}")  # noqa: S608
+            if table != "sweeps":
+                connection.execute(f"DROP TABLE IF EXISTS {table}")
+        if "sweeps" in tables:
+            connection.execute("ALTER TABLE sweeps DROP COLUMN fields")
+        else:
+            connection.execute(SWEEPS)
+        connection.execute(f"PRAGMA user_version = {LAYOUT}")
+    connection.execute("COMMIT")
 
 
 def reason(error: sqlite3.Error | OSError) -> str:
