@@ -19,7 +19,6 @@ from service.errors import IdempotencyBusyError, IdempotencyConflictError, Queue
 from service.fairness import FairSemaphore
 from service.jobs.models import (
     BLOCK_SIZE,
-    NO_TRACER,
     CaseBlock,
     CaseResult,
     Charge,
@@ -28,12 +27,12 @@ from service.jobs.models import (
     JobState,
     Status,
     Sweep,
-    current_traceparent,
 )
 from service.jobs.results import InlineBatch, ResultReader
 from service.jobs.scheduler import GiveBack, Scheduler, problem_name
 from service.jobs.store import JobStore
 from service.jobs.studies import StudyService
+from service.jobs.traces import NO_TRACER, current_traceparent
 from service.operations import UNCERTAIN, KeyedRequest
 from service.queries import Answered, Count, QueryService, Rate
 

@@ -27,9 +27,10 @@ from service.errors import (
     case_problem,
 )
 from service.fairness import ChunkSizer, FairQueue, FairSemaphore, Permit
-from service.jobs.models import BLOCK_SIZE, CaseResult, CaseState, JobState, Status, block_of, span_of
+from service.jobs.models import BLOCK_SIZE, CaseResult, CaseState, JobState, Status, block_of
 from service.jobs.store import VERSIONS, JobStore
 from service.jobs.studies import Report, StudyService
+from service.jobs.traces import span_of
 from service.operations import UNCERTAIN, KeyedRequest
 from service.queries import Answered, Count, QueryService, Rate
 

@@ -36,8 +36,8 @@ from service.jobs.models import (
     sound_keys,
     sound_requests,
     sound_states,
-    title_of,
 )
+from service.jobs.titles import title_of
 from service.operations import SCHEMA_VERSION, result_key
 from solver import ENGINE_VERSION
 

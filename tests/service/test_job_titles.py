@@ -2,7 +2,8 @@
 
 import pytest
 
-from service.jobs.models import Sweep, title_of
+from service.jobs.models import Sweep
+from service.jobs.titles import title_of
 from service.schemas.strike import PAPER
 
 
