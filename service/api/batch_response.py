@@ -18,7 +18,7 @@ from service.api.results import CSV, ReadyResults, as_array, as_csv, as_lines, c
 from service.api.services import services_of, unless_left
 from service.auth.dependencies import context_in
 from service.jobs.manager import JobManager
-from service.jobs.models import CaseResult, Charge, Idempotency, JobCase, JobState, Sweep
+from service.jobs.models import CaseResult, Charge, Idempotency, JobCase, JobState, StoredSweep
 from service.operations import OPERATIONS
 
 FORMS = (JSON, JSONL, CSV)
@@ -85,7 +85,7 @@ class JobResponse:
         self,
         blocks: AsyncIterator[list[JobCase]],
         digest: str | Callable[[], str],
-        sweep: Sweep | None = None,
+        sweep: StoredSweep | None = None,
         charge: Charge | None = None,
         count: int = 0,
         estimate: Callable[[], int] = lambda: 0,
@@ -174,7 +174,7 @@ class BatchResponse(JobResponse):
             self._context.take(sum(case.request.work for case in cases))
             yield cases
 
-    async def _answer_now(self, cases: Sequence[JobCase], sweep: Sweep | None) -> Response:
+    async def _answer_now(self, cases: Sequence[JobCase], sweep: StoredSweep | None) -> Response:
         results = self._jobs.run_now(self.operation, cases, self._context.queue_owner)
         if self.form == JSONL:
             beginning = begin(results)  # a refusal is answered before the answer has begun
@@ -189,7 +189,7 @@ class BatchResponse(JobResponse):
             content = b'{"results":[%b]}' % b",".join(to_item(result, self.path, sweep) for result in found)
         return Response(content, media_type=self.form, headers={**VARY, "Cache-Status": status})
 
-    def _answer_all(self, state: JobState, sweep: Sweep | None, headers: dict[str, str]) -> Response:
+    def _answer_all(self, state: JobState, sweep: StoredSweep | None, headers: dict[str, str]) -> Response:
         ready, path = ReadyResults(self._jobs, state, sweep), f"{self.root}/jobs/{state.id}/results"
         if self.form == CSV:
             content = as_csv(ready)

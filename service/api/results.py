@@ -33,7 +33,7 @@ from service.cache.record import Record
 from service.cache.tables import residuals_of
 from service.columns import Column, batch_columns, batch_row, csv_cells
 from service.jobs.manager import JobManager
-from service.jobs.models import CaseResult, JobState, Sweep
+from service.jobs.models import CaseResult, JobState, StoredSweep
 from service.schemas import Result
 
 if TYPE_CHECKING:
@@ -66,7 +66,7 @@ class ReadyResults:
 
     jobs: JobManager
     job: JobState
-    sweep: Sweep | None
+    sweep: StoredSweep | None
     start: int = 0
     limit: int | None = None
 
@@ -79,7 +79,7 @@ class ReadyResults:
         return [self.sweep.point(result.number) for result in results] if self.sweep else []
 
 
-def to_item(result: CaseResult, instance: str, sweep: Sweep | None) -> bytes:
+def to_item(result: CaseResult, instance: str, sweep: StoredSweep | None) -> bytes:
     """Return the JSON of a result; a problem gets this path as its instance."""
     head: dict[str, Any] = {"index": result.number}
     if result.custom_id is not None:
@@ -91,7 +91,7 @@ def to_item(result: CaseResult, instance: str, sweep: Sweep | None) -> bytes:
     return b'%b,"result":%b}' % (orjson.dumps(head)[:-1], result.record.json)
 
 
-def to_lines(results: Iterable[CaseResult], instance: str, sweep: Sweep | None) -> bytes:
+def to_lines(results: Iterable[CaseResult], instance: str, sweep: StoredSweep | None) -> bytes:
     """Return the results as JSON lines."""
     return b"".join(to_item(result, instance, sweep) + b"\n" for result in results)
 
@@ -172,13 +172,13 @@ GROUP_ROWS = 4096
 """Rows of a row group: some megabytes, which is all of the table that is in memory at once."""
 
 
-def csv_head(operation: str, sweep: Sweep | None) -> bytes:
+def csv_head(operation: str, sweep: StoredSweep | None) -> bytes:
     """Return what stands before the rows: the base of a sweep as a comment, the names of the columns."""
     names = _lines([[column.name for column in batch_columns(operation, sweep.fields if sweep else ())]])
     return names if sweep is None else b"# base: %b\r\n" % orjson.dumps(sweep.request["base"]) + names
 
 
-def csv_rows(results: Iterable[CaseResult], operation: str, sweep: Sweep | None) -> bytes:
+def csv_rows(results: Iterable[CaseResult], operation: str, sweep: StoredSweep | None) -> bytes:
     """Return the rows of these results."""
     return _lines(_row(result, operation, sweep) for result in results)
 
@@ -192,7 +192,7 @@ async def as_csv(ready: ReadyResults) -> AsyncIterator[bytes]:
             yield rows
 
 
-def _row(result: CaseResult, operation: str, sweep: Sweep | None) -> list[Any]:
+def _row(result: CaseResult, operation: str, sweep: StoredSweep | None) -> list[Any]:
     item: dict[str, Any] = {"index": result.number, "custom_id": result.custom_id, "problem": result.problem}
     if result.record is not None:
         item["result"] = {**result.record.answer, "key": result.record.key}
@@ -235,7 +235,7 @@ class ParquetTable:
         Request of a sweep: its axes become columns, its base goes into the metadata.
     """
 
-    def __init__(self, path: Path, job: JobState, sweep: Sweep | None) -> None:
+    def __init__(self, path: Path, job: JobState, sweep: StoredSweep | None) -> None:
         import pyarrow as pa  # noqa: PLC0415 (an extra)
         from pyarrow import parquet  # noqa: PLC0415
 

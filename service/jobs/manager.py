@@ -26,9 +26,10 @@ from service.jobs.models import (
     JobCase,
     JobState,
     Status,
-    Sweep,
+    StoredSweep,
 )
-from service.jobs.results import InlineBatch, ResultReader
+from service.jobs.reader import ResultReader
+from service.jobs.runner import CaseRunner
 from service.jobs.scheduler import GiveBack, Scheduler, problem_name
 from service.jobs.store import JobStore
 from service.jobs.studies import StudyService
@@ -87,12 +88,12 @@ class JobManager:
         self._rate = Rate(lambda: queries.executor.capacity)
         chunks = FairSemaphore(lambda: queries.chunk_limit)
         begun = FairSemaphore(lambda: queries.chunk_limit + CHUNKS_KEPT)
-        self._inline = InlineBatch(queries, chunks, self._rate)
+        self._runner = CaseRunner(queries, chunks, self._rate)
         self._studies = StudyService(queries)
         self._scheduler = Scheduler(
             queries, jobs, chunks, begun, self._rate, self._count, self._studies, self._run_samples, give_back, tracer
         )
-        self._reader = ResultReader(queries, jobs, self._inline, self._studies)
+        self._reader = ResultReader(queries, jobs, self._runner, self._studies)
         self._accepting: set[tuple[str, str]] = set()
         """Owners and idempotency keys of what is being received."""
         self._received: Counter[str] = Counter()
@@ -158,7 +159,7 @@ class JobManager:
             While it runs, if no worker can take the cases.
         """
         self._admit(owner, len(cases))
-        return self._counted(operation, self._inline.run(operation, cases, owner=owner))
+        return self._counted(operation, self._runner.run(operation, cases, owner=owner))
 
     async def answer_study(
         self,
@@ -199,7 +200,7 @@ class JobManager:
         owner: str = OWNER,
         queue: str = "",
         idempotency: Idempotency | None = None,
-        sweep: Sweep | None = None,
+        sweep: StoredSweep | None = None,
         charge: Charge | None = None,
         count: int = 0,
         estimate: Callable[[], int] = lambda: 0,
@@ -274,7 +275,7 @@ class JobManager:
         present = self._scheduler.unwritten | {name: job.state for name, job in self._scheduler.active.items()}
         return await self._thread(self._jobs.tally, present) + Counter(state.status for state in present.values())
 
-    async def sweep(self, job: JobState) -> Sweep | None:
+    async def sweep(self, job: JobState) -> StoredSweep | None:
         """Return the request of a job, if it is a sweep."""
         return await self._thread(self._jobs.sweep, job.number)
 
@@ -357,12 +358,12 @@ class JobManager:
 
     def _run_samples(self, operation: str, cases: Sequence[JobCase], *, owner: str) -> AsyncGenerator[CaseResult, None]:
         """Yield the results of samples of a study that is a job."""
-        return self._counted(operation, self._inline.run(operation, cases, owner=owner, urgent=False))
+        return self._counted(operation, self._runner.run(operation, cases, owner=owner, urgent=False))
 
     @property
     def _queued(self) -> Counter[str]:
         """Cases that wait or are being computed, by owner."""
-        queued = self._received + self._inline.queued
+        queued = self._received + self._runner.queued
         for job in self._scheduler.active.values():
             queued[job.queue] += job.state.total - job.state.done
         return queued
@@ -384,7 +385,7 @@ class JobManager:
         owner: str,
         queue: str,
         idempotency: Idempotency | None,
-        sweep: Sweep | None,
+        sweep: StoredSweep | None,
         charge: Charge | None,
         count: int,
         estimate: Callable[[], int],

@@ -69,7 +69,7 @@ class CaseResult:
 
 
 @dataclass(frozen=True, slots=True)
-class Sweep:
+class StoredSweep:
     """The request of a sweep: every combination of the values of its axes, the last axis fastest.
 
     Parameters
@@ -100,7 +100,7 @@ class Sweep:
         return orjson.dumps({"request": self.request, "fields": self.fields, "values": self.values})
 
     @classmethod
-    def from_json(cls, text: bytes | str) -> "Sweep":
+    def from_json(cls, text: bytes | str) -> "StoredSweep":
         """Return the sweep that was stored."""
         stored = orjson.loads(text)
         return cls(stored["request"], tuple(stored["fields"]), tuple(stored["values"]))

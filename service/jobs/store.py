@@ -30,7 +30,7 @@ from service.jobs.models import (
     Idempotency,
     JobState,
     Status,
-    Sweep,
+    StoredSweep,
     join_keys,
     sound_custom_ids,
     sound_keys,
@@ -105,7 +105,9 @@ class JobStore:
                 removed += database.execute("DELETE FROM jobs WHERE status = 'accepting'").rowcount
         return removed
 
-    def create(self, operation: str, owner: str, sweep: Sweep | None = None, *, traceparent: str | None = None) -> int:
+    def create(
+        self, operation: str, owner: str, sweep: StoredSweep | None = None, *, traceparent: str | None = None
+    ) -> int:
         """Begin a job that nobody sees yet; return its number."""
         columns = "id, owner, operation, versions, status, created, fields, title, traceparent"
         fields, title = (orjson.dumps(sweep.fields).decode(), title_of(sweep)) if sweep is not None else (None, None)
@@ -117,11 +119,11 @@ class JobStore:
                 database.execute("INSERT INTO sweeps VALUES (?, ?)", (number, zlib.compress(sweep.to_json(), FASTEST)))
             return number
 
-    def sweep(self, job: int) -> Sweep | None:
+    def sweep(self, job: int) -> StoredSweep | None:
         """Return the request of a job, if it is a sweep."""
         with self._database.reading() as database:
             row = database.execute("SELECT sweep FROM sweeps WHERE job = ?", (job,)).fetchone()
-        return Sweep.from_json(zlib.decompress(row[0])) if row else None
+        return StoredSweep.from_json(zlib.decompress(row[0])) if row else None
 
     def append(self, job: int, number: int, cases: CaseBlock) -> None:
         """Add the block of cases with this number, whole but for the last one."""

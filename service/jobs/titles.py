@@ -4,7 +4,7 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
-from service.jobs.models import Sweep
+from service.jobs.models import StoredSweep
 
 NAMES = {
     "impact.velocity_m_s": "speed",
@@ -16,7 +16,7 @@ UNIT = re.compile(r"_(?:m_s|rad_s|kg_m2|kg_m3|kg|pa|deg|m|s)$")
 PROJECTILE = {"diameter_m": (1e3, "mm"), "mass_kg": (1.0, "kg")}
 
 
-def title_of(sweep: Sweep) -> str:
+def title_of(sweep: StoredSweep) -> str:
     """Return the title of a sweep that has been given none."""
     varied = " × ".join(map(name_of, sweep.fields))
     projectile = sweep.request["base"].get("projectile", {})

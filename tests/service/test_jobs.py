@@ -23,7 +23,7 @@ from service.jobs.models import (
     Idempotency,
     JobCase,
     JobState,
-    Sweep,
+    StoredSweep,
     split_custom_ids,
     split_keys,
     split_requests,
@@ -115,7 +115,7 @@ def test_jobs_are_counted_by_status_but_for_those_that_are_named(tmp_path: Path)
 
 def test_sweep_is_kept_with_its_job_and_goes_with_it(tmp_path: Path) -> None:
     store = store_in(tmp_path)
-    sweep = Sweep({"base": {"x": 1.0}, "axes": []}, ("a.b", "c"), ([1.0, 2.0], [5.0, 6.0, 7.0]))
+    sweep = StoredSweep({"base": {"x": 1.0}, "axes": []}, ("a.b", "c"), ([1.0, 2.0], [5.0, 6.0, 7.0]))
     number = store.create("square", "local", sweep)
     state = store.accept(number, 0, None)
     assert state.axes == store.jobs("local")[0].axes == ("a.b", "c")
@@ -174,20 +174,19 @@ INSERT INTO sizes VALUES (7, 12345);
 
 @pytest.mark.parametrize("side_tables", [True, False], ids=["38e3e2a", "before sweeps"])
 def test_file_of_an_earlier_layout_is_opened_with_all_that_it_holds(tmp_path: Path, side_tables: bool) -> None:
-    sweep = Sweep({"base": {"x": 1.0}, "axes": []}, ("a.b", "c"), ([1.0, 2.0], [5.0, 6.0, 7.0]))
+    sweep = StoredSweep({"base": {"x": 1.0}, "axes": []}, ("a.b", "c"), ([1.0, 2.0], [5.0, 6.0, 7.0]))
     with sqlite3.connect(tmp_path / "jobs.sqlite") as database:
         database.executescript(LAYOUT_1 + (SIDE_TABLES if side_tables else ""))
         if side_tables:
             row = (7, orjson.dumps(sweep.fields).decode(), zlib.compress(sweep.to_json()))
             database.execute("INSERT INTO sweeps VALUES (?, ?, ?)", row)
     database.close()
-    for _ in range(2):  # brought up to this layout, then opened as it is
-        store = store_in(tmp_path)
-        first, second = store.unfinished()
-        assert (first.id, first.status, first.done, first.revision) == ("aa", "running", 2, 4)
-        assert (second.id, second.axes, second.progress, second.title, second.charge) == ("bb", (), None, None, None)
-        assert store.sweep(second.number) is store.partial(second.number) is None
-        store.close()
+    store_in(tmp_path).unfinished()
+    store = store_in(tmp_path)  # the first one that opened it has brought it up to this layout
+    first, second = store.unfinished()
+    assert (first.id, first.status, first.done, first.revision) == ("aa", "running", 2, 4)
+    assert (second.id, second.axes, second.progress, second.title, second.charge) == ("bb", (), None, None, None)
+    assert (store.sweep(second.number), store.partial(second.number)) == (None, None)
     found = (first.axes, first.progress, first.title, first.charge, first.traceparent, store.partial(7), store.sweep(7))
     study = ({"samples": 3}, "speed", Charge("k", 20, 1000), "00-aa-bb-01", {"probability": 0.5})
     assert found == ((sweep.fields, *study, sweep) if side_tables else ((), *[None] * 6))

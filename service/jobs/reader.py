@@ -1,12 +1,10 @@
-"""Results of cases: those of a job in blocks, and those of small batches that are answered at once."""
+"""Results of jobs, read in blocks; what the cache has lost is computed again."""
 
-import asyncio
 import itertools
 import math
-from collections import Counter, defaultdict
-from collections.abc import AsyncGenerator, Awaitable, Callable, Mapping, Sequence
+from collections.abc import AsyncGenerator, Awaitable, Callable, Sequence
 from contextlib import aclosing
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import Any, TypeVar
 
@@ -14,142 +12,13 @@ import orjson
 from anyio import CapacityLimiter
 from anyio.to_thread import run_sync
 
-from service.cache.record import Record
-from service.errors import ComputationCancelled, DamagedCasesError, PoolUnavailableError, QueueFullError, case_problem
-from service.fairness import ChunkSizer, FairSemaphore
+from service.errors import DamagedCasesError, case_problem
 from service.jobs.models import CaseResult, CaseRow, CaseState, JobCase, JobState, block_of
+from service.jobs.runner import CaseRunner
 from service.jobs.store import VERSIONS, JobStore
 from service.jobs.studies import StudyService
 from service.operations import UNCERTAIN, KeyedRequest, result_key
-from service.queries import QueryService, Rate
-
-CHUNK_SECONDS = 0.1
-"""Work in a chunk: the client sees the first results soon."""
-RETRY_SECONDS = 0.1
-"""Before a case that another was computing and gave up is tried again."""
-
-
-@dataclass(frozen=True, slots=True)
-class Outcome:
-    """Answer to all cases with one key."""
-
-    key: str
-    record: Record | None
-    problem: dict[str, Any] | None
-    own: bool
-
-
-class InlineBatch:
-    """Runs a few cases for a client that waits for them.
-
-    Parameters
-    ----------
-    queries
-        Computes the cases.
-    chunks
-        Permits for chunks in the executor, shared with the jobs.
-    rate
-        Counts every case that is done.
-    """
-
-    def __init__(self, queries: QueryService, chunks: FairSemaphore, rate: Rate) -> None:
-        self.queued: Counter[str] = Counter()
-        """Cases that wait or are being computed, by owner."""
-        self._queries = queries
-        self._permits = chunks
-        self._rate = rate
-        self._sizers: dict[str, ChunkSizer] = defaultdict(lambda: ChunkSizer(CHUNK_SECONDS))
-
-    async def run(
-        self, operation: str, cases: Sequence[JobCase], *, owner: str, urgent: bool = True
-    ) -> AsyncGenerator[CaseResult, None]:
-        """Yield the result of every case as it finishes; closed, it stops the work.
-
-        Owners take turns; what is urgent goes before jobs.
-
-        Raises
-        ------
-        PoolUnavailableError
-            If no worker can take the cases.
-        """
-        left, work = len(cases), set[asyncio.Task[list[Outcome]]]()
-        self.queued[owner] += left
-        try:
-            numbers: dict[str, list[int]] = defaultdict(list)
-            for number, case in enumerate(cases):
-                numbers[case.request.key].append(number)
-            known: Mapping[str, Record] = await run_sync(self._queries.cache.get_many, list(numbers))
-            finished = [Outcome(key, record, None, own=False) for key, record in known.items()]
-            missing = [cases[same[0]].request for key, same in numbers.items() if key not in known]
-            work |= self._begin(operation, missing, owner, urgent=urgent)
-            while True:
-                for outcome in finished:
-                    for number in numbers[outcome.key]:
-                        left -= 1
-                        self.queued[owner] -= 1
-                        cached = not outcome.own or number != numbers[outcome.key][0]
-                        yield CaseResult(number, cases[number].custom_id, outcome.record, outcome.problem, cached)
-                if not work:
-                    return
-                done, work = await asyncio.wait(work, return_when=asyncio.FIRST_COMPLETED)
-                finished = [outcome for chunk in done for outcome in chunk.result()]
-                self._rate.add(sum(len(numbers[outcome.key]) for outcome in finished))
-        finally:
-            self.queued -= Counter({owner: left})  # and forget owners who have nothing queued
-            for chunk in work:
-                chunk.cancel()
-            if work:
-                await asyncio.wait(work)
-
-    def _begin(
-        self, operation: str, missing: Sequence[KeyedRequest], owner: str, *, urgent: bool
-    ) -> set["asyncio.Task[list[Outcome]]"]:
-        share = math.ceil(len(missing) / self._queries.executor.capacity)
-        size = max(1, min(self._sizers[operation].cases, share))
-        chunks = [missing[i : i + size] for i in range(0, len(missing), size)]
-        work = {asyncio.create_task(self._compute(operation, chunk, owner, urgent=urgent)) for chunk in chunks}
-        for task in work:  # seen, even if nothing waits for it any more
-            task.add_done_callback(lambda done: done.cancelled() or done.exception())
-        return work
-
-    async def _compute(
-        self, operation: str, chunk: Sequence[KeyedRequest], owner: str, *, urgent: bool
-    ) -> list[Outcome]:
-        outcomes: list[Outcome] = []
-        left = {case.key: case for case in chunk}
-        while left:
-            for outcome in await self._try(operation, list(left.values()), owner, urgent=urgent):
-                del left[outcome.key]
-                outcomes.append(outcome)
-            if left:
-                await asyncio.sleep(RETRY_SECONDS)
-        return outcomes
-
-    async def _try(self, operation: str, cases: Sequence[KeyedRequest], owner: str, *, urgent: bool) -> list[Outcome]:
-        """Compute these cases; those that were in flight elsewhere and given up there are left out."""
-        permit = await self._permits.acquire(owner, urgent=urgent)
-        chunk = self._queries.begin(operation, cases, permit.release)
-        answers = {**chunk.own, **chunk.shared}
-        try:
-            await asyncio.wait([chunk.kept])
-            if chunk.shared:
-                await asyncio.wait(chunk.shared.values())
-        except asyncio.CancelledError:
-            chunk.stop()
-            raise
-        outcomes, nbytes = [], 0
-        for key, future in answers.items():
-            error = None if future.cancelled() else future.exception()
-            if future.cancelled() or isinstance(error, ComputationCancelled | QueueFullError):
-                continue
-            if isinstance(error, PoolUnavailableError) or not isinstance(error, Exception | None):
-                raise error
-            record = None if error else future.result()[0]
-            nbytes += len(record.json) if record else 0
-            outcomes.append(Outcome(key, record, case_problem(error) if error else None, own=key in chunk.own))
-        self._sizers[operation].note(chunk.seconds, nbytes)
-        return outcomes
-
+from service.queries import QueryService
 
 MOST_CASES = 200
 FIRST_CASES = 4
@@ -171,14 +40,14 @@ class ResultReader:
         Has the cache.
     jobs
         Keeps the jobs.
-    inline, studies
+    runner, studies
         Compute what the cache has lost.
     """
 
-    def __init__(self, queries: QueryService, jobs: JobStore, inline: InlineBatch, studies: StudyService) -> None:
+    def __init__(self, queries: QueryService, jobs: JobStore, runner: CaseRunner, studies: StudyService) -> None:
         self._queries = queries
         self._jobs = jobs
-        self._inline = inline
+        self._runner = runner
         self._studies = studies
         self._blocks = CapacityLimiter(BLOCKS_AT_ONCE)
 
@@ -258,7 +127,7 @@ class ResultReader:
             found = {row.number: await self._study(state, row, case) for row, case in zip(rows, cases, strict=True)}
             return found | lost
         found = lost
-        async with aclosing(self._inline.run(state.operation, cases, owner=state.owner)) as results:
+        async with aclosing(self._runner.run(state.operation, cases, owner=state.owner)) as results:
             async for result in results:
                 row = rows[result.number]
                 found[row.number] = replace(result, number=row.number, cached=row.state == CaseState.CACHED)
@@ -271,7 +140,7 @@ class ResultReader:
 
     async def _study(self, state: JobState, row: CaseRow, case: JobCase) -> CaseResult:
         """Compute a study again, of whose samples most may still be there."""
-        run = partial(self._inline.run, owner=state.owner)
+        run = partial(self._runner.run, owner=state.owner)
         record, _ = await self._studies.answer(state.operation, case.request, run)
         return CaseResult(row.number, row.custom_id, record, None, row.state == CaseState.CACHED)
 
