@@ -16,7 +16,6 @@ from anyio.to_thread import run_sync
 from opentelemetry.trace import Tracer
 
 from service.errors import IdempotencyBusyError, IdempotencyConflictError, QueueFullError, StorageError
-from service.fairness import FairSemaphore
 from service.jobs.models import (
     BLOCK_SIZE,
     CaseBlock,
@@ -37,8 +36,6 @@ from service.jobs.traces import NO_TRACER, current_traceparent
 from service.operations import UNCERTAIN, KeyedRequest
 from service.queries import Answered, Count, QueryService, Rate
 
-CHUNKS_KEPT = 2
-"""Beside those in the pool, being made or kept: this bounds the memory they take."""
 EXPIRY_SECONDS = 3600.0
 RETRY_SECONDS = 5.0
 """Between looks at a folder of jobs that could not be read at the start."""
@@ -86,12 +83,10 @@ class JobManager:
         self._queries = queries
         self._most_queued = max_queued_cases
         self._rate = Rate(lambda: queries.executor.capacity)
-        chunks = FairSemaphore(lambda: queries.chunk_limit)
-        begun = FairSemaphore(lambda: queries.chunk_limit + CHUNKS_KEPT)
-        self._runner = CaseRunner(queries, chunks, self._rate)
+        self._runner = CaseRunner(queries, self._rate)
         self._studies = StudyService(queries)
         self._scheduler = Scheduler(
-            queries, jobs, chunks, begun, self._rate, self._count, self._studies, self._run_samples, give_back, tracer
+            queries, jobs, self._runner, self._rate, self._count, self._studies, self._run_samples, give_back, tracer
         )
         self._reader = ResultReader(queries, jobs, self._runner, self._studies)
         self._accepting: set[tuple[str, str]] = set()

@@ -3,28 +3,34 @@
 import asyncio
 import math
 from collections import Counter, defaultdict
-from collections.abc import AsyncGenerator, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import AsyncGenerator, Awaitable, Callable, Mapping, Sequence
+from contextlib import aclosing
+from dataclasses import dataclass, field
+from typing import Any, Protocol
 
 from anyio.to_thread import run_sync
 
 from service.cache.record import Record
 from service.errors import ComputationCancelled, PoolUnavailableError, QueueFullError, case_problem
-from service.fairness import ChunkSizer, FairSemaphore
+from service.fairness import ChunkSizer, FairSemaphore, Permit
 from service.jobs.models import CaseResult, JobCase
 from service.operations import KeyedRequest
-from service.queries import QueryService, Rate
+from service.queries import Answered, QueryService, Rate
 
 CHUNK_SECONDS = 0.1
 """Work in a chunk: the client sees the first results soon."""
 RETRY_SECONDS = 0.1
 """Before a case that another was computing and gave up is tried again."""
+TEMPORARY = (ComputationCancelled, PoolUnavailableError, QueueFullError)
+"""Errors that do not come from the case itself: it is tried again."""
 
 
 @dataclass(frozen=True, slots=True)
 class CaseAnswer:
-    """Answer to all cases with one key."""
+    """Answer to all cases with one key: a record or a problem.
+
+    `own` says whether it was computed here rather than by other work in flight.
+    """
 
     key: str
     record: Record | None
@@ -32,24 +38,69 @@ class CaseAnswer:
     own: bool
 
 
+@dataclass(slots=True)
+class ChunkAnswers:
+    """What a chunk has brought so far."""
+
+    found: list[CaseAnswer] = field(default_factory=list)
+    again: list[str] = field(default_factory=list)
+    """Keys of cases without an answer for a reason that is not their own: they are tried again."""
+    refused: Exception | None = None
+    """Why no worker took some of them, if that is the reason."""
+
+    @classmethod
+    def of(cls, futures: Mapping[str, "asyncio.Future[Answered]"], *, own: bool) -> "ChunkAnswers":
+        """Sort the answers of a chunk; one that is not there yet counts as given up."""
+        answers = cls()
+        for key, future in futures.items():
+            error = future.exception() if future.done() and not future.cancelled() else ComputationCancelled()
+            if error is None:
+                answers.found.append(CaseAnswer(key, future.result()[0], None, own))
+            elif isinstance(error, TEMPORARY) or not isinstance(error, Exception):
+                answers.again.append(key)
+                if isinstance(error, PoolUnavailableError | QueueFullError):
+                    answers.refused = error
+            else:
+                answers.found.append(CaseAnswer(key, None, case_problem(error), own))
+        return answers
+
+
+class Wait(Protocol):
+    """Waits for the work of a chunk; returns whether it ended within so many seconds, if there is a limit."""
+
+    def __call__(
+        self, work: "asyncio.Future[Any]", stop: Callable[[], object], seconds: float | None = None, /
+    ) -> Awaitable[bool]:
+        """Wait; `stop` gives the work up."""
+
+
+async def wait_for(work: "asyncio.Future[Any]", stop: Callable[[], object], seconds: float | None = None) -> bool:
+    """Wait for the work of a chunk, and give it up when cancelled."""
+    try:
+        done, _ = await asyncio.wait([work], timeout=seconds)
+    except asyncio.CancelledError:
+        stop()
+        raise
+    return bool(done)
+
+
 class CaseRunner:
-    """Runs a few cases for a client that waits for them.
+    """Runs cases in chunks, for which owners take turns.
 
     Parameters
     ----------
     queries
         Computes the cases.
-    chunks
-        Permits for chunks in the executor, shared with the jobs.
     rate
-        Counts every case that is done.
+        Counts every case of `run` that is done.
     """
 
-    def __init__(self, queries: QueryService, chunks: FairSemaphore, rate: Rate) -> None:
+    def __init__(self, queries: QueryService, rate: Rate) -> None:
         self.queued: Counter[str] = Counter()
-        """Cases that wait or are being computed, by owner."""
+        """Cases of `run` that wait or are being computed, by owner."""
+        self.permits = FairSemaphore(lambda: queries.chunk_limit)
+        """For chunks in the executor: what a client waits for goes before jobs."""
         self._queries = queries
-        self._permits = chunks
         self._rate = rate
         self._sizers: dict[str, ChunkSizer] = defaultdict(lambda: ChunkSizer(CHUNK_SECONDS))
 
@@ -122,25 +173,47 @@ class CaseRunner:
         self, operation: str, cases: Sequence[KeyedRequest], owner: str, *, urgent: bool
     ) -> list[CaseAnswer]:
         """Compute these cases; those that were in flight elsewhere and given up there are left out."""
-        permit = await self._permits.acquire(owner, urgent=urgent)
+        permit = await self.permits.acquire(owner, urgent=urgent)
+        found: list[CaseAnswer] = []
+        async with aclosing(self.run_chunk(operation, cases, permit, self._sizers[operation])) as parts:
+            async for answers in parts:
+                if isinstance(answers.refused, PoolUnavailableError):
+                    raise answers.refused
+                found += answers.found
+        return found
+
+    async def run_chunk(
+        self,
+        operation: str,
+        cases: Sequence[KeyedRequest],
+        permit: Permit,
+        sizer: ChunkSizer,
+        wait: Wait = wait_for,
+        longest: float | None = None,
+    ) -> AsyncGenerator[ChunkAnswers, None]:
+        """Compute a chunk; yield the answers of its own cases, then those that other work in flight computes.
+
+        Parameters
+        ----------
+        permit
+            Released when the executor is done with the chunk.
+        sizer
+            Notes how long the cases took and how large their answers are.
+        wait
+            Waits for the work.
+        longest
+            A chunk of several cases that takes longer is given up, and the next ones are smaller. [s]
+        """
         chunk = self._queries.begin(operation, cases, permit.release)
-        answers = {**chunk.own, **chunk.shared}
-        try:
-            await asyncio.wait([chunk.kept])
-            if chunk.shared:
-                await asyncio.wait(chunk.shared.values())
-        except asyncio.CancelledError:
+        if not await wait(chunk.kept, chunk.stop, longest if len(cases) > 1 else None):
             chunk.stop()
-            raise
-        outcomes, nbytes = [], 0
-        for key, future in answers.items():
-            error = None if future.cancelled() else future.exception()
-            if future.cancelled() or isinstance(error, ComputationCancelled | QueueFullError):
-                continue
-            if isinstance(error, PoolUnavailableError) or not isinstance(error, Exception | None):
-                raise error
-            record = None if error else future.result()[0]
-            nbytes += len(record.json) if record else 0
-            outcomes.append(CaseAnswer(key, record, case_problem(error) if error else None, own=key in chunk.own))
-        self._sizers[operation].note(chunk.seconds, nbytes)
-        return outcomes
+            sizer.shrink(len(cases))
+            await asyncio.wait([chunk.kept])
+        answers = ChunkAnswers.of(chunk.own, own=True)
+        if not chunk.running.cancelled() and chunk.running.exception() is None:
+            sizer.note(chunk.seconds, sum(len(answer.record.json) for answer in answers.found if answer.record))
+        yield answers
+        if chunk.shared:
+            others = asyncio.ensure_future(asyncio.wait(chunk.shared.values()))
+            await wait(others, others.cancel)
+            yield ChunkAnswers.of(chunk.shared, own=False)
