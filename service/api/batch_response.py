@@ -1,4 +1,4 @@
-"""Answers to requests for many cases: the results if they are few, else a job."""
+"""Answers requests for many cases: with the results if they are few, else with a job."""
 
 import asyncio
 import math
@@ -48,7 +48,7 @@ Prefer = Annotated[
 
 
 async def preference_of(request: Request, prefer: Prefer = "") -> Preference:
-    """Return what the client would rather have."""
+    """Return the preference of the client."""
     return read_preference(request.headers.getlist("prefer") if prefer else ())
 
 
@@ -105,7 +105,7 @@ class JobResponse:
             estimate=estimate,
         )
         self._context.job = state.id
-        if not new:  # it counted when it was accepted
+        if not new:  # It was charged when it was accepted.
             self._context.give_back()
         return state
 
@@ -177,7 +177,7 @@ class BatchResponse(JobResponse):
     async def _answer_now(self, cases: Sequence[JobCase], sweep: StoredSweep | None) -> Response:
         results = self._jobs.run_now(self.operation, cases, self._context.queue_owner)
         if self.form == JSONL:
-            beginning = begin(results)  # a refusal is answered before the answer has begun
+            beginning = begin(results)  # Waits, so that a refusal is answered before the answer has begun.
             begun = await unless_left(self._request, beginning)
             lines = (to_lines([result], self.path, sweep) async for result in begun)
             return StreamingResponse(closing(lines, results), media_type=JSONL, headers=VARY)
@@ -257,7 +257,7 @@ async def until(stopping: asyncio.Event, changes: AsyncGenerator[JobState, None]
 
 
 async def settle(task: asyncio.Future[Any]) -> None:
-    """Cancel a task unless it is done, and see it end."""
+    """Cancel a task unless it is done, and wait for its end."""
     if not task.done():
         task.cancel()
         with CancelScope(shield=True):
@@ -265,7 +265,7 @@ async def settle(task: asyncio.Future[Any]) -> None:
 
 
 async def closing(content: AsyncIterator[bytes], source: AsyncGenerator[Any, None]) -> AsyncIterator[bytes]:
-    """Yield the content; also if nobody reads it to its end, the source is closed then."""
+    """Yield the content, and close the source also if nobody reads it to its end."""
     async with aclosing(source):
         async for part in content:
             yield part

@@ -17,9 +17,9 @@ from service.errors import FolderReplacedError, StorageError
 LAYOUT = 2
 """Number of the schema below, raised when it changes; files of an earlier one are brought up to it when opened."""
 BUSY_SECONDS = 10.0
-"""For another process to let go of the file, such as someone who looks into it."""
+"""Longest wait for another process that holds the file, such as someone who reads it."""
 CHECKPOINT_SECONDS = 0.1
-"""For a reader to finish; a checkpoint that another process is in the way of is done the next time."""
+"""Longest wait of a checkpoint for a reader; one that another process prevents is done the next time."""
 
 SWEEPS = """
 CREATE TABLE sweeps (
@@ -104,7 +104,7 @@ class Database:
     Parameters
     ----------
     path
-        Path of the file; made if it is not there. One that is no database, or a damaged one, is set aside.
+        Path of the file; made if it is not there. A damaged one, or one that is not a database, is set aside.
     check
         Called before anything is written; raises StorageError if nothing may be.
     """
@@ -116,7 +116,7 @@ class Database:
         self._checked = False
         self._taken_over = False
         self._written = False
-        """Whether anything may stand in the log."""
+        """Whether the log may hold anything."""
         self._opening = threading.Lock()
         self._locks = {"write": threading.Lock(), "read": threading.Lock()}
         self._connections: dict[str, sqlite3.Connection] = {}
@@ -222,7 +222,7 @@ class Database:
             return self._connect()
         except sqlite3.OperationalError:
             raise
-        except sqlite3.DatabaseError as error:  # it is no database, or no longer one
+        except sqlite3.DatabaseError as error:  # The file is damaged, or not a database.
             self._set_aside(str(error))
             return self._connect()
 
@@ -234,7 +234,7 @@ class Database:
             connection.execute("PRAGMA journal_mode = WAL")
             connection.execute("PRAGMA synchronous = FULL")
             connection.execute("PRAGMA foreign_keys = ON")
-            connection.execute("PRAGMA wal_autocheckpoint = 0")  # it would copy a part of the log to the file
+            connection.execute("PRAGMA wal_autocheckpoint = 0")  # An automatic one would copy only a part of the log.
             if not self._taken_over:
                 self._take_over_log(connection)
             layout = connection.execute("PRAGMA user_version").fetchone()[0]
@@ -257,7 +257,7 @@ class Database:
         if lost := unread_commits(connection, self._path):
             self._set_aside(f"damaged log, the jobs are as before its last {lost} commits", keep=True)
         self._taken_over = self._written = True
-        with suppress(sqlite3.OperationalError):  # a full disk: the next checkpoint does it
+        with suppress(sqlite3.OperationalError):  # The disk may be full; the next checkpoint does it.
             connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")
 
     def _set_aside(self, reason: str, *, keep: bool = False) -> None:

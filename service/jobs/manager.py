@@ -1,4 +1,4 @@
-"""Batches of cases: small ones at once, jobs in the background, through restarts and crashes."""
+"""Accepts batches of cases: small ones run at once, jobs in the background and through restarts and crashes."""
 
 import asyncio
 import logging
@@ -38,11 +38,11 @@ from service.queries import Answered, Count, QueryService, Rate
 
 EXPIRY_SECONDS = 3600.0
 RETRY_SECONDS = 5.0
-"""Between looks at a folder of jobs that could not be read at the start."""
+"""Time between attempts to read a folder of jobs that could not be read at the start."""
 CHECKPOINT_SECONDS = 5.0
-"""What a damaged log costs at most of the jobs: some milliseconds of work, if anything was written since."""
+"""Longest time whose progress a damaged log can cost; a checkpoint takes some milliseconds."""
 CHANGE_SECONDS = 0.2
-"""Between two changes sent of a job: more than anyone reads."""
+"""Time between two changes of a job that are sent."""
 OWNER = "local"
 
 Value = TypeVar("Value")
@@ -94,7 +94,7 @@ class JobManager:
         self._received: Counter[str] = Counter()
         """Cases of jobs that are not yet accepted, by owner."""
         self._going_on = False
-        """Whether the jobs of before have been taken on."""
+        """Whether the unfinished jobs in the store have been loaded."""
         self._beginning = asyncio.Lock()
         self._stopping = False
         self._tasks: list[asyncio.Task[None]] = []
@@ -106,12 +106,12 @@ class JobManager:
 
     @property
     def running_chunks(self) -> int:
-        """Chunks of jobs in the making, in the pool or being kept."""
+        """Number of chunks of jobs that are being prepared, computed or kept."""
         return sum(len(job.work) for job in self._scheduler.active.values())
 
     @property
     def rate(self) -> float:
-        """Cases done in a second, lately."""
+        """Cases done in a second, over the last half minute."""
         return self._rate.per_second
 
     async def start(self) -> None:
@@ -437,7 +437,7 @@ class JobManager:
         return self._present(name) or await self._thread(self._jobs.job, name)
 
     async def _go_on(self) -> None:
-        """Take on the jobs of before, unless that was done; no other is stored until then, as half a job may be."""
+        """Load unfinished jobs once, before any new job is stored, so that a half-written one is never picked up."""
         async with self._beginning:
             if self._going_on:
                 return

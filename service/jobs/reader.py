@@ -22,9 +22,9 @@ from service.queries import QueryService
 
 MOST_CASES = 200
 FIRST_CASES = 4
-"""Before it is known how large the results of a job are."""
+"""Number of results read first, when their size is unknown."""
 READ_BYTES = 1024 * 1024
-"""Answers read at once, about: those with long histories take 4 MB each."""
+"""Approximate size of the answers read at once: those with long histories take 4 MB each."""
 BLOCKS_AT_ONCE = 2
 """Blocks of results in memory, of all readers together: one can take twenty times its answers while it is encoded."""
 
@@ -106,7 +106,7 @@ class ResultReader:
             return next_count(results), use(results)
 
         while isinstance(found := await run_sync(gather, limiter=self._blocks), list):
-            again |= await self._compute(state, found)  # may take long, and holds up no other reader
+            again |= await self._compute(state, found)  # It may take long, but does not hold up other readers.
         return found
 
     async def _compute(self, state: JobState, rows: Sequence[CaseRow]) -> dict[int, CaseResult]:
@@ -114,7 +114,7 @@ class ResultReader:
 
         def load() -> list[JobCase]:
             keys = [row.key for row in rows]
-            if state.versions != VERSIONS:  # they are of an earlier engine, whose results cannot be had any more
+            if state.versions != VERSIONS:  # Results of an earlier engine cannot be computed any more.
                 keys = [result_key(state.operation, orjson.loads(requests[row.number])) for row in rows]
             found = zip(rows, keys, strict=True)
             return [JobCase(KeyedRequest(key, requests[row.number]), row.custom_id) for row, key in found]

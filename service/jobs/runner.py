@@ -18,9 +18,9 @@ from service.operations import KeyedRequest
 from service.queries import Answered, QueryService, Rate
 
 CHUNK_SECONDS = 0.1
-"""Work in a chunk: the client sees the first results soon."""
+"""Time that one chunk takes: short, so that a client sees the first results soon."""
 RETRY_SECONDS = 0.1
-"""Before a case that another was computing and gave up is tried again."""
+"""Pause before a case that other work was computing and gave up is tried again."""
 TEMPORARY = (ComputationCancelled, PoolUnavailableError, QueueFullError)
 """Errors that do not come from the case itself: it is tried again."""
 
@@ -139,7 +139,7 @@ class CaseRunner:
                 finished = [outcome for chunk in done for outcome in chunk.result()]
                 self._rate.add(sum(len(numbers[outcome.key]) for outcome in finished))
         finally:
-            self.queued -= Counter({owner: left})  # and forget owners who have nothing queued
+            self.queued -= Counter({owner: left})  # The subtraction also forgets owners who have nothing queued.
             for chunk in work:
                 chunk.cancel()
             if work:
@@ -152,7 +152,7 @@ class CaseRunner:
         size = max(1, min(self._sizers[operation].cases, share))
         chunks = [missing[i : i + size] for i in range(0, len(missing), size)]
         work = {asyncio.create_task(self._compute(operation, chunk, owner, urgent=urgent)) for chunk in chunks}
-        for task in work:  # seen, even if nothing waits for it any more
+        for task in work:  # Errors are retrieved, so that asyncio does not report them if nothing waits.
             task.add_done_callback(lambda done: done.cancelled() or done.exception())
         return work
 

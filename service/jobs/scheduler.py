@@ -39,12 +39,12 @@ CHUNKS_KEPT = 2
 CHUNK_SECONDS = 0.25
 """Work in a chunk: what a crash costs at most, and a hundred times what handing it over does."""
 STORED = "stored"
-"""Counted as the outcome of a case whose result was there: nobody has looked into it."""
+"""Outcome that is counted for a case whose result was in the cache, as the record is not read."""
 RETRY_SECONDS = 1.0
-"""Before cases that no worker could take are tried again."""
+"""Pause before cases that no worker could take are tried again."""
 OVERLONG_SECONDS = 10.0
-"""For a chunk: cases that take far longer than those before are handed out again in smaller ones, so that all workers
-share them and other work is let in between."""
+"""Time after which a chunk is given up: cases that take far longer than those before are handed out again in smaller
+chunks, so that all workers share them and other work gets in between."""
 
 GiveBack: TypeAlias = Callable[[str, int, int], None]
 """Takes back cases of a quota: id of the API key, cases, begin of the entry that has them."""
@@ -61,7 +61,7 @@ class PendingCase(NamedTuple):
 
 @dataclass(eq=False)
 class ActiveJob:
-    """How far a job is."""
+    """A job that has not ended, and its work."""
 
     state: JobState
     queue: str
@@ -70,13 +70,13 @@ class ActiveJob:
     """Called once, with the last state."""
     sizer: ChunkSizer = field(default_factory=lambda: ChunkSizer(CHUNK_SECONDS))
     waiting: deque[PendingCase] = field(default_factory=deque)
-    """Looked up and not in the cache: to be computed next."""
+    """Cases that are not in the cache, to be computed next."""
     looked_up: int = 0
-    """Blocks of cases."""
+    """Number of blocks that have been looked up in the cache."""
     work: set["asyncio.Task[None]"] = field(default_factory=set)
-    """Looking up, and chunks."""
+    """Tasks that look cases up, compute a chunk or compute a study."""
     stops: set[Callable[[], object]] = field(default_factory=set)
-    """End what the work waits for."""
+    """Functions that give up what the work waits for."""
     damaged: set[int] = field(default_factory=set)
     """Blocks of cases that cannot be read."""
     ending: bool = False
@@ -258,7 +258,7 @@ class Scheduler:
             await self._fail(job, error)
         if job.ending or not cases:
             permit.release()
-        elif job.state.operation in UNCERTAIN:  # its samples have permits of their own
+        elif job.state.operation in UNCERTAIN:  # The samples of a study take permits themselves.
             permit.release()
             study = self._traced(job, "study", 1, self._run_study(job, cases[0]))
             self._belongs(job, asyncio.create_task(study))
@@ -278,7 +278,7 @@ class Scheduler:
             self._give_back(state.charge.key_id, state.unused_cases, state.charge.began)
 
     def _belongs(self, job: ActiveJob, work: "asyncio.Task[None]") -> None:
-        """See that the job waits for this work, and is put where it belongs after."""
+        """Add this work to the job, and queue or close the job when the work is done."""
 
         def ended(done: "asyncio.Task[None]") -> None:
             job.work.discard(done)
@@ -288,7 +288,7 @@ class Scheduler:
         work.add_done_callback(ended)
 
     def _settle(self, job: ActiveJob) -> None:
-        """Put the job where it belongs now."""
+        """Queue the job if it has cases to hand out; close it if it has ended."""
         if job.left:
             self._queue.add(job.queue, job, first=True)
             return

@@ -43,13 +43,13 @@ from solver import ENGINE_VERSION
 
 DAY = 86_400.0  # [s]
 VERSIONS = f"{ENGINE_VERSION} {SCHEMA_VERSION}"
-"""What the keys of a job were made with."""
+"""Versions with which the keys of a job were made."""
 OWNER_BYTES = 2**30
-"""Disk for the jobs of one owner."""
+"""Space on the disk for the jobs of one owner."""
 JOB_BYTES = 10_000
 """What a job counts as beside its cases: more than it takes, so that an owner has no more than 100,000."""
 CASE_BYTES, PROBLEM_BYTES = 100, 300
-"""What a case takes where that has not been noted, and a problem, about."""
+"""Approximate size of a case of a job without a noted size, and of a problem."""
 BEYOND = f"""
 SELECT number, finished IS NOT NULL FROM (
     SELECT number, finished,
@@ -60,10 +60,10 @@ SELECT number, finished IS NOT NULL FROM (
 )
 WHERE taken > ?
 """  # noqa: S608 (of this file)
-"""Jobs of the owner of a job that are too many for so many bytes, and whether they have ended: those that end last
-and those not ended stay."""
+"""Selects the jobs of the owner of a job that exceed so many bytes, and whether they have ended; unfinished jobs and
+those that ended last stay."""
 LARGEST = 2**63 - 1
-"""Integer in SQLite."""
+"""Largest integer of SQLite."""
 COLUMNS = (
     "id, operation, status, total, done, cached, failed, created, started, finished, expires, problem, revision, "
     "number, owner, versions, fields, progress, title, traceparent, charge_key, charge_cases, charge_began"
