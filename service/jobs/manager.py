@@ -132,7 +132,7 @@ class JobManager:
         StorageError
             If it, or the data folder, has been removed or replaced.
         """
-        await self._thread(self._jobs.check)
+        await run_sync(self._jobs.check)
 
     async def stop(self) -> None:
         """Give up what is being computed: the next start goes on with it."""
@@ -141,7 +141,7 @@ class JobManager:
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
         await self._scheduler.stop()
-        await self._thread(self._jobs.close)
+        await run_sync(self._jobs.close)
 
     def run_now(self, operation: str, cases: Sequence[JobCase], owner: str = OWNER) -> AsyncGenerator[CaseResult, None]:
         """Yield the result of every case as it finishes; closing it (`aclose`) stops the work.
@@ -235,17 +235,19 @@ class JobManager:
         Exception
             Out of `blocks`. Nothing is left of the job then.
         """
-        token = (owner, idempotency.token) if idempotency is not None else None
-        if token is None or idempotency is None:
-            return await self._receive(operation, blocks, owner, queue, None, sweep, charge, count, estimate), True
+        receive = partial(
+            self._receive, operation, blocks, owner, queue or owner, idempotency, sweep, charge, count, estimate
+        )
+        if idempotency is None:
+            return await receive(), True
+        token = owner, idempotency.token
         if token in self._accepting:
             raise IdempotencyBusyError("the request with this idempotency key is still being accepted; try again")
         self._accepting.add(token)
         try:
-            found = await self._thread(self._jobs.token, *token)
+            found = await run_sync(self._jobs.token, *token)
             if found is None:
-                receiving = self._receive(operation, blocks, owner, queue, idempotency, sweep, charge, count, estimate)
-                return await receiving, True
+                return await receive(), True
             if not isinstance(idempotency.digest, str):
                 async for _ in blocks:  # the digest is known when the body has been read
                     pass
@@ -262,31 +264,31 @@ class JobManager:
 
     async def jobs(self, owner: str | None = OWNER, *, before: int = 0, limit: int | None = None) -> list[JobState]:
         """Jobs of the owner, newest first; None stands for all owners. `before` and `limit` as in `JobStore.jobs`."""
-        stored = await self._thread(lambda: self._jobs.jobs(owner, before=before, limit=limit))
+        stored = await run_sync(lambda: self._jobs.jobs(owner, before=before, limit=limit))
         return [self._present(state.id) or state for state in stored]
 
     async def tally(self) -> Counter[Status]:
         """Return how many jobs of all owners there are, by status."""
         present = self._scheduler.unwritten | {name: job.state for name, job in self._scheduler.active.items()}
-        return await self._thread(self._jobs.tally, present) + Counter(state.status for state in present.values())
+        return await run_sync(self._jobs.tally, present) + Counter(state.status for state in present.values())
 
     async def sweep(self, job: JobState) -> StoredSweep | None:
         """Return the request of a job, if it is a sweep."""
-        return await self._thread(self._jobs.sweep, job.number)
+        return await run_sync(self._jobs.sweep, job.number)
 
     async def request(self, job: JobState) -> dict[str, Any] | None:
         """Return the request of a job, if it is a sweep or a study; None too if that of a study is damaged."""
         if job.operation not in UNCERTAIN:
             sweep = await self.sweep(job)
             return None if sweep is None else sweep.request
-        stored = await self._thread(self._jobs.requests, job.number, [0])
+        stored = await run_sync(self._jobs.requests, job.number, [0])
         return orjson.loads(stored[0]) if stored else None
 
     async def partial(self, job: JobState) -> dict[str, Any] | None:
         """Return the latest partial answer of a study that is not finished."""
         if job.progress is None or job.status == "successful":
             return None
-        return await self._thread(self._jobs.partial, job.number)
+        return await run_sync(self._jobs.partial, job.number)
 
     async def results(
         self,
@@ -318,7 +320,7 @@ class JobManager:
         state = await self.job(name, owner)
         if state is None:
             return None
-        renamed = await self._thread(self._jobs.rename, state.number, title)
+        renamed = await run_sync(self._jobs.rename, state.number, title)
         if active := self._scheduler.active.get(name):
             active.state = replace(active.state, title=title)
         if unwritten := self._scheduler.unwritten.get(name):
@@ -330,7 +332,7 @@ class JobManager:
         state = await self.cancel(name, owner)
         if state is None:
             return False
-        await self._thread(self._jobs.discard, state.number)
+        await run_sync(self._jobs.discard, state.number)
         self._scheduler.unwritten.pop(name, None)
         return True
 
@@ -385,12 +387,16 @@ class JobManager:
         count: int,
         estimate: Callable[[], int],
     ) -> JobState:
-        queue = queue or owner
         self._admit(queue, count)
         await self._go_on()
         traceparent = current_traceparent()
-        job = await self._thread(lambda: self._jobs.create(operation, owner, sweep, traceparent=traceparent))
+        job = await run_sync(lambda: self._jobs.create(operation, owner, sweep, traceparent=traceparent))
         received = 0
+
+        def append(number: int, cases: Sequence[JobCase]) -> None:
+            """Compress and store a block, both of which take long."""
+            self._jobs.append(job, number, CaseBlock.of(cases))
+
         try:
             waiting: list[JobCase] = []
             number = 0
@@ -400,22 +406,19 @@ class JobManager:
                 self._received[queue] += len(cases)
                 waiting += cases
                 while len(waiting) >= BLOCK_SIZE:
-                    await self._thread(self._append, job, number, waiting[:BLOCK_SIZE])
+                    await run_sync(append, number, waiting[:BLOCK_SIZE])
                     waiting, number = waiting[BLOCK_SIZE:], number + 1
             if waiting:
-                await self._thread(self._append, job, number, waiting)
-            state = await self._thread(self._jobs.accept, job, received, idempotency, charge)
+                await run_sync(append, number, waiting)
+            state = await run_sync(self._jobs.accept, job, received, idempotency, charge)
         except BaseException:
             with CancelScope(shield=True), suppress(StorageError):  # the next start removes what is left
-                await self._thread(self._jobs.discard, job)
+                await run_sync(self._jobs.discard, job)
             raise
         finally:
             self._received -= Counter({queue: received})
         self._scheduler.add(state, queue)
         return state
-
-    def _append(self, job: int, number: int, cases: Sequence[JobCase]) -> None:
-        self._jobs.append(job, number, CaseBlock.of(cases))
 
     async def _counted(
         self, operation: str, results: AsyncGenerator[CaseResult, None]
@@ -434,22 +437,19 @@ class JobManager:
         return active.state if active is not None else self._scheduler.unwritten.get(name)
 
     async def _state(self, name: str) -> JobState | None:
-        return self._present(name) or await self._thread(self._jobs.job, name)
+        return self._present(name) or await run_sync(self._jobs.job, name)
 
     async def _go_on(self) -> None:
         """Load unfinished jobs once, before any new job is stored, so that a half-written one is never picked up."""
         async with self._beginning:
             if self._going_on:
                 return
-            removed = await self._thread(self._expire_at_start)
-            for state in await self._thread(self._jobs.unfinished):
+            removed = await run_sync(partial(self._jobs.expire, at_start=True))
+            for state in await run_sync(self._jobs.unfinished):
                 self._scheduler.add(state)
             self._going_on = True
             if removed or self._scheduler.active:
                 log.info("jobs: %d to go on with, %d removed", len(self._scheduler.active), removed)
-
-    def _expire_at_start(self) -> int:
-        return self._jobs.expire(at_start=True)
 
     async def _expire(self) -> None:
         while True:
@@ -457,13 +457,10 @@ class JobManager:
             await self._scheduler.write_ends()
             with suppress(StorageError):
                 await self._go_on()
-                await self._thread(self._jobs.expire)
+                await run_sync(self._jobs.expire)
 
     async def _checkpoint(self) -> None:
         while True:
             await asyncio.sleep(CHECKPOINT_SECONDS)
             with suppress(StorageError):
-                await self._thread(self._jobs.checkpoint)
-
-    async def _thread(self, function: Callable[..., Value], *arguments: Any) -> Value:
-        return await run_sync(function, *arguments)
+                await run_sync(self._jobs.checkpoint)

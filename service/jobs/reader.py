@@ -6,7 +6,7 @@ from collections.abc import AsyncGenerator, Awaitable, Callable, Sequence
 from contextlib import aclosing
 from dataclasses import replace
 from functools import partial
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import orjson
 from anyio import CapacityLimiter
@@ -73,7 +73,7 @@ class ResultReader:
         """
         count, left = FIRST_CASES, math.inf if limit is None else limit
         while left > 0 and (state := await current()) is not None:
-            rows = await self._thread(self._jobs.rows, state.number, start, int(min(count, left)))
+            rows = await run_sync(self._jobs.rows, state.number, start, int(min(count, left)))
             ready = rows_ready(rows, final=state.final)
             if ready:
                 count, used = await self._use(state, ready, use)
@@ -119,10 +119,10 @@ class ResultReader:
             found = zip(rows, keys, strict=True)
             return [JobCase(KeyedRequest(key, requests[row.number]), row.custom_id) for row, key in found]
 
-        requests = await self._thread(self._jobs.requests, state.number, [row.number for row in rows])
+        requests = await run_sync(self._jobs.requests, state.number, [row.number for row in rows])
         lost = {row.number: self._lost(state, row) for row in rows if row.number not in requests}
         rows = [row for row in rows if row.number in requests]
-        cases = await self._thread(load)
+        cases = await run_sync(load)
         if state.operation in UNCERTAIN:
             found = {row.number: await self._study(state, row, case) for row, case in zip(rows, cases, strict=True)}
             return found | lost
@@ -143,9 +143,6 @@ class ResultReader:
         run = partial(self._runner.run, owner=state.owner)
         record, _ = await self._studies.answer(state.operation, case.request, run)
         return CaseResult(row.number, row.custom_id, record, None, row.state == CaseState.CACHED)
-
-    async def _thread(self, function: Callable[..., Value], *arguments: Any) -> Value:
-        return await run_sync(function, *arguments)
 
 
 def rows_ready(rows: Sequence[CaseRow], *, final: bool) -> list[CaseRow]:

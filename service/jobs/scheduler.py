@@ -223,7 +223,7 @@ class Scheduler:
         """End a job as it is, and all its work within a second; return it, unless it was deleted meanwhile."""
         await self.halt(job)
         try:
-            state = await self.thread(self._jobs.end, job.state.number, status, problem)
+            state = await run_sync(self._jobs.end, job.state.number, status, problem)
         except JobGoneError:
             self.active.pop(job.state.id, None)
             job.update(job.state)
@@ -241,12 +241,8 @@ class Scheduler:
         with suppress(StorageError):
             for state in list(self.unwritten.values()):
                 with suppress(JobGoneError):
-                    await self.thread(self._jobs.end, state.number, state.status, state.problem)
+                    await run_sync(self._jobs.end, state.number, state.status, state.problem)
                 self.unwritten.pop(state.id, None)
-
-    async def thread(self, function: Callable[..., Value], *arguments: Any) -> Value:
-        """Run what waits for the disk, or takes long, in a thread."""
-        return await run_sync(function, *arguments)
 
     async def _advance(self, job: ActiveJob, permit: Permit) -> None:
         """Start the next chunk of the job, if it has one."""
@@ -301,15 +297,15 @@ class Scheduler:
         if not job.left:
             return []
         if state.versions != VERSIONS:
-            await self.thread(self._jobs.renew_keys, state.number)
+            await run_sync(self._jobs.renew_keys, state.number)
             job.state = replace(state, versions=VERSIONS)
-        if not job.looked_up and (repaired := await self.thread(self._jobs.repair, state.number)):
+        if not job.looked_up and (repaired := await run_sync(self._jobs.repair, state.number)):
             log.error("job %s: what was stored of its progress is damaged; it goes on with what is left", state.id)
             job.update(repaired)
         if state.status == "accepted":
-            job.update(await self.thread(self._jobs.begin, state.number))
+            job.update(await run_sync(self._jobs.begin, state.number))
         if not job.waiting:
-            unknown, cached, marked = await self.thread(self._look_up, state.number, job.looked_up)
+            unknown, cached, marked = await run_sync(self._look_up, state.number, job.looked_up)
             job.looked_up += AHEAD
             job.waiting.extend(unknown)
             if marked is not None:
@@ -330,7 +326,7 @@ class Scheduler:
             numbers: dict[str, list[int]] = defaultdict(list)
             for number, key in cases:
                 numbers[key].append(number)
-            requests, updates = await self.thread(self._requests, job, numbers)
+            requests, updates = await run_sync(self._requests, job, numbers)
             if job.ending:
                 return
             wait = partial(self._stoppable, job)
@@ -347,7 +343,7 @@ class Scheduler:
         """Compute a study, the only case of its job."""
         numbers = {case.key: [case.number]}
         try:
-            requests, updates = await self.thread(self._requests, job, numbers)
+            requests, updates = await run_sync(self._requests, job, numbers)
             for request in requests:  # none if it has been answered meanwhile
                 answer = self._studies.answer(
                     job.state.operation,
@@ -370,7 +366,7 @@ class Scheduler:
     def _report_of(self, job: ActiveJob) -> Report:
         async def report(progress: dict[str, Any], partial: dict[str, Any] | None) -> None:
             with suppress(JobGoneError):  # another job with the same study goes on
-                job.update(await self.thread(self._jobs.report, job.state.number, progress, partial))
+                job.update(await run_sync(self._jobs.report, job.state.number, progress, partial))
 
         return report
 
@@ -409,7 +405,7 @@ class Scheduler:
 
     async def _mark(self, job: ActiveJob, updates: CaseUpdates) -> None:
         if updates.states:
-            state = await self.thread(self._jobs.mark, job.state.number, updates.states, updates.problems)
+            state = await run_sync(self._jobs.mark, job.state.number, updates.states, updates.problems)
             self._note(job, updates, state)
         if updates.again and not job.ending:
             if updates.refused:
