@@ -6,7 +6,7 @@ from collections import Counter, defaultdict
 from collections.abc import AsyncGenerator, Awaitable, Callable, Mapping, Sequence
 from contextlib import aclosing
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any, TypeAlias
 
 from anyio.to_thread import run_sync
 
@@ -65,16 +65,11 @@ class ChunkAnswers:
         return answers
 
 
-class Wait(Protocol):
-    """Waits for the work of a chunk; returns whether it ended within so many seconds, if there is a limit."""
-
-    def __call__(
-        self, work: "asyncio.Future[Any]", stop: Callable[[], object], seconds: float | None = None, /
-    ) -> Awaitable[bool]:
-        """Wait; `stop` gives the work up."""
+Wait: TypeAlias = Callable[["asyncio.Future[Any]", Callable[[], object], float | None], Awaitable[bool]]
+"""Waits for work, which its second argument gives up; returns whether it ended within so many seconds, if limited."""
 
 
-async def wait_for(work: "asyncio.Future[Any]", stop: Callable[[], object], seconds: float | None = None) -> bool:
+async def wait_for(work: "asyncio.Future[Any]", stop: Callable[[], object], seconds: float | None) -> bool:
     """Wait for the work of a chunk, and give it up when cancelled."""
     try:
         done, _ = await asyncio.wait([work], timeout=seconds)
@@ -127,17 +122,17 @@ class CaseRunner:
             missing = [cases[same[0]].request for key, same in numbers.items() if key not in known]
             work |= self._begin(operation, missing, owner, urgent=urgent)
             while True:
-                for outcome in finished:
-                    for number in numbers[outcome.key]:
+                for answer in finished:
+                    for number in numbers[answer.key]:
                         left -= 1
                         self.queued[owner] -= 1
-                        cached = not outcome.own or number != numbers[outcome.key][0]
-                        yield CaseResult(number, cases[number].custom_id, outcome.record, outcome.problem, cached)
+                        cached = not answer.own or number != numbers[answer.key][0]
+                        yield CaseResult(number, cases[number].custom_id, answer.record, answer.problem, cached)
                 if not work:
                     return
                 done, work = await asyncio.wait(work, return_when=asyncio.FIRST_COMPLETED)
-                finished = [outcome for chunk in done for outcome in chunk.result()]
-                self._rate.add(sum(len(numbers[outcome.key]) for outcome in finished))
+                finished = [answer for chunk in done for answer in chunk.result()]
+                self._rate.add(sum(len(numbers[answer.key]) for answer in finished))
         finally:
             self.queued -= Counter({owner: left})  # The subtraction also forgets owners who have nothing queued.
             for chunk in work:
@@ -159,28 +154,22 @@ class CaseRunner:
     async def _compute(
         self, operation: str, chunk: Sequence[KeyedRequest], owner: str, *, urgent: bool
     ) -> list[CaseAnswer]:
-        outcomes: list[CaseAnswer] = []
-        left = {case.key: case for case in chunk}
-        while left:
-            for outcome in await self._try(operation, list(left.values()), owner, urgent=urgent):
-                del left[outcome.key]
-                outcomes.append(outcome)
-            if left:
-                await asyncio.sleep(RETRY_SECONDS)
-        return outcomes
-
-    async def _try(
-        self, operation: str, cases: Sequence[KeyedRequest], owner: str, *, urgent: bool
-    ) -> list[CaseAnswer]:
-        """Compute these cases; those that were in flight elsewhere and given up there are left out."""
-        permit = await self.permits.acquire(owner, urgent=urgent)
+        """Compute these cases; those that were in flight elsewhere and given up there are tried again."""
         found: list[CaseAnswer] = []
-        async with aclosing(self.run_chunk(operation, cases, permit, self._sizers[operation])) as parts:
-            async for answers in parts:
-                if isinstance(answers.refused, PoolUnavailableError):
-                    raise answers.refused
-                found += answers.found
-        return found
+        left = {case.key: case for case in chunk}
+        while True:
+            permit = await self.permits.acquire(owner, urgent=urgent)
+            cases, sizer = list(left.values()), self._sizers[operation]
+            async with aclosing(self.run_chunk(operation, cases, permit, sizer)) as parts:
+                async for answers in parts:
+                    if isinstance(answers.refused, PoolUnavailableError):
+                        raise answers.refused
+                    found += answers.found
+                    for answer in answers.found:
+                        del left[answer.key]
+            if not left:
+                return found
+            await asyncio.sleep(RETRY_SECONDS)
 
     async def run_chunk(
         self,
@@ -215,5 +204,5 @@ class CaseRunner:
         yield answers
         if chunk.shared:
             others = asyncio.ensure_future(asyncio.wait(chunk.shared.values()))
-            await wait(others, others.cancel)
+            await wait(others, others.cancel, None)
             yield ChunkAnswers.of(chunk.shared, own=False)

@@ -66,8 +66,9 @@ LARGEST = 2**63 - 1
 """Largest integer of SQLite."""
 COLUMNS = (
     "id, operation, status, total, done, cached, failed, created, started, finished, expires, problem, revision, "
-    "number, owner, versions, fields, progress, title, traceparent, charge_key, charge_cases, charge_began"
+    "number, owner, versions, progress, title, traceparent, fields, charge_key, charge_cases, charge_began"
 )
+"""Columns of a `JobState`; all but the last four are named as its fields."""
 
 
 class JobStore:
@@ -410,53 +411,11 @@ def _changed(
 
 
 def _state(row: tuple[Any, ...]) -> JobState:
-    (
-        name,
-        operation,
-        status,
-        total,
-        done,
-        cached,
-        failed,
-        created,
-        started,
-        finished,
-        expires,
-        problem,
-        revision,
-        number,
-        owner,
-        versions,
-        fields,
-        progress,
-        title,
-        traceparent,
-        *charge,
-    ) = row
-    return JobState(
-        id=name,
-        operation=operation,
-        status=status,
-        total=total,
-        done=done,
-        cached=cached,
-        failed=failed,
-        created=_moment(created) or datetime.now(UTC),
-        started=_moment(started),
-        finished=_moment(finished),
-        expires=_moment(expires),
-        problem=None if problem is None else orjson.loads(problem),
-        revision=revision,
-        number=number,
-        owner=owner,
-        versions=versions,
-        axes=tuple(orjson.loads(fields)) if fields else (),
-        progress=orjson.loads(progress) if progress else None,
-        title=title,
-        charge=None if charge[0] is None else Charge(*charge),
-        traceparent=traceparent,
-    )
-
-
-def _moment(seconds: float | None) -> datetime | None:
-    return None if seconds is None else datetime.fromtimestamp(seconds, UTC)
+    *values, fields, key, cases, began = row
+    found: dict[str, Any] = dict(zip(COLUMNS.split(", "), values, strict=False))
+    for name in ("created", "started", "finished", "expires"):
+        found[name] = None if found[name] is None else datetime.fromtimestamp(found[name], UTC)
+    for name in ("problem", "progress"):
+        found[name] = None if found[name] is None else orjson.loads(found[name])
+    axes = tuple(orjson.loads(fields)) if fields else ()
+    return JobState(**found, axes=axes, charge=None if key is None else Charge(key, cases, began))
