@@ -180,7 +180,7 @@ class CaseRunner:
         wait: Wait = wait_for,
         longest: float | None = None,
     ) -> AsyncGenerator[ChunkAnswers, None]:
-        """Compute a chunk; yield the answers of its own cases, then those that other work in flight computes.
+        """Compute a chunk; yield the answers of the cases it computes, then those from other work in flight.
 
         Parameters
         ----------
