@@ -26,7 +26,7 @@ REPLACED = {
     "Pace": "ChunkSizer",
     "Shot": "PreparedCase",
     "Slots": "FairSemaphore",
-    "SmallWork": "InlineBatch",
+    "SmallWork": "CaseRunner",
     "Turns": "FairQueue",
     "Usages": "QuotaStore",
     "Visit": "RequestContext",
