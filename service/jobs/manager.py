@@ -34,7 +34,7 @@ from service.jobs.results import InlineBatch, ResultReader
 from service.jobs.scheduler import GiveBack, Scheduler, problem_name
 from service.jobs.store import JobStore
 from service.jobs.studies import StudyService
-from service.operations import UNCERTAIN, KeyedRequest
+from service.operations import KeyedRequest, is_study
 from service.queries import Answered, Count, QueryService, Rate
 
 CHUNKS_KEPT = 2
@@ -281,7 +281,7 @@ class JobManager:
 
     async def request(self, job: JobState) -> dict[str, Any] | None:
         """Return the request of a job, if it is a sweep or a study; None too if that of a study is damaged."""
-        if job.operation not in UNCERTAIN:
+        if not is_study(job.operation):
             sweep = await self.sweep(job)
             return None if sweep is None else sweep.request
         stored = await self._thread(self._jobs.requests, job.number, [0])

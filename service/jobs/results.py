@@ -20,7 +20,7 @@ from service.fairness import ChunkSizer, FairSemaphore
 from service.jobs.models import CaseResult, CaseRow, CaseState, JobCase, JobState, block_of
 from service.jobs.store import VERSIONS, JobStore
 from service.jobs.studies import StudyService
-from service.operations import UNCERTAIN, KeyedRequest, result_key
+from service.operations import KeyedRequest, is_study, result_key
 from service.queries import QueryService, Rate
 
 CHUNK_SECONDS = 0.1
@@ -254,7 +254,7 @@ class ResultReader:
         lost = {row.number: self._lost(state, row) for row in rows if row.number not in requests}
         rows = [row for row in rows if row.number in requests]
         cases = await self._thread(load)
-        if state.operation in UNCERTAIN:
+        if is_study(state.operation):
             found = {row.number: await self._study(state, row, case) for row, case in zip(rows, cases, strict=True)}
             return found | lost
         found = lost

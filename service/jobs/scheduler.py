@@ -30,7 +30,7 @@ from service.fairness import ChunkSizer, FairQueue, FairSemaphore, Permit
 from service.jobs.models import BLOCK_SIZE, CaseResult, CaseState, JobState, Status, block_of, span_of
 from service.jobs.store import VERSIONS, JobStore
 from service.jobs.studies import Report, StudyService
-from service.operations import UNCERTAIN, KeyedRequest
+from service.operations import KeyedRequest, is_study
 from service.queries import Answered, Count, QueryService, Rate
 
 AHEAD = 10
@@ -267,7 +267,7 @@ class Scheduler:
         if job.ending or not cases:
             permit.release()
             begun.release()
-        elif job.state.operation in UNCERTAIN:  # its samples have permits of their own
+        elif is_study(job.state.operation):  # its samples have permits of their own
             permit.release()
             begun.release()
             study = self._traced(job, "study", 1, self._run_study(job, cases[0]))
