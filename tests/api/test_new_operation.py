@@ -9,7 +9,8 @@ import pytest
 from fastapi.testclient import TestClient
 
 from service.api.app import create_app
-from service.cli.local import compute, compute_sweep
+from service.cli import main
+from service.cli.local import compute_sweep
 from service.operations import OPERATIONS, Many, Operation, ToolText
 from service.schemas import CaseModels
 from service.schemas.quantities import Num, Part, with_examples
@@ -73,7 +74,9 @@ def client(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[TestClie
         yield session
 
 
-def test_new_operation_is_answered_by_every_door(client: TestClient) -> None:
+def test_new_operation_is_answered_by_every_door(
+    client: TestClient, tmp_path: Path, capfdbinary: pytest.CaptureFixture[bytes]
+) -> None:
     single = client.post("/energy", json=PAPER)
     assert single.json()["kinetic_energy_j"] == pytest.approx(JOULES)
     many = client.post("/energy/batch", json={"cases": [PAPER]}).json()["results"]
@@ -85,6 +88,10 @@ def test_new_operation_is_answered_by_every_door(client: TestClient) -> None:
     headers = {"Accept": "application/json, text/event-stream"}
     told = client.post("/mcp", json=call, headers=headers).json()["result"]["structuredContent"]
     assert told["answer"]["key"] == single.json()["key"]
-    assert orjson.loads(compute("energy", PAPER)) == single.json()
+    case = tmp_path / "case.json"
+    case.write_bytes(orjson.dumps(PAPER))
+    capfdbinary.readouterr()
+    assert main(["energy", str(case)]) == 0
+    assert orjson.loads(capfdbinary.readouterr().out) == single.json()
     assert next(compute_sweep("energy", {"base": PAPER, "axes": axes}))["result"] == single.json()
     assert {"/energy", "/energy/batch", "/energy/sweep"} <= client.get("/openapi.json").json()["paths"].keys()
