@@ -118,9 +118,7 @@ def run(name: str, arguments: list[str]) -> int:
             selected = subparser
             define(command, subparser)
     if name and selected is parser:
-        from service.cli.single import add_operation_command  # imports all operations
-
-        selected = add_operation_command(commands, name) or parser
+        selected = import_module("service.cli.single").add_operation_command(commands, name) or parser
     args = parser.parse_args(arguments)
     try:
         status: int = args.run(args)
