@@ -17,7 +17,7 @@ from starlette.middleware.gzip import DEFAULT_EXCLUDED_CONTENT_TYPES, GZipMiddle
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from service import telemetry
-from service.api import batches, downloads, health, jobs, mcp, page, queries, results, studies, umbridge
+from service.api import downloads, health, jobs, mcp, operations, page, results, studies, umbridge
 from service.api.body import KnownBodies
 from service.api.connection import BodyTimeoutMiddleware, HeadMiddleware
 from service.api.contract import declare_access, declare_bodies, declare_events, declare_problems
@@ -34,21 +34,7 @@ from service.jobs.store import JobStore
 from service.operations import OPERATIONS, SCHEMA_VERSION
 from service.problems import install_problem_handlers
 from service.queries import QueryService
-from service.schemas import (
-    CriticalAngleRequest,
-    CriticalAngleUncertaintyRequest,
-    DepthCalibrationRequest,
-    FormulasRequest,
-    JobChange,
-    LimitSpeedRequest,
-    MotionCalibrationRequest,
-    ObliquityCalibrationRequest,
-    ReportRequest,
-    ThicknessRequest,
-    TrajectoryRequest,
-    TrajectoryUncertaintyRequest,
-)
-from service.schemas.quantities import Part
+from service.schemas import JobChange, ReportRequest
 from service.settings import Settings
 
 DESCRIPTION = """
@@ -67,24 +53,8 @@ REFUSAL_SECONDS = 1
 """Part of it, before that, for what cannot be finished to be refused."""
 GZIP_BYTES, GZIP_LEVEL = 8 * 1024, 1
 """Least answer that is compressed, and how hard: level 6 takes four times as long and saves 3 % more."""
-RESOURCES = (queries, batches, studies, umbridge, results, jobs, health, page)
-"""Routers in the order in which they are searched."""
-BODIES: tuple[type[Part], ...] = (
-    TrajectoryRequest,
-    CriticalAngleRequest,
-    *(model for many in batches.MANY_CASES for model in (many.batch, many.sweep)),
-    DepthCalibrationRequest,
-    MotionCalibrationRequest,
-    ObliquityCalibrationRequest,
-    ThicknessRequest,
-    FormulasRequest,
-    LimitSpeedRequest,
-    CriticalAngleUncertaintyRequest,
-    TrajectoryUncertaintyRequest,
-    ReportRequest,
-    JobChange,
-)
-"""Models of the bodies that routes read piece by piece, which FastAPI does not get to see."""
+RESOURCES = (studies, umbridge, results, jobs, health, page)
+"""Routers behind those of the operations, in the order in which they are searched."""
 CORS: dict[str, Any] = {
     "allow_methods": ["GET", "HEAD", "POST", "PATCH", "DELETE"],
     "allow_headers": ["Authorization", "Content-Type", "Idempotency-Key", "If-None-Match", "Last-Event-ID", "Prefer"],
@@ -102,9 +72,10 @@ class Application(FastAPI):
         """Return the contract."""
         if self.openapi_schema is None:
             contract = super().openapi()
-            declare_bodies(contract["components"]["schemas"], BODIES)
-            for operations in contract["paths"].values():
-                for operation in operations.values():
+            bodies = operations.bodies_of(OPERATIONS.values())
+            declare_bodies(contract["components"]["schemas"], [*bodies, ReportRequest, JobChange])
+            for methods in contract["paths"].values():
+                for operation in methods.values():
                     declare_access(operation)
                     declare_problems(operation["responses"])
                     declare_events(operation["responses"])
@@ -190,6 +161,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
         traces=traces,
     )
     install_problem_handlers(app)
+    app.include_router(operations.router_of(OPERATIONS))
     for resource in RESOURCES:
         app.include_router(resource.router)
     if mcp.is_installed():

@@ -33,7 +33,7 @@ from service.jobs.scheduler import GiveBack, Scheduler, problem_name
 from service.jobs.store import JobStore
 from service.jobs.studies import StudyService
 from service.jobs.traces import NO_TRACER, current_traceparent
-from service.operations import UNCERTAIN, KeyedRequest
+from service.operations import KeyedRequest, is_study
 from service.queries import Answered, Count, QueryService, Rate
 
 EXPIRY_SECONDS = 3600.0
@@ -278,7 +278,7 @@ class JobManager:
 
     async def request(self, job: JobState) -> dict[str, Any] | None:
         """Return the request of a job, if it is a sweep or a study; None too if that of a study is damaged."""
-        if job.operation not in UNCERTAIN:
+        if not is_study(job.operation):
             sweep = await self.sweep(job)
             return None if sweep is None else sweep.request
         stored = await run_sync(self._jobs.requests, job.number, [0])

@@ -17,7 +17,7 @@ from service.jobs.models import CaseResult, CaseRow, CaseState, JobCase, JobStat
 from service.jobs.runner import CaseRunner
 from service.jobs.store import VERSIONS, JobStore
 from service.jobs.studies import StudyService
-from service.operations import UNCERTAIN, KeyedRequest, result_key
+from service.operations import KeyedRequest, is_study, result_key
 from service.queries import QueryService
 
 MOST_CASES = 200
@@ -123,7 +123,7 @@ class ResultReader:
         lost = {row.number: self._lost(state, row) for row in rows if row.number not in requests}
         rows = [row for row in rows if row.number in requests]
         cases = await run_sync(load)
-        if state.operation in UNCERTAIN:
+        if is_study(state.operation):
             found = {row.number: await self._study(state, row, case) for row, case in zip(rows, cases, strict=True)}
             return found | lost
         found = lost

@@ -29,7 +29,7 @@ from service.jobs.runner import TEMPORARY, CaseRunner, ChunkAnswers
 from service.jobs.store import VERSIONS, JobStore
 from service.jobs.studies import Report, StudyService
 from service.jobs.traces import span_of
-from service.operations import UNCERTAIN, KeyedRequest
+from service.operations import KeyedRequest, is_study
 from service.queries import Count, QueryService, Rate
 
 AHEAD = 10
@@ -254,7 +254,7 @@ class Scheduler:
             await self._fail(job, error)
         if job.ending or not cases:
             permit.release()
-        elif job.state.operation in UNCERTAIN:  # The samples of a study take permits themselves.
+        elif is_study(job.state.operation):  # The samples of a study take permits themselves.
             permit.release()
             study = self._traced(job, "study", 1, self._run_study(job, cases[0]))
             self._belongs(job, asyncio.create_task(study))

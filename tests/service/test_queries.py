@@ -69,12 +69,12 @@ def implausible(request: bytes) -> Answer:
 
 
 OPERATIONS = {
-    "implausible": Operation(compute=implausible, request=Part),
-    "once": Operation(compute=once, request=Part),
-    "slow": Operation(compute=slow, request=Part),
-    "slower": Operation(compute=slower, request=Part),
-    "deadly": Operation(compute=deadly, request=Part),
-    "trajectory": Operation(compute=draw, request=Part),
+    "implausible": Operation("implausible", compute=implausible, request=Part),
+    "once": Operation("once", compute=once, request=Part),
+    "slow": Operation("slow", compute=slow, request=Part),
+    "slower": Operation("slower", compute=slower, request=Part),
+    "deadly": Operation("deadly", compute=deadly, request=Part),
+    "trajectory": Operation("trajectory", compute=draw, request=Part),
 }
 
 
