@@ -71,7 +71,7 @@ def add_cra(parser: argparse.ArgumentParser) -> None:
 
 
 def add_operation_command(commands: Any, name: str) -> argparse.ArgumentParser | None:
-    """Define a command that prints the answer of an operation without a command of its own; None if there is none."""
+    """Define a command that prints the answer of an operation that has no other command; None if it is unknown."""
     from service.operations import OPERATIONS
 
     if name not in OPERATIONS or OPERATIONS[name].many is None:
