@@ -19,8 +19,9 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from service import telemetry
 from service.api import batches, downloads, health, jobs, mcp, page, queries, results, studies, umbridge
 from service.api.body import KnownBodies
-from service.api.connection import BodyTimeoutMiddleware, HeadMiddleware
+from service.api.connection import BodyTimeoutMiddleware
 from service.api.contract import declare_access, declare_bodies, declare_events, declare_problems
+from service.api.middleware import HeadMiddleware
 from service.api.results import HDF5, PARQUET
 from service.api.services import READING_THREADS, Metrics, Services, executor_for
 from service.auth.api_keys import ApiKeyStore

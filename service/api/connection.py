@@ -8,7 +8,7 @@ with data unread resets the connection, and the reset destroys the answer in the
 closed for writing only, what still arrives is read and discarded, and the socket is closed when the body or the client
 has ended, or a bound is reached. A connection that is kept alive discards within the same bounds.
 
-The two innermost layers of middleware rely on what this server does with a request, and are here too.
+`BodyTimeoutMiddleware` relies on what this server does with a request, and is here too.
 """
 
 import asyncio
@@ -333,31 +333,3 @@ class BodyTimeoutMiddleware:
         if scope["type"] == "http" and (cycle is None or cycle.more_body):  # else nothing is waited for
             receive = BodyTimeout(receive, self._limits.body_seconds, self._limits.slowest_bytes_per_second)
         await self._app(scope, receive, send)
-
-
-class HeadMiddleware:
-    """Lets `HEAD` reach the routes of `GET`; the server sends the head of their answer alone."""
-
-    def __init__(self, app: ASGIApp) -> None:
-        self._app = app
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Pass a request on."""
-        if scope["type"] != "http" or scope["method"] != "HEAD":
-            await self._app(scope, receive, send)
-            return
-        inner, sent = {**scope, "method": "GET"}, asyncio.Event()
-
-        async def send_head(message: Message) -> None:
-            if message["type"] == "http.response.start":
-                scope["route"] = inner.get("route")
-                await send(message)
-            elif not sent.is_set():
-                sent.set()
-                await send({"type": "http.response.body", "body": b""})
-
-        async def receive_until_sent() -> Message:
-            await sent.wait()  # then a stream that would go on ends
-            return {"type": "http.disconnect"}
-
-        await self._app(inner, receive_until_sent, send_head)
