@@ -30,7 +30,7 @@ def guarded(
 ) -> Iterator[Guarded]:
     folder = tmp_path_factory.mktemp("attacked")
     with (
-        service_on(folder, head_seconds="3", body_seconds="3") as service,
+        service_on(folder) as service,
         guarded_service(service.url, folder / "data") as keyed,
     ):
         yield keyed
