@@ -19,8 +19,8 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from service import telemetry
 from service.api import downloads, health, jobs, mcp, operations, page, results, studies, umbridge
 from service.api.body import KnownBodies
-from service.api.connection import BodyTimeoutMiddleware, HeadMiddleware
 from service.api.contract import declare_access, declare_bodies, declare_events, declare_problems
+from service.api.middleware import HeadMiddleware, RefusalMiddleware
 from service.api.results import HDF5, PARQUET
 from service.api.services import READING_THREADS, Metrics, Services, executor_for
 from service.auth.api_keys import ApiKeyStore
@@ -85,7 +85,7 @@ class Application(FastAPI):
         """Return the application with its middleware; all of it outside of FastAPI's, to see answers to failures."""
         services: Services = self.state.services
         settings = services.settings
-        inner: ASGIApp = BodyTimeoutMiddleware(HeadMiddleware(super().build_middleware_stack()), settings)
+        inner: ASGIApp = HeadMiddleware(super().build_middleware_stack())
         if services.traces is not None:
             inner = telemetry.LinkedTrace(inner)
         inner = AuthMiddleware(inner, settings, services.keys, services.quotas, services.audit)
@@ -93,7 +93,7 @@ class Application(FastAPI):
             inner = CORSMiddleware(inner, settings.cors_origins, **CORS)
         if settings.gzip:
             inner = CompressionMiddleware(inner)
-        return telemetry.RequestLog(inner, services.metrics.observe, settings.log_level)
+        return telemetry.RequestLog(RefusalMiddleware(inner), services.metrics.observe, settings.log_level)
 
 
 class CompressionMiddleware:

@@ -156,6 +156,14 @@ def test_slow_heads_and_bodies_hold_up_nobody_and_never_reach_the_service(proxy:
         assert len(proxy.entries()) == known
 
 
+def test_long_heads_never_reach_the_service(proxy: Proxy) -> None:
+    known = len(proxy.entries())
+    with proxy.client() as client:
+        assert client.get("/version", headers={"X-Fill": "x" * 20_000}).status_code == 400
+        assert client.get("/version", headers={f"X-{number}": "x" * 4000 for number in range(30)}).status_code == 400
+    assert len(proxy.entries()) == known
+
+
 def test_connections_of_one_address_are_bounded(proxy: Proxy) -> None:
     with ExitStack() as opened:
         for _ in range(40):
