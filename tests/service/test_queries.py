@@ -232,8 +232,8 @@ async def test_owner_with_most_waiting_gives_way_to_another(pool: ProcessPool, t
     others = [ask(10, "bert"), ask(11, "carla"), ask(12, "bert")]
     outcomes = await asyncio.gather(*crowd, *others, return_exceptions=True)
     refused = [number for number, outcome in enumerate(outcomes) if isinstance(outcome, QueriesWaitingError)]
-    assert [number for number in refused if number >= 5] == [7]
-    assert len(refused) == 3  # two of the crowd; in which order they came to wait is not said
+    assert [number for number in refused if number >= 5] in ([5], [7])  # one of bert's, whichever came to wait later
+    assert len(refused) == 3  # and two of the crowd
 
 
 async def test_query_waits_no_longer_than_it_may(pool: ProcessPool, tmp_path: Path) -> None:
