@@ -25,7 +25,7 @@ def router_of(operations: Mapping[str, Operation]) -> APIRouter:
     for each, found in many:
         add_many(router, each, found, "batch", found.batch, batch_description(found), batch_route(each, found))
     for each, found in many:
-        add_many(router, each, found, "sweep", found.sweep, sweep_description(found), sweep_route(each, found))
+        add_many(router, each, found, "sweep", found.sweep, SWEEP_DESCRIPTION, sweep_route(each, found))
     for each in operations.values():
         if each.study is not None:
             add(router, each, study_route(each), responses=STUDIED)
@@ -110,10 +110,9 @@ def batch_description(many: Many) -> str:
     )
 
 
-def sweep_description(_: Many) -> str:
-    """Return what all sweeps are, behind the first words."""
-    return (
-        " for every combination of the values of the axes, the last axis fastest."
-        "\n\nUp to 100,000 points. Each has to be a request: the first that is not refuses the sweep, and the problem "
-        "names the values of its axes. What only the solver finds of a point is the problem of that point alone."
-    )
+SWEEP_DESCRIPTION = (
+    " for every combination of the values of the axes, the last axis fastest."
+    "\n\nUp to 100,000 points. Each has to be a request: the first that is not refuses the sweep, and the problem "
+    "names the values of its axes. What only the solver finds of a point is the problem of that point alone."
+)
+"""What all sweeps are, behind the first words."""
