@@ -38,6 +38,7 @@ from solver.resistance import (
     StrengthPowerLaw,
     closed_form_depth,
     strength_factor,
+    strength_factor_of_depth,
 )
 from solver.search.critical_angle import critical_angle
 from solver.search.types import CriticalAngle, OutcomeInterval, Search, SearchStatus, Trial
@@ -116,6 +117,7 @@ __all__ = [
     "simulate_sweep",
     "solid_properties",
     "strength_factor",
+    "strength_factor_of_depth",
     "to_dataframe",
     "warm_up",
 ]

@@ -7,11 +7,12 @@ with a crater the depth follows in closed form.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from typing import ClassVar, Literal, TypeAlias, get_args
 
 import numpy as np
 
-from solver.arrays import gauss_rule
+from solver.arrays import FloatArray, gauss_rule
 from solver.free_surface import ElasticPlastic, FreeSurface
 from solver.projectile import GAUSS_POINTS, Projectile
 from solver.target import Crater, ShearPlug, Target
@@ -20,6 +21,8 @@ from solver.validation import ParameterError, require, require_finite, require_k
 FIELD = "resistance.strength_factor"
 ROUNDING = 1e-6
 """Tolerance on correlations, for a covariance that was written with some digits."""
+PATH_POINTS = 401
+"""Points over which a nose enters, for S of a measured depth: true to 10⁻⁵."""
 STRENGTH_CHECKS = 801
 """Angles of a range at which the strength factor is looked at."""
 EQUATION_9_COEFFICIENTS = (8.469, 0.0149, -0.0013)
@@ -306,6 +309,90 @@ def nose_factor(projectile: Projectile) -> float:
         _, r, sine, _ = piece.at(t)
         total += piece.length * float((r * sine**3) @ w)
     return 2.0 * total / projectile.radius**2
+
+
+def strength_factor_of_depth(
+    *,
+    projectile: Projectile,
+    target: Target,
+    velocity: float,
+    depth: float,
+    inertia_factor: float = 1.0,
+    crater: Crater | None = None,
+) -> float:
+    """Strength factor S with which a normal shot into a half-space comes to rest at a measured depth.
+
+    Parameters
+    ----------
+    projectile, target
+        What strikes and what is struck; the thickness of the target does not count.
+    velocity
+        At first contact. [m/s]
+    depth
+        Of the nose tip at rest. [m]
+    inertia_factor
+        B. [1]
+    crater
+        A front crater, in which the resistance builds up; none unless given.
+
+    Returns
+    -------
+    float
+        [1]
+
+    Raises
+    ------
+    ParameterError
+        If the velocity or the depth is not greater than 0, or no factor gives such a depth.
+
+    Notes
+    -----
+    The force ``w (S f'c A(z) + B ρ v² I(z))``, with the area A of the part of the nose that is inside, ``I = ∫ sin²α
+    dA`` over it and the share w that the crater leaves, makes the equation of motion linear in v². It is solved for S:
+
+        S = m v² / (2 f'c ∫ w A exp(J) dz),  J(z) = (2 B ρ / m) ∫ w I dz
+
+    over the path of the tip, so no search is needed.
+    """
+    require_positive("velocity", velocity)
+    require_positive("depth", depth)
+    inside, area, drag = _nose_inside(projectile)
+    crater_depth = 0.0 if crater is None else crater.depth_diameters * projectile.diameter
+    drag = drag * 2.0 * inertia_factor * target.density / projectile.mass
+    # Beyond nose and crater the integrand is an exponential with a known integral; before, a fine grid is enough.
+    varied = min(depth, max(inside[-1], crater_depth))
+    corners = sorted({0.0, varied, *(z for z in (float(inside[-1]), crater_depth) if z < varied)})
+    z = np.unique(np.concatenate([np.linspace(*ends, PATH_POINTS) for ends in pairwise(corners)] or [np.zeros(1)]))
+    share = np.ones_like(z) if crater_depth == 0.0 else np.minimum(z / crater_depth, 1.0)
+    exponent = _cumulative(share * np.interp(z, inside, drag), z)
+    growth = float(drag[-1]) * (depth - varied)
+    with np.errstate(over="ignore"):  # a depth that no projectile reaches is refused below
+        integral = float(np.trapezoid(share * np.interp(z, inside, area) * np.exp(exponent), z))
+        beyond = float(np.expm1(growth)) / growth if growth > 0.0 else 1.0
+        integral += float(area[-1]) * float(np.exp(exponent[-1])) * beyond * (depth - varied)
+    found = float(projectile.mass * velocity**2 / (2.0 * target.compressive_strength * integral))
+    if not (math.isfinite(found) and found > 0.0):
+        raise ParameterError("depth", f"of {depth:g} m at {velocity:g} m/s is not reached with any strength factor")
+    return found
+
+
+def _nose_inside(projectile: Projectile) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Depth of the tip [m], and of the part of the nose then inside its area [m²] and ``∫ sin²α dA`` [m²]."""
+    t = np.linspace(0.0, 1.0, PATH_POINTS)
+    pieces = [(piece.length, piece.at(t)) for piece in projectile.nose.outline(projectile.radius)]
+    depth = np.concatenate([x for _, (x, _, _, _) in pieces])
+    area: FloatArray = np.pi * np.concatenate([r for _, (_, r, _, _) in pieces]) ** 2
+    drags, total = [], 0.0
+    for length, (_, r, sine, _) in pieces:
+        drags.append(total + _cumulative(2.0 * np.pi * r * sine**3, length * t))
+        total = float(drags[-1][-1])
+    return depth, area, np.concatenate(drags)
+
+
+def _cumulative(values: FloatArray, places: FloatArray) -> FloatArray:
+    """Integral from the first place to each, by trapezoids."""
+    steps = 0.5 * (values[1:] + values[:-1]) * np.diff(places)
+    return np.concatenate(([0.0], np.cumsum(steps)))
 
 
 def closed_form_depth(*, projectile: Projectile, target: Target, velocity: float, strength_factor: float) -> float:

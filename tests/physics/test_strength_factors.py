@@ -12,17 +12,23 @@ from scipy.optimize import brentq
 
 import solver
 from solver import (
+    Conical,
     ConstantStrengthFactor,
+    Crater,
+    Flat,
     ObliquityPolynomial,
     Ogive,
+    Profile,
     Projectile,
     PublishedTests,
     Resistance,
     Search,
+    Spherical,
     StrengthPowerLaw,
     Target,
     critical_angle,
     simulate,
+    strength_factor_of_depth,
 )
 from solver.calibration import penetration_depths
 from solver.resistance import StrengthFactor, strength_factor
@@ -155,6 +161,45 @@ def test_strength_factors_of_the_tests_scatter_about_the_law(
     ]
     assert np.mean(ratios) == pytest.approx(1.01, abs=0.01)
     assert np.std(ratios, ddof=1) / np.mean(ratios) == pytest.approx(0.17, abs=0.01)
+
+
+@pytest.mark.parametrize("crater", [None, Crater(), Crater(depth_diameters=8.0)])
+@pytest.mark.parametrize("inertia_factor", [0.0, 1.0, 2.0])
+@pytest.mark.parametrize(
+    "nose",
+    [
+        Ogive(caliber_radius_head=3.0),
+        Conical(length_to_diameter=1.2),
+        Spherical(caliber_radius_head=0.5),
+        Flat(),
+        Profile(points=((0.0, 0.01), (0.05, 0.03), (0.12, 0.04))),
+    ],
+)
+def test_strength_factor_of_a_depth_brings_the_trajectory_to_that_depth(
+    nose: Any, inertia_factor: float, crater: Crater | None
+) -> None:
+    projectile = replace(PAPER_PROJECTILE, nose=nose)
+    law = Resistance(inertia_factor=inertia_factor, crater=crater)
+    for velocity, factor in ((120.0, 5.0), (238.0, 8.5), (700.0, 14.0)):
+        (depth,) = penetration_depths(
+            projectile=projectile, target=PAPER_TARGET, velocities=[velocity], strength_factor=factor, resistance=law
+        )
+        found = strength_factor_of_depth(
+            projectile=projectile,
+            target=PAPER_TARGET,
+            velocity=velocity,
+            depth=float(depth),
+            inertia_factor=inertia_factor,
+            crater=crater,
+        )
+        assert found == pytest.approx(factor, rel=1e-3)
+
+
+@pytest.mark.parametrize(("name", "value"), [("depth", 0.0), ("depth", math.nan), ("velocity", -1.0), ("depth", 1e9)])
+def test_strength_factor_of_an_impossible_depth_is_refused(name: str, value: float) -> None:
+    shot: dict[str, Any] = {"velocity": 238.0, "depth": 0.3} | {name: value}
+    with pytest.raises(solver.ParameterError, match=name):
+        strength_factor_of_depth(projectile=PAPER_PROJECTILE, target=PAPER_TARGET, **shot)
 
 
 def test_answers_carry_the_strength_factor_they_used() -> None:
