@@ -46,7 +46,7 @@ from validation.depth_tests import (
     percent,
 )
 from validation.report import Progress, ReportTable, Section, paragraphs
-from validation.size_law import size_law_section
+from validation.strength_law import strength_law_section
 
 ALIKE = 0.05
 """Speeds that differ by less are compared directly. [1]"""
@@ -315,7 +315,7 @@ PARTS: Final[Mapping[str, Callable[[Assessment], Section]]] = {
     "tests": tests_section,
     "predicted over measured depth": ratios_section,
     "what the model misses": limits_section,
-    "strength, diameter and speed": size_law_section,
+    "strength factor over the literature": lambda _: strength_law_section(),
     "closed form and trajectory model": crater_section,
     "walls": walls_section,
 }
