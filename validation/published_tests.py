@@ -29,6 +29,7 @@ from validation.depth_tests import (
     of_series,
     percent,
 )
+from validation.evidence import evidence_section
 from validation.report import Progress, ReportTable, Section
 from validation.strength_law import strength_law_section
 from validation.walls import walls_section
@@ -212,6 +213,7 @@ INTRODUCTION = (
     ),
 )
 PARTS: Final[Mapping[str, Callable[[Assessment], Section]]] = {
+    "evidence for what": lambda _: evidence_section(),
     "tests": tests_section,
     "predicted over measured depth": ratios_section,
     "what the model misses": limits_section,

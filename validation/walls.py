@@ -84,15 +84,23 @@ def _thickness_table() -> ReportTable:
     return ReportTable(name="walls", caption=caption, columns=("by", *angles, "source", "range"), rows=rows)
 
 
+def slab(strength: float) -> Target:
+    """Slab of Hanchak et al. of one strength. [Pa]"""
+    return Target(compressive_strength=strength, density=2400.0, thickness=SLAB)
+
+
+def slab_limit_speed(resistance: Resistance, strength: float) -> float | None:
+    """Limit speed of such a slab at normal impact, with S of the published tests. [m/s]"""
+    law = replace(resistance, strength_factor=PublishedTests())
+    return limit_velocity(projectile=SLAB_SHOT, target=slab(strength), oblique_angle=0.0, resistance=law).value
+
+
 def _speed_table() -> ReportTable:
     """Limit speeds of the slabs of Hanchak et al."""
-    walls = [Target(compressive_strength=strength, density=2400.0, thickness=SLAB) for strength in SLAB_STRENGTHS]
+    walls = [slab(strength) for strength in SLAB_STRENGTHS]
     rows: list[tuple[object, ...]] = []
     for name, resistance in MODELS.items():
-        law = replace(resistance, strength_factor=PublishedTests())
-        found = [
-            limit_velocity(projectile=SLAB_SHOT, target=wall, oblique_angle=0.0, resistance=law).value for wall in walls
-        ]
+        found = [slab_limit_speed(resistance, strength) for strength in SLAB_STRENGTHS]
         rows.append((name, *("" if each is None else round(each) for each in found)))
     by_formula = [cea_edf_limit_speed(projectile=SLAB_SHOT, target=wall, thickness=SLAB) for wall in walls]
     name = "cea_edf" if all(each.in_range for each in by_formula) else "cea_edf, out of range"
