@@ -50,7 +50,7 @@ from solver.validation import IntegrationError, ParameterError, RicochetError, S
 from solver.warm_up import warm_up
 from solver.warnings import ModelWarning
 
-ENGINE_VERSION = "11"
+ENGINE_VERSION = "12"
 """Raised whenever results change: results kept under another version are not used."""
 
 __all__ = [

@@ -191,24 +191,25 @@ class PublishedTests:
 
     Notes
     -----
-    ``S = 6.55 (f'c / 39 MPa)^-0.31 (d / 76.2 mm)^-0.42``, fitted to 45 tests below 900 m/s of Forrestal et al. (1994,
-    2003) and Frew et al. (1998, 2006). Predicted over measured depth of 41 tests kept aside is 1.02, with a coefficient
-    of variation of 0.16 (0.12 below 900 m/s). The S that fits each of the 45 tests exactly is 1.01 times that of the
-    law, with a coefficient of variation of 0.17. In these tests large projectiles went with large targets: part of what
-    the law ascribes to the diameter may be the size of the target.
+    ``S = 8.12 (f'c / 39 MPa)^-0.27 (d / 76.2 mm)^-0.23``, the median of a mixed model with a random intercept for each
+    series, fitted to 213 tests of 30 articles up to 900 m/s (Concrete Penetration Failure Response Dataset). Rows that
+    contradict themselves, such as bodies heavier than solid steel, are left out: with 38 of them the scatter between
+    series would be 0.31. With each series left out in turn, 91 % of its shots lie in the 90 % interval of the law.
     """
 
     name: ClassVar[str] = "published_tests"
     law: ClassVar[StrengthPowerLaw] = StrengthPowerLaw(
-        coefficient=6.55, exponent=-0.31, reference_strength=39e6, diameter_exponent=-0.42, reference_diameter=0.0762
+        coefficient=8.12, exponent=-0.27, reference_strength=39e6, diameter_exponent=-0.23, reference_diameter=0.0762
     )
-    coefficient_of_variation: ClassVar[float] = 0.16
-    """Scatter of predicted over measured depth, for tests that the law was not fitted to. [1]"""
-    compressive_strengths: ClassVar[tuple[float, float]] = (23e6, 108.3e6)
+    between_series: ClassVar[float] = 0.20
+    """Standard deviation of ln S between series of tests: how far a concrete nobody has tested is from the law. [ln]"""
+    within_series: ClassVar[float] = 0.106
+    """Standard deviation of ln S between shots of one projectile type into one concrete. [ln]"""
+    compressive_strengths: ClassVar[tuple[float, float]] = (13.13e6, 108.3e6)
     """Least and greatest of the tests. [Pa]"""
-    diameters: ClassVar[tuple[float, float]] = (0.0203, 0.0762)
+    diameters: ClassVar[tuple[float, float]] = (0.0099, 0.203)
     """Least and greatest of the tests. [m]"""
-    velocities: ClassVar[tuple[float, float]] = (139.3, 815.0)
+    velocities: ClassVar[tuple[float, float]] = (139.3, 897.0)
     """Least and greatest of the tests. [m/s]"""
     obliquity_shape: ObliquityShape = "equation_9"
 

@@ -11,11 +11,11 @@ from itertools import combinations
 import numpy as np
 from scipy.optimize import minimize
 
-from solver import Crater, Ogive, Projectile, Target, strength_factor_of_depth
+from solver import Crater, Ogive, Projectile, PublishedTests, Target, strength_factor_of_depth
 from solver.arrays import FloatArray
 from validation.depth_tests import percent
 from validation.reference import DepthShot, depth_shots
-from validation.report import ReportTable, Section, paragraphs
+from validation.report import Comparison, ReportTable, Section, paragraphs
 
 REFERENCE_STRENGTH, REFERENCE_DIAMETER = 39e6, 0.0762
 """Strength and diameter at which S is the coefficient of the law. [Pa, m]"""
@@ -338,7 +338,31 @@ def strength_law_section() -> Section:
     return Section(
         title="Strength factor over the tests of the literature",
         text=paragraphs(text),
+        comparisons=_comparisons(law),
         tables=(_rule_table(), _score_table(), _coverage_table(), _series_table(values)),
+    )
+
+
+def _comparisons(law: MixedModel) -> tuple[Comparison, ...]:
+    """Constants of the law of the solver beside those fitted here."""
+    constant, strength, diameter = law.coefficients.tolist()
+    numbers = (
+        ("coefficient", math.exp(constant), PublishedTests.law.coefficient, 0.01),
+        ("exponent of the strength", strength, PublishedTests.law.exponent, 0.005),
+        ("exponent of the diameter", diameter, PublishedTests.law.diameter_exponent, 0.005),
+        ("scatter between series", law.between, PublishedTests.between_series, 0.005),
+        ("scatter within a series", law.within, PublishedTests.within_series, 0.005),
+    )
+    return tuple(
+        Comparison(
+            what=f"law of the published tests, {what}",
+            ours=ours,
+            reference=reference,
+            unit="1",
+            tolerance=tolerance,
+            reference_source="`published_tests` of the solver",
+        )
+        for what, ours, reference, tolerance in numbers
     )
 
 

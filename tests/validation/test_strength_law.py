@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from solver import ConstantStrengthFactor, Ogive, Projectile, Resistance, Target
+from solver import ConstantStrengthFactor, Ogive, Projectile, PublishedTests, Resistance, Target
 from solver.calibration import penetration_depths
 from validation.reference import depth_shots, penetration_tests
 from validation.strength_law import (
@@ -114,6 +114,18 @@ def test_strength_and_diameter_earn_their_place() -> None:
     assert score(())[0] < score(CHOSEN)[0]
     assert score(("strength",))[0] < score(CHOSEN)[0] < score((*CHOSEN, "speed"))[0]
     assert score((*CHOSEN, "nose"))[0] < score(CHOSEN)[0]
+
+
+def test_solver_has_the_constants_and_the_range_of_the_fit() -> None:
+    assert all(each.holds for each in strength_law_section().comparisons)
+    shots = counted_shots()
+    for limits, name in (
+        (PublishedTests.compressive_strengths, "compressive_strength"),
+        (PublishedTests.diameters, "diameter"),
+        (PublishedTests.velocities, "velocity"),
+    ):
+        values = [getattr(shot, name) for shot in shots]
+        assert limits == (min(values), max(values))
 
 
 def test_section_states_law_scatter_and_rule() -> None:
