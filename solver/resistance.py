@@ -7,6 +7,7 @@ with a crater the depth follows in closed form.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from itertools import pairwise
 from typing import ClassVar, Literal, TypeAlias, get_args
 
@@ -14,7 +15,7 @@ import numpy as np
 
 from solver.arrays import FloatArray, gauss_rule
 from solver.free_surface import ElasticPlastic, FreeSurface
-from solver.projectile import GAUSS_POINTS, Projectile
+from solver.projectile import GAUSS_POINTS, Profile, Projectile
 from solver.target import Crater, ShearPlug, Target
 from solver.validation import ParameterError, require, require_finite, require_kind, require_number, require_positive
 
@@ -221,7 +222,173 @@ class PublishedTests:
         return replace(self.law, obliquity_shape=self.obliquity_shape).polynomial(target=target, projectile=projectile)
 
 
-StrengthFactor: TypeAlias = ConstantStrengthFactor | ObliquityPolynomial | StrengthPowerLaw | PublishedTests
+MOST_SHOTS = 1000
+FAR_OFF = 3.0
+"""Dispersions from what the other shots predict, beyond which a shot does not seem to belong to them."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Shot:
+    """A normal shot into the concrete in question, thick enough to stop it.
+
+    Parameters
+    ----------
+    velocity
+        At first contact. [m/s]
+    depth
+        Of the nose tip at rest. [m]
+    mass, diameter
+        Those of the projectile of the strike when not given; a nose of another diameter has the same shape. [kg, m]
+    """
+
+    velocity: float
+    depth: float
+    mass: float | None = None
+    diameter: float | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StrengthPosterior:
+    """What shots say of the strength factor of the next one in the same concrete."""
+
+    median: float
+    """Of S. [1]"""
+    dispersion: float
+    """Standard deviation of ln S. [ln]"""
+    prior_median: float
+    """Median by the law of the published tests, without the shots. [1]"""
+    prior_dispersion: float
+    """[ln]"""
+    factors: tuple[float, ...]
+    """S of each shot, carried to the diameter of the projectile. [1]"""
+    deviations: tuple[float, ...]
+    """ln S of each shot minus what the law and the other shots predict, over the dispersion of that prediction. [1]"""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OwnTests:
+    """Strength factor of a concrete into which shots were fired, with the published tests as what is known before.
+
+    Parameters
+    ----------
+    shots
+        1 to 1,000 of them.
+    obliquity_shape
+        As for `PublishedTests`.
+    residual
+        Factor on S, for studies in which S scatters. [1]
+
+    Examples
+    --------
+    >>> law = OwnTests(shots=(Shot(velocity=238.1, depth=0.30, mass=12.923),))
+    >>> critical_angle(..., resistance=Resistance(strength_factor=law))
+    >>> law.posterior(target=target, projectile=projectile).dispersion
+
+    Notes
+    -----
+    S of each shot follows from its depth and is carried to the diameter of the projectile by the exponent of
+    `PublishedTests`. ln S of a series is normal about that law with `PublishedTests.between_series`, that of its shots
+    normal about the series with `PublishedTests.within_series`; so the posterior is normal too, with the sum of the
+    precisions. The dispersion is that of the next shot: it does not fall below the scatter within a series.
+    """
+
+    name: ClassVar[str] = "own_tests"
+    shots: tuple[Shot, ...]
+    obliquity_shape: ObliquityShape = "equation_9"
+    residual: float = 1.0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "shots", tuple(self.shots))
+        count = len(self.shots)
+        require(1 <= count <= MOST_SHOTS, f"{FIELD}.shots", f"must hold 1 to {MOST_SHOTS:,} shots, got {count:,}")
+        for index, shot in enumerate(self.shots):
+            require(isinstance(shot, Shot), f"{FIELD}.shots.{index}", "must be a Shot")
+            for name in ("velocity", "depth", "mass", "diameter"):
+                if (value := getattr(shot, name)) is not None:
+                    require_positive(f"{FIELD}.shots.{index}.{name}", value)
+        _check_shape(self.obliquity_shape)
+        require_positive(f"{FIELD}.residual", self.residual)
+
+    def posterior(
+        self, *, target: Target, projectile: Projectile, inertia_factor: float = 1.0, crater: Crater | None = None
+    ) -> StrengthPosterior:
+        """Distribution of S of the next shot in the same concrete, in normal impact.
+
+        Parameters
+        ----------
+        target, projectile
+            The concrete, and the projectile of the next shot.
+        inertia_factor, crater
+            Those of the resistance with which S is used.
+
+        Raises
+        ------
+        ParameterError
+            If no strength factor gives the depth of a shot.
+        """
+        return _posterior(self, replace(target, thickness=None), projectile, inertia_factor, crater)
+
+    def polynomial(
+        self, *, target: Target, projectile: Projectile, inertia_factor: float = 1.0, crater: Crater | None = None
+    ) -> tuple[float, ...]:
+        """S in powers of the oblique angle in degrees, constant first."""
+        found = self.posterior(target=target, projectile=projectile, inertia_factor=inertia_factor, crater=crater)
+        law = StrengthPowerLaw(
+            coefficient=self.residual * found.median, exponent=0.0, obliquity_shape=self.obliquity_shape
+        )
+        return law.polynomial(target=target, projectile=projectile)
+
+
+@lru_cache(maxsize=256)  # a search looks up the same posterior at each of its trials
+def _posterior(
+    law: OwnTests, target: Target, projectile: Projectile, inertia_factor: float, crater: Crater | None
+) -> StrengthPosterior:
+    prior = PublishedTests(obliquity_shape="constant").polynomial(target=target, projectile=projectile)[0]
+    exponent = PublishedTests.law.diameter_exponent
+    factors = []
+    for index, shot in enumerate(law.shots):
+        body = _body_of(shot, projectile)
+        try:
+            factor = strength_factor_of_depth(
+                projectile=body,
+                target=target,
+                velocity=shot.velocity,
+                depth=shot.depth,
+                inertia_factor=inertia_factor,
+                crater=crater,
+            )
+        except ParameterError as error:
+            raise ParameterError(f"{FIELD}.shots.{index}.{error.field}", error.requirement) from None
+        factors.append(factor * (projectile.diameter / body.diameter) ** exponent)
+    misses = np.log(np.array(factors) / prior)
+    between, within = PublishedTests.between_series**2, PublishedTests.within_series**2
+    precision = 1.0 / between + len(misses) / within
+    total = float(misses.sum())
+    # Each shot is set beside the prediction by the law and all the others.
+    left = precision - 1.0 / within
+    deviations = (misses - (total - misses) / within / left) / math.sqrt(1.0 / left + within)
+    return StrengthPosterior(
+        median=prior * math.exp(total / within / precision),
+        dispersion=math.sqrt(1.0 / precision + within),
+        prior_median=prior,
+        prior_dispersion=math.sqrt(between + within),
+        factors=tuple(factors),
+        deviations=tuple(deviations.tolist()),
+    )
+
+
+def _body_of(shot: Shot, projectile: Projectile) -> Projectile:
+    """Return the projectile of a shot: the one of the strike, with its mass, and in proportion to its diameter."""
+    mass = projectile.mass if shot.mass is None else shot.mass
+    scale = 1.0 if shot.diameter is None else shot.diameter / projectile.diameter
+    nose = projectile.nose
+    if isinstance(nose, Profile):
+        nose = Profile(points=tuple((scale * x, scale * r) for x, r in nose.points))
+    # A normal shot does not turn: where its centre of gravity is, and its inertia, do not count.
+    return Projectile(nose=nose, diameter=scale * projectile.diameter, length=scale * projectile.length, mass=mass)
+
+
+StrengthFactor: TypeAlias = ConstantStrengthFactor | ObliquityPolynomial | StrengthPowerLaw | PublishedTests | OwnTests
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -258,6 +425,15 @@ class Resistance:
             f"must be at least 0, got {self.inertia_factor:g}",
         )
 
+    def strength_polynomial(self, *, target: Target, projectile: Projectile) -> tuple[float, ...]:
+        """S in powers of the oblique angle in degrees, constant first."""
+        model = self.strength_factor
+        if isinstance(model, OwnTests):  # S of a measured depth depends on what else resists
+            return model.polynomial(
+                target=target, projectile=projectile, inertia_factor=self.inertia_factor, crater=self.crater
+            )
+        return model.polynomial(target=target, projectile=projectile)
+
 
 EQUATION_9 = Resistance()
 """The resistance of the source paper, used unless another is given."""
@@ -286,7 +462,7 @@ def strength_factor(*, resistance: Resistance, oblique_angle: float, target: Tar
         If the model gives a value that is not above zero at this angle.
     """
     degrees, value = abs(math.degrees(oblique_angle)), 0.0
-    for coefficient in reversed(resistance.strength_factor.polynomial(target=target, projectile=projectile)):
+    for coefficient in reversed(resistance.strength_polynomial(target=target, projectile=projectile)):
         value = value * degrees + coefficient
     if not (math.isfinite(value) and value > 0.0):
         raise ParameterError(

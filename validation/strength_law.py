@@ -11,10 +11,26 @@ from itertools import combinations
 import numpy as np
 from scipy.optimize import minimize
 
-from solver import Crater, Ogive, Projectile, PublishedTests, Target, strength_factor_of_depth
+from solver import (
+    Crater,
+    ElasticPlastic,
+    MohrCoulomb,
+    Ogive,
+    OwnTests,
+    Projectile,
+    PublishedTests,
+    Resistance,
+    Shot,
+    StrengthPowerLaw,
+    Target,
+    critical_angle,
+    strength_factor_of_depth,
+)
 from solver.arrays import FloatArray
+from solver.free_surface import FreeSurface
+from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY
 from validation.depth_tests import percent
-from validation.reference import DepthShot, depth_shots
+from validation.reference import DepthShot, depth_shots, table_1
 from validation.report import Comparison, ReportTable, Section, paragraphs
 
 REFERENCE_STRENGTH, REFERENCE_DIAMETER = 39e6, 0.0762
@@ -339,7 +355,7 @@ def strength_law_section() -> Section:
         title="Strength factor over the tests of the literature",
         text=paragraphs(text),
         comparisons=_comparisons(law),
-        tables=(_rule_table(), _score_table(), _coverage_table(), _series_table(values)),
+        tables=(_rule_table(), _score_table(), _coverage_table(), _series_table(values), _own_shots_table()),
     )
 
 
@@ -423,5 +439,42 @@ def _series_table(values: FloatArray) -> ReportTable:
         name="strength-law-series",
         caption="Median S of each series, and over that of the law. Articles: `depth_tests_articles.csv`.",
         columns=("article", "f'c [MPa]", "d [mm]", "shots", "S", "over the law"),
+        rows=rows,
+    )
+
+
+def paper_range(own_shots: int, law: FreeSurface) -> tuple[float, float, tuple[float, float, float]]:
+    """S by so many of the paper's own shots, its dispersion, and the paper's angle at its 95, 50 and 5 % quantile. [°]
+
+    A larger S turns away at a smaller angle.
+    """
+    own = tuple(Shot(velocity=shot.velocity, depth=shot.depth, mass=shot.mass) for shot in table_1())
+    found = OwnTests(shots=own[: max(own_shots, 1)]).posterior(target=PAPER_TARGET, projectile=PAPER_PROJECTILE)
+    median, dispersion = (found.median, found.dispersion) if own_shots else (found.prior_median, found.prior_dispersion)
+    angles = []
+    for quantile in (NORMAL_QUANTILE, 0.0, -NORMAL_QUANTILE):
+        factor = StrengthPowerLaw(
+            coefficient=median * math.exp(quantile * dispersion), exponent=0.0, obliquity_shape="equation_9"
+        )
+        angle = critical_angle(
+            projectile=PAPER_PROJECTILE,
+            target=PAPER_TARGET,
+            velocity=PAPER_VELOCITY,
+            resistance=Resistance(strength_factor=factor, free_surface=law),
+        ).angle
+        angles.append(math.nan if angle is None else math.degrees(angle))
+    return median, dispersion, (angles[0], angles[1], angles[2])
+
+
+def _own_shots_table() -> ReportTable:
+    rows = []
+    for own_shots in (0, 1, 4):
+        for law in (ElasticPlastic(), MohrCoulomb()):
+            median, dispersion, angles = paper_range(own_shots, law)
+            rows.append((own_shots, law.name, round(median, 2), round(dispersion, 3), *(round(x, 1) for x in angles)))
+    return ReportTable(
+        name="strength-law-own-shots",
+        caption="The paper's angle by the scatter of S alone, without and with shots of its Table 1.",
+        columns=("own shots", "decay", "S", "dispersion", "5 % [°]", "50 % [°]", "95 % [°]"),
         rows=rows,
     )

@@ -1,16 +1,28 @@
 """The law of S over the literature: its rows, the mixed model, and what it is worth for a series left out."""
 
 import math
+from itertools import permutations
 
 import numpy as np
 import pytest
 
-from solver import ConstantStrengthFactor, Ogive, Projectile, PublishedTests, Resistance, Target
+from solver import (
+    ConstantStrengthFactor,
+    ElasticPlastic,
+    Ogive,
+    OwnTests,
+    Projectile,
+    PublishedTests,
+    Resistance,
+    Shot,
+    Target,
+)
 from solver.calibration import penetration_depths
 from validation.reference import depth_shots, penetration_tests
 from validation.strength_law import (
     CHOSEN,
     CONTRADICTED,
+    NORMAL_QUANTILE,
     Coverage,
     UnseenSeries,
     chosen_law,
@@ -19,6 +31,7 @@ from validation.strength_law import (
     coverages,
     factor_of,
     fit_mixed,
+    paper_range,
     reason_left_out,
     score,
     strength_law_section,
@@ -128,6 +141,30 @@ def test_solver_has_the_constants_and_the_range_of_the_fit() -> None:
         assert limits == (min(values), max(values))
 
 
+def test_one_own_shot_in_the_solver_holds_the_others_of_its_series() -> None:
+    """By the strength law of the product, each shot of a series given in turn."""
+    shares, dispersions = [], []
+    for name in {shot.series for shot in counted_shots()}:
+        members = [shot for shot in counted_shots() if shot.series == name]
+        inside = []
+        for given, other in permutations(members, 2):
+            assert other.caliber_radius_head is not None
+            nose = Ogive(caliber_radius_head=other.caliber_radius_head)
+            found = OwnTests(
+                shots=(Shot(velocity=given.velocity, depth=given.depth, mass=given.mass, diameter=given.diameter),)
+            ).posterior(
+                target=Target(compressive_strength=other.compressive_strength, density=other.density),
+                projectile=Projectile(nose=nose, diameter=other.diameter, length=other.length, mass=other.mass),
+            )
+            inside.append(abs(math.log(factor_of(other) / found.median)) <= NORMAL_QUANTILE * found.dispersion)
+            dispersions.append(found.dispersion)
+        if inside:
+            shares.append(np.mean(inside))
+    assert len(shares) == 33
+    assert np.mean(shares) >= 0.80
+    assert np.mean(dispersions) <= 0.20
+
+
 def test_section_states_law_scatter_and_rule() -> None:
     section = strength_law_section()
     text = " ".join(section.text)
@@ -138,3 +175,12 @@ def test_section_states_law_scatter_and_rule() -> None:
     assert sum(int(str(row[1])) for row in tables["strength-law-rule"].rows) == 751
     assert sum(int(str(row[3])) for row in tables["strength-law-series"].rows) == len(counted_shots())
     assert chosen_law().between == pytest.approx(0.2006, abs=0.001)
+
+
+def test_own_shots_narrow_the_range_of_the_papers_angle() -> None:
+    widths = []
+    for own_shots in (0, 1, 4):
+        _, _, (low, middle, high) = paper_range(own_shots, ElasticPlastic())
+        assert low < middle < high
+        widths.append(high - low)
+    assert widths == pytest.approx([6.6, 4.4, 3.3], abs=0.2)
