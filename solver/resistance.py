@@ -193,9 +193,9 @@ class PublishedTests:
     Notes
     -----
     ``S = 8.84 (f'c / 39 MPa)^-0.18 (d / 76.2 mm)^-0.24``, the median of a mixed model with a random intercept for each
-    series, fitted to 251 tests of 34 articles up to 900 m/s (Concrete Penetration Failure Response Dataset). 38 of these
-    are said to be heavier than solid steel: without them the scatter between series would be 0.20. With each series
-    left out in turn, 90 % of its shots lie in the 90 % interval of the law.
+    series, fitted to 251 tests of 34 articles up to 900 m/s (Concrete Penetration Failure Response Dataset). 38 of
+    these are said to be heavier than solid steel: without them the scatter between series would be 0.20. With each
+    series left out in turn, 90 % of its shots lie in the 90 % interval of the law.
     """
 
     name: ClassVar[str] = "published_tests"
