@@ -68,7 +68,7 @@ class Little:
     @property
     def code(self) -> Path:
         """The folder of the compiled code beside the sources."""
-        (found,) = (self.package / "__pycache__").glob("compiled-*")
+        (found,) = (each for each in (self.package / "__pycache__").glob("compiled-*") if each.is_dir())
         return found
 
     def start(self, *arguments: str) -> subprocess.Popen[str]:
