@@ -4,6 +4,7 @@ Imported when the first compiled function is called, since numba takes half of t
 """
 
 import fcntl
+import hashlib
 import os
 import shutil
 import sys
@@ -15,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from numba import config, njit, typeof
-from numba.core.caching import InTreeCacheLocator
+from numba.core.caching import IndexDataCacheFile, InTreeCacheLocator, NullCache
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.errors import NumbaError, TypingError
 from numba.core.registry import cpu_target
@@ -51,6 +52,22 @@ class Locator(InTreeCacheLocator):
     def from_function(cls, function: Callable[..., object], file: str) -> "Locator":
         """Return the place of a function, though nothing may be written there."""
         return cls(function, file)
+
+
+class CheckedFiles(IndexDataCacheFile):
+    """numba's files of a function, code with its digest at the end: changed by one bit it would otherwise run."""
+
+    def _save_data(self, name: str, data: object) -> None:
+        pickled = self._dump(data)
+        with self._open_for_write(self._data_path(name)) as file:
+            file.write(pickled + hashlib.sha256(pickled).digest())
+
+    def _load_data(self, name: str) -> Any:
+        pickled = Path(self._data_path(name)).read_bytes()
+        size = len(pickled) - hashlib.sha256().digest_size
+        if hashlib.sha256(pickled[:size]).digest() != pickled[size:]:
+            raise ValueError(f"{name} is damaged")
+        return super()._load_data(name)
 
 
 @lru_cache(1)
@@ -121,6 +138,7 @@ def dispatcher(compiled: Compiled, options: dict[str, Any]) -> Any:
         made = njit(error_model="numpy", nogil=True, cache=True, **options)(compiled.__wrapped__)  # type: ignore[attr-defined]
     finally:
         chosen.CACHE_LOCATOR_CLASSES = locators
+    made._cache._cache_file.__class__ = CheckedFiles  # noqa: SLF001 (numba takes the class of a cache, not of its files)
     compile_here = made.compile
 
     def compile_alone(signature: object) -> object:
@@ -137,8 +155,10 @@ def dispatcher(compiled: Compiled, options: dict[str, Any]) -> Any:
             raise
         except Exception:  # noqa: BLE001 (unpickling a damaged file raises anything)
             # Either a file is damaged, and with the folder gone the function is compiled; or it is compiled but could
-            # not be written, and numba returns what it has. A read-only folder stays, and the error with it.
+            # not be written, and numba returns what it has. A folder that can only be read stays, and is not used.
             shutil.rmtree(FOLDER, ignore_errors=True)
+            if FOLDER.exists():
+                made._cache = NullCache()  # noqa: SLF001 (as its own `enable_caching` does)
             return compile_here(signature)
 
     made.compile = compile_alone

@@ -210,22 +210,53 @@ def test_folder_that_is_named_is_used(little: Little) -> None:
     assert little.compiled() == 0
 
 
+def flipped(position: float) -> Callable[[bytes], bytes]:
+    """Change one bit of a file."""
+
+    def flip(content: bytes) -> bytes:
+        place = int(position * (len(content) - 1))
+        return content[:place] + bytes([content[place] ^ 1]) + content[place + 1 :]
+
+    return flip
+
+
 DAMAGES: dict[str, Callable[[bytes], bytes]] = {
     "empty": lambda content: b"",
     "first half": lambda content: content[: len(content) // 2],
+    "last byte missing": lambda content: content[:-1],
     "another text": lambda content: b"no pickle",
+    "bit of the beginning": flipped(0.0),
+    "bit of the middle": flipped(0.5),
+    "bit of the end": flipped(1.0),
 }
 
 
-@pytest.mark.parametrize("suffix", [".nbi", ".nbc"])
 @pytest.mark.parametrize("damage", DAMAGES)
-def test_folder_with_a_file_that_cannot_be_read_is_compiled_anew(little: Little, damage: str, suffix: str) -> None:
-    little.compiled()
-    file = next(file for file in little.code.rglob("*quarter*") if file.suffix == suffix)
+def test_folder_with_a_damaged_file_is_compiled_anew(ready: Little, damage: str) -> None:
+    damage_file(ready, damage, ".nbc")
+    assert ready.compiled() == 2
+    assert ready.compiled() == 0
+    assert not ready.left()
+
+
+@pytest.mark.parametrize("damage", ["empty", "first half", "bit of the middle"])
+def test_damaged_index_is_written_anew(ready: Little, damage: str) -> None:
+    """An index that is read but names other code does not condemn the folder."""
+    damage_file(ready, damage, ".nbi")
+    assert ready.compiled() in {1, 2}
+    assert ready.compiled() == 0
+    assert not ready.left()
+
+
+def test_damaged_folder_that_can_only_be_read_is_not_used(ready: Little) -> None:
+    damage_file(ready, "bit of the middle", ".nbc")
+    set_writable(ready.package, False)
+    assert [ready.compiled() for _ in range(2)] == [1, 1]
+
+
+def damage_file(package: Little, damage: str, suffix: str) -> None:
+    file = next(file for file in package.code.rglob("*quarter*") if file.suffix == suffix)
     file.write_bytes(DAMAGES[damage](file.read_bytes()))
-    assert little.compiled() == 2
-    assert little.compiled() == 0
-    assert not little.left()
 
 
 def test_unreadable_code_is_compiled_anew(little: Little) -> None:
