@@ -44,7 +44,7 @@ ENV PATH=/opt/ricochet/bin:$PATH \
 RUN useradd --system --user-group --uid 10001 --no-create-home --shell /usr/sbin/nologin ricochet \
     && install --directory --owner ricochet --group ricochet /data /var/cache/ricochet
 COPY --from=build /opt/ricochet /opt/ricochet
-COPY deploy/entry-point.sh /opt/ricochet/bin/
+COPY entry-point.sh /opt/ricochet/bin/
 # Code for each of the processors named there that the build machine can run. On any other the first start compiles, into XDG_CACHE_HOME.
 RUN entry-point.sh --each python -c "import solver; solver.warm_up(print)"
 USER 10001

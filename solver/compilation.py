@@ -7,7 +7,7 @@ another folder, an installation that is copied or checked out again finds its co
 is deleted and filled again (`solver.machine_code`).
 
 The container image carries code for x86-64-v3, the processors with AVX2, and for those with AVX-512 of AMD and of Intel
-(`deploy/entry-point.sh`): as fast as code compiled on the machine itself (`benchmarks/NOTES.md`).
+(`entry-point.sh`): as fast as code compiled on the machine itself (`benchmarks/NOTES.md`).
 """
 
 import hashlib

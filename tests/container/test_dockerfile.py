@@ -122,7 +122,7 @@ AVX512 = f"{AVX2} avx512f avx512bw avx512cd avx512dq avx512vl"
 def test_entry_point_chooses_the_code_of_the_processor(tmp_path: Path, flags: str, vendor: str, chosen: str) -> None:
     cpu = tmp_path / "cpuinfo"
     cpu.write_text(f"vendor_id\t: {vendor}\nflags\t\t: {flags}\n")
-    program = [str(ROOT / "deploy" / "entry-point.sh"), sys.executable, "-c"]
+    program = [str(ROOT / "entry-point.sh"), sys.executable, "-c"]
     script = "import os; print(os.environ.get('NUMBA_CPU_NAME'))"
     environment = {"PATH": os.environ["PATH"], "CPUINFO": str(cpu)}
     done = subprocess.run([*program, script], env=environment, capture_output=True, text=True, check=True)
