@@ -20,14 +20,18 @@ runs=
 if has avx2 bmi1 bmi2 f16c fma abm movbe; then
     runs=x86-64-v3 suits=x86-64-v3
     if has avx512f avx512bw avx512cd avx512dq avx512vl; then
-        runs="x86-64-v3 skylake-avx512 x86-64-v4"
-        case "$cpu" in *AuthenticAMD*) suits=x86-64-v4 ;; *) suits=skylake-avx512 ;; esac
+        runs="x86-64-v3 skylake-avx512 znver4"
+        case "$cpu" in *AuthenticAMD*) suits=znver4 ;; *) suits=skylake-avx512 ;; esac
     fi
 fi
 
 choose() {
     export NUMBA_CPU_NAME="$1" NUMBA_CPU_FEATURES=
-    if [ "$1" = x86-64-v4 ]; then NUMBA_CPU_FEATURES=-prefer-256-bit; fi
+    # Zen 4's order of instructions, without what other processors with AVX-512 lack: they can compile it as well.
+    if [ "$1" = znver4 ]; then
+        NUMBA_CPU_FEATURES=-sse4a,-gfni,-avx512bf16,-avx512bitalg,-avx512ifma
+        NUMBA_CPU_FEATURES=$NUMBA_CPU_FEATURES,-avx512vbmi,-avx512vbmi2,-avx512vnni,-avx512vpopcntdq
+    fi
 }
 
 if [ "$1" = --each ]; then

@@ -115,7 +115,7 @@ AVX512 = f"{AVX2} avx512f avx512bw avx512cd avx512dq avx512vl"
     [
         ("sse4_2", "GenuineIntel", "None"),
         (AVX2, "AuthenticAMD", "x86-64-v3"),
-        (AVX512, "AuthenticAMD", "x86-64-v4"),
+        (AVX512, "AuthenticAMD", "znver4"),
         (AVX512, "GenuineIntel", "skylake-avx512"),
     ],
 )
