@@ -18,13 +18,13 @@ from solver.calibration.strength_factor import (
     require_confidence_level,
     valleys,
 )
+from solver.checks import require, require_positive
 from solver.motion import Run, Termination
 from solver.prepared import PreparedCase, integrate, prepare
 from solver.projectile import Projectile
 from solver.resistance import ConstantStrengthFactor, Resistance
 from solver.strike import Impact, Numerics
 from solver.target import Target
-from solver.validation import require, require_positive
 from solver.warnings import ModelWarning
 
 FIRST_LOOK = 9
