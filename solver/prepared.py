@@ -8,6 +8,7 @@ from enum import StrEnum
 import numpy as np
 
 from solver.arrays import FloatArray
+from solver.checks import BOUNDS, IntegrationError, StepLimitError, require, require_bounds, require_one
 from solver.loads import build_law, build_quadrature
 from solver.motion import (
     RAMP_FRACTION,
@@ -36,7 +37,6 @@ from solver.time_integration import (
     integrate_fixed,
     make_linearisation,
 )
-from solver.validation import BOUNDS, IntegrationError, StepLimitError, require, require_bounds, require_one
 
 LEAST_THICKNESS = 0.1
 """Least thickness of a wall over the diameter of the projectile. [1]"""

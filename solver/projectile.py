@@ -10,7 +10,7 @@ from typing import Any, ClassVar, Protocol, TypeAlias
 import numpy as np
 
 from solver.arrays import FloatArray, gauss_rule
-from solver.validation import require, require_finite, require_kind, require_number, require_positive
+from solver.checks import require, require_finite, require_kind, require_number, require_positive
 
 GAUSS_POINTS = 48  # on one piece of the outline; exact for lines, near machine precision for arcs
 MATCH = 1e-6  # relative; how closely a profile must end at the radius of the shank: single precision suffices

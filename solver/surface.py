@@ -12,9 +12,9 @@ from typing import NamedTuple
 import numpy as np
 
 from solver.arrays import FloatArray, arc_cosine, sine
+from solver.checks import require
 from solver.compilation import compiled, lean
 from solver.projectile import Arc, Line, MassProperties, OutlinePiece, Projectile
-from solver.validation import require
 
 LINE, ARC = 0.0, 1.0
 """First column of an outline row, the kind of the piece."""

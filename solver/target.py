@@ -6,7 +6,7 @@ A crater at the impact face, and the plug that shears out of the rear of a wall.
 import math
 from dataclasses import dataclass
 
-from solver.validation import require, require_between, require_positive
+from solver.checks import require, require_between, require_positive
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -117,7 +117,7 @@ def explained(pointer: str, detail: str, *values: Any) -> str:
 def _bound_error(pointer: str, values: Iterable[Any]) -> str | None:
     """Return the solver's error for the first of these values of a field that is outside its bounds, if any."""
     from solver import ParameterError
-    from solver.validation import BOUNDS, require_bounds
+    from solver.checks import BOUNDS, require_bounds
 
     suffix = next((suffix for suffix in UNITS if pointer.endswith(suffix)), "")
     field = pointer.strip("/").replace("/", ".").removesuffix(suffix)

@@ -30,7 +30,7 @@ from solver.arrays import FloatArray
 from solver.calibration import DepthFit, ObliquityFit
 from solver.calibration import DepthTest as SolverTest
 from solver.calibration import ObliquityPoint as SolverPoint
-from solver.validation import ParameterError
+from solver.checks import ParameterError
 
 MOST_TESTS = 1000
 CURVE_POINTS = 21

@@ -12,7 +12,7 @@ from service.schemas.resistance import MOHR_COULOMB, Decay, InertiaFactor
 from service.schemas.strike import PROJECTILE, STRIKE, TARGET, Impact, Projectile, Target
 from solver.arrays import FloatArray
 from solver.calibration import Estimate, MotionHistory, MotionRun, Weights
-from solver.validation import ParameterError
+from solver.checks import ParameterError
 
 MOST_COMPARED = 20
 

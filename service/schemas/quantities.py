@@ -12,7 +12,7 @@ from typing import Annotated, Any
 from pydantic import BaseModel, BeforeValidator, ConfigDict, FiniteFloat, GetJsonSchemaHandler, Strict
 from pydantic_core import CoreSchema
 
-from solver.validation import BOUNDS
+from solver.checks import BOUNDS
 
 Num = Annotated[FiniteFloat, Strict()]
 """A JSON number, 13 as good as 13.0. No text, no truth value, nothing infinite."""

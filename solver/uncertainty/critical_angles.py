@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from solver.arrays import FloatArray
+from solver.checks import require
 from solver.uncertainty.results import LEVELS, AngleUncertainty, Change, Crossings, Round, Sensitivity, Tables
 from solver.uncertainty.sampling import (
     FIRST_POINTS,
@@ -28,7 +29,6 @@ from solver.uncertainty.sampling import (
     share_half_width,
 )
 from solver.uncertainty.surrogate import Expansion, Moments, direct_indices, expansion_moments, fit_expansion
-from solver.validation import require
 from solver.warnings import ModelWarning
 
 SURROGATE_ERROR = math.radians(0.1)

@@ -29,8 +29,8 @@ from solver import (
     critical_angle,
     simulate,
 )
+from solver.checks import BOUNDS
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, paper_impact
-from solver.validation import BOUNDS
 
 NAN, INF = math.nan, math.inf
 

@@ -16,6 +16,7 @@ from solver import (
     simulate,
     strength_factor,
 )
+from solver.checks import BOUNDS
 from solver.resistance import EQUATION_9
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY, paper_impact
 from solver.uncertainty import (
@@ -31,7 +32,6 @@ from solver.uncertainty import (
     scaled,
     trajectory_uncertainty,
 )
-from solver.validation import BOUNDS
 from tests.uncertainty.functions import known
 
 PAPER: dict[str, Any] = {"projectile": PAPER_PROJECTILE, "target": PAPER_TARGET, "velocity": PAPER_VELOCITY}
