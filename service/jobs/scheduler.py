@@ -17,14 +17,9 @@ from typing import Any, NamedTuple, TypeAlias, TypeVar
 from anyio.to_thread import run_sync
 from opentelemetry.trace import Tracer
 
-from service.errors import (
-    DamagedCasesError,
-    JobGoneError,
-    StorageError,
-    case_problem,
-)
+from service.errors import JobGoneError, StorageError, case_problem
 from service.fairness import ChunkSizer, FairQueue, Permit
-from service.jobs.models import BLOCK_SIZE, CaseResult, CaseState, JobState, Status, block_of
+from service.jobs.models import BLOCK_SIZE, CaseResult, CaseState, JobState, Status
 from service.jobs.runner import TEMPORARY, CaseRunner, ChunkAnswers
 from service.jobs.store import VERSIONS, JobStore
 from service.jobs.studies import Report, StudyService
@@ -77,8 +72,6 @@ class ActiveJob:
     """Tasks that look cases up, compute a chunk or compute a study."""
     stops: set[Callable[[], object]] = field(default_factory=set)
     """Functions that give up what the work waits for."""
-    damaged: set[int] = field(default_factory=set)
-    """Blocks of cases that cannot be read."""
     ending: bool = False
     changed: asyncio.Event = field(default_factory=asyncio.Event)
     """Set at the next change, and another one put in its place."""
@@ -299,9 +292,6 @@ class Scheduler:
         if state.versions != VERSIONS:
             await run_sync(self._jobs.renew_keys, state.number)
             job.state = replace(state, versions=VERSIONS)
-        if not job.looked_up and (repaired := await run_sync(self._jobs.repair, state.number)):
-            log.error("job %s: what was stored of its progress is damaged; it goes on with what is left", state.id)
-            job.update(repaired)
         if state.status == "accepted":
             job.update(await run_sync(self._jobs.begin, state.number))
         if not job.waiting:
@@ -376,19 +366,7 @@ class Scheduler:
         updates = CaseUpdates(dict.fromkeys((n for key in known for n in numbers[key]), CaseState.CACHED))
         unknown = {key: cases for key, cases in numbers.items() if key not in known}
         stored = self._jobs.requests(job.state.number, [number for cases in unknown.values() for number in cases])
-        requests = []
-        for key, cases in unknown.items():
-            whole = next((number for number in cases if number in stored), None)  # of equal cases one is enough
-            if whole is not None:
-                requests.append(KeyedRequest(key, stored[whole]))
-                continue
-            for number in cases:
-                error = DamagedCasesError(*block_of(number, job.state.total))
-                updates.fail([number], case_problem(error))
-                if number // BLOCK_SIZE not in job.damaged:
-                    log.error("job %s: %s", job.state.id, error)
-                    job.damaged.add(number // BLOCK_SIZE)
-        return requests, updates
+        return [KeyedRequest(key, stored[cases[0]]) for key, cases in unknown.items()], updates
 
     async def _stoppable(
         self,
