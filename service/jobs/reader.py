@@ -123,7 +123,7 @@ class ResultReader:
         if is_study(state.operation):
             return {row.number: await self._study(state, row, case) for row, case in zip(rows, cases, strict=True)}
         found = {}
-        async with aclosing(self._runner.run(state.operation, cases, owner=state.owner)) as results:
+        async with aclosing(self._runner.results(state.operation, cases, owner=state.owner)) as results:
             async for result in results:
                 row = rows[result.number]
                 found[row.number] = replace(result, number=row.number, cached=row.state == CaseState.CACHED)
@@ -131,7 +131,7 @@ class ResultReader:
 
     async def _study(self, state: JobState, row: CaseRow, case: JobCase) -> CaseResult:
         """Compute a study again, of whose samples most may still be there."""
-        run = partial(self._runner.run, owner=state.owner)
+        run = partial(self._runner.results, owner=state.owner)
         record, _ = await self._studies.answer(state.operation, case.request, run)
         return CaseResult(row.number, row.custom_id, record, None, row.state == CaseState.CACHED)
 

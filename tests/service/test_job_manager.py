@@ -158,7 +158,7 @@ async def test_cancel_takes_effect_at_once_and_leaves_what_is_there(manager: Job
 async def test_cases_that_turn_out_slow_are_shared_out_anew(
     manager: JobManager, log: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("service.jobs.scheduler.OVERLONG_SECONDS", 0.5)
+    monkeypatch.setattr("service.jobs.runner.OVERLONG_SECONDS", 0.5)
     job = await accepted(manager, cases(range(100), seconds=0.001) + cases(range(100, 120), log, seconds=0.4))
     assert (await ended(manager, job)).done == 120
     assert max(runs(log).values()) <= 6
