@@ -1,6 +1,7 @@
 """Jobs in their SQLite file, with real crashes and a disk that is really full."""
 
 import resource
+import shutil
 import sqlite3
 import subprocess
 import sys
@@ -291,6 +292,22 @@ def test_file_that_is_no_database_is_set_aside(content: bytes, tmp_path: Path) -
     state = stored_job(store)
     assert [path.read_bytes() for path in (tmp_path / "damaged").iterdir()] == [content]
     assert store_in(tmp_path).jobs("local") == [state]
+
+
+@pytest.mark.parametrize("damaged", range(4))
+def test_flipped_bit_in_the_log_costs_no_job_before_it(damaged: int, tmp_path: Path) -> None:
+    log, ends, jobs = tmp_path / "data" / "jobs.sqlite-wal", [], []
+    store = store_in(tmp_path / "data")
+    store.jobs("local")  # makes the tables
+    for _ in range(4):
+        ends.append(log.stat().st_size)
+        jobs.append(stored_job(store, 20).id)
+    shutil.copytree(tmp_path / "data", tmp_path / "killed")
+    store.close()
+    content = bytearray((tmp_path / "killed" / log.name).read_bytes())
+    content[(ends[damaged] + [*ends, len(content)][damaged + 1]) // 2] ^= 4
+    (tmp_path / "killed" / log.name).write_bytes(content)
+    assert [job.id for job in reversed(store_in(tmp_path / "killed").jobs("local"))] == jobs[:damaged]
 
 
 def test_file_of_a_later_version_is_left_alone(tmp_path: Path) -> None:
