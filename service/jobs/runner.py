@@ -216,34 +216,27 @@ class CaseRunner:
 
     async def _compute(self, run: Run, cases: Sequence[JobCase], permit: Permit) -> None:
         """Compute these cases, except those that have been kept since, or are in flight elsewhere."""
-        keys = [case.request.key for case in cases]
-        known = await run_sync(self._queries.cache.get_many, keys)
-        requests = [case.request for case in cases if case.request.key not in known]
+        known = await run_sync(self._queries.cache.get_many, [case.request.key for case in cases])
         found = [result for key, record in known.items() for result in run.results(key, record, None, own=False)]
         if found:
             await run.take(found)
-        chunk = self._queries.begin(run.operation, requests, permit.release)
-        if chunk.shared:
-            run.group.start_soon(self._take_answers, run, chunk.shared)
-        try:
-            _, late = await asyncio.wait([chunk.kept], timeout=OVERLONG_SECONDS if len(requests) > 1 else None)
-        finally:
-            chunk.stop()
-            with CancelScope(shield=True):
-                await asyncio.wait([chunk.kept])
-        if late:
-            run.sizer.shrink(len(requests))
-        elif not chunk.running.cancelled() and chunk.running.exception() is None:
-            answers = [future.result()[0] for future in chunk.own.values() if future.exception() is None]
-            run.sizer.note(chunk.seconds, sum(len(record.json) for record in answers))
-        await self._take_answers(run, chunk.own, own=True)
+        unknown = {case.request.key: case.request for case in cases if case.request.key not in known}
+        shared = self._queries.in_flight(unknown)
+        if shared:
+            run.group.start_soon(self._take_answers, run, shared)
+        if own := [request for key, request in unknown.items() if key not in shared]:
+            longest = OVERLONG_SECONDS if len(own) > 1 else None
+            chunk = await self._queries.compute(run.operation, own, permit.release, longest)
+            if chunk.late:
+                run.sizer.shrink(len(own))
+            run.sizer.note(chunk.seconds, chunk.nbytes)
+            await self._take_answers(run, chunk.answers, own=True)
 
     async def _take_answers(
         self, run: Run, futures: Mapping[str, "asyncio.Future[Answered]"], *, own: bool = False
     ) -> None:
         """Take answers when they are there; cases without one for a reason that is not their own are tried again."""
-        if futures:
-            await asyncio.wait(futures.values())
+        await asyncio.wait(futures.values())
         results: list[CaseResult] = []
         again: list[str] = []
         unavailable: Exception | None = None
