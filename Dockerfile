@@ -36,6 +36,8 @@ LABEL org.opencontainers.image.title="ricochet" \
 
 ENV PATH=/opt/ricochet/bin:$PATH \
     PYTHONUNBUFFERED=1 \
+    MALLOC_ARENA_MAX=2 \
+    MALLOC_TRIM_THRESHOLD_=131072 \
     NUMBA_CACHE_DIR=/opt/ricochet/compiled \
     XDG_CACHE_HOME=/var/cache/ricochet \
     RICOCHET_HOST=0.0.0.0 \

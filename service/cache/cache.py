@@ -18,9 +18,11 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 
+from cachetools import LRUCache
+
 from service.cache.hdf5 import Segment, encode_segments, read_keys
 from service.cache.index import Index, Journal, Location, Statistics, discard_database
-from service.cache.record import RecentRecords, Record
+from service.cache.record import Record
 from service.cache.segments import FolderLock, Segments, discard, name_of
 from service.errors import DamagedFileError, FolderReplacedError
 
@@ -65,7 +67,9 @@ class ResultCache:
         self.last_error: str | None = None
         self._folder = folder
         self._disk_bytes = disk_bytes
-        self._recent = RecentRecords(memory_bytes)
+        self._recent: LRUCache[str, Record] = LRUCache(memory_bytes, getsizeof=lambda record: record.nbytes)
+        self._remembering = threading.Lock()
+        """Held while `_recent` is used."""
         self._segments = Segments(folder)
         self._index_path = folder / "results" / "index.sqlite"
         self._changing = threading.Lock()
@@ -96,18 +100,19 @@ class ResultCache:
 
     def recall(self, key: str) -> Record | None:
         """Record of this key if it is in memory."""
-        return self._recent.get(key)
+        with self._remembering:
+            return self._recent.get(key)
 
     def get(self, key: str) -> Record | None:
         """Record of this key, from memory or from disk; in memory from then on."""
         record = self.get_many([key]).get(key)
         if record is not None:
-            self._recent.put(record)
+            self._remember(record)
         return record
 
     def get_many(self, keys: Sequence[str]) -> dict[str, Record]:
         """Records of these keys, as far as there are any. Memory keeps what it has: a batch would fill it."""
-        found = {key: record for key in keys if (record := self._recent.get(key) or self._pending.get(key))}
+        found = {key: record for key in keys if (record := self.recall(key) or self._pending.get(key))}
         wanted: dict[str, dict[str, int]] = defaultdict(dict)
         for key, place in self._find([key for key in keys if key not in found]).items():
             wanted[place.segment][key] = place.row
@@ -133,7 +138,7 @@ class ResultCache:
             [record] = self.put_many([record])
         elif not self._add_to_journal(self._journal, record):
             record = record.with_warning(NOT_CACHED, f"this result was not stored: {self.last_error}")
-        self._recent.put(record)
+        self._remember(record)
         if self._journal_is_full() and (self._flushed is None or self._flushed.done()):
             self._flushed = self._flusher.submit(self._flush_full_journal)
         return record
@@ -233,6 +238,12 @@ class ResultCache:
             self._index.close()
         if self._lock is not None:
             self._lock.release()
+
+    def _remember(self, record: Record) -> None:
+        """Keep the record in memory, if it fits at all."""
+        if record.nbytes <= self._recent.maxsize:
+            with self._remembering:
+                self._recent[record.key] = record
 
     def _open_index(self) -> Index:
         with self._noting():

@@ -9,7 +9,6 @@ damaged/<name>.h5                          files that were not what had been wri
 import fcntl
 import hashlib
 import itertools
-import logging
 import os
 import re
 import shutil
@@ -18,14 +17,13 @@ from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
 
+from service.cache.damaged import set_aside
 from service.cache.hdf5 import DecodedSegment, check
 from service.errors import FolderInUseError, FolderReplacedError
 
 FILE = re.compile(r"[0-9a-f]{32}\.h5")
 MOST_REMEMBERED = 100_000
 """Segments that are remembered to be whole, some 20 MB."""
-
-log = logging.getLogger(__name__)
 
 
 class FolderLock:
@@ -211,10 +209,8 @@ class Segments:
         OSError
             If it cannot be moved.
         """
-        log.warning("%s set aside: %s", self.path(name), reason)
         self._whole.pop(name, None)
-        self._damaged.mkdir(parents=True, exist_ok=True)
-        self.path(name).replace(self._damaged / f"{name}.h5")
+        set_aside(self.path(name), self._damaged, reason)
 
     def _remember(self, name: str, signature: tuple[int, int]) -> None:
         if len(self._whole) >= MOST_REMEMBERED:
