@@ -1,8 +1,7 @@
 """Requests and answers as the contract has them; the only place that converts degrees."""
 
-from service.schemas.answers import CriticalAngleAnswer, TrajectoryAnswer
+from service.schemas.answers import CriticalAngleAnswer, TrajectoryAnswer, critical_angle_answer, trajectory_answer
 from service.schemas.batches import TrajectoryBase
-from service.schemas.building import critical_angle_answer, trajectory_answer
 from service.schemas.calibration_depth import (
     DepthCalibrationAnswer,
     DepthCalibrationRequest,

@@ -1,13 +1,16 @@
 """The answers as the contract has them."""
 
-from typing import Annotated, Generic, TypeVar
+from typing import Annotated, Any, Generic, TypeVar
 
 from pydantic import MISSING, Field
 
+import solver
+from service.schemas.fields import GIVEN, Of, columns, walk
 from service.schemas.problems import Problem
 from service.schemas.quantities import Num, Part, with_examples
 from service.schemas.resistance import FreeSurfaceModel, StrengthLaw
 from solver import Outcome, SearchStatus
+from solver.arrays import FloatArray
 
 Value = TypeVar("Value")
 
@@ -72,8 +75,9 @@ VERSIONED = {"key": "0" * 64, "engine_version": "10"}
 Key = Annotated[
     str,
     Field(pattern="^[0-9a-f]{64}$", description="Key of this result, which `/results/{key}` answers again."),
+    GIVEN,
 ]
-EngineVersion = Annotated[str, Field(description="Raised whenever results change.")]
+EngineVersion = Annotated[str, Field(description="Raised whenever results change."), GIVEN]
 Bracket = Annotated[
     list[Num],
     Field(
@@ -172,7 +176,7 @@ class Trajectory(Part):
     """Greatest depth of the nose tip. [m]"""
     strength_factor: Num
     """Strength factor in use, at this oblique angle. [1]"""
-    history: MotionHistory | MISSING = MISSING
+    history: Annotated[MotionHistory | MISSING, GIVEN] = MISSING
     """If requested."""
     warnings: list[ModelWarning]
 
@@ -211,7 +215,7 @@ class TrajectoryAnswer(Trajectory):
 
     model_config = with_examples(RUN | VERSIONED, RUN | VERSIONED | {"alternatives": [OTHER_OUTCOME]})
 
-    alternatives: list[TrajectoryAlternative] | MISSING = MISSING
+    alternatives: Annotated[list[TrajectoryAlternative] | MISSING, GIVEN] = MISSING
     """If wanted."""
     key: Key
     engine_version: EngineVersion
@@ -229,7 +233,7 @@ class Trial(Part):
     outcome: Outcome
     fine: bool
     """False for a trial that only showed where to look: it was computed more roughly."""
-    exit: Exit | MISSING = MISSING
+    exit: Annotated[Exit | MISSING, Of(lambda trial: trial.exit if trial.fine else None)] = MISSING
     """If the projectile left, of a fine trial."""
 
 
@@ -253,9 +257,11 @@ class CriticalAngleAnswer(Part):
     )
 
     status: SearchStatus
-    critical_angle_deg: Num | MISSING = MISSING
+    critical_angle_deg: Annotated[Num | MISSING, Of("angle")] = MISSING
     """Smallest oblique angle, from the normal, that ends in ricochet; if there is one. [°]"""
-    critical_angle_standard_error_deg: Annotated[Num, Field(ge=0.0)] | MISSING = MISSING
+    critical_angle_standard_error_deg: Annotated[Annotated[Num, Field(ge=0.0)] | MISSING, Of("standard_error")] = (
+        MISSING
+    )
     """From the covariance of the strength factor, if that was given. [°]"""
     bracket_deg: Bracket | MISSING = MISSING
     strength_factor: Num | MISSING = MISSING
@@ -274,10 +280,27 @@ class CriticalAngleAnswer(Part):
     outcomes: list[OutcomeInterval] | MISSING = MISSING
     """Over the whole range in order, each end to the tolerance; for a target with a thickness in a search by
     outcome."""
-    trajectory: Trajectory | MISSING = MISSING
+    trajectory: Annotated[Trajectory | MISSING, GIVEN] = MISSING
     """At the critical angle, if requested."""
-    alternatives: list[CriticalAngleAlternative] | MISSING = MISSING
+    alternatives: Annotated[list[CriticalAngleAlternative] | MISSING, GIVEN] = MISSING
     """If wanted."""
     warnings: list[ModelWarning]
     key: Key
     engine_version: EngineVersion
+
+
+Columns = dict[str, FloatArray]
+"""Columns of a history, by their names in the contract."""
+
+
+def trajectory_answer(found: solver.Trajectory) -> tuple[dict[str, Any], Columns | None]:
+    """Return the answer without its history, and the columns of the history if there is one."""
+    return walk(TrajectoryAnswer, found), None if found.history is None else columns(MotionHistory, found.history)
+
+
+def critical_angle_answer(
+    found: solver.CriticalAngle, trajectory: solver.Trajectory | None
+) -> tuple[dict[str, Any], Columns | None]:
+    """Return the answer without the history of its trajectory, and the columns of that if there is one."""
+    run, history = (None, None) if trajectory is None else trajectory_answer(trajectory)
+    return walk(CriticalAngleAnswer, found, trajectory=run), history

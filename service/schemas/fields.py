@@ -1,0 +1,143 @@
+"""Fields of the models of answers: where each has its value in what the solver returns."""
+
+import math
+from collections.abc import Callable, Mapping, Sized
+from dataclasses import dataclass
+from enum import Enum
+from functools import cache
+from operator import attrgetter
+from types import UnionType
+from typing import Annotated, Any, NamedTuple, Union, get_args, get_origin
+
+import numpy as np
+from pydantic import MISSING
+from typing_extensions import TypeAliasType
+
+from service.columns import UNITS
+from service.schemas.quantities import Part, degrees
+from solver.arrays import FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Of:
+    """Where the solver has the value of a field, if not in an attribute with the name of the field without its unit.
+
+    Parameters
+    ----------
+    source
+        Path of attributes, or a function of what the solver returns; None if the value is not from there.
+    """
+
+    source: str | Callable[[Any], Any] | None
+
+
+WHOLE_ANSWER = Of(lambda found: found)
+"""Marks a part of an answer that is made of the same object as the answer."""
+GIVEN = Of(None)
+"""Marks a field that is given to `walk`, or added to the answer later."""
+
+
+class Field(NamedTuple):
+    """How a field of an answer gets its value."""
+
+    name: str
+    get: Callable[[Any], Any] | None
+    """From what the solver returns."""
+    part: type[Part] | None
+    """Model of its value, of an item if it is a list."""
+    optional: bool
+    """Whether it is left out where there is nothing to say."""
+
+
+@cache
+def fields_of(model: type[Part]) -> tuple[Field, ...]:
+    """Return the fields of a model in the order of an answer."""
+    names = [name for name in model.model_fields if name not in model.answered_last]
+    return tuple(_field(model, name) for name in (*names, *model.answered_last))
+
+
+def _field(model: type[Part], name: str) -> Field:
+    info = model.model_fields[name]
+    marks = [mark for mark in info.metadata if isinstance(mark, Of)]
+    source = marks[-1].source if marks else name.removesuffix(unit_end(name))
+    get = attrgetter(source) if isinstance(source, str) else source
+    kind = kind_of(info.annotation)
+    part = kind if isinstance(kind, type) and issubclass(kind, Part) else None
+    return Field(name, get, part, info.default is MISSING)
+
+
+def unit_end(name: str) -> str:
+    """Return the end of a name that says its unit."""
+    return next((end for end in UNITS if name.endswith(end)), "")
+
+
+def kind_of(annotation: Any) -> Any:
+    """Return the type in an annotation, of an item if it is of a list; `object` for a union of several."""
+    origin, inner = get_origin(annotation), get_args(annotation)
+    if origin is Annotated or origin is list:
+        return kind_of(inner[0])
+    if origin is Union or origin is UnionType:
+        kinds = [kind for kind in inner if kind is not MISSING]
+        return kind_of(kinds[0]) if len(kinds) == 1 else object
+    return kind_of(annotation.__value__) if isinstance(annotation, TypeAliasType) else annotation
+
+
+def walk(model: type[Part], found: Any, /, **given: Any) -> dict[str, Any]:
+    """Return an answer as JSON data: the fields of its model, from what the solver returns.
+
+    Angles become degrees in fields whose name says so, parts are walked in turn, and an optional field without a value
+    or without items is left out.
+
+    Parameters
+    ----------
+    model
+        Of the answer.
+    found
+        What the solver returns.
+    given
+        Values of fields that are not in it.
+    """
+    answer = {}
+    for field in fields_of(model):
+        if field.name in given:
+            value = given[field.name]
+        elif field.get is not None:
+            value = field.get(found)
+        else:
+            continue
+        if field.optional and (value is None or (isinstance(value, Sized) and not len(value))):
+            continue
+        answer[field.name] = _plain(field, value)
+    return answer
+
+
+def _plain(field: Field, value: Any) -> Any:
+    """Return a value as JSON data; what is so already stays."""
+    if isinstance(value, float):
+        return degrees(value) if field.name.endswith("_deg") else float(value)
+    if isinstance(value, list | tuple):
+        return [_plain(field, item) for item in value]
+    if isinstance(value, Enum):
+        return value.value
+    if isinstance(value, np.ndarray):
+        return in_unit(field.name, value).tolist()
+    return value if field.part is None or isinstance(value, dict) else walk(field.part, value)
+
+
+def columns(model: type[Part], found: Any) -> dict[str, FloatArray]:
+    """Return the columns of a motion over time, by their names in the contract."""
+    return {field.name: in_unit(field.name, field.get(found)) for field in fields_of(model) if field.get}
+
+
+def in_unit(name: str, values: Any) -> Any:
+    """Return a number or an array in the unit of its name."""
+    return np.degrees(values) if name.endswith("_deg") else values
+
+
+def arguments(answer: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a part of an answer as the solver names its values, in the solver's units."""
+    ends = {name: unit_end(name) for name in answer}
+    return {
+        name.removesuffix(ends[name]): math.radians(value) if ends[name] == "_deg" else value
+        for name, value in answer.items()
+    }
