@@ -5,7 +5,8 @@ from typing import Annotated, Any, Generic, TypeVar
 from pydantic import MISSING, Field
 
 import solver
-from service.schemas.fields import GIVEN, Of, columns, walk
+from service.columns import Column
+from service.schemas.fields import GIVEN, Behind, Described, Of, columns, columns_of, walk
 from service.schemas.problems import Problem
 from service.schemas.quantities import Num, Part, with_examples
 from service.schemas.resistance import FreeSurfaceModel, StrengthLaw
@@ -102,29 +103,33 @@ class ModelWarning(Part):
 class Motion(Part, Generic[Value]):
     """Quantities of a motion. Depth is positive inside the target; lateral, the way the projectile travels."""
 
-    time_s: Value
+    time_s: Annotated[Value, Described("since first contact")]
     """Since first contact. [s]"""
-    center_of_gravity_depth_m: Value
+    center_of_gravity_depth_m: Annotated[Value, Described("depth of the centre of gravity, positive inside the target")]
     """[m]"""
-    center_of_gravity_lateral_m: Value
+    center_of_gravity_lateral_m: Annotated[
+        Value, Described("way of the centre of gravity along the face since first contact")
+    ]
     """Along the face, from where it was at first contact. [m]"""
-    nose_tip_depth_m: Value
+    nose_tip_depth_m: Annotated[Value, Described("depth of the nose tip, positive inside the target")]
     """[m]"""
-    axis_angle_deg: Value
+    axis_angle_deg: Annotated[
+        Value, Described("from the inward normal of the face to the axis; grows as the nose turns to the face")
+    ]
     """From the inward normal to the axis; grows as the nose turns toward the face. [°]"""
-    depth_velocity_m_s: Value
+    depth_velocity_m_s: Annotated[Value, Described("of the centre of gravity, along the inward normal")]
     """Velocity of the centre of gravity. [m/s]"""
-    lateral_velocity_m_s: Value
+    lateral_velocity_m_s: Annotated[Value, Described("of the centre of gravity, along the face")]
     """Velocity of the centre of gravity. [m/s]"""
-    angular_velocity_rad_s: Value
+    angular_velocity_rad_s: Annotated[Value, Described("rate of the axis angle")]
     """Rate of the axis angle. [rad/s]"""
-    depth_force_n: Value
+    depth_force_n: Annotated[Value, Described("resistance along the inward normal")]
     """Resistance along the inward normal. [N]"""
-    lateral_force_n: Value
+    lateral_force_n: Annotated[Value, Described("resistance along the face")]
     """Resistance along the face. [N]"""
-    moment_n_m: Value
+    moment_n_m: Annotated[Value, Described("moment of the resistance about the centre of gravity")]
     """Resistance, about the centre of gravity. [N m]"""
-    kinetic_energy_j: Value
+    kinetic_energy_j: Annotated[Value, Described("of translation and rotation")]
     """Energy of translation and rotation. [J]"""
 
 
@@ -145,20 +150,20 @@ class Exit(Part):
 
     model_config = with_examples(EXIT)
 
-    speed_m_s: Num
+    speed_m_s: Annotated[Num, Described("of the centre of gravity as the projectile leaves; empty if it stays")]
     """Speed of the centre of gravity. [m/s]"""
-    direction_deg: Num
+    direction_deg: Annotated[Num, Described("of that velocity, from the outward normal of the face left through")]
     """Angle of that velocity, from the outward normal of the face left through; positive the way the projectile
     travelled along the face. [°]"""
-    elevation_deg: Num
+    elevation_deg: Annotated[Num, Described("of that velocity, above that face")]
     """Angle of that velocity above that face. [°]"""
-    axis_angle_deg: Num
+    axis_angle_deg: Annotated[Num, Described("axis angle as the projectile leaves")]
     """From the inward normal of the impact face to the axis. [°]"""
-    angular_velocity_rad_s: Num
+    angular_velocity_rad_s: Annotated[Num, Described("rate of the axis angle as the projectile leaves")]
     """Rate of the axis angle. [rad/s]"""
-    kinetic_energy_j: Num
+    kinetic_energy_j: Annotated[Num, Described("as the projectile leaves")]
     """Energy of translation and rotation. [J]"""
-    lateral_m: Num
+    lateral_m: Annotated[Num, Described("way of the centre of gravity along the face since first contact")]
     """Way of the centre of gravity along the face, from where it was at first contact. [m]"""
 
 
@@ -167,14 +172,16 @@ class Trajectory(Part):
 
     model_config = with_examples(RUN)
 
-    outcome: Outcome
-    final: MotionState
+    outcome: Annotated[Outcome, Described("how the run ended")]
+    final: Annotated[
+        MotionState, columns_of(MotionState, "final_", "; at the event that ended the run"), Behind("strength_factor")
+    ]
     """At the event that ended the run."""
-    exit: Exit | MISSING = MISSING
+    exit: Annotated[Exit | MISSING, columns_of(Exit, "exit_"), Behind("strength_factor")] = MISSING
     """If the projectile left."""
     maximum_depth_m: Num
     """Greatest depth of the nose tip. [m]"""
-    strength_factor: Num
+    strength_factor: Annotated[Num, Described("in use, at this oblique angle")]
     """Strength factor in use, at this oblique angle. [1]"""
     history: Annotated[MotionHistory | MISSING, GIVEN] = MISSING
     """If requested."""
@@ -226,12 +233,14 @@ class Trial(Part):
 
     model_config = with_examples(TRIAL)
 
-    oblique_angle_deg: Num
+    oblique_angle_deg: Annotated[Num, Described("angle tried, from the inward normal of the face to the velocity")]
     """From the normal. [°]"""
-    final_position_m: Num
+    final_position_m: Annotated[Num, Described("depth of the nose tip at the end of the trial")]
     """Depth of the nose tip at the end, or at the termination time in the paper's searches. [m]"""
-    outcome: Outcome
-    fine: bool
+    outcome: Annotated[Outcome, Described("how the trial ended")]
+    fine: Annotated[
+        bool, Column("fine", "whether it was computed at the final resolution, or only to see where to look", "?")
+    ]
     """False for a trial that only showed where to look: it was computed more roughly."""
     exit: Annotated[Exit | MISSING, Of(lambda trial: trial.exit if trial.fine else None)] = MISSING
     """If the projectile left, of a fine trial."""
@@ -256,22 +265,38 @@ class CriticalAngleAnswer(Part):
         FOUND | VERSIONED, NONE_FOUND | VERSIONED, FOUND | VERSIONED | {"alternatives": [OTHER_ANGLE]}
     )
 
-    status: SearchStatus
-    critical_angle_deg: Annotated[Num | MISSING, Of("angle")] = MISSING
+    status: Annotated[SearchStatus, Described("how the search ended")]
+    critical_angle_deg: Annotated[
+        Num | MISSING,
+        Of("angle"),
+        Described("smallest oblique angle, from the normal, at which the projectile is turned away"),
+    ] = MISSING
     """Smallest oblique angle, from the normal, that ends in ricochet; if there is one. [°]"""
-    critical_angle_standard_error_deg: Annotated[Annotated[Num, Field(ge=0.0)] | MISSING, Of("standard_error")] = (
-        MISSING
-    )
+    critical_angle_standard_error_deg: Annotated[
+        Annotated[Num, Field(ge=0.0)] | MISSING,
+        Of("standard_error"),
+        Described("of the angle, from the covariance of the strength factor"),
+        Behind("bracket_deg"),
+    ] = MISSING
     """From the covariance of the strength factor, if that was given. [°]"""
-    bracket_deg: Bracket | MISSING = MISSING
-    strength_factor: Num | MISSING = MISSING
+    bracket_deg: Annotated[
+        Bracket | MISSING,
+        Column("bracket_low_deg", "lower of the angles between which the change was last pinned down"),
+        Column("bracket_high_deg", "upper of these"),
+    ] = MISSING
+    strength_factor: Annotated[Num | MISSING, Described("in use at the critical angle")] = MISSING
     """Strength factor in use at the critical angle, if there is one. [1]"""
-    energy_fraction_below: Annotated[Num, Field(ge=0.0)] | MISSING = MISSING
+    energy_fraction_below: Annotated[
+        Annotated[Num, Field(ge=0.0)] | MISSING,
+        Described("share of the kinetic energy left half a degree below the critical angle"),
+    ] = MISSING
     """Share of the initial kinetic energy left half a degree below the critical angle, 0 if it is less than a tenth of
     `numerics.retention_energy_fraction`. [1]"""
-    energy_fraction_above: Annotated[Num, Field(ge=0.0)] | MISSING = MISSING
+    energy_fraction_above: Annotated[Annotated[Num, Field(ge=0.0)] | MISSING, Described("half a degree above it")] = (
+        MISSING
+    )
     """That half a degree above: the less it is, the more the threshold decides. [1]"""
-    exit: Exit | MISSING = MISSING
+    exit: Annotated[Exit | MISSING, columns_of(Exit, "exit_")] = MISSING
     """At the critical angle, if there is one."""
     iterations: list[Trial]
     """Every angle tried, in order."""

@@ -15,7 +15,7 @@ from service.schemas.calibration_motion import (
     Residuals,
     StrengthFactorValue,
 )
-from service.schemas.fields import GIVEN, Of, walk
+from service.schemas.fields import GIVEN, NOT_TABLED, Of, walk
 from service.schemas.numerics import Obliquity
 from service.schemas.quantities import WHOLE, Count, Num, Part, with_examples
 from service.schemas.resistance import (
@@ -159,7 +159,7 @@ class DepthCalibrationAnswer(FittedStrength):
     """Measured minus predicted depth of each test. [m]"""
     predicted_depth_m: Annotated[list[Num], Of("predicted")]
     """Depth of each test. [m]"""
-    root_mean_square_m: Annotated[Num, Field(ge=0.0), Of("root_mean_square")]
+    root_mean_square_m: Annotated[Num, Field(ge=0.0), Of("root_mean_square"), NOT_TABLED]
     """Weighted mean of the residuals. [m]"""
     groups: Annotated[list[DepthGroup] | MISSING, GIVEN] = MISSING
     """If the tests name groups."""

@@ -1,4 +1,4 @@
-"""Fields of the models of answers: where each has its value in what the solver returns."""
+"""Fields of the models of answers: where each has its value in what the solver returns, and its columns."""
 
 import math
 from collections.abc import Callable, Mapping, Sized
@@ -13,8 +13,8 @@ import numpy as np
 from pydantic import MISSING
 from typing_extensions import TypeAliasType
 
-from service.columns import UNITS
-from service.schemas.quantities import Part, degrees
+from service.columns import IDENTITY, UNITS, Column
+from service.schemas.quantities import Part, degrees, short_description
 from solver.arrays import FloatArray
 
 
@@ -35,6 +35,28 @@ WHOLE_ANSWER = Of(lambda found: found)
 """Marks a part of an answer that is made of the same object as the answer."""
 GIVEN = Of(None)
 """Marks a field that is given to `walk`, or added to the answer later."""
+
+
+@dataclass(frozen=True, slots=True)
+class Described:
+    """Description of the column of a field, without the unit, in place of the docstring of the field."""
+
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Behind:
+    """The field behind whose columns those of this one stand, where that is not the order of the answer."""
+
+    field: str
+
+
+NOT_TABLED = ()
+"""Marks a number or a text that is not a column of tables."""
+
+
+IDENTIFYING = {column.name for column in IDENTITY}
+"""Fields that are columns of the tables of every operation."""
 
 
 class Field(NamedTuple):
@@ -61,9 +83,7 @@ def _field(model: type[Part], name: str) -> Field:
     marks = [mark for mark in info.metadata if isinstance(mark, Of)]
     source = marks[-1].source if marks else name.removesuffix(unit_end(name))
     get = attrgetter(source) if isinstance(source, str) else source
-    kind = kind_of(info.annotation)
-    part = kind if isinstance(kind, type) and issubclass(kind, Part) else None
-    return Field(name, get, part, info.default is MISSING)
+    return Field(name, get, part_of(model, name), info.default is MISSING)
 
 
 def unit_end(name: str) -> str:
@@ -72,14 +92,22 @@ def unit_end(name: str) -> str:
 
 
 def kind_of(annotation: Any) -> Any:
-    """Return the type in an annotation, of an item if it is of a list; `object` for a union of several."""
+    """Return the type in an annotation; `object` for a union of several."""
     origin, inner = get_origin(annotation), get_args(annotation)
-    if origin is Annotated or origin is list:
+    if origin is Annotated:
         return kind_of(inner[0])
     if origin is Union or origin is UnionType:
         kinds = [kind for kind in inner if kind is not MISSING]
         return kind_of(kinds[0]) if len(kinds) == 1 else object
     return kind_of(annotation.__value__) if isinstance(annotation, TypeAliasType) else annotation
+
+
+def part_of(model: type[Part], name: str) -> type[Part] | None:
+    """Return the model of a field or, if it is a list, of its items; None if these are not parts."""
+    kind = kind_of(model.model_fields[name].annotation)
+    while get_origin(kind) is list:
+        kind = kind_of(get_args(kind)[0])
+    return kind if isinstance(kind, type) and issubclass(kind, Part) else None
 
 
 def walk(model: type[Part], found: Any, /, **given: Any) -> dict[str, Any]:
@@ -122,6 +150,44 @@ def _plain(field: Field, value: Any) -> Any:
     if isinstance(value, np.ndarray):
         return in_unit(field.name, value).tolist()
     return value if field.part is None or isinstance(value, dict) else walk(field.part, value)
+
+
+@cache
+def columns_of(model: type[Part], prefix: str = "", suffix: str = "") -> tuple[Column, ...]:
+    """Return the columns of an answer or of a part of one in a table.
+
+    Parameters
+    ----------
+    model
+        Of the answer.
+    prefix, suffix
+        Go before every name and behind every description.
+    """
+    order = [field.name for field in fields_of(model)]
+
+    def place(name: str) -> tuple[int, bool]:
+        behind = [mark.field for mark in model.model_fields[name].metadata if isinstance(mark, Behind)]
+        return order.index(behind[0] if behind else name), bool(behind)
+
+    return tuple(
+        Column(f"{prefix}{each.name}", f"{each.description}{suffix}", each.dtype)
+        for name in sorted(order, key=place)
+        for each in _columns_of(model, name)
+    )
+
+
+def _columns_of(model: type[Part], name: str) -> tuple[Column, ...]:
+    """Return the columns of a field: those among its annotations, else its own if it is a number or a text."""
+    info = model.model_fields[name]
+    given = [mark for mark in info.metadata if isinstance(mark, Column | tuple)]
+    if given or name in IDENTIFYING:
+        return tuple(each for mark in given for each in ((mark,) if isinstance(mark, Column) else mark))
+    kind = kind_of(info.annotation)
+    if not (isinstance(kind, type) and issubclass(kind, float | int | str)):
+        return ()
+    texts = [mark.text for mark in info.metadata if isinstance(mark, Described)] or [short_description(model, name)]
+    dtype = "S32" if issubclass(kind, Enum) else "S512" if issubclass(kind, str) else "<f8"
+    return (Column(name, texts[0], dtype),)
 
 
 def columns(model: type[Part], found: Any) -> dict[str, FloatArray]:

@@ -6,7 +6,7 @@ from typing import Annotated, Any
 from pydantic import MISSING, Field
 
 from service.schemas.answers import VERSIONED, EngineVersion, Key, ModelWarning
-from service.schemas.fields import GIVEN, Of, walk
+from service.schemas.fields import GIVEN, NOT_TABLED, Of, walk
 from service.schemas.problems import pointer_of_parameter
 from service.schemas.quantities import Num, Part, with_examples
 from service.schemas.strike import PAPER, STRIKE, Impact, Projectile, Target
@@ -140,11 +140,11 @@ class FormulasAnswer(Part):
     penetration_depth_spread: Annotated[FormulaSpread | MISSING, spread_of("penetration_depth")] = MISSING
     scabbing_thickness_spread: Annotated[FormulaSpread | MISSING, spread_of("scabbing_thickness")] = MISSING
     perforation_thickness_spread: Annotated[FormulaSpread | MISSING, spread_of("perforation_thickness")] = MISSING
-    nose_class: Annotated[str, GIVEN]
+    nose_class: Annotated[str, GIVEN, NOT_TABLED]
     """In the sense of the formulas, from the length of the nose: flat to sharp."""
-    scabbing_margin: Annotated[Num, Of(lambda _: SCABBING_MARGIN)]
+    scabbing_margin: Annotated[Num, Of(lambda _: SCABBING_MARGIN), NOT_TABLED]
     """Factor on a scabbing thickness that DOE-STD-3014-2006 requires in a design. [1]"""
-    perforation_margin: Annotated[Num, Of(lambda _: PERFORATION_MARGIN)]
+    perforation_margin: Annotated[Num, Of(lambda _: PERFORATION_MARGIN), NOT_TABLED]
     """Factor on a perforation thickness that DOE-STD-3014-2006 requires in a design. [1]"""
     warnings: Annotated[list[ModelWarning], GIVEN]
     """`normal_component_only` for an oblique strike, and `mean_density_unusual`."""

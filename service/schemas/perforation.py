@@ -5,8 +5,9 @@ from typing import Annotated, Any, ClassVar, Self
 from pydantic import MISSING, Field
 
 import solver
+from service.columns import Column
 from service.schemas.answers import EXIT, VERSIONED, WARNING, EngineVersion, Exit, Key, ModelWarning
-from service.schemas.fields import GIVEN, Of, walk
+from service.schemas.fields import GIVEN, Described, Of, walk
 from service.schemas.formulas import ROW, FormulaRow, FormulasRequest, formulas_answer
 from service.schemas.numerics import Method
 from service.schemas.quantities import Num, Part, with_examples
@@ -151,7 +152,7 @@ class PerforationTrial(Part):
 
     answered_last: ClassVar = ("outcome", "exit")
 
-    outcome: Outcome
+    outcome: Annotated[Outcome, Described("how the trial ended")]
     exit: Exit | MISSING = MISSING
     """If the projectile left."""
 
@@ -161,7 +162,7 @@ class ThicknessTrial(PerforationTrial):
 
     model_config = with_examples(THICKNESS_TRIAL)
 
-    thickness_m: Annotated[Num, Of("value")]
+    thickness_m: Annotated[Num, Of("value"), Described("thickness tried")]
     """[m]"""
 
 
@@ -170,7 +171,7 @@ class SpeedTrial(PerforationTrial):
 
     model_config = with_examples(SPEED_TRIAL)
 
-    velocity_m_s: Annotated[Num, Of("value")]
+    velocity_m_s: Annotated[Num, Of("value"), Described("speed tried")]
     """[m/s]"""
 
 
@@ -179,13 +180,19 @@ class ThicknessAnswer(Part):
 
     model_config = with_examples(THICKNESS | VERSIONED)
 
-    status: PerforationStatus
-    least_thickness_m: Annotated[Num | MISSING, Of("value")] = MISSING
+    status: Annotated[PerforationStatus, Described("how the search ended")]
+    least_thickness_m: Annotated[
+        Num | MISSING, Of("value"), Described("least thickness of a wall that is not perforated")
+    ] = MISSING
     """Least thickness seen to stop the projectile, if there is one from a tenth to a thousand diameters. Unless
     `resistance` has a `rear_plug` and a `crater`, the wall has neither, and a real one has to be thicker. [m]"""
-    bracket_m: Annotated[list[Num], Field(min_length=2, max_length=2)] | MISSING = MISSING
+    bracket_m: Annotated[
+        Annotated[list[Num], Field(min_length=2, max_length=2)] | MISSING,
+        Column("bracket_low_m", "lower of the thicknesses between which the outcome changes"),
+        Column("bracket_high_m", "upper of these"),
+    ] = MISSING
     """Thicknesses between which the outcome changes. [m]"""
-    iterations: list[ThicknessTrial]
+    iterations: Annotated[list[ThicknessTrial], Column("trials", "number of thicknesses tried")]
     """Every thickness tried, in order."""
     formulas: Annotated[list[FormulaRow], GIVEN]
     """Empirical formulas with a perforation thickness for the same strike."""
@@ -199,13 +206,17 @@ class LimitSpeedAnswer(Part):
 
     model_config = with_examples(SPEED | VERSIONED)
 
-    status: PerforationStatus
-    limit_speed_m_s: Annotated[Num | MISSING, Of("value")] = MISSING
+    status: Annotated[PerforationStatus, Described("how the search ended")]
+    limit_speed_m_s: Annotated[Num | MISSING, Of("value"), Described("least speed that perforates")] = MISSING
     """Least speed seen to perforate, if there is one from 1 to 2,000 m/s. Unless `resistance` has a `rear_plug` and a
     `crater`, the wall has neither, and slower projectiles perforate real ones. [m/s]"""
-    bracket_m_s: Annotated[list[Num], Field(min_length=2, max_length=2)] | MISSING = MISSING
+    bracket_m_s: Annotated[
+        Annotated[list[Num], Field(min_length=2, max_length=2)] | MISSING,
+        Column("bracket_low_m_s", "lower of the speeds between which the outcome changes"),
+        Column("bracket_high_m_s", "upper of these"),
+    ] = MISSING
     """Speeds between which the outcome changes. [m/s]"""
-    iterations: list[SpeedTrial]
+    iterations: Annotated[list[SpeedTrial], Column("trials", "number of speeds tried")]
     """Every speed tried, in order."""
     formulas: Annotated[list[FormulaRow], GIVEN]
     """Empirical formulas with a limit speed for the same wall and angle."""

@@ -48,6 +48,14 @@ def _field_docstrings(module: str) -> Mapping[str, Mapping[str, str]]:
     }
 
 
+def short_description(model: type[BaseModel], field: str) -> str:
+    """Return the first sentence of the description of a field, without its unit."""
+    texts = [_field_docstrings(base.__module__).get(base.__name__, {}).get(field) for base in model.__mro__[:-2]]
+    text = next(filter(None, texts), model.model_fields[field].description or "")
+    sentence = text.partition(". ")[0].partition(" [")[0].rstrip(".")
+    return sentence[:1].lower() + sentence[1:]
+
+
 class Part(BaseModel):
     """Base of all models: unknown fields are refused, a field that is not given is absent, never null.
 

@@ -7,8 +7,9 @@ from typing import Annotated, Any, ClassVar
 from pydantic import MISSING, Field
 from typing_extensions import TypeAliasType
 
+from service.columns import Column
 from service.schemas.answers import EXIT, VERSIONED, WARNING, EngineVersion, Key, ModelWarning
-from service.schemas.fields import WHOLE_ANSWER, Of, unit_end, walk
+from service.schemas.fields import NOT_TABLED, WHOLE_ANSWER, Behind, Described, Of, unit_end, walk
 from service.schemas.quantities import Count, Num, Part, degrees, with_examples
 from solver import Outcome
 from solver.uncertainty import (
@@ -137,15 +138,23 @@ class UncertaintyAnswer(Part):
     answered_last: ClassVar = tuple(SAMPLED)
 
     convergence: Annotated[ConvergenceAnswer, WHOLE_ANSWER]
-    converged: bool
+    converged: Annotated[
+        bool,
+        Column("converged", "whether every interval is within the half width wanted", "?"),
+        Behind("samples_outside"),
+    ]
     """Whether every interval is within the half width wanted."""
-    samples: Count
+    samples: Annotated[Count, Column("samples", "searches or runs", "<i8")]
     """Searches or runs."""
-    samples_failed: Annotated[Count, Of("failed")]
+    samples_failed: Annotated[
+        Count, Of("failed"), Column("samples_failed", "samples that could not be computed", "<i8")
+    ]
     """Those that could not be computed."""
-    samples_outside: Annotated[Count, Of("outside")]
+    samples_outside: Annotated[
+        Count, Of("outside"), Column("samples_outside", "samples outside the accepted range", "<i8")
+    ]
     """Those outside the accepted range: they count as not known, as failed ones do."""
-    seed: Count
+    seed: Annotated[Count, NOT_TABLED]
     warnings: list[ModelWarning]
     key: Key
     engine_version: EngineVersion
@@ -198,14 +207,19 @@ class CriticalAngleUncertaintyAnswer(UncertaintyAnswer):
     answered_last: ClassVar = ("sensitivity", *SAMPLED)
 
     probability: Annotated[ProbabilityCurve, WHOLE_ANSWER]
-    critical_angle: Annotated[CriticalAngleDistribution, WHOLE_ANSWER]
+    critical_angle: Annotated[
+        CriticalAngleDistribution,
+        WHOLE_ANSWER,
+        Column("mean_deg", "mean of the critical angle"),
+        Column("standard_deviation_deg", "of the critical angle"),
+    ]
     sensitivity: list[SensitivityAnswer] | MISSING = MISSING
     """If wanted."""
-    method: UncertaintyMethod
+    method: Annotated[UncertaintyMethod, Described("surrogate or direct")]
     """`surrogate`: a polynomial chaos of the angle; `direct`: outcomes of randomised Sobol points."""
-    polynomial_order: Annotated[Count | MISSING, Of("order")] = MISSING
+    polynomial_order: Annotated[Count | MISSING, Of("order"), NOT_TABLED] = MISSING
     """Order of the surrogate."""
-    surrogate_error_deg: Num | MISSING = MISSING
+    surrogate_error_deg: Annotated[Num | MISSING, NOT_TABLED] = MISSING
     """Root mean square at held-out points, also where it was too large. [°]"""
 
 
@@ -247,6 +261,7 @@ class TrajectoryUncertaintyAnswer(UncertaintyAnswer):
     outcomes: Annotated[
         list[OutcomeProbability],
         Of(lambda found: [{"outcome": name} | walk(EstimateAnswer, share) for name, share in found.outcomes]),
+        tuple(Column(each.value, f"probability of {each.value}") for each in Outcome),
     ]
     maximum_depth_m: Annotated[list[QuantileAnswer], Of(lambda found: quantile_answers(found.maximum_depth))]
     """Quantiles over all runs. [m]"""
