@@ -20,6 +20,7 @@ from service import telemetry
 from service.api import downloads, health, jobs, mcp, operations, page, results, studies, umbridge
 from service.api.body import KnownBodies
 from service.api.contract import declare_access, declare_bodies, declare_events, declare_problems
+from service.api.job_models import JobChange
 from service.api.middleware import HeadMiddleware, RefusalMiddleware
 from service.api.results import HDF5, PARQUET
 from service.api.services import READING_THREADS, Metrics, Services, executor_for
@@ -34,7 +35,7 @@ from service.jobs.store import JobStore
 from service.operations import OPERATIONS, SCHEMA_VERSION
 from service.problems import install_problem_handlers
 from service.queries import QueryService
-from service.schemas import JobChange, ReportRequest
+from service.schemas import ReportRequest
 from service.settings import Settings
 
 DESCRIPTION = """

@@ -26,6 +26,7 @@ from fastapi.responses import StreamingResponse
 from service.api.body import choose, matches
 from service.api.contract import Responses, problems
 from service.api.downloads import file_pieces
+from service.api.job_models import Result
 from service.api.services import services_of
 from service.auth.dependencies import READ
 from service.cache.hdf5 import BatchFile, to_hdf5
@@ -35,7 +36,6 @@ from service.columns import Column, batch_columns, batch_row, csv_cells, summari
 from service.jobs.manager import JobManager
 from service.jobs.models import CaseResult, JobState, StoredSweep
 from service.operations import OPERATIONS
-from service.schemas import Result
 
 if TYPE_CHECKING:
     from pyarrow import DataType

@@ -13,7 +13,6 @@ from service.schemas.calibration_depth import (
 from service.schemas.calibration_motion import MotionCalibrationRequest
 from service.schemas.calibration_motion_answer import MotionCalibrationAnswer, motion_answer
 from service.schemas.formulas import FormulasAnswer, FormulasRequest, formulas_answer
-from service.schemas.jobs import Job, JobChange, JobResults, Jobs, Result
 from service.schemas.perforation import (
     LimitSpeedAnswer,
     LimitSpeedRequest,
@@ -43,10 +42,6 @@ __all__ = [
     "DepthCalibrationRequest",
     "FormulasAnswer",
     "FormulasRequest",
-    "Job",
-    "JobChange",
-    "JobResults",
-    "Jobs",
     "LimitSpeedAnswer",
     "LimitSpeedRequest",
     "MotionCalibrationAnswer",
@@ -54,7 +49,6 @@ __all__ = [
     "ObliquityCalibrationAnswer",
     "ObliquityCalibrationRequest",
     "ReportRequest",
-    "Result",
     "ThicknessAnswer",
     "ThicknessRequest",
     "TrajectoryAnswer",
