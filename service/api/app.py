@@ -21,12 +21,12 @@ from service.api import downloads, health, jobs, mcp, operations, page, results,
 from service.api.body import KnownBodies
 from service.api.contract import declare_access, declare_bodies, declare_events, declare_problems
 from service.api.job_models import JobChange
-from service.api.middleware import HeadMiddleware, RefusalMiddleware
+from service.api.middleware import AuthMiddleware, HeadMiddleware, RefusalMiddleware
 from service.api.results import HDF5, PARQUET
 from service.api.services import READING_THREADS, Metrics, Services, executor_for
 from service.auth.api_keys import ApiKeyStore
+from service.auth.audit_log import AuditLog
 from service.auth.dependencies import ConcurrencyLimit, authorize_unrouted
-from service.auth.middleware import AuditLog, AuthMiddleware
 from service.auth.quotas import QuotaStore
 from service.cache.cache import ResultCache
 from service.errors import OwnerQueriesError, OwnerStreamsError, StreamsFullError
