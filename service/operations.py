@@ -4,6 +4,7 @@ import hashlib
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, NamedTuple, Protocol, TypeAlias
 
 import orjson
@@ -36,18 +37,14 @@ from service.schemas import (
     TrajectoryUncertaintyAnswer,
     TrajectoryUncertaintyRequest,
     critical_angle_answer,
-    critical_angle_uncertainty_answer,
     depth_answer,
     formulas_answer,
-    limit_speed_answer,
     motion_answer,
     obliquity_answer,
-    thickness_answer,
     trajectory_answer,
-    trajectory_uncertainty_answer,
 )
 from service.schemas.answers import FOUND, RUN, VERSIONED
-from service.schemas.fields import columns_of
+from service.schemas.fields import columns_of, walk
 from service.schemas.perforation import SPEED, THICKNESS, WALL
 from service.schemas.quantities import Part
 from service.schemas.requests import Case, TrajectoryFields, alternatives_in
@@ -306,12 +303,14 @@ def compute_formulas(request: bytes) -> Answer:
 
 def compute_thickness(request: bytes) -> Answer:
     """Find the least thickness that is not perforated."""
-    return thickness_answer(ThicknessRequest.model_validate_json(request)), None
+    case = ThicknessRequest.model_validate_json(request)
+    return walk(ThicknessAnswer, solver.least_thickness(**case.arguments()), formulas=case.formulas()), None
 
 
 def compute_limit_speed(request: bytes) -> Answer:
     """Find the least speed that perforates a wall."""
-    return limit_speed_answer(LimitSpeedRequest.model_validate_json(request)), None
+    case = LimitSpeedRequest.model_validate_json(request)
+    return walk(LimitSpeedAnswer, solver.limit_velocity(**case.arguments()), formulas=case.formulas()), None
 
 
 StudyReport: TypeAlias = Callable[[int, float | None], None]
@@ -525,7 +524,7 @@ CRITICAL_ANGLE_UNCERTAINTY = Operation(
         crossings_in,
         Crossings(problem="failed"),
         Crossings(problem="outside"),
-        critical_angle_uncertainty_answer,
+        partial(walk, CriticalAngleUncertaintyAnswer),
     ),
     tool=ToolText(*UNCERTAINTY_TOOL, field="critical_angle"),
 )
@@ -545,7 +544,7 @@ TRAJECTORY_UNCERTAINTY = Operation(
         ending_in,
         Ending(problem="failed"),
         Ending(problem="outside"),
-        trajectory_uncertainty_answer,
+        partial(walk, TrajectoryUncertaintyAnswer),
     ),
     tool=ToolText(*UNCERTAINTY_TOOL, field="trajectory"),
 )

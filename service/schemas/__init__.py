@@ -18,8 +18,6 @@ from service.schemas.perforation import (
     LimitSpeedRequest,
     ThicknessAnswer,
     ThicknessRequest,
-    limit_speed_answer,
-    thickness_answer,
 )
 from service.schemas.requests import CriticalAngleBase, CriticalAngleRequest, ReportRequest, TrajectoryRequest
 from service.schemas.sweeps import CaseModels
@@ -27,8 +25,6 @@ from service.schemas.uncertainty import CriticalAngleUncertaintyRequest, Traject
 from service.schemas.uncertainty_answers import (
     CriticalAngleUncertaintyAnswer,
     TrajectoryUncertaintyAnswer,
-    critical_angle_uncertainty_answer,
-    trajectory_uncertainty_answer,
 )
 
 __all__ = [
@@ -57,13 +53,9 @@ __all__ = [
     "TrajectoryUncertaintyAnswer",
     "TrajectoryUncertaintyRequest",
     "critical_angle_answer",
-    "critical_angle_uncertainty_answer",
     "depth_answer",
     "formulas_answer",
-    "limit_speed_answer",
     "motion_answer",
     "obliquity_answer",
-    "thickness_answer",
     "trajectory_answer",
-    "trajectory_uncertainty_answer",
 ]

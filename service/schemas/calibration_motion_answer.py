@@ -15,8 +15,8 @@ from service.schemas.calibration_motion import (
     StandardError,
     StrengthFactorValue,
 )
-from service.schemas.fields import GIVEN, Described, Of, in_unit, unit_end, walk
-from service.schemas.quantities import Num, Part, with_examples
+from service.schemas.fields import GIVEN, Described, Of, in_unit, walk
+from service.schemas.quantities import Num, Part, unit_end, with_examples
 from service.schemas.resistance import FreeSurfaceModel
 from solver.calibration import DecayLawFits, MotionFit, MotionHistory, MotionsFit
 

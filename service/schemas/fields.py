@@ -13,8 +13,8 @@ import numpy as np
 from pydantic import MISSING
 from typing_extensions import TypeAliasType
 
-from service.columns import IDENTITY, UNITS, Column
-from service.schemas.quantities import Part, degrees, short_description
+from service.columns import IDENTITY, Column
+from service.schemas.quantities import Part, degrees, short_description, unit_end
 from solver.arrays import FloatArray
 
 
@@ -84,11 +84,6 @@ def _field(model: type[Part], name: str) -> Field:
     source = marks[-1].source if marks else name.removesuffix(unit_end(name))
     get = attrgetter(source) if isinstance(source, str) else source
     return Field(name, get, part_of(model, name), info.default is MISSING)
-
-
-def unit_end(name: str) -> str:
-    """Return the end of a name that says its unit."""
-    return next((end for end in UNITS if name.endswith(end)), "")
 
 
 def kind_of(annotation: Any) -> Any:

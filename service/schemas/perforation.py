@@ -223,13 +223,3 @@ class LimitSpeedAnswer(Part):
     warnings: list[ModelWarning]
     key: Key
     engine_version: EngineVersion
-
-
-def thickness_answer(request: ThicknessRequest) -> dict[str, Any]:
-    """Search, and return the answer without its key and version."""
-    return walk(ThicknessAnswer, solver.least_thickness(**request.arguments()), formulas=request.formulas())
-
-
-def limit_speed_answer(request: LimitSpeedRequest) -> dict[str, Any]:
-    """Search, and return the answer without its key and version."""
-    return walk(LimitSpeedAnswer, solver.limit_velocity(**request.arguments()), formulas=request.formulas())

@@ -12,6 +12,7 @@ from typing import Annotated, Any, ClassVar
 from pydantic import BaseModel, BeforeValidator, ConfigDict, FiniteFloat, GetJsonSchemaHandler, Strict
 from pydantic_core import CoreSchema
 
+from service.columns import UNITS
 from solver.validation import BOUNDS
 
 Num = Annotated[FiniteFloat, Strict()]
@@ -89,6 +90,11 @@ def within(field: str) -> dict[str, Any]:
     """Return the bounds of a field of the solver, as arguments of `Field`."""
     bound = BOUNDS[field]
     return {"gt" if bound.above else "ge": bound.lower, "lt" if bound.below else "le": bound.upper}
+
+
+def unit_end(name: str) -> str:
+    """Return the end of a name that says its unit."""
+    return next((end for end in UNITS if name.endswith(end)), "")
 
 
 def degrees(angle: float) -> float:

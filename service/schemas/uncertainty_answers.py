@@ -9,13 +9,11 @@ from typing_extensions import TypeAliasType
 
 from service.columns import Column
 from service.schemas.answers import EXIT, VERSIONED, WARNING, EngineVersion, Key, ModelWarning
-from service.schemas.fields import NOT_TABLED, WHOLE_ANSWER, Behind, Described, Of, unit_end, walk
-from service.schemas.quantities import Count, Num, Part, degrees, with_examples
+from service.schemas.fields import NOT_TABLED, WHOLE_ANSWER, Behind, Described, Of, walk
+from service.schemas.quantities import Count, Num, Part, degrees, unit_end, with_examples
 from solver import Outcome
 from solver.uncertainty import (
-    AngleUncertainty,
     Estimate,
-    TrajectoryUncertainty,
 )
 
 ESTIMATE = {"value": 0.22, "lower": 0.21, "upper": 0.23}
@@ -302,13 +300,3 @@ class PartialUncertainty(Part):
     outcomes: list[OutcomeProbability] | MISSING = MISSING
     """Outcomes of a study of one strike."""
     convergence: ConvergenceAnswer
-
-
-def critical_angle_uncertainty_answer(found: AngleUncertainty) -> dict[str, Any]:
-    """Return the answer without key and version."""
-    return walk(CriticalAngleUncertaintyAnswer, found)
-
-
-def trajectory_uncertainty_answer(found: TrajectoryUncertainty) -> dict[str, Any]:
-    """Return the answer without key and version."""
-    return walk(TrajectoryUncertaintyAnswer, found)
