@@ -43,13 +43,23 @@ def pointer_of_parameter(field: str) -> str:
     return json_pointer(f"{name}{ends.get(name, '')}" for name in names)
 
 
-@cache
 def unit_ends() -> dict[str, str]:
-    """Return what the contract adds to the names of the solver, whose quantities are in the models with their units."""
+    """Return what the contract adds to the names of the solver: the units with which the models name quantities.
+
+    Collected anew each time, because not every command has imported all models yet.
+    """
+    ends: dict[str, str] = {}
     models = [Part]
     for model in models:  # It grows on the way.
         models += model.__subclasses__()
-    return {name.removesuffix(end): end for model in models for name in model.model_fields if (end := unit_end(name))}
+        ends |= ends_in(model)
+    return ends
+
+
+@cache
+def ends_in(model: type[Part]) -> dict[str, str]:
+    """Return the units in the names of the fields of a model, by the names without them."""
+    return {name.removesuffix(end): end for name in model.model_fields if (end := unit_end(name))}
 
 
 TOO_SHORT = {
