@@ -6,7 +6,7 @@ from pydantic import MISSING, Field
 
 import solver
 from service.columns import Column
-from service.schemas.fields import GIVEN, Behind, Described, Of, columns, columns_of, walk
+from service.schemas.fields import GIVEN, Behind, Described, Of, columns_of, history_columns, walk
 from service.schemas.problems import Problem
 from service.schemas.quantities import Num, Part, with_examples
 from service.schemas.resistance import FreeSurfaceModel, StrengthLaw
@@ -320,7 +320,9 @@ Columns = dict[str, FloatArray]
 
 def trajectory_answer(found: solver.Trajectory) -> tuple[dict[str, Any], Columns | None]:
     """Return the answer without its history, and the columns of the history if there is one."""
-    return walk(TrajectoryAnswer, found), None if found.history is None else columns(MotionHistory, found.history)
+    return walk(TrajectoryAnswer, found), None if found.history is None else history_columns(
+        MotionHistory, found.history
+    )
 
 
 def critical_angle_answer(

@@ -59,7 +59,7 @@ IDENTIFYING = {column.name for column in IDENTITY}
 """Fields that are columns of the tables of every operation."""
 
 
-class Field(NamedTuple):
+class AnswerField(NamedTuple):
     """How a field of an answer gets its value."""
 
     name: str
@@ -72,18 +72,18 @@ class Field(NamedTuple):
 
 
 @cache
-def fields_of(model: type[Part]) -> tuple[Field, ...]:
+def fields_of(model: type[Part]) -> tuple[AnswerField, ...]:
     """Return the fields of a model in the order of an answer."""
     names = [name for name in model.model_fields if name not in model.answered_last]
     return tuple(_field(model, name) for name in (*names, *model.answered_last))
 
 
-def _field(model: type[Part], name: str) -> Field:
+def _field(model: type[Part], name: str) -> AnswerField:
     info = model.model_fields[name]
     marks = [mark for mark in info.metadata if isinstance(mark, Of)]
     source = marks[-1].source if marks else name.removesuffix(unit_end(name))
     get = attrgetter(source) if isinstance(source, str) else source
-    return Field(name, get, part_of(model, name), info.default is MISSING)
+    return AnswerField(name, get, part_of(model, name), info.default is MISSING)
 
 
 def kind_of(annotation: Any) -> Any:
@@ -134,7 +134,7 @@ def walk(model: type[Part], found: Any, /, **given: Any) -> dict[str, Any]:
     return answer
 
 
-def _plain(field: Field, value: Any) -> Any:
+def _plain(field: AnswerField, value: Any) -> Any:
     """Return a value as JSON data; what is so already stays."""
     if isinstance(value, float):
         return degrees(value) if field.name.endswith("_deg") else float(value)
@@ -185,7 +185,7 @@ def _columns_of(model: type[Part], name: str) -> tuple[Column, ...]:
     return (Column(name, texts[0], dtype),)
 
 
-def columns(model: type[Part], found: Any) -> dict[str, FloatArray]:
+def history_columns(model: type[Part], found: Any) -> dict[str, FloatArray]:
     """Return the columns of a motion over time, by their names in the contract."""
     return {field.name: in_unit(field.name, field.get(found)) for field in fields_of(model) if field.get}
 
@@ -195,7 +195,7 @@ def in_unit(name: str, values: Any) -> Any:
     return np.degrees(values) if name.endswith("_deg") else values
 
 
-def arguments(answer: Mapping[str, Any]) -> dict[str, Any]:
+def in_solver_units(answer: Mapping[str, Any]) -> dict[str, Any]:
     """Return a part of an answer as the solver names its values, in the solver's units."""
     ends = {name: unit_end(name) for name in answer}
     return {

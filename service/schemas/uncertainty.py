@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import Field, model_validator
 from pydantic_core import PydanticCustomError
 
-from service.schemas.fields import arguments
+from service.schemas.fields import in_solver_units
 from service.schemas.numerics import Search
 from service.schemas.quantities import WHOLE, Count, Flag, Num, Part, with_examples
 from service.schemas.requests import Case, CriticalAngleBase, TrajectoryFields
@@ -179,4 +179,4 @@ def crossings_in(answer: Mapping[str, Any]) -> Crossings:
 def ending_in(answer: Mapping[str, Any]) -> Ending:
     """Return what a study keeps of the answer to a trajectory."""
     left = answer.get("exit")
-    return Ending(answer["outcome"], answer["maximum_depth_m"], None if left is None else Exit(**arguments(left)))
+    return Ending(answer["outcome"], answer["maximum_depth_m"], None if left is None else Exit(**in_solver_units(left)))
