@@ -309,9 +309,10 @@ class QueryService:
             self._work -= request.work
 
     async def _permit(self, owner: str) -> Permit:
-        busy = QueriesWaitingError(self.seconds_until_done())
-        if self._turns.waiting >= self._max_waiting and not self._turns.make_room(owner, busy):
-            raise busy
+        if self._turns.waiting >= self._max_waiting:
+            busy = QueriesWaitingError(self.seconds_until_done())
+            if not self._turns.make_room(owner, busy):
+                raise busy
         try:
             async with asyncio.timeout(self._queue_seconds):
                 return await self._turns.acquire(owner)

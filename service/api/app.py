@@ -17,12 +17,13 @@ from service import telemetry
 from service.api import downloads, health, jobs, mcp, operations, page, results, studies, umbridge
 from service.api.body import KnownBodies
 from service.api.contract import declare_access, declare_bodies, declare_events, declare_problems
-from service.api.middleware import HeadMiddleware, RefusalMiddleware
+from service.api.job_models import JobChange
+from service.api.middleware import AuthMiddleware, HeadMiddleware, RefusalMiddleware
 from service.api.results import HDF5, PARQUET
 from service.api.services import READING_THREADS, Metrics, Services, executor_for
 from service.auth.api_keys import ApiKeyStore
+from service.auth.audit_log import AuditLog
 from service.auth.dependencies import ConcurrencyLimit, authorize_unrouted
-from service.auth.middleware import AuditLog, AuthMiddleware
 from service.auth.quotas import QuotaStore
 from service.cache.cache import ResultCache
 from service.errors import OwnerQueriesError, OwnerStreamsError, StreamsFullError
@@ -31,7 +32,7 @@ from service.jobs.store import JobStore
 from service.operations import OPERATIONS, SCHEMA_VERSION
 from service.problems import install_problem_handlers
 from service.queries import QueryService
-from service.schemas import JobChange, ReportRequest
+from service.schemas import ReportRequest
 from service.settings import Settings
 
 DESCRIPTION = """

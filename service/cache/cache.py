@@ -7,7 +7,9 @@
 A folder belongs to one running service.
 """
 
+import fcntl
 import logging
+import os
 import re
 import sqlite3
 import threading
@@ -23,8 +25,8 @@ from cachetools import LRUCache
 from service.cache.hdf5 import Segment, encode_segments, read_keys
 from service.cache.index import Index, Journal, Location, Statistics, discard_database
 from service.cache.record import Record
-from service.cache.segments import FolderLock, Segments, discard, name_of
-from service.errors import DamagedFileError, FolderReplacedError
+from service.cache.segments import Segments, discard, name_of
+from service.errors import DamagedFileError, FolderInUseError, FolderReplacedError
 
 NOT_CACHED = "result_not_cached"
 KEY = re.compile(r"[0-9a-f]{64}")
@@ -38,6 +40,59 @@ EVICTED_AT_ONCE = 64
 """Segments; storing results waits for it."""
 
 log = logging.getLogger(__name__)
+
+
+class FolderLock:
+    """Keeps a data folder to one service; the kernel gives it up with the process, however that ends.
+
+    Parameters
+    ----------
+    folder
+        Made if it is not there.
+
+    Raises
+    ------
+    FolderInUseError
+        If another has it.
+    OSError
+        If there can be no such lock.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        folder.mkdir(parents=True, exist_ok=True)
+        self._path = folder / "lock"
+        self._file: int | None = os.open(self._path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+        try:
+            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            self.check()
+        except BlockingIOError:
+            self.release()
+            raise FolderInUseError(f"the data folder {folder} is in use by another service") from None
+        except (OSError, FolderReplacedError):
+            self.release()
+            raise
+
+    def check(self) -> None:
+        """See that the path still leads to the folder that is locked; another service can have what stands there now.
+
+        Raises
+        ------
+        FolderReplacedError
+            If it does not.
+        """
+        if self._file is not None:
+            try:
+                same = os.path.samestat(os.fstat(self._file), self._path.stat())
+            except FileNotFoundError:
+                same = False
+            if not same:
+                raise FolderReplacedError("the data folder has been removed or replaced; start the service again")
+
+    def release(self) -> None:
+        """Give the folder up."""
+        if self._file is not None:
+            os.close(self._file)
+        self._file = None
 
 
 class ResultCache:

@@ -6,7 +6,6 @@ results/.partial/                          being written; what a crash leaves th
 damaged/<name>.h5                          files that were not what had been written, set aside
 """
 
-import fcntl
 import hashlib
 import itertools
 import os
@@ -19,64 +18,10 @@ from pathlib import Path
 
 from service.cache.damaged import set_aside
 from service.cache.hdf5 import DecodedSegment, check
-from service.errors import FolderInUseError, FolderReplacedError
 
 FILE = re.compile(r"[0-9a-f]{32}\.h5")
 MOST_REMEMBERED = 100_000
 """Segments that are remembered to be whole, some 20 MB."""
-
-
-class FolderLock:
-    """Keeps a data folder to one service; the kernel gives it up with the process, however that ends.
-
-    Parameters
-    ----------
-    folder
-        Made if it is not there.
-
-    Raises
-    ------
-    FolderInUseError
-        If another has it.
-    OSError
-        If there can be no such lock.
-    """
-
-    def __init__(self, folder: Path) -> None:
-        folder.mkdir(parents=True, exist_ok=True)
-        self._path = folder / "lock"
-        self._file: int | None = os.open(self._path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
-        try:
-            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            self.check()
-        except BlockingIOError:
-            self.release()
-            raise FolderInUseError(f"the data folder {folder} is in use by another service") from None
-        except (OSError, FolderReplacedError):
-            self.release()
-            raise
-
-    def check(self) -> None:
-        """See that the path still leads to the folder that is locked; another service can have what stands there now.
-
-        Raises
-        ------
-        FolderReplacedError
-            If it does not.
-        """
-        if self._file is not None:
-            try:
-                same = os.path.samestat(os.fstat(self._file), self._path.stat())
-            except FileNotFoundError:
-                same = False
-            if not same:
-                raise FolderReplacedError("the data folder has been removed or replaced; start the service again")
-
-    def release(self) -> None:
-        """Give the folder up."""
-        if self._file is not None:
-            os.close(self._file)
-        self._file = None
 
 
 def name_of(keys: Iterable[str]) -> str:
