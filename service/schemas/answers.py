@@ -320,9 +320,8 @@ Columns = dict[str, FloatArray]
 
 def trajectory_answer(found: solver.Trajectory) -> tuple[dict[str, Any], Columns | None]:
     """Return the answer without its history, and the columns of the history if there is one."""
-    return walk(TrajectoryAnswer, found), None if found.history is None else history_columns(
-        MotionHistory, found.history
-    )
+    history = None if found.history is None else history_columns(MotionHistory, found.history)
+    return walk(TrajectoryAnswer, found), history
 
 
 def critical_angle_answer(
