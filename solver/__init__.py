@@ -19,6 +19,7 @@ from solver.perforation import (
 )
 from solver.prepared import Exit, Outcome
 from solver.projectile import (
+    BoatTail,
     Conical,
     Flat,
     MassProperties,
@@ -26,6 +27,7 @@ from solver.projectile import (
     Profile,
     Projectile,
     SolidProperties,
+    Sphere,
     Spherical,
     mass_properties,
     solid_properties,
@@ -55,6 +57,7 @@ ENGINE_VERSION = "11"
 __all__ = [
     "ENGINE_VERSION",
     "Alternative",
+    "BoatTail",
     "Conical",
     "ConstantStrengthFactor",
     "Crater",
@@ -89,6 +92,7 @@ __all__ = [
     "SearchStatus",
     "ShearPlug",
     "SolidProperties",
+    "Sphere",
     "Spherical",
     "StepLimitError",
     "StrengthPowerLaw",
