@@ -17,6 +17,7 @@ UNITS = {
     "diameter": "m",
     "length": "m",
     "mass": "kg",
+    "base_diameter": "m",
     "center_of_gravity": "m",
     "moment_of_inertia": "kg_m2",
     "compressive_strength": "pa",
