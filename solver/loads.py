@@ -23,7 +23,9 @@ from solver.compilation import VECTOR_WIDTH, compiled, inlined, lean, vectorised
 from solver.free_surface import TINY, build_decay, decay_at
 from solver.resistance import Resistance
 from solver.surface import (
+    BOUNDED,
     MAX_CUTS,
+    TAPERED,
     Body,
     BodyMotion,
     Panels,
@@ -181,7 +183,7 @@ def accelerate_by_gauss(
         scratch.attitudes[k, 0], scratch.attitudes[k, 1], scratch.attitudes[k, 2] = c, abs(s), mirror
         out[3 * k], out[3 * k + 1], out[3 * k + 2] = 0.0, 0.0, 0.0
         hidden = c >= 0.0 and law.decay.corner > 0.0  # a base that faces out is weakened to nothing
-        for index in range(outline.shape[0] - (body.base_rows if hidden else 0)):
+        for index in range(outline.shape[0] - (1 if hidden else 0)):
             piece = outline[index]
             count = cut(cuts, piece, motion)
             for stretch in range(count):
@@ -193,7 +195,7 @@ def accelerate_by_gauss(
                 rule = quadrature.few_stations if short else quadrature.stations
                 if max(rings, fulls) + rule.table.shape[1] > ROOM:
                     scratch.ends[k, 0], scratch.ends[k, 1] = rings, FULL + fulls
-                    integrate_rings(rows, rings, fulls, quadrature.points, law, body.bounded)
+                    integrate_rings(rows, rings, fulls, quadrature.points, law, body.bounds & BOUNDED > 0)
                     _add_up(first, k, body, scratch, out)
                     first, rings, fulls = k, 0, 0
                 if law.decay.corner == 0.0 or is_full(piece, begin, end, middle, motion):
@@ -203,7 +205,7 @@ def accelerate_by_gauss(
                     add_rings(rows, rings, piece, begin, end, rule.table, motion)
                     rings += rule.size
         scratch.ends[k, 0], scratch.ends[k, 1] = rings, FULL + fulls
-    integrate_rings(rows, rings, fulls, quadrature.points, law, body.bounded)
+    integrate_rings(rows, rings, fulls, quadrature.points, law, body.bounds & BOUNDED > 0)
     _add_up(first, out.size // 3 - 1, body, scratch, out)
 
 
@@ -278,7 +280,7 @@ def accelerate_in_wall(
         along = across = moment = 0.0
         count = 0
         hidden = c >= 0.0 and law.decay.corner > 0.0  # a base that faces out is weakened to nothing
-        for index in range(body.outline.shape[0] - (body.base_rows if hidden else 0)):
+        for index in range(body.outline.shape[0] - (1 if hidden else 0)):
             piece = body.outline[index]
             stretches = _cut(piece, motion, loaded, scratch.cuts)
             for stretch in range(stretches):
@@ -289,12 +291,12 @@ def accelerate_in_wall(
                 short = end - begin < SHORT * (scratch.cuts[stretches] - scratch.cuts[0])
                 rule = quadrature.few_stations if short else quadrature.stations
                 if count + rule.table.shape[1] > ROOM // 2:
-                    f, g, h = _integrate(scratch.rows, count, quadrature.points, law, body.tapers)
+                    f, g, h = _integrate(scratch.rows, count, quadrature.points, law, body.bounds & TAPERED > 0)
                     along, across, moment, count = along + f, across + g, moment + h, 0
                 add_rings(scratch.rows, count, piece, begin, end, rule.table, motion)
                 count += rule.size
         if count > 0:
-            f, g, h = _integrate(scratch.rows, count, quadrature.points, law, body.tapers)
+            f, g, h = _integrate(scratch.rows, count, quadrature.points, law, body.bounds & TAPERED > 0)
             along, across, moment = along + f, across + g, moment + h
         out[3 * k] = (along * c - across * s) / body.mass
         out[3 * k + 1] = mirror * (along * s + across * c) / body.mass

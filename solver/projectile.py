@@ -502,14 +502,14 @@ class Projectile:
         return pieces
 
     @property
-    def base(self) -> Line | None:
-        """The flat base, from the rear edge to the axis; None for a body that ends in a point, as a sphere does."""
+    def base(self) -> Line:
+        """The flat base, from the rear edge to the axis; without length where a body ends in a point."""
         radius = self.radius
         if self._whole is not None:
             radius = self._whole.end_radius
         elif self.boat_tail is not None:
             radius = self.boat_tail.base_diameter / 2.0
-        return Line(self.length, radius, self.length, 0.0) if radius > 0.0 else None
+        return Line(self.length, radius, self.length, 0.0)
 
 
 @dataclass(frozen=True, slots=True)

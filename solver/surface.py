@@ -18,6 +18,8 @@ from solver.validation import require
 
 LINE, ARC = 0.0, 1.0
 """First column of an outline row, the kind of the piece."""
+BOUNDED, TAPERED = 1, 2
+"""Whether the cavity is bounded towards both faces somewhere, and whether it is towards the rear face only."""
 
 BEHIND = 1e-100
 """Cosine of α that stands for that of the base: where the base faces the impact face, the channel that the body has cut
@@ -39,9 +41,10 @@ class Body(NamedTuple):
     """A projectile for the compiled code. The centre of gravity is the origin, positions ahead of it are positive."""
 
     outline: FloatArray
-    """(n, 8), the base last if there is one. A line: kind, axial position and radius at its start, its length, sine and
-    cosine of α, and α. An arc: kind, axial position and radius of its centre, its radius, smallest and largest α, and
-    nothing. Last in each row the bound of the cavity, as `Section` has it. [m, rad]"""
+    """(n, 8), the base last, without length where a body ends in a point. A line: kind, axial position and radius at
+    its start, its length, sine and cosine of α, and α. An arc: kind, axial position and radius of its centre, its
+    radius, smallest and largest α, and nothing. Last in each row the bound of the cavity, as `Section` has it.
+    [m, rad]"""
     corners: FloatArray
     """(m, 2) axial position and radius of the points between pieces, tip and rear edge included. [m]"""
     tip: float
@@ -50,12 +53,9 @@ class Body(NamedTuple):
     """[kg]"""
     moment_of_inertia: float
     """About a transverse axis through the centre of gravity. [kg m²]"""
-    bounded: bool
-    """Whether the cavity towards the impact face is bounded anywhere but on the base."""
-    tapers: bool
-    """Whether it is bounded towards the rear face only anywhere."""
-    base_rows: int
-    """Rows of the flat base: 0 for a body that ends in a point or as a sphere, else 1."""
+    bounds: int
+    """Whether the cavity is bounded anywhere but on the base: `BOUNDED`, `TAPERED`, both or 0. One number for both,
+    since this is handed over at every evaluation."""
 
 
 class Panels(NamedTuple):
@@ -128,10 +128,11 @@ def build_body(projectile: Projectile, properties: MassProperties) -> Body:
     """Outline and mass properties of `projectile` for the compiled code."""
     center = properties.center_of_gravity
     rows, corners = [], []
-    base = () if projectile.base is None else (Section(projectile.base, projectile.radius),)
-    for piece, cavity in (*sections(projectile.outline(), projectile.radius), *base):
+    outline = tuple(sections(projectile.outline(), projectile.radius))
+    for piece, cavity in (*outline, Section(projectile.base, projectile.radius)):
         if isinstance(piece, Line):
-            sine, cosine = (piece.r_end - piece.r_start) / piece.length, (piece.x_end - piece.x_start) / piece.length
+            size = piece.length or 1.0
+            sine, cosine = (piece.r_end - piece.r_start) / size, (piece.x_end - piece.x_start) / size
             alpha = math.atan2(sine, cosine)
             rows.append((LINE, center - piece.x_start, piece.r_start, piece.length, sine, cosine, alpha, cavity))
             corners += [(center - piece.x_start, piece.r_start), (center - piece.x_end, piece.r_end)]
@@ -142,9 +143,9 @@ def build_body(projectile: Projectile, properties: MassProperties) -> Body:
                 x, r = piece.x_center - piece.radius * math.sin(angle), piece.r_center + piece.radius * math.cos(angle)
                 corners.append((center - x, r))
     tip, mass, inertia = map(float, (center, properties.mass, properties.moment_of_inertia))  # 13 is another type
-    bounds = [row[-1] for row in rows[: len(rows) - len(base)]]
-    bounded, tapers = any(bound > 0.0 for bound in bounds), any(bound < 0.0 for bound in bounds)
-    return Body(np.array(rows, float), np.array(corners, float), tip, mass, inertia, bounded, tapers, len(base))
+    bounded, tapered = (any(sign * cavity > 0.0 for _, cavity in outline) for sign in (1.0, -1.0))
+    bounds = BOUNDED * bounded + TAPERED * tapered
+    return Body(np.array(rows, float), np.array(corners, float), tip, mass, inertia, bounds)
 
 
 @compiled
@@ -180,7 +181,7 @@ def build_panels(projectile: Projectile, properties: MassProperties, count: int)
     require(rings >= len(outline), "numerics.panels", f"too few for {len(outline)} pieces of outline, got {count}")
     azimuth = (np.arange(around // 2) + 0.5) * 2.0 * math.pi / around
     parts = [*zip(outline, share, strict=True)]
-    if projectile.base is not None:
+    if projectile.base.length > 0.0:
         parts.append((Section(projectile.base, math.inf), projectile.base.length / lengths.sum()))
     strips = [
         _strip(section, max(1, round(rings * part)), properties.center_of_gravity, azimuth) for section, part in parts
@@ -318,7 +319,6 @@ def is_full(piece: FloatArray, begin: float, end: float, middle: Ring, motion: B
         return True
     if not (_faces_in(middle, motion) or _dips_in(middle, motion)):
         return False
-    first = ring_at(piece, begin)
-    if _faces_in(first, motion):  # of an arc, the end where α is smallest; tail first, those of larger α may face out
-        return bool(motion[1] >= 0.0) or _faces_in(ring_at(piece, end), motion)
-    return _dips_in(first, motion) and _dips_in(ring_at(piece, end), motion)
+    nearest, farthest = (begin, end) if motion[1] >= 0.0 else (end, begin)  # of an arc, by how its α faces in
+    first = ring_at(piece, nearest)
+    return _faces_in(first, motion) or (_dips_in(first, motion) and _dips_in(ring_at(piece, farthest), motion))

@@ -174,7 +174,7 @@ BODY_SOLIDS: dict[str, tuple[Projectile, Solid]] = {
 def test_bodies_that_taper_equal_their_closed_forms(name: str) -> None:
     projectile, solid = BODY_SOLIDS[name]
     assert_properties_equal(projectile, solid)
-    base = 0.0 if projectile.base is None else math.pi * projectile.base.r_start**2
+    base = math.pi * projectile.base.r_start**2
     panels = build_panels(projectile, mass_properties(projectile), 20_000)
     assert panels.area.sum() == pytest.approx(solid.area + base, rel=1e-3)
 

@@ -172,5 +172,5 @@ def test_a_shank_need_not_be_left_between_nose_and_boat_tail() -> None:
 
 
 def test_a_sphere_is_as_wide_as_long() -> None:
-    assert BALL.base is None
+    assert BALL.base.length == 0.0
     assert Projectile(nose=Sphere(), diameter=0.0206, length=0.0206, mass=0.0359).nose_length == 0.0103
