@@ -35,11 +35,15 @@ from solver.projectile import (
 from solver.resistance import (
     ConstantStrengthFactor,
     ObliquityPolynomial,
+    OwnTests,
     PublishedTests,
     Resistance,
+    Shot,
+    StrengthPosterior,
     StrengthPowerLaw,
     closed_form_depth,
     strength_factor,
+    strength_factor_of_depth,
 )
 from solver.search.critical_angle import critical_angle
 from solver.search.types import CriticalAngle, OutcomeInterval, Search, SearchStatus, Trial
@@ -51,7 +55,7 @@ from solver.validation import IntegrationError, ParameterError, RicochetError, S
 from solver.warm_up import warm_up
 from solver.warnings import ModelWarning
 
-ENGINE_VERSION = "11"
+ENGINE_VERSION = "12"
 """Raised whenever results change: results kept under another version are not used."""
 
 __all__ = [
@@ -79,6 +83,7 @@ __all__ = [
     "OutOfRange",
     "Outcome",
     "OutcomeInterval",
+    "OwnTests",
     "ParameterError",
     "PerforationLimit",
     "PerforationStatus",
@@ -91,10 +96,12 @@ __all__ = [
     "Search",
     "SearchStatus",
     "ShearPlug",
+    "Shot",
     "SolidProperties",
     "Sphere",
     "Spherical",
     "StepLimitError",
+    "StrengthPosterior",
     "StrengthPowerLaw",
     "Target",
     "Trajectory",
@@ -120,6 +127,7 @@ __all__ = [
     "simulate_sweep",
     "solid_properties",
     "strength_factor",
+    "strength_factor_of_depth",
     "to_dataframe",
     "warm_up",
 ]
