@@ -20,6 +20,7 @@ from solver.perforation import (
 )
 from solver.prepared import Exit, Outcome
 from solver.projectile import (
+    BoatTail,
     Conical,
     Flat,
     MassProperties,
@@ -27,6 +28,7 @@ from solver.projectile import (
     Profile,
     Projectile,
     SolidProperties,
+    Sphere,
     Spherical,
     mass_properties,
     solid_properties,
@@ -59,6 +61,7 @@ ENGINE_VERSION = "12"
 __all__ = [
     "ENGINE_VERSION",
     "Alternative",
+    "BoatTail",
     "Conical",
     "ConstantStrengthFactor",
     "Crater",
@@ -95,6 +98,7 @@ __all__ = [
     "ShearPlug",
     "Shot",
     "SolidProperties",
+    "Sphere",
     "Spherical",
     "StepLimitError",
     "StrengthPosterior",

@@ -37,7 +37,7 @@ VECTOR = np.uint64(VECTOR_WIDTH)
 """Where the rows begin. Unsigned, since an index that might be negative costs a test each time.
 
 What `add_rings` writes: α; axial position and radius of the centre of curvature; radius of curvature; the ring's share
-of the outline; the motion of its body; the radius of its cavity if it is bounded. On a straight piece the second and
+of the outline; the motion of its body; the bound of its cavity. On a straight piece the second and
 third are those of the ring itself, and the radius of curvature is zero. What `_load_rings` adds, as values and slopes
 in c: depth times cos α and outward tilt of the normal times the radius, which make up k, where the cavity is bounded
 depth and outward tilt times the bound; normal velocity. Then S f'c, ramped; what the integral of the stress adds
@@ -158,13 +158,12 @@ def place_ring(rows: FloatArray, i: int) -> tuple[float, float, float, float]:
 
 
 @exact
-def cavity_scales(rows: FloatArray, i: int, cosine: float, radius: float) -> tuple[float, float]:
+def cavity_scales(bound: float, cosine: float, radius: float) -> tuple[float, float]:
     """Factors of the depth and of the outward tilt of a ring, of which the ratio, plus one, is k.
 
     With a cavity of radius r / cos α they are cos α and r, so that a ring near the axis needs no division by zero; with
     a bounded one, 1 and the bound.
     """
-    bound = rows[CAVITY + i]
     return (1.0, bound) if bound > 0.0 else (cosine, radius)
 
 
@@ -214,7 +213,7 @@ def _ring_loader(name: str, *, bounded: bool) -> Callable[[FloatArray, np.uint64
             speed_slope = (sideways + spin * axial) * cosine - spin * radius * sine_
             depth_scale, tilt_scale = cosine, radius
             if bounded:
-                depth_scale, tilt_scale = cavity_scales(rows, i, cosine, radius)
+                depth_scale, tilt_scale = cavity_scales(rows[CAVITY + i], cosine, radius)
             inward, inward_slope = depth_scale * inside, depth_scale * inside_slope
             outward, outward_slope = -tilt_scale * sine_ * c, tilt_scale * cosine * s
 

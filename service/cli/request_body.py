@@ -179,6 +179,8 @@ def without_sought(body: RequestBody, operation: str) -> RequestBody:
 def _put_number(body: dict[str, Any], flag: Flag, value: float | None) -> None:
     """Set the field of a flag. Without a value, only add the objects around it, so that validation names the field."""
     parent: Any = body
+    if value is None and len(flag.steps) > 2:
+        return  # A part within a part, as a boat-tail of a projectile, may be left out.
     for step in flag.steps[:-1]:
         parent = parent.setdefault(step, {}) if isinstance(parent, dict) else None
     if value is not None and isinstance(parent, dict):

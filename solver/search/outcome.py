@@ -287,7 +287,7 @@ def _look_nearby(angle: float, level: Level, search: SearchState, nearby: FloatA
         nearby[0] = _energy_left(below, level, search)
     if inputs.vary_inertia:
         body, inertia = model.body, MORE_INERTIA * model.body.moment_of_inertia
-        heavier = Body(body.outline, body.corners, body.tip, body.mass, inertia, body.bounded)
+        heavier = Body(body.outline, body.corners, body.tip, body.mass, inertia, body.bounds)
         varied = Model(heavier, model.law, model.quadrature, model.panels, model.right_hand_side)
         nearby[2] = _energy_left(
             above, level, SearchState(inputs, varied, search.levels, search.table, search.run_trial)
