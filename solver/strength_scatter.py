@@ -11,6 +11,7 @@ from solver.resistance import (
     PublishedTests,
     Resistance,
     Shot,
+    StrengthPosterior,
 )
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET
 from solver.target import Target
@@ -67,8 +68,10 @@ def own_tests_behind(*, projectile: Projectile, target: Target, resistance: Resi
     return TABLE_1 if by_equation_9 and same else None
 
 
-def strength_scatter(*, projectile: Projectile, target: Target, resistance: Resistance) -> StrengthScatter:
-    """Return how S scatters: by the shots into the very concrete, or by the law of the published tests.
+def known_strength(
+    *, projectile: Projectile, target: Target, resistance: Resistance
+) -> tuple[float, StrengthPosterior | None]:
+    """Return the dispersion of S of the next shot, and what shots into the very concrete say of it, if there are any.
 
     Parameters
     ----------
@@ -81,22 +84,24 @@ def strength_scatter(*, projectile: Projectile, target: Target, resistance: Resi
         If no strength factor gives the depth of a shot.
     """
     tests = own_tests_behind(projectile=projectile, target=target, resistance=resistance)
-    within = PublishedTests.within_series
-    dispersion = math.hypot(PublishedTests.between_series, within)
-    if tests is not None:
-        dispersion = tests.posterior(
-            projectile=projectile,
-            target=target,
-            inertia_factor=resistance.inertia_factor,
-            crater=resistance.crater,
-        ).dispersion
+    if tests is None:
+        return math.hypot(PublishedTests.between_series, PublishedTests.within_series), None
+    posterior = tests.posterior(
+        projectile=projectile, target=target, inertia_factor=resistance.inertia_factor, crater=resistance.crater
+    )
+    return posterior.dispersion, posterior
+
+
+def strength_scatter(*, projectile: Projectile, target: Target, resistance: Resistance) -> StrengthScatter:
+    """Return how S scatters beside the strength; for the arguments see `known_strength`."""
+    dispersion, _ = known_strength(projectile=projectile, target=target, resistance=resistance)
     slope = _slope(projectile, target, resistance)
     strength = STRENGTH_DISPERSION
     if slope != 0.0:
         strength = min(strength, math.sqrt(0.5) * dispersion / abs(slope))
     return StrengthScatter(
         dispersion=dispersion,
-        between=math.sqrt(max(dispersion**2 - within**2, 0.0)),
+        between=math.sqrt(max(dispersion**2 - PublishedTests.within_series**2, 0.0)),
         strength=strength,
         residual=math.sqrt(dispersion**2 - (slope * strength) ** 2),
     )

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 from pydantic import MISSING, Field
 
-from service.schemas.answers import EngineVersion, Key
+from service.schemas.answers import EngineVersion, Key, OwnTestsAnswer
 from service.schemas.quantities import Num, Part, degrees, with_examples
 from service.schemas.requests import CriticalAngleBase, ReportRequest
 from service.schemas.resistance import FreeSurfaceModel
@@ -166,6 +166,8 @@ class VerdictAnswer(Part):
     """At the critical angle, if there is one. [1]"""
     strength_factor_dispersion: Num
     """Standard deviation of ln S at the stated strength: by own tests, or by the law of the published ones. [ln]"""
+    own_tests: OwnTestsAnswer | MISSING = MISSING
+    """If S rests on shots into the very concrete and there is a critical angle."""
     usual_scatter: list[UncertainInput]
     """Inputs that scatter, as `/cra/uncertainty` takes them."""
     keys: VerdictKeys
@@ -232,8 +234,7 @@ def verdict_answer(request: ReportRequest, answers: Mapping[str, Any]) -> dict[s
         answer["outcome"] = found.outcome.value
     if found.probability is not None:
         answer["ricochet_probability"] = found.probability
-    if "strength_factor" in answers["cra"]:
-        answer["strength_factor"] = answers["cra"]["strength_factor"]
+    answer |= {name: answers["cra"][name] for name in ("strength_factor", "own_tests") if name in answers["cra"]}
     names = {"cra": "cra", "uncertainty": "uncertainty", "judged": "trajectory"}
     return answer | {
         "strength_factor_dispersion": scatter.dispersion,

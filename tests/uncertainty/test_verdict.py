@@ -89,6 +89,7 @@ SEEN = Verdict(
     theories=(),
 )
 FIRST = "Critical angle 48.6° from the normal, 90 % range 42° to 60°"
+THEORY = "elastic-plastic decay (weight 0.8)"
 LAST = "the outcome also changes at 70.0°"
 
 
@@ -107,7 +108,7 @@ LAST = "the outcome also changes at 70.0°"
         ),
         (
             {"share_without": 0.25, "theories": (math.radians(48.634), None), "other_crossings": (math.radians(70.0),)},
-            f"{FIRST}, 25 % of the samples without one from 5° to 85°; elastic-plastic decay (weight 0.8) 48.6°; {LAST}.",
+            f"{FIRST}, 25 % of the samples without one from 5° to 85°; {THEORY} 48.6°; {LAST}.",
         ),
         (
             {"status": SearchStatus.NO_RICOCHET, "angle": None, "spread": None},
