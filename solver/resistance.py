@@ -332,11 +332,30 @@ class OwnTests:
         self, *, target: Target, projectile: Projectile, inertia_factor: float = 1.0, crater: Crater | None = None
     ) -> tuple[float, ...]:
         """S in powers of the oblique angle in degrees, constant first."""
-        found = self.posterior(target=target, projectile=projectile, inertia_factor=inertia_factor, crater=crater)
-        law = StrengthPowerLaw(
-            coefficient=self.residual * found.median, exponent=0.0, obliquity_shape=self.obliquity_shape
-        )
+        law = self.power_law(target=target, projectile=projectile, inertia_factor=inertia_factor, crater=crater)
         return law.polynomial(target=target, projectile=projectile)
+
+    def power_law(
+        self, *, target: Target, projectile: Projectile, inertia_factor: float = 1.0, crater: Crater | None = None
+    ) -> StrengthPowerLaw:
+        """Return the same S as a power law, for studies in which strength and diameter scatter.
+
+        Notes
+        -----
+        A depth gives the product of S and strength. So S of the shots falls as the strength they are read with rises,
+        and the exponent of the posterior is the mean of -1 and that of the law, with their shares in the posterior.
+        """
+        found = self.posterior(target=target, projectile=projectile, inertia_factor=inertia_factor, crater=crater)
+        between, within = PublishedTests.between_series**2, PublishedTests.within_series**2
+        prior = within / (within + len(self.shots) * between)
+        return StrengthPowerLaw(
+            coefficient=self.residual * found.median,
+            exponent=prior * PublishedTests.law.exponent - (1.0 - prior),
+            reference_strength=target.compressive_strength,
+            diameter_exponent=PublishedTests.law.diameter_exponent,
+            reference_diameter=projectile.diameter,
+            obliquity_shape=self.obliquity_shape,
+        )
 
 
 @lru_cache(maxsize=256)  # a search looks up the same posterior at each of its trials

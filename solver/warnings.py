@@ -158,6 +158,7 @@ def law_warnings(
             target=target, projectile=projectile, inertia_factor=resistance.inertia_factor, crater=resistance.crater
         )
         found += own_tests_apart(posterior)
+        found += _own_tests_deeper_than_wall(model, target)
     if resistance.crater is not None and oblique_angle != 0.0:
         found.append(CRATER_AT_OBLIQUITY)
     if target.thickness is not None:
@@ -217,6 +218,24 @@ def own_tests_apart(posterior: StrengthPosterior) -> tuple[ModelWarning, ...]:
             "own_tests_apart",
             f"far from what the published tests and the other shots predict: {', '.join(apart[:MOST_NAMED])}{more}; "
             "compare speed, depth, mass and diameter with those measured",
+        ),
+    )
+
+
+def _own_tests_deeper_than_wall(tests: OwnTests, target: Target) -> tuple[ModelWarning, ...]:
+    """Warning about own shots that would have gone through a target as thick as the wall."""
+    if target.thickness is None:
+        return ()
+    deeper = [number for number, shot in enumerate(tests.shots, start=1) if shot.depth >= target.thickness]
+    if not deeper:
+        return ()
+    more = f" and {len(deeper) - MOST_NAMED} more" if len(deeper) > MOST_NAMED else ""
+    named = ", ".join(map(str, deeper[:MOST_NAMED])) + more
+    return (
+        ModelWarning(
+            "own_tests_deeper_than_wall",
+            f"shots deeper than the wall of {1e3 * target.thickness:.4g} mm: {named}; own tests must be into a target "
+            "that stops them well before its rear, as one that is perforated says little of S",
         ),
     )
 

@@ -26,6 +26,7 @@ from service.schemas.uncertainty_answers import (
     CriticalAngleUncertaintyAnswer,
     TrajectoryUncertaintyAnswer,
 )
+from service.schemas.verdict import VerdictAnswer, usual_inputs, verdict_answer
 
 __all__ = [
     "CaseModels",
@@ -52,10 +53,13 @@ __all__ = [
     "TrajectoryRequest",
     "TrajectoryUncertaintyAnswer",
     "TrajectoryUncertaintyRequest",
+    "VerdictAnswer",
     "critical_angle_answer",
     "depth_answer",
     "formulas_answer",
     "motion_answer",
     "obliquity_answer",
     "trajectory_answer",
+    "usual_inputs",
+    "verdict_answer",
 ]
