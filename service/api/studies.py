@@ -103,6 +103,7 @@ NEEDED = "cra"
 @router.post(
     "/verdict",
     response_model=VerdictAnswer,
+    response_description="The verdict, and the queries it rests on.",
     responses=problems(400, 413, 415, 422, 429, 500, 503),
     openapi_extra=one_body(ReportRequest),
     tags=["critical ricochet angle"],
