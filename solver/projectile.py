@@ -16,9 +16,7 @@ from solver.checks import (
     require_bounds,
     require_finite,
     require_kind,
-    require_number,
     require_one,
-    require_positive,
 )
 
 GAUSS_POINTS = 48  # on one piece of the outline; exact for lines, near machine precision for arcs
@@ -111,7 +109,7 @@ class Ogive:
     caliber_radius_head: float
 
     def __post_init__(self) -> None:
-        _require_caliber_radius_head(self.caliber_radius_head)
+        require_bounds("projectile.nose.caliber_radius_head", self.caliber_radius_head)
 
     def length(self, radius: float) -> float:
         """``a sqrt(4 ψ - 1)``. [m]"""
@@ -138,7 +136,7 @@ class Conical:
     length_to_diameter: float
 
     def __post_init__(self) -> None:
-        require_positive("projectile.nose.length_to_diameter", self.length_to_diameter)
+        require_bounds("projectile.nose.length_to_diameter", self.length_to_diameter)
 
     def length(self, radius: float) -> float:
         """Height of the cone. [m]"""
@@ -163,7 +161,7 @@ class Spherical:
     caliber_radius_head: float
 
     def __post_init__(self) -> None:
-        _require_caliber_radius_head(self.caliber_radius_head)
+        require_bounds("projectile.nose.caliber_radius_head", self.caliber_radius_head)
 
     def length(self, radius: float) -> float:
         """Height of the cap. [m]"""
@@ -364,16 +362,6 @@ def _rise(points: Sequence[Point]) -> int | None:
 NoseShape: TypeAlias = Ogive | Conical | Spherical | Flat | Profile | Sphere
 
 
-def _require_caliber_radius_head(value: float) -> None:
-    field = "projectile.nose.caliber_radius_head"
-    require_number(field, value)
-    require(
-        math.isfinite(value) and value >= 0.5,
-        field,
-        f"must be at least 0.5, got {value:g}",
-    )
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Projectile:
     """A rigid body of revolution.
@@ -410,9 +398,8 @@ class Projectile:
 
     def __post_init__(self) -> None:
         require_kind("projectile.nose", self.nose, NoseShape)
-        require_positive("projectile.diameter", self.diameter)
-        require_positive("projectile.length", self.length)
-        require_positive("projectile.mass", self.mass)
+        for name in ("diameter", "length", "mass"):
+            require_bounds(f"projectile.{name}", getattr(self, name))
         if isinstance(self.nose, Profile):
             self._check_profile(self.nose)
         if isinstance(self.nose, Sphere):
@@ -429,15 +416,15 @@ class Projectile:
         if self.boat_tail is not None:
             self._check_boat_tail(self.boat_tail)
         if self.center_of_gravity is not None:
-            require_number("projectile.center_of_gravity", self.center_of_gravity)
-            inside = math.isfinite(self.center_of_gravity) and 0.0 < self.center_of_gravity < self.length
+            require_bounds("projectile.center_of_gravity", self.center_of_gravity)
+            inside = 0.0 < self.center_of_gravity < self.length
             require(
                 inside,
                 "projectile.center_of_gravity",
                 f"must be between the tip and the base, 0 and {self.length:g} m, got {self.center_of_gravity:g} m",
             )
         if self.moment_of_inertia is not None:
-            require_positive("projectile.moment_of_inertia", self.moment_of_inertia)
+            require_bounds("projectile.moment_of_inertia", self.moment_of_inertia)
 
     def _check_profile(self, nose: Profile) -> None:
         """Refuse a profile that does not fit the diameter or, where it is that of the whole body, the length."""
