@@ -233,13 +233,13 @@ class QueryService:
         """
         loop = asyncio.get_running_loop()
         futures: dict[str, asyncio.Future[Answered]] = {case.key: loop.create_future() for case in cases}
-        self._in_flight |= futures
         outcomes: Sequence[Record | Exception] = [ComputationCancelled()] * len(cases)
         results: Sequence[CallResult] | None = None
         limit = CancelScope(deadline=math.inf if longest is None else current_time() + longest)
         compute, chunk = self.operations[operation].compute, secrets.token_hex(8)
         calls: list[Call] = [(compute_case, (compute, operation, case.key, case.json, chunk)) for case in cases]
         calls.append((close_chunk, (chunk,)))
+        self._in_flight |= futures
         try:
             try:
                 with limit:

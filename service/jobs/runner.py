@@ -2,7 +2,7 @@
 
 import asyncio
 import math
-from collections import Counter, deque
+from collections import Counter, defaultdict, deque
 from collections.abc import AsyncGenerator, Awaitable, Callable, Mapping, Sequence
 from contextlib import AbstractAsyncContextManager, AbstractContextManager, aclosing, nullcontext
 from dataclasses import dataclass, field
@@ -131,16 +131,15 @@ class CaseRunner:
 
         async def work() -> None:
             try:
-                keys = list({case.request.key for case in cases})
-                known: Mapping[str, Record] = await run_sync(self._queries.cache.get_many, keys)
-                missing = {number: case for number, case in enumerate(cases) if case.request.key not in known}
+                numbers: dict[str, list[int]] = defaultdict(list)
+                for number, case in enumerate(cases):
+                    numbers[case.request.key].append(number)
+                known: Mapping[str, Record] = await run_sync(self._queries.cache.get_many, list(numbers))
+                found = [(number, record) for key, record in known.items() for number in numbers[key]]
                 finished.put_nowait(
-                    [
-                        CaseResult(number, case.custom_id, known[case.request.key], None, cached=True)
-                        for number, case in enumerate(cases)
-                        if number not in missing
-                    ]
+                    [CaseResult(i, cases[i].custom_id, record, None, cached=True) for i, record in found]
                 )
+                missing = {number: case for number, case in enumerate(cases) if case.request.key not in known}
                 if missing:
                     await self.run(operation, only(missing), finished.put, owner=owner, urgent=urgent)
             finally:
