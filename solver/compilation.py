@@ -81,7 +81,8 @@ def _choose_folder() -> Path:
     bases = [Path(chosen) if chosen else PACKAGE / "__pycache__"]
     with suppress(RuntimeError):  # a user without a home
         bases.append(Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "ricochet")
-    folders = [base.absolute() / _folder_name(CPU) for base in bases]
+    name = _folder_name(CPU)
+    folders = [base.absolute() / name for base in bases]
     return next((each for each in folders if _can_write(each) or any(each.rglob("*.nbi"))), folders[0])
 
 

@@ -15,30 +15,18 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from numba import config, njit, typeof
-from numba.core.caching import IndexDataCacheFile, InTreeCacheLocator, NullCache
+from numba import njit, typeof
+from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile, InTreeCacheLocator, NullCache
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.errors import NumbaError, TypingError
 from numba.core.registry import cpu_target
+from numba.core.runtime.nrt import rtsys
 from numba.extending import intrinsic
-from numba.np import linalg
 
 from solver.compilation import COMPILING, FOLDER, PACKAGE, Compiled, compilation_progress
 
 LONG = 10
 """Functions that take some seconds to compile."""
-
-
-def _import_array_functions() -> None:
-    """Import those of numba without the check that SciPy is there: it is, and its import takes a fifth of a second."""
-    check, linalg.ensure_blas = linalg.ensure_blas, lambda: None
-    try:
-        import numba.np.arraymath  # noqa: F401, PLC0415 (runs the check)
-    finally:
-        linalg.ensure_blas = check
-
-
-_import_array_functions()
 
 
 class Locator(InTreeCacheLocator):
@@ -68,6 +56,44 @@ class CheckedFiles(IndexDataCacheFile):
         if hashlib.sha256(pickled[:size]).digest() != pickled[size:]:
             raise ValueError(f"{name} is damaged")
         return super()._load_data(name)
+
+
+class LocatedCode(CompileResultCacheImpl):
+    """Compiled code of a function, with its place."""
+
+    _locator_classes = [Locator]  # noqa: RUF012 (as in its base)
+
+
+class Cache(FunctionCache):
+    """numba's cache of a function, which reads code without first loading all that numba can compile.
+
+    That, a third of the time to the first result, is left to when something is compiled.
+    """
+
+    _impl_class = LocatedCode
+
+    def __init__(self, function: Callable[..., object]) -> None:
+        super().__init__(function)
+        self._cache_file.__class__ = CheckedFiles
+
+    def load_overload(self, sig: object, target_context: Any) -> Any:
+        """Return the compiled function for these types of arguments; None if there is none."""
+        rtsys.initialize(target_context)
+        found = self._load_overload(sig, target_context)
+        if found is None:
+            _import_array_functions()
+        return found
+
+
+def _import_array_functions() -> None:
+    """Import those of numba without the check that SciPy is there: it is, and its import takes a fifth of a second."""
+    from numba.np import linalg  # noqa: PLC0415 (see above)
+
+    check, linalg.ensure_blas = linalg.ensure_blas, lambda: None
+    try:
+        import numba.np.arraymath  # noqa: F401, PLC0415 (runs the check)
+    finally:
+        linalg.ensure_blas = check
 
 
 @lru_cache(1)
@@ -132,13 +158,9 @@ def _one_process(name: str) -> Iterator[None]:
 
 def dispatcher(compiled: Compiled, options: dict[str, Any]) -> Any:
     """Return numba's object for a function, which compiles or loads it for arguments of new types."""
-    chosen: Any = config  # numba fills it with names at run time
-    locators, chosen.CACHE_LOCATOR_CLASSES = chosen.CACHE_LOCATOR_CLASSES, f"{__name__}.Locator"
-    try:
-        made = njit(error_model="numpy", nogil=True, cache=True, **options)(compiled.__wrapped__)  # type: ignore[attr-defined]
-    finally:
-        chosen.CACHE_LOCATOR_CLASSES = locators
-    made._cache._cache_file.__class__ = CheckedFiles  # noqa: SLF001 (numba takes the class of a cache, not of its files)
+    function: Any = compiled.__wrapped__  # type: ignore[attr-defined]
+    made = njit(error_model="numpy", nogil=True, **options)(function)
+    made._cache = Cache(function)  # noqa: SLF001 (as its own `enable_caching` does)
     compile_here = made.compile
 
     def compile_alone(signature: object) -> object:
@@ -158,7 +180,7 @@ def dispatcher(compiled: Compiled, options: dict[str, Any]) -> Any:
             # not be written, and numba returns what it has. A folder that can only be read stays, and is not used.
             shutil.rmtree(FOLDER, ignore_errors=True)
             if FOLDER.exists():
-                made._cache = NullCache()  # noqa: SLF001 (as its own `enable_caching` does)
+                made._cache = NullCache()  # noqa: SLF001
             return compile_here(signature)
 
     made.compile = compile_alone
