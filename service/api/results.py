@@ -31,7 +31,7 @@ from service.auth.dependencies import READ
 from service.cache.hdf5 import BatchFile, to_hdf5
 from service.cache.record import Record
 from service.cache.tables import residuals_of
-from service.columns import Column, batch_columns, batch_row, csv_cells
+from service.columns import Column, base_of, batch_columns, batch_row, csv_cells
 from service.jobs.manager import JobManager
 from service.jobs.models import CaseResult, JobState, StoredSweep
 from service.schemas import Result
@@ -173,14 +173,19 @@ GROUP_ROWS = 4096
 
 
 def csv_head(operation: str, sweep: StoredSweep | None) -> bytes:
-    """Return the head of a table: the base of a sweep as a comment, and the names of the columns."""
-    names = _lines([[column.name for column in batch_columns(operation, sweep.fields if sweep else ())]])
-    return names if sweep is None else b"# base: %b\r\n" % orjson.dumps(sweep.request["base"]) + names
+    """Return the names of the columns of a table; the last ones are the base of a sweep, the same in each row."""
+    names = [column.name for column in batch_columns(operation, sweep.fields if sweep else ())]
+    return _lines([[*names, *_base(sweep)]])
 
 
 def csv_rows(results: Iterable[CaseResult], operation: str, sweep: StoredSweep | None) -> bytes:
     """Return the rows of these results."""
-    return _lines(_row(result, operation, sweep) for result in results)
+    base = _base(sweep).values()
+    return _lines([*_row(result, operation, sweep), *base] for result in results)
+
+
+def _base(sweep: StoredSweep | None) -> dict[str, Any]:
+    return base_of(sweep.request["base"], sweep.fields) if sweep else {}
 
 
 async def as_csv(ready: ReadyResults) -> AsyncIterator[bytes]:
