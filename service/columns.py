@@ -241,7 +241,7 @@ def base_of(base: Mapping[str, Any], axes: Sequence[str], before: str = "") -> d
         field = f"{before}{name}"
         if isinstance(value, Mapping):
             found |= base_of(value, axes, f"{field}.")
-        elif field not in axes:
+        elif field not in axes and value is not None:
             found[field] = value if isinstance(value, str | int | float) else json.dumps(value)
     return found
 

@@ -11,17 +11,15 @@ from typing import Any
 from anyio import CapacityLimiter
 from anyio.to_thread import run_sync
 from fastapi import FastAPI
-from starlette.datastructures import MutableHeaders
 from starlette.middleware.cors import CORSMiddleware
-from starlette.middleware.gzip import DEFAULT_EXCLUDED_CONTENT_TYPES, GZipMiddleware
-from starlette.types import ASGIApp, Message, Receive, Scope, Send
+from starlette.types import ASGIApp
 
 from service import telemetry
 from service.api import downloads, health, jobs, mcp, operations, page, results, studies, umbridge
 from service.api.body import KnownBodies
+from service.api.compression import CompressionMiddleware
 from service.api.contract import declare_access, declare_bodies, declare_events, declare_problems
 from service.api.middleware import HeadMiddleware, RefusalMiddleware
-from service.api.results import HDF5, PARQUET
 from service.api.services import READING_THREADS, Metrics, Services, executor_for
 from service.auth.api_keys import ApiKeyStore
 from service.auth.dependencies import ConcurrencyLimit, authorize_unrouted
@@ -51,8 +49,6 @@ STOP_SECONDS = POOL_SECONDS + 1
 """Part of the grace time for jobs and workers to end after the last request has been answered or given up."""
 REFUSAL_SECONDS = 1
 """Part of it, before that, for what cannot be finished to be refused."""
-GZIP_BYTES, GZIP_LEVEL = 8 * 1024, 1
-"""Least answer that is compressed, and how hard: level 6 takes four times as long and saves 3 % more."""
 RESOURCES = (studies, umbridge, results, jobs, health, page)
 """Routers behind those of the operations, in the order in which they are searched."""
 CORS: dict[str, Any] = {
@@ -94,34 +90,6 @@ class Application(FastAPI):
         if settings.gzip:
             inner = CompressionMiddleware(inner)
         return telemetry.RequestLog(RefusalMiddleware(inner), services.metrics.observe, settings.log_level)
-
-
-class CompressionMiddleware:
-    """Compresses large answers, in threads.
-
-    A strong ETag becomes a weak one: these bytes are others (RFC 9110, section 8.8.1).
-    """
-
-    def __init__(self, app: ASGIApp) -> None:
-        self._app = GZipMiddleware(
-            app,
-            minimum_size=GZIP_BYTES,
-            compresslevel=GZIP_LEVEL,
-            thread_minimum_size=GZIP_BYTES,
-            exclude_content_types=(*DEFAULT_EXCLUDED_CONTENT_TYPES, HDF5, PARQUET),
-        )
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Pass a request on."""
-
-        async def send_weak(message: Message) -> None:
-            if message["type"] == "http.response.start":
-                headers = MutableHeaders(raw=message["headers"])
-                if "content-encoding" in headers and headers.get("etag", "").startswith('"'):
-                    headers["etag"] = "W/" + headers["etag"]
-            await send(message)
-
-        await self._app(scope, receive, send_weak)
 
 
 def create_app(settings: Settings | None = None) -> FastAPI:

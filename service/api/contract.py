@@ -75,9 +75,12 @@ def problems(*statuses: int) -> Responses:
     return {status: {"model": Problem, **PROBLEMS[status]} for status in statuses}
 
 
+TABLES: dict[str, Any] = {"text/csv": {"schema": {"type": "string"}}, "application/x-hdf5": {}}
+"""Forms of a result beside JSON."""
+
 COMPUTED: Responses = {
-    200: {"description": "The answer.", "headers": CACHE_STATUS, "links": RESULT_LINK},
-    **problems(400, 413, 415, 422, 429, 500, 503),
+    200: {"description": "The answer.", "headers": CACHE_STATUS, "links": RESULT_LINK, "content": TABLES},
+    **problems(400, 406, 413, 415, 422, 429, 500, 503),
 }
 
 

@@ -24,7 +24,7 @@ from fastapi import Path as PathParameter
 from fastapi.responses import StreamingResponse
 
 from service.api.body import choose, matches
-from service.api.contract import Responses, problems
+from service.api.contract import TABLES, Responses, problems
 from service.api.downloads import file_pieces
 from service.api.services import services_of
 from service.auth.dependencies import READ
@@ -328,11 +328,26 @@ REPRESENTATIONS: dict[str, Callable[[Record], bytes]] = {
 }
 """Every form in which a result is given, the usual one first."""
 
+
+def form_of(request: Request) -> str:
+    """Return the media type in which a client takes a result.
+
+    Raises
+    ------
+    HTTPException
+        406 if it takes none of them.
+    """
+    media_type = choose(request.headers.get("accept", "*/*"), list(REPRESENTATIONS))
+    if media_type is None:
+        raise HTTPException(HTTPStatus.NOT_ACCEPTABLE, f"a result is given as {', '.join(REPRESENTATIONS)}")
+    return media_type
+
+
 DECLARED: Responses = {
     200: {
         "description": "The result, in the form that `Accept` names.",
         "headers": {"ETag": {"description": "Of this form; strong.", "schema": {"type": "string"}, "required": True}},
-        "content": {"text/csv": {"schema": {"type": "string"}}, "application/x-hdf5": {}},
+        "content": TABLES,
     },
     304: {"description": "The client has this form of the result."},
     **problems(404, 406, 422, 500),
@@ -350,9 +365,7 @@ async def get_result(
 
     CSV is the history of a run, the trials of a search, the residuals of a calibration.
     """
-    media_type = choose(request.headers.get("accept", "*/*"), list(REPRESENTATIONS))
-    if media_type is None:
-        raise HTTPException(HTTPStatus.NOT_ACCEPTABLE, f"a result is given as {', '.join(REPRESENTATIONS)}")
+    media_type = form_of(request)
     record = await services_of(request).queries.result(key)
     if record is None:
         raise HTTPException(HTTPStatus.NOT_FOUND, "no result is kept under this key")
