@@ -18,7 +18,7 @@ from service import telemetry
 from service.api import downloads, health, jobs, mcp, operations, page, results, studies, umbridge
 from service.api.body import KnownBodies
 from service.api.compression import CompressionMiddleware
-from service.api.contract import declare_access, declare_bodies, declare_events, declare_problems
+from service.api.contract import declare_access, declare_bodies, declare_defaults, declare_events, declare_problems
 from service.api.middleware import HeadMiddleware, RefusalMiddleware
 from service.api.services import READING_THREADS, Metrics, Services, executor_for
 from service.auth.api_keys import ApiKeyStore
@@ -41,6 +41,16 @@ Critical ricochet angles of rigid projectiles on concrete.
 Angles are in degrees from the inward normal of the face: 0° is normal impact. Depth is positive inside the target.
 Fields are named with their units and never null: what is not given is absent.
 """
+TAGS = [
+    {"name": "critical ricochet angle", "description": "Smallest oblique angles at which a projectile ricochets."},
+    {"name": "trajectory", "description": "Motions of single strikes, and how sure their outcomes are."},
+    {"name": "walls", "description": "Walls that are just not perforated, and speeds at which they just are not."},
+    {"name": "formulas", "description": "Empirical formulas of penetration, scabbing and perforation."},
+    {"name": "calibration", "description": "Strength factors that fit tests and finite element runs."},
+    {"name": "results", "description": "Answers that are kept, by their keys."},
+    {"name": "jobs", "description": "Batches, sweeps and studies that take longer than a client waits."},
+    {"name": "health", "description": "The state of the service."},
+]
 POOL_SECONDS = 1
 """For the workers to end after the last request."""
 TRACES_SECONDS = 0.5
@@ -70,6 +80,7 @@ class Application(FastAPI):
             contract = super().openapi()
             bodies = operations.bodies_of(OPERATIONS.values())
             declare_bodies(contract["components"]["schemas"], [*bodies, ReportRequest, JobChange])
+            declare_defaults(contract["components"]["schemas"])
             for methods in contract["paths"].values():
                 for operation in methods.values():
                     declare_access(operation)
@@ -107,6 +118,9 @@ def create_app(settings: Settings | None = None) -> FastAPI:
         version=SCHEMA_VERSION,
         summary="Critical ricochet angles of rigid projectiles on concrete",
         description=DESCRIPTION,
+        contact={"name": "The ricochet authors"},
+        servers=[{"url": settings.root_path or "/"}],
+        openapi_tags=TAGS,
         license_info={"name": "BSD-3-Clause", "identifier": "BSD-3-Clause"},
         lifespan=lifespan,
         docs_url=None,

@@ -126,7 +126,7 @@ async def contract(request: Request) -> Response:
 def contract_content(app: FastAPI) -> tuple[bytes, str]:
     """Return the schemas and the usual scatter as compressed JSON, and their ETag."""
     parts = {"schemas": app.openapi()["components"]["schemas"], "usual_scatter": USUAL_SCATTER}
-    content = json.dumps(parts, separators=(",", ":")).encode()
+    content = json.dumps(parts, separators=(",", ":")).replace('"x-default":', '"default":').encode()
     return gzip.compress(content, mtime=0), f'W/"{sha256(content).hexdigest()[:32]}"'
 
 

@@ -24,7 +24,7 @@ from fastapi import Path as PathParameter
 from fastapi.responses import StreamingResponse
 
 from service.api.body import choose, matches
-from service.api.contract import TABLES, Responses, problems
+from service.api.contract import Responses, problems
 from service.api.downloads import file_pieces
 from service.api.services import services_of
 from service.auth.dependencies import READ
@@ -347,7 +347,7 @@ DECLARED: Responses = {
     200: {
         "description": "The result, in the form that `Accept` names.",
         "headers": {"ETag": {"description": "Of this form; strong.", "schema": {"type": "string"}, "required": True}},
-        "content": TABLES,
+        "content": {"text/csv": {"schema": {"type": "string"}}, "application/x-hdf5": {}},
     },
     304: {"description": "The client has this form of the result."},
     **problems(404, 406, 422, 500),
