@@ -327,13 +327,16 @@ def read_binout(path: str | Path, content: bytes, part: int | None, node: int | 
         raise FileError(path, f"the binout has no {database}; LS-DYNA may have written it to another file of the run")
     known = _ids_of_states(files, folders, database)
     kind = BODIES[database]
-    listed = list(dict.fromkeys(itertools.chain.from_iterable(known)))
+    different = {id(ids): ids for ids in known}.values()
+    listed = list(dict.fromkeys(int(each) for ids in different for each in ids[np.isfinite(ids)]))
     wanted = select(path, kind, listed, node if database == "nodout" else part)
+    places = []
     for row, ids in enumerate(known):
-        if ids.count(wanted) != 1:
-            times = f"{ids.count(wanted)} times" if ids.count(wanted) else f"not at all: {SWITCHED}"
+        columns = np.flatnonzero(ids == wanted)
+        if len(columns) != 1:
+            times = f"{len(columns)} times" if len(columns) else f"not at all: {SWITCHED}"
             raise FileError(path, f"state {row + 1} has {kind} {wanted} {times}")
-    places = [(ids.index(wanted), len(ids)) for ids in known]
+        places.append((int(columns[0]), len(ids)))
     rotated = folders[0].file.read(f"{folders[0].path}/{ROTATIONS[database][0]}") is not None
     return States(
         path=path,
@@ -354,21 +357,22 @@ def _continuations(path: str | Path) -> Iterator["Lsda"]:
         yield Lsda(further, read_bytes(further))
 
 
-def _ids_of_states(files: Sequence["Lsda"], folders: Sequence["Folder"], database: str) -> list[list[int]]:
-    """Return the ids of the bodies of each state, in the order of its numbers.
+def _ids_of_states(files: Sequence["Lsda"], folders: Sequence["Folder"], database: str) -> list[FloatArray]:
+    """Return the ids of the bodies of each state, in the order of its numbers; states with the same share an array.
 
     They are those of the state itself or, without any, those of the metadata that was written last before it: they
     are written again where a part is switched between rigid and deformable, and in each file that continues a run.
     """
-    name = f"/{database}/metadata/ids"
-    known, latest = [], None
+    known: list[FloatArray] = []
+    latest: FloatArray | None = None
     for folder in folders:
         ids = folder.file.read(f"{folder.path}/ids")
         if ids is None:
-            ids = latest = folder.file.read(name, before=folder.path) if name in folder.file.names() else latest
+            written = folder.file.read(f"/{database}/metadata/ids", before=folder.path)
+            ids = latest = latest if written is None else written
         if ids is None:
             raise FileError(files[0].path, f"the binout has no ids for its {database}")
-        known.append([int(each) for each in ids])
+        known.append(known[-1] if known and np.array_equal(ids, known[-1]) else ids)
     return known
 
 
