@@ -1,6 +1,7 @@
 """Quantities with their units, and CSV files: a header and rows of numbers, each with its line."""
 
 import csv
+import itertools
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -190,9 +191,10 @@ def read_table(path: str | Path, content: bytes | None = None) -> Table:
     starts: list[int] = []
     for line, row in cells:
         if not rows and _are_units(row):
+            units = itertools.chain((cell.strip("[]()-") for cell in row), itertools.repeat(""))
             header = [
-                name if BRACKETED.fullmatch(name) else f"{name} ({unit.strip('[]()')})"
-                for name, unit in zip(header, row, strict=False)
+                f"{name} ({unit})" if unit and not BRACKETED.fullmatch(name) else name
+                for name, unit in zip(header, units, strict=False)
             ]
             continue
         if not any(row):

@@ -39,6 +39,7 @@ class InThreadExecutor:
     worker_pids: list[int]
     restarts = 0
     capacity = 1
+    on_cluster = False
     single_capacity = 1
     prefetch = 1
     last_error = "no worker answered in time"
@@ -160,6 +161,7 @@ class ProcessPool:
         Modules that the main module of this process needs: each worker imports it anew.
     """
 
+    on_cluster = False
     prefetch = 1
     """Chunks beyond one a worker that should wait here: the supervisors share them, so that one is enough."""
     last_error = "no worker answered in time"

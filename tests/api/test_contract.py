@@ -218,7 +218,10 @@ def test_forms_of_a_result_have_tags_of_their_own(client: httpx.Client, search: 
 
 
 def test_health_and_versions(client: httpx.Client) -> None:
-    assert client.get("/livez").json() == client.get("/readyz").json() == {"status": "ok"}
+    assert client.get("/livez").json() == {"status": "ok"}
+    assert client.get("/readyz").json() == {"status": "ok", "chunks_on": "pool"}
+    places = ('{place="pool"} 2.0', '{place="cluster"} 0.0')
+    assert all(f"ricochet_chunk_width{place}" in client.get("/metrics").text for place in places)
     versions = client.get("/version").json()
     assert (versions["engine_version"], versions["schema_version"]) == (ENGINE_VERSION, SCHEMA_VERSION)
     assert {"ricochet", "numpy"} <= versions["libraries"].keys()

@@ -136,7 +136,7 @@ def test_flipped_bit_in_the_log_of_the_jobs_costs_the_latest_at_most_and_is_said
         assert "jobs.sqlite set aside" in server.log.read_text()
         assert sorted(path.suffix for path in (server.data / "damaged").iterdir()) == [".sqlite", ".sqlite-wal"]
         shutil.rmtree(server.data / "damaged")
-        assert server.client.get("/readyz").json() == {"status": "ok"}
+        assert server.client.get("/readyz").json()["status"] == "ok"
 
 
 def _any_segment(server: RestartableServer, choice: random.Random) -> Segment:

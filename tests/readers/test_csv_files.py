@@ -95,7 +95,7 @@ def test_time_histories_of_openradioss_are_read_by_their_names(file: Path) -> No
         b"# velocity_m_s depth_m\n2.0e+02 2.0e-01\n3.0e+02 4.0e-01\n",
         b"% Model: strike\n% velocity_m_s    depth_m\n200    0.2\n300   0.4\n",
         b"Test,Velocity,Depth\n-,(m/s),(mm)\nA,200,200\nB,300,400\n",
-        b"Test;velocity;depth\n;km/s;[cm]\nA;.2;20\nB;.3;40\n",
+        b"Test;velocity;depth;weight;note\n;km/s;[cm];-\nA;.2;20;1;\nB;.3;40;1;\n",
         "velocity_m_s,depth_m,offset\n200,2e\u22121,\u22121\n300,0.4,\u22122\n".encode(),
     ],
     ids=[
