@@ -41,6 +41,8 @@ class CompressionMiddleware:
                 headers = MutableHeaders(raw=message["headers"])
                 if "content-encoding" in headers and headers.get("etag", "").startswith('"'):
                     headers["etag"] = "W/" + headers["etag"]
+                if "vary" in headers:  # Assets have it already, and the responder adds it once more.
+                    headers["vary"] = ", ".join(dict.fromkeys(headers["vary"].split(", ")))
             await send(message)
 
         coding = coding_of(",".join(Headers(scope=scope).getlist("accept-encoding")))
