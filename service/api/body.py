@@ -27,6 +27,18 @@ def choose(accept: str, offered: Sequence[str]) -> str | None:
     return offered[qualities.index(best)] if best > 0.0 else None
 
 
+def coding_of(accept_encoding: str, offered: Sequence[str] = ("zstd", "gzip")) -> str:
+    """Return the coding that the client likes best, the first of several; identity if it takes none of those offered.
+
+    What is not listed is not taken, but identity, which is then liked least (RFC 9110, section 12.5.3).
+    """
+    qualities = dict(_parse(part) for part in accept_encoding.split(",") if part.strip())
+    liked = {coding: qualities.get(coding, qualities.get("*", 0.0)) for coding in offered}
+    liked["identity"] = qualities.get("identity", 0.0)
+    best = max(liked, key=lambda coding: liked[coding])
+    return best if liked[best] > 0.0 else "identity"
+
+
 def matches(if_none_match: str, etag: str) -> bool:
     """Return whether the client has this representation already."""
     tags = [tag.strip().removeprefix("W/") for tag in if_none_match.split(",")]
@@ -95,6 +107,15 @@ REMEMBERED_SHARE = 1 / 8
 """Memory for remembered bodies over that for results: some 20,000 of the usual bodies by default."""
 OVERHEAD = 300
 """Memory of an entry beside its body, about. [bytes]"""
+
+
+MARKS = {
+    b"\xef\xbb\xbf": "begins with a byte order mark",
+    b"\xff\xfe": "is in UTF-16 or UTF-32, with a byte order mark",
+    b"\xfe\xff": "is in UTF-16, with a byte order mark",
+    b"\x00\x00\xfe\xff": "is in UTF-32, with a byte order mark",
+}
+"""What a body may begin with that JSON does not (RFC 8259, section 8.1)."""
 
 
 class KnownBody(NamedTuple):
@@ -187,8 +208,13 @@ def parse_json(text: bytes, max_depth: int) -> Any:
     Raises
     ------
     HTTPException
-        400 if it is no JSON, or has more objects and lists in one another than `max_depth`.
+        400 if it is not JSON in UTF-8, or has more objects and lists in one another than `max_depth`.
     """
+    if text.startswith(tuple(MARKS)):
+        named = next(name for mark, name in MARKS.items() if text.startswith(mark))
+        raise HTTPException(HTTPStatus.BAD_REQUEST, f"the body {named}; send UTF-8 without one")
+    if text[1:2] == b"\x00" or text[:1] == b"\x00":
+        raise HTTPException(HTTPStatus.BAD_REQUEST, "the body is in UTF-16 or UTF-32; send UTF-8")
     try:
         content = from_json(text)
     except ValueError as error:

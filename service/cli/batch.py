@@ -23,7 +23,7 @@ from service.cli.arguments import (
     examples,
 )
 from service.cli.jobs import BatchRequest, run_batch, write_results
-from service.cli.request_body import STDIN, RequestBody, explained, read_body, without_sought
+from service.cli.request_body import STDIN, RequestBody, read_body, without_sought
 from service.cli.writers import Writer
 
 READ_SIZE = 256 * 1024
@@ -128,8 +128,7 @@ def _explain_lines(error: RefusedError, file: str) -> CommandError:
         _, _, rest = each["pointer"].partition("/")
         index, _, pointer = rest.partition("/")
         line = f"{file}:{int(index) + 1}" if index.isdigit() else file
-        detail = explained(f"/{pointer}", each["detail"])
-        lines.append(": ".join(filter(None, (line, pointer and f"/{pointer}", detail))))
+        lines.append(": ".join(filter(None, (line, pointer and f"/{pointer}", each["detail"]))))
     return CommandError("\n".join(lines), error.status) if lines else error
 
 
@@ -223,12 +222,9 @@ def _explain_axes(error: RefusedError, body: RequestBody, axes: Sequence[SweepAx
         if part == "base" and pointer not in by_pointer:
             lines.append(body.describe(pointer, each["detail"]))
         elif part == "base":
-            axis = by_pointer[pointer]
-            lines.append(f"--axis {axis.text}: {explained(pointer, each['detail'], *axis.values)}")
+            lines.append(f"--axis {by_pointer[pointer].text}: {each['detail']}")
         elif part == "axes" and steps:
-            axis = axes[int(steps[0])]
-            detail = explained("/" + axis.field.replace(".", "/"), each["detail"], *axis.values)
-            lines.append(f"--axis {axis.text}: {detail}")
+            lines.append(f"--axis {axes[int(steps[0])].text}: {each['detail']}")
         else:
             lines.append(f"--axis: {each['detail']}")
     return CommandError("\n".join(lines), error.status) if lines else error

@@ -12,9 +12,10 @@ from pydantic import Field, ValidationError
 import solver
 from service.cli.arguments import BODY, IMPACT, CommandError, Flag, add_numbers, examples
 from service.cli.request_body import read_body
+from service.errors import validation_errors
 from service.readers import DEPTH_TESTS, MOTION, OBLIQUITY_POINTS, Quantity
 from service.schemas.numerics import Method, Numerics
-from service.schemas.problems import pointer_of_location, pointer_of_parameter
+from service.schemas.problems import pointer_of_parameter
 from service.schemas.quantities import Part
 from service.schemas.requests import filled
 from service.schemas.resistance import Resistance
@@ -259,7 +260,7 @@ def case_arguments(args: argparse.Namespace, model: type[DepthCase], flags: Sequ
     try:
         return model.model_validate_json(json.dumps(content)).arguments()
     except ValidationError as error:
-        invalid = [(pointer_of_location(each["loc"]), each["msg"]) for each in error.errors()]
+        invalid = [(each["pointer"], each["detail"]) for each in validation_errors(error.errors())]
     except solver.ParameterError as error:
         invalid = [(pointer_of_parameter(error.field), error.requirement)]
     raise CommandError("\n".join(body.describe(pointer, detail) for pointer, detail in invalid))

@@ -1,27 +1,17 @@
 """The request body of one case, from a file and from flags, and errors that name the file or flag of a field."""
 
 import argparse
-import difflib
 import json
-import math
-import re
 import sys
 import tomllib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from service.cli.arguments import MODEL_NAMES, CommandError, Flag, RefusedError
-from service.cli.writers import UNITS, unit_of
 
 STDIN = "-"
-UNKNOWN = "Extra inputs are not permitted"
-"""How validation refuses a field that a request does not have."""
-BOUND = re.compile(r"(than|equal to) (-?[\d.]+(e[+-]?\d+)?)$")
-"""Bound at the end of an error of validation, which has no unit."""
-CLOSE = 0.8
-"""Likeness of two names from which one may be meant as the other, by difflib."""
 WALL_PARTS = {"projectile", "target", "impact", "resistance", "numerics"}
 SOUGHT = {"thickness": ("target", "thickness_m"), "limit-speed": ("impact", "velocity_m_s")}
 """Field that a search for perforation finds, by operation."""
@@ -50,7 +40,6 @@ class RequestBody:
 
     def describe(self, pointer: str, detail: str) -> str:
         """Return an error at a pointer, with the flag or the file of that field."""
-        detail = explained(pointer, detail, self.value_at(pointer))
         if pointer in self.given:
             return f"{self.given[pointer]}: {detail}"
         if self.file is not None:
@@ -58,13 +47,6 @@ class RequestBody:
         if pointer == "/projectile/nose":
             return "--nose or --caliber-radius-head is missing"
         return f"{self.flags[pointer].name} is missing" if pointer in self.flags else f"{pointer}: {detail}"
-
-    def value_at(self, pointer: str) -> Any:
-        """Return the value at a pointer, or None."""
-        value: Any = self.content
-        for step in pointer.split("/")[1:]:
-            value = value.get(step) if isinstance(value, dict) else None
-        return value
 
     def explain(self, error: RefusedError) -> CommandError:
         """Return a problem with the flag or the file of each invalid field."""
@@ -98,68 +80,6 @@ def read_body(file: str | Path | None, args: argparse.Namespace, flags: Sequence
         _put_field(content, field.split("."), value, text)
         given["/" + field.replace(".", "/")] = f"--set {text}"
     return RequestBody(content, None if file is None else str(file), {flag.pointer: flag for flag in flags}, given)
-
-
-def explained(pointer: str, detail: str, *values: Any) -> str:
-    """Return an error of validation with the unit of its bound, or the field that an unknown one may be meant as.
-
-    A value of the field that is outside the bounds of the solver gets the error of the solver, which also names the
-    unit that the number may have been meant in.
-    """
-    if detail.startswith(UNKNOWN):
-        return detail + _suggestion(pointer)
-    if found := _bound_error(pointer, values):
-        return found
-    unit = unit_of(pointer)
-    return f"{detail}{'' if unit == '°' else ' '}{unit}" if unit and BOUND.search(detail) else detail
-
-
-def _bound_error(pointer: str, values: Iterable[Any]) -> str | None:
-    """Return the solver's error for the first of these values of a field that is outside its bounds, if any."""
-    from solver import ParameterError
-    from solver.checks import BOUNDS, require_bounds
-
-    suffix = next((suffix for suffix in UNITS if pointer.endswith(suffix)), "")
-    field = pointer.strip("/").replace("/", ".").removesuffix(suffix)
-    for value in values if field in BOUNDS else ():
-        if isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value):
-            try:
-                require_bounds(field, value)
-            except ParameterError as error:
-                return error.requirement
-    return None
-
-
-def _suggestion(pointer: str) -> str:
-    """Return the end of an error for an unknown field: the field it may be meant as, or those beside it."""
-    from service.schemas import CriticalAngleRequest, TrajectoryRequest
-    from service.schemas.sweeps import schema_of
-
-    field = pointer.strip("/").replace("/", ".")
-    models = (CriticalAngleRequest, TrajectoryRequest)
-    known = sorted({name for model in models for name in _field_names(schema_of(model))})
-    if field in known:  # of another request
-        return ""
-    holder, _, last = field.rpartition(".")
-    anywhere = {name.rpartition(".")[2]: name for name in known}
-    beside = {name.rpartition(".")[2]: name for name in known if name.rpartition(".")[0] == holder}
-    for names in (beside, anywhere):
-        without_unit = [name for name in names if name.startswith(f"{last}_")]
-        if close := without_unit or difflib.get_close_matches(last, names, 1, CLOSE):
-            return f"; did you mean `{names[close[0]]}`?"
-    return f"; {holder} has {', '.join(beside)}" if beside and holder else ""
-
-
-def _field_names(schema: dict[str, Any], node: dict[str, Any] | None = None, before: str = "") -> Iterator[str]:
-    """Yield the fields of a schema, and of its parts."""
-    node = schema if node is None else node
-    while "$ref" in node:
-        node = schema["$defs"][node["$ref"].rpartition("/")[2]]
-    for variant in node.get("oneOf", node.get("anyOf", ())):
-        yield from _field_names(schema, variant, before)
-    for name, field in node.get("properties", {}).items():
-        yield f"{before}{name}"
-        yield from _field_names(schema, field, f"{before}{name}.")
 
 
 def without_sought(body: RequestBody, operation: str) -> RequestBody:

@@ -10,7 +10,7 @@ from typing import Any, Protocol, TextIO, TypeAlias
 import orjson
 
 from service.cli.arguments import FAILED, SOME_FAILED, CommandError, problem_text
-from service.columns import batch_columns, batch_row, csv_cells, summarize
+from service.columns import base_of, batch_columns, batch_row, csv_cells, summarize
 
 Item: TypeAlias = Mapping[str, Any]
 """Result or problem of one case of a job."""
@@ -70,13 +70,13 @@ class JsonLines:
 
 
 class SweepTable:
-    """Results of a sweep as CSV, with the base as a comment, as the service sends them."""
+    """Results of a sweep as CSV, with the base in columns, as the service sends them."""
 
     def __init__(self, stream: TextIO, operation: str, content: Mapping[str, Any]) -> None:
         self._stream = stream
         self._operation = operation
-        self._base = content["base"]
         self._fields = tuple(axis["field"] for axis in content["axes"])
+        self._base = base_of(content["base"], self._fields)
         self._rows = csv.writer(stream, lineterminator="\n")
         self._begun = False
 
@@ -86,12 +86,12 @@ class SweepTable:
 
         columns = OPERATIONS[self._operation].columns
         if not self._begun:
-            self._stream.write(f"# base: {orjson.dumps(self._base).decode()}\n")
-            self._rows.writerow([column.name for column in batch_columns(columns, self._fields)])
+            names = [column.name for column in batch_columns(columns, self._fields)]
+            self._rows.writerow([*names, *self._base])
             self._begun = True
         for item in items:
             point = tuple(item["point"][field] for field in self._fields)
-            self._rows.writerow(csv_cells(batch_row(columns, item, point)))
+            self._rows.writerow(csv_cells([*batch_row(columns, item, point), *self._base.values()]))
         self._stream.flush()
 
     def close(self) -> None:
