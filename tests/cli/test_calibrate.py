@@ -187,6 +187,39 @@ def test_what_a_table_of_runs_lacks_comes_from_the_flags(run: Run, tmp_path: Pat
     ] == pytest.approx(full["strength_factor"])
 
 
+@pytest.mark.parametrize("kind", ["depth", "motion", "runs", "obliquity"])
+@pytest.mark.parametrize("form", ["--json", "--uncertain", "people"])
+def test_service_gives_the_same_answer(run: Run, tmp_path: Path, live_url: str, kind: str, form: str) -> None:
+    (tmp_path / "tests.csv").write_text(TABLE_1)
+    (tmp_path / "points.csv").write_text(TABLE_2)
+    runs = write_runs(tmp_path, {30.0: 7.5, 45.0: 7.0}, {30.0: 238.0, 45.0: 238.0})
+    args: dict[str, list[str | Path]] = {
+        "depth": ["depth", tmp_path / "tests.csv", *CASE, "--group", "--strength-factors", "7", "9"],
+        "motion": ["motion", tmp_path / "at-30.csv", *STRIKE, "--strength-factors", "6"],
+        "runs": ["motion", "--runs", runs, *CASE],
+        "obliquity": ["obliquity", tmp_path / "points.csv"],
+    }
+    if (kind, form) == ("obliquity", "--uncertain"):
+        form = "people"
+    flags = [] if form == "people" else [form]
+    local, remote = run(*args[kind], *flags), run(*args[kind], *flags, "--url", live_url)
+    assert local == remote
+    assert local[0] == 0, local[2]
+
+
+def test_service_that_is_not_there_ends_with_status_1(run: Run, tests_file: Path) -> None:
+    status, out, err = run("depth", tests_file, *CASE, "--url", "http://127.0.0.1:1")
+    assert (status, out) == (1, "")
+    assert "no service answers at http://127.0.0.1:1" in err
+
+
+def test_numerics_of_a_case_are_left_out_with_a_warning(run: Run, tests_file: Path, tmp_path: Path) -> None:
+    case = tmp_path / "case.json"
+    case.write_text(json.dumps(PAPER_AT_45 | {"numerics": {"termination_time_s": 0.02}}))
+    status, _, err = run("depth", tests_file, "--case", case, "--json")
+    assert (status, err.splitlines()[0]) == (0, f"warning: {case}: numerics are not used by a calibration")
+
+
 def test_people_get_every_run_and_every_law(run: Run, tmp_path: Path) -> None:
     runs = write_runs(tmp_path, {15.0: 8.0, 45.0: 6.5}, {15.0: 238.0, 45.0: 238.0})
     status, out, err = run("motion", "--runs", runs, *CASE)
@@ -261,7 +294,8 @@ def test_table_2_gives_equation_9_as_a_request_takes_it(run: Run, tmp_path: Path
             "--caliber-radius-head: must be 0.5 to 100, got 0.1",
         ),
         (["depth", "TESTS", *CASE, "--length", "0.05"], "--length: must be at least the length of the nose"),
-        (["depth", "TESTS", *CASE, "--confidence", "1"], "confidence_level: must be between 0 and 1"),
+        (["depth", "TESTS", *CASE, "--confidence", "1"], "--confidence: Input should be less than or equal to 0.9999"),
+        (["depth", "TESTS", *CASE, "--strength-factors", "7", "0"], "--strength-factors: Input should be greater than"),
         (["depth", "TESTS", *CASE, "--unit", "depth=m", "--unit", "depth=m"], "depth is given twice"),
         (["depth", "TESTS", *CASE, "--unit", "speed=m/s"], "unknown quantity, known are velocity, depth, mass"),
         (["depth", "TESTS", *CASE, "--unit", "depth"], "must be NAME=VALUE"),
@@ -308,7 +342,7 @@ def test_tests_that_nothing_fits_end_with_status_1(run: Run, tests_file: Path) -
     tests_file.write_text("velocity_m_s,depth_m\n200,0.001\n300,0.001\n")
     status, out, err = run("depth", tests_file, *CASE)
     assert (status, out) == (1, "")
-    assert "must determine the strength factor" in err
+    assert "tests.csv: tests: must determine the strength factor" in err
 
 
 def test_too_few_points_are_an_error_that_names_the_file(run: Run, tmp_path: Path) -> None:
