@@ -88,10 +88,10 @@ def main(arguments: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
         return INTERRUPTED
-    except BrokenPipeError:  # the reader of a pipe has closed it
+    except BrokenPipeError:  # The reader of the pipe has closed it.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return FAILED
-    except OSError as error:  # a full disk, most likely
+    except OSError as error:  # This is most likely a full disk.
         print(f"ricochet {name}: {error}", file=sys.stderr)
         return FAILED
 

@@ -27,12 +27,12 @@ from service.cli.request_body import STDIN, RequestBody, explained, read_body, w
 from service.cli.writers import Writer
 
 READ_SIZE = 256 * 1024
-"""Bytes read from a file at a time."""
+"""Number of bytes that are read from a file at a time."""
 JSONL = "application/jsonl"
 SWEEP_FLAGS = (*IMPACT, *BODY, *RESISTANCE)
 MAX_PLOT_AXES = 2
 MAX_POINTS = 100_000
-"""Points of a sweep; a service accepts no more."""
+"""Largest number of points of a sweep that a service accepts."""
 
 
 class SweepAxis(NamedTuple):

@@ -91,7 +91,7 @@ def calibrate_depth(args: argparse.Namespace) -> None:
     tests = [_fields(asdict(test)) for test in found]
     body.content.pop("compare_strength_factors", None)
     answer = body.answer("calibration_depth", args.url, tests=tests)
-    if args.curves or args.strength_factors:  # only now is the fitted factor known, which has a curve too
+    if args.curves or args.strength_factors:  # The fitted factor has a curve too.
         factors = sorted({*args.strength_factors, answer["strength_factor"]})
         answer = body.answer("calibration_depth", args.url, tests=tests, compare_strength_factors=factors)
     if args.curves:
@@ -118,7 +118,7 @@ def calibrate_motion(args: argparse.Namespace) -> None:
         data = {"runs": [{"impact": each.impact, "history": each.history} for each in inputs]}
         del body.content["impact"]
     answer = body.answer("calibration_motion", args.url, weights=weights, **data)
-    if args.histories or args.strength_factors:  # the answer holds the motion with the fitted factor as predicted
+    if args.histories or args.strength_factors:  # `predicted` is the motion of the fitted factor.
         for run in answer.get("runs", [answer]):
             fitted = {"strength_factor": answer["strength_factor"], "history": run["predicted"]}
             others = [each for each in run.get("compared", ()) if each["strength_factor"] != answer["strength_factor"]]

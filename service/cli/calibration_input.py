@@ -42,7 +42,7 @@ NOT_USED = ("output", "search", "custom_id", "numerics")
 DATA = ("tests", "history", "runs", "points")
 """Fields of a calibration that come from a file of data."""
 NOT_FITTED = frozenset({"/tests", "/history", "/runs"})
-"""Where an error is about the data as a whole."""
+"""Pointers of an error that is about the data as a whole: these are well formed but cannot be fitted."""
 CSV_FILES = (
     "Columns are found by their names, with the unit at the end (time_s, depth_displacement_mm, rotation_deg, "
     "velocity_m_s, mass_kg) or in brackets (time [ms]); without a unit they are SI. Separators are commas, semicolons "

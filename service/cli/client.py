@@ -15,9 +15,9 @@ import orjson
 from service.cli.arguments import FAILED, CommandError, RefusedError
 
 API_KEY = "RICOCHET_API_KEY"
-"""Variable with the API key; a flag would show in the process list."""
+"""Variable that holds the API key; a flag would show in the list of processes."""
 TIMEOUT = httpx.Timeout(120.0, connect=10.0)
-"""Longer than a single query may take. [s]"""
+"""Timeouts of a request, longer than a single query may take. [s]"""
 RETRY_PAUSES = (1.0, 2.0, 4.0, 8.0, 10.0, 10.0, 10.0)
 """Pauses before a request is repeated after a lost connection: the service may be restarting. [s]"""
 LONGEST_PAUSE = 60.0
@@ -25,7 +25,7 @@ LONGEST_PAUSE = 60.0
 BUSY = frozenset({429, 503})
 """Statuses after which a request is repeated."""
 NOT_IN_KEYS = re.compile(r"[^!-~]")
-"""A key goes into a header: printable ASCII without spaces."""
+"""Characters that a key must not have, as it is sent in a header: all but printable ASCII without spaces."""
 PAGE_SIZE = 1000
 JSON, CSV, PARQUET = "application/json", "text/csv", "application/vnd.apache.parquet"
 

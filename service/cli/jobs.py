@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 
 DEFAULT_URL = "http://127.0.0.1:8000"
 SHORTEST_PAUSE, LONGEST_PAUSE = 0.05, 0.5
-"""Between two requests for the results of a job. [s]"""
+"""Bounds of the pause between two requests for the results of a job. [s]"""
 ACTIONS = (
     ("list", "list the jobs, the newest first", "ricochet jobs list"),
     ("show", "print the state of a job", "ricochet jobs show ID --json"),
@@ -169,7 +169,7 @@ def write_results(
         Further writers of the results.
     """
     counts, results = Counts(), iter(results)
-    first = next(results)  # a request that is refused leaves an earlier output as it is
+    first = next(results)  # A request that is refused must not empty an earlier output.
     with open_output(args) as stream:
         table = (
             SweepTable(stream, args.operation, content) if is_table(args) else writer_for(args, stream, args.operation)
@@ -237,7 +237,7 @@ def follow(
     whole = as_table or as_parquet
     writers = [*further, counts] if whole else [writer_for(args, stream, job["operation"]), *further, counts]
     if as_parquet:
-        client.parquet(job["id"], limit=1)  # refused now rather than at the end, where the service cannot write it
+        client.parquet(job["id"], limit=1)  # A service without Parquet refuses before the work.
     try:
         with progress("computing") as report:
             for page in pages(client, job["id"], report):

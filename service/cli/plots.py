@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 SUFFIXES = (".png", ".svg", ".pdf")
 SNAPSHOTS = 5
 MARGIN = 0.08
-"""Space around the projectile. [its length]"""
+"""Space that is shown around the projectile, over its length. [1]"""
 SQUARE, WIDE = (6.0, 4.0), (8.0, 4.0)
 """Figure sizes. [in]"""
 PLOTTED = {

@@ -177,7 +177,7 @@ def print_pdf(browser: str, page: bytes, output: Path) -> None:
     OSError
         If the file cannot be written.
     """
-    # beside the output: a browser in a container of its distribution sees no other temporary folder
+    # The folder is beside the output, as a browser in a container of its distribution sees no other temporary folder.
     with tempfile.TemporaryDirectory(
         prefix="ricochet-", dir=output.absolute().parent, ignore_cleanup_errors=True
     ) as folder:
@@ -185,7 +185,7 @@ def print_pdf(browser: str, page: bytes, output: Path) -> None:
         source.write_bytes(page)
         command = [browser, *PRINTING, f"--user-data-dir={folder}/profile", f"--print-to-pdf={target}"]
         if getattr(os, "geteuid", lambda: 1)() == 0:
-            command.append("--no-sandbox")  # root cannot have one; the page is this command's and runs no script
+            command.append("--no-sandbox")  # Root cannot have a sandbox; this page runs no script.
         try:
             done = subprocess.run(  # noqa: S603 (a browser on PATH, with a file of this command)
                 [*command, source.as_uri()], capture_output=True, text=True, timeout=PRINT_SECONDS, check=False

@@ -17,11 +17,11 @@ from service.cli.writers import UNITS, unit_of
 
 STDIN = "-"
 UNKNOWN = "Extra inputs are not permitted"
-"""How validation refuses a field that a request does not have."""
+"""Message with which validation refuses a field that a request does not have."""
 BOUND = re.compile(r"(than|equal to) (-?[\d.]+(e[+-]?\d+)?)$")
-"""Bound at the end of an error of validation, which has no unit."""
+"""Pattern of the bound at the end of a message of validation, which lacks the unit."""
 CLOSE = 0.8
-"""Likeness of two names from which one may be meant as the other, by difflib."""
+"""Similarity above which a misspelt name gets a suggestion, by difflib. [1]"""
 WALL_PARTS = {"projectile", "target", "impact", "resistance", "numerics"}
 SOUGHT = {"thickness": ("target", "thickness_m"), "limit-speed": ("impact", "velocity_m_s")}
 """Field that a search for perforation finds, by operation."""
@@ -138,7 +138,7 @@ def _suggestion(pointer: str) -> str:
     field = pointer.strip("/").replace("/", ".")
     models = (CriticalAngleRequest, TrajectoryRequest)
     known = sorted({name for model in models for name in _field_names(schema_of(model))})
-    if field in known:  # of another request
+    if field in known:  # The field belongs to another request.
         return ""
     holder, _, last = field.rpartition(".")
     anywhere = {name.rpartition(".")[2]: name for name in known}
@@ -215,7 +215,7 @@ def _split(text: str) -> tuple[str, Any]:
     try:
         return field, json.loads(value)
     except (ValueError, RecursionError):
-        return field, value  # a word, such as the name of a model
+        return field, value  # The value is a word, such as the name of a model.
 
 
 def _put_field(body: dict[str, Any], steps: Sequence[str], value: Any, text: str) -> None:
@@ -242,7 +242,7 @@ def read_object(file: str | Path) -> dict[str, Any]:
         raise CommandError(f"{file}: not TOML: {error}") from None
     except json.JSONDecodeError as error:
         raise CommandError(f"{file}:{error.lineno}: not JSON: {error.msg}") from None
-    except ValueError as error:  # a number with thousands of digits
+    except ValueError as error:  # A number has thousands of digits.
         raise CommandError(f"{file}: {error}") from None
     except RecursionError:
         raise CommandError(f"{file}: nested too deep") from None

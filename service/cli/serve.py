@@ -70,7 +70,7 @@ def run_serve(_: argparse.Namespace) -> int:
     except KeysUnreadableError as error:
         raise CommandError(str(error), NOT_STARTED) from None
     check_access(settings, app.state.services.keys)
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))  # uvicorn raises it again after its shutdown
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))  # Uvicorn raises it again after its shutdown.
     server = Server(app, settings, lambda port: print_address(settings, port))
     try:
         with suppress(KeyboardInterrupt):
@@ -188,7 +188,7 @@ async def serve_tools(client: "Client") -> None:
     async def compute(operation: str, body: Mapping[str, Any], _: Any) -> dict[str, Any]:
         try:
             answer = await client.compute_until_cancelled(http, operation, dict(body))
-            if "key" not in answer:  # a job: more samples than are answered at once
+            if "key" not in answer:  # The answer is a job.
                 await http.delete(path_of(answer["id"]))
                 detail = "more samples than are answered at once: lower it"
                 raise InvalidBodyError([{"pointer": "/sampling/max_samples", "detail": detail}])

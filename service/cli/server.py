@@ -28,11 +28,11 @@ from service.workers.process_pool import socket_folder
 from solver.compilation import compilation_progress
 
 TICKS_PER_SECOND = 10
-"""Calls of `on_tick` by uvicorn."""
+"""How often uvicorn calls `on_tick`. [1/s]"""
 TERMINATED = 143
 """Exit status after SIGTERM, as shells report it."""
 PROGRESS_SECONDS = 5.0
-"""Between two log lines while the solver is being compiled."""
+"""Time between two lines of the log while the solver is being compiled. [s]"""
 
 log = logging.getLogger(__name__)
 
@@ -94,7 +94,7 @@ class Server(uvicorn.Server):
                 progress = compilation_progress()
                 if progress.left:
                     log.info("%s", progress)
-        if self.should_exit:  # workers that compile the solver would hold up the end for minutes
+        if self.should_exit:  # Workers that compile would delay the end by minutes.
             starting.cancel()
             await asyncio.gather(starting, return_exceptions=True)
             await self._lifespan.aclose()
@@ -146,7 +146,7 @@ def local_server(data_dir: Path | None) -> Iterator[Client]:
     CommandError
         If the folder belongs to a running service, or the workers cannot be started.
     """
-    previous = signal.signal(signal.SIGTERM, lambda *_: sys.exit(TERMINATED))  # unwinds the contexts below
+    previous = signal.signal(signal.SIGTERM, lambda *_: sys.exit(TERMINATED))  # Unwinds the contexts below.
     with (
         tempfile.TemporaryDirectory(prefix="ricochet-") as folder,
         tempfile.TemporaryDirectory(prefix="ricochet-", dir=socket_folder()) as sockets,

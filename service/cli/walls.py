@@ -26,7 +26,7 @@ from service.cli.writers import heading, print_table, print_values, print_warnin
 STRIKE_FLAGS = (*IMPACT, *(flag for flag in BODY if flag.steps != SOUGHT["thickness"]), *RESISTANCE)
 WALL_FLAGS = (OBLIQUE_ANGLE, *ATTACK, *BODY, *RESISTANCE)
 FORMULA_VALUES = {"least_thickness_m": "perforation_thickness_m", "limit_speed_m_s": "limit_speed_m_s"}
-"""What formulas give for what was sought."""
+"""Value of the formulas that is compared with the value sought, by the name of the latter."""
 
 
 def add_thickness(parser: argparse.ArgumentParser) -> None:
