@@ -25,7 +25,7 @@ from service.cli.arguments import (
 from service.cli.writers import (
     Counts,
     Item,
-    Report,
+    ProgressReport,
     SweepTable,
     Writer,
     is_parquet,
@@ -263,7 +263,7 @@ def follow(
     return counts.status
 
 
-def pages(client: "Client", job_id: str, report: Report) -> Iterator[Page]:
+def pages(client: "Client", job_id: str, report: ProgressReport) -> Iterator[Page]:
     """Yield the results of a job in order as they become ready, until it ends."""
     cursor, pause = "", SHORTEST_PAUSE
     while True:

@@ -14,7 +14,7 @@ from service.columns import batch_columns, batch_row, csv_cells, summarize
 
 Item: TypeAlias = Mapping[str, Any]
 """Result or problem of one case of a job."""
-Report: TypeAlias = Callable[..., None]
+ProgressReport: TypeAlias = Callable[..., None]
 """Called with the number of finished cases and the total."""
 
 HEAD_ROWS = 20
@@ -264,7 +264,7 @@ def _print_ruled(columns: Sequence[str], cells: Sequence[Sequence[str]], right: 
 
 
 @contextmanager
-def progress(description: str) -> Iterator[Report]:
+def progress(description: str) -> Iterator[ProgressReport]:
     """Show a progress bar on standard error if it is a terminal; the bar disappears at the end."""
     if not sys.stderr.isatty():
         yield lambda *_: None
