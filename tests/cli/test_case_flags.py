@@ -10,7 +10,8 @@ from typing import Any
 import pytest
 
 from service import cli
-from service.schemas import CriticalAngleRequest
+from service.cli.arguments import BODY, IMPACT, RESISTANCE, Flag
+from service.schemas import CriticalAngleRequest, TrajectoryRequest
 from service.schemas.strike import PAPER
 
 LAW = "resistance.strength_factor"
@@ -178,3 +179,42 @@ def test_zsh_reads_the_script_of_bash(capsys: pytest.CaptureFixture[str]) -> Non
     zsh = capsys.readouterr().out
     assert zsh.endswith(bash)
     assert "bashcompinit" in zsh.removesuffix(bash)
+
+
+def nodes_at(schema: dict[str, Any], steps: tuple[str, ...]) -> dict[str, dict[str, Any]]:
+    """Schemas of a field by the model that holds it, or by an empty name where there is one."""
+
+    def resolved(node: dict[str, Any]) -> dict[str, Any]:
+        while "$ref" in node:
+            node = schema["$defs"][node["$ref"].rpartition("/")[2]]
+        return node
+
+    found = {"": schema}
+    for step in steps:
+        models = {
+            name: resolved({"$ref": reference})
+            for node in found.values()
+            for name, reference in node.get("discriminator", {"mapping": {}})["mapping"].items()
+        } or found
+        found = {
+            name: resolved(model["properties"][step])
+            for name, model in models.items()
+            if step in model.get("properties", {})
+        }
+    return found
+
+
+@pytest.mark.parametrize("flag", [*IMPACT, *BODY, *RESISTANCE], ids=lambda flag: flag.name)
+def test_a_flag_has_the_models_and_the_choices_of_its_field(flag: Flag) -> None:
+    """Flags are a list without pydantic, as help must not wait for it: here they are compared with the models."""
+    found = nodes_at(TrajectoryRequest.model_json_schema(), flag.steps)
+    if flag.implies:
+        assert found.keys() == set(flag.implies)
+    elif flag.choices and "" not in found:
+        assert found.keys() == set(flag.choices)
+    elif flag.choices:
+        assert found[""]["enum"] == list(flag.choices)
+    else:
+        assert found.keys() == {""}
+    if flag.implies and flag.choices:
+        assert all(node["enum"] == list(flag.choices) for node in found.values())
