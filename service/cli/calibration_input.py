@@ -242,9 +242,12 @@ class CalibrationBody(RequestBody):
     ----------
     data_file
         File of the tests, the history, the runs or the points.
+    has_numerics
+        Whether the case has numerics, which a calibration does not use.
     """
 
     data_file: str
+    has_numerics: bool = False
 
     def describe(self, pointer: str, detail: str) -> str:
         """Return an error at a pointer, with the flag or the file of that field."""
@@ -258,6 +261,11 @@ class CalibrationBody(RequestBody):
         if any(each["pointer"] in NOT_FITTED for each in error.errors):
             found.status = FAILED
         return found
+
+    def warn_of_numerics(self) -> None:
+        """Print a warning if the case has numerics; once for all runs, which have the same case."""
+        if self.has_numerics:
+            print(f"warning: {self.file}: numerics are not used by a calibration", file=sys.stderr)
 
     def answer(self, operation: str, url: str | None, **further: Any) -> dict[str, Any]:
         """Return the answer to this body with further fields, of the service at this address or of this process."""
@@ -295,7 +303,7 @@ def calibration_body(
             ],
             "--strength-factors",
         )
-    body = CalibrationBody(content, case.file, case.flags, given, data_file)
+    body = CalibrationBody(content, case.file, case.flags, given, data_file, "numerics" in case.content)
     try:
         valid = model.model_validate_json(json.dumps(content))
         valid.model_arguments()
@@ -303,6 +311,4 @@ def calibration_body(
         raise body.explain(RefusedError(problem_of(InvalidBodyError(validation_errors(error.errors()))))) from None
     except ParameterError as error:
         raise body.explain(RefusedError(problem_of(error))) from None
-    if "numerics" in case.content:
-        print(f"warning: {case.file}: numerics are not used by a calibration", file=sys.stderr)
     return body, valid

@@ -216,8 +216,10 @@ def test_service_that_is_not_there_ends_with_status_1(run: Run, tests_file: Path
 def test_numerics_of_a_case_are_left_out_with_a_warning(run: Run, tests_file: Path, tmp_path: Path) -> None:
     case = tmp_path / "case.json"
     case.write_text(json.dumps(PAPER_AT_45 | {"numerics": {"termination_time_s": 0.02}}))
-    status, _, err = run("depth", tests_file, "--case", case, "--json")
-    assert (status, err.splitlines()[0]) == (0, f"warning: {case}: numerics are not used by a calibration")
+    runs = write_runs(tmp_path, {30.0: 7.5, 45.0: 7.0}, {30.0: 238.0, 45.0: 238.0})
+    for arguments in (["depth", tests_file], ["motion", "--runs", runs]):
+        status, _, err = run(*arguments, "--case", case, "--json")
+        assert (status, err) == (0, f"warning: {case}: numerics are not used by a calibration\n")
 
 
 def test_people_get_every_run_and_every_law(run: Run, tmp_path: Path) -> None:
