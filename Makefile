@@ -66,7 +66,6 @@ check: setup ## lint, format, types, layers, committed contract and tables, Dock
 	$(BIN)/lint-imports
 	$(BIN)/ricochet openapi --check
 	$(BIN)/python docs/tables.py --check
-	$(BIN)/python docs/vocabulary.py
 	$(BIN)/hadolint Dockerfile
 	$(BIN)/python requirements/audit.py
 

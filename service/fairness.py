@@ -1,4 +1,4 @@
-"""What runs next, and how much of it: what a client waits for first, then jobs; owners in turn."""
+"""Decides what runs next and how much of it: owners take turns, and urgent work goes before that of jobs."""
 
 import asyncio
 from collections import deque
@@ -8,22 +8,22 @@ from typing import Generic, TypeVar
 Item = TypeVar("Item")
 
 FIRST_CASES = 4
-"""Before anything is known of the cases: the slowest take a minute each."""
+"""Cases of the first chunk, when their time is unknown: the slowest take a minute each."""
 MOST_CASES = 256
 MOST_BYTES = 16 * 1024 * 1024
-"""Answers in one chunk: those with long histories take 4 MB each."""
+"""Size of the answers of one chunk: those with long histories take 4 MB each."""
 SHRUNK = 8
-"""A job whose cases differ that much goes on with chunks of an eighth."""
+"""Factor by which chunks shrink after one that took far too long."""
 NEWEST = 0.3
-"""Weight of the latest chunk: cases of a sweep become slower or faster on the way."""
+"""Weight of the latest chunk in the mean, as the cases of a sweep become slower or faster on the way."""
 
 
 class FairQueue(Generic[Item]):
-    """What waits, by owner; owners take turns."""
+    """Queue of waiting items in which owners take turns."""
 
     def __init__(self) -> None:
         self._queues: dict[str, deque[Item]] = {}
-        """The owner whose turn is next comes first."""
+        """Items by owner; the owner whose turn is next comes first."""
         self._added = asyncio.Event()
 
     def __len__(self) -> int:
@@ -31,14 +31,14 @@ class FairQueue(Generic[Item]):
         return sum(map(len, self._queues.values()))
 
     def add(self, owner: str, item: Item, *, first: bool = False) -> None:
-        """Put the item behind the others of its owner, or before them."""
+        """Add the item after the others of its owner, or before them."""
         queue = self._queues.setdefault(owner, deque())
         if item not in queue:
             (queue.appendleft if first else queue.append)(item)
         self._added.set()
 
     def remove(self, owner: str, item: Item) -> None:
-        """Take the item out, if it is there."""
+        """Remove the item, if it is there."""
         queue = self._queues.get(owner, deque())
         if item in queue:
             queue.remove(item)
@@ -72,7 +72,7 @@ class FairQueue(Generic[Item]):
 
 
 class Permit:
-    """One permit in the pool; given back once, however often it is left."""
+    """One permit of a semaphore, which is given back once however often it is released."""
 
     def __init__(self, semaphore: "FairSemaphore") -> None:
         self._semaphore: FairSemaphore | None = semaphore
@@ -85,7 +85,7 @@ class Permit:
 
 
 class FairSemaphore:
-    """Permits, for which owners take turns.
+    """Semaphore for whose permits owners take turns.
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ class FairSemaphore:
 
     @property
     def waiting(self) -> int:
-        """How many wait for a permit."""
+        """Number of those who wait for a permit."""
         return sum(map(len, self._waiting.values()))
 
     async def acquire(self, owner: str, *, urgent: bool = True) -> Permit:
@@ -114,7 +114,9 @@ class FairSemaphore:
         try:
             await turn
         except asyncio.CancelledError:
-            if turn.done() and not turn.cancelled() and turn.exception() is None:  # it was given the permit just before
+            if (
+                turn.done() and not turn.cancelled() and turn.exception() is None
+            ):  # It was given the permit just before it was cancelled.
                 self.release()
             raise
         finally:
@@ -143,7 +145,7 @@ class FairSemaphore:
 
 
 class ChunkSizer:
-    """Seconds and bytes that a case takes.
+    """Sizes chunks from the time and the bytes that their cases take.
 
     Parameters
     ----------
@@ -159,7 +161,7 @@ class ChunkSizer:
 
     @property
     def cases(self) -> int:
-        """How many the next chunk should hold."""
+        """Number of cases that the next chunk should hold."""
         if self._seconds is None:
             return FIRST_CASES
         by_time = self._target / max(self._seconds, 1e-6)
@@ -167,11 +169,11 @@ class ChunkSizer:
         return max(1, int(min(by_time, by_bytes, self._most)))
 
     def shrink(self, cases: int) -> None:
-        """Take nothing for granted any more: a chunk of so many cases took far too long."""
+        """Make the next chunks smaller, because one of so many cases took far too long."""
         self._most = max(1, min(self._most, cases // SHRUNK))
 
     def note(self, seconds: Sequence[float], nbytes: int) -> None:
-        """Take these cases into account; `nbytes` is of all their answers."""
+        """Take the times of these cases into account; `nbytes` is the size of all their answers."""
         if not seconds:
             return
         mean, size = sum(seconds) / len(seconds), nbytes / len(seconds)

@@ -4,8 +4,7 @@ import hashlib
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
-from typing import Any, Protocol, TypeAlias
+from typing import Any, NamedTuple, Protocol, TypeAlias
 
 import orjson
 from pydantic import ValidationError
@@ -13,16 +12,28 @@ from pydantic import ValidationError
 import solver
 from service.columns import SUMMARY, Column
 from service.schemas import (
+    CaseModels,
+    CriticalAngleAnswer,
     CriticalAngleBase,
     CriticalAngleRequest,
+    CriticalAngleUncertaintyAnswer,
     CriticalAngleUncertaintyRequest,
+    DepthCalibrationAnswer,
     DepthCalibrationRequest,
+    FormulasAnswer,
     FormulasRequest,
+    LimitSpeedAnswer,
     LimitSpeedRequest,
+    MotionCalibrationAnswer,
     MotionCalibrationRequest,
+    ObliquityCalibrationAnswer,
     ObliquityCalibrationRequest,
+    ThicknessAnswer,
     ThicknessRequest,
+    TrajectoryAnswer,
+    TrajectoryBase,
     TrajectoryRequest,
+    TrajectoryUncertaintyAnswer,
     TrajectoryUncertaintyRequest,
     critical_angle_answer,
     critical_angle_uncertainty_answer,
@@ -35,8 +46,12 @@ from service.schemas import (
     trajectory_answer,
     trajectory_uncertainty_answer,
 )
+from service.schemas.answers import FOUND, RUN, VERSIONED
+from service.schemas.perforation import SPEED, THICKNESS, WALL
 from service.schemas.quantities import Part
-from service.schemas.requests import Case, TrajectoryFields, alternative_requests
+from service.schemas.requests import Case, TrajectoryFields, alternatives_in
+from service.schemas.strike import PAPER, PAPER_AT_45
+from service.schemas.sweeps import ANGLES, EVEN, LISTED
 from service.schemas.uncertain_inputs import with_values
 from service.schemas.uncertainty import UncertainCase, crossings_in, ending_in
 from solver import ENGINE_VERSION
@@ -71,7 +86,7 @@ class KeyedRequest:
     def of(cls, operation: str, request: Request) -> "KeyedRequest":
         """Return the canonical form of a validated request with its key."""
         canonical = request.canonical()
-        work = work_of(operation, request) if isinstance(request, Case) else 1
+        work = OPERATIONS[operation].work(request) if isinstance(request, Case) else 1
         return cls(result_key(operation, canonical), orjson.dumps(canonical), work)
 
 
@@ -117,32 +132,102 @@ Answer: TypeAlias = tuple[dict[str, Any], dict[str, FloatArray] | None]
 
 
 @dataclass(frozen=True, slots=True)
-class Operation:
-    """One kind of request.
+class Many:
+    """Routes of an operation for many cases: batches and sweeps.
 
     Parameters
     ----------
+    models
+        Bodies and answer.
+    batch, sweep
+        Operation id of each, and the first words of its description.
+    note
+        Further sentence of the description of a batch.
+    """
+
+    models: CaseModels
+    batch: tuple[str, str]
+    sweep: tuple[str, str]
+    note: str = ""
+
+
+class ToolText(NamedTuple):
+    """A tool of the Model Context Protocol.
+
+    Operations with one name are one tool, whose arguments hold the request in the `field` of one of them.
+    """
+
+    name: str
+    title: str
+    description: str
+    field: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Operation:
+    """One kind of request, with all that routes, jobs, tools and commands have to know of it.
+
+    Parameters
+    ----------
+    name
+        Its name in keys, results and counts; the path of its route, but for `_` instead of `/`.
     compute
         Takes the canonical request as JSON, as a worker receives it. A function of a module, so that its name is all
         that goes to the worker.
-    request
-        Model of the request. Its `arguments` raises ParameterError if values do not go together.
+    request, answer
+        Models. `arguments` of a request raises ParameterError if values do not go together.
+    route, description, tag
+        Operation id of its route, what it does, and its group in the contract.
     columns
         The answer in one row.
     cases
-        Returns what a request counts as against a quota.
+        Returns what a request counts as against a quota, where that is not its work.
     weight
         What an ordinary case of a batch or a sweep counts as, against a quota and the size of what is answered at once.
     runs
         Runs of which it consists, about.
+    long
+        Whether the body may be as long as that of many cases. It is then validated in a thread.
+    many
+        Its routes for many cases, if it has them.
+    study
+        How it computes samples, if it is a study of uncertainty.
+    tool
+        Its tool, if it has one.
     """
 
+    name: str
     compute: Callable[[bytes], Answer]
     request: type[Part]
+    answer: type[Part] = Part
+    route: str = ""
+    description: str = ""
+    tag: str = ""
     columns: tuple[Column, ...] = ()
-    cases: Callable[[Any], int] = lambda _: 1
+    cases: Callable[[Any], int] | None = None
     weight: int = 1
     runs: int = 1
+    long: bool = False
+    many: Many | None = None
+    study: "StudyOperation | None" = None
+    tool: ToolText | None = None
+
+    @property
+    def path(self) -> str:
+        """Path of its route."""
+        return f"/{self.name.replace('_', '/')}"
+
+    def work(self, request: Case) -> int:
+        """Return what one case counts as: by panels, as all the time steps that its runs may take."""
+        return max(self.weight, math.ceil(self.runs * request.panel_steps() / PANEL_STEPS))
+
+    def charge(self, request: Any) -> int:
+        """Return what a request counts as: with alternatives, each of them is a case too."""
+        if self.cases is not None:
+            return self.cases(request)
+        if not isinstance(request, Case):
+            return self.weight
+        return self.work(request) * (1 + len(alternatives_in(request)))
 
 
 def compute_trajectory(request: bytes) -> Answer:
@@ -272,27 +357,6 @@ class StudyOperation:
         return found
 
 
-UNCERTAIN: Mapping[str, StudyOperation] = {
-    "cra_uncertainty": StudyOperation(
-        "cra",
-        CriticalAngleBase,
-        crossings_in,
-        Crossings(problem="failed"),
-        Crossings(problem="outside"),
-        critical_angle_uncertainty_answer,
-    ),
-    "trajectory_uncertainty": StudyOperation(
-        "trajectory",
-        TrajectoryFields,
-        ending_in,
-        Ending(problem="failed"),
-        Ending(problem="outside"),
-        trajectory_uncertainty_answer,
-    ),
-}
-"""Studies of uncertainty, by operation."""
-
-
 def compute_critical_angle_uncertainty(request: bytes) -> Answer:
     """Sample critical angles, one after the other."""
     return answer_study("cra_uncertainty", CriticalAngleUncertaintyRequest.model_validate_json(request)), None
@@ -313,7 +377,7 @@ def answer_study(operation: str, request: Any, report: StudyReport = lambda *_: 
     report
         Called before every sample with the number of those done and the half width reached, None before there is one.
     """
-    study: Any = UNCERTAIN[operation]
+    study = study_of(operation)
     compute = OPERATIONS[study.sample].compute
 
     def evaluate(sample: KeyedRequest | None) -> Any:
@@ -350,20 +414,13 @@ PANEL_STEPS = 1e6
 """Panels times time steps of a run that takes as long as an ordinary case, 10 to 20 ms."""
 
 
-def work_of(operation: str, request: Case) -> int:
-    """Return what one case counts as: by panels, as all the time steps that its runs may take."""
-    found = OPERATIONS[operation]
-    return max(found.weight, math.ceil(found.runs * request.panel_steps() / PANEL_STEPS))
-
-
-def cases_of_a_fit(_: Part) -> int:
-    """Return what a calibration counts as: it takes as long as so many cases."""
-    return 20
+FIT_CASES = 20
+"""What a calibration counts as: it takes as long as so many cases."""
 
 
 def cases_of_motions(request: MotionCalibrationRequest) -> int:
     """Return what a calibration by motion counts as: a fit of each run with each of three decay laws."""
-    return 3 * request.run_count * cases_of_a_fit(request)
+    return 3 * request.run_count * FIT_CASES
 
 
 def cases_of_a_study(request: UncertainCase) -> int:
@@ -371,67 +428,271 @@ def cases_of_a_study(request: UncertainCase) -> int:
     return request.sampling.max_samples
 
 
-def cases_of_a_query(operation: str, request: Any) -> int:
-    """Return what a query counts as: with alternatives, each of them is a case too."""
-    return work_of(operation, request) * (1 + len(alternative_requests(request)) if request.alternatives else 1)
+SEARCH_NOTE = f"A case counts as {WALL_CASES} against a quota, as many as the runs of its search."
+UNCERTAINTY_TOOL = (
+    "uncertainty",
+    "Uncertainty of an angle or an outcome",
+    (
+        "Sample uncertain inputs: the distribution of the critical angle and the probability of ricochet over the "
+        "oblique angle, or the probability of each outcome of one impact. Takes seconds to minutes."
+    ),
+)
 
+CRITICAL_ANGLE = Operation(
+    "cra",
+    compute_critical_angle,
+    CriticalAngleRequest,
+    CriticalAngleAnswer,
+    route="find_critical_angle",
+    description="Find the smallest oblique angle, from the normal, at which a projectile is turned away.\n\n"
+    "That there is none in the range is an answer too; its `status` says so.",
+    tag="critical ricochet angle",
+    columns=SUMMARY["cra"],
+    runs=SEARCH_RUNS,
+    many=Many(
+        CaseModels.of(
+            "CriticalAngle",
+            CriticalAngleBase,
+            CriticalAngleAnswer,
+            one="critical angle",
+            many="critical angles",
+            verb="find",
+            example=PAPER,
+            custom_id="paper",
+            axes=[EVEN, LISTED],
+            result=FOUND | VERSIONED,
+        ),
+        batch=("find_critical_angles", "Find many critical angles"),
+        sweep=("sweep_critical_angles", "Find the critical angle"),
+    ),
+    tool=ToolText(
+        "critical_angle",
+        "Critical ricochet angle",
+        "Find the smallest oblique angle, from the normal, at which a projectile is turned away by concrete.",
+    ),
+)
+TRAJECTORY = Operation(
+    "trajectory",
+    compute_trajectory,
+    TrajectoryRequest,
+    TrajectoryAnswer,
+    route="compute_trajectory",
+    description="Compute the motion of a projectile until it is turned away, through, at rest, or out of time.",
+    tag="trajectory",
+    columns=SUMMARY["trajectory"],
+    many=Many(
+        CaseModels.of(
+            "Trajectory",
+            TrajectoryBase,
+            TrajectoryAnswer,
+            one="trajectory",
+            many="trajectories",
+            verb="compute",
+            example=PAPER_AT_45,
+            custom_id="shot-1",
+            axes=[EVEN, LISTED],
+            result=RUN | VERSIONED,
+            items=[{"index": 0, "custom_id": "shot-1", "result": RUN | VERSIONED}],
+        ),
+        batch=("compute_trajectories", "Compute the motion of many projectiles"),
+        sweep=("sweep_trajectories", "Compute a trajectory"),
+        note="Histories are given only if a case requests its own.",
+    ),
+    tool=ToolText(
+        "trajectory",
+        "Trajectory of one impact",
+        "Compute how one impact ends: outcome, greatest depth, state at the end and as the projectile leaves. The "
+        "columns over time are not in the answer: `GET /results/{key}` of the service has them.",
+    ),
+)
+CRITICAL_ANGLE_UNCERTAINTY = Operation(
+    "cra_uncertainty",
+    compute_critical_angle_uncertainty,
+    CriticalAngleUncertaintyRequest,
+    CriticalAngleUncertaintyAnswer,
+    route="estimate_critical_angle",
+    description="Estimate the probability of ricochet over the oblique angle, and what the critical angle is sensitive "
+    "to.\n\nUp to 131,072 searches, each a case that is kept and counted like any other; a request that is sent again "
+    "is\nanswered from the cache. `max_samples` above 16,384 (unless the service is set otherwise) or `Prefer:\n"
+    "respond-async` makes a job, which counts as `max_samples` cases until it ends, then as the samples it has taken. "
+    "A\nsample outside the accepted range counts as not known and widens the intervals.",
+    tag="critical ricochet angle",
+    columns=SUMMARY["cra_uncertainty"],
+    cases=cases_of_a_study,
+    study=StudyOperation(
+        "cra",
+        CriticalAngleBase,
+        crossings_in,
+        Crossings(problem="failed"),
+        Crossings(problem="outside"),
+        critical_angle_uncertainty_answer,
+    ),
+    tool=ToolText(*UNCERTAINTY_TOOL, field="critical_angle"),
+)
+TRAJECTORY_UNCERTAINTY = Operation(
+    "trajectory_uncertainty",
+    compute_trajectory_uncertainty,
+    TrajectoryUncertaintyRequest,
+    TrajectoryUncertaintyAnswer,
+    route="estimate_trajectory",
+    description="Estimate the probability of each outcome of one strike, with quantiles of depth, exit speed and exit "
+    "angle.\n\nWhat is answered at once and what becomes a job is as with critical angles.",
+    tag="trajectory",
+    columns=SUMMARY["trajectory_uncertainty"],
+    cases=cases_of_a_study,
+    study=StudyOperation(
+        "trajectory",
+        TrajectoryFields,
+        ending_in,
+        Ending(problem="failed"),
+        Ending(problem="outside"),
+        trajectory_uncertainty_answer,
+    ),
+    tool=ToolText(*UNCERTAINTY_TOOL, field="trajectory"),
+)
+DEPTH_CALIBRATION = Operation(
+    "calibration_depth",
+    compute_depth_calibration,
+    DepthCalibrationRequest,
+    DepthCalibrationAnswer,
+    route="calibrate_by_depth",
+    description="Find the strength factor that fits depths of penetration best, by weighted least squares.\n\n"
+    "The shots are along the normal, of one projectile into one target.",
+    tag="calibration",
+    columns=SUMMARY["calibration_depth"],
+    weight=FIT_CASES,
+    long=True,
+)
+MOTION_CALIBRATION = Operation(
+    "calibration_motion",
+    compute_motion_calibration,
+    MotionCalibrationRequest,
+    MotionCalibrationAnswer,
+    route="calibrate_by_motion",
+    description="Find the strength factor that fits the motion in oblique strikes best, measured or by finite "
+    "elements.\n\nThe motion is that of one strike, or of several `runs` at any angles and speeds, which one strength "
+    "factor is to fit\ntogether. The fit is made with every decay law.",
+    tag="calibration",
+    columns=SUMMARY["calibration_motion"],
+    cases=cases_of_motions,
+    long=True,
+)
+OBLIQUITY_CALIBRATION = Operation(
+    "calibration_obliquity",
+    compute_obliquity_calibration,
+    ObliquityCalibrationRequest,
+    ObliquityCalibrationAnswer,
+    route="calibrate_over_obliquity",
+    description="Fit a polynomial in the oblique angle to strength factors.\n\nThe answer holds it in the form in "
+    "which a `resistance` takes it, so that `/cra` gives its angle a standard error.",
+    tag="calibration",
+    weight=FIT_CASES,
+    long=True,
+)
+FORMULAS = Operation(
+    "formulas",
+    compute_formulas,
+    FormulasRequest,
+    FormulasAnswer,
+    route="evaluate_formulas",
+    description="Evaluate the empirical formulas of the field: penetration depth, scabbing and perforation thickness."
+    "\n\nEach says whether the strike is in the range it was fitted to. An oblique strike counts with the component of "
+    "its\nvelocity along the normal.",
+    tag="formulas",
+)
+LEAST_THICKNESS = Operation(
+    "thickness",
+    compute_thickness,
+    ThicknessRequest,
+    ThicknessAnswer,
+    route="find_least_thickness",
+    description="Find the least thickness of a wall that a strike does not perforate, beside what the empirical "
+    "formulas say.",
+    tag="walls",
+    columns=SUMMARY["thickness"],
+    weight=WALL_CASES,
+    runs=WALL_CASES,
+    many=Many(
+        CaseModels.of(
+            "Thickness",
+            ThicknessRequest,
+            ThicknessAnswer,
+            one="least thickness",
+            many="least thicknesses",
+            verb="find",
+            example=PAPER_AT_45,
+            custom_id="shot-1",
+            axes=[ANGLES],
+            result=THICKNESS | VERSIONED,
+        ),
+        batch=("find_least_thicknesses", "Find the least thickness of a wall for many strikes"),
+        sweep=("sweep_least_thicknesses", "Find the least thickness of a wall"),
+        note=SEARCH_NOTE,
+    ),
+    tool=ToolText(
+        "thickness",
+        "Least thickness of a wall",
+        "Find the least thickness of a wall that a strike does not perforate, beside the empirical formulas.",
+    ),
+)
+LIMIT_SPEED = Operation(
+    "limit-speed",
+    compute_limit_speed,
+    LimitSpeedRequest,
+    LimitSpeedAnswer,
+    route="find_limit_speed",
+    description="Find the least speed at which a projectile perforates a wall.",
+    tag="walls",
+    columns=SUMMARY["limit-speed"],
+    weight=WALL_CASES,
+    runs=WALL_CASES,
+    many=Many(
+        CaseModels.of(
+            "LimitSpeed",
+            LimitSpeedRequest,
+            LimitSpeedAnswer,
+            one="limit speed",
+            many="limit speeds",
+            verb="find",
+            example=WALL,
+            custom_id="wall-1",
+            axes=[ANGLES],
+            result=SPEED | VERSIONED,
+        ),
+        batch=("find_limit_speeds", "Find many limit speeds"),
+        sweep=("sweep_limit_speeds", "Find the limit speed"),
+        note=SEARCH_NOTE,
+    ),
+)
 
-OPERATIONS: Mapping[str, Operation] = {
-    "trajectory": Operation(
-        compute_trajectory, TrajectoryRequest, SUMMARY["trajectory"], partial(cases_of_a_query, "trajectory")
-    ),
-    "cra": Operation(
-        compute_critical_angle,
-        CriticalAngleRequest,
-        SUMMARY["cra"],
-        partial(cases_of_a_query, "cra"),
-        runs=SEARCH_RUNS,
-    ),
-    "calibration_depth": Operation(
-        compute_depth_calibration,
-        DepthCalibrationRequest,
-        SUMMARY["calibration_depth"],
-        cases_of_a_fit,
-    ),
-    "calibration_motion": Operation(
-        compute_motion_calibration,
-        MotionCalibrationRequest,
-        SUMMARY["calibration_motion"],
-        cases_of_motions,
-    ),
-    "calibration_obliquity": Operation(
-        compute_obliquity_calibration, ObliquityCalibrationRequest, cases=cases_of_a_fit
-    ),
-    "formulas": Operation(compute_formulas, FormulasRequest),
-    "thickness": Operation(
-        compute_thickness,
-        ThicknessRequest,
-        SUMMARY["thickness"],
-        partial(work_of, "thickness"),
-        weight=WALL_CASES,
-        runs=WALL_CASES,
-    ),
-    "limit-speed": Operation(
-        compute_limit_speed,
-        LimitSpeedRequest,
-        SUMMARY["limit-speed"],
-        partial(work_of, "limit-speed"),
-        weight=WALL_CASES,
-        runs=WALL_CASES,
-    ),
-    "cra_uncertainty": Operation(
-        compute_critical_angle_uncertainty,
-        CriticalAngleUncertaintyRequest,
-        SUMMARY["cra_uncertainty"],
-        cases_of_a_study,
-    ),
-    "trajectory_uncertainty": Operation(
-        compute_trajectory_uncertainty,
-        TrajectoryUncertaintyRequest,
-        SUMMARY["trajectory_uncertainty"],
-        cases_of_a_study,
-    ),
+OPERATIONS: dict[str, Operation] = {
+    each.name: each
+    for each in (
+        CRITICAL_ANGLE,
+        TRAJECTORY,
+        CRITICAL_ANGLE_UNCERTAINTY,
+        TRAJECTORY_UNCERTAINTY,
+        DEPTH_CALIBRATION,
+        MOTION_CALIBRATION,
+        OBLIQUITY_CALIBRATION,
+        FORMULAS,
+        LEAST_THICKNESS,
+        LIMIT_SPEED,
+    )
 }
+"""All that can be computed, by name; one more is available everywhere as soon as it stands here."""
+
+
+def is_study(operation: str) -> bool:
+    """Return whether an operation, which a later version may have made, is a study of uncertainty."""
+    return operation in OPERATIONS and OPERATIONS[operation].study is not None
+
+
+def study_of(operation: str) -> StudyOperation:
+    """Return how a study computes its samples."""
+    study = OPERATIONS[operation].study
+    assert study is not None  # noqa: S101 (one of these)
+    return study
 
 
 def outcome_of(answer: Mapping[str, Any]) -> str:

@@ -1,4 +1,4 @@
-"""Single queries: look up, share what is in flight, compute, keep; and how much may wait."""
+"""Answers single queries: looks them up, shares computations in flight, computes and keeps the rest."""
 
 import asyncio
 import logging
@@ -26,24 +26,24 @@ from solver import ParameterError
 from solver.warnings import IMPLAUSIBLE
 
 MEMORY_SECONDS = 30.0
-"""How far back a rate looks: a few chunks of slow work, not the hour before."""
+"""Time over which a rate is measured: it covers a few chunks of slow work and forgets what is older."""
 STEP_SECONDS = 0.5
-"""What was done within this time is counted as one entry."""
+"""Cases done within this time share one entry, so that the list of entries stays short."""
 LONGEST_WAIT_SECONDS = 3600
-"""Nobody plans further ahead than the rate is worth."""
+"""Longest wait that is announced: a measured rate says nothing about a later time."""
 CASE_SECONDS = 0.02
-"""An ordinary case on one core, about: what is expected as long as nothing has been measured."""
+"""Time of an ordinary case on one core, assumed as long as no rate has been measured."""
 ABANDONED_SECONDS = 0.5
-"""For a running query after its last client has left: an ordinary one ends, and its result is kept."""
+"""Time that a running query has after its last client has left: an ordinary one ends, and its result is kept."""
 
 
 def check_work(case: Any, most: float) -> None:
-    """Refuse a case whose runs could take far longer than any is given.
+    """Refuse a case whose runs could take longer than the time limit of a computation.
 
     Raises
     ------
     ParameterError
-        If panels times steps are more than this.
+        If the product of panels and time steps is above `most`.
     """
     work = case.panel_steps() if isinstance(case, Case) else 0.0
     if work > most:
@@ -55,7 +55,7 @@ def check_work(case: Any, most: float) -> None:
 
 
 class Rate:
-    """Cases done in a second, measured lately.
+    """Measures how many cases are done in a second.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ class Rate:
         self._count = 0
 
     def add(self, count: int) -> None:
-        """So many have been done just now."""
+        """Count cases that have just been done."""
         now = time.monotonic()
         self._count += count
         if self._entries and now - self._entries[-1][0] < STEP_SECONDS:
@@ -81,7 +81,7 @@ class Rate:
 
     @property
     def per_second(self) -> float:
-        """Mean over the time looked back; 0 if nothing was done in it."""
+        """Mean over the last `MEMORY_SECONDS`; 0 if no case was done in them."""
         now = time.monotonic()
         self._forget(now)
         if not self._entries:
@@ -89,7 +89,7 @@ class Rate:
         return self._count / max(now - self._entries[0][0], STEP_SECONDS)
 
     def seconds_for(self, count: int) -> int:
-        """Whole seconds until so many more are done, at least 1."""
+        """Whole seconds until so many more cases are done, at least 1."""
         rate = self.per_second or self._cores() / CASE_SECONDS
         return min(LONGEST_WAIT_SECONDS, max(1, math.ceil(count / rate)))
 
@@ -102,20 +102,20 @@ CacheStatus: TypeAlias = Literal["hit", "miss"]
 Answered: TypeAlias = tuple[Record, CacheStatus]
 
 Count: TypeAlias = Callable[[str, str, str, int], None]
-"""Counts cases that are done: operation, outcome, `hit` or `miss`, number."""
+"""Function that counts cases that are done: operation, outcome, `hit` or `miss`, number."""
 
 log = logging.getLogger(__name__)
 
 IMPLAUSIBLE_MARK = f'"code":"{IMPLAUSIBLE}"'.encode()
-"""In the JSON of an answer with this warning."""
+"""Text that the JSON of an answer contains if and only if it has this warning."""
 MAX_WAITING = 1000
-"""Single queries that may wait for a worker: at 10 ms each, a few seconds of work."""
+"""Number of single queries that may wait for a worker: at 10 ms each, a few seconds of work."""
 QUEUE_SECONDS = 30.0
-"""Longest that one waits for a worker."""
+"""Longest time that a single query waits for a worker."""
 
 
 class QueryService:
-    """Answers requests.
+    """Answers single queries, and begins chunks of cases.
 
     Parameters
     ----------
@@ -151,20 +151,20 @@ class QueryService:
         self._queue_seconds = queue_seconds
         self._rate = Rate(lambda: executor.single_capacity)
         self._turns = FairSemaphore(lambda: executor.single_capacity)
-        """No more than run: so chunks get their turn between them, as owners do."""
+        """One permit for each query that can run, so that chunks get their turn between queries, as owners do."""
         self._work = 0
-        """What the single queries that wait or run count as, in ordinary cases."""
+        """Work of the single queries that wait or run, in ordinary cases."""
         self._in_flight: dict[str, asyncio.Future[Answered]] = {}
         self._running: set[asyncio.Future[Answered]] = set()
         """Single queries that a worker has."""
         self._clients: Counter[asyncio.Future[Answered]] = Counter()
-        """How many wait for each."""
+        """Number of clients that wait for each."""
         self.implausible = 0
-        """Computed answers that break a rule which every true one keeps."""
+        """Number of computed answers that break a rule which every correct answer keeps."""
 
     @property
     def chunk_limit(self) -> int:
-        """Chunks that should be begun at the same time, now: some wait, so that no worker does."""
+        """Number of chunks to begin at the same time: some of them wait, so that no worker has to."""
         return self.executor.capacity + self.executor.prefetch
 
     @property
@@ -241,7 +241,7 @@ class QueryService:
                 del self._clients[found]
                 if found in self._running:
                     asyncio.get_running_loop().call_later(ABANDONED_SECONDS, self._give_up, key, found)
-                elif isinstance(found, asyncio.Task):  # else it is the case of a chunk
+                elif isinstance(found, asyncio.Task):  # Cases of a chunk are not tasks; their chunk gives them up.
                     self._give_up(key, found)
 
     def _give_up(self, key: str, found: "asyncio.Future[Answered]") -> None:
@@ -304,19 +304,19 @@ class QueryService:
         except Exception as error:  # noqa: BLE001 (raised where the cases are waited for)
             outcomes = [error] * len(own)
         finally:
-            for key in futures:  # before anything that can fail: a key that stays is never answered again
+            for key in futures:  # This comes first, as a key that stays here is never answered again.
                 del self._in_flight[key]
             for future, outcome in zip(futures.values(), outcomes, strict=True):
                 if isinstance(outcome, Record):
                     future.set_result((outcome, "miss"))
                 else:
                     future.set_exception(outcome)
-                    future.exception()  # seen, even if nothing waits for it any more
+                    future.exception()  # Retrieved, so that asyncio does not report it if nothing waits.
 
     def _put(
         self, operation: str, own: Sequence[KeyedRequest], results: Sequence[CallResult]
     ) -> list[Record | Exception]:
-        """Keep the results of a chunk in one file."""
+        """Keep the results of a chunk, in one file."""
         outcomes: list[Record | Exception] = []
         for case, result in zip(own, results[: len(own)], strict=True):
             if result.error is not None:
@@ -333,7 +333,7 @@ class QueryService:
         return [records[outcome.key] if isinstance(outcome, Record) else outcome for outcome in outcomes]
 
     def _record(self, operation: str, request: KeyedRequest, json: bytes, outcome: str) -> Record:
-        """Return the record of a computed answer; log and count one that cannot be true."""
+        """Return the record of a computed answer; log and count an implausible one."""
         if IMPLAUSIBLE_MARK in json:
             self.implausible += 1
             log.warning("implausible answer of %s, result %s: %s", operation, request.key, request.json.decode())
@@ -344,12 +344,12 @@ class QueryService:
         if self._in_flight.get(key) is task:
             del self._in_flight[key]
         if task.done() and not task.cancelled():
-            task.exception()  # seen, even if nothing waits for it any more
+            task.exception()  # Retrieved, so that asyncio does not report it if nothing waits.
 
 
 @dataclass(frozen=True, slots=True)
 class Chunk:
-    """Cases being computed.
+    """A chunk of cases that is being computed.
 
     Parameters
     ----------

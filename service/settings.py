@@ -222,64 +222,6 @@ class LimitSettings(BaseSettings):
             "96,000 panels with steps of 1 µs over the usual 0.05 s are 4.8e9, some 100 s of work.",
         ),
     ] = 5e9
-    max_head_bytes: Annotated[
-        int,
-        Field(
-            ge=1024,
-            description="Longest head of a request, its address and headers: browsers with many cookies send 4 kB; "
-            "the server's parser has no limit.",
-        ),
-    ] = 16 * 1024
-    max_head_fields: Annotated[
-        int, Field(ge=16, description="Headers of a request: browsers and proxies send some 30; each is looked at.")
-    ] = 100
-    head_seconds: Annotated[
-        float,
-        Field(
-            gt=0.0,
-            description="Time for the head of a request to arrive, after which a silent connection is closed: more "
-            "than any network needs.",
-        ),
-    ] = 10.0
-    body_seconds: Annotated[
-        float,
-        Field(
-            gt=0.0,
-            description="Longest wait for a body in all, beside its time at `slowest_bytes_per_second`: a link that "
-            "is lost for some seconds does not lose the request.",
-        ),
-    ] = 20.0
-    send_seconds: Annotated[
-        float,
-        Field(
-            gt=0.0,
-            description="How long a client that reads too slowly, or not at all, keeps its connection.",
-        ),
-    ] = 30.0
-    slowest_bytes_per_second: Annotated[
-        int,
-        Field(ge=1, description="Least that a client must send or read over time: a tenth of a poor mobile network."),
-    ] = 4 * 1024
-    discard_seconds: Annotated[
-        float,
-        Field(
-            gt=0.0,
-            description="How long the rest of an answered request is read, so that the client gets to the answer, "
-            "before the connection is closed.",
-        ),
-    ] = 2.0
-    max_discarded_bytes: Annotated[
-        int,
-        Field(ge=0, description="Most that is read of such a rest: half a second of work."),
-    ] = 64 * 1024 * 1024
-    max_connections: Annotated[
-        int,
-        Field(
-            ge=8,
-            description="Open connections, of some 10 kB and one of the usual 1,024 file descriptors each; those "
-            "beyond are answered 503.",
-        ),
-    ] = 800
     max_streams: Annotated[
         int,
         Field(ge=1, description="Event streams open at once: each wakes up with every change of its job."),

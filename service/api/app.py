@@ -17,10 +17,10 @@ from starlette.middleware.gzip import DEFAULT_EXCLUDED_CONTENT_TYPES, GZipMiddle
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from service import telemetry
-from service.api import batches, downloads, health, jobs, mcp, page, queries, results, studies, umbridge
+from service.api import downloads, health, jobs, mcp, operations, page, results, studies, umbridge
 from service.api.body import KnownBodies
-from service.api.connection import BodyTimeoutMiddleware, HeadMiddleware
 from service.api.contract import declare_access, declare_bodies, declare_events, declare_problems
+from service.api.middleware import HeadMiddleware, RefusalMiddleware
 from service.api.results import HDF5, PARQUET
 from service.api.services import READING_THREADS, Metrics, Services, executor_for
 from service.auth.api_keys import ApiKeyStore
@@ -34,21 +34,7 @@ from service.jobs.store import JobStore
 from service.operations import OPERATIONS, SCHEMA_VERSION
 from service.problems import install_problem_handlers
 from service.queries import QueryService
-from service.schemas import (
-    CriticalAngleRequest,
-    CriticalAngleUncertaintyRequest,
-    DepthCalibrationRequest,
-    FormulasRequest,
-    JobChange,
-    LimitSpeedRequest,
-    MotionCalibrationRequest,
-    ObliquityCalibrationRequest,
-    ReportRequest,
-    ThicknessRequest,
-    TrajectoryRequest,
-    TrajectoryUncertaintyRequest,
-)
-from service.schemas.quantities import Part
+from service.schemas import JobChange, ReportRequest
 from service.settings import Settings
 
 DESCRIPTION = """
@@ -67,24 +53,8 @@ REFUSAL_SECONDS = 1
 """Part of it, before that, for what cannot be finished to be refused."""
 GZIP_BYTES, GZIP_LEVEL = 8 * 1024, 1
 """Least answer that is compressed, and how hard: level 6 takes four times as long and saves 3 % more."""
-RESOURCES = (queries, batches, studies, umbridge, results, jobs, health, page)
-"""Routers in the order in which they are searched."""
-BODIES: tuple[type[Part], ...] = (
-    TrajectoryRequest,
-    CriticalAngleRequest,
-    *(model for many in batches.MANY_CASES for model in (many.batch, many.sweep)),
-    DepthCalibrationRequest,
-    MotionCalibrationRequest,
-    ObliquityCalibrationRequest,
-    ThicknessRequest,
-    FormulasRequest,
-    LimitSpeedRequest,
-    CriticalAngleUncertaintyRequest,
-    TrajectoryUncertaintyRequest,
-    ReportRequest,
-    JobChange,
-)
-"""Models of the bodies that routes read piece by piece, which FastAPI does not get to see."""
+RESOURCES = (studies, umbridge, results, jobs, health, page)
+"""Routers behind those of the operations, in the order in which they are searched."""
 CORS: dict[str, Any] = {
     "allow_methods": ["GET", "HEAD", "POST", "PATCH", "DELETE"],
     "allow_headers": ["Authorization", "Content-Type", "Idempotency-Key", "If-None-Match", "Last-Event-ID", "Prefer"],
@@ -102,9 +72,10 @@ class Application(FastAPI):
         """Return the contract."""
         if self.openapi_schema is None:
             contract = super().openapi()
-            declare_bodies(contract["components"]["schemas"], BODIES)
-            for operations in contract["paths"].values():
-                for operation in operations.values():
+            bodies = operations.bodies_of(OPERATIONS.values())
+            declare_bodies(contract["components"]["schemas"], [*bodies, ReportRequest, JobChange])
+            for methods in contract["paths"].values():
+                for operation in methods.values():
                     declare_access(operation)
                     declare_problems(operation["responses"])
                     declare_events(operation["responses"])
@@ -114,7 +85,7 @@ class Application(FastAPI):
         """Return the application with its middleware; all of it outside of FastAPI's, to see answers to failures."""
         services: Services = self.state.services
         settings = services.settings
-        inner: ASGIApp = BodyTimeoutMiddleware(HeadMiddleware(super().build_middleware_stack()), settings)
+        inner: ASGIApp = HeadMiddleware(super().build_middleware_stack())
         if services.traces is not None:
             inner = telemetry.LinkedTrace(inner)
         inner = AuthMiddleware(inner, settings, services.keys, services.quotas, services.audit)
@@ -122,7 +93,7 @@ class Application(FastAPI):
             inner = CORSMiddleware(inner, settings.cors_origins, **CORS)
         if settings.gzip:
             inner = CompressionMiddleware(inner)
-        return telemetry.RequestLog(inner, services.metrics.observe, settings.log_level)
+        return telemetry.RequestLog(RefusalMiddleware(inner), services.metrics.observe, settings.log_level)
 
 
 class CompressionMiddleware:
@@ -190,6 +161,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
         traces=traces,
     )
     install_problem_handlers(app)
+    app.include_router(operations.router_of(OPERATIONS))
     for resource in RESOURCES:
         app.include_router(resource.router)
     if mcp.is_installed():

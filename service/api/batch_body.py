@@ -17,7 +17,7 @@ from pydantic_core import to_json
 from service.api.body import JSON, JSONL, parse_json, read_body, require_type, stream_up_to
 from service.api.services import Services, services_of, unless_left
 from service.errors import MAX_ERRORS, InvalidBodyError, field_errors, validation_errors
-from service.jobs.models import JobCase, Sweep
+from service.jobs.models import JobCase, StoredSweep
 from service.operations import KeyedRequest
 from service.queries import check_work
 from service.schemas.batches import MOST_LINES, Cases
@@ -54,7 +54,7 @@ class BatchBody:
     blocks: AsyncIterator[list[JobCase]]
     _digest: "hashlib._Hash"
     count: int = 0
-    sweep: Sweep | None = None
+    sweep: StoredSweep | None = None
     estimate: Callable[[], int] = lambda: 0
     """About how many cases the lines of a JSONL body have, going by those read; 0 if its length is not known."""
 
@@ -127,7 +127,7 @@ class BatchReader:
         digest.update(body)
         outline, grid = await run_sync(self._lay_grid, body)
         sent = {"base": outline.base, "axes": [axis.model_dump(mode="json") for axis in outline.axes]}
-        sweep = Sweep(sent, tuple(grid.fields), tuple(grid.values))
+        sweep = StoredSweep(sent, tuple(grid.fields), tuple(grid.values))
         return BatchBody(self._read_points(grid), digest, grid.count, sweep)
 
     def _case(self, content: Any) -> JobCase:

@@ -1,4 +1,4 @@
-"""Answers to requests for many cases: the results if they are few, else a job."""
+"""Answers requests for many cases: with the results if they are few, else with a job."""
 
 import asyncio
 import math
@@ -18,7 +18,7 @@ from service.api.results import CSV, ReadyResults, as_array, as_csv, as_lines, c
 from service.api.services import services_of, unless_left
 from service.auth.dependencies import context_in
 from service.jobs.manager import JobManager
-from service.jobs.models import CaseResult, Charge, Idempotency, JobCase, JobState, Sweep
+from service.jobs.models import CaseResult, Charge, Idempotency, JobCase, JobState, StoredSweep
 from service.operations import OPERATIONS
 
 FORMS = (JSON, JSONL, CSV)
@@ -48,7 +48,7 @@ Prefer = Annotated[
 
 
 async def preference_of(request: Request, prefer: Prefer = "") -> Preference:
-    """Return what the client would rather have."""
+    """Return the preference of the client."""
     return read_preference(request.headers.getlist("prefer") if prefer else ())
 
 
@@ -85,7 +85,7 @@ class JobResponse:
         self,
         blocks: AsyncIterator[list[JobCase]],
         digest: str | Callable[[], str],
-        sweep: Sweep | None = None,
+        sweep: StoredSweep | None = None,
         charge: Charge | None = None,
         count: int = 0,
         estimate: Callable[[], int] = lambda: 0,
@@ -105,7 +105,7 @@ class JobResponse:
             estimate=estimate,
         )
         self._context.job = state.id
-        if not new:  # it counted when it was accepted
+        if not new:  # It was charged when it was accepted.
             self._context.give_back()
         return state
 
@@ -174,10 +174,10 @@ class BatchResponse(JobResponse):
             self._context.take(sum(case.request.work for case in cases))
             yield cases
 
-    async def _answer_now(self, cases: Sequence[JobCase], sweep: Sweep | None) -> Response:
+    async def _answer_now(self, cases: Sequence[JobCase], sweep: StoredSweep | None) -> Response:
         results = self._jobs.run_now(self.operation, cases, self._context.queue_owner)
         if self.form == JSONL:
-            beginning = begin(results)  # a refusal is answered before the answer has begun
+            beginning = begin(results)  # Waits, so that a refusal is answered before the answer has begun.
             begun = await unless_left(self._request, beginning)
             lines = (to_lines([result], self.path, sweep) async for result in begun)
             return StreamingResponse(closing(lines, results), media_type=JSONL, headers=VARY)
@@ -189,7 +189,7 @@ class BatchResponse(JobResponse):
             content = b'{"results":[%b]}' % b",".join(to_item(result, self.path, sweep) for result in found)
         return Response(content, media_type=self.form, headers={**VARY, "Cache-Status": status})
 
-    def _answer_all(self, state: JobState, sweep: Sweep | None, headers: dict[str, str]) -> Response:
+    def _answer_all(self, state: JobState, sweep: StoredSweep | None, headers: dict[str, str]) -> Response:
         ready, path = ReadyResults(self._jobs, state, sweep), f"{self.root}/jobs/{state.id}/results"
         if self.form == CSV:
             content = as_csv(ready)
@@ -257,7 +257,7 @@ async def until(stopping: asyncio.Event, changes: AsyncGenerator[JobState, None]
 
 
 async def settle(task: asyncio.Future[Any]) -> None:
-    """Cancel a task unless it is done, and see it end."""
+    """Cancel a task unless it is done, and wait for its end."""
     if not task.done():
         task.cancel()
         with CancelScope(shield=True):
@@ -265,7 +265,7 @@ async def settle(task: asyncio.Future[Any]) -> None:
 
 
 async def closing(content: AsyncIterator[bytes], source: AsyncGenerator[Any, None]) -> AsyncIterator[bytes]:
-    """Yield the content; also if nobody reads it to its end, the source is closed then."""
+    """Yield the content, and close the source also if nobody reads it to its end."""
     async with aclosing(source):
         async for part in content:
             yield part

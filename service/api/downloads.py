@@ -1,4 +1,4 @@
-"""Files of results that are made to be sent: few at a time, each written once, and kept while there is room."""
+"""Writes files of results to be sent: a few at a time, each once, and keeps them while there is room."""
 
 import asyncio
 import os
@@ -16,13 +16,13 @@ from anyio.to_thread import run_sync
 from service.errors import StorageError
 
 FOLDER = "downloads"
-"""In the data folder."""
+"""Name of their folder in the data folder."""
 SHARE = 0.1
-"""Part of the limit of the cache that these files may take; results take the rest."""
+"""Share of the limit of the cache that these files may take; results take the rest."""
 WRITTEN_AT_ONCE = 2
-"""Files being written: each takes some 10 MB of memory, and most of a core."""
+"""Number of files that are written at the same time: each takes some 10 MB of memory and most of a core."""
 PIECE_BYTES = 256 * 1024
-"""Sent at once."""
+"""Size of a piece that is sent at once."""
 
 
 class Downloads:
@@ -74,7 +74,7 @@ class Downloads:
             return None
         try:
             file = await run_sync((self._folder / name).open, "rb")
-        except FileNotFoundError:  # somebody has removed it
+        except FileNotFoundError:  # Someone else has removed it.
             self._kept.pop(name, None)
             return None
         if name in self._kept:
@@ -95,7 +95,7 @@ class Downloads:
                 while sum(self._kept.values()) > self._most_bytes:
                     await self.remove([next(iter(self._kept))])
             return file
-        except OSError as error:  # the message of HDF5 holds the path
+        except OSError as error:  # The message of HDF5 contains the path, so it is not passed on.
             why = os.strerror(error.errno) if error.errno else "the disk refuses it"
             raise StorageError(f"the file cannot be written: {why}") from error
         finally:

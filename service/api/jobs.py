@@ -1,4 +1,4 @@
-"""Jobs: how far they are, their results in every form, and their end."""
+"""Routes of jobs: their state, their results in every form, and their end."""
 
 import binascii
 from base64 import urlsafe_b64decode, urlsafe_b64encode
@@ -65,7 +65,7 @@ JobId = Annotated[str, Path(description="Id of the job.", max_length=200)]
 
 
 async def job_of(job_id: JobId, jobs: CurrentManager, context: ReadContext) -> JobState:
-    """Return the requested job; that of another owner is not there."""
+    """Return the requested job; one of another owner is not found."""
     return known(await jobs.job(job_id, context.principal.visible_owner))
 
 
@@ -121,7 +121,9 @@ async def list_jobs(
 ) -> Response:
     """List the jobs of the owner in pages, the newest first; with the scope `admin`, those of all."""
     owner, before = context.principal.visible_owner, read_cursor(cursor)
-    states = await jobs.jobs(owner, before=before, limit=limit + 1)  # one more shows whether a page follows
+    states = await jobs.jobs(
+        owner, before=before, limit=limit + 1
+    )  # One more than the page holds shows whether another follows.
     content: dict[str, Any] = {"jobs": [to_job(root_of(request), state) for state in states[:limit]]}
     if len(states) > limit:
         content["next"] = write_cursor(states[limit - 1].number).decode()
@@ -172,7 +174,7 @@ async def get_job_results(
 
 
 class Page:
-    """Results that are being sent, and the cursor of those that follow.
+    """A page of results that is being sent, and the cursor of the results that follow.
 
     Parameters
     ----------
@@ -191,7 +193,7 @@ class Page:
         self._count = 0
 
     def note(self, results: list[CaseResult]) -> None:
-        """See how far the results go."""
+        """Note how far the results go."""
         self._count += len(results)
         self._next = results[-1].number + 1
 
@@ -242,7 +244,7 @@ async def follow_job(
     async with aclosing(until(services_of(request).stopping, jobs.changes(job.id))) as changes:
         async for state in changes:
             if context.principal.key and not keys.holds(context.principal.key):
-                return  # revoked meanwhile
+                return  # The key has been revoked.
             if state.final or str(state.revision) != last_event_id:
                 content = job_json(root_of(request), state, partial=await jobs.partial(state))
                 yield ServerSentEvent(raw_data=content.decode(), id=str(state.revision))

@@ -2,7 +2,6 @@
 
 import asyncio
 from collections.abc import Mapping
-from contextlib import nullcontext
 from http import HTTPStatus
 from importlib import import_module
 from importlib.util import find_spec
@@ -14,12 +13,11 @@ from fastapi import APIRouter, HTTPException, Request, Response
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from service.api.body import is_deeper
-from service.api.queries import computed, computed_with_alternatives, validated
-from service.api.services import services_of, unless_left
-from service.auth.dependencies import RUN, context_in
+from service.api.queries import resolve, validated
+from service.api.services import services_of
+from service.auth.dependencies import RUN
 from service.errors import InvalidBodyError, ProblemType, ServiceError, case_problem
-from service.operations import OPERATIONS, UNCERTAIN, KeyedRequest
-from service.queries import check_work
+from service.operations import OPERATIONS
 
 if TYPE_CHECKING:
     from mcp.server.streamable_http_manager import StreamableHTTPSessionManager
@@ -128,38 +126,14 @@ async def compute(operation: str, content: Mapping[str, Any], request: Request) 
 
 
 async def _answer(operation: str, content: Mapping[str, Any], request: Request) -> bytes:
-    services, context = services_of(request), context_in(request.scope)
+    services = services_of(request)
     if is_deeper(content, services.settings.max_body_depth):
         detail = f"may be nested {services.settings.max_body_depth} deep at most"
         raise InvalidBodyError([{"pointer": "", "detail": detail}])
-    case = validated(content, operation, services)
-    query = KeyedRequest.of(operation, case)
-    if operation in UNCERTAIN:
-        return await _study(operation, case, query, request)
-    with context.taking(OPERATIONS[operation].cases(case)):
-        if getattr(case, "alternatives", False):
-            return (await unless_left(request, computed_with_alternatives(request, operation, case, query)))[0]
-        return (await unless_left(request, computed(services, context, operation, query)))[0].json
-
-
-async def _study(operation: str, case: Any, query: KeyedRequest, request: Request) -> bytes:
-    services, context = services_of(request), context_in(request.scope)
+    found = OPERATIONS[operation]
+    case = validated(content, found, services)
     most = services.settings.small_samples
-    if case.sampling.max_samples > most:
-        detail = f"must be at most {most} here: send more to /{operation.replace('_', '/')}, which makes a job"
+    if found.study is not None and case.sampling.max_samples > most:
+        detail = f"must be at most {most} here: send more to {found.path}, which makes a job"
         raise InvalidBodyError([{"pointer": "/sampling/max_samples", "detail": detail}])
-    record = await services.queries.result(query.key)
-    if record is not None:
-        context.take(1)
-        services.metrics.count(operation, record.outcome, "hit", 1)
-        return record.json
-    check_work(await run_sync(UNCERTAIN[operation].base, case), services.settings.max_panel_steps)
-    with services.owner_queries.held(context.principal.owner) if context.principal.key else nullcontext():
-        answer = services.jobs.answer_study(
-            operation, query, case, owner=context.queue_owner, take=context.take, limiter=services.reading
-        )
-        found, status = await unless_left(request, answer)
-    if status == "hit":  # computed for another request
-        context.take(1)
-    services.metrics.count(operation, found.outcome, status, 1)
-    return found.json
+    return (await resolve(request, found, case)).content

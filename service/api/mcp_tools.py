@@ -6,7 +6,7 @@ the text says the same in short. A refusal has `is_error` and two texts: the pro
 """
 
 import re
-from collections.abc import Awaitable, Callable, Mapping, Sequence
+from collections.abc import Awaitable, Callable, Iterable, Mapping
 from dataclasses import dataclass
 from http import HTTPStatus
 from importlib.metadata import version
@@ -23,17 +23,10 @@ from mcp.types import (
     Tool,
     ToolAnnotations,
 )
-from pydantic import BaseModel
 
 from service.columns import summarize
 from service.errors import InvalidBodyError, ProblemType, problem_of
-from service.schemas import (
-    CriticalAngleRequest,
-    CriticalAngleUncertaintyRequest,
-    ThicknessRequest,
-    TrajectoryRequest,
-    TrajectoryUncertaintyRequest,
-)
+from service.operations import OPERATIONS, Operation, ToolText
 
 Compute: TypeAlias = Callable[[str, Mapping[str, Any], Any], Awaitable[dict[str, Any]]]
 """Returns the answer to an operation and a request body. Its last argument is the HTTP request; None over stdio."""
@@ -72,22 +65,19 @@ class ToolError(Exception):
 
 
 @dataclass(frozen=True, slots=True)
-class ToolOperation:
+class ToolOperations:
     """A tool, and the operations behind it.
 
     Parameters
     ----------
+    text
+        Its name and what it does.
     operations
         By the field of the arguments that holds the request; one without a name takes the arguments as its request.
-    requests
-        Models of the requests, one for each operation.
     """
 
-    name: str
-    title: str
-    description: str
-    operations: Mapping[str, str]
-    requests: Sequence[type[BaseModel]]
+    text: ToolText
+    operations: Mapping[str, Operation]
 
     def to_tool(self, listed: set[str]) -> Tool:
         """Return the tool as it is listed, and add the models that it describes in full to those of the tools before.
@@ -95,18 +85,19 @@ class ToolOperation:
         The list is part of the context of a language model, so that its schemas are short: see `brief`.
         """
         if "" in self.operations:
-            [model] = self.requests
-            inputs = brief(model.model_json_schema(), listed)
+            inputs = brief(self.operations[""].request.model_json_schema(), listed)
         else:
-            parts = [brief(model.model_json_schema(), listed) for model in self.requests]
             inputs = {
                 "type": "object",
                 "description": "One of these.",
-                "properties": dict(zip(self.operations, parts, strict=True)),
+                "properties": {
+                    field: brief(operation.request.model_json_schema(), listed)
+                    for field, operation in self.operations.items()
+                },
                 "minProperties": 1,
                 "maxProperties": 1,
             }
-        routes = " or ".join(f"`POST /{operation.replace('_', '/')}`" for operation in self.operations.values())
+        routes = " or ".join(f"`POST {operation.path}`" for operation in self.operations.values())
         outputs = {
             "type": "object",
             "properties": {
@@ -116,9 +107,9 @@ class ToolOperation:
             "required": ["answer", "validity_limits"],
         }
         return Tool(
-            name=self.name,
-            title=self.title,
-            description=self.description,
+            name=self.text.name,
+            title=self.text.title,
+            description=self.text.description,
             input_schema=inputs,
             output_schema=outputs,
             annotations=ToolAnnotations(read_only_hint=True, idempotent_hint=True, open_world_hint=False),
@@ -133,46 +124,23 @@ class ToolOperation:
             If the arguments do not have exactly one.
         """
         if "" in self.operations:
-            return self.operations[""], "", arguments
+            return self.operations[""].name, "", arguments
         if len(arguments) != 1 or not arguments.keys() <= self.operations.keys():
             names = " or ".join(f"`{name}`" for name in self.operations)
             raise InvalidBodyError([{"pointer": "", "detail": f"must have one field, {names}"}])
         ((name, request),) = arguments.items()
-        return self.operations[name], f"/{name}", request
+        return self.operations[name].name, f"/{name}", request
 
 
-TOOLS = (
-    ToolOperation(
-        "critical_angle",
-        "Critical ricochet angle",
-        "Find the smallest oblique angle, from the normal, at which a projectile is turned away by concrete.",
-        {"": "cra"},
-        (CriticalAngleRequest,),
-    ),
-    ToolOperation(
-        "trajectory",
-        "Trajectory of one impact",
-        "Compute how one impact ends: outcome, greatest depth, state at the end and as the projectile leaves. The "
-        "columns over time are not in the answer: `GET /results/{key}` of the service has them.",
-        {"": "trajectory"},
-        (TrajectoryRequest,),
-    ),
-    ToolOperation(
-        "uncertainty",
-        "Uncertainty of an angle or an outcome",
-        "Sample uncertain inputs: the distribution of the critical angle and the probability of ricochet over the "
-        "oblique angle, or the probability of each outcome of one impact. Takes seconds to minutes.",
-        {"critical_angle": "cra_uncertainty", "trajectory": "trajectory_uncertainty"},
-        (CriticalAngleUncertaintyRequest, TrajectoryUncertaintyRequest),
-    ),
-    ToolOperation(
-        "thickness",
-        "Least thickness of a wall",
-        "Find the least thickness of a wall that a strike does not perforate, beside the empirical formulas.",
-        {"": "thickness"},
-        (ThicknessRequest,),
-    ),
-)
+def tools_of(operations: Iterable[Operation]) -> dict[str, ToolOperations]:
+    """Return the tools of operations, by name."""
+    found: dict[str, dict[str, Operation]] = {}
+    texts: dict[str, ToolText] = {}
+    for operation in operations:
+        if (text := operation.tool) is not None:
+            texts.setdefault(text.name, text)
+            found.setdefault(text.name, {})[text.field] = operation
+    return {name: ToolOperations(text, found[name]) for name, text in texts.items()}
 
 
 KEPT = ("type", "const", "enum", "required")
@@ -232,8 +200,8 @@ def server_of(compute: Compute) -> Server[Any]:
         Answers requests; raises ToolError otherwise.
     """
     described: set[str] = set()
-    listed = ListToolsResult(tools=[tool.to_tool(described) for tool in TOOLS])
-    tools = {tool.name: tool for tool in TOOLS}
+    tools = tools_of(OPERATIONS.values())
+    listed = ListToolsResult(tools=[tool.to_tool(described) for tool in tools.values()])
 
     async def list_tools(_: ServerRequestContext[Any], __: PaginatedRequestParams | None) -> ListToolsResult:
         return listed

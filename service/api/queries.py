@@ -1,43 +1,26 @@
-"""Single queries: one trajectory, one critical angle, one calibration, the formulas for one strike."""
+"""Single queries of any operation, and the one way to an answer: `resolve`."""
 
 import asyncio
 import time
+from collections.abc import Awaitable, Callable
 from contextlib import nullcontext
 from http import HTTPStatus
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 from anyio.to_thread import run_sync
-from fastapi import APIRouter, Request, Response
+from fastapi import Request, Response
 from pydantic import BaseModel, ValidationError
 
 from service.api.body import JSON, KnownBody, next_turn, parse_json, read_body, require_type
-from service.api.contract import COMPUTED, one_body
 from service.api.services import Services, services_of, unless_left
-from service.auth.dependencies import RUN, RequestContext, context_in
+from service.auth.dependencies import RequestContext, context_in
+from service.cache.record import Record
 from service.errors import InvalidBodyError, ProblemType, problem_of, validation_errors
 from service.jobs.scheduler import problem_name
-from service.operations import OPERATIONS, KeyedRequest
+from service.operations import KeyedRequest, Operation, study_of
 from service.queries import Answered, CacheStatus, check_work
-from service.schemas import (
-    CriticalAngleAnswer,
-    CriticalAngleRequest,
-    DepthCalibrationAnswer,
-    DepthCalibrationRequest,
-    FormulasAnswer,
-    FormulasRequest,
-    LimitSpeedAnswer,
-    LimitSpeedRequest,
-    MotionCalibrationAnswer,
-    MotionCalibrationRequest,
-    ObliquityCalibrationAnswer,
-    ObliquityCalibrationRequest,
-    ThicknessAnswer,
-    ThicknessRequest,
-    TrajectoryAnswer,
-    TrajectoryRequest,
-)
 from service.schemas.problems import json_pointer
-from service.schemas.requests import alternative_requests, answered_alternative, with_alternatives
+from service.schemas.requests import alternatives_in, answered_alternative, with_alternatives
 from service.telemetry import BEGUN
 
 MAX_FIELDS = 20
@@ -45,183 +28,103 @@ MAX_FIELDS = 20
 
 Model = TypeVar("Model", bound=BaseModel)
 
-router = APIRouter(dependencies=[RUN])
+
+class Resolved(NamedTuple):
+    """An answer as JSON, and whether it was there."""
+
+    content: bytes
+    status: CacheStatus
 
 
-@router.post(
-    "/cra",
-    response_model=CriticalAngleAnswer,
-    responses=COMPUTED,
-    openapi_extra=one_body(CriticalAngleRequest),
-    tags=["critical ricochet angle"],
-)
-async def find_critical_angle(request: Request) -> Response:
-    """Find the smallest oblique angle, from the normal, at which a projectile is turned away.
+def single_route(operation: Operation) -> Callable[[Request], Awaitable[Response]]:
+    """Return the handler for one request: from memory if its very bytes were answered before, else by its content."""
 
-    That there is none in the range is an answer too; its `status` says so.
-    """
-    return await answer(request, "cra")
+    async def handle(request: Request) -> Response:
+        services, path, begun = services_of(request), request.scope["path"], request.scope[BEGUN]
+        require_type(request, JSON)
+        settings, long = services.settings, operation.long
+        body = await read_body(request, settings.max_batch_bytes if long else settings.max_body_bytes)
+        known = services.bodies.find(path, body)
+        record = None if known is None else services.cache.recall(known.key)
+        if known is not None and record is not None:
+            return recalled(request, operation, record, known.cases)
+        if long:
+            case = await run_sync(validated_long, body, operation, services, limiter=services.reading)
+            query = await run_sync(KeyedRequest.of, operation.name, case)
+        else:
+            case = await read_request(services, body, operation)
+            query = KeyedRequest.of(operation.name, case)
+        read = time.perf_counter()
+        found = await resolve(request, operation, case, query)
+        if not alternatives_in(case):
+            services.bodies.remember(path, body, KnownBody(query.key, operation.charge(case)))
+        return reply(found.content, found.status, begun, read)
 
-
-@router.post(
-    "/trajectory",
-    response_model=TrajectoryAnswer,
-    responses=COMPUTED,
-    openapi_extra=one_body(TrajectoryRequest),
-    tags=["trajectory"],
-)
-async def compute_trajectory(request: Request) -> Response:
-    """Compute the motion of a projectile until it is turned away, through, at rest, or out of time."""
-    return await answer(request, "trajectory")
-
-
-@router.post(
-    "/calibration/depth",
-    response_model=DepthCalibrationAnswer,
-    responses=COMPUTED,
-    openapi_extra=one_body(DepthCalibrationRequest),
-    tags=["calibration"],
-)
-async def calibrate_by_depth(request: Request) -> Response:
-    """Find the strength factor that fits depths of penetration best, by weighted least squares.
-
-    The shots are along the normal, of one projectile into one target.
-    """
-    return await answer(request, "calibration_depth", long=True)
+    return handle
 
 
-@router.post(
-    "/calibration/motion",
-    response_model=MotionCalibrationAnswer,
-    responses=COMPUTED,
-    openapi_extra=one_body(MotionCalibrationRequest),
-    tags=["calibration"],
-)
-async def calibrate_by_motion(request: Request) -> Response:
-    """Find the strength factor that fits the motion in oblique strikes best, measured or by finite elements.
+async def resolve(
+    request: Request, operation: Operation, case: Any, query: KeyedRequest | None = None, *, watched: bool = True
+) -> Resolved:
+    """Answer a validated request: the one way from routes, tools, models and reports to a computation.
 
-    The motion is that of one strike, or of several `runs` at any angles and speeds, which one strength factor is to fit
-    together. The fit is made with every decay law.
-    """
-    return await answer(request, "calibration_motion", long=True)
-
-
-@router.post(
-    "/calibration/obliquity",
-    response_model=ObliquityCalibrationAnswer,
-    responses=COMPUTED,
-    openapi_extra=one_body(ObliquityCalibrationRequest),
-    tags=["calibration"],
-)
-async def calibrate_over_obliquity(request: Request) -> Response:
-    """Fit a polynomial in the oblique angle to strength factors.
-
-    The answer holds it in the form in which a `resistance` takes it, so that `/cra` gives its angle a standard error.
-    """
-    return await answer(request, "calibration_obliquity", long=True)
-
-
-@router.post(
-    "/formulas",
-    response_model=FormulasAnswer,
-    responses=COMPUTED,
-    openapi_extra=one_body(FormulasRequest),
-    tags=["formulas"],
-)
-async def evaluate_formulas(request: Request) -> Response:
-    """Evaluate the empirical formulas of the field: penetration depth, scabbing and perforation thickness.
-
-    Each says whether the strike is in the range it was fitted to. An oblique strike counts with the component of its
-    velocity along the normal.
-    """
-    return await answer(request, "formulas")
-
-
-@router.post(
-    "/thickness",
-    response_model=ThicknessAnswer,
-    responses=COMPUTED,
-    openapi_extra=one_body(ThicknessRequest),
-    tags=["walls"],
-)
-async def find_least_thickness(request: Request) -> Response:
-    """Find the least thickness of a wall that a strike does not perforate, beside what the empirical formulas say."""
-    return await answer(request, "thickness")
-
-
-@router.post(
-    "/limit-speed",
-    response_model=LimitSpeedAnswer,
-    responses=COMPUTED,
-    openapi_extra=one_body(LimitSpeedRequest),
-    tags=["walls"],
-)
-async def find_limit_speed(request: Request) -> Response:
-    """Find the least speed at which a projectile perforates a wall."""
-    return await answer(request, "limit-speed")
-
-
-async def answer(request: Request, operation: str, *, long: bool = False) -> Response:
-    """Answer one request: from memory if its very bytes were answered before, else by its validated content.
+    It is charged to the key of the HTTP request, looked up, computed if it is not there, kept and counted; so is each
+    of its alternatives, or of the samples of a study.
 
     Parameters
     ----------
-    long
-        Whether the body may be as long as that of many cases. It is then validated in a thread.
+    query
+        Its canonical form, if it is at hand.
+    watched
+        Whether it is given up when the client leaves; otherwise the caller sees to that.
     """
-    services, path, begun = services_of(request), request.scope["path"], request.scope[BEGUN]
-    require_type(request, JSON)
-    body = await read_body(request, services.settings.max_batch_bytes if long else services.settings.max_body_bytes)
     context = context_in(request.scope)
-    known = services.bodies.find(path, body)
-    record = None if known is None else services.cache.recall(known.key)
-    if known is not None and record is not None:
-        context.take(known.cases)
-        services.metrics.count(operation, record.outcome, "hit", 1)
-        return reply(record.json, "hit", f"total;dur={1e3 * (time.perf_counter() - begun):.2f}")
-    if long:
-        case = await run_sync(validated_long, body, operation, services, limiter=services.reading)
-    elif body:
-        await next_turn(services.parsing)
-        case = validated(parse_json(body, services.settings.max_body_depth), operation, services)
-    else:
-        raise InvalidBodyError([{"pointer": "", "detail": "Field required"}])
-    read, cases = time.perf_counter(), OPERATIONS[operation].cases(case)
-    with context.taking(cases):
-        query = await run_sync(KeyedRequest.of, operation, case) if long else KeyedRequest.of(operation, case)
-        if getattr(case, "alternatives", False):
-            answering = computed_with_alternatives(request, operation, case, query)
-            content, status = await unless_left(request, answering)
-        else:
-            found, status = await unless_left(request, computed(services, context, operation, query))
-            content = found.json
-            services.bodies.remember(path, body, KnownBody(query.key, cases))
-    now = time.perf_counter()
-    timing = f"validate;dur={1e3 * (read - begun):.2f}, compute;dur={1e3 * (now - read):.2f}"
-    return reply(content, status, f"{timing}, total;dur={1e3 * (now - begun):.2f}")
+    query = query or KeyedRequest.of(operation.name, case)
+    is_study = operation.study is not None
+    with nullcontext() if is_study else context.taking(operation.charge(case)):
+        work = (_answer_study if is_study else _answer_query)(request, operation, case, query)
+        return await (unless_left(request, work) if watched else work)
 
 
-async def computed_with_alternatives(
-    request: Request, operation: str, case: Any, query: KeyedRequest
-) -> tuple[bytes, CacheStatus]:
-    """Return the answer with those under other laws, each a case of cache and executor like any other."""
-    services, context = services_of(request), context_in(request.scope)
+async def _answer_query(request: Request, operation: Operation, case: Any, query: KeyedRequest) -> Resolved:
+    """Answer a query and its alternatives, each a case of cache and executor like any other."""
+    services, context, name = services_of(request), context_in(request.scope), operation.name
 
     async def attempt(laws: dict[str, Any], other: Any) -> tuple[dict[str, Any], CacheStatus]:
         try:
-            found, known = await computed(services, context, operation, KeyedRequest.of(operation, other))
+            found, known = await computed(services, context, name, KeyedRequest.of(name, other))
         except Exception as error:
             if ProblemType.of(error).status != HTTPStatus.UNPROCESSABLE_ENTITY:
                 raise
             return {**laws, "problem": {**problem_of(error), "instance": request.scope["path"]}}, "miss"
         return answered_alternative(laws, found.answer), known
 
-    others = alternative_requests(case)
+    others = alternatives_in(case)
+    if not others:
+        record, status = await computed(services, context, name, query)
+        return Resolved(record.json, status)
     (record, status), *found = await asyncio.gather(
-        computed(services, context, operation, query), *(attempt(laws, other) for laws, other in others)
+        computed(services, context, name, query), *(attempt(laws, other) for laws, other in others)
     )
     content = with_alternatives(record.json, [alternative for alternative, _ in found])
-    return content, "hit" if all(each == "hit" for each in (status, *(each for _, each in found))) else "miss"
+    return Resolved(content, "hit" if all(each == "hit" for each in (status, *(each for _, each in found))) else "miss")
+
+
+async def _answer_study(request: Request, operation: Operation, case: Any, query: KeyedRequest) -> Resolved:
+    """Answer a study; its samples are charged as they are taken, and one that is there counts as a case."""
+    services, context = services_of(request), context_in(request.scope)
+    status: CacheStatus = "hit"
+    record = await services.queries.result(query.key)
+    if record is None:
+        check_work(await run_sync(study_of(operation.name).base, case), services.settings.max_panel_steps)
+        with services.owner_queries.held(context.principal.owner) if context.principal.key else nullcontext():
+            record, status = await services.jobs.answer_study(
+                operation.name, query, case, owner=context.queue_owner, take=context.take, limiter=services.reading
+            )
+    if status == "hit":
+        context.take(1)
+    services.metrics.count(operation.name, record.outcome, status, 1)
+    return Resolved(record.json, status)
 
 
 async def computed(services: Services, context: RequestContext, operation: str, query: KeyedRequest) -> Answered:
@@ -234,20 +137,43 @@ async def computed(services: Services, context: RequestContext, operation: str, 
         raise
 
 
-def reply(content: bytes, status: CacheStatus, timing: str) -> Response:
-    """Return a result as the answer, with how it came about."""
+def recalled(request: Request, operation: Operation, record: Record, cases: int) -> Response:
+    """Return a result that is there as the answer; charge and count it."""
+    context_in(request.scope).take(cases)
+    services_of(request).metrics.count(operation.name, record.outcome, "hit", 1)
+    return reply(record.json, "hit", request.scope[BEGUN])
+
+
+def reply(content: bytes, status: CacheStatus, begun: float, read: float | None = None) -> Response:
+    """Return a result as the answer, with how it came about; `read` is when the request was."""
+    now = time.perf_counter()
+    parts = [] if read is None else [("validate", read - begun), ("compute", now - read)]
+    timing = ", ".join(f"{name};dur={1e3 * seconds:.2f}" for name, seconds in (*parts, ("total", now - begun)))
     headers = {"Cache-Status": "ricochet; hit" if status == "hit" else "ricochet; fwd=miss", "Server-Timing": timing}
     return Response(content, headers=headers, media_type=JSON)
 
 
-def validated_long(body: bytes, operation: str, services: Services) -> Any:
+async def read_request(services: Services, body: bytes, operation: Operation) -> Any:
+    """Return a body as a request."""
+    return validated(await read_content(services, body), operation, services)
+
+
+async def read_content(services: Services, body: bytes) -> Any:
+    """Return the JSON of a body, which must not be empty, when it is its turn to be parsed."""
+    if not body:
+        raise InvalidBodyError([{"pointer": "", "detail": "Field required"}])
+    await next_turn(services.parsing)
+    return parse_json(body, services.settings.max_body_depth)
+
+
+def validated_long(body: bytes, operation: Operation, services: Services) -> Any:
     """Validate a body that may be long."""
     content = parse_json(body, services.settings.max_body_depth)
     refuse_crowds(content)
     return validated(content, operation, services)
 
 
-def validated(content: Any, operation: str, services: Services) -> Any:
+def validated(content: Any, operation: Operation, services: Services) -> Any:
     """Return the content of a body as a request.
 
     Raises
@@ -255,7 +181,7 @@ def validated(content: Any, operation: str, services: Services) -> Any:
     InvalidBodyError, ParameterError
         If it is not valid, or takes more work than one run may.
     """
-    case = validated_as(OPERATIONS[operation].request, content)
+    case = validated_as(operation.request, content)
     check_work(case, services.settings.max_panel_steps)
     return case
 

@@ -33,7 +33,7 @@ from service.cache.record import Record
 from service.cache.tables import residuals_of
 from service.columns import Column, batch_columns, batch_row, csv_cells
 from service.jobs.manager import JobManager
-from service.jobs.models import CaseResult, JobState, Sweep
+from service.jobs.models import CaseResult, JobState, StoredSweep
 from service.schemas import Result
 
 if TYPE_CHECKING:
@@ -41,14 +41,14 @@ if TYPE_CHECKING:
 
 HDF5 = "application/x-hdf5"
 JSON_PIECE = 128 * 1024
-"""JSON sent at once. [bytes]"""
+"""Size of the JSON that is sent at once. [bytes]"""
 
 Value = TypeVar("Value")
 
 
 @dataclass(frozen=True, slots=True)
 class ReadyResults:
-    """What is ready of a job.
+    """The results of a job that are ready.
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ class ReadyResults:
 
     jobs: JobManager
     job: JobState
-    sweep: Sweep | None
+    sweep: StoredSweep | None
     start: int = 0
     limit: int | None = None
 
@@ -79,7 +79,7 @@ class ReadyResults:
         return [self.sweep.point(result.number) for result in results] if self.sweep else []
 
 
-def to_item(result: CaseResult, instance: str, sweep: Sweep | None) -> bytes:
+def to_item(result: CaseResult, instance: str, sweep: StoredSweep | None) -> bytes:
     """Return the JSON of a result; a problem gets this path as its instance."""
     head: dict[str, Any] = {"index": result.number}
     if result.custom_id is not None:
@@ -91,7 +91,7 @@ def to_item(result: CaseResult, instance: str, sweep: Sweep | None) -> bytes:
     return b'%b,"result":%b}' % (orjson.dumps(head)[:-1], result.record.json)
 
 
-def to_lines(results: Iterable[CaseResult], instance: str, sweep: Sweep | None) -> bytes:
+def to_lines(results: Iterable[CaseResult], instance: str, sweep: StoredSweep | None) -> bytes:
     """Return the results as JSON lines."""
     return b"".join(to_item(result, instance, sweep) + b"\n" for result in results)
 
@@ -163,22 +163,22 @@ async def write_hdf5(path: Path, ready: ReadyResults) -> None:
         async with aclosing(ready.read(lambda results: batch.write(results, ready.points(results)))) as blocks:
             async for _ in blocks:
                 pass
-        await run_sync(batch.finish)  # compresses what is left and reads the whole file for its hash
+        await run_sync(batch.finish)  # It compresses what is left and reads the whole file for its hash.
 
 
 CSV = "text/csv"
 PARQUET = "application/vnd.apache.parquet"
 GROUP_ROWS = 4096
-"""Rows of a row group: some megabytes, which is all of the table that is in memory at once."""
+"""Rows of a row group: some megabytes, the largest part of a table that is in memory at once."""
 
 
-def csv_head(operation: str, sweep: Sweep | None) -> bytes:
-    """Return what stands before the rows: the base of a sweep as a comment, the names of the columns."""
+def csv_head(operation: str, sweep: StoredSweep | None) -> bytes:
+    """Return the head of a table: the base of a sweep as a comment, and the names of the columns."""
     names = _lines([[column.name for column in batch_columns(operation, sweep.fields if sweep else ())]])
     return names if sweep is None else b"# base: %b\r\n" % orjson.dumps(sweep.request["base"]) + names
 
 
-def csv_rows(results: Iterable[CaseResult], operation: str, sweep: Sweep | None) -> bytes:
+def csv_rows(results: Iterable[CaseResult], operation: str, sweep: StoredSweep | None) -> bytes:
     """Return the rows of these results."""
     return _lines(_row(result, operation, sweep) for result in results)
 
@@ -192,7 +192,7 @@ async def as_csv(ready: ReadyResults) -> AsyncIterator[bytes]:
             yield rows
 
 
-def _row(result: CaseResult, operation: str, sweep: Sweep | None) -> list[Any]:
+def _row(result: CaseResult, operation: str, sweep: StoredSweep | None) -> list[Any]:
     item: dict[str, Any] = {"index": result.number, "custom_id": result.custom_id, "problem": result.problem}
     if result.record is not None:
         item["result"] = {**result.record.answer, "key": result.record.key}
@@ -235,7 +235,7 @@ class ParquetTable:
         Request of a sweep: its axes become columns, its base goes into the metadata.
     """
 
-    def __init__(self, path: Path, job: JobState, sweep: Sweep | None) -> None:
+    def __init__(self, path: Path, job: JobState, sweep: StoredSweep | None) -> None:
         import pyarrow as pa  # noqa: PLC0415 (an extra)
         from pyarrow import parquet  # noqa: PLC0415
 
@@ -288,7 +288,7 @@ FILES: dict[str, tuple[str, Callable[[Path, ReadyResults], Awaitable[None]]]] = 
     HDF5: ("h5", write_hdf5),
     PARQUET: ("parquet", write_parquet),
 }
-"""Forms that are made as a file first: how its name ends, and what writes it."""
+"""Forms that are written to a file first, with the ending of its name and the function that writes it."""
 
 router = APIRouter(tags=["results"], dependencies=[READ])
 
@@ -309,7 +309,9 @@ def to_csv(record: Record) -> bytes:
     text = io.StringIO()
     writer = csv.writer(text)
     writer.writerow(names)
-    for row in zip(*columns, strict=True):  # all at once would hold the interpreter lock until the last
+    for row in zip(
+        *columns, strict=True
+    ):  # Row by row, as one call for all would hold the interpreter lock until the last.
         writer.writerow(csv_cells(row))
     return text.getvalue().encode()
 
@@ -319,7 +321,7 @@ REPRESENTATIONS: dict[str, Callable[[Record], bytes]] = {
     "text/csv": to_csv,
     "application/x-hdf5": to_hdf5,
 }
-"""Every form a result is given in, the usual one first."""
+"""Every form in which a result is given, the usual one first."""
 
 DECLARED: Responses = {
     200: {

@@ -6,8 +6,7 @@ Their samples are cases of cache and executor like those of a batch. A worker dr
 import asyncio
 import hashlib
 import time
-from collections.abc import AsyncIterator, Mapping
-from contextlib import nullcontext
+from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
 from datetime import UTC, datetime
 from http import HTTPStatus
 from typing import Any
@@ -18,127 +17,65 @@ from fastapi import APIRouter, Request, Response
 from fastapi.responses import HTMLResponse
 
 from service.api.batch_response import IdempotencyKey, JobResponse, WantedPreference
-from service.api.body import JSON, KnownBody, Preference, next_turn, parse_json, read_body, require_type
-from service.api.contract import STUDIED, one_body, problems
+from service.api.body import JSON, KnownBody, read_body, require_type
+from service.api.contract import one_body, problems
 from service.api.page import REPORT_POLICY
-from service.api.queries import computed, computed_with_alternatives, reply, validated, validated_as
-from service.api.services import Services, services_of, unless_left
+from service.api.queries import read_content, read_request, recalled, reply, resolve, validated, validated_as
+from service.api.services import services_of, unless_left
 from service.assessment import Query, first_queries, require_extra, strike_queries, write_page
-from service.auth.dependencies import RUN, RequestContext, context_in
-from service.errors import InvalidBodyError, ProblemType, problem_of
+from service.auth.dependencies import RUN, context_in
+from service.errors import ProblemType, problem_of
 from service.jobs.models import JobCase
-from service.operations import OPERATIONS, UNCERTAIN, KeyedRequest, work_of
+from service.operations import OPERATIONS, KeyedRequest, Operation, study_of
 from service.queries import check_work
-from service.schemas import (
-    CriticalAngleUncertaintyAnswer,
-    CriticalAngleUncertaintyRequest,
-    ReportRequest,
-    TrajectoryUncertaintyAnswer,
-    TrajectoryUncertaintyRequest,
-)
+from service.schemas import ReportRequest
 from service.telemetry import BEGUN, path_of
 
 router = APIRouter(dependencies=[RUN])
 
 
-@router.post(
-    "/cra/uncertainty",
-    response_model=CriticalAngleUncertaintyAnswer,
-    responses=STUDIED,
-    openapi_extra=one_body(CriticalAngleUncertaintyRequest),
-    tags=["critical ricochet angle"],
-)
-async def estimate_critical_angle(
-    request: Request, preference: WantedPreference, idempotency_key: IdempotencyKey = ""
-) -> Response:
-    """Estimate the probability of ricochet over the oblique angle, and what the critical angle is sensitive to.
+def study_route(operation: Operation) -> Callable[..., Awaitable[Response]]:
+    """Return the handler for a study of uncertainty: from the cache, by its samples, or with a job."""
 
-    Up to 131,072 searches, each a case that is kept and counted like any other; a request that is sent again is
-    answered from the cache. `max_samples` above 16,384 (unless the service is set otherwise) or `Prefer:
-    respond-async` makes a job, which counts as `max_samples` cases until it ends, then as the samples it has taken. A
-    sample outside the accepted range counts as not known and widens the intervals.
-    """
-    return await estimate(request, "cra_uncertainty", preference, idempotency_key)
+    async def handle(request: Request, preference: WantedPreference, idempotency_key: IdempotencyKey = "") -> Response:
+        services, path, begun = services_of(request), path_of(request.scope), request.scope[BEGUN]
+        require_type(request, JSON)
+        body = await read_body(request, services.settings.max_body_bytes)
+        known, case = services.bodies.find(path, body), None
+        if known is None:
+            case = await read_request(services, body, operation)
+            known = KnownBody(KeyedRequest.of(operation.name, case).key, 1)
+            services.bodies.remember(path, body, known)
+        read = time.perf_counter()
+        record = None if preference.respond_async else await services.queries.result(known.key)
+        if record is not None:
+            return recalled(request, operation, record, known.cases)
+        case = case or await read_request(services, body, operation)
+        most = case.sampling.max_samples
+        if preference.respond_async or most > services.settings.small_samples:
+            study = study_of(operation.name)
+            base = await run_sync(study.base, case)
+            check_work(base, services.settings.max_panel_steps)
+            digest = hashlib.sha256(f"{path} {JSON}\n".encode() + body).hexdigest()
+            job = JobResponse(request, operation.name, preference, idempotency_key)
+            return await answer_with_job(
+                job, request, operation, case, digest, most * OPERATIONS[study.sample].work(base)
+            )
+        found = await resolve(request, operation, case)
+        return reply(found.content, found.status, begun, read)
 
-
-@router.post(
-    "/trajectory/uncertainty",
-    response_model=TrajectoryUncertaintyAnswer,
-    responses=STUDIED,
-    openapi_extra=one_body(TrajectoryUncertaintyRequest),
-    tags=["trajectory"],
-)
-async def estimate_trajectory(
-    request: Request, preference: WantedPreference, idempotency_key: IdempotencyKey = ""
-) -> Response:
-    """Estimate the probability of each outcome of one strike, with quantiles of depth, exit speed and exit angle.
-
-    What is answered at once and what becomes a job is as with critical angles.
-    """
-    return await estimate(request, "trajectory_uncertainty", preference, idempotency_key)
-
-
-async def estimate(request: Request, operation: str, preference: Preference, idempotency_key: str) -> Response:
-    """Answer one request: from the cache, by its samples, or with a job."""
-    services, path, begun = services_of(request), path_of(request.scope), request.scope[BEGUN]
-    require_type(request, JSON)
-    body = await read_body(request, services.settings.max_body_bytes)
-    context = context_in(request.scope)
-    known, study = services.bodies.find(path, body), None
-    if known is None:
-        study = await read_study(services, body, operation)
-        known = KnownBody(study[1].key, 1)
-        services.bodies.remember(path, body, known)
-    read = time.perf_counter()
-    record = None if preference.respond_async else await services.queries.result(known.key)
-    if record is not None:
-        context.take(known.cases)
-        services.metrics.count(operation, record.outcome, "hit", 1)
-        return reply(record.json, "hit", f"total;dur={1e3 * (time.perf_counter() - begun):.2f}")
-    case, query = study or await read_study(services, body, operation)
-    base = await run_sync(UNCERTAIN[operation].base, case)
-    check_work(base, services.settings.max_panel_steps)
-    if preference.respond_async or case.sampling.max_samples > services.settings.small_samples:
-        digest = hashlib.sha256(f"{path} {JSON}\n".encode() + body).hexdigest()
-        job = JobResponse(request, operation, preference, idempotency_key)
-        charge = case.sampling.max_samples * work_of(UNCERTAIN[operation].sample, base)
-        return await answer_with_job(services, context, job, case, query, digest, begun, charge)
-    with services.owner_queries.held(context.principal.owner) if context.principal.key else nullcontext():
-        answer = services.jobs.answer_study(
-            operation, query, case, owner=context.queue_owner, take=context.take, limiter=services.reading
-        )
-        found, status = await unless_left(request, answer)
-    if status == "hit":  # computed for another request
-        context.take(known.cases)
-    services.metrics.count(operation, found.outcome, status, 1)
-    now = time.perf_counter()
-    timing = f"validate;dur={1e3 * (read - begun):.2f}, compute;dur={1e3 * (now - read):.2f}"
-    return reply(found.json, status, f"{timing}, total;dur={1e3 * (now - begun):.2f}")
-
-
-async def read_study(services: Services, body: bytes, operation: str) -> tuple[Any, KeyedRequest]:
-    """Return the validated request, and its canonical form with its key."""
-    if not body:
-        raise InvalidBodyError([{"pointer": "", "detail": "Field required"}])
-    await next_turn(services.parsing)
-    case = validated(parse_json(body, services.settings.max_body_depth), operation, services)
-    return case, KeyedRequest.of(operation, case)
+    return handle
 
 
 async def answer_with_job(
-    services: Services,
-    context: RequestContext,
-    response: JobResponse,
-    case: Any,
-    query: KeyedRequest,
-    digest: str,
-    begun: float,
-    most: int,
+    response: JobResponse, request: Request, operation: Operation, case: Any, digest: str, most: int
 ) -> Response:
     """Return the job of a study; its answer, if it is there in the time that the client waits.
 
     It counts as all the samples it may take, `most`, until it ends, then as those it has taken.
     """
+    services, context = services_of(request), context_in(request.scope)
+    query = KeyedRequest.of(operation.name, case)
     await run_sync(case.study)  # refuses inputs that do not go together
     try:
         charge = context.charge(most)
@@ -150,9 +87,7 @@ async def answer_with_job(
     record = await services.queries.result(query.key) if answered else None
     if record is None:
         return response.accepted(state, headers)
-    answer = reply(
-        record.json, "hit" if state.cached else "miss", f"total;dur={1e3 * (time.perf_counter() - begun):.2f}"
-    )
+    answer = reply(record.json, "hit" if state.cached else "miss", request.scope[BEGUN])
     answer.headers.update(headers | {"Content-Location": f"{response.root}/results/{query.key}"})
     return answer
 
@@ -189,10 +124,7 @@ async def make_report(request: Request) -> HTMLResponse:
     services = services_of(request)
     require_type(request, JSON)
     body = await read_body(request, services.settings.max_body_bytes)
-    if not body:
-        raise InvalidBodyError([{"pointer": "", "detail": "Field required"}])
-    await next_turn(services.parsing)
-    given = parse_json(body, services.settings.max_body_depth)
+    given = await read_content(services, body)
     strike = validated_as(ReportRequest, given)
     strike.check()
     answers = await unless_left(request, answers_to(request, strike))
@@ -215,24 +147,10 @@ async def answer_all(request: Request, queries: Mapping[str, Query]) -> dict[str
 
 async def answer_query(request: Request, name: str, query: Query) -> Any:
     """Answer one query; its problem takes the place of an answer that a report can do without."""
-    services, context = services_of(request), context_in(request.scope)
-    operation = query.operation
+    operation = OPERATIONS[query.operation]
     try:
-        case = validated(query.body, operation, services)
-        keyed = KeyedRequest.of(operation, case)
-        if operation in UNCERTAIN:
-            with services.owner_queries.held(context.principal.owner) if context.principal.key else nullcontext():
-                record, status = await services.jobs.answer_study(
-                    operation, keyed, case, owner=context.queue_owner, take=context.take, limiter=services.reading
-                )
-            services.metrics.count(operation, record.outcome, status, 1)
-            return orjson.loads(record.json)
-        context.take(OPERATIONS[operation].cases(case))
-        if getattr(case, "alternatives", False):
-            content, _ = await computed_with_alternatives(request, operation, case, keyed)
-            return orjson.loads(content)
-        record, _ = await computed(services, context, operation, keyed)
-        return orjson.loads(record.json)
+        case = validated(query.body, operation, services_of(request))
+        return orjson.loads((await resolve(request, operation, case, watched=False)).content)
     except Exception as error:
         if name == NEEDED or ProblemType.of(error).status != HTTPStatus.UNPROCESSABLE_ENTITY:
             raise

@@ -18,11 +18,11 @@ from fastapi import APIRouter, HTTPException, Request, Response
 from pydantic import Field, TypeAdapter, ValidationError
 
 from service.api.body import JSON, next_turn, parse_json, read_body
-from service.api.queries import computed, validated
-from service.api.services import services_of, unless_left
-from service.auth.dependencies import RUN, context_in
+from service.api.queries import resolve, validated
+from service.api.services import services_of
+from service.auth.dependencies import RUN
 from service.errors import InvalidBodyError, ProblemType, ServiceError, problem_of, validation_errors
-from service.operations import OPERATIONS, KeyedRequest
+from service.operations import OPERATIONS
 from service.schemas.quantities import Num, Part
 from service.schemas.strike import PAPER, PAPER_AT_45
 from service.schemas.sweeps import check_field
@@ -153,13 +153,13 @@ async def answer(endpoint: str, request: Request) -> dict[str, Any]:
             return {"inputSizes": [len(inputs)]}
         values = read_input(content.get("input"), len(inputs))
         scaled = [value * each.scale for value, each in zip(values, inputs, strict=True)]
-        case = validated(with_values(base, [each.field for each in inputs], scaled), name, services)
-        context, query = context_in(request.scope), KeyedRequest.of(name, case)
-        with context.taking(query.work):
-            record, _ = await unless_left(request, computed(services, context, name, query))
+        operation = OPERATIONS[name]
+        case = validated(with_values(base, [each.field for each in inputs], scaled), operation, services)
+        case = case.model_copy(update={"alternatives": False})
+        found = await resolve(request, operation, case)
     except (ServiceError, RicochetError) as error:
         raise protocol_error(error) from error
-    return {"output": [model.output(record.answer)]}
+    return {"output": [model.output(orjson.loads(found.content))]}
 
 
 def read_config(name: str, model: Model, config: object) -> tuple[list[ModelInput], dict[str, Any]]:

@@ -117,6 +117,8 @@ def run(name: str, arguments: list[str]) -> int:
         if command.name == name:
             selected = subparser
             define(command, subparser)
+    if name and selected is parser:
+        selected = import_module("service.cli.single").add_operation_command(commands, name) or parser
     args = parser.parse_args(arguments)
     try:
         status: int = args.run(args)

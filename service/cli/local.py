@@ -35,7 +35,7 @@ def compute(name: str, body: dict[str, Any], report: Callable[[int, float | None
 
     from service.errors import InvalidBodyError, problem_of, validation_errors
     from service.operations import OPERATIONS
-    from service.schemas.requests import alternative_requests, answered_alternative, with_alternatives
+    from service.schemas.requests import alternatives_in, answered_alternative, with_alternatives
     from solver import RicochetError
 
     def solve_alternative(laws: dict[str, Any], request: Any) -> dict[str, Any]:
@@ -46,14 +46,13 @@ def compute(name: str, body: dict[str, Any], report: Callable[[int, float | None
 
     try:
         request: Any = OPERATIONS[name].request.model_validate_json(json.dumps(body))
-        answer: bytes = (_solve(name, request) if report is None else _study(name, request, report)).json
+        answer: bytes = _solve(name, request, report).json
     except ValidationError as error:
         raise RefusedError(problem_of(InvalidBodyError(validation_errors(error.errors())))) from None
     except RicochetError as error:
         raise RefusedError(problem_of(error)) from None
-    if not getattr(request, "alternatives", False):
-        return answer
-    return with_alternatives(answer, [solve_alternative(*each) for each in alternative_requests(request)])
+    alternatives = [solve_alternative(*each) for each in alternatives_in(request)]
+    return with_alternatives(answer, alternatives) if alternatives else answer
 
 
 def compute_sweep(operation: str, content: dict[str, Any]) -> Iterator[Item]:
@@ -82,22 +81,15 @@ def compute_sweep(operation: str, content: dict[str, Any]) -> Iterator[Item]:
             yield item | {"problem": case_problem(error) | {"instance": f"/{operation}/sweep"}}
 
 
-def _solve(name: str, request: Any) -> Any:
+def _solve(name: str, request: Any, report: Callable[[int, float | None], None] | None = None) -> Any:
     """Return the record of a validated request."""
     from service.cache.record import Record
-    from service.operations import OPERATIONS, KeyedRequest
+    from service.operations import OPERATIONS, KeyedRequest, answer_study
 
     query = KeyedRequest.of(name, request)
+    if report is not None:
+        return Record(query.key, name, query.json, answer_study(name, request, report))
     return Record(query.key, name, query.json, *OPERATIONS[name].compute(query.json))
-
-
-def _study(name: str, request: Any, report: Callable[[int, float | None], None]) -> Any:
-    """Return the record of a validated study."""
-    from service.cache.record import Record
-    from service.operations import KeyedRequest, answer_study
-
-    query = KeyedRequest.of(name, request)
-    return Record(query.key, name, query.json, answer_study(name, request, report))
 
 
 def _points(operation: str, content: dict[str, Any]) -> list[tuple[dict[str, float], Any]]:
@@ -105,16 +97,13 @@ def _points(operation: str, content: dict[str, Any]) -> list[tuple[dict[str, flo
     from pydantic import ValidationError
 
     from service.errors import InvalidBodyError, field_errors, problem_of, validation_errors
+    from service.operations import OPERATIONS
     from service.schemas import sweeps
     from solver import ParameterError
 
-    model: Any = {
-        "cra": sweeps.CriticalAngleSweep,
-        "trajectory": sweeps.TrajectorySweep,
-        "thickness": sweeps.ThicknessSweep,
-        "limit-speed": sweeps.LimitSpeedSweep,
-    }[operation]
-    base: Any = model.model_fields["base"].annotation
+    many = OPERATIONS[operation].many
+    assert many is not None  # noqa: S101 (a choice of the command)
+    base = many.models.base
 
     def refused(errors: list[dict[str, str]]) -> RefusedError:
         return RefusedError(problem_of(InvalidBodyError(errors)))

@@ -70,6 +70,7 @@ def run_serve(_: argparse.Namespace) -> int:
     except KeysUnreadableError as error:
         raise CommandError(str(error), NOT_STARTED) from None
     check_access(settings, app.state.services.keys)
+    check_proxy(settings)
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))  # Uvicorn raises it again after its shutdown.
     server = Server(app, settings, lambda port: print_address(settings, port))
     try:
@@ -131,6 +132,16 @@ def check_access(settings: "Settings", keys: "ApiKeyStore") -> None:
     if not settings.on_loopback and settings.tls_certificate is None:
         log.warning(
             "API keys are sent unencrypted: set RICOCHET_TLS_CERTIFICATE and RICOCHET_TLS_KEY, or use a proxy with TLS"
+        )
+
+
+def check_proxy(settings: "Settings") -> None:
+    """Warn of a service that others reach without a proxy, which alone limits what slow clients hold."""
+    if not settings.on_loopback and not settings.trusted_proxies:
+        log.warning(
+            "the service on %s does not limit slow clients: put a proxy in front of it as in docs/how-to/deploy.md and "
+            "name its address in RICOCHET_TRUSTED_PROXIES",
+            settings.host,
         )
 
 

@@ -18,7 +18,6 @@ import uvicorn
 from fastapi import FastAPI
 
 from service.api.app import REFUSAL_SECONDS, STOP_SECONDS, create_app
-from service.api.connection import Connection
 from service.cli.arguments import FAILED, CommandError, read_settings
 from service.cli.client import Client, connect
 from service.cli.writers import progress
@@ -27,8 +26,12 @@ from service.settings import Settings
 from service.workers.process_pool import socket_folder
 from solver.compilation import compilation_progress
 
-TICKS_PER_SECOND = 10
-"""How often uvicorn calls `on_tick`. [1/s]"""
+TICK_SECONDS = 0.1
+"""Between two looks at a start that takes long."""
+MAX_CONNECTIONS = 800
+"""Of some 10 kB and one of the usual 1,024 file descriptors each; requests beyond are answered 503."""
+IDLE_SECONDS = 10
+"""Before a silent connection is closed between two requests; deploy/nginx.conf gives its own up earlier."""
 TERMINATED = 143
 """Exit status after SIGTERM, as shells report it."""
 PROGRESS_SECONDS = 5.0
@@ -62,8 +65,10 @@ class Server(uvicorn.Server):
                 host=settings.host,
                 port=settings.port,
                 root_path=settings.root_path,
-                http=Connection,
+                http="httptools",
                 ws="none",
+                limit_concurrency=MAX_CONNECTIONS,
+                timeout_keep_alive=IDLE_SECONDS,
                 lifespan="off",
                 log_config=None,
                 access_log=False,
@@ -88,7 +93,7 @@ class Server(uvicorn.Server):
         loop = asyncio.get_running_loop()
         reported = loop.time()
         while not self.should_exit and not starting.done():
-            await asyncio.wait({starting}, timeout=1 / TICKS_PER_SECOND)
+            await asyncio.wait({starting}, timeout=TICK_SECONDS)
             if loop.time() > reported + PROGRESS_SECONDS:
                 reported = loop.time()
                 progress = compilation_progress()
@@ -110,15 +115,6 @@ class Server(uvicorn.Server):
         if self._on_start:
             address = self.servers[0].sockets[0].getsockname()
             self._on_start(address[1] if isinstance(address, tuple) else None)
-
-    async def on_tick(self, counter: int) -> bool:
-        """Check connections for slow clients once a second; return whether to stop."""
-        if counter % TICKS_PER_SECOND == 0:
-            now = asyncio.get_running_loop().time()
-            for connection in list(self.server_state.connections):
-                if isinstance(connection, Connection):
-                    connection.look(now)
-        return await super().on_tick(counter)
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
         """Announce the end to the application, whose event streams would not end by themselves, and stop."""

@@ -70,6 +70,26 @@ def add_cra(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(run=run_cra)
 
 
+def add_operation_command(commands: Any, name: str) -> argparse.ArgumentParser | None:
+    """Define a command that prints the answer of an operation that has no other command; None if it is unknown."""
+    from service.operations import OPERATIONS
+
+    if name not in OPERATIONS or OPERATIONS[name].many is None:
+        return None
+    parser: argparse.ArgumentParser = commands.add_parser(name, allow_abbrev=False)
+    parser.description = OPERATIONS[name].description
+    add_case(parser, ())
+    add_url(parser)
+    parser.set_defaults(run=run_operation)
+    return parser
+
+
+def run_operation(args: argparse.Namespace) -> int:
+    """Print the answer as the service sends it."""
+    print_json(answer_of(args.command, read_body(args.case, args, ()), args.url))
+    return 0
+
+
 def run_trajectory(args: argparse.Namespace) -> int:
     """Compute a trajectory and print it."""
     body, text = answer_one("trajectory", args, TRAJECTORY_FLAGS)

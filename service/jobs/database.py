@@ -14,14 +14,21 @@ from pathlib import Path
 from service.cache.database_files import set_aside, unread_commits
 from service.errors import FolderReplacedError, StorageError
 
-LAYOUT = 1
-"""Raised when the tables change."""
+LAYOUT = 2
+"""Number of the schema below, raised when it changes; files of an earlier one are brought up to it when opened."""
 BUSY_SECONDS = 10.0
-"""For another process to let go of the file, such as someone who looks into it."""
+"""Longest wait for another process that holds the file, such as someone who reads it."""
 CHECKPOINT_SECONDS = 0.1
-"""For a reader to finish; a checkpoint that another process is in the way of is done the next time."""
+"""Longest wait of a checkpoint for a reader; one that another process prevents is done the next time."""
 
-TABLES = """
+SWEEPS = """
+CREATE TABLE sweeps (
+    job INTEGER PRIMARY KEY REFERENCES jobs ON DELETE CASCADE,
+    sweep BLOB NOT NULL
+)
+"""
+"""Requests of sweeps, apart from `jobs`: they can be large, and every progress of a job writes its whole row anew."""
+TABLES = f"""
 CREATE TABLE jobs (
     number INTEGER PRIMARY KEY AUTOINCREMENT,
     id TEXT NOT NULL UNIQUE,
@@ -38,9 +45,19 @@ CREATE TABLE jobs (
     finished REAL,
     expires REAL,
     problem TEXT,
-    revision INTEGER NOT NULL DEFAULT 0
+    revision INTEGER NOT NULL DEFAULT 0,
+    fields TEXT,
+    progress TEXT,
+    partial TEXT,
+    charge_key TEXT,
+    charge_cases INTEGER,
+    charge_began INTEGER,
+    traceparent TEXT,
+    title TEXT,
+    bytes INTEGER
 );
 CREATE INDEX jobs_by_owner ON jobs (owner, number);
+{SWEEPS};
 CREATE TABLE slices (
     job INTEGER NOT NULL REFERENCES jobs ON DELETE CASCADE,
     slice INTEGER NOT NULL,
@@ -70,49 +87,15 @@ CREATE TABLE idempotency (
 ) WITHOUT ROWID;
 CREATE INDEX idempotency_by_job ON idempotency (job);
 """
-ADDED = (
-    """
-CREATE TABLE IF NOT EXISTS sweeps (
-    job INTEGER PRIMARY KEY REFERENCES jobs ON DELETE CASCADE,
-    fields TEXT NOT NULL,
-    sweep BLOB NOT NULL
-)
-""",
-    """
-CREATE TABLE IF NOT EXISTS studies (
-    job INTEGER PRIMARY KEY REFERENCES jobs ON DELETE CASCADE,
-    progress TEXT NOT NULL,
-    partial TEXT
-)
-""",
-    """
-CREATE TABLE IF NOT EXISTS charges (
-    job INTEGER PRIMARY KEY REFERENCES jobs ON DELETE CASCADE,
-    key TEXT NOT NULL,
-    cases INTEGER NOT NULL,
-    began INTEGER NOT NULL
-)
-""",
-    """
-CREATE TABLE IF NOT EXISTS traces (
-    job INTEGER PRIMARY KEY REFERENCES jobs ON DELETE CASCADE,
-    traceparent TEXT NOT NULL
-)
-""",
-    """
-CREATE TABLE IF NOT EXISTS titles (
-    job INTEGER PRIMARY KEY REFERENCES jobs ON DELETE CASCADE,
-    title TEXT NOT NULL
-)
-""",
-    """
-CREATE TABLE IF NOT EXISTS sizes (
-    job INTEGER PRIMARY KEY REFERENCES jobs ON DELETE CASCADE,
-    bytes INTEGER NOT NULL
-)
-""",
-)
-"""Tables that files of this layout lack if an earlier version made them, and that such a version does not mind."""
+SIDE_TABLES = {
+    "sweeps": {"fields": "fields TEXT"},
+    "studies": {"progress": "progress TEXT", "partial": "partial TEXT"},
+    "charges": {"key": "charge_key TEXT", "cases": "charge_cases INTEGER", "began": "charge_began INTEGER"},
+    "traces": {"traceparent": "traceparent TEXT"},
+    "titles": {"title": "title TEXT"},
+    "sizes": {"bytes": "bytes INTEGER"},
+}
+"""Columns of `jobs` that were in tables beside it in layout 1, by those tables; an early file lacks some of them."""
 
 
 class Database:
@@ -121,7 +104,7 @@ class Database:
     Parameters
     ----------
     path
-        Path of the file; made if it is not there. One that is no database, or a damaged one, is set aside.
+        Path of the file; made if it is not there. A damaged one, or one that is not a database, is set aside.
     check
         Called before anything is written; raises StorageError if nothing may be.
     """
@@ -133,7 +116,7 @@ class Database:
         self._checked = False
         self._taken_over = False
         self._written = False
-        """Whether anything may stand in the log."""
+        """Whether the log may hold anything."""
         self._opening = threading.Lock()
         self._locks = {"write": threading.Lock(), "read": threading.Lock()}
         self._connections: dict[str, sqlite3.Connection] = {}
@@ -239,7 +222,7 @@ class Database:
             return self._connect()
         except sqlite3.OperationalError:
             raise
-        except sqlite3.DatabaseError as error:  # it is no database, or no longer one
+        except sqlite3.DatabaseError as error:  # The file is damaged, or not a database.
             self._set_aside(str(error))
             return self._connect()
 
@@ -251,18 +234,18 @@ class Database:
             connection.execute("PRAGMA journal_mode = WAL")
             connection.execute("PRAGMA synchronous = FULL")
             connection.execute("PRAGMA foreign_keys = ON")
-            connection.execute("PRAGMA wal_autocheckpoint = 0")  # it would copy a part of the log to the file
+            connection.execute("PRAGMA wal_autocheckpoint = 0")  # An automatic one would copy only a part of the log.
             if not self._taken_over:
                 self._take_over_log(connection)
             layout = connection.execute("PRAGMA user_version").fetchone()[0]
             if layout == 0:
                 connection.executescript(f"BEGIN IMMEDIATE; {TABLES} PRAGMA user_version = {LAYOUT}; COMMIT;")
-            elif layout != LAYOUT:
+            elif layout not in {1, LAYOUT}:
                 raise sqlite3.OperationalError(f"jobs.sqlite has layout {layout}, this version knows {LAYOUT}")
             elif not self._checked and (said := connection.execute("PRAGMA quick_check(1)").fetchone()[0]) != "ok":
                 raise sqlite3.DatabaseError(said)
-            for table in ADDED:
-                connection.execute(table)
+            if layout == 1:
+                _fold_side_tables(connection)
             self._checked = True
         except BaseException:
             connection.close()
@@ -274,11 +257,33 @@ class Database:
         if lost := unread_commits(connection, self._path):
             self._set_aside(f"damaged log, the jobs are as before its last {lost} commits", keep=True)
         self._taken_over = self._written = True
-        with suppress(sqlite3.OperationalError):  # a full disk: the next checkpoint does it
+        with suppress(sqlite3.OperationalError):  # The disk may be full; the next checkpoint does it.
             connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")
 
     def _set_aside(self, reason: str, *, keep: bool = False) -> None:
         set_aside(self._path, self._path.parent / "damaged", reason, keep=keep)
+
+
+def _fold_side_tables(connection: sqlite3.Connection) -> None:
+    """Bring a file of layout 1 up to layout 2, in one transaction."""
+    connection.execute("BEGIN IMMEDIATE")
+    if connection.execute("PRAGMA user_version").fetchone() == (1,):  # else another process has just done it
+        tables = {name for (name,) in connection.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
+        for table, columns in SIDE_TABLES.items():
+            for column, declaration in columns.items():
+                connection.execute(f"ALTER TABLE jobs ADD COLUMN {declaration}")
+                if table in tables:
+                    new = declaration.split()[0]
+                    value = f"(SELECT {column} FROM {table} WHERE job = jobs.number)"  # noqa: S608 (of this file)
+                    connection.execute(f"UPDATE jobs SET {new} = {value}")  # noqa: S608
+            if table != "sweeps":
+                connection.execute(f"DROP TABLE IF EXISTS {table}")
+        if "sweeps" in tables:
+            connection.execute("ALTER TABLE sweeps DROP COLUMN fields")
+        else:
+            connection.execute(SWEEPS)
+        connection.execute(f"PRAGMA user_version = {LAYOUT}")
+    connection.execute("COMMIT")
 
 
 def reason(error: sqlite3.Error | OSError) -> str:

@@ -1,4 +1,4 @@
-"""Batches of cases: small ones at once, jobs in the background, through restarts and crashes."""
+"""Accepts batches of cases: small ones run at once, jobs in the background and through restarts and crashes."""
 
 import asyncio
 import logging
@@ -16,10 +16,8 @@ from anyio.to_thread import run_sync
 from opentelemetry.trace import Tracer
 
 from service.errors import IdempotencyBusyError, IdempotencyConflictError, QueueFullError, StorageError
-from service.fairness import FairSemaphore
 from service.jobs.models import (
     BLOCK_SIZE,
-    NO_TRACER,
     CaseBlock,
     CaseResult,
     Charge,
@@ -27,25 +25,24 @@ from service.jobs.models import (
     JobCase,
     JobState,
     Status,
-    Sweep,
-    current_traceparent,
+    StoredSweep,
 )
-from service.jobs.results import InlineBatch, ResultReader
+from service.jobs.reader import ResultReader
+from service.jobs.runner import CaseRunner
 from service.jobs.scheduler import GiveBack, Scheduler, problem_name
 from service.jobs.store import JobStore
 from service.jobs.studies import StudyService
-from service.operations import UNCERTAIN, KeyedRequest
+from service.jobs.traces import NO_TRACER, current_traceparent
+from service.operations import KeyedRequest, is_study
 from service.queries import Answered, Count, QueryService, Rate
 
-CHUNKS_KEPT = 2
-"""Beside those in the pool, being made or kept: this bounds the memory they take."""
 EXPIRY_SECONDS = 3600.0
 RETRY_SECONDS = 5.0
-"""Between looks at a folder of jobs that could not be read at the start."""
+"""Time between attempts to read a folder of jobs that could not be read at the start."""
 CHECKPOINT_SECONDS = 5.0
-"""What a damaged log costs at most of the jobs: some milliseconds of work, if anything was written since."""
+"""Longest time whose progress a damaged log can cost; a checkpoint takes some milliseconds."""
 CHANGE_SECONDS = 0.2
-"""Between two changes sent of a job: more than anyone reads."""
+"""Time between two changes of a job that are sent."""
 OWNER = "local"
 
 Value = TypeVar("Value")
@@ -86,20 +83,18 @@ class JobManager:
         self._queries = queries
         self._most_queued = max_queued_cases
         self._rate = Rate(lambda: queries.executor.capacity)
-        chunks = FairSemaphore(lambda: queries.chunk_limit)
-        begun = FairSemaphore(lambda: queries.chunk_limit + CHUNKS_KEPT)
-        self._inline = InlineBatch(queries, chunks, self._rate)
+        self._runner = CaseRunner(queries, self._rate)
         self._studies = StudyService(queries)
         self._scheduler = Scheduler(
-            queries, jobs, chunks, begun, self._rate, self._count, self._studies, self._run_samples, give_back, tracer
+            queries, jobs, self._runner, self._rate, self._count, self._studies, self._run_samples, give_back, tracer
         )
-        self._reader = ResultReader(queries, jobs, self._inline, self._studies)
+        self._reader = ResultReader(queries, jobs, self._runner, self._studies)
         self._accepting: set[tuple[str, str]] = set()
         """Owners and idempotency keys of what is being received."""
         self._received: Counter[str] = Counter()
         """Cases of jobs that are not yet accepted, by owner."""
         self._going_on = False
-        """Whether the jobs of before have been taken on."""
+        """Whether the unfinished jobs in the store have been loaded."""
         self._beginning = asyncio.Lock()
         self._stopping = False
         self._tasks: list[asyncio.Task[None]] = []
@@ -111,12 +106,12 @@ class JobManager:
 
     @property
     def running_chunks(self) -> int:
-        """Chunks of jobs in the making, in the pool or being kept."""
+        """Number of chunks of jobs that are being prepared, computed or kept."""
         return sum(len(job.work) for job in self._scheduler.active.values())
 
     @property
     def rate(self) -> float:
-        """Cases done in a second, lately."""
+        """Cases done in a second, over the last half minute."""
         return self._rate.per_second
 
     async def start(self) -> None:
@@ -137,7 +132,7 @@ class JobManager:
         StorageError
             If it, or the data folder, has been removed or replaced.
         """
-        await self._thread(self._jobs.check)
+        await run_sync(self._jobs.check)
 
     async def stop(self) -> None:
         """Give up what is being computed: the next start goes on with it."""
@@ -146,7 +141,7 @@ class JobManager:
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
         await self._scheduler.stop()
-        await self._thread(self._jobs.close)
+        await run_sync(self._jobs.close)
 
     def run_now(self, operation: str, cases: Sequence[JobCase], owner: str = OWNER) -> AsyncGenerator[CaseResult, None]:
         """Yield the result of every case as it finishes; closing it (`aclose`) stops the work.
@@ -159,7 +154,7 @@ class JobManager:
             While it runs, if no worker can take the cases.
         """
         self._admit(owner, len(cases))
-        return self._counted(operation, self._inline.run(operation, cases, owner=owner))
+        return self._counted(operation, self._runner.run(operation, cases, owner=owner))
 
     async def answer_study(
         self,
@@ -200,7 +195,7 @@ class JobManager:
         owner: str = OWNER,
         queue: str = "",
         idempotency: Idempotency | None = None,
-        sweep: Sweep | None = None,
+        sweep: StoredSweep | None = None,
         charge: Charge | None = None,
         count: int = 0,
         estimate: Callable[[], int] = lambda: 0,
@@ -240,17 +235,19 @@ class JobManager:
         Exception
             Out of `blocks`. Nothing is left of the job then.
         """
-        token = (owner, idempotency.token) if idempotency is not None else None
-        if token is None or idempotency is None:
-            return await self._receive(operation, blocks, owner, queue, None, sweep, charge, count, estimate), True
+        receive = partial(
+            self._receive, operation, blocks, owner, queue or owner, idempotency, sweep, charge, count, estimate
+        )
+        if idempotency is None:
+            return await receive(), True
+        token = owner, idempotency.token
         if token in self._accepting:
             raise IdempotencyBusyError("the request with this idempotency key is still being accepted; try again")
         self._accepting.add(token)
         try:
-            found = await self._thread(self._jobs.token, *token)
+            found = await run_sync(self._jobs.token, *token)
             if found is None:
-                receiving = self._receive(operation, blocks, owner, queue, idempotency, sweep, charge, count, estimate)
-                return await receiving, True
+                return await receive(), True
             if not isinstance(idempotency.digest, str):
                 async for _ in blocks:  # the digest is known when the body has been read
                     pass
@@ -267,31 +264,31 @@ class JobManager:
 
     async def jobs(self, owner: str | None = OWNER, *, before: int = 0, limit: int | None = None) -> list[JobState]:
         """Jobs of the owner, newest first; None stands for all owners. `before` and `limit` as in `JobStore.jobs`."""
-        stored = await self._thread(lambda: self._jobs.jobs(owner, before=before, limit=limit))
+        stored = await run_sync(lambda: self._jobs.jobs(owner, before=before, limit=limit))
         return [self._present(state.id) or state for state in stored]
 
     async def tally(self) -> Counter[Status]:
         """Return how many jobs of all owners there are, by status."""
         present = self._scheduler.unwritten | {name: job.state for name, job in self._scheduler.active.items()}
-        return await self._thread(self._jobs.tally, present) + Counter(state.status for state in present.values())
+        return await run_sync(self._jobs.tally, present) + Counter(state.status for state in present.values())
 
-    async def sweep(self, job: JobState) -> Sweep | None:
+    async def sweep(self, job: JobState) -> StoredSweep | None:
         """Return the request of a job, if it is a sweep."""
-        return await self._thread(self._jobs.sweep, job.number)
+        return await run_sync(self._jobs.sweep, job.number)
 
     async def request(self, job: JobState) -> dict[str, Any] | None:
         """Return the request of a job, if it is a sweep or a study; None too if that of a study is damaged."""
-        if job.operation not in UNCERTAIN:
+        if not is_study(job.operation):
             sweep = await self.sweep(job)
             return None if sweep is None else sweep.request
-        stored = await self._thread(self._jobs.requests, job.number, [0])
+        stored = await run_sync(self._jobs.requests, job.number, [0])
         return orjson.loads(stored[0]) if stored else None
 
     async def partial(self, job: JobState) -> dict[str, Any] | None:
         """Return the latest partial answer of a study that is not finished."""
         if job.progress is None or job.status == "successful":
             return None
-        return await self._thread(self._jobs.partial, job.number)
+        return await run_sync(self._jobs.partial, job.number)
 
     async def results(
         self,
@@ -323,7 +320,7 @@ class JobManager:
         state = await self.job(name, owner)
         if state is None:
             return None
-        renamed = await self._thread(self._jobs.rename, state.number, title)
+        renamed = await run_sync(self._jobs.rename, state.number, title)
         if active := self._scheduler.active.get(name):
             active.state = replace(active.state, title=title)
         if unwritten := self._scheduler.unwritten.get(name):
@@ -335,7 +332,7 @@ class JobManager:
         state = await self.cancel(name, owner)
         if state is None:
             return False
-        await self._thread(self._jobs.discard, state.number)
+        await run_sync(self._jobs.discard, state.number)
         self._scheduler.unwritten.pop(name, None)
         return True
 
@@ -358,12 +355,12 @@ class JobManager:
 
     def _run_samples(self, operation: str, cases: Sequence[JobCase], *, owner: str) -> AsyncGenerator[CaseResult, None]:
         """Yield the results of samples of a study that is a job."""
-        return self._counted(operation, self._inline.run(operation, cases, owner=owner, urgent=False))
+        return self._counted(operation, self._runner.run(operation, cases, owner=owner, urgent=False))
 
     @property
     def _queued(self) -> Counter[str]:
         """Cases that wait or are being computed, by owner."""
-        queued = self._received + self._inline.queued
+        queued = self._received + self._runner.queued
         for job in self._scheduler.active.values():
             queued[job.queue] += job.state.total - job.state.done
         return queued
@@ -385,17 +382,21 @@ class JobManager:
         owner: str,
         queue: str,
         idempotency: Idempotency | None,
-        sweep: Sweep | None,
+        sweep: StoredSweep | None,
         charge: Charge | None,
         count: int,
         estimate: Callable[[], int],
     ) -> JobState:
-        queue = queue or owner
         self._admit(queue, count)
         await self._go_on()
         traceparent = current_traceparent()
-        job = await self._thread(lambda: self._jobs.create(operation, owner, sweep, traceparent=traceparent))
+        job = await run_sync(lambda: self._jobs.create(operation, owner, sweep, traceparent=traceparent))
         received = 0
+
+        def append(number: int, cases: Sequence[JobCase]) -> None:
+            """Compress and store a block, both of which take long."""
+            self._jobs.append(job, number, CaseBlock.of(cases))
+
         try:
             waiting: list[JobCase] = []
             number = 0
@@ -405,22 +406,19 @@ class JobManager:
                 self._received[queue] += len(cases)
                 waiting += cases
                 while len(waiting) >= BLOCK_SIZE:
-                    await self._thread(self._append, job, number, waiting[:BLOCK_SIZE])
+                    await run_sync(append, number, waiting[:BLOCK_SIZE])
                     waiting, number = waiting[BLOCK_SIZE:], number + 1
             if waiting:
-                await self._thread(self._append, job, number, waiting)
-            state = await self._thread(self._jobs.accept, job, received, idempotency, charge)
+                await run_sync(append, number, waiting)
+            state = await run_sync(self._jobs.accept, job, received, idempotency, charge)
         except BaseException:
             with CancelScope(shield=True), suppress(StorageError):  # the next start removes what is left
-                await self._thread(self._jobs.discard, job)
+                await run_sync(self._jobs.discard, job)
             raise
         finally:
             self._received -= Counter({queue: received})
         self._scheduler.add(state, queue)
         return state
-
-    def _append(self, job: int, number: int, cases: Sequence[JobCase]) -> None:
-        self._jobs.append(job, number, CaseBlock.of(cases))
 
     async def _counted(
         self, operation: str, results: AsyncGenerator[CaseResult, None]
@@ -439,22 +437,19 @@ class JobManager:
         return active.state if active is not None else self._scheduler.unwritten.get(name)
 
     async def _state(self, name: str) -> JobState | None:
-        return self._present(name) or await self._thread(self._jobs.job, name)
+        return self._present(name) or await run_sync(self._jobs.job, name)
 
     async def _go_on(self) -> None:
-        """Take on the jobs of before, unless that was done; no other is stored until then, as half a job may be."""
+        """Load unfinished jobs once, before any new job is stored, so that a half-written one is never picked up."""
         async with self._beginning:
             if self._going_on:
                 return
-            removed = await self._thread(self._expire_at_start)
-            for state in await self._thread(self._jobs.unfinished):
+            removed = await run_sync(partial(self._jobs.expire, at_start=True))
+            for state in await run_sync(self._jobs.unfinished):
                 self._scheduler.add(state)
             self._going_on = True
             if removed or self._scheduler.active:
                 log.info("jobs: %d to go on with, %d removed", len(self._scheduler.active), removed)
-
-    def _expire_at_start(self) -> int:
-        return self._jobs.expire(at_start=True)
 
     async def _expire(self) -> None:
         while True:
@@ -462,13 +457,10 @@ class JobManager:
             await self._scheduler.write_ends()
             with suppress(StorageError):
                 await self._go_on()
-                await self._thread(self._jobs.expire)
+                await run_sync(self._jobs.expire)
 
     async def _checkpoint(self) -> None:
         while True:
             await asyncio.sleep(CHECKPOINT_SECONDS)
             with suppress(StorageError):
-                await self._thread(self._jobs.checkpoint)
-
-    async def _thread(self, function: Callable[..., Value], *arguments: Any) -> Value:
-        return await run_sync(function, *arguments)
+                await run_sync(self._jobs.checkpoint)

@@ -1,11 +1,10 @@
-"""Jobs and their cases, as the service has them in memory and in the store; their titles and their traces."""
+"""Jobs and their cases, as the service has them in memory and in the store."""
 
 import itertools
 import math
-import re
 import zlib
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from datetime import datetime
 from enum import IntEnum
@@ -13,8 +12,6 @@ from functools import lru_cache
 from typing import Any, Literal, NamedTuple, TypeAlias
 
 import orjson
-from opentelemetry.trace import NoOpTracer, SpanKind, Tracer
-from opentelemetry.trace.propagation.tracecontext import TraceContextTextMapPropagator
 
 from service.cache.record import Record
 from service.operations import KeyedRequest
@@ -72,7 +69,7 @@ class CaseResult:
 
 
 @dataclass(frozen=True, slots=True)
-class Sweep:
+class StoredSweep:
     """The request of a sweep: every combination of the values of its axes, the last axis fastest.
 
     Parameters
@@ -103,7 +100,7 @@ class Sweep:
         return orjson.dumps({"request": self.request, "fields": self.fields, "values": self.values})
 
     @classmethod
-    def from_json(cls, text: bytes | str) -> "Sweep":
+    def from_json(cls, text: bytes | str) -> "StoredSweep":
         """Return the sweep that was stored."""
         stored = orjson.loads(text)
         return cls(stored["request"], tuple(stored["fields"]), tuple(stored["values"]))
@@ -283,58 +280,3 @@ def split_custom_ids(custom_ids: bytes | None, count: int) -> list[str | None]:
         return [None] * count
     names: list[str | None] = orjson.loads(zlib.decompress(custom_ids))
     return names
-
-
-NAMES = {
-    "impact.velocity_m_s": "speed",
-    "impact.oblique_angle_deg": "angle",
-    "target.compressive_strength_pa": "strength",
-}
-"""Shorter than what the contract says of a field; the others are named as there, without the unit."""
-UNIT = re.compile(r"_(?:m_s|rad_s|kg_m2|kg_m3|kg|pa|deg|m|s)$")
-PROJECTILE = {"diameter_m": (1e3, "mm"), "mass_kg": (1.0, "kg")}
-
-
-def title_of(sweep: Sweep) -> str:
-    """Return the title of a sweep that has been given none."""
-    varied = " × ".join(map(name_of, sweep.fields))
-    projectile = sweep.request["base"].get("projectile", {})
-    fixed = {name: unit for name, unit in PROJECTILE.items() if f"projectile.{name}" not in sweep.fields}
-    return ", ".join([varied, *(shown(projectile, name, *unit) for name, unit in fixed.items() if name in projectile)])
-
-
-def name_of(field: str) -> str:
-    """Return a field in words."""
-    return NAMES.get(field) or UNIT.sub("", field.rpartition(".")[2]).replace("_", " ")
-
-
-def shown(part: Mapping[str, Any], name: str, factor: float, unit: str) -> str:
-    """Return a value with its unit."""
-    return f"{part[name] * factor:.4g} {unit}"
-
-
-# Work of a job joins the trace of the request that made it, also after a restart.
-NO_TRACER: Tracer = NoOpTracer()
-"""Traces nothing."""
-TRACEPARENT = "traceparent"
-PROPAGATOR = TraceContextTextMapPropagator()
-
-
-def current_traceparent() -> str | None:
-    """Return the span that is current as W3C Trace Context writes it; None if nothing is traced."""
-    carrier: dict[str, str] = {}
-    PROPAGATOR.inject(carrier)
-    return carrier.get(TRACEPARENT)
-
-
-@contextmanager
-def span_of(tracer: Tracer, name: str, job: JobState, cases: int) -> Iterator[None]:
-    """Trace a part of the work of a job, as a child of the request that made it."""
-    parent = PROPAGATOR.extract({TRACEPARENT: job.traceparent} if job.traceparent else {})
-    attributes: dict[str, str | int] = {
-        "ricochet.job": job.id,
-        "ricochet.operation": job.operation,
-        "ricochet.cases": cases,
-    }
-    with tracer.start_as_current_span(name, context=parent, kind=SpanKind.INTERNAL, attributes=attributes):
-        yield

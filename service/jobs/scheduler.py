@@ -8,7 +8,7 @@ import asyncio
 import logging
 from collections import Counter, defaultdict, deque
 from collections.abc import AsyncGenerator, Callable, Coroutine, Mapping, Sequence
-from contextlib import suppress
+from contextlib import aclosing, suppress
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from functools import partial
@@ -18,34 +18,33 @@ from anyio.to_thread import run_sync
 from opentelemetry.trace import Tracer
 
 from service.errors import (
-    ComputationCancelled,
     DamagedCasesError,
     JobGoneError,
-    PoolUnavailableError,
-    QueueFullError,
     StorageError,
     case_problem,
 )
-from service.fairness import ChunkSizer, FairQueue, FairSemaphore, Permit
-from service.jobs.models import BLOCK_SIZE, CaseResult, CaseState, JobState, Status, block_of, span_of
+from service.fairness import ChunkSizer, FairQueue, Permit
+from service.jobs.models import BLOCK_SIZE, CaseResult, CaseState, JobState, Status, block_of
+from service.jobs.runner import TEMPORARY, CaseRunner, ChunkAnswers
 from service.jobs.store import VERSIONS, JobStore
 from service.jobs.studies import Report, StudyService
-from service.operations import UNCERTAIN, KeyedRequest
-from service.queries import Answered, Count, QueryService, Rate
+from service.jobs.traces import span_of
+from service.operations import KeyedRequest, is_study
+from service.queries import Count, QueryService, Rate
 
 AHEAD = 10
 """Blocks of cases looked up in the cache at once: what is there is marked without a chunk being made of it."""
+CHUNKS_KEPT = 2
+"""Chunks beside those in the executor, being prepared or kept."""
 CHUNK_SECONDS = 0.25
 """Work in a chunk: what a crash costs at most, and a hundred times what handing it over does."""
-TEMPORARY = (ComputationCancelled, PoolUnavailableError, QueueFullError)
-"""Errors that are none of the case's own: it is tried again."""
 STORED = "stored"
-"""Counted as the outcome of a case whose result was there: nobody has looked into it."""
+"""Outcome that is counted for a case whose result was in the cache, as the record is not read."""
 RETRY_SECONDS = 1.0
-"""Before cases that no worker could take are tried again."""
+"""Pause before cases that no worker could take are tried again."""
 OVERLONG_SECONDS = 10.0
-"""For a chunk: cases that take far longer than those before are handed out again in smaller ones, so that all workers
-share them and other work is let in between."""
+"""Time after which a chunk is given up: cases that take far longer than those before are handed out again in smaller
+chunks, so that all workers share them and other work gets in between."""
 
 GiveBack: TypeAlias = Callable[[str, int, int], None]
 """Takes back cases of a quota: id of the API key, cases, begin of the entry that has them."""
@@ -62,7 +61,7 @@ class PendingCase(NamedTuple):
 
 @dataclass(eq=False)
 class ActiveJob:
-    """How far a job is."""
+    """A job that has not ended, and its work."""
 
     state: JobState
     queue: str
@@ -71,13 +70,13 @@ class ActiveJob:
     """Called once, with the last state."""
     sizer: ChunkSizer = field(default_factory=lambda: ChunkSizer(CHUNK_SECONDS))
     waiting: deque[PendingCase] = field(default_factory=deque)
-    """Looked up and not in the cache: to be computed next."""
+    """Cases that are not in the cache, to be computed next."""
     looked_up: int = 0
-    """Blocks of cases."""
+    """Number of blocks that have been looked up in the cache."""
     work: set["asyncio.Task[None]"] = field(default_factory=set)
-    """Looking up, and chunks."""
+    """Tasks that look cases up, compute a chunk or compute a study."""
     stops: set[Callable[[], object]] = field(default_factory=set)
-    """End what the work waits for."""
+    """Functions that give up what the work waits for."""
     damaged: set[int] = field(default_factory=set)
     """Blocks of cases that cannot be read."""
     ending: bool = False
@@ -112,29 +111,27 @@ class CaseUpdates:
     outcomes: Counter[str] = field(default_factory=Counter)
     """How the computed cases ended."""
     again: list[PendingCase] = field(default_factory=list)
-    unavailable: bool = False
-    """No worker could take them."""
+    refused: bool = False
+    """Whether no worker could take them."""
 
-    def fail(self, numbers: Sequence[int], error: Exception) -> None:
+    def fail(self, numbers: Sequence[int], problem: dict[str, Any]) -> None:
         """Note that these cases, all alike, have no answer."""
         self.states |= dict.fromkeys(numbers, CaseState.FAILED)
-        self.problems |= dict.fromkeys(numbers, case_problem(error))
+        self.problems |= dict.fromkeys(numbers, problem)
 
-    def take(
-        self, numbers: Mapping[str, Sequence[int]], answers: Mapping[str, "asyncio.Future[Answered]"], state: CaseState
-    ) -> None:
-        """Note these answers: the first case of each key is in this state, its twins need no work."""
-        for key, future in answers.items():
-            error = future.exception() if future.done() and not future.cancelled() else ComputationCancelled()
-            if error is None:
-                self.states |= dict.fromkeys(numbers[key], CaseState.CACHED) | {numbers[key][0]: state}
-                if state is CaseState.DONE:
-                    self.outcomes[future.result()[0].outcome] += 1
-            elif isinstance(error, TEMPORARY) or not isinstance(error, Exception):
-                self.again.extend(PendingCase(number, key) for number in numbers[key])
-                self.unavailable |= not isinstance(error, ComputationCancelled)
-            else:
-                self.fail(numbers[key], error)
+    def take(self, numbers: Mapping[str, Sequence[int]], answers: ChunkAnswers) -> None:
+        """Note these answers: of cases with one key only the first was computed, if any was."""
+        for answer in answers.found:
+            same = numbers[answer.key]
+            if answer.record is None:
+                self.fail(same, answer.problem or {})
+                continue
+            self.states |= dict.fromkeys(same, CaseState.CACHED)
+            if answer.own:
+                self.states[same[0]] = CaseState.DONE
+                self.outcomes[answer.record.outcome] += 1
+        self.again.extend(PendingCase(number, key) for key in answers.again for number in numbers[key])
+        self.refused |= answers.refused is not None
 
 
 class Scheduler:
@@ -146,10 +143,8 @@ class Scheduler:
         Computes the cases.
     jobs
         Keeps the jobs.
-    chunks
-        Permits for chunks in the executor, shared with inline batches.
-    begun
-        Permits for chunks that are being prepared, computed or kept.
+    runner
+        Runs chunks of cases.
     rate, count
         Count every case that is done.
     studies, run_cases
@@ -164,8 +159,7 @@ class Scheduler:
         self,
         queries: QueryService,
         jobs: JobStore,
-        chunks: FairSemaphore,
-        begun: FairSemaphore,
+        runner: CaseRunner,
         rate: Rate,
         count: Count,
         studies: StudyService,
@@ -178,7 +172,7 @@ class Scheduler:
         """Jobs that have ended though it could not be written: the next start would go on with them."""
         self._queries = queries
         self._jobs = jobs
-        self._chunks = chunks
+        self._runner = runner
         self._rate = rate
         self._count = count
         self._studies = studies
@@ -186,7 +180,8 @@ class Scheduler:
         self._give_back = give_back
         self._tracer = tracer
         self._queue: FairQueue[ActiveJob] = FairQueue()
-        self._begun = begun
+        self._begun: set[asyncio.Task[None]] = set()
+        """Chunks that are being prepared, computed or kept: their number bounds the memory they take."""
         self._step: asyncio.Task[None] | None = None
 
     def add(self, state: JobState, queue: str = "") -> None:
@@ -199,13 +194,10 @@ class Scheduler:
         """Hand out cases until cancelled."""
         while True:
             job = await self._queue.next()
-            begun = await self._begun.acquire(job.queue, urgent=False)
-            try:
-                permit = await self._chunks.acquire(job.queue, urgent=False)
-            except asyncio.CancelledError:
-                begun.release()
-                raise
-            step = self._step = asyncio.create_task(self._advance(job, begun, permit))
+            while len(self._begun) >= self._queries.chunk_limit + CHUNKS_KEPT:
+                await asyncio.wait(self._begun, return_when=asyncio.FIRST_COMPLETED)
+            permit = await self._runner.permits.acquire(job.queue, urgent=False)
+            step = self._step = asyncio.create_task(self._advance(job, permit))
             self._belongs(job, step)
             await asyncio.shield(step)
 
@@ -231,7 +223,7 @@ class Scheduler:
         """End a job as it is, and all its work within a second; return it, unless it was deleted meanwhile."""
         await self.halt(job)
         try:
-            state = await self.thread(self._jobs.end, job.state.number, status, problem)
+            state = await run_sync(self._jobs.end, job.state.number, status, problem)
         except JobGoneError:
             self.active.pop(job.state.id, None)
             job.update(job.state)
@@ -249,14 +241,10 @@ class Scheduler:
         with suppress(StorageError):
             for state in list(self.unwritten.values()):
                 with suppress(JobGoneError):
-                    await self.thread(self._jobs.end, state.number, state.status, state.problem)
+                    await run_sync(self._jobs.end, state.number, state.status, state.problem)
                 self.unwritten.pop(state.id, None)
 
-    async def thread(self, function: Callable[..., Value], *arguments: Any) -> Value:
-        """Run what waits for the disk, or takes long, in a thread."""
-        return await run_sync(function, *arguments)
-
-    async def _advance(self, job: ActiveJob, begun: Permit, permit: Permit) -> None:
+    async def _advance(self, job: ActiveJob, permit: Permit) -> None:
         """Start the next chunk of the job, if it has one."""
         cases: list[PendingCase] = []
         try:
@@ -266,16 +254,15 @@ class Scheduler:
             await self._fail(job, error)
         if job.ending or not cases:
             permit.release()
-            begun.release()
-        elif job.state.operation in UNCERTAIN:  # its samples have permits of their own
+        elif is_study(job.state.operation):  # The samples of a study take permits themselves.
             permit.release()
-            begun.release()
             study = self._traced(job, "study", 1, self._run_study(job, cases[0]))
             self._belongs(job, asyncio.create_task(study))
         else:
             chunk = asyncio.create_task(self._traced(job, "chunk", len(cases), self._run_chunk(job, cases, permit)))
             chunk.add_done_callback(lambda _: permit.release())
-            chunk.add_done_callback(lambda _: begun.release())
+            self._begun.add(chunk)
+            chunk.add_done_callback(self._begun.discard)
             self._belongs(job, chunk)
 
     async def _traced(self, job: ActiveJob, name: str, cases: int, work: Coroutine[Any, Any, None]) -> None:
@@ -287,7 +274,7 @@ class Scheduler:
             self._give_back(state.charge.key_id, state.unused_cases, state.charge.began)
 
     def _belongs(self, job: ActiveJob, work: "asyncio.Task[None]") -> None:
-        """See that the job waits for this work, and is put where it belongs after."""
+        """Add this work to the job, and queue or close the job when the work is done."""
 
         def ended(done: "asyncio.Task[None]") -> None:
             job.work.discard(done)
@@ -297,7 +284,7 @@ class Scheduler:
         work.add_done_callback(ended)
 
     def _settle(self, job: ActiveJob) -> None:
-        """Put the job where it belongs now."""
+        """Queue the job if it has cases to hand out; close it if it has ended."""
         if job.left:
             self._queue.add(job.queue, job, first=True)
             return
@@ -310,15 +297,15 @@ class Scheduler:
         if not job.left:
             return []
         if state.versions != VERSIONS:
-            await self.thread(self._jobs.renew_keys, state.number)
+            await run_sync(self._jobs.renew_keys, state.number)
             job.state = replace(state, versions=VERSIONS)
-        if not job.looked_up and (repaired := await self.thread(self._jobs.repair, state.number)):
+        if not job.looked_up and (repaired := await run_sync(self._jobs.repair, state.number)):
             log.error("job %s: what was stored of its progress is damaged; it goes on with what is left", state.id)
             job.update(repaired)
         if state.status == "accepted":
-            job.update(await self.thread(self._jobs.begin, state.number))
+            job.update(await run_sync(self._jobs.begin, state.number))
         if not job.waiting:
-            unknown, cached, marked = await self.thread(self._look_up, state.number, job.looked_up)
+            unknown, cached, marked = await run_sync(self._look_up, state.number, job.looked_up)
             job.looked_up += AHEAD
             job.waiting.extend(unknown)
             if marked is not None:
@@ -339,25 +326,16 @@ class Scheduler:
             numbers: dict[str, list[int]] = defaultdict(list)
             for number, key in cases:
                 numbers[key].append(number)
-            requests, updates = await self.thread(self._requests, job, numbers)
+            requests, updates = await run_sync(self._requests, job, numbers)
             if job.ending:
                 return
-            chunk = self._queries.begin(job.state.operation, requests, permit.release)
-            if not await self._stoppable(job, chunk.kept, chunk.stop, OVERLONG_SECONDS if len(requests) > 1 else None):
-                chunk.stop()
-                job.sizer.shrink(len(requests))
-                await asyncio.wait([chunk.kept])
-            if not chunk.running.cancelled() and chunk.running.exception() is None:
-                sizes = [len(future.result()[0].json) for future in chunk.own.values() if future.exception() is None]
-                job.sizer.note(chunk.seconds, sum(sizes))
-            updates.take(numbers, chunk.own, CaseState.DONE)
-            await self._mark(job, updates)
-            if chunk.shared:
-                waiting = asyncio.ensure_future(asyncio.wait(chunk.shared.values()))
-                await self._stoppable(job, waiting, waiting.cancel)
-                late = CaseUpdates()
-                late.take(numbers, chunk.shared, CaseState.CACHED)
-                await self._mark(job, late)
+            wait = partial(self._stoppable, job)
+            chunk = self._runner.run_chunk(job.state.operation, requests, permit, job.sizer, wait, OVERLONG_SECONDS)
+            async with aclosing(chunk) as parts:
+                async for answers in parts:
+                    updates.take(numbers, answers)
+                    await self._mark(job, updates)
+                    updates = CaseUpdates()
         except Exception as error:  # noqa: BLE001 (the other jobs go on)
             await self._fail(job, error)
 
@@ -365,7 +343,7 @@ class Scheduler:
         """Compute a study, the only case of its job."""
         numbers = {case.key: [case.number]}
         try:
-            requests, updates = await self.thread(self._requests, job, numbers)
+            requests, updates = await run_sync(self._requests, job, numbers)
             for request in requests:  # none if it has been answered meanwhile
                 answer = self._studies.answer(
                     job.state.operation,
@@ -380,7 +358,7 @@ class Scheduler:
                 if error is not None and not isinstance(error, TEMPORARY):
                     raise error
                 cached = not running.cancelled() and error is None and running.result()[1] == "hit"
-                updates.take(numbers, {case.key: running}, CaseState.CACHED if cached else CaseState.DONE)
+                updates.take(numbers, ChunkAnswers.of({case.key: running}, own=not cached))
             await self._mark(job, updates)
         except Exception as error:  # noqa: BLE001 (the other jobs go on)
             await self._fail(job, error)
@@ -388,7 +366,7 @@ class Scheduler:
     def _report_of(self, job: ActiveJob) -> Report:
         async def report(progress: dict[str, Any], partial: dict[str, Any] | None) -> None:
             with suppress(JobGoneError):  # another job with the same study goes on
-                job.update(await self.thread(self._jobs.report, job.state.number, progress, partial))
+                job.update(await run_sync(self._jobs.report, job.state.number, progress, partial))
 
         return report
 
@@ -406,7 +384,7 @@ class Scheduler:
                 continue
             for number in cases:
                 error = DamagedCasesError(*block_of(number, job.state.total))
-                updates.fail([number], error)
+                updates.fail([number], case_problem(error))
                 if number // BLOCK_SIZE not in job.damaged:
                     log.error("job %s: %s", job.state.id, error)
                     job.damaged.add(number // BLOCK_SIZE)
@@ -427,10 +405,10 @@ class Scheduler:
 
     async def _mark(self, job: ActiveJob, updates: CaseUpdates) -> None:
         if updates.states:
-            state = await self.thread(self._jobs.mark, job.state.number, updates.states, updates.problems)
+            state = await run_sync(self._jobs.mark, job.state.number, updates.states, updates.problems)
             self._note(job, updates, state)
         if updates.again and not job.ending:
-            if updates.unavailable:
+            if updates.refused:
                 pause = asyncio.ensure_future(asyncio.sleep(RETRY_SECONDS))
                 await self._stoppable(job, pause, pause.cancel)
             job.waiting.extendleft(reversed(updates.again))

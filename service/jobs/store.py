@@ -12,7 +12,6 @@ import time
 import zlib
 from collections import Counter
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -31,49 +30,45 @@ from service.jobs.models import (
     Idempotency,
     JobState,
     Status,
-    Sweep,
+    StoredSweep,
     join_keys,
     sound_custom_ids,
     sound_keys,
     sound_requests,
     sound_states,
-    title_of,
 )
+from service.jobs.titles import title_of
 from service.operations import SCHEMA_VERSION, result_key
 from solver import ENGINE_VERSION
 
 DAY = 86_400.0  # [s]
 VERSIONS = f"{ENGINE_VERSION} {SCHEMA_VERSION}"
-"""What the keys of a job were made with."""
+"""Versions with which the keys of a job were made."""
 OWNER_BYTES = 2**30
-"""Disk for the jobs of one owner."""
+"""Space on the disk for the jobs of one owner."""
 JOB_BYTES = 10_000
 """What a job counts as beside its cases: more than it takes, so that an owner has no more than 100,000."""
 CASE_BYTES, PROBLEM_BYTES = 100, 300
-"""What a case takes where that has not been noted, and a problem, about."""
+"""Approximate size of a case of a job without a noted size, and of a problem."""
 BEYOND = f"""
 SELECT number, finished IS NOT NULL FROM (
     SELECT number, finished,
         sum(coalesce(bytes, {JOB_BYTES} + {CASE_BYTES} * total) + {PROBLEM_BYTES} * failed)
             OVER (ORDER BY finished IS NOT NULL, finished DESC, number DESC) AS taken
-    FROM jobs LEFT JOIN sizes ON sizes.job = jobs.number
+    FROM jobs
     WHERE owner = (SELECT owner FROM jobs WHERE number = ?)
 )
 WHERE taken > ?
 """  # noqa: S608 (of this file)
-"""Jobs of the owner of a job that are too many for so many bytes, and whether they have ended: those that end last
-and those not ended stay."""
+"""Selects the jobs of the owner of a job that exceed so many bytes, and whether they have ended; unfinished jobs and
+those that ended last stay."""
 LARGEST = 2**63 - 1
-"""Integer in SQLite."""
-TABLES = (
-    "jobs LEFT JOIN sweeps ON sweeps.job = jobs.number LEFT JOIN studies ON studies.job = jobs.number "
-    "LEFT JOIN titles ON titles.job = jobs.number LEFT JOIN charges ON charges.job = jobs.number "
-    "LEFT JOIN traces ON traces.job = jobs.number"
-)
+"""Largest integer of SQLite."""
 COLUMNS = (
     "id, operation, status, total, done, cached, failed, created, started, finished, expires, problem, revision, "
-    "number, owner, versions, fields, progress, title, traceparent, charges.key, charges.cases, charges.began"
+    "number, owner, versions, progress, title, traceparent, fields, charge_key, charge_cases, charge_began"
 )
+"""Columns of a `JobState`; all but the last four are named as its fields."""
 
 
 class JobStore:
@@ -111,26 +106,25 @@ class JobStore:
                 removed += database.execute("DELETE FROM jobs WHERE status = 'accepting'").rowcount
         return removed
 
-    def create(self, operation: str, owner: str, sweep: Sweep | None = None, *, traceparent: str | None = None) -> int:
+    def create(
+        self, operation: str, owner: str, sweep: StoredSweep | None = None, *, traceparent: str | None = None
+    ) -> int:
         """Begin a job that nobody sees yet; return its number."""
-        row = (secrets.token_hex(16), owner, operation, VERSIONS, "accepting", time.time())
+        columns = "id, owner, operation, versions, status, created, fields, title, traceparent"
+        fields, title = (orjson.dumps(sweep.fields).decode(), title_of(sweep)) if sweep is not None else (None, None)
+        row = (secrets.token_hex(16), owner, operation, VERSIONS, "accepting", time.time(), fields, title, traceparent)
         with self._database.writing() as database:
-            statement = "INSERT INTO jobs (id, owner, operation, versions, status, created) VALUES (?, ?, ?, ?, ?, ?)"
+            statement = f"INSERT INTO jobs ({columns}) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)"  # noqa: S608 (of this file)
             number = database.execute(statement, row).lastrowid or 0
             if sweep is not None:
-                content = zlib.compress(sweep.to_json(), FASTEST)
-                fields = orjson.dumps(sweep.fields).decode()
-                database.execute("INSERT INTO sweeps VALUES (?, ?, ?)", (number, fields, content))
-                database.execute("INSERT INTO titles VALUES (?, ?)", (number, title_of(sweep)))
-            if traceparent is not None:
-                database.execute("INSERT INTO traces VALUES (?, ?)", (number, traceparent))
+                database.execute("INSERT INTO sweeps VALUES (?, ?)", (number, zlib.compress(sweep.to_json(), FASTEST)))
             return number
 
-    def sweep(self, job: int) -> Sweep | None:
+    def sweep(self, job: int) -> StoredSweep | None:
         """Return the request of a job, if it is a sweep."""
         with self._database.reading() as database:
             row = database.execute("SELECT sweep FROM sweeps WHERE job = ?", (job,)).fetchone()
-        return Sweep.from_json(zlib.decompress(row[0])) if row else None
+        return StoredSweep.from_json(zlib.decompress(row[0])) if row else None
 
     def append(self, job: int, number: int, cases: CaseBlock) -> None:
         """Add the block of cases with this number, whole but for the last one."""
@@ -152,10 +146,11 @@ class JobStore:
             if idempotency is not None:
                 statement = "INSERT INTO idempotency SELECT owner, ?, ?, number FROM jobs WHERE number = ?"
                 database.execute(statement, (idempotency.token, idempotency.whole_digest, job))
-            if charge is not None:
-                database.execute("INSERT INTO charges VALUES (?, ?, ?, ?)", (job, *charge))
-            changes = "status = 'accepted', total = ?, revision = 1, created = ?"
-            state = _changed(database, job, changes, (total, time.time()))
+            changes = (
+                "status = 'accepted', total = ?, revision = 1, created = ?, "
+                "charge_key = ?, charge_cases = ?, charge_began = ?"
+            )
+            state = _changed(database, job, changes, (total, time.time(), *(charge or (None, None, None))))
             return state if total else self._end(database, job, "successful", None)
 
     def discard(self, job: int) -> None:
@@ -221,28 +216,20 @@ class JobStore:
 
     def report(self, job: int, progress: dict[str, Any], partial: dict[str, Any] | None = None) -> JobState:
         """Note how far a study is; without another partial answer, that of before stays."""
-        row = (job, orjson.dumps(progress).decode(), None if partial is None else orjson.dumps(partial).decode())
+        values = (orjson.dumps(progress).decode(), None if partial is None else orjson.dumps(partial).decode())
         with self._database.writing() as database:
-            state = _changed(database, job, "revision = revision + 1", ())  # first, as the job may be gone
-            statement = (
-                "INSERT INTO studies VALUES (?, ?, ?) ON CONFLICT (job) DO UPDATE "
-                "SET progress = excluded.progress, partial = coalesce(excluded.partial, partial)"
-            )
-            database.execute(statement, row)
-        return replace(state, progress=progress)
+            changes = "progress = ?, partial = coalesce(?, partial), revision = revision + 1"
+            return _changed(database, job, changes, values)
 
     def rename(self, job: int, title: str) -> JobState:
         """Give the job another title."""
         with self._database.writing() as database:
-            state = _changed(database, job, "revision = revision", ())  # first, as the job may be gone
-            statement = "INSERT INTO titles VALUES (?, ?) ON CONFLICT (job) DO UPDATE SET title = excluded.title"
-            database.execute(statement, (job, title))
-        return replace(state, title=title)
+            return _changed(database, job, "title = ?", (title,))
 
     def partial(self, job: int) -> dict[str, Any] | None:
         """Return the latest partial answer of a study, if there is one."""
         with self._database.reading() as database:
-            row = database.execute("SELECT partial FROM studies WHERE job = ?", (job,)).fetchone()
+            row = database.execute("SELECT partial FROM jobs WHERE number = ?", (job,)).fetchone()
         return orjson.loads(row[0]) if row and row[0] else None
 
     def end(self, job: int, status: Status, problem: dict[str, Any] | None = None) -> JobState:
@@ -362,8 +349,8 @@ class JobStore:
     def _make_room(self, database: sqlite3.Connection, job: int) -> None:
         """Note the size of a new job, and remove what its owner has no room for any more."""
         database.execute(
-            f"INSERT INTO sizes SELECT ?, {JOB_BYTES} + coalesce(sum(length(keys) + length(requests) "  # noqa: S608 (of this file)
-            "+ coalesce(length(custom_ids), 0)), 0) FROM slices WHERE job = ?",
+            f"UPDATE jobs SET bytes = {JOB_BYTES} + (SELECT coalesce(sum(length(keys) + length(requests) "  # noqa: S608 (of this file)
+            "+ coalesce(length(custom_ids), 0)), 0) FROM slices WHERE job = ?) WHERE number = ?",
             (job, job),
         )
         beyond = database.execute(BEYOND, (job, self._owner_bytes)).fetchall()
@@ -379,7 +366,7 @@ class JobStore:
         return _changed(database, job, changes, values, "AND status IN ('accepted', 'running')")
 
     def _jobs(self, condition: str, *values: object) -> list[JobState]:
-        statement = f"SELECT {COLUMNS} FROM {TABLES} WHERE {condition}"  # noqa: S608 (of this file)
+        statement = f"SELECT {COLUMNS} FROM jobs WHERE {condition}"  # noqa: S608 (of this file)
         with self._database.reading() as database:
             return [_state(row) for row in database.execute(statement, values)]
 
@@ -417,60 +404,18 @@ def _changed(
 ) -> JobState:
     """Change a job; return it as it is then."""
     database.execute(f"UPDATE jobs SET {changes} WHERE number = ? {condition}", (*values, job))  # noqa: S608 (of this file)
-    row = database.execute(f"SELECT {COLUMNS} FROM {TABLES} WHERE number = ?", (job,)).fetchone()  # noqa: S608
+    row = database.execute(f"SELECT {COLUMNS} FROM jobs WHERE number = ?", (job,)).fetchone()  # noqa: S608
     if row is None:
         raise JobGoneError("the job has been deleted")
     return _state(row)
 
 
 def _state(row: tuple[Any, ...]) -> JobState:
-    (
-        name,
-        operation,
-        status,
-        total,
-        done,
-        cached,
-        failed,
-        created,
-        started,
-        finished,
-        expires,
-        problem,
-        revision,
-        number,
-        owner,
-        versions,
-        fields,
-        progress,
-        title,
-        traceparent,
-        *charge,
-    ) = row
-    return JobState(
-        id=name,
-        operation=operation,
-        status=status,
-        total=total,
-        done=done,
-        cached=cached,
-        failed=failed,
-        created=_moment(created) or datetime.now(UTC),
-        started=_moment(started),
-        finished=_moment(finished),
-        expires=_moment(expires),
-        problem=None if problem is None else orjson.loads(problem),
-        revision=revision,
-        number=number,
-        owner=owner,
-        versions=versions,
-        axes=tuple(orjson.loads(fields)) if fields else (),
-        progress=orjson.loads(progress) if progress else None,
-        title=title,
-        charge=None if charge[0] is None else Charge(*charge),
-        traceparent=traceparent,
-    )
-
-
-def _moment(seconds: float | None) -> datetime | None:
-    return None if seconds is None else datetime.fromtimestamp(seconds, UTC)
+    *values, fields, key, cases, began = row
+    found: dict[str, Any] = dict(zip(COLUMNS.split(", "), values, strict=False))
+    for name in ("created", "started", "finished", "expires"):
+        found[name] = None if found[name] is None else datetime.fromtimestamp(found[name], UTC)
+    for name in ("problem", "progress"):
+        found[name] = None if found[name] is None else orjson.loads(found[name])
+    axes = tuple(orjson.loads(fields)) if fields else ()
+    return JobState(**found, axes=axes, charge=None if key is None else Charge(key, cases, began))

@@ -12,7 +12,7 @@ from anyio.to_thread import run_sync
 from service.cache.record import Record
 from service.errors import InvalidBodyError
 from service.jobs.models import CaseResult, JobCase
-from service.operations import OPERATIONS, UNCERTAIN, KeyedRequest, StudyOperation
+from service.operations import OPERATIONS, KeyedRequest, StudyOperation, study_of
 from service.queries import Answered, QueryService
 
 PART = 320
@@ -139,7 +139,7 @@ async def run_study(
     limiter
         Limiter of the threads in which samples are validated.
     """
-    found = UNCERTAIN[operation]
+    found = study_of(operation)
     steps = (await run_sync(study.study)).steps()
     batch, answer = await run_sync(advance, steps, None)
     done = 0

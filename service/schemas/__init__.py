@@ -1,21 +1,7 @@
 """Requests and answers as the contract has them; the only place that converts degrees."""
 
 from service.schemas.answers import CriticalAngleAnswer, TrajectoryAnswer
-from service.schemas.batches import (
-    CriticalAngleBatch,
-    CriticalAngleCase,
-    CriticalAngleResults,
-    LimitSpeedBatch,
-    LimitSpeedCase,
-    LimitSpeedResults,
-    ThicknessBatch,
-    ThicknessCase,
-    ThicknessResults,
-    TrajectoryBase,
-    TrajectoryBatch,
-    TrajectoryCase,
-    TrajectoryResults,
-)
+from service.schemas.batches import TrajectoryBase
 from service.schemas.building import critical_angle_answer, trajectory_answer
 from service.schemas.calibration_depth import (
     DepthCalibrationAnswer,
@@ -38,7 +24,7 @@ from service.schemas.perforation import (
     thickness_answer,
 )
 from service.schemas.requests import CriticalAngleBase, CriticalAngleRequest, ReportRequest, TrajectoryRequest
-from service.schemas.sweeps import CriticalAngleSweep, LimitSpeedSweep, ThicknessSweep, TrajectorySweep
+from service.schemas.sweeps import CaseModels
 from service.schemas.uncertainty import CriticalAngleUncertaintyRequest, TrajectoryUncertaintyRequest
 from service.schemas.uncertainty_answers import (
     CriticalAngleUncertaintyAnswer,
@@ -48,13 +34,10 @@ from service.schemas.uncertainty_answers import (
 )
 
 __all__ = [
+    "CaseModels",
     "CriticalAngleAnswer",
     "CriticalAngleBase",
-    "CriticalAngleBatch",
-    "CriticalAngleCase",
     "CriticalAngleRequest",
-    "CriticalAngleResults",
-    "CriticalAngleSweep",
     "CriticalAngleUncertaintyAnswer",
     "CriticalAngleUncertaintyRequest",
     "DepthCalibrationAnswer",
@@ -66,11 +49,7 @@ __all__ = [
     "JobResults",
     "Jobs",
     "LimitSpeedAnswer",
-    "LimitSpeedBatch",
-    "LimitSpeedCase",
     "LimitSpeedRequest",
-    "LimitSpeedResults",
-    "LimitSpeedSweep",
     "MotionCalibrationAnswer",
     "MotionCalibrationRequest",
     "ObliquityCalibrationAnswer",
@@ -78,18 +57,10 @@ __all__ = [
     "ReportRequest",
     "Result",
     "ThicknessAnswer",
-    "ThicknessBatch",
-    "ThicknessCase",
     "ThicknessRequest",
-    "ThicknessResults",
-    "ThicknessSweep",
     "TrajectoryAnswer",
     "TrajectoryBase",
-    "TrajectoryBatch",
-    "TrajectoryCase",
     "TrajectoryRequest",
-    "TrajectoryResults",
-    "TrajectorySweep",
     "TrajectoryUncertaintyAnswer",
     "TrajectoryUncertaintyRequest",
     "critical_angle_answer",

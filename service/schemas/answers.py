@@ -89,29 +89,39 @@ class ModelWarning(Part):
 
     model_config = with_examples(WARNING)
 
-    code: Annotated[str, Field(description="Stable, for programs.")]
-    detail: Annotated[str, Field(description="For people.")]
+    code: str
+    """Stable, for programs."""
+    detail: str
+    """For people."""
 
 
 class Motion(Part, Generic[Value]):
     """Quantities of a motion. Depth is positive inside the target; lateral, the way the projectile travels."""
 
-    time_s: Annotated[Value, Field(description="Since first contact. [s]")]
-    center_of_gravity_depth_m: Annotated[Value, Field(description="[m]")]
-    center_of_gravity_lateral_m: Annotated[
-        Value, Field(description="Along the face, from where it was at first contact. [m]")
-    ]
-    nose_tip_depth_m: Annotated[Value, Field(description="[m]")]
-    axis_angle_deg: Annotated[
-        Value, Field(description="From the inward normal to the axis; grows as the nose turns toward the face. [°]")
-    ]
-    depth_velocity_m_s: Annotated[Value, Field(description="Velocity of the centre of gravity. [m/s]")]
-    lateral_velocity_m_s: Annotated[Value, Field(description="Velocity of the centre of gravity. [m/s]")]
-    angular_velocity_rad_s: Annotated[Value, Field(description="Rate of the axis angle. [rad/s]")]
-    depth_force_n: Annotated[Value, Field(description="Resistance along the inward normal. [N]")]
-    lateral_force_n: Annotated[Value, Field(description="Resistance along the face. [N]")]
-    moment_n_m: Annotated[Value, Field(description="Resistance, about the centre of gravity. [N m]")]
-    kinetic_energy_j: Annotated[Value, Field(description="Energy of translation and rotation. [J]")]
+    time_s: Value
+    """Since first contact. [s]"""
+    center_of_gravity_depth_m: Value
+    """[m]"""
+    center_of_gravity_lateral_m: Value
+    """Along the face, from where it was at first contact. [m]"""
+    nose_tip_depth_m: Value
+    """[m]"""
+    axis_angle_deg: Value
+    """From the inward normal to the axis; grows as the nose turns toward the face. [°]"""
+    depth_velocity_m_s: Value
+    """Velocity of the centre of gravity. [m/s]"""
+    lateral_velocity_m_s: Value
+    """Velocity of the centre of gravity. [m/s]"""
+    angular_velocity_rad_s: Value
+    """Rate of the axis angle. [rad/s]"""
+    depth_force_n: Value
+    """Resistance along the inward normal. [N]"""
+    lateral_force_n: Value
+    """Resistance along the face. [N]"""
+    moment_n_m: Value
+    """Resistance, about the centre of gravity. [N m]"""
+    kinetic_energy_j: Value
+    """Energy of translation and rotation. [J]"""
 
 
 class MotionState(Motion[Num]):
@@ -131,21 +141,21 @@ class Exit(Part):
 
     model_config = with_examples(EXIT)
 
-    speed_m_s: Annotated[Num, Field(description="Speed of the centre of gravity. [m/s]")]
-    direction_deg: Annotated[
-        Num,
-        Field(
-            description="Angle of that velocity, from the outward normal of the face left through; positive the way "
-            "the projectile travelled along the face. [°]"
-        ),
-    ]
-    elevation_deg: Annotated[Num, Field(description="Angle of that velocity above that face. [°]")]
-    axis_angle_deg: Annotated[Num, Field(description="From the inward normal of the impact face to the axis. [°]")]
-    angular_velocity_rad_s: Annotated[Num, Field(description="Rate of the axis angle. [rad/s]")]
-    kinetic_energy_j: Annotated[Num, Field(description="Energy of translation and rotation. [J]")]
-    lateral_m: Annotated[
-        Num, Field(description="Way of the centre of gravity along the face, from where it was at first contact. [m]")
-    ]
+    speed_m_s: Num
+    """Speed of the centre of gravity. [m/s]"""
+    direction_deg: Num
+    """Angle of that velocity, from the outward normal of the face left through; positive the way the projectile
+    travelled along the face. [°]"""
+    elevation_deg: Num
+    """Angle of that velocity above that face. [°]"""
+    axis_angle_deg: Num
+    """From the inward normal of the impact face to the axis. [°]"""
+    angular_velocity_rad_s: Num
+    """Rate of the axis angle. [rad/s]"""
+    kinetic_energy_j: Num
+    """Energy of translation and rotation. [J]"""
+    lateral_m: Num
+    """Way of the centre of gravity along the face, from where it was at first contact. [m]"""
 
 
 class Trajectory(Part):
@@ -154,11 +164,16 @@ class Trajectory(Part):
     model_config = with_examples(RUN)
 
     outcome: Outcome
-    final: Annotated[MotionState, Field(description="At the event that ended the run.")]
-    exit: Annotated[Exit, Field(description="If the projectile left.")] | MISSING = MISSING
-    maximum_depth_m: Annotated[Num, Field(description="Greatest depth of the nose tip. [m]")]
-    strength_factor: Annotated[Num, Field(description="Strength factor in use, at this oblique angle. [1]")]
-    history: Annotated[MotionHistory, Field(description="If requested.")] | MISSING = MISSING
+    final: MotionState
+    """At the event that ended the run."""
+    exit: Exit | MISSING = MISSING
+    """If the projectile left."""
+    maximum_depth_m: Num
+    """Greatest depth of the nose tip. [m]"""
+    strength_factor: Num
+    """Strength factor in use, at this oblique angle. [1]"""
+    history: MotionHistory | MISSING = MISSING
+    """If requested."""
     warnings: list[ModelWarning]
 
 
@@ -167,8 +182,10 @@ class Alternative(Part):
 
     free_surface: FreeSurfaceModel
     strength_factor: StrengthLaw
-    fitted_to: Annotated[str, Field(description="What the two laws were fitted to.")]
-    problem: Annotated[Problem, Field(description="Why there is no answer under these laws.")] | MISSING = MISSING
+    fitted_to: str
+    """What the two laws were fitted to."""
+    problem: Problem | MISSING = MISSING
+    """Why there is no answer under these laws."""
 
 
 class TrajectoryAlternative(Alternative):
@@ -185,7 +202,8 @@ class CriticalAngleAlternative(Alternative):
     model_config = with_examples(OTHER_ANGLE)
 
     status: SearchStatus | MISSING = MISSING
-    critical_angle_deg: Annotated[Num, Field(description="If there is one. [°]")] | MISSING = MISSING
+    critical_angle_deg: Num | MISSING = MISSING
+    """If there is one. [°]"""
 
 
 class TrajectoryAnswer(Trajectory):
@@ -193,7 +211,8 @@ class TrajectoryAnswer(Trajectory):
 
     model_config = with_examples(RUN | VERSIONED, RUN | VERSIONED | {"alternatives": [OTHER_OUTCOME]})
 
-    alternatives: Annotated[list[TrajectoryAlternative], Field(description="If wanted.")] | MISSING = MISSING
+    alternatives: list[TrajectoryAlternative] | MISSING = MISSING
+    """If wanted."""
     key: Key
     engine_version: EngineVersion
 
@@ -203,17 +222,15 @@ class Trial(Part):
 
     model_config = with_examples(TRIAL)
 
-    oblique_angle_deg: Annotated[Num, Field(description="From the normal. [°]")]
-    final_position_m: Annotated[
-        Num,
-        Field(description="Depth of the nose tip at the end, or at the termination time in the paper's searches. [m]"),
-    ]
+    oblique_angle_deg: Num
+    """From the normal. [°]"""
+    final_position_m: Num
+    """Depth of the nose tip at the end, or at the termination time in the paper's searches. [m]"""
     outcome: Outcome
-    fine: Annotated[
-        bool,
-        Field(description="False for a trial that only showed where to look: it was computed more roughly."),
-    ]
-    exit: Annotated[Exit, Field(description="If the projectile left, of a fine trial.")] | MISSING = MISSING
+    fine: bool
+    """False for a trial that only showed where to look: it was computed more roughly."""
+    exit: Exit | MISSING = MISSING
+    """If the projectile left, of a fine trial."""
 
 
 class OutcomeInterval(Part):
@@ -222,8 +239,10 @@ class OutcomeInterval(Part):
     model_config = with_examples(INTERVAL)
 
     outcome: Outcome
-    lower_deg: Annotated[Num, Field(description="From the normal. [°]")]
-    upper_deg: Annotated[Num, Field(description="From the normal. [°]")]
+    lower_deg: Num
+    """From the normal. [°]"""
+    upper_deg: Num
+    """From the normal. [°]"""
 
 
 class CriticalAngleAnswer(Part):
@@ -234,60 +253,31 @@ class CriticalAngleAnswer(Part):
     )
 
     status: SearchStatus
-    critical_angle_deg: (
-        Annotated[
-            Num,
-            Field(description="Smallest oblique angle, from the normal, that ends in ricochet; if there is one. [°]"),
-        ]
-        | MISSING
-    ) = MISSING
-    critical_angle_standard_error_deg: (
-        Annotated[
-            Num,
-            Field(ge=0.0, description="From the covariance of the strength factor, if that was given. [°]"),
-        ]
-        | MISSING
-    ) = MISSING
+    critical_angle_deg: Num | MISSING = MISSING
+    """Smallest oblique angle, from the normal, that ends in ricochet; if there is one. [°]"""
+    critical_angle_standard_error_deg: Annotated[Num, Field(ge=0.0)] | MISSING = MISSING
+    """From the covariance of the strength factor, if that was given. [°]"""
     bracket_deg: Bracket | MISSING = MISSING
-    strength_factor: (
-        Annotated[Num, Field(description="Strength factor in use at the critical angle, if there is one. [1]")]
-        | MISSING
-    ) = MISSING
-    energy_fraction_below: (
-        Annotated[
-            Num,
-            Field(
-                ge=0.0,
-                description="Share of the initial kinetic energy left half a degree below the critical angle, 0 if it "
-                "is less than a tenth of `numerics.retention_energy_fraction`. [1]",
-            ),
-        ]
-        | MISSING
-    ) = MISSING
-    energy_fraction_above: (
-        Annotated[
-            Num,
-            Field(ge=0.0, description="That half a degree above: the less it is, the more the threshold decides. [1]"),
-        ]
-        | MISSING
-    ) = MISSING
-    exit: Annotated[Exit, Field(description="At the critical angle, if there is one.")] | MISSING = MISSING
-    iterations: Annotated[list[Trial], Field(description="Every angle tried, in order.")]
-    other_crossings_deg: Annotated[
-        list[Num], Field(description="Other angles of the range at which the outcome changes, either way. [°]")
-    ]
-    outcomes: (
-        Annotated[
-            list[OutcomeInterval],
-            Field(
-                description="Over the whole range in order, each end to the tolerance; for a target with a thickness "
-                "in a search by outcome."
-            ),
-        ]
-        | MISSING
-    ) = MISSING
-    trajectory: Annotated[Trajectory, Field(description="At the critical angle, if requested.")] | MISSING = MISSING
-    alternatives: Annotated[list[CriticalAngleAlternative], Field(description="If wanted.")] | MISSING = MISSING
+    strength_factor: Num | MISSING = MISSING
+    """Strength factor in use at the critical angle, if there is one. [1]"""
+    energy_fraction_below: Annotated[Num, Field(ge=0.0)] | MISSING = MISSING
+    """Share of the initial kinetic energy left half a degree below the critical angle, 0 if it is less than a tenth of
+    `numerics.retention_energy_fraction`. [1]"""
+    energy_fraction_above: Annotated[Num, Field(ge=0.0)] | MISSING = MISSING
+    """That half a degree above: the less it is, the more the threshold decides. [1]"""
+    exit: Exit | MISSING = MISSING
+    """At the critical angle, if there is one."""
+    iterations: list[Trial]
+    """Every angle tried, in order."""
+    other_crossings_deg: list[Num]
+    """Other angles of the range at which the outcome changes, either way. [°]"""
+    outcomes: list[OutcomeInterval] | MISSING = MISSING
+    """Over the whole range in order, each end to the tolerance; for a target with a thickness in a search by
+    outcome."""
+    trajectory: Trajectory | MISSING = MISSING
+    """At the critical angle, if requested."""
+    alternatives: list[CriticalAngleAlternative] | MISSING = MISSING
+    """If wanted."""
     warnings: list[ModelWarning]
     key: Key
     engine_version: EngineVersion

@@ -4,20 +4,10 @@ from typing import Annotated, Any, Generic, TypeVar
 
 from pydantic import MISSING, Field, StringConstraints
 
-from service.schemas.answers import FOUND, RUN, VERSIONED, CriticalAngleAnswer, TrajectoryAnswer
-from service.schemas.perforation import (
-    SPEED,
-    THICKNESS,
-    WALL,
-    LimitSpeedAnswer,
-    LimitSpeedRequest,
-    ThicknessAnswer,
-    ThicknessRequest,
-)
-from service.schemas.problems import INVALID, Problem
+from service.schemas.problems import Problem
 from service.schemas.quantities import Count, Flag, Num, Part, with_examples
-from service.schemas.requests import Case, CriticalAngleBase, TrajectoryFields, TrajectoryOutput
-from service.schemas.strike import PAPER, PAPER_AT_45
+from service.schemas.requests import Case, TrajectoryFields, TrajectoryOutput
+from service.schemas.strike import PAPER_AT_45
 
 MOST_CASES = 1_000
 """Cases of a JSON batch, which is parsed in one piece."""
@@ -94,99 +84,3 @@ class TrajectoryBase(TrajectoryFields):
     model_config = with_examples(PAPER_AT_45)
 
     output: Annotated[BatchOutput, Field(default_factory=BatchOutput)]
-
-
-class TrajectoryCase(NamedCase, TrajectoryBase):
-    """A case of a batch of trajectories."""
-
-    model_config = with_examples(PAPER_AT_45 | {"custom_id": "shot-1"})
-
-
-class CriticalAngleCase(NamedCase, CriticalAngleBase):
-    """A case of a batch of critical angles."""
-
-    model_config = with_examples(PAPER | {"custom_id": "paper"})
-
-
-class ThicknessCase(NamedCase, ThicknessRequest):
-    """A case of a batch of least thicknesses."""
-
-    model_config = with_examples(PAPER_AT_45 | {"custom_id": "shot-1"})
-
-
-class LimitSpeedCase(NamedCase, LimitSpeedRequest):
-    """A case of a batch of limit speeds."""
-
-    model_config = with_examples(WALL | {"custom_id": "wall-1"})
-
-
-class TrajectoryBatch(Batch[TrajectoryCase]):
-    """Trajectories to compute."""
-
-    model_config = with_examples({"cases": [PAPER_AT_45, PAPER_AT_45 | {"custom_id": "again"}]})
-
-
-class CriticalAngleBatch(Batch[CriticalAngleCase]):
-    """Critical angles to find."""
-
-    model_config = with_examples({"cases": [PAPER, PAPER | {"custom_id": "again"}]})
-
-
-class ThicknessBatch(Batch[ThicknessCase]):
-    """Least thicknesses to find."""
-
-    model_config = with_examples({"cases": [PAPER_AT_45, PAPER_AT_45 | {"custom_id": "again"}]})
-
-
-class LimitSpeedBatch(Batch[LimitSpeedCase]):
-    """Limit speeds to find."""
-
-    model_config = with_examples({"cases": [WALL, WALL | {"custom_id": "again"}]})
-
-
-class TrajectoryItem(ResultItem[TrajectoryAnswer]):
-    """What became of one trajectory: its result, or the problem that kept it from having one."""
-
-    model_config = with_examples({"index": 0, "custom_id": "shot-1", "result": RUN | VERSIONED})
-
-
-class CriticalAngleItem(ResultItem[CriticalAngleAnswer]):
-    """What became of one critical angle: its result, or the problem that kept it from having one."""
-
-    model_config = with_examples({"index": 0, "result": FOUND | VERSIONED}, {"index": 1, "problem": INVALID})
-
-
-class ThicknessItem(ResultItem[ThicknessAnswer]):
-    """What became of one least thickness: its result, or the problem that kept it from having one."""
-
-    model_config = with_examples({"index": 0, "result": THICKNESS | VERSIONED}, {"index": 1, "problem": INVALID})
-
-
-class LimitSpeedItem(ResultItem[LimitSpeedAnswer]):
-    """What became of one limit speed: its result, or the problem that kept it from having one."""
-
-    model_config = with_examples({"index": 0, "result": SPEED | VERSIONED}, {"index": 1, "problem": INVALID})
-
-
-class TrajectoryResults(Results[TrajectoryItem]):
-    """Trajectories, in the order of the request."""
-
-    model_config = with_examples({"results": [{"index": 0, "result": RUN | VERSIONED}]})
-
-
-class CriticalAngleResults(Results[CriticalAngleItem]):
-    """Critical angles, in the order of the request."""
-
-    model_config = with_examples({"results": [{"index": 0, "result": FOUND | VERSIONED}]})
-
-
-class ThicknessResults(Results[ThicknessItem]):
-    """Least thicknesses, in the order of the request."""
-
-    model_config = with_examples({"results": [{"index": 0, "result": THICKNESS | VERSIONED}]})
-
-
-class LimitSpeedResults(Results[LimitSpeedItem]):
-    """Limit speeds, in the order of the request."""
-
-    model_config = with_examples({"results": [{"index": 0, "result": SPEED | VERSIONED}]})

@@ -8,37 +8,25 @@ from typing import Any
 import numpy as np
 
 import solver
-from service.schemas.quantities import degrees
+from service.columns import UNITS
+from service.schemas.answers import Exit, MotionState
+from service.schemas.quantities import Part, degrees
 from solver.arrays import FloatArray
 
 Columns = dict[str, FloatArray]
 
-NAMES = {
-    "time": "time_s",
-    "center_of_gravity_depth": "center_of_gravity_depth_m",
-    "center_of_gravity_lateral": "center_of_gravity_lateral_m",
-    "nose_tip_depth": "nose_tip_depth_m",
-    "axis_angle": "axis_angle_deg",
-    "depth_velocity": "depth_velocity_m_s",
-    "lateral_velocity": "lateral_velocity_m_s",
-    "angular_velocity": "angular_velocity_rad_s",
-    "depth_force": "depth_force_n",
-    "lateral_force": "lateral_force_n",
-    "moment": "moment_n_m",
-    "kinetic_energy": "kinetic_energy_j",
-}
+
+def _names(model: type[Part]) -> dict[str, str]:
+    """Return the names of a model's fields in the solver, which end without a unit, and in the contract."""
+    ends = {name: next((end for end in UNITS if name.endswith(end)), "") for name in model.model_fields}
+    return {name.removesuffix(end): name for name, end in ends.items()}
+
+
+NAMES = _names(MotionState)
 """The quantities of a motion in the solver and in the contract."""
 
 
-EXIT_NAMES = {
-    "speed": "speed_m_s",
-    "direction": "direction_deg",
-    "elevation": "elevation_deg",
-    "axis_angle": "axis_angle_deg",
-    "angular_velocity": "angular_velocity_rad_s",
-    "kinetic_energy": "kinetic_energy_j",
-    "lateral": "lateral_m",
-}
+EXIT_NAMES = _names(Exit)
 """The quantities of an exit in the solver and in the contract."""
 
 

@@ -54,15 +54,16 @@ class DepthTest(Part):
 
     model_config = with_examples(TEST, TEST | {"weight": 0.5, "group": "80 mm"})
 
-    velocity_m_s: Annotated[Num, Field(ge=0.1, le=1e4, description="At first contact. [m/s]")]
-    depth_m: Annotated[Num, Field(ge=1e-6, le=100.0, description="Greatest depth of the nose tip. [m]")]
-    mass_kg: (
-        Annotated[Num, Field(ge=1e-6, le=1e7, description="That of the projectile when not given. [kg]")] | MISSING
-    ) = MISSING
-    weight: Annotated[Num, Field(ge=1e-6, le=1e6, description="Relative weight of the squared residual. [1]")] = 1.0
-    group: (
-        Annotated[Group, Field(description="Gets a separate strength factor, beside that of all tests.")] | MISSING
-    ) = MISSING
+    velocity_m_s: Annotated[Num, Field(ge=0.1, le=1e4)]
+    """At first contact. [m/s]"""
+    depth_m: Annotated[Num, Field(ge=1e-6, le=100.0)]
+    """Greatest depth of the nose tip. [m]"""
+    mass_kg: Annotated[Num, Field(ge=1e-6, le=1e7)] | MISSING = MISSING
+    """That of the projectile when not given. [kg]"""
+    weight: Annotated[Num, Field(ge=1e-6, le=1e6)] = 1.0
+    """Relative weight of the squared residual. [1]"""
+    group: Group | MISSING = MISSING
+    """Gets a separate strength factor, beside that of all tests."""
 
     def to_solver(self) -> SolverTest:
         """Return the solver's test."""
@@ -135,7 +136,8 @@ class DepthCurve(Part):
         list[Num],
         Field(description=f"From {BELOW:g} of the lowest velocity of the tests to {ABOVE:g} of the highest. [m/s]"),
     ]
-    depth_m: Annotated[list[Num], Field(description="Greatest depth of the nose tip. [m]")]
+    depth_m: list[Num]
+    """Greatest depth of the nose tip. [m]"""
 
 
 class DepthCalibrationAnswer(FittedStrength):
@@ -154,13 +156,16 @@ class DepthCalibrationAnswer(FittedStrength):
         | VERSIONED
     )
 
-    residuals: Annotated[Residuals, Field(description="Measured minus predicted depth of each test. [m]")]
-    predicted_depth_m: Annotated[list[Num], Field(description="Depth of each test. [m]")]
-    root_mean_square_m: Annotated[Num, Field(ge=0.0, description="Weighted mean of the residuals. [m]")]
-    groups: Annotated[list[DepthGroup], Field(description="If the tests name groups.")] | MISSING = MISSING
-    curves: Annotated[list[DepthCurve], Field(description="If strength factors to compare are given.")] | MISSING = (
-        MISSING
-    )
+    residuals: Residuals
+    """Measured minus predicted depth of each test. [m]"""
+    predicted_depth_m: list[Num]
+    """Depth of each test. [m]"""
+    root_mean_square_m: Annotated[Num, Field(ge=0.0)]
+    """Weighted mean of the residuals. [m]"""
+    groups: list[DepthGroup] | MISSING = MISSING
+    """If the tests name groups."""
+    curves: list[DepthCurve] | MISSING = MISSING
+    """If strength factors to compare are given."""
     warnings: list[ModelWarning]
     key: Key
     engine_version: EngineVersion
@@ -196,19 +201,11 @@ class ObliquityPoint(Part):
 
     model_config = with_examples(TABLE_2[1], TABLE_2[1] | {"standard_error": 0.1})
 
-    oblique_angle_deg: Annotated[Obliquity, Field(description="From the normal. [°]")]
+    oblique_angle_deg: Obliquity
+    """From the normal. [°]"""
     strength_factor: StrengthFactorValue
-    standard_error: (
-        Annotated[
-            Num,
-            Field(
-                ge=1e-6,
-                le=1000.0,
-                description="Standard error of the strength factor; given for all points or for none. [1]",
-            ),
-        ]
-        | MISSING
-    ) = MISSING
+    standard_error: Annotated[Num, Field(ge=1e-6, le=1000.0)] | MISSING = MISSING
+    """Standard error of the strength factor; given for all points or for none. [1]"""
 
     def to_solver(self) -> SolverPoint:
         """Return the solver's point."""
@@ -227,11 +224,8 @@ class ObliquityCalibrationRequest(Part):
     )
 
     points: Annotated[list[ObliquityPoint], Field(min_length=1, max_length=MOST_POINTS, fail_fast=True)]
-    order: Annotated[
-        Count,
-        Field(ge=0, le=9, description="Degree of the polynomial; there must be more points at different angles. [1]"),
-        WHOLE,
-    ] = 2
+    order: Annotated[Count, Field(ge=0, le=9), WHOLE] = 2
+    """Degree of the polynomial; there must be more points at different angles. [1]"""
 
     def canonical(self) -> dict[str, Any]:
         """Return the request as JSON data, defaults filled in."""
@@ -256,12 +250,13 @@ class ObliquityCalibrationAnswer(Part):
         | VERSIONED
     )
 
-    coefficients: Annotated[list[Num], Field(description="From the constant term upwards. [1, 1/°, 1/°², ...]")]
+    coefficients: list[Num]
+    """From the constant term upwards. [1, 1/°, 1/°², ...]"""
     covariance: CovarianceMatrix | MISSING = MISSING
-    residuals: Annotated[Residuals, Field(description="Given minus fitted strength factor of each point. [1]")]
-    strength_factor_model: Annotated[
-        ObliquityPolynomial, Field(description="The same as the `strength_factor` of a `resistance`.")
-    ]
+    residuals: Residuals
+    """Given minus fitted strength factor of each point. [1]"""
+    strength_factor_model: ObliquityPolynomial
+    """The same as the `strength_factor` of a `resistance`."""
     warnings: list[ModelWarning]
     key: Key
     engine_version: EngineVersion

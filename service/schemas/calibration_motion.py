@@ -50,20 +50,12 @@ class Calibration(Part):
     projectile: Projectile
     target: Target
     resistance: Annotated[CalibrationResistance, Field(default_factory=CalibrationResistance)]
-    confidence_level: Annotated[
-        Num, Field(ge=0.5, le=0.9999, description="Chance that the interval holds the strength factor. [1]")
-    ] = 0.95
+    confidence_level: Annotated[Num, Field(ge=0.5, le=0.9999)] = 0.95
+    """Chance that the interval holds the strength factor. [1]"""
     compare_strength_factors: (
-        Annotated[
-            list[StrengthFactorValue],
-            Field(
-                min_length=1,
-                max_length=MOST_COMPARED,
-                description="Strength factors with which the model predicts as well. [1]",
-            ),
-        ]
-        | MISSING
+        Annotated[list[StrengthFactorValue], Field(min_length=1, max_length=MOST_COMPARED)] | MISSING
     ) = MISSING
+    """Strength factors with which the model predicts as well. [1]"""
 
     def canonical(self) -> dict[str, Any]:
         """Return the request as JSON data, defaults filled in."""
@@ -85,7 +77,8 @@ class Calibration(Part):
 class FittedStrength(Part):
     """A strength factor and how well it is known."""
 
-    strength_factor: Annotated[Num, Field(gt=0.0, description="The one that fits best. [1]")]
+    strength_factor: Annotated[Num, Field(gt=0.0)]
+    """The one that fits best. [1]"""
     standard_error: StandardError
     confidence_interval: ConfidenceInterval
 
@@ -128,36 +121,16 @@ class MotionRecord(Part):
         }
     )
 
-    time_s: Annotated[
-        list[Time],
-        Field(min_length=2, max_length=MOST_ROWS, fail_fast=True, description="Since first contact, increasing. [s]"),
-    ]
-    depth_displacement_m: (
-        Annotated[
-            DisplacementColumn,
-            Field(description="Way of the centre of gravity along the inward normal of the face. [m]"),
-        ]
-        | MISSING
-    ) = MISSING
-    lateral_displacement_m: (
-        Annotated[
-            DisplacementColumn,
-            Field(description="Way of the centre of gravity along the face, the way the projectile travels. [m]"),
-        ]
-        | MISSING
-    ) = MISSING
-    rotation_deg: (
-        Annotated[
-            list[Rotation],
-            Field(
-                min_length=2,
-                max_length=MOST_ROWS,
-                fail_fast=True,
-                description="Change of the axis angle; positive as the nose turns toward the face. [°]",
-            ),
-        ]
-        | MISSING
-    ) = MISSING
+    time_s: Annotated[list[Time], Field(min_length=2, max_length=MOST_ROWS, fail_fast=True)]
+    """Since first contact, increasing. [s]"""
+    depth_displacement_m: DisplacementColumn | MISSING = MISSING
+    """Way of the centre of gravity along the inward normal of the face. [m]"""
+    lateral_displacement_m: DisplacementColumn | MISSING = MISSING
+    """Way of the centre of gravity along the face, the way the projectile travels. [m]"""
+    rotation_deg: Annotated[list[Rotation], Field(min_length=2, max_length=MOST_ROWS, fail_fast=True)] | MISSING = (
+        MISSING
+    )
+    """Change of the axis angle; positive as the nose turns toward the face. [°]"""
 
     def to_solver(self) -> MotionHistory:
         """Return the solver's history."""
@@ -175,9 +148,12 @@ class MotionWeights(Part):
 
     model_config = with_examples({"depth": 1.0, "lateral": 1.0, "rotation": 0.5})
 
-    depth: Annotated[Num, Field(ge=0.0, le=1e6, description="[1]")] = 1.0
-    lateral: Annotated[Num, Field(ge=0.0, le=1e6, description="[1]")] = 1.0
-    rotation: Annotated[Num, Field(ge=0.0, le=1e6, description="[1]")] = 1.0
+    depth: Annotated[Num, Field(ge=0.0, le=1e6)] = 1.0
+    """[1]"""
+    lateral: Annotated[Num, Field(ge=0.0, le=1e6)] = 1.0
+    """[1]"""
+    rotation: Annotated[Num, Field(ge=0.0, le=1e6)] = 1.0
+    """[1]"""
 
     def to_solver(self) -> Weights:
         """Return the solver's weights."""
@@ -239,18 +215,9 @@ class MotionCalibrationRequest(Calibration):
 
     impact: Impact | MISSING = MISSING
     history: MotionRecord | MISSING = MISSING
-    runs: (
-        Annotated[
-            list[CalibrationRun],
-            Field(
-                min_length=1,
-                max_length=MOST_RUNS,
-                description="Instead of `impact` and `history`: strikes at any angles and speeds, which one strength "
-                "factor is to fit together. Each counts alike.",
-            ),
-        ]
-        | MISSING
-    ) = MISSING
+    runs: Annotated[list[CalibrationRun], Field(min_length=1, max_length=MOST_RUNS)] | MISSING = MISSING
+    """Instead of `impact` and `history`: strikes at any angles and speeds, which one strength factor is to fit
+    together. Each counts alike."""
     weights: Annotated[MotionWeights, Field(default_factory=MotionWeights)]
     until_s: Until | MISSING = MISSING
     until_greatest_depth: UntilGreatestDepth = False

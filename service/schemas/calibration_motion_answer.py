@@ -57,10 +57,14 @@ class FittedMotion(Part):
 
     model_config = with_examples(PREDICTED, {"time_s": [0.0, 0.001], "rotation_deg": [0.0, 7.122]})
 
-    time_s: Annotated[list[Num], Field(description="Since first contact. [s]")]
-    depth_displacement_m: Annotated[list[Num], Field(description="[m]")] | MISSING = MISSING
-    lateral_displacement_m: Annotated[list[Num], Field(description="[m]")] | MISSING = MISSING
-    rotation_deg: Annotated[list[Num], Field(description="[°]")] | MISSING = MISSING
+    time_s: list[Num]
+    """Since first contact. [s]"""
+    depth_displacement_m: list[Num] | MISSING = MISSING
+    """[m]"""
+    lateral_displacement_m: list[Num] | MISSING = MISSING
+    """[m]"""
+    rotation_deg: list[Num] | MISSING = MISSING
+    """[°]"""
 
 
 class MotionMeasures(Part):
@@ -131,15 +135,10 @@ class DecayLawRun(Part):
         {"normalized_root_mean_square": 0.0042, "alone": ESTIMATE | {"normalized_root_mean_square": 0.0019}}
     )
 
-    normalized_root_mean_square: Annotated[
-        NormalizedRootMeanSquare, Field(description="With the common strength factor. [1]")
-    ]
-    alone: (
-        Annotated[
-            RunAlone, Field(description="Fit of this run by itself; absent if it leaves the strength factor open.")
-        ]
-        | MISSING
-    ) = MISSING
+    normalized_root_mean_square: NormalizedRootMeanSquare
+    """With the common strength factor. [1]"""
+    alone: RunAlone | MISSING = MISSING
+    """Fit of this run by itself; absent if it leaves the strength factor open."""
 
 
 class DecayLawFit(Part):
@@ -151,11 +150,13 @@ class DecayLawFit(Part):
     )
 
     free_surface: FreeSurfaceModel
-    strength_factor: Annotated[Num, Field(gt=0.0, description="Strength factor of all runs. [1]")] | MISSING = MISSING
+    strength_factor: Annotated[Num, Field(gt=0.0)] | MISSING = MISSING
+    """Strength factor of all runs. [1]"""
     standard_error: StandardError | MISSING = MISSING
     confidence_interval: ConfidenceInterval | MISSING = MISSING
     normalized_root_mean_square: NormalizedRootMeanSquare | MISSING = MISSING
-    runs: Annotated[list[DecayLawRun], Field(description="If the request has runs, in its order.")] | MISSING = MISSING
+    runs: list[DecayLawRun] | MISSING = MISSING
+    """If the request has runs, in its order."""
 
 
 class MotionCalibrationAnswer(FittedStrength):
@@ -187,13 +188,12 @@ class MotionCalibrationAnswer(FittedStrength):
     r_squared: RSquared | MISSING = MISSING
     compared: Compared | MISSING = MISSING
     normalized_root_mean_square: NormalizedRootMeanSquare
-    runs: Annotated[list[FittedRun], Field(description="If the request has runs, in its order.")] | MISSING = MISSING
-    decay_laws: Annotated[
-        list[DecayLawFit], Field(description="The same with every decay law, the requested one included.")
-    ]
-    best_decay_law: Annotated[
-        FreeSurfaceModel, Field(description="The law with the least normalised root mean square.")
-    ]
+    runs: list[FittedRun] | MISSING = MISSING
+    """If the request has runs, in its order."""
+    decay_laws: list[DecayLawFit]
+    """The same with every decay law, the requested one included."""
+    best_decay_law: FreeSurfaceModel
+    """The law with the least normalised root mean square."""
     warnings: list[ModelWarning]
     key: Key
     engine_version: EngineVersion

@@ -35,15 +35,9 @@ class FormulaImpact(Impact):
 
     model_config = with_examples(STRIKE)
 
-    oblique_angle_deg: Annotated[
-        Num,
-        Field(
-            ge=0.0,
-            lt=90.0,
-            description="From the inward normal of the face to the velocity. Formulas have no angle: as is common "
-            "practice, and nothing better, the component of the velocity along the normal takes its place. [°]",
-        ),
-    ] = 0.0
+    oblique_angle_deg: Annotated[Num, Field(ge=0.0, lt=90.0)] = 0.0
+    """From the inward normal of the face to the velocity. Formulas have no angle: as is common practice, and nothing
+    better, the component of the velocity along the normal takes its place. [°]"""
 
 
 class FormulasRequest(Part):
@@ -73,8 +67,10 @@ class NotFitted(Part):
 
     model_config = with_examples(NOT_FITTED)
 
-    pointer: Annotated[str, Field(description="JSON pointer of the input in the request, or of the result in the row.")]
-    detail: Annotated[str, Field(description="The range, and the value here.")]
+    pointer: str
+    """JSON pointer of the input in the request, or of the result in the row."""
+    detail: str
+    """The range, and the value here."""
 
 
 class FormulaRow(Part):
@@ -82,41 +78,28 @@ class FormulaRow(Part):
 
     model_config = with_examples(ROW)
 
-    formula: Annotated[str, Field(description="Stable, for programs.")]
-    penetration_depth_m: Annotated[Num, Field(description="Into concrete that is thick enough. [m]")] | MISSING = (
-        MISSING
-    )
-    scabbing_thickness_m: (
-        Annotated[Num, Field(description="Least thickness of a wall whose back does not scab, without a margin. [m]")]
-        | MISSING
-    ) = MISSING
-    perforation_thickness_m: (
-        Annotated[Num, Field(description="Least thickness of a wall that is not perforated, without a margin. [m]")]
-        | MISSING
-    ) = MISSING
-    limit_speed_m_s: (
-        Annotated[
-            Num,
-            Field(description="Least speed that perforates the wall, in an answer to `/limit-speed` only. [m/s]"),
-        ]
-        | MISSING
-    ) = MISSING
-    in_range: Annotated[
-        bool, Field(description="Whether the range of the formula is known and `out_of_range` is empty.")
-    ]
-    range_known: Annotated[bool, Field(description="Whether a source gives the range of the formula.")]
+    formula: str
+    """Stable, for programs."""
+    penetration_depth_m: Num | MISSING = MISSING
+    """Into concrete that is thick enough. [m]"""
+    scabbing_thickness_m: Num | MISSING = MISSING
+    """Least thickness of a wall whose back does not scab, without a margin. [m]"""
+    perforation_thickness_m: Num | MISSING = MISSING
+    """Least thickness of a wall that is not perforated, without a margin. [m]"""
+    limit_speed_m_s: Num | MISSING = MISSING
+    """Least speed that perforates the wall, in an answer to `/limit-speed` only. [m/s]"""
+    in_range: bool
+    """Whether the range of the formula is known and `out_of_range` is empty."""
+    range_known: bool
+    """Whether a source gives the range of the formula."""
     out_of_range: list[NotFitted]
-    note: Annotated[str, Field(description="What is in doubt, or assumed; absent where nothing is.")] | MISSING = (
-        MISSING
-    )
-    verified: Annotated[
-        bool,
-        Field(
-            description="Whether the constants were compared with an original, a standard or a published shot; those "
-            "of the other formulas come from secondary sources alone."
-        ),
-    ]
-    source: Annotated[str, Field(description="Authors and year.")]
+    note: str | MISSING = MISSING
+    """What is in doubt, or assumed; absent where nothing is."""
+    verified: bool
+    """Whether the constants were compared with an original, a standard or a published shot; those of the other formulas
+    come from secondary sources alone."""
+    source: str
+    """Authors and year."""
 
 
 class FormulaSpread(Part):
@@ -124,15 +107,13 @@ class FormulaSpread(Part):
 
     model_config = with_examples(SPREAD)
 
-    lowest: Annotated[Num, Field(description="[m]")]
-    highest: Annotated[Num, Field(description="[m]")]
-    formulas: Annotated[
-        int,
-        Field(
-            description="In range, with an answer. One that a formula takes from another, as Kar's for steel takes "
-            "that of modified NDRC, counts once."
-        ),
-    ]
+    lowest: Num
+    """[m]"""
+    highest: Num
+    """[m]"""
+    formulas: int
+    """In range, with an answer. One that a formula takes from another, as Kar's for steel takes that of modified NDRC,
+    counts once."""
 
 
 class FormulasAnswer(Part):
@@ -154,19 +135,14 @@ class FormulasAnswer(Part):
     penetration_depth_spread: FormulaSpread | MISSING = MISSING
     scabbing_thickness_spread: FormulaSpread | MISSING = MISSING
     perforation_thickness_spread: FormulaSpread | MISSING = MISSING
-    nose_class: Annotated[
-        str, Field(description="In the sense of the formulas, from the length of the nose: flat to sharp.")
-    ]
-    scabbing_margin: Annotated[
-        Num, Field(description="Factor on a scabbing thickness that DOE-STD-3014-2006 requires in a design. [1]")
-    ]
-    perforation_margin: Annotated[
-        Num, Field(description="Factor on a perforation thickness that DOE-STD-3014-2006 requires in a design. [1]")
-    ]
-    warnings: Annotated[
-        list[ModelWarning],
-        Field(description="`normal_component_only` for an oblique strike, and `mean_density_unusual`."),
-    ]
+    nose_class: str
+    """In the sense of the formulas, from the length of the nose: flat to sharp."""
+    scabbing_margin: Num
+    """Factor on a scabbing thickness that DOE-STD-3014-2006 requires in a design. [1]"""
+    perforation_margin: Num
+    """Factor on a perforation thickness that DOE-STD-3014-2006 requires in a design. [1]"""
+    warnings: list[ModelWarning]
+    """`normal_component_only` for an oblique strike, and `mean_density_unusual`."""
     key: Key
     engine_version: EngineVersion
 

@@ -40,12 +40,8 @@ class Numerics(Part):
         {"relative_tolerance": 1e-5}, {"method": "panels", "panels": 6000, "time_step_s": 2e-5}
     )
 
-    method: (
-        Annotated[
-            Method, Field(description="`adaptive` when not given, `panels` in the searches `bisection` and `secant`.")
-        ]
-        | MISSING
-    ) = MISSING
+    method: Method | MISSING = MISSING
+    """`adaptive` when not given, `panels` in the searches `bisection` and `secant`."""
     termination_time_s: (
         Annotated[
             Num,
@@ -60,14 +56,10 @@ class Numerics(Part):
         ]
         | MISSING
     ) = MISSING
-    panels: Annotated[
-        Count,
-        Field(ge=100, le=100_000, description="Surface elements of `panels`. [1] The reference runs used 96,000."),
-        WHOLE,
-    ] = NUMERICS.panels
-    time_step_s: Annotated[
-        Num, Field(ge=1e-7, le=1e-3, description="Step of `panels`. [s] A hundredth to a hundred of the paper's.")
-    ] = NUMERICS.time_step
+    panels: Annotated[Count, Field(ge=100, le=100_000), WHOLE] = NUMERICS.panels
+    """Surface elements of `panels`. [1] The reference runs used 96,000."""
+    time_step_s: Annotated[Num, Field(ge=1e-7, le=1e-3)] = NUMERICS.time_step
+    """Step of `panels`. [s] A hundredth to a hundred of the paper's."""
     relative_tolerance: (
         Annotated[
             Num,
@@ -81,15 +73,9 @@ class Numerics(Part):
         | MISSING
     ) = MISSING
 
-    retention_energy_fraction: Annotated[
-        Num,
-        Field(
-            ge=1e-4,
-            le=0.5,
-            description="Share of the initial kinetic energy with which a projectile must leave to count as turned "
-            "away; below it, it is embedded. Not used by the searches `bisection` and `secant`. [1]",
-        ),
-    ] = NUMERICS.retention_energy_fraction
+    retention_energy_fraction: Annotated[Num, Field(ge=1e-4, le=0.5)] = NUMERICS.retention_energy_fraction
+    """Share of the initial kinetic energy with which a projectile must leave to count as turned away; below it, it is
+    embedded. Not used by the searches `bisection` and `secant`. [1]"""
 
     def to_solver(self) -> solver.Numerics:
         """Return the solver's numerics."""
@@ -117,29 +103,14 @@ class Search(Part):
     model_config = with_examples({"method": "outcome", "lower_deg": 20.0, "upper_deg": 80.0}, {"method": "secant"})
 
     method: SearchMethod = SearchMethod(SEARCH.method)
-    lower_deg: (
-        Annotated[
-            Obliquity, Field(description="Lower end of the range; 5 when not given, 40 in the paper's searches. [°]")
-        ]
-        | MISSING
-    ) = MISSING
-    upper_deg: (
-        Annotated[
-            Obliquity, Field(description="Upper end of the range; 85 when not given, 60 in the paper's searches. [°]")
-        ]
-        | MISSING
-    ) = MISSING
-    tolerance_deg: Annotated[
-        Num, Field(ge=1e-6, le=10.0, description="Width of the final bracket of `outcome`. [°]")
-    ] = degrees(SEARCH.tolerance)
-    relative_tolerance: Annotated[
-        Num,
-        Field(
-            ge=1e-8,
-            le=0.5,
-            description="The paper's searches end when two angles in a row differ by less than this fraction. [1]",
-        ),
-    ] = SEARCH.relative_tolerance
+    lower_deg: Obliquity | MISSING = MISSING
+    """Lower end of the range; 5 when not given, 40 in the paper's searches. [°]"""
+    upper_deg: Obliquity | MISSING = MISSING
+    """Upper end of the range; 85 when not given, 60 in the paper's searches. [°]"""
+    tolerance_deg: Annotated[Num, Field(ge=1e-6, le=10.0)] = degrees(SEARCH.tolerance)
+    """Width of the final bracket of `outcome`. [°]"""
+    relative_tolerance: Annotated[Num, Field(ge=1e-8, le=0.5)] = SEARCH.relative_tolerance
+    """The paper's searches end when two angles in a row differ by less than this fraction. [1]"""
 
     def to_solver(self) -> solver.Search:
         """Return the solver's search."""

@@ -150,7 +150,8 @@ class PerforationTrial(Part):
     """How one run of a search for perforation ended."""
 
     outcome: Outcome
-    exit: Annotated[Exit, Field(description="If the projectile left.")] | MISSING = MISSING
+    exit: Exit | MISSING = MISSING
+    """If the projectile left."""
 
 
 class ThicknessTrial(PerforationTrial):
@@ -158,7 +159,8 @@ class ThicknessTrial(PerforationTrial):
 
     model_config = with_examples(THICKNESS_TRIAL)
 
-    thickness_m: Annotated[Num, Field(description="[m]")]
+    thickness_m: Num
+    """[m]"""
 
 
 class SpeedTrial(PerforationTrial):
@@ -166,7 +168,8 @@ class SpeedTrial(PerforationTrial):
 
     model_config = with_examples(SPEED_TRIAL)
 
-    velocity_m_s: Annotated[Num, Field(description="[m/s]")]
+    velocity_m_s: Num
+    """[m/s]"""
 
 
 class ThicknessAnswer(Part):
@@ -175,28 +178,15 @@ class ThicknessAnswer(Part):
     model_config = with_examples(THICKNESS | VERSIONED)
 
     status: PerforationStatus
-    least_thickness_m: (
-        Annotated[
-            Num,
-            Field(
-                description="Least thickness seen to stop the projectile, if there is one from a tenth to a thousand "
-                "diameters. Unless `resistance` has a `rear_plug` and a `crater`, the wall has neither, and a real one "
-                "has to be thicker. [m]"
-            ),
-        ]
-        | MISSING
-    ) = MISSING
-    bracket_m: (
-        Annotated[
-            list[Num],
-            Field(min_length=2, max_length=2, description="Thicknesses between which the outcome changes. [m]"),
-        ]
-        | MISSING
-    ) = MISSING
-    iterations: Annotated[list[ThicknessTrial], Field(description="Every thickness tried, in order.")]
-    formulas: Annotated[
-        list[FormulaRow], Field(description="Empirical formulas with a perforation thickness for the same strike.")
-    ]
+    least_thickness_m: Num | MISSING = MISSING
+    """Least thickness seen to stop the projectile, if there is one from a tenth to a thousand diameters. Unless
+    `resistance` has a `rear_plug` and a `crater`, the wall has neither, and a real one has to be thicker. [m]"""
+    bracket_m: Annotated[list[Num], Field(min_length=2, max_length=2)] | MISSING = MISSING
+    """Thicknesses between which the outcome changes. [m]"""
+    iterations: list[ThicknessTrial]
+    """Every thickness tried, in order."""
+    formulas: list[FormulaRow]
+    """Empirical formulas with a perforation thickness for the same strike."""
     warnings: list[ModelWarning]
     key: Key
     engine_version: EngineVersion
@@ -208,28 +198,15 @@ class LimitSpeedAnswer(Part):
     model_config = with_examples(SPEED | VERSIONED)
 
     status: PerforationStatus
-    limit_speed_m_s: (
-        Annotated[
-            Num,
-            Field(
-                description="Least speed seen to perforate, if there is one from 1 to 2,000 m/s. Unless `resistance` "
-                "has a `rear_plug` and a `crater`, the wall has neither, and slower projectiles perforate real ones. "
-                "[m/s]"
-            ),
-        ]
-        | MISSING
-    ) = MISSING
-    bracket_m_s: (
-        Annotated[
-            list[Num],
-            Field(min_length=2, max_length=2, description="Speeds between which the outcome changes. [m/s]"),
-        ]
-        | MISSING
-    ) = MISSING
-    iterations: Annotated[list[SpeedTrial], Field(description="Every speed tried, in order.")]
-    formulas: Annotated[
-        list[FormulaRow], Field(description="Empirical formulas with a limit speed for the same wall and angle.")
-    ]
+    limit_speed_m_s: Num | MISSING = MISSING
+    """Least speed seen to perforate, if there is one from 1 to 2,000 m/s. Unless `resistance` has a `rear_plug` and a
+    `crater`, the wall has neither, and slower projectiles perforate real ones. [m/s]"""
+    bracket_m_s: Annotated[list[Num], Field(min_length=2, max_length=2)] | MISSING = MISSING
+    """Speeds between which the outcome changes. [m/s]"""
+    iterations: list[SpeedTrial]
+    """Every speed tried, in order."""
+    formulas: list[FormulaRow]
+    """Empirical formulas with a limit speed for the same wall and angle."""
     warnings: list[ModelWarning]
     key: Key
     engine_version: EngineVersion

@@ -246,6 +246,11 @@ FOUND = ("status", "outcome", "critical_angle_deg")
 """Fields of an answer that stand in the list of alternatives."""
 
 
+def alternatives_in(request: Any) -> list[tuple[dict[str, Any], Any]]:
+    """Return the alternatives that a request of any operation has, as `alternative_requests`."""
+    return alternative_requests(request) if getattr(request, "alternatives", False) else []
+
+
 def alternative_requests(request: Request) -> list[tuple[dict[str, Any], Request]]:
     """Return the laws and the request of each alternative: the same case, with its inertia, under other laws."""
     found = []

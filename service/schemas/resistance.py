@@ -53,7 +53,8 @@ class ConstantStrengthFactor(Part):
     model_config = with_examples(CONSTANT)
 
     model: Literal["constant"]
-    value: Annotated[Num, Field(gt=0.0, le=1000.0, description="[1] Measured ones lie between some 5 and 25.")]
+    value: Annotated[Num, Field(gt=0.0, le=1000.0)]
+    """[1] Measured ones lie between some 5 and 25."""
 
     def to_solver(self) -> solver.ConstantStrengthFactor:
         """Return the solver's model."""
@@ -103,14 +104,16 @@ class StrengthPowerLaw(Part):
     model_config = with_examples({"model": "strength_power_law"}, STRENGTH, STRENGTH_AND_DIAMETER)
 
     model: Literal["strength_power_law"]
-    coefficient: Annotated[
-        Num,
-        Field(gt=0.0, le=1e6, description="82.6 with -0.544 (Frew et al. 1998), 72 with -0.5 (Li and Chen). [1]"),
-    ] = POWER_LAW.coefficient
-    exponent: Annotated[Num, Field(ge=-10.0, le=10.0, description="Exponent of the strength. [1]")] = POWER_LAW.exponent
-    reference_strength_pa: Annotated[Num, Field(ge=1e5, le=1e9, description="[Pa]")] = POWER_LAW.reference_strength
-    diameter_exponent: Annotated[Num, Field(ge=-10.0, le=10.0, description="[1]")] = POWER_LAW.diameter_exponent
-    reference_diameter_m: Annotated[Num, Field(ge=1e-4, le=100.0, description="[m]")] = POWER_LAW.reference_diameter
+    coefficient: Annotated[Num, Field(gt=0.0, le=1e6)] = POWER_LAW.coefficient
+    """82.6 with -0.544 (Frew et al. 1998), 72 with -0.5 (Li and Chen). [1]"""
+    exponent: Annotated[Num, Field(ge=-10.0, le=10.0)] = POWER_LAW.exponent
+    """Exponent of the strength. [1]"""
+    reference_strength_pa: Annotated[Num, Field(ge=1e5, le=1e9)] = POWER_LAW.reference_strength
+    """[Pa]"""
+    diameter_exponent: Annotated[Num, Field(ge=-10.0, le=10.0)] = POWER_LAW.diameter_exponent
+    """[1]"""
+    reference_diameter_m: Annotated[Num, Field(ge=1e-4, le=100.0)] = POWER_LAW.reference_diameter
+    """[m]"""
     obliquity_shape: ObliquityShape = ObliquityShape.CONSTANT
 
     def to_solver(self) -> solver.StrengthPowerLaw:
@@ -182,9 +185,8 @@ class FreeSurface(Part):
     model_config = with_examples({"model": "elastic_plastic"}, MOHR_COULOMB, {"model": "none"})
 
     model: FreeSurfaceModel
-    inertia: Annotated[
-        Flag, Field(description="Include the inertia of the expanding solid; without effect on `none`.")
-    ] = False
+    inertia: Flag = False
+    """Include the inertia of the expanding solid; without effect on `none`."""
 
     def to_solver(self) -> solver.ElasticPlastic | solver.MohrCoulomb | solver.NoFreeSurface:
         """Return the solver's model."""
@@ -214,15 +216,9 @@ class Crater(Part):
 
     model_config = with_examples({"depth_diameters": 2.0})
 
-    depth_diameters: Annotated[
-        Num,
-        Field(
-            gt=0.0,
-            le=20.0,
-            description="Depth over the diameter of the projectile: 2 (Forrestal et al. 1994), or 0.707 and the length "
-            "of the nose over the diameter (Li and Chen 2003). [1]",
-        ),
-    ] = CRATER.depth_diameters
+    depth_diameters: Annotated[Num, Field(gt=0.0, le=20.0)] = CRATER.depth_diameters
+    """Depth over the diameter of the projectile: 2 (Forrestal et al. 1994), or 0.707 and the length of the nose over
+    the diameter (Li and Chen 2003). [1]"""
 
     def to_solver(self) -> solver.Crater:
         """Return the solver's crater."""
@@ -234,9 +230,8 @@ class ShearPlug(Part):
 
     model_config = with_examples({"cone_angle_deg": 66.1})
 
-    cone_angle_deg: Annotated[
-        Num, Field(ge=10.0, le=85.0, description="Between the axis of the cone and its side. [°]")
-    ] = round(math.degrees(PLUG.cone_angle), 9)
+    cone_angle_deg: Annotated[Num, Field(ge=10.0, le=85.0)] = round(math.degrees(PLUG.cone_angle), 9)
+    """Between the axis of the cone and its side. [°]"""
 
     def to_solver(self) -> solver.ShearPlug:
         """Return the solver's plug."""
@@ -253,21 +248,15 @@ class Resistance(Part):
     )
 
     strength_factor: Annotated[
-        StrengthFactor,
-        Field(
-            default_factory=partial(ObliquityPolynomial, model="obliquity_polynomial"),
-            description="Scales the compressive strength; `obliquity_polynomial` when not given.",
-        ),
+        StrengthFactor, Field(default_factory=partial(ObliquityPolynomial, model="obliquity_polynomial"))
     ]
+    """Scales the compressive strength; `obliquity_polynomial` when not given."""
     inertia_factor: InertiaFactor = 1.0
     free_surface: Decay
-    crater: Annotated[Crater, Field(description="None when not given.")] | MISSING = MISSING
-    rear_plug: (
-        Annotated[
-            ShearPlug, Field(description="Shear plug of a wall; none when not given. Without effect on a half-space.")
-        ]
-        | MISSING
-    ) = MISSING
+    crater: Crater | MISSING = MISSING
+    """None when not given."""
+    rear_plug: ShearPlug | MISSING = MISSING
+    """Shear plug of a wall; none when not given. Without effect on a half-space."""
 
     def to_solver(self) -> solver.Resistance:
         """Return the solver's resistance."""

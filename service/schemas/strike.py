@@ -56,13 +56,8 @@ class ConicalNose(Part):
     model_config = with_examples(CONICAL)
 
     shape: Literal["conical"]
-    length_to_diameter: Annotated[
-        Num,
-        Field(
-            **within("projectile.nose.length_to_diameter"),
-            description="Height of the cone over the shank diameter. [1]",
-        ),
-    ]
+    length_to_diameter: Annotated[Num, Field(**within("projectile.nose.length_to_diameter"))]
+    """Height of the cone over the shank diameter. [1]"""
 
     def to_solver(self) -> solver.Conical:
         """Return the solver's cone."""
@@ -100,15 +95,9 @@ class ProfileNose(Part):
     model_config = with_examples(PROFILE)
 
     shape: Literal["profile"]
-    points: Annotated[
-        list[ProfilePoint],
-        Field(
-            min_length=2,
-            max_length=1000,
-            description="[x, r] from the tip: x, the distance behind it, from 0; r, the distance from the axis, up to "
-            "the radius of the shank. Neither may decrease, and the slope may not increase. [m]",
-        ),
-    ]
+    points: Annotated[list[ProfilePoint], Field(min_length=2, max_length=1000)]
+    """[x, r] from the tip: x, the distance behind it, from 0; r, the distance from the axis, up to the radius of the
+    shank. Neither may decrease, and the slope may not increase. [m]"""
 
     def to_solver(self) -> solver.Profile:
         """Return the solver's profile."""
@@ -130,43 +119,18 @@ class Projectile(Part):
     model_config = with_examples(PROJECTILE, PROJECTILE | {"nose": PROFILE})
 
     nose: Nose
-    diameter_m: Annotated[
-        Num,
-        Field(
-            **within("projectile.diameter"),
-            description="Diameter of the shank. [m] A pellet to far above any gun or bomb.",
-        ),
-    ]
-    length_m: Annotated[
-        Num,
-        Field(
-            **within("projectile.length"),
-            description="From the nose tip to the base, at least the length of the nose. [m]",
-        ),
-    ]
-    mass_kg: Annotated[Num, Field(**within("projectile.mass"), description="[kg] Up to 5 m by 20 m of uranium.")]
-    center_of_gravity_m: (
-        Annotated[
-            Num,
-            Field(
-                **within("projectile.center_of_gravity"),
-                description="Distance behind the nose tip, less than the length; that of the homogeneous solid of the "
-                "outer shape when not given. [m]",
-            ),
-        ]
-        | MISSING
-    ) = MISSING
-    moment_of_inertia_kg_m2: (
-        Annotated[
-            Num,
-            Field(
-                **within("projectile.moment_of_inertia"),
-                description="About a transverse axis through the centre of gravity; that of the homogeneous solid of "
-                "the outer shape when not given. [kg m²]",
-            ),
-        ]
-        | MISSING
-    ) = MISSING
+    diameter_m: Annotated[Num, Field(**within("projectile.diameter"))]
+    """Diameter of the shank. [m] A pellet to far above any gun or bomb."""
+    length_m: Annotated[Num, Field(**within("projectile.length"))]
+    """From the nose tip to the base, at least the length of the nose. [m]"""
+    mass_kg: Annotated[Num, Field(**within("projectile.mass"))]
+    """[kg] Up to 5 m by 20 m of uranium."""
+    center_of_gravity_m: Annotated[Num, Field(**within("projectile.center_of_gravity"))] | MISSING = MISSING
+    """Distance behind the nose tip, less than the length; that of the homogeneous solid of the outer shape when not
+    given. [m]"""
+    moment_of_inertia_kg_m2: Annotated[Num, Field(**within("projectile.moment_of_inertia"))] | MISSING = MISSING
+    """About a transverse axis through the centre of gravity; that of the homogeneous solid of the outer shape when not
+    given. [kg m²]"""
 
     def to_solver(self) -> solver.Projectile:
         """Return the solver's projectile."""
@@ -190,42 +154,18 @@ class Target(Part):
 
     model_config = with_examples(TARGET, TARGET | {"youngs_modulus_pa": 29.5e9, "poissons_ratio": 0.2})
 
-    compressive_strength_pa: Annotated[
-        Num,
-        Field(
-            **within("target.compressive_strength"),
-            description="Unconfined compressive strength. [Pa] From the weakest foam to above any concrete; the tests "
-            "behind the model used 13 to 97 MPa.",
-        ),
-    ]
-    density_kg_m3: Annotated[
-        Num, Field(**within("target.density"), description="[kg/m³] From foam to above any heavy concrete.")
-    ]
-    youngs_modulus_pa: (
-        Annotated[
-            Num,
-            Field(
-                **within("target.youngs_modulus"),
-                description="Taken from the strength by ACI 318-19, 4700 MPa times the square root of the strength in "
-                "MPa, when not given. [Pa]",
-            ),
-        ]
-        | MISSING
-    ) = MISSING
-    poissons_ratio: Annotated[
-        Num, Field(**within("target.poissons_ratio"), description="0.5 is an incompressible solid. [1]")
-    ] = PAPER_TARGET.poissons_ratio
-    thickness_m: (
-        Annotated[
-            Num,
-            Field(
-                **within("target.thickness"),
-                description="Thickness of a wall, at least a tenth of the diameter of the projectile; a half-space "
-                "when not given. [m]",
-            ),
-        ]
-        | MISSING
-    ) = MISSING
+    compressive_strength_pa: Annotated[Num, Field(**within("target.compressive_strength"))]
+    """Unconfined compressive strength. [Pa] From the weakest foam to above any concrete; the tests behind the model
+    used 13 to 97 MPa."""
+    density_kg_m3: Annotated[Num, Field(**within("target.density"))]
+    """[kg/m³] From foam to above any heavy concrete."""
+    youngs_modulus_pa: Annotated[Num, Field(**within("target.youngs_modulus"))] | MISSING = MISSING
+    """Taken from the strength by ACI 318-19, 4700 MPa times the square root of the strength in MPa, when not given.
+    [Pa]"""
+    poissons_ratio: Annotated[Num, Field(**within("target.poissons_ratio"))] = PAPER_TARGET.poissons_ratio
+    """0.5 is an incompressible solid. [1]"""
+    thickness_m: Annotated[Num, Field(**within("target.thickness"))] | MISSING = MISSING
+    """Thickness of a wall, at least a tenth of the diameter of the projectile; a half-space when not given. [m]"""
 
     def to_solver(self) -> solver.Target:
         """Return the solver's target."""
@@ -270,13 +210,8 @@ class Strike(Part):
 
     model_config = with_examples(STRIKE, STRIKE | {"angle_of_attack_deg": 1.5, "angular_velocity_rad_s": -4.0})
 
-    velocity_m_s: Annotated[
-        Num,
-        Field(
-            **within("impact.velocity"),
-            description="Speed of the centre of gravity. [m/s] Bodies stay rigid up to some 800 m/s.",
-        ),
-    ]
+    velocity_m_s: Annotated[Num, Field(**within("impact.velocity"))]
+    """Speed of the centre of gravity. [m/s] Bodies stay rigid up to some 800 m/s."""
     angle_of_attack_deg: AngleOfAttack = 0.0
     angular_velocity_rad_s: AngularVelocity = 0.0
 

@@ -3,17 +3,18 @@
 import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cache
+from types import new_class
 from typing import Annotated, Any, Generic, Self, TypeVar
 
 from pydantic import MISSING, BaseModel, Field, StringConstraints, model_validator
 from pydantic_core import PydanticCustomError
 
-from service.schemas.batches import MOST_LINES, TrajectoryBase
-from service.schemas.perforation import WALL, LimitSpeedRequest, ThicknessRequest
+from service.schemas.batches import MOST_LINES, Batch, NamedCase, ResultItem, Results
+from service.schemas.problems import INVALID
 from service.schemas.quantities import WHOLE, Count, Num, Part, with_examples
-from service.schemas.requests import Case, CriticalAngleBase
-from service.schemas.strike import PAPER, PAPER_AT_45
+from service.schemas.requests import Case
 
 MOST_AXES = 4
 EVEN = {"field": "impact.velocity_m_s", "start": 200.0, "stop": 300.0, "count": 3}
@@ -78,28 +79,85 @@ class Sweep(Part, Generic[Base]):
     axes: Annotated[list[Axis], Field(min_length=1, max_length=MOST_AXES)]
 
 
-class TrajectorySweep(Sweep[TrajectoryBase]):
-    """Trajectories that differ in the fields of the axes: every combination, the last axis fastest."""
+@dataclass(frozen=True, slots=True)
+class CaseModels:
+    """Models of many cases of one operation: a case of a batch, bodies of a batch and a sweep, answer of both."""
 
-    model_config = with_examples({"base": PAPER_AT_45, "axes": [EVEN, LISTED]})
+    base: type[Case]
+    """A point of a sweep."""
+    case: type[Case]
+    batch: type[Part]
+    sweep: type[Part]
+    results: type[Part]
 
+    @classmethod
+    def of(
+        cls,
+        name: str,
+        base: type[Case],
+        answer: type[Part],
+        *,
+        one: str,
+        many: str,
+        verb: str,
+        example: Mapping[str, Any],
+        custom_id: str,
+        axes: Sequence[Mapping[str, Any]],
+        result: Mapping[str, Any],
+        items: Sequence[Mapping[str, Any]] = (),
+    ) -> Self:
+        """Make the models of an operation.
 
-class CriticalAngleSweep(Sweep[CriticalAngleBase]):
-    """Critical angles that differ in the fields of the axes: every combination, the last axis fastest."""
+        Parameters
+        ----------
+        name
+            First part of their names.
+        base, answer
+            One request among many, and its answer.
+        one, many, verb
+            What is found, as a singular and a plural, and `compute` or `find`.
+        example, custom_id, axes, result
+            A request, the name of a case, the axes of a sweep and an answer for the examples.
+        items
+            Examples of what became of a case; a result and a problem if none are given.
+        """
 
-    model_config = with_examples({"base": PAPER, "axes": [EVEN, LISTED]})
+        def model(kind: str, doc: str, *examples: Mapping[str, Any], bases: tuple[Any, ...]) -> Any:
+            body = {"__doc__": doc, "__module__": __name__, "model_config": with_examples(*map(dict, examples))}
+            return new_class(f"{name}{kind}", bases, exec_body=lambda namespace: namespace.update(body))
 
-
-class ThicknessSweep(Sweep[ThicknessRequest]):
-    """Least thicknesses that differ in the fields of the axes: every combination, the last axis fastest."""
-
-    model_config = with_examples({"base": PAPER_AT_45, "axes": [ANGLES]})
-
-
-class LimitSpeedSweep(Sweep[LimitSpeedRequest]):
-    """Limit speeds that differ in the fields of the axes: every combination, the last axis fastest."""
-
-    model_config = with_examples({"base": WALL, "axes": [ANGLES]})
+        title, found = f"{many[0].upper()}{many[1:]}", {"index": 0, "result": result}
+        case = model(
+            "Case", f"A case of a batch of {many}.", {**example, "custom_id": custom_id}, bases=(NamedCase, base)
+        )
+        item = model(
+            "Item",
+            f"What became of one {one}: its result, or the problem that kept it from having one.",
+            *(items or (found, {"index": 1, "problem": INVALID})),
+            bases=(ResultItem.__class_getitem__(answer),),
+        )
+        return cls(
+            base,
+            case,
+            model(
+                "Batch",
+                f"{title} to {verb}.",
+                {"cases": [example, {**example, "custom_id": "again"}]},
+                bases=(Batch.__class_getitem__(case),),
+            ),
+            model(
+                "Sweep",
+                f"{title} that differ in the fields of the axes: every combination, the last axis fastest.",
+                {"base": example, "axes": axes},
+                bases=(Sweep.__class_getitem__(base),),
+            ),
+            model(
+                "Results",
+                f"{title}, in the order of the request.",
+                {"results": [found]},
+                bases=(Results.__class_getitem__(item),),
+            ),
+        )
 
 
 class Outline(Part):

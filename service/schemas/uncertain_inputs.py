@@ -43,10 +43,10 @@ class Spread(Part):
     """A mean with a standard deviation or a coefficient of variation."""
 
     mean: Finite
-    standard_deviation: Annotated[Finite, Field(description="In the unit of the field.")] | MISSING = MISSING
-    coefficient_of_variation: Annotated[Finite, Field(description="Instead of it: over the mean. [1]")] | MISSING = (
-        MISSING
-    )
+    standard_deviation: Finite | MISSING = MISSING
+    """In the unit of the field."""
+    coefficient_of_variation: Finite | MISSING = MISSING
+    """Instead of it: over the mean. [1]"""
 
 
 class NormalDistribution(Spread):
@@ -84,14 +84,13 @@ class LognormalDistribution(Part):
 
     type: Literal["lognormal"]
     median: Finite | MISSING = MISSING
-    dispersion: Annotated[Finite, Field(description="Standard deviation of the natural logarithm. [1]")] | MISSING = (
-        MISSING
-    )
+    dispersion: Finite | MISSING = MISSING
+    """Standard deviation of the natural logarithm. [1]"""
     mean: Finite | MISSING = MISSING
-    standard_deviation: Annotated[Finite, Field(description="In the unit of the field.")] | MISSING = MISSING
-    coefficient_of_variation: Annotated[Finite, Field(description="Instead of it: over the mean. [1]")] | MISSING = (
-        MISSING
-    )
+    standard_deviation: Finite | MISSING = MISSING
+    """In the unit of the field."""
+    coefficient_of_variation: Finite | MISSING = MISSING
+    """Instead of it: over the mean. [1]"""
 
     def to_solver(self) -> Lognormal:
         """Return the solver's distribution."""
@@ -146,13 +145,8 @@ class DiscreteDistribution(Part):
 
     type: Literal["discrete"]
     values: DiscreteValues
-    weights: (
-        Annotated[
-            list[Finite],
-            Field(min_length=1, max_length=100, description="Probabilities; they sum to 1. Equal when not given."),
-        ]
-        | MISSING
-    ) = MISSING
+    weights: Annotated[list[Finite], Field(min_length=1, max_length=100)] | MISSING = MISSING
+    """Probabilities; they sum to 1. Equal when not given."""
 
     def to_solver(self) -> Discrete:
         """Return the solver's distribution."""

@@ -36,8 +36,10 @@ class AngleRange(Part):
 
     model_config = with_examples({"start": 30.0, "stop": 70.0, "count": 81})
 
-    start: Annotated[Num, Field(ge=0.0, lt=90.0, description="[°]")] = 5.0
-    stop: Annotated[Num, Field(ge=0.0, lt=90.0, description="[°]")] = 85.0
+    start: Annotated[Num, Field(ge=0.0, lt=90.0)] = 5.0
+    """[°]"""
+    stop: Annotated[Num, Field(ge=0.0, lt=90.0)] = 85.0
+    """[°]"""
     count: Annotated[Count, Field(ge=2, le=2001), WHOLE] = 161
 
     @model_validator(mode="after")
@@ -63,38 +65,17 @@ class SamplingSettings(Part):
 
     model_config = with_examples({"half_width": 0.02, "confidence": 0.95, "max_samples": 16384, "seed": 7})
 
-    half_width: Annotated[
-        Num,
-        Field(
-            ge=1e-4,
-            le=0.5,
-            description="Half width of the interval of every probability, cut off at 0 and 1, at which sampling "
-            "ends. [1]",
-        ),
-    ] = SAMPLING.half_width
-    confidence: Annotated[Num, Field(ge=0.5, le=0.9999, description="Confidence level of every interval. [1]")] = (
-        SAMPLING.confidence
-    )
-    max_samples: Annotated[
-        Count,
-        Field(
-            ge=256,
-            le=MOST_SAMPLES,
-            description="Searches or runs at most, never exceeded. With `sensitivity` at least 256 and those in which "
-            "one input is changed alone: two for each continuous input, one for each discrete value.",
-        ),
-        WHOLE,
-    ] = SAMPLING.max_samples
-    seed: Annotated[Count, Field(ge=0, le=2**53, description="Sample i of a seed is always the same."), WHOLE] = (
-        SAMPLING.seed
-    )
-    method: Annotated[
-        SamplingMethod,
-        Field(
-            description="`auto` uses the surrogate where it passes its check and gives the narrower intervals, "
-            "`direct` never."
-        ),
-    ] = SamplingMethod.AUTO
+    half_width: Annotated[Num, Field(ge=1e-4, le=0.5)] = SAMPLING.half_width
+    """Half width of the interval of every probability, cut off at 0 and 1, at which sampling ends. [1]"""
+    confidence: Annotated[Num, Field(ge=0.5, le=0.9999)] = SAMPLING.confidence
+    """Confidence level of every interval. [1]"""
+    max_samples: Annotated[Count, Field(ge=256, le=MOST_SAMPLES), WHOLE] = SAMPLING.max_samples
+    """Searches or runs at most, never exceeded. With `sensitivity` at least 256 and those in which one input is changed
+    alone: two for each continuous input, one for each discrete value."""
+    seed: Annotated[Count, Field(ge=0, le=2**53), WHOLE] = SAMPLING.seed
+    """Sample i of a seed is always the same."""
+    method: SamplingMethod = SamplingMethod.AUTO
+    """`auto` uses the surrogate where it passes its check and gives the narrower intervals, `direct` never."""
 
     def to_solver(self) -> Sampling:
         """Return the solver's settings."""
@@ -122,10 +103,10 @@ class CriticalAngleUncertaintyRequest(UncertainCase):
 
     impact: Strike
     search: Annotated[Search, Field(default_factory=Search)]
-    oblique_angles_deg: Annotated[
-        AngleRange, Field(default_factory=AngleRange, description="At which the probability is given.")
-    ]
-    sensitivity: Annotated[Flag, Field(description="Whether to give Sobol indices and swings.")] = True
+    oblique_angles_deg: Annotated[AngleRange, Field(default_factory=AngleRange)]
+    """At which the probability is given."""
+    sensitivity: Flag = True
+    """Whether to give Sobol indices and swings."""
 
     @property
     def base(self) -> dict[str, Any]:

@@ -35,7 +35,8 @@ class QuantileAnswer(EstimateAnswer):
 
     model_config = with_examples({"level": 0.5, "value": 48.8, "lower": 48.7, "upper": 48.9})
 
-    level: Annotated[Num, Field(ge=0.0, le=1.0, description="Share of the samples below it.")]
+    level: Annotated[Num, Field(ge=0.0, le=1.0)]
+    """Share of the samples below it."""
 
 
 class ProbabilityCurve(Part):
@@ -58,8 +59,10 @@ class CriticalAngleDistribution(Part):
 
     mean_deg: EstimateAnswer | MISSING = MISSING
     standard_deviation_deg: EstimateAnswer | MISSING = MISSING
-    quantiles: Annotated[list[QuantileAnswer], Field(description="[°]")]
-    share_without_angle: Annotated[EstimateAnswer, Field(description="Share of all samples with an outcome.")]
+    quantiles: list[QuantileAnswer]
+    """[°]"""
+    share_without_angle: EstimateAnswer
+    """Share of all samples with an outcome."""
 
 
 InputValue = TypeAliasType("InputValue", Annotated[Num | str, Field(description="A number, or the name of a model.")])
@@ -71,10 +74,10 @@ class SwingAnswer(Part):
 
     model_config = with_examples({"value": 234.1, "critical_angle_deg": 48.5})
 
-    value: Annotated[
-        InputValue, Field(description="Value of the input: its 5 % and 95 % quantiles, or each discrete value.")
-    ]
-    critical_angle_deg: Annotated[Num, Field(description="If there is one. [°]")] | MISSING = MISSING
+    value: InputValue
+    """Value of the input: its 5 % and 95 % quantiles, or each discrete value."""
+    critical_angle_deg: Num | MISSING = MISSING
+    """If there is one. [°]"""
 
 
 class SensitivityAnswer(Part):
@@ -85,8 +88,10 @@ class SensitivityAnswer(Part):
     )
 
     field: str
-    first_order: Annotated[EstimateAnswer, Field(description="Share of the input alone. [1]")] | MISSING = MISSING
-    total: Annotated[EstimateAnswer, Field(description="Share with its interactions. [1]")] | MISSING = MISSING
+    first_order: EstimateAnswer | MISSING = MISSING
+    """Share of the input alone. [1]"""
+    total: EstimateAnswer | MISSING = MISSING
+    """Share with its interactions. [1]"""
     swing: list[SwingAnswer]
 
 
@@ -96,19 +101,22 @@ class ConvergenceAnswer(Part):
     model_config = with_examples({"samples": [266], "half_width": [0.013]})
 
     samples: list[Count]
-    half_width: Annotated[list[Num], Field(description="Largest of all intervals of a probability. [1]")]
+    half_width: list[Num]
+    """Largest of all intervals of a probability. [1]"""
 
 
 class UncertaintyAnswer(Part):
     """What both answers have in common."""
 
     convergence: ConvergenceAnswer
-    converged: Annotated[bool, Field(description="Whether every interval is within the half width wanted.")]
-    samples: Annotated[Count, Field(description="Searches or runs.")]
-    samples_failed: Annotated[Count, Field(description="Those that could not be computed.")]
-    samples_outside: Annotated[
-        Count, Field(description="Those outside the accepted range: they count as not known, as failed ones do.")
-    ]
+    converged: bool
+    """Whether every interval is within the half width wanted."""
+    samples: Count
+    """Searches or runs."""
+    samples_failed: Count
+    """Those that could not be computed."""
+    samples_outside: Count
+    """Those outside the accepted range: they count as not known, as failed ones do."""
     seed: Count
     warnings: list[ModelWarning]
     key: Key
@@ -122,12 +130,14 @@ class StudyProgress(Part):
         {"samples": 1024, "max_samples": 16384, "half_width": 0.031, "requested_half_width": 0.02}
     )
 
-    samples: Annotated[Count, Field(description="Searches or runs done.")]
-    max_samples: Annotated[Count, Field(description="At most; it ends earlier if the half width is reached.")]
-    half_width: (
-        Annotated[Num, Field(description="Reached: largest of all intervals of a probability. [1]")] | MISSING
-    ) = MISSING
-    requested_half_width: Annotated[Num, Field(description="At which it ends. [1]")]
+    samples: Count
+    """Searches or runs done."""
+    max_samples: Count
+    """At most; it ends earlier if the half width is reached."""
+    half_width: Num | MISSING = MISSING
+    """Reached: largest of all intervals of a probability. [1]"""
+    requested_half_width: Num
+    """At which it ends. [1]"""
 
 
 SAMPLED = {
@@ -170,18 +180,14 @@ class CriticalAngleUncertaintyAnswer(UncertaintyAnswer):
 
     probability: ProbabilityCurve
     critical_angle: CriticalAngleDistribution
-    sensitivity: Annotated[list[SensitivityAnswer], Field(description="If wanted.")] | MISSING = MISSING
-    method: Annotated[
-        UncertaintyMethod,
-        Field(
-            description="`surrogate`: a polynomial chaos of the angle; `direct`: outcomes of randomised Sobol points."
-        ),
-    ]
-    polynomial_order: Annotated[Count, Field(description="Order of the surrogate.")] | MISSING = MISSING
-    surrogate_error_deg: (
-        Annotated[Num, Field(description="Root mean square at held-out points, also where it was too large. [°]")]
-        | MISSING
-    ) = MISSING
+    sensitivity: list[SensitivityAnswer] | MISSING = MISSING
+    """If wanted."""
+    method: UncertaintyMethod
+    """`surrogate`: a polynomial chaos of the angle; `direct`: outcomes of randomised Sobol points."""
+    polynomial_order: Count | MISSING = MISSING
+    """Order of the surrogate."""
+    surrogate_error_deg: Num | MISSING = MISSING
+    """Root mean square at held-out points, also where it was too large. [°]"""
 
 
 class OutcomeProbability(EstimateAnswer):
@@ -217,22 +223,18 @@ class TrajectoryUncertaintyAnswer(UncertaintyAnswer):
     )
 
     outcomes: list[OutcomeProbability]
-    maximum_depth_m: Annotated[list[QuantileAnswer], Field(description="Quantiles over all runs. [m]")]
-    ricochet_exit: Annotated[ExitQuantilesAnswer, Field(description="Exit of those turned away, if any.")] | MISSING = (
-        MISSING
-    )
-    perforation_exit: (
-        Annotated[ExitQuantilesAnswer, Field(description="Exit of those that perforated, if any.")] | MISSING
-    ) = MISSING
-    exit_speed_m_s: (
-        Annotated[list[QuantileAnswer], Field(description="`speed_m_s` of `ricochet_exit`. [m/s]")] | MISSING
-    ) = MISSING
-    exit_angle_deg: (
-        Annotated[list[QuantileAnswer], Field(description="`direction_deg` of `ricochet_exit`. [°]")] | MISSING
-    ) = MISSING
-    residual_speed_m_s: (
-        Annotated[list[QuantileAnswer], Field(description="`speed_m_s` of `perforation_exit`. [m/s]")] | MISSING
-    ) = MISSING
+    maximum_depth_m: list[QuantileAnswer]
+    """Quantiles over all runs. [m]"""
+    ricochet_exit: ExitQuantilesAnswer | MISSING = MISSING
+    """Exit of those turned away, if any."""
+    perforation_exit: ExitQuantilesAnswer | MISSING = MISSING
+    """Exit of those that perforated, if any."""
+    exit_speed_m_s: list[QuantileAnswer] | MISSING = MISSING
+    """`speed_m_s` of `ricochet_exit`. [m/s]"""
+    exit_angle_deg: list[QuantileAnswer] | MISSING = MISSING
+    """`direction_deg` of `ricochet_exit`. [°]"""
+    residual_speed_m_s: list[QuantileAnswer] | MISSING = MISSING
+    """`speed_m_s` of `perforation_exit`. [m/s]"""
 
 
 class PartialUncertainty(Part):
@@ -245,12 +247,10 @@ class PartialUncertainty(Part):
         }
     )
 
-    probability: (
-        Annotated[ProbabilityCurve, Field(description="Probability curve of a study of critical angles.")] | MISSING
-    ) = MISSING
-    outcomes: Annotated[list[OutcomeProbability], Field(description="Outcomes of a study of one strike.")] | MISSING = (
-        MISSING
-    )
+    probability: ProbabilityCurve | MISSING = MISSING
+    """Probability curve of a study of critical angles."""
+    outcomes: list[OutcomeProbability] | MISSING = MISSING
+    """Outcomes of a study of one strike."""
     convergence: ConvergenceAnswer
 
 

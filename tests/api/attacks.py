@@ -136,8 +136,8 @@ def path_tricks(attacker: Attacker) -> None:
 
 
 def long_heads(attacker: Attacker) -> None:
-    """Send many headers."""
-    attacker.send(b"GET /livez HTTP/1.1", *(b"X-%d: %b" % (number, b"x" * 100) for number in range(500)))
+    """Send many headers and no key; a head of any length is read, as the proxy has the limit for it."""
+    attacker.send(b"GET /jobs HTTP/1.1", *(b"X-%d: %b" % (number, b"x" * 100) for number in range(500)))
 
 
 def long_bodies(attacker: Attacker) -> None:

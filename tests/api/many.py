@@ -7,6 +7,7 @@ from typing import Any
 
 import httpx
 
+from service.operations import OPERATIONS
 from service.schemas.strike import PAPER, PAPER_AT_45
 
 JSONL = "application/jsonl"
@@ -61,3 +62,10 @@ def finished(client: httpx.Client, job: dict[str, Any]) -> dict[str, Any]:
         time.sleep(0.05)
         job = client.get(job["links"]["self"]).raise_for_status().json()
     return job
+
+
+def check_results(operation: str, items: list[dict[str, Any]]) -> None:
+    """Check that these are results of many cases of an operation, as the contract has them."""
+    many = OPERATIONS[operation].many
+    assert many is not None
+    many.models.results.model_validate({"results": items})

@@ -6,11 +6,11 @@ from typing import Any
 import httpx
 import pytest
 
-from service.schemas import CriticalAngleResults, Job, TrajectoryResults
+from service.schemas import Job
 from service.schemas.problems import Problem
 from service.schemas.strike import PAPER, PAPER_AT_45
 
-from .many import ASYNC, JSONL, LINES, finished, items_of, lines, searches, strikes
+from .many import ASYNC, JSONL, LINES, check_results, finished, items_of, lines, searches, strikes
 
 TOO_SHORT = PAPER | {"projectile": PAPER["projectile"] | {"length_m": 0.1}}
 
@@ -39,7 +39,7 @@ def test_batch_answers_each_case_as_it_is_answered_alone(client: httpx.Client, a
         alone = client.post("/cra", json=cases[item["index"]])
         assert alone.headers["Cache-Status"] == "ricochet; hit"
         assert alone.json() == item["result"]
-    CriticalAngleResults.model_validate({"results": items})
+    check_results("cra", items)
 
 
 def test_json_answer_is_in_the_order_of_the_request_and_says_what_was_cached(client: httpx.Client) -> None:
@@ -57,7 +57,7 @@ def test_history_is_given_only_to_cases_that_ask_for_it(client: httpx.Client) ->
     items = items_of(client.post("/trajectory/batch", json={"cases": [quiet, told | {"output": {"history": True}}]}))
     assert "history" not in items[0]["result"]
     assert items[1]["result"]["history"]["time_s"][0] == 0.0
-    TrajectoryResults.model_validate({"results": items})
+    check_results("trajectory", items)
     alone = client.post("/trajectory", json=quiet | {"output": {"history": False}})
     assert alone.headers["Cache-Status"] == "ricochet; hit"
     assert alone.json() == items[0]["result"]

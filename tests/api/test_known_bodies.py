@@ -1,7 +1,6 @@
 """Bodies that were answered just before are answered from memory, and as they would be otherwise."""
 
 import asyncio
-import time
 from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import Any
@@ -105,24 +104,3 @@ async def test_memory_for_bodies_is_bounded(app: FastAPI) -> None:
         assert (await call(app, "/cra", orjson.dumps(case), JSON))[0] == 200
     assert 1 < len(bodies._known) < 10
     assert bodies._nbytes <= 5_000
-
-
-async def test_known_body_costs_no_more_than_three_times_an_empty_route(app: FastAPI) -> None:
-    """Processor time without the server, which adds the same to both: with it, twice is the aim."""
-    empty = FastAPI()
-
-    @empty.get("/")
-    async def nothing() -> dict[str, str]:
-        return {}
-
-    async def seconds(app: ASGIApp, path: str, body: bytes) -> float:
-        await asyncio.sleep(0)
-        begun = time.process_time()
-        for _ in range(200):
-            await call(app, path, body, JSON)
-        return time.process_time() - begun
-
-    known = orjson.dumps(PAPER)
-    await call(app, "/cra", known, JSON)
-    rounds = [(await seconds(empty, "/", b""), await seconds(app, "/cra", known)) for _ in range(7)]
-    assert min(hot for _, hot in rounds) < 3.0 * min(bare for bare, _ in rounds)

@@ -18,6 +18,7 @@ from urllib.parse import urlsplit
 import httpx
 import pytest
 
+from service.api.middleware import DRAIN_BYTES
 from tests.conftest import free_port
 
 from .certificates import make_certificate
@@ -44,7 +45,6 @@ REFUSALS = [
     Refusal(405, path="/livez"),
     Refusal(415, headers={"Content-Type": "text/plain"}),
     Refusal(421, headers=JSON | {"Host": "evil.example"}),
-    Refusal(431, headers=JSON | {f"X-{number}": "1" for number in range(150)}),
 ]
 WITHOUT_FORBIDDEN_HEADERS = [refusal for refusal in REFUSALS if refusal.status in {404, 405, 413, 415}]
 
@@ -81,7 +81,7 @@ def server(
     tmp_path_factory: pytest.TempPathFactory,
 ) -> Iterator[Server]:
     folder = tmp_path_factory.mktemp("refusing")
-    with served(service_on, folder, request.param, discard_seconds=str(PATIENCE_S)) as found:
+    with served(service_on, folder, request.param) as found:
         yield found
 
 
@@ -267,17 +267,9 @@ def request(path: str, length: int, *more: str) -> bytes:
     return "\r\n".join([*lines, *more, "", ""]).encode()
 
 
-def sent_until_closed(end: socket.socket, piece: bytes, most: int, pause: float = 0.0) -> int:
-    """How much can be sent before the other side has gone; `most` if it never does."""
-    sent = 0
-    try:
-        while sent < most:
-            end.sendall(piece)
-            sent += len(piece)
-            time.sleep(pause)
-    except OSError:
-        pass
-    return sent
+def read_all(end: socket.socket) -> bytes:
+    """What arrives until the server closes the connection."""
+    return b"".join(iter(lambda: end.recv(65536), b""))
 
 
 def test_connection_that_is_kept_alive_is_good_for_the_next_request(server: Server) -> None:
@@ -288,73 +280,49 @@ def test_connection_that_is_kept_alive_is_good_for_the_next_request(server: Serv
             assert client.get("/livez").status_code == 200
 
 
-def test_refusal_ends_the_connection_for_reading_while_the_body_is_sent(server: Server) -> None:
-    if server.certificate is not None:
-        pytest.skip("TLS has no end in one direction alone")
-    with connect(server) as end:
-        end.sendall(request("/nothing", 1000, "Connection: close") + bytes(10))
-        answer = b"".join(iter(lambda: end.recv(65536), b""))
-        assert answer.split(b" ")[1] == b"404"
-        end.sendall(bytes(10))
-
-
 def test_request_behind_the_last_one_is_not_answered(server: Server) -> None:
     with connect(server) as end:
-        end.sendall(request("/nothing", 100_000, "Connection: close") + bytes(1000))
-        head = end.recv(65536)
-        assert head.split(b" ")[1] == b"404"
-        end.sendall(bytes(99_000) + b"GET /livez HTTP/1.1\r\nHost: localhost\r\n\r\n")
-        rest = b""
+        end.sendall(request("/nothing", 100_000, "Connection: close") + bytes(100_000))
+        end.sendall(b"GET /livez HTTP/1.1\r\nHost: localhost\r\n\r\n")
+        answer = b""
         with suppress(ConnectionResetError):
-            rest = b"".join(iter(lambda: end.recv(65536), b""))
-        assert b"HTTP/1.1" not in rest
-
-
-@pytest.fixture(scope="module", params=["plain", "tls"])
-def brief(
-    request: pytest.FixtureRequest,
-    service_on: Callable[..., AbstractContextManager[Any]],
-    tmp_path_factory: pytest.TempPathFactory,
-) -> Iterator[Server]:
-    """A service that discards no more than 1 MiB, in the usual time."""
-    folder = tmp_path_factory.mktemp("brief")
-    with served(service_on, folder, request.param, max_discarded_bytes=str(1 << 20)) as found:
-        yield found
+            while part := end.recv(65536):
+                answer += part
+        assert answer.count(b"HTTP/1.1") == 1
+        assert answer.split(b" ")[1] == b"404"
 
 
 @pytest.mark.parametrize("header", ["Connection: close", "Connection: keep-alive"])
-def test_rest_of_a_body_is_not_read_for_long(brief: Server, header: str) -> None:
-    with connect(brief) as end:
-        end.sendall(request("/nothing", 10**9, header))
-        begun = time.monotonic()
-        sent_until_closed(end, bytes(100), most=100 * 1000, pause=0.02)
-        assert 1.0 < time.monotonic() - begun < 12.0
+def test_rest_of_a_body_that_does_not_come_is_not_waited_for(server: Server, header: str) -> None:
+    with connect(server) as end:
+        end.sendall(request("/nothing", 1000, header) + bytes(10))
+        answer = read_all(end)
+    assert answer.split(b" ")[1] == b"404"
+    assert b"connection: close" in answer.lower()
 
 
 @pytest.mark.parametrize("header", ["Connection: close", "Connection: keep-alive"])
-def test_no_more_than_the_limit_of_a_body_is_discarded(brief: Server, header: str) -> None:
-    with connect(brief) as end:
-        end.sendall(request("/nothing", 10**9, header))
-        assert sent_until_closed(end, bytes(65536), most=200 * MEGABYTE) < 50 * MEGABYTE  # some wait in the kernel
+def test_body_that_is_far_too_long_is_not_read(server: Server, header: str) -> None:
+    with connect(server) as end:
+        end.sendall(request("/cra", 10**9, header))
+        answer = read_all(end)
+    assert answer.split(b" ")[1] == b"413"
+    assert b"connection: close" in answer.lower()
 
 
-def test_head_that_is_refused_is_bounded_too(brief: Server) -> None:
-    with connect(brief) as end:
-        end.sendall(b"GET /livez HTTP/1.1\r\n")
-        assert sent_until_closed(end, b"X-Fill: " + b"x" * 8000 + b"\r\n", most=200 * MEGABYTE) < 50 * MEGABYTE
+@pytest.mark.parametrize("server", ["plain"], indirect=True)  # asyncio ends TLS by reading on, for up to 30 s
+def test_no_more_than_the_limit_of_a_body_without_a_length_is_read(server: Server) -> None:
+    head = "POST /nothing HTTP/1.1\r\nHost: localhost\r\nTransfer-Encoding: chunked\r\n\r\n"
+    chunk, sent = b"10000\r\n" + bytes(0x10000) + b"\r\n", 0
+    with connect(server) as end, suppress(OSError):
+        end.sendall(head.encode())
+        while sent < 4 * DRAIN_BYTES:
+            end.sendall(chunk)
+            sent += len(chunk)
+    assert sent < 2 * DRAIN_BYTES  # some waits in the kernel
 
 
-def test_connection_beyond_the_limit_reads_that_it_is_refused(
-    service_on: Callable[..., AbstractContextManager[Any]], tmp_path: Path
-) -> None:
-    with service_on(tmp_path, max_connections="20") as service:
-        server = Server(service.url, None)
-        held = [connect(server) for _ in range(20)]
-        try:
-            with connect(server) as end:
-                end.sendall(request("/cra", 5 * MEGABYTE, "Connection: close"))
-                end.sendall(bytes(5 * MEGABYTE))
-                assert end.recv(65536).split(b" ")[1] == b"503"
-        finally:
-            for each in held:
-                each.close()
+def test_client_that_waits_to_be_asked_for_the_body_is_refused_without_it(server: Server) -> None:
+    with connect(server) as end:
+        end.sendall(request("/cra", 5 * MEGABYTE, "Expect: 100-continue"))
+        assert end.recv(65536).split(b" ")[1] == b"413"

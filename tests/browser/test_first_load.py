@@ -1,12 +1,10 @@
 """The first load over a slow line: words first, pictures later, nothing moves."""
 
-import time
 from typing import Any
 
 from playwright.sync_api import CDPSession, Page, expect
 
 SLOW_BYTES_PER_S = 400_000 / 8
-WORDS_S = 8.0
 TOP = "part => Math.round(part.getBoundingClientRect().top + scrollY)"
 
 
@@ -24,15 +22,12 @@ def test_answer_in_words_comes_before_the_plots_on_a_slow_line(page: Page) -> No
     session = page.context.new_cdp_session(page)
     session.send("Network.enable")
     throttle(session, SLOW_BYTES_PER_S)
-    start = time.monotonic()
     page.goto("/", wait_until="commit")
     expect(page.locator(".angle")).to_have_text("48.63°")
     expect(page.get_by_text("The projectile digs in and stays.")).to_be_visible()
-    words_s = time.monotonic() - start
     for part in (".angle", "[data-outcome]"):
         expect(page.locator("[aria-busy=true]").filter(has=page.locator(part))).to_have_count(0)
     assert page.locator(".drawing").count() == 0, "what draws the plots is not there yet"
-    assert words_s < WORDS_S
     side, histories = page.locator(".side-view"), page.locator(".histories")
     before = [side.evaluate(TOP), histories.evaluate(TOP)]
     assert side.evaluate("part => part.clientHeight") > 250

@@ -14,6 +14,7 @@ import httpx
 import pytest
 
 from service import cli
+from service.cli.serve import check_proxy
 from service.schemas.strike import PAPER, PAPER_AT_45
 from service.settings import Settings
 from solver import ENGINE_VERSION
@@ -53,6 +54,17 @@ def test_defaults_run_on_this_machine_alone(monkeypatch: pytest.MonkeyPatch) -> 
     assert (settings.host, settings.port) == ("127.0.0.1", 8000)
     assert settings.workers >= 1
     assert all(field.description for field in Settings.model_fields.values())
+
+
+@pytest.mark.parametrize(
+    ("host", "proxies", "warned"),
+    [("127.0.0.1", (), False), ("192.0.2.1", (), True), ("192.0.2.1", ("192.0.2.9",), False)],
+)
+def test_service_that_others_reach_without_a_proxy_says_so(
+    caplog: pytest.LogCaptureFixture, host: str, proxies: tuple[str, ...], warned: bool
+) -> None:
+    check_proxy(Settings(host=host, trusted_proxies=proxies))
+    assert ("does not limit slow clients" in caplog.text) == warned
 
 
 @pytest.mark.parametrize("stop", [signal.SIGTERM, signal.SIGINT])

@@ -11,6 +11,7 @@ import kubernetes_validate
 import pytest
 import yaml
 
+from service.cli.server import MAX_CONNECTIONS
 from service.settings import Settings
 from tests.container.dockerfile import ROOT, read
 
@@ -84,7 +85,7 @@ def test_unit_has_settings_of_the_service_and_lets_it_end_by_itself(monkeypatch:
     assert "RestartPreventExitStatus=3\n" in UNIT
     assert "MemoryDenyWriteExecute=" not in UNIT  # the solver is compiled as it runs
     [files] = re.findall(r"LimitNOFILE=(\d+)", UNIT)
-    assert int(files) > 2 * settings.max_connections
+    assert int(files) > 2 * MAX_CONNECTIONS
 
 
 @pytest.mark.parametrize("manifest", MANIFESTS, ids=lambda manifest: manifest["kind"])

@@ -128,7 +128,6 @@ def test_answers_come_through_with_the_address_of_the_client(proxy: Proxy) -> No
     assert proxy.entries()[-1]["client"] == CROWD
 
 
-@pytest.mark.timed
 def test_a_thousand_silent_connections_hold_up_nobody(proxy: Proxy) -> None:
     with ExitStack() as opened:
         for _ in range(1000):
@@ -136,7 +135,6 @@ def test_a_thousand_silent_connections_hold_up_nobody(proxy: Proxy) -> None:
         assert slowest_probe(proxy) < LONGEST_S
 
 
-@pytest.mark.timed
 def test_slow_heads_and_bodies_hold_up_nobody_and_never_reach_the_service(proxy: Proxy) -> None:
     known = len(proxy.entries())
     with ExitStack() as opened:
@@ -156,6 +154,14 @@ def test_slow_heads_and_bodies_hold_up_nobody_and_never_reach_the_service(proxy:
         assert time.monotonic() - began < 20.0
         assert ended == b"" or b" 408 " in ended.splitlines()[0]
         assert len(proxy.entries()) == known
+
+
+def test_long_heads_never_reach_the_service(proxy: Proxy) -> None:
+    known = len(proxy.entries())
+    with proxy.client() as client:
+        assert client.get("/version", headers={"X-Fill": "x" * 20_000}).status_code == 400
+        assert client.get("/version", headers={f"X-{number}": "x" * 4000 for number in range(30)}).status_code == 400
+    assert len(proxy.entries()) == known
 
 
 def test_connections_of_one_address_are_bounded(proxy: Proxy) -> None:

@@ -70,24 +70,44 @@ S = "resistance.strength_factor"
 POINTS = "projectile.nose.points"
 CRH = "projectile.nose.caliber_radius_head"
 
+VALUES: list[tuple[str, Callable[[Any], object], tuple[Any, ...]]] = [
+    ("projectile.diameter", lambda value: projectile(diameter=value), (0.0, -0.08, NAN, INF)),
+    ("projectile.length", lambda value: projectile(length=value), (0.0, -0.5, NAN, INF, 0.13)),
+    ("projectile.mass", lambda value: projectile(mass=value), (0.0, -13.0, NAN, INF)),
+    (
+        "projectile.center_of_gravity",
+        lambda value: projectile(center_of_gravity=value),
+        (0.0, -0.1, 0.53, 0.6, NAN, INF),
+    ),
+    ("projectile.moment_of_inertia", lambda value: projectile(moment_of_inertia=value), (0.0, -0.1, NAN, INF)),
+    (CRH, lambda value: Ogive(caliber_radius_head=value), (0.49, 0.0, -3.0, NAN, INF)),
+    (CRH, lambda value: Spherical(caliber_radius_head=value), (0.49, NAN, INF)),
+    ("projectile.nose.length_to_diameter", lambda value: Conical(length_to_diameter=value), (0.0, -1.0, NAN, INF)),
+    (POINTS, lambda value: Profile(points=value), (None, 0.04, "flat", np.array(0.04))),
+    ("target.compressive_strength", lambda value: target(compressive_strength=value), (0.0, -39e6, NAN, INF)),
+    ("target.density", lambda value: target(density=value), (0.0, -1.0, NAN, INF)),
+    ("target.youngs_modulus", lambda value: target(youngs_modulus=value), (0.0, -1.0, NAN, INF)),
+    ("target.poissons_ratio", lambda value: target(poissons_ratio=value), (-0.1, 0.51, NAN, INF)),
+    ("impact.velocity", lambda value: impact(velocity=value), (0.0, -238.0, NAN, INF)),
+    ("impact.oblique_angle", lambda value: impact(oblique_angle=value), (math.pi / 2, -math.pi / 2, 2.0, NAN, INF)),
+    ("impact.angle_of_attack", lambda value: impact(angle_of_attack=value), (1.6, -1.6, NAN, INF)),
+    ("impact.angular_velocity", lambda value: impact(angular_velocity=value), (NAN, INF, -INF)),
+    (f"{S}.value", lambda value: ConstantStrengthFactor(value=value), (0.0, -8.0, NAN, INF)),
+    (f"{S}.coefficient", lambda value: StrengthPowerLaw(coefficient=value), (0.0, -8.0, NAN, INF)),
+    (f"{S}.exponent", lambda value: StrengthPowerLaw(exponent=value), (NAN, INF)),
+    (f"{S}.reference_strength", lambda value: StrengthPowerLaw(reference_strength=value), (0.0, -1e6, NAN, INF)),
+    (f"{S}.diameter_exponent", lambda value: StrengthPowerLaw(diameter_exponent=value), (NAN, INF)),
+    (f"{S}.reference_diameter", lambda value: StrengthPowerLaw(reference_diameter=value), (0.0, -0.08, NAN, INF)),
+    ("resistance.inertia_factor", lambda value: Resistance(inertia_factor=value), (-0.1, NAN, INF)),
+    ("numerics.termination_time", lambda value: Numerics(termination_time=value), (0.0, -1.0, NAN)),
+    ("numerics.panels", lambda value: Numerics(panels=value), (99, 1_000_001)),
+    ("numerics.time_step", lambda value: Numerics(time_step=value), (0.0, -1e-5, NAN)),
+    ("numerics.relative_tolerance", lambda value: Numerics(relative_tolerance=value), (0.0, 1e-11, 0.1, NAN)),
+    ("numerics.stations", lambda value: Numerics(stations=value), (1, 257)),
+    ("numerics.points", lambda value: Numerics(points=value), (1, 257)),
+    ("sample_interval", lambda value: run(sample_interval=value), (0.0, -1e-5, NAN)),
+]
 CASES: list[tuple[str, Callable[[], object]]] = [
-    *[("projectile.diameter", lambda value=value: projectile(diameter=value)) for value in (0.0, -0.08, NAN, INF)],
-    *[("projectile.length", lambda value=value: projectile(length=value)) for value in (0.0, -0.5, NAN, INF, 0.13)],
-    *[("projectile.mass", lambda value=value: projectile(mass=value)) for value in (0.0, -13.0, NAN, INF)],
-    *[
-        ("projectile.center_of_gravity", lambda value=value: projectile(center_of_gravity=value))
-        for value in (0.0, -0.1, 0.53, 0.6, NAN, INF)
-    ],
-    *[
-        ("projectile.moment_of_inertia", lambda value=value: projectile(moment_of_inertia=value))
-        for value in (0.0, -0.1, NAN, INF)
-    ],
-    *[(CRH, lambda value=value: Ogive(caliber_radius_head=value)) for value in (0.49, 0.0, -3.0, NAN, INF)],
-    *[(CRH, lambda value=value: Spherical(caliber_radius_head=value)) for value in (0.49, NAN, INF)],
-    *[
-        ("projectile.nose.length_to_diameter", lambda value=value: Conical(length_to_diameter=value))
-        for value in (0.0, -1.0, NAN, INF)
-    ],
     (POINTS, lambda: profile((0.0, 0.0))),
     (POINTS, lambda: profile(*((i * 1e-4, i * 1e-5) for i in range(1001)))),
     (POINTS, lambda: projectile(nose=profile((0.0, 0.0), (0.1, 0.03)))),
@@ -107,62 +127,16 @@ CASES: list[tuple[str, Callable[[], object]]] = [
     (f"{POINTS}.1", lambda: profile((0.0, 0.0), (0.1, 0.03, 0.0), (0.2, 0.04))),  # type: ignore[arg-type]
     (f"{POINTS}.1", lambda: profile((0.0, 0.0), 0.1)),  # type: ignore[arg-type]
     (f"{POINTS}.1", lambda: profile((0.0, 0.0), (0.1, "0.03"))),  # type: ignore[arg-type]
-    *[(POINTS, lambda value=value: Profile(points=value)) for value in (None, 0.04, "flat", np.array(0.04))],
-    *[
-        ("target.compressive_strength", lambda value=value: target(compressive_strength=value))
-        for value in (0.0, -39e6, NAN, INF)
-    ],
-    *[("target.density", lambda value=value: target(density=value)) for value in (0.0, -1.0, NAN, INF)],
-    *[("target.youngs_modulus", lambda value=value: target(youngs_modulus=value)) for value in (0.0, -1.0, NAN, INF)],
-    *[("target.poissons_ratio", lambda value=value: target(poissons_ratio=value)) for value in (-0.1, 0.51, NAN, INF)],
-    *[("impact.velocity", lambda value=value: impact(velocity=value)) for value in (0.0, -238.0, NAN, INF)],
-    *[
-        ("impact.oblique_angle", lambda value=value: impact(oblique_angle=value))
-        for value in (math.pi / 2, -math.pi / 2, 2.0, NAN, INF)
-    ],
-    *[("impact.angle_of_attack", lambda value=value: impact(angle_of_attack=value)) for value in (1.6, -1.6, NAN, INF)],
-    *[("impact.angular_velocity", lambda value=value: impact(angular_velocity=value)) for value in (NAN, INF, -INF)],
-    *[(f"{S}.value", lambda value=value: ConstantStrengthFactor(value=value)) for value in (0.0, -8.0, NAN, INF)],
-    *[(f"{S}.coefficient", lambda value=value: StrengthPowerLaw(coefficient=value)) for value in (0.0, -8.0, NAN, INF)],
-    *[(f"{S}.exponent", lambda value=value: StrengthPowerLaw(exponent=value)) for value in (NAN, INF)],
-    *[
-        (f"{S}.reference_strength", lambda value=value: StrengthPowerLaw(reference_strength=value))
-        for value in (0.0, -1e6, NAN, INF)
-    ],
-    *[
-        (f"{S}.diameter_exponent", lambda value=value: StrengthPowerLaw(diameter_exponent=value))
-        for value in (NAN, INF)
-    ],
-    *[
-        (f"{S}.reference_diameter", lambda value=value: StrengthPowerLaw(reference_diameter=value))
-        for value in (0.0, -0.08, NAN, INF)
-    ],
     (f"{S}.obliquity_shape", lambda: StrengthPowerLaw(obliquity_shape="cosine")),  # type: ignore[arg-type]
     (f"{S}.obliquity_shape", lambda: PublishedTests(obliquity_shape="cosine")),  # type: ignore[arg-type]
     (f"{S}.coefficients", lambda: ObliquityPolynomial(coefficients=())),
     (f"{S}.coefficients", lambda: ObliquityPolynomial(coefficients=(1.0,) * 11)),
     (f"{S}.coefficients.1", lambda: ObliquityPolynomial(coefficients=(8.0, NAN))),
-    *[
-        ("resistance.inertia_factor", lambda value=value: Resistance(inertia_factor=value))
-        for value in (-0.1, NAN, INF)
-    ],
     ("numerics.method", lambda: Numerics(method="euler")),  # type: ignore[arg-type]
-    *[
-        ("numerics.termination_time", lambda value=value: Numerics(termination_time=value))
-        for value in (0.0, -1.0, NAN)
-    ],
-    *[("numerics.panels", lambda value=value: Numerics(panels=value)) for value in (99, 1_000_001)],
-    *[("numerics.time_step", lambda value=value: Numerics(time_step=value)) for value in (0.0, -1e-5, NAN)],
-    *[
-        ("numerics.relative_tolerance", lambda value=value: Numerics(relative_tolerance=value))
-        for value in (0.0, 1e-11, 0.1, NAN)
-    ],
-    *[("numerics.stations", lambda value=value: Numerics(stations=value)) for value in (1, 257)],
-    *[("numerics.points", lambda value=value: Numerics(points=value)) for value in (1, 257)],
     ("numerics.time_step", lambda: run(Numerics(method="panels", time_step=1e-7))),
-    *[("sample_interval", lambda value=value: run(sample_interval=value)) for value in (0.0, -1e-5, NAN)],
     ("sample_interval", lambda: run(sample_interval=1e-10)),
     ("search.method", lambda: Search(method="guess")),  # type: ignore[arg-type]
+    *[(field, lambda make=make, value=value: make(value)) for field, make, values in VALUES for value in values],
 ]
 
 
@@ -171,8 +145,10 @@ def test_bad_value_is_refused_by_the_name_of_its_field(field: str, make: Callabl
     with pytest.raises(ParameterError) as caught:
         make()
     assert caught.value.field == field
-    assert str(caught.value) == f"{field}: {caught.value.requirement}"
-    assert isinstance(caught.value, RicochetError | ValueError)
+    assert str(caught.value).startswith(f"{field}: ")
+    assert len(caught.value.requirement.split()) > 2
+    assert isinstance(caught.value, RicochetError)
+    assert isinstance(caught.value, ValueError)
 
 
 def test_strength_factor_at_or_below_zero_at_the_angle_is_refused() -> None:
@@ -244,20 +220,6 @@ def strike(**changes: Any) -> object:
         ("impact.angle_of_attack", lambda: impact(angle_of_attack=3.0), "give radians, math.radians(3) for 3°"),
         ("search.lower", lambda: Search(lower=5), "give radians, math.radians(5) for 5°"),
         ("search.upper", lambda: Search(upper=85.0), "give radians, math.radians(85) for 85°"),
-    ],
-)
-def test_number_in_another_unit_is_refused_with_the_unit_it_needs(
-    field: str, make: Callable[[], object], words: str
-) -> None:
-    with pytest.raises(ParameterError) as caught:
-        make()
-    assert caught.value.field == field
-    assert words in str(caught.value)
-
-
-@pytest.mark.parametrize(
-    ("field", "make", "words"),
-    [
         ("impact.velocity", lambda: impact(velocity=MANY), "one number, got ndarray of 2: simulate_many"),
         ("impact.velocity", lambda: impact(velocity=[200.0]), "one number, got list of 1: simulate_many"),
         ("impact.oblique_angle", lambda: impact(oblique_angle="45°"), "must be a number, got '45°'"),
@@ -285,7 +247,7 @@ def test_number_in_another_unit_is_refused_with_the_unit_it_needs(
         ),
     ],
 )
-def test_arrays_and_other_objects_are_refused_with_what_takes_them(
+def test_other_units_arrays_and_objects_are_refused_with_what_is_needed(
     field: str, make: Callable[[], object], words: str
 ) -> None:
     with pytest.raises(ParameterError) as caught:

@@ -51,7 +51,7 @@ def square(request: bytes) -> tuple[dict[str, Any], None]:
     return {"number": question.number, "square": question.number**2, "warnings": []}, None
 
 
-SQUARE = Operation(compute=square, request=Part)
+SQUARE = Operation("square", compute=square, request=Part)
 
 
 def runs(folder: Path) -> dict[float, int]:

@@ -9,8 +9,9 @@ from opentelemetry.trace import Tracer
 
 from service.cache.cache import ResultCache
 from service.jobs.manager import JobManager
-from service.jobs.models import NO_TRACER, CaseResult, JobCase, JobState
+from service.jobs.models import CaseResult, JobCase, JobState
 from service.jobs.store import JobStore
+from service.jobs.traces import NO_TRACER
 from service.operations import KeyedRequest
 from service.queries import QueryService
 from service.workers import Executor

@@ -2,7 +2,8 @@
 
 import pytest
 
-from service.jobs.models import Sweep, title_of
+from service.jobs.models import StoredSweep
+from service.jobs.titles import title_of
 from service.schemas.strike import PAPER
 
 
@@ -15,5 +16,5 @@ from service.schemas.strike import PAPER
     ],
 )
 def test_title_is_what_varies_and_the_projectile_that_does_not(fields: tuple[str, ...], title: str) -> None:
-    sweep = Sweep({"base": PAPER, "axes": []}, fields, ((1.0,),) * len(fields))
+    sweep = StoredSweep({"base": PAPER, "axes": []}, fields, ((1.0,),) * len(fields))
     assert title_of(sweep) == title

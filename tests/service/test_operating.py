@@ -32,7 +32,7 @@ def downgrade(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("service.cache.record.ENGINE_VERSION", EARLIER)
     monkeypatch.setattr(store, "VERSIONS", f"{EARLIER} 1")
     monkeypatch.setattr("service.jobs.scheduler.VERSIONS", f"{EARLIER} 1")
-    monkeypatch.setattr("service.jobs.results.VERSIONS", f"{EARLIER} 1")
+    monkeypatch.setattr("service.jobs.reader.VERSIONS", f"{EARLIER} 1")
 
 
 @asynccontextmanager

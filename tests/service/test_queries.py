@@ -69,12 +69,12 @@ def implausible(request: bytes) -> Answer:
 
 
 OPERATIONS = {
-    "implausible": Operation(compute=implausible, request=Part),
-    "once": Operation(compute=once, request=Part),
-    "slow": Operation(compute=slow, request=Part),
-    "slower": Operation(compute=slower, request=Part),
-    "deadly": Operation(compute=deadly, request=Part),
-    "trajectory": Operation(compute=draw, request=Part),
+    "implausible": Operation("implausible", compute=implausible, request=Part),
+    "once": Operation("once", compute=once, request=Part),
+    "slow": Operation("slow", compute=slow, request=Part),
+    "slower": Operation("slower", compute=slower, request=Part),
+    "deadly": Operation("deadly", compute=deadly, request=Part),
+    "trajectory": Operation("trajectory", compute=draw, request=Part),
 }
 
 
@@ -227,12 +227,13 @@ async def test_owner_with_most_waiting_gives_way_to_another(pool: ProcessPool, t
         return asyncio.ensure_future(service.answer("slow", request, owner))
 
     crowd = [ask(number, "anna") for number in range(5)]  # of which two run
-    await asyncio.sleep(0.1)
+    while service.queued < 3:  # noqa: ASYNC110 (it sets no event)
+        await asyncio.sleep(0.01)
     others = [ask(10, "bert"), ask(11, "carla"), ask(12, "bert")]
     outcomes = await asyncio.gather(*crowd, *others, return_exceptions=True)
     refused = [number for number, outcome in enumerate(outcomes) if isinstance(outcome, QueriesWaitingError)]
-    assert [number for number in refused if number >= 5] == [7]
-    assert len(refused) == 3  # two of the crowd; in which order they came to wait is not said
+    assert [number for number in refused if number >= 5] in ([5], [7])  # one of bert's, whichever came to wait later
+    assert len(refused) == 3  # and two of the crowd
 
 
 async def test_query_waits_no_longer_than_it_may(pool: ProcessPool, tmp_path: Path) -> None:

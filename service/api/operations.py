@@ -1,0 +1,118 @@
+"""The routes of every operation: one request, a study, a batch, a sweep."""
+
+from collections.abc import Awaitable, Callable, Iterable, Mapping
+from typing import Any
+
+from fastapi import APIRouter, Request, Response
+from pydantic import BaseModel
+
+from service.api.batch_body import BatchReader
+from service.api.batch_response import BatchResponse, IdempotencyKey, WantedPreference
+from service.api.contract import COMPUTED, MANY, STUDIED, many_bodies, one_body
+from service.api.queries import single_route
+from service.api.studies import study_route
+from service.auth.dependencies import RUN
+from service.operations import Many, Operation
+
+
+def router_of(operations: Mapping[str, Operation]) -> APIRouter:
+    """Return the routes of these operations; of many cases, those of the shortest first."""
+    router = APIRouter(dependencies=[RUN])
+    single = [each for each in operations.values() if each.study is None]
+    many = [(each, each.many) for each in sorted(single, key=lambda each: each.runs) if each.many is not None]
+    for each in single:
+        add(router, each, single_route(each), responses=COMPUTED)
+    for each, found in many:
+        add_many(router, each, found, "batch", found.batch, batch_description(found), batch_route(each, found))
+    for each, found in many:
+        add_many(router, each, found, "sweep", found.sweep, SWEEP_DESCRIPTION, sweep_route(each, found))
+    for each in operations.values():
+        if each.study is not None:
+            add(router, each, study_route(each), responses=STUDIED)
+    return router
+
+
+def bodies_of(operations: Iterable[Operation]) -> list[type[BaseModel]]:
+    """Return the models of the bodies of these operations."""
+    found: list[type[BaseModel]] = []
+    for each in operations:
+        found += [each.request, *((each.many.models.batch, each.many.models.sweep) if each.many else ())]
+    return found
+
+
+def add(router: APIRouter, operation: Operation, handle: Callable[..., Awaitable[Response]], **options: Any) -> None:
+    """Add the route for one request of an operation."""
+    router.add_api_route(
+        operation.path,
+        handle,
+        methods=["POST"],
+        name=operation.route,
+        description=operation.description,
+        response_model=operation.answer,
+        openapi_extra=one_body(operation.request),
+        tags=[operation.tag],
+        **options,
+    )
+
+
+def add_many(
+    router: APIRouter,
+    operation: Operation,
+    many: Many,
+    kind: str,
+    names: tuple[str, str],
+    description: str,
+    handle: Callable[..., Awaitable[Response]],
+) -> None:
+    """Add the route for batches or sweeps of an operation."""
+    models = many.models
+    router.add_api_route(
+        f"{operation.path}/{kind}",
+        handle,
+        methods=["POST"],
+        name=names[0],
+        description=f"{names[1]}{description}",
+        response_model=models.results,
+        responses=MANY,
+        openapi_extra=many_bodies(models.batch, models.case) if kind == "batch" else one_body(models.sweep),
+        tags=[operation.tag],
+    )
+
+
+def batch_route(operation: Operation, many: Many) -> Callable[..., Awaitable[Response]]:
+    """Return the handler for batches."""
+
+    async def handle(request: Request, preference: WantedPreference, idempotency_key: IdempotencyKey = "") -> Response:
+        response = BatchResponse(request, operation.name, preference, idempotency_key)
+        return await response.to(await BatchReader(request, operation.name, many.models.case).read_batch())
+
+    return handle
+
+
+def sweep_route(operation: Operation, many: Many) -> Callable[..., Awaitable[Response]]:
+    """Return the handler for sweeps."""
+
+    async def handle(request: Request, preference: WantedPreference, idempotency_key: IdempotencyKey = "") -> Response:
+        response = BatchResponse(request, operation.name, preference, idempotency_key)
+        return await response.to(await BatchReader(request, operation.name, many.models.base).read_sweep())
+
+    return handle
+
+
+def batch_description(many: Many) -> str:
+    """Return what all batches are, behind the first words."""
+    return (
+        ": up to 1,000 as JSON, up to 100,000 as JSON lines.\n\n"
+        f"{many.note}{' ' * bool(many.note)}"
+        "A case that is no request refuses the whole batch, and the problem names it: `/cases/17/...` in JSON, counted "
+        "from 0; the line in JSONL, counted from 1 in words and from 0 in the pointer. What only the solver finds "
+        "of a line is the problem of that case alone."
+    )
+
+
+SWEEP_DESCRIPTION = (
+    " for every combination of the values of the axes, the last axis fastest."
+    "\n\nUp to 100,000 points. Each has to be a request: the first that is not refuses the sweep, and the problem "
+    "names the values of its axes. What only the solver finds of a point is the problem of that point alone."
+)
+"""What all sweeps are, behind the first words."""

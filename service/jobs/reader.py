@@ -1,0 +1,158 @@
+"""Results of jobs, read in blocks; what the cache has lost is computed again."""
+
+import itertools
+import math
+from collections.abc import AsyncGenerator, Awaitable, Callable, Sequence
+from contextlib import aclosing
+from dataclasses import replace
+from functools import partial
+from typing import TypeVar
+
+import orjson
+from anyio import CapacityLimiter
+from anyio.to_thread import run_sync
+
+from service.errors import DamagedCasesError, case_problem
+from service.jobs.models import CaseResult, CaseRow, CaseState, JobCase, JobState, block_of
+from service.jobs.runner import CaseRunner
+from service.jobs.store import VERSIONS, JobStore
+from service.jobs.studies import StudyService
+from service.operations import KeyedRequest, is_study, result_key
+from service.queries import QueryService
+
+MOST_CASES = 200
+FIRST_CASES = 4
+"""Number of results read first, when their size is unknown."""
+READ_BYTES = 1024 * 1024
+"""Approximate size of the answers read at once: those with long histories take 4 MB each."""
+BLOCKS_AT_ONCE = 2
+"""Blocks of results in memory, of all readers together: one can take twenty times its answers while it is encoded."""
+
+Value = TypeVar("Value")
+
+
+class ResultReader:
+    """Reads results.
+
+    Parameters
+    ----------
+    queries
+        Has the cache.
+    jobs
+        Keeps the jobs.
+    runner, studies
+        Compute what the cache has lost.
+    """
+
+    def __init__(self, queries: QueryService, jobs: JobStore, runner: CaseRunner, studies: StudyService) -> None:
+        self._queries = queries
+        self._jobs = jobs
+        self._runner = runner
+        self._studies = studies
+        self._blocks = CapacityLimiter(BLOCKS_AT_ONCE)
+
+    async def read(
+        self,
+        current: Callable[[], Awaitable[JobState | None]],
+        use: Callable[[list[CaseResult]], Value],
+        start: int,
+        limit: int | None,
+    ) -> AsyncGenerator[Value, None]:
+        """Yield what `use` makes of the results from case `start` on, block by block.
+
+        Ends at the first case without a result; in a job that has ended, such cases are left out.
+
+        Parameters
+        ----------
+        current
+            The job as it is now; None once it has been deleted.
+        use
+            Called in a thread, for few blocks at a time; what it returns should hold no more than is sent.
+        limit
+            Largest number of results; None for all.
+        """
+        count, left = FIRST_CASES, math.inf if limit is None else limit
+        while left > 0 and (state := await current()) is not None:
+            rows = await run_sync(self._jobs.rows, state.number, start, int(min(count, left)))
+            ready = rows_ready(rows, final=state.final)
+            if ready:
+                count, used = await self._use(state, ready, use)
+                yield used
+                del used
+            if not rows or (len(ready) < len(rows) and not state.final):
+                return
+            start += len(rows)
+            left -= len(ready)
+
+    async def _use(
+        self, state: JobState, rows: Sequence[CaseRow], use: Callable[[list[CaseResult]], Value]
+    ) -> tuple[int, Value]:
+        """Return how many cases to read next, and what `use` makes of the results of these."""
+        again: dict[int, CaseResult] = {}
+
+        def gather() -> list[CaseRow] | tuple[int, Value]:
+            """Return what the cache has lost, or use the results if it has all; they live no longer than this."""
+            stored = [row for row in rows if row.problem is None and row.number not in again]
+            records = self._queries.cache.get_many(list({row.key for row in stored}))
+            if lost := [row for row in stored if row.key not in records]:
+                return lost
+            results = [
+                again.get(row.number)
+                or CaseResult(
+                    row.number, row.custom_id, records.get(row.key), row.problem, row.state == CaseState.CACHED
+                )
+                for row in rows
+            ]
+            return next_count(results), use(results)
+
+        while isinstance(found := await run_sync(gather, limiter=self._blocks), list):
+            again |= await self._compute(state, found)  # It may take long, but does not hold up other readers.
+        return found
+
+    async def _compute(self, state: JobState, rows: Sequence[CaseRow]) -> dict[int, CaseResult]:
+        """Compute these cases again."""
+
+        def load() -> list[JobCase]:
+            keys = [row.key for row in rows]
+            if state.versions != VERSIONS:  # Results of an earlier engine cannot be computed any more.
+                keys = [result_key(state.operation, orjson.loads(requests[row.number])) for row in rows]
+            found = zip(rows, keys, strict=True)
+            return [JobCase(KeyedRequest(key, requests[row.number]), row.custom_id) for row, key in found]
+
+        requests = await run_sync(self._jobs.requests, state.number, [row.number for row in rows])
+        lost = {row.number: self._lost(state, row) for row in rows if row.number not in requests}
+        rows = [row for row in rows if row.number in requests]
+        cases = await run_sync(load)
+        if is_study(state.operation):
+            found = {row.number: await self._study(state, row, case) for row, case in zip(rows, cases, strict=True)}
+            return found | lost
+        found = lost
+        async with aclosing(self._runner.run(state.operation, cases, owner=state.owner)) as results:
+            async for result in results:
+                row = rows[result.number]
+                found[row.number] = replace(result, number=row.number, cached=row.state == CaseState.CACHED)
+        return found
+
+    def _lost(self, state: JobState, row: CaseRow) -> CaseResult:
+        """Result of a case that neither the cache nor the jobs have any more."""
+        problem = case_problem(DamagedCasesError(*block_of(row.number, state.total)))
+        return CaseResult(row.number, row.custom_id, None, problem, cached=False)
+
+    async def _study(self, state: JobState, row: CaseRow, case: JobCase) -> CaseResult:
+        """Compute a study again, of whose samples most may still be there."""
+        run = partial(self._runner.run, owner=state.owner)
+        record, _ = await self._studies.answer(state.operation, case.request, run)
+        return CaseResult(row.number, row.custom_id, record, None, row.state == CaseState.CACHED)
+
+
+def rows_ready(rows: Sequence[CaseRow], *, final: bool) -> list[CaseRow]:
+    """Return the cases that have a result: up to the first that has none, all of them if nothing is to come."""
+    if final:
+        return [row for row in rows if row.state]
+    return list(itertools.takewhile(lambda row: row.state, rows))
+
+
+def next_count(results: Sequence[CaseResult]) -> int:
+    """Return how many cases to read next, going by the size of these."""
+    nbytes = sum(result.record.length for result in results if result.record is not None)
+    return max(1, min(MOST_CASES, READ_BYTES * len(results) // max(nbytes, 1)))

@@ -1,0 +1,123 @@
+"""Answers over every route, format and kind of error are those kept in `golden_answers.json`.
+
+A change of code that is meant to move no answer shows here if it moves one. Numbers count to six digits. After a change
+that is meant to: `.venv/bin/python -m tests.api.test_golden_answers URL` writes the file anew from a service there.
+"""
+
+import hashlib
+import io
+import json
+import re
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import h5py
+import httpx
+
+GOLDEN = Path(__file__).with_name("golden_answers.json")
+CONTRACT = json.loads((Path(__file__).parents[2] / "openapi/openapi.json").read_text())
+FORMATS = ("application/json", "application/jsonl", "text/csv", "application/x-hdf5", "application/vnd.apache.parquet")
+NUMBER = re.compile(r"-?\d+\.\d+(?:[eE][-+]?\d+)?|-?\d+[eE][-+]?\d+")
+VOLATILE = re.compile(
+    r'"(?:id|created_at|started_at|finished_at|ended_at|expires_at|trace_id|progress|elapsed_s)":[^,}]*'
+)
+"""Fields that differ between two runs of the same requests."""
+JOB = re.compile(r"/jobs/[\w-]+")
+
+
+def examples(path: str) -> list[Any]:
+    """Return the examples of the body of a route."""
+    content = CONTRACT["paths"][path]["post"]["requestBody"]["content"]["application/json"]["schema"]
+    found: list[Any] = CONTRACT["components"]["schemas"][content["$ref"].rpartition("/")[2]]["examples"]
+    return found
+
+
+def broken(body: dict[str, Any]) -> Iterator[tuple[str, Any]]:
+    """Yield the body with one part left out, of another kind, misspelt or added."""
+    for name, part in body.items():
+        yield f"without {name}", {key: value for key, value in body.items() if key != name}
+        yield f"{name} as text", body | {name: "text"}
+        yield f"{name} misspelt", {("x" + key if key == name else key): value for key, value in body.items()}
+        if isinstance(part, dict):
+            for inner in part:
+                yield f"{name}.{inner} negative", body | {name: part | {inner: -1}}
+    yield "with more", body | {"unknown": 1}
+
+
+def requests() -> Iterator[tuple[str, str, str, dict[str, Any]]]:
+    """Yield name, method, path and arguments of every request."""
+    posts = [path for path, routes in CONTRACT["paths"].items() if "requestBody" in routes.get("post", {})]
+    for path in posts:
+        if path == "/report":
+            continue  # a page with the time of day
+        bodies = examples(path)
+        many = path.endswith(("batch", "sweep"))
+        for number, body in enumerate(bodies):
+            for kind in FORMATS[:3] if many else FORMATS[:1]:
+                yield f"{path} example {number} {kind}", "POST", path, {"json": body, "headers": {"Accept": kind}}
+        for name, body in broken(bodies[0]):
+            yield f"{path} {name}", "POST", path, {"json": body}
+        for text in ("", "{", "[]", "null", '{"a": NaN}', "[" * 200):
+            yield f"{path} body {text[:9]!r}", "POST", path, {"content": text, "headers": {"Content-Type": FORMATS[0]}}
+        yield f"{path} of text", "POST", path, {"content": "a", "headers": {"Content-Type": "text/plain"}}
+        yield f"{path} by GET", "GET", path, {}
+    for path in (
+        "/version",
+        "/livez",
+        "/jobs/none",
+        "/jobs/none/results",
+        "/results/none",
+        f"/results/{'0' * 64}",
+        "/x",
+    ):
+        yield path, "GET", path, {}
+        yield f"{path} deleted", "DELETE", path, {}
+
+
+def plain(response: httpx.Response) -> str:
+    """Return an answer as text that is the same in every run."""
+    kind = response.headers.get("content-type", "")
+    if kind == FORMATS[3]:
+        found: list[str] = []
+        with h5py.File(io.BytesIO(response.content)) as file:
+            file.visititems(lambda name, item: found.append(f"{name} {getattr(item, 'shape', '')} {dict(item.attrs)}"))
+        text = "\n".join(found)
+    else:
+        text = JOB.sub("/jobs/ID", VOLATILE.sub('"volatile"', response.text))
+    rounded = NUMBER.sub(lambda number: f"{float(number[0]):.5e}", text)
+    return f"{response.status_code} {kind} {response.headers.get('allow', '')}\n{rounded}"
+
+
+def answers(client: httpx.Client) -> Iterator[tuple[str, str]]:
+    """Send the requests; yield name and answer."""
+    keys: dict[str, str] = {}
+    for name, method, path, arguments in requests():
+        response = client.request(method, path, **arguments)
+        yield name, plain(response)
+        if response.status_code == 200 and method == "POST" and response.headers["content-type"] == FORMATS[0]:
+            key = response.json().get("key")
+            if key:
+                keys.setdefault(path, key)
+    for path, key in keys.items():
+        for kind in FORMATS:
+            response = client.get(f"/results/{key}", headers={"Accept": kind})
+            yield f"result of {path} as {kind}", plain(response)
+
+
+def digests(client: httpx.Client) -> dict[str, str]:
+    """Return the digest of every answer."""
+    return {name: hashlib.sha256(text.encode()).hexdigest()[:16] for name, text in answers(client)}
+
+
+def test_answers_are_those_kept(client: httpx.Client) -> None:
+    kept: dict[str, str] = json.loads(GOLDEN.read_text())
+    found = digests(client)
+    assert len(found) >= 300
+    assert {name for name in kept.keys() | found.keys() if kept.get(name) != found.get(name)} == set()
+
+
+if __name__ == "__main__":
+    with httpx.Client(base_url=sys.argv[1], timeout=60) as service:
+        GOLDEN.write_text(json.dumps(digests(service), indent=0) + "\n")
