@@ -89,7 +89,6 @@ def calibrate_depth(args: argparse.Namespace) -> None:
         grouped=args.group,
     )
     tests = [_fields(asdict(test)) for test in found]
-    body.warn_of_numerics()
     body.content.pop("compare_strength_factors", None)
     answer = body.answer("calibration_depth", args.url, tests=tests)
     if args.curves or args.strength_factors:  # The fitted factor has a curve too.
@@ -112,7 +111,6 @@ def calibrate_motion(args: argparse.Namespace) -> None:
     weights = _weights(args.weight)
     inputs = [_single_input(args)] if args.runs is None else _table_inputs(args)
     body = inputs[0].body
-    body.warn_of_numerics()
     if args.runs is None:
         data: dict[str, Any] = {"history": inputs[0].history}
     else:

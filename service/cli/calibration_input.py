@@ -3,7 +3,6 @@
 import argparse
 import json
 import math
-import sys
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -37,7 +36,7 @@ SHORT_NAMES = {
     "displacement": ("depth_displacement", "lateral_displacement"),
 }
 """Short names of the quantities of a motion."""
-NOT_USED = ("output", "search", "custom_id", "numerics")
+NOT_USED = ("output", "search", "custom_id")
 """Fields of a request body that a calibration ignores."""
 DATA = ("tests", "history", "runs", "points")
 """Fields of a calibration that come from a file of data."""
@@ -242,12 +241,9 @@ class CalibrationBody(RequestBody):
     ----------
     data_file
         File of the tests, the history, the runs or the points.
-    has_numerics
-        Whether the case has numerics, which a calibration does not use.
     """
 
     data_file: str
-    has_numerics: bool = False
 
     def describe(self, pointer: str, detail: str) -> str:
         """Return an error at a pointer, with the flag or the file of that field."""
@@ -261,11 +257,6 @@ class CalibrationBody(RequestBody):
         if any(each["pointer"] in NOT_FITTED for each in error.errors):
             found.status = FAILED
         return found
-
-    def warn_of_numerics(self) -> None:
-        """Print a warning if the case has numerics; once for all runs, which have the same case."""
-        if self.has_numerics:
-            print(f"warning: {self.file}: numerics are not used by a calibration", file=sys.stderr)
 
     def answer(self, operation: str, url: str | None, **further: Any) -> dict[str, Any]:
         """Return the answer to this body with further fields, of the service at this address or of this process."""
@@ -303,7 +294,7 @@ def calibration_body(
             ],
             "--strength-factors",
         )
-    body = CalibrationBody(content, case.file, case.flags, given, data_file, "numerics" in case.content)
+    body = CalibrationBody(content, case.file, case.flags, given, data_file)
     try:
         valid = model.model_validate_json(json.dumps(content))
         valid.model_arguments()

@@ -6,6 +6,7 @@ import math
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +15,8 @@ import pytest
 
 from service import cli
 from service.schemas.strike import PAPER_AT_45
-from solver import Impact, critical_angle
-from solver.calibration import MotionHistory, predict_motion
+from solver import Crater, Impact, Numerics, ShearPlug, critical_angle
+from solver.calibration import DepthTest, MotionHistory, fit_depth, predict_motion
 from solver.resistance import ObliquityPolynomial, Resistance
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET
 from tests.cli.commands import ROOT
@@ -213,13 +214,51 @@ def test_service_that_is_not_there_ends_with_status_1(run: Run, tests_file: Path
     assert "no service answers at http://127.0.0.1:1" in err
 
 
-def test_numerics_of_a_case_are_left_out_with_a_warning(run: Run, tests_file: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("part", "resistance", "numerics"),
+    [
+        ({"resistance": {"crater": {"depth_diameters": 2.0}}}, {"crater": Crater(depth_diameters=2.0)}, {}),
+        (
+            {
+                "target": PAPER_AT_45["target"] | {"thickness_m": 0.8},
+                "resistance": {"rear_plug": {"cone_angle_deg": 70}},
+            },
+            {"rear_plug": ShearPlug(cone_angle=math.radians(70.0))},
+            {},
+        ),
+        ({"numerics": {"termination_time_s": 0.002}}, {}, {"termination_time": 0.002}),
+        ({"numerics": {"method": "panels", "panels": 500}}, {}, {"method": "panels", "panels": 500}),
+    ],
+    ids=lambda value: "-".join(value) if isinstance(value, dict) else None,
+)
+def test_crater_plug_and_numerics_of_a_case_are_those_of_the_fit(
+    run: Run, tests_file: Path, tmp_path: Path, part: Any, resistance: Any, numerics: Any
+) -> None:
     case = tmp_path / "case.json"
-    case.write_text(json.dumps(PAPER_AT_45 | {"numerics": {"termination_time_s": 0.02}}))
-    runs = write_runs(tmp_path, {30.0: 7.5, 45.0: 7.0}, {30.0: 238.0, 45.0: 238.0})
-    for arguments in (["depth", tests_file], ["motion", "--runs", runs]):
-        status, _, err = run(*arguments, "--case", case, "--json")
-        assert (status, err) == (0, f"warning: {case}: numerics are not used by a calibration\n")
+    case.write_text(json.dumps(PAPER_AT_45 | part))
+    thickness = part.get("target", {}).get("thickness_m")
+    fitted = fit_depth(
+        projectile=PAPER_PROJECTILE,
+        target=replace(PAPER_TARGET, thickness=thickness),
+        resistance=Resistance(**resistance),
+        numerics=Numerics(**numerics),
+        tests=[DepthTest(velocity=v, depth=d) for v, d in ((238.1, 0.30), (275.7, 0.38), (314.0, 0.45), (369.5, 0.53))],
+    )
+    answer = answer_of(run("depth", tests_file, "--case", case, "--column", "mass=", "--json"))
+    assert answer["strength_factor"] == pytest.approx(fitted.estimate.strength_factor, rel=1e-9)
+    plain = answer_of(run("depth", tests_file, *CASE, "--column", "mass=", "--json"))
+    assert answer["strength_factor"] != plain["strength_factor"]
+
+
+def test_numerics_of_a_case_are_those_of_the_fit_of_a_motion(run: Run, tmp_path: Path) -> None:
+    case = tmp_path / "case.json"
+    runs = write_runs(tmp_path, {30.0: 7.5}, {30.0: 238.0})
+    found = []
+    for tolerance in (1e-3, 1e-9):
+        case.write_text(json.dumps(PAPER_AT_45 | {"numerics": {"relative_tolerance": tolerance}}))
+        found.append(answer_of(run("motion", "--runs", runs, "--case", case, "--json"))["strength_factor"])
+    assert found == pytest.approx([7.5, 7.5], rel=1e-2)
+    assert found[0] != found[1]
 
 
 def test_people_get_every_run_and_every_law(run: Run, tmp_path: Path) -> None:
