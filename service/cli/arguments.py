@@ -93,6 +93,9 @@ def read_points(text: str) -> list[list[float]]:
 class Flag(NamedTuple):
     """A flag for one field of a case.
 
+    The flags are a table, as making them from the models would add a second to every help text. A test compares it with
+    the models: fields, choices, units, defaults and bounds.
+
     Parameters
     ----------
     steps

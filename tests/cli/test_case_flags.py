@@ -11,6 +11,7 @@ import pytest
 
 from service import cli
 from service.cli.arguments import BODY, IMPACT, RESISTANCE, Flag
+from service.cli.writers import unit_of
 from service.schemas import CriticalAngleRequest, TrajectoryRequest
 from service.schemas.strike import PAPER
 
@@ -218,3 +219,29 @@ def test_a_flag_has_the_models_and_the_choices_of_its_field(flag: Flag) -> None:
         assert found.keys() == {""}
     if flag.implies and flag.choices:
         assert all(node["enum"] == list(flag.choices) for node in found.values())
+    field = next(iter(found.values()))
+    if field["type"] == "number":
+        assert f"[{unit_of(flag.steps[-1]) or 1}]" in flag.help
+        described = re.search(r"\(default: ([-\de.]+)\)", flag.help)
+        assert (described and float(described[1])) == field.get("default")
+
+
+BOUNDED = [flag for flag in (*IMPACT, *BODY, *RESISTANCE) if flag.read is float]
+BOUNDS = {"minimum": -1.0, "exclusiveMinimum": 0.0, "maximum": 1.0, "exclusiveMaximum": 0.0}
+"""Keywords of the schema, and in which direction a value is outside."""
+
+
+@pytest.mark.parametrize("flag", BOUNDED, ids=lambda flag: flag.name)
+@pytest.mark.parametrize("keywords", [("minimum", "exclusiveMinimum"), ("maximum", "exclusiveMaximum")], ids=min)
+def test_a_flag_has_the_bounds_of_its_field(
+    here: Path, capsys: pytest.CaptureFixture[str], flag: Flag, keywords: tuple[str, ...]
+) -> None:
+    field = next(iter(nodes_at(TrajectoryRequest.model_json_schema(), flag.steps).values()))
+    keyword = next(each for each in keywords if each in field)
+    outside = field[keyword] + BOUNDS[keyword] * max(1.0, abs(field[keyword]))
+    command = "trajectory strike.toml --angle 45".split()
+    assert cli.main([*command, f"{flag.name}={outside!r}"]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith(f"ricochet trajectory: {flag.name}: ")
+    assert field[keyword] in map(float, re.findall(r"-?\d[\d.]*(?:e[+-]?\d+)?", error))
+    assert unit_of(flag.steps[-1]) in error
