@@ -8,8 +8,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
-from pydantic import ValidationError
-
 from service.cli.arguments import (
     BODY,
     FAILED,
@@ -21,13 +19,13 @@ from service.cli.arguments import (
     add_url,
     examples,
 )
+from service.cli.local import refusals
 from service.cli.request_body import RequestBody, read_body
 from service.cli.single import answer_of
-from service.errors import InvalidBodyError, problem_of, validation_errors
 from service.readers import DEPTH_TESTS, MOTION, OBLIQUITY_POINTS, Quantity
 from service.schemas.calibration_motion import Calibration
 from service.schemas.strike import Impact
-from solver import ParameterError
+from service.validation import validated_as
 
 GREATEST_DEPTH = "greatest-depth"
 SHORT_NAMES = {
@@ -296,10 +294,9 @@ def calibration_body(
         )
     body = CalibrationBody(content, case.file, case.flags, given, data_file)
     try:
-        valid = model.model_validate_json(json.dumps(content))
-        valid.model_arguments()
-    except ValidationError as error:
-        raise body.explain(RefusedError(problem_of(InvalidBodyError(validation_errors(error.errors()))))) from None
-    except ParameterError as error:
-        raise body.explain(RefusedError(problem_of(error))) from None
+        with refusals():
+            valid = validated_as(model, content)
+            valid.model_arguments()
+    except RefusedError as error:
+        raise body.explain(error) from None
     return body, valid

@@ -20,7 +20,7 @@ from service.cli.arguments import (
     add_url,
     examples,
 )
-from service.cli.local import compute
+from service.cli.local import compute, refusals
 from service.cli.request_body import read_body
 from service.cli.writers import progress
 
@@ -110,23 +110,18 @@ def _make_report(body: dict[str, Any]) -> bytes:
     """Compute a report in this process; a bar on standard error shows the searches done."""
     from datetime import UTC, datetime
 
-    from pydantic import ValidationError
-
     from service.assessment import Query, first_queries, require_extra, strike_queries, write_page
-    from service.errors import InvalidBodyError, ReportsMissingError, problem_of, validation_errors
+    from service.errors import ReportsMissingError
     from service.schemas import ReportRequest
-    from solver import ParameterError
+    from service.validation import validated_as
 
     try:
         require_extra()
-        request = ReportRequest.model_validate_json(json.dumps(body))
-        request.check()
     except ReportsMissingError as error:
         raise CommandError(str(error), FAILED) from None
-    except ValidationError as error:
-        raise RefusedError(problem_of(InvalidBodyError(validation_errors(error.errors())))) from None
-    except ParameterError as error:
-        raise RefusedError(problem_of(error)) from None
+    with refusals():
+        request = validated_as(ReportRequest, body)
+        request.check()
 
     answers: dict[str, Any] = {}
 

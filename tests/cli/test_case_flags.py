@@ -239,7 +239,7 @@ def test_a_flag_has_the_bounds_of_its_field(
     field = next(iter(nodes_at(TrajectoryRequest.model_json_schema(), flag.steps).values()))
     keyword = next(each for each in keywords if each in field)
     outside = field[keyword] + BOUNDS[keyword] * max(1.0, abs(field[keyword]))
-    command = "trajectory strike.toml --angle 45".split()
+    command = ["trajectory", "strike.toml", "--angle", "45"]
     assert cli.main([*command, f"{flag.name}={outside!r}"]) == 2
     error = capsys.readouterr().err
     assert error.startswith(f"ricochet trajectory: {flag.name}: ")
