@@ -11,7 +11,17 @@ import sys
 from importlib import import_module
 from typing import Any, NamedTuple
 
-from service.cli.arguments import EXIT_STATUSES, FAILED, INTERRUPTED, CommandError, Formatter, UsageError, examples
+from service.cli.arguments import (
+    EXIT_STATUSES,
+    FAILED,
+    INTERRUPTED,
+    CommandError,
+    Parser,
+    UsageError,
+    choose_format,
+    examples,
+    one_answer,
+)
 
 
 class Command(NamedTuple):
@@ -103,17 +113,16 @@ def define(command: Command, parser: argparse.ArgumentParser) -> None:
 
 def run(name: str, arguments: list[str]) -> int:
     """Parse the arguments and run the command; only its module is imported and only its flags are known."""
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="ricochet",
         description="Critical ricochet angles of rigid projectiles on concrete, computed here or by a service (--url).",
         epilog=f"{examples('ricochet cra --help')}\n\n{EXIT_STATUSES}",
-        formatter_class=Formatter,
     )
     parser.add_argument("--version", action=Version, nargs=0, help="print the version and exit")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     selected = parser
     for command in COMMANDS:
-        subparser = commands.add_parser(command.name, help=command.help, formatter_class=Formatter, allow_abbrev=False)
+        subparser = commands.add_parser(command.name, help=command.help)
         if command.name == name:
             selected = subparser
             define(command, subparser)
@@ -121,7 +130,9 @@ def run(name: str, arguments: list[str]) -> int:
         selected = import_module("service.cli.single").add_operation_command(commands, name) or parser
     args = parser.parse_args(arguments)
     try:
-        status: int = args.run(args)
+        choose_format(args)
+        with one_answer(args):
+            status: int = args.run(args)
         sys.stdout.flush()
     except UsageError as error:
         selected.error(str(error))

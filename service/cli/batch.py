@@ -158,7 +158,7 @@ def _compute_sweep(args: argparse.Namespace, content: dict[str, Any], writers: S
         from service.cli import local
 
         count = math.prod(len(axis.values) for axis in args.axis)
-        if local.is_small(args.operation, count):
+        if local.is_small(args.operation, count) and not args.parquet:
             return write_results(args, local.compute_sweep(args.operation, content), count, content, writers)
     from service.cli.client import JSON, dumps
 

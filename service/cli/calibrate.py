@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from service.cli.arguments import BODY, IMPACT, WRONG, CommandError, Formatter, examples
+from service.cli.arguments import BODY, IMPACT, WRONG, CommandError, ending_of, examples
 from service.cli.calibration_input import (
     GREATEST_DEPTH,
     CalibrationBody,
@@ -55,7 +55,7 @@ def add_calibrate(parser: argparse.ArgumentParser) -> None:
         ("motion", "one strength factor from the motion in an oblique impact", add_motion_flags),
         ("obliquity", "a polynomial over the oblique angle from strength factors", add_obliquity_flags),
     ):
-        add_flags(kinds.add_parser(name, help=help_, formatter_class=Formatter))
+        add_flags(kinds.add_parser(name, help=help_))
     parser.set_defaults(run=run)
 
 
@@ -67,6 +67,9 @@ def run(args: argparse.Namespace) -> int:
         "obliquity": calibrate_obliquity,
     }
     try:
+        for table in ("curves", "histories"):
+            if getattr(args, table, None):
+                ending_of(f"--{table}", getattr(args, table), [".csv"])
         fits[args.calibration](args)
     except (CommandError, FileError) as error:
         return _fail(args, error, error.status if isinstance(error, CommandError) else WRONG)

@@ -4,7 +4,7 @@ import argparse
 from collections.abc import Iterator
 from pathlib import Path
 
-from service.cli.arguments import FAILED, CommandError, examples
+from service.cli.arguments import FAILED, CommandError, Parser, ending_of, examples
 
 STRIKE = """\
 # A strike, for `ricochet cra` and the other commands. SI units; angles in degrees from the inward normal of the face.
@@ -80,8 +80,7 @@ def add_init(parser: argparse.ArgumentParser) -> None:
 
 def run_init(args: argparse.Namespace) -> int:
     """Write the file."""
-    if args.file.suffix.lower() != ".toml":
-        raise CommandError(f"{args.file}: must end in .toml")
+    ending_of("FILE", args.file, [".toml"])
     try:
         with args.file.open("x", encoding="utf-8") as stream:
             stream.write(STRIKE)
@@ -110,7 +109,7 @@ def run_completion(args: argparse.Namespace) -> int:
 
     flags, choices = [], []
     for command in COMMANDS:
-        parser = argparse.ArgumentParser(prog=f"ricochet {command.name}")
+        parser = Parser(prog=f"ricochet {command.name}")
         define(command, parser)
         flags.append(f'                {command.name}) words="{" ".join(sorted(set(_words(parser))))}" ;;')
         for names, values in _choices(parser):

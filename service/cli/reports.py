@@ -18,6 +18,7 @@ from service.cli.arguments import (
     RefusedError,
     add_case,
     add_url,
+    ending_of,
     examples,
 )
 from service.cli.local import compute, refusals
@@ -79,9 +80,7 @@ def run_report(args: argparse.Namespace) -> int:
         If there is none, or the file cannot be written.
     """
     output: Path = args.output
-    kind = output.suffix.lower()
-    if kind not in {".html", ".pdf"}:
-        raise CommandError(f"--output {output}: must end in .html or .pdf")
+    kind = ending_of("--output", output, (".html", ".pdf"))
     browser = find_browser() if kind == ".pdf" else ""
     body = read_body(args.case, args, REPORT_FLAGS)
     try:

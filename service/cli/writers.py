@@ -146,21 +146,6 @@ class Counts:
         return f"{self.total} cases, {self.failed} of them with a problem"
 
 
-def is_table(args: argparse.Namespace) -> bool:
-    """Return whether the results are written as CSV: by `--csv`, or into a file whose name ends in .csv."""
-    return bool(args.csv or _is_named(args, ".csv"))
-
-
-def is_parquet(args: argparse.Namespace) -> bool:
-    """Return whether the results are written as Parquet: by `--parquet`, or into a file whose name ends in .parquet."""
-    return bool(args.parquet or _is_named(args, ".parquet"))
-
-
-def _is_named(args: argparse.Namespace, ending: str) -> bool:
-    given = args.json or args.csv or args.parquet
-    return bool(args.output and not given and args.output.suffix.lower() == ending)
-
-
 @contextmanager
 def open_output(args: argparse.Namespace) -> Iterator[TextIO]:
     """Open the file of `--output`, or standard output.
@@ -171,7 +156,7 @@ def open_output(args: argparse.Namespace) -> Iterator[TextIO]:
         If the file cannot be written, or Parquet would go to a terminal.
     """
     if args.output is None:
-        if is_parquet(args) and sys.stdout.isatty():
+        if args.parquet and sys.stdout.isatty():
             raise CommandError("Parquet is not for a terminal: name a file with -o")
         yield sys.stdout
         return
