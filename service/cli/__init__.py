@@ -6,8 +6,11 @@ solver and the service inside `run`: `ricochet --help` would otherwise take seco
 """
 
 import argparse
+import codecs
+import io
 import os
 import sys
+import unicodedata
 from importlib import import_module
 from typing import Any, NamedTuple
 
@@ -21,7 +24,11 @@ from service.cli.arguments import (
     choose_format,
     examples,
     one_answer,
+    reason_of,
 )
+
+PLAIN = {"°": "deg", "±": "+/-", "×": "x", "–": "-", "…": "..."}
+"""What stands for a character that the encoding of a terminal lacks, where Unicode does not know it."""
 
 
 class Command(NamedTuple):
@@ -89,6 +96,8 @@ def package_version() -> str:
 def main(arguments: list[str] | None = None) -> int:
     """Run a command; return its exit status."""
     arguments = sys.argv[1:] if arguments is None else arguments
+    prepare_streams()
+    os.environ.pop("MPLBACKEND", None)  # Plots go to files; a backend that a notebook has set may not be here.
     name = next((argument for argument in arguments if not argument.startswith("-")), "")
     try:
         return run(name, arguments)
@@ -98,12 +107,34 @@ def main(arguments: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
         return INTERRUPTED
-    except BrokenPipeError:  # The reader of the pipe has closed it.
+    except BrokenPipeError:  # The reader of the pipe, such as `head`, has all that it wants.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return FAILED
+        return 0
     except OSError as error:  # This is most likely a full disk.
-        print(f"ricochet {name}: {error}", file=sys.stderr)
+        print(f"ricochet {name}: {reason_of(error)}", file=sys.stderr)
         return FAILED
+
+
+def prepare_streams() -> None:
+    """Open the streams that are closed to nowhere, and have characters replaced that an encoding lacks."""
+    codecs.register_error("plain", plain)
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        stream = getattr(sys, name)
+        if stream is None:
+            nowhere = os.open(os.devnull, os.O_RDWR)
+            setattr(sys, name, os.fdopen(nowhere, mode, encoding="utf-8", closefd=False))  # It stays open to the end.
+        elif isinstance(stream, io.TextIOWrapper) and mode == "w":
+            stream.reconfigure(errors="plain")
+
+
+def plain(error: UnicodeError) -> tuple[str, int]:
+    """Return characters in ASCII for some that cannot be encoded, and where to go on."""
+    assert isinstance(error, UnicodeEncodeError)  # noqa: S101 (streams for output alone have it)
+    found = ""
+    for character in error.object[error.start : error.end]:
+        known = unicodedata.normalize("NFKD", character).encode("ascii", "ignore").decode()
+        found += PLAIN.get(character) or known or "?"
+    return found, error.end
 
 
 def define(command: Command, parser: argparse.ArgumentParser) -> None:

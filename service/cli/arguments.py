@@ -72,6 +72,11 @@ class RefusedError(CommandError):
         return list(self.problem.get("errors", ()))
 
 
+def reason_of(error: BaseException) -> str:
+    """Return the text of an error of the system without its number."""
+    return re.sub(r"\[Errno -?\d+\] ", "", str(error))
+
+
 def problem_text(problem: Mapping[str, Any]) -> str:
     """Return a problem document as one sentence."""
     return ": ".join(str(problem[name]) for name in ("title", "detail") if problem.get(name))

@@ -22,6 +22,7 @@ from service.cli.arguments import (
     add_url,
     examples,
     read_settings,
+    reason_of,
 )
 
 if TYPE_CHECKING:
@@ -80,7 +81,7 @@ def run_serve(args: argparse.Namespace) -> int:
         with suppress(KeyboardInterrupt):
             server.run()
     except (FolderInUseError, ExecutorError, OSError) as error:
-        raise CommandError(str(error), NOT_STARTED) from None
+        raise CommandError(reason_of(error), NOT_STARTED) from None
     except Exception:
         log.exception("the service failed")
         return FAILED

@@ -156,7 +156,7 @@ def local_server(data_dir: Path | None) -> Iterator[Client]:
         try:
             with progress("starting"):
                 started.result()
-            with connect("http://ricochet", socket=socket_path, trust_env=False) as client:
+            with connect("http://ricochet", socket=socket_path) as client:
                 yield client
         except FolderInUseError as error:
             raise CommandError(f"{error}; use that service with --url", FAILED) from None

@@ -62,7 +62,7 @@ class JsonLines:
 
     def write(self, items: Sequence[Item]) -> None:
         """Write a line for each result and flush, so that the reader of a pipe gets them at once."""
-        self._stream.write(b"".join(orjson.dumps(item) + b"\n" for item in items).decode())
+        self._stream.buffer.write(b"".join(orjson.dumps(item) + b"\n" for item in items))  # JSON is UTF-8 everywhere.
         self._stream.flush()
 
     def close(self) -> None:
