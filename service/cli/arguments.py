@@ -490,4 +490,9 @@ def read_settings(**fixed: Any) -> "Settings":
     try:
         return Settings(**fixed)
     except ValidationError as error:
-        raise UsageError(f"invalid RICOCHET_... variable: {error}") from None
+        lines = []
+        for each in error.errors():
+            name = str(each["loc"][0]) if each["loc"] else ""
+            origin = f"--{name.replace('_', '-')}" if name in fixed else f"RICOCHET_{name.upper()}"
+            lines.append(f"{origin}: {each['msg'].removeprefix('Value error, ')}")
+        raise UsageError("\n".join(lines)) from None

@@ -22,6 +22,7 @@ from service.cli.arguments import (
     add_url,
     examples,
 )
+from service.cli.case_table import ENDINGS, read_cases
 from service.cli.jobs import BatchRequest, run_batch, write_results
 from service.cli.request_body import STDIN, RequestBody, explained, read_body, without_sought
 from service.cli.writers import Writer
@@ -47,12 +48,18 @@ class SweepAxis(NamedTuple):
 def add_batch(parser: argparse.ArgumentParser) -> None:
     """Define `ricochet batch`."""
     parser.description = (
-        "Compute many cases. Each line of the file is a request body in JSON, with an optional custom_id. Results are "
-        "written in the order of the file as soon as they are ready: as JSON lines, or on a terminal as a table of "
-        "the first."
+        "Compute many cases. Each line of the file is a request body in JSON, with an optional custom_id; or the file "
+        "is a CSV table with a case in each row, whose columns are fields with their units, such as velocity_m_s or "
+        "resistance.strength_factor.model. Results are written in the order of the file as soon as they are ready: as "
+        "JSON lines, or on a terminal as a table of the first."
     )
-    parser.epilog = examples("ricochet batch cases.jsonl -o angles.csv", "ricochet batch cases.jsonl > angles.jsonl")
-    parser.add_argument("file", metavar="FILE.jsonl", help="up to 100,000 cases; - reads a pipe")
+    parser.epilog = examples(
+        "ricochet batch cases.jsonl -o angles.csv",
+        "ricochet batch cases.jsonl > angles.jsonl",
+        "ricochet batch cases.csv --case strike.toml -o angles.csv",
+    )
+    parser.add_argument("file", metavar="FILE", help="up to 100,000 cases, .jsonl or .csv; - reads JSON lines")
+    parser.add_argument("--case", type=Path, metavar="CASE", help="TOML or JSON file with what a table leaves out")
     _add_common(parser)
     parser.set_defaults(run=run_file)
 
@@ -94,7 +101,14 @@ def _add_common(parser: argparse.ArgumentParser) -> None:
 def run_file(args: argparse.Namespace) -> int:
     """Compute the cases of a file; return 3 if some have a problem."""
     path = f"/{args.operation}/batch"
-    if args.file == STDIN:
+    lines = None
+    if args.case and Path(args.file).suffix.lower() not in ENDINGS:
+        raise UsageError("--case needs a table of cases, .csv or .tsv")
+    if Path(args.file).suffix.lower() in ENDINGS:
+        base = without_sought(read_body(args.case, args, ()), args.operation).content
+        cases, lines = read_cases(Path(args.file), args.operation, base)
+        request = BatchRequest(path, lambda: b"\n".join(cases), JSONL)
+    elif args.file == STDIN:
         text = sys.stdin.buffer.read()
         request = BatchRequest(path, lambda: text, JSONL)
     else:
@@ -104,7 +118,7 @@ def run_file(args: argparse.Namespace) -> int:
     try:
         return run_batch(args, request)
     except RefusedError as error:
-        raise _explain_lines(error, args.file) from None
+        raise _explain_lines(error, args.file, lines) from None
 
 
 def _check_readable(file: Path) -> None:
@@ -121,13 +135,15 @@ def _read_pieces(file: Path) -> Iterator[bytes]:
             yield piece
 
 
-def _explain_lines(error: RefusedError, file: str) -> CommandError:
-    """Return a problem with the line of each invalid case; the service counts from 0."""
+def _explain_lines(error: RefusedError, file: str, numbers: Sequence[int] | None) -> CommandError:
+    """Return a problem with the line of each invalid case; the service counts from 0, and knows no table."""
     lines = []
     for each in error.errors:
         _, _, rest = each["pointer"].partition("/")
         index, _, pointer = rest.partition("/")
-        line = f"{file}:{int(index) + 1}" if index.isdigit() else file
+        line = file
+        if index.isdigit():
+            line = f"{file}:{numbers[int(index)] if numbers else int(index) + 1}"
         detail = explained(f"/{pointer}", each["detail"])
         lines.append(": ".join(filter(None, (line, pointer and f"/{pointer}", detail))))
     return CommandError("\n".join(lines), error.status) if lines else error

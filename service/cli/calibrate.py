@@ -10,9 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.console import Console
-from rich.markup import escape
-from rich.table import Table
 
 from service.cli.arguments import BODY, IMPACT, WRONG, CommandError, ending_of, examples
 from service.cli.calibration_input import (
@@ -25,7 +22,7 @@ from service.cli.calibration_input import (
     by_quantity,
     calibration_body,
 )
-from service.cli.writers import print_warnings
+from service.cli.writers import print_table, print_warnings
 from service.readers import (
     DEPTH_TESTS,
     MOTION,
@@ -289,96 +286,90 @@ def _print_json(answer: Mapping[str, Any]) -> None:
 
 
 def _print_depth(tests: Sequence[Mapping[str, Any]], answer: Mapping[str, Any], confidence: float) -> None:
-    table = _table("velocity m/s", "depth m", "predicted m", "residual mm")
-    for test, predicted, residual in zip(tests, answer["predicted_depth_m"], answer["residuals"], strict=True):
-        velocity, depth = test["velocity_m_s"], test["depth_m"]
-        table.add_row(f"{velocity:g}", f"{depth:g}", f"{predicted:.4f}", f"{1e3 * residual:+.1f}")
-    console = Console(highlight=False)
-    console.print(table)
+    rows = [
+        [f"{test['velocity_m_s']:g}", f"{test['depth_m']:g}", f"{predicted:.4f}", f"{1e3 * residual:+.1f}"]
+        for test, predicted, residual in zip(tests, answer["predicted_depth_m"], answer["residuals"], strict=True)
+    ]
+    _print_rows(["velocity m/s", "depth m", "predicted m", "residual mm"], rows, words=0)
     if "groups" in answer:
-        groups = _table("strength factor", "standard error", "interval", first="group")
-        for group in answer["groups"]:
-            groups.add_row(escape(group["group"]), *_columns(group))
-        console.print(groups)
-    scatter = f"root mean square {1e3 * answer['root_mean_square_m']:.1f} mm"
-    console.print(_sentence(answer, confidence), scatter, sep="\n", markup=False, soft_wrap=True)
+        _print_rows(
+            ["group", "strength factor", "standard error", "interval"],
+            [[group["group"], *_columns(group)] for group in answer["groups"]],
+        )
+    print(_sentence(answer, confidence))
+    print(f"root mean square {1e3 * answer['root_mean_square_m']:.1f} mm")
     print_warnings(answer["warnings"])
 
 
 def _print_motion(inputs: Sequence[_Input], answer: Mapping[str, Any], confidence: float) -> None:
     requested = inputs[0].body.value_at("/resistance/free_surface/model") or "elastic_plastic"
-    runs, console = answer.get("runs", [answer]), Console(highlight=False)
-    console.print(_quantities(runs[0]) if len(inputs) == 1 else _runs(inputs, runs, answer["decay_laws"], requested))
-    laws = _table("strength factor", "standard error", "normalised rms", first="decay law")
+    runs = answer.get("runs", [answer])
+    if len(inputs) == 1:
+        _print_quantities(runs[0])
+    else:
+        _print_runs(inputs, runs, answer["decay_laws"], requested)
+    laws = []
     for law in answer["decay_laws"]:
-        cells = ("", "", "")
+        cells = ["", "", ""]
         if "strength_factor" in law:
-            cells = (*_columns(law)[:2], f"{law['normalized_root_mean_square']:.4f}")
-        laws.add_row(law["free_surface"].replace("_", " "), *cells)
-    console.print(laws)
+            cells = [*_columns(law)[:2], f"{law['normalized_root_mean_square']:.4f}"]
+        laws.append([law["free_surface"].replace("_", " "), *cells])
+    _print_rows(["decay law", "strength factor", "standard error", "normalised rms"], laws)
     described = f"{len(inputs)} runs"
     if len(inputs) == 1:
         angle, times = inputs[0].impact["oblique_angle_deg"], inputs[0].history["time_s"]
         described = f"{angle:g}° from the normal, {len(times)} instants up to {1e3 * times[-1]:.3g} ms"
-    sentence = f"{requested.replace('_', ' ')}: {_sentence(answer, confidence)}"
-    best = f"best decay law: {answer['best_decay_law'].replace('_', ' ')}"
-    console.print(sentence, best, described, sep="\n", markup=False, soft_wrap=True)
+    print(f"{requested.replace('_', ' ')}: {_sentence(answer, confidence)}")
+    print(f"best decay law: {answer['best_decay_law'].replace('_', ' ')}")
+    print(described)
     print_warnings(answer["warnings"])
 
 
-def _quantities(run: Mapping[str, Any]) -> Table:
-    """Return the root mean squares of a single run."""
-    table = _table("root mean square", "explained", first="quantity")
+def _print_quantities(run: Mapping[str, Any]) -> None:
+    """Print the root mean squares of a single run."""
+    rows = []
     for name, value in run["root_mean_square"].items():
         scatter = f"{value:.2f}°" if name == "rotation_deg" else f"{1e3 * value:.1f} mm"
         explained = f"{run['r_squared'][name]:.2%}" if name in run["r_squared"] else ""
-        table.add_row(name.rpartition("_")[0].replace("_", " "), scatter, explained)
-    return table
+        rows.append([name.rpartition("_")[0].replace("_", " "), scatter, explained])
+    _print_rows(["quantity", "root mean square", "explained"], rows)
 
 
-def _runs(
+def _print_runs(
     inputs: Sequence[_Input], runs: Sequence[Mapping[str, Any]], laws: Sequence[Mapping[str, Any]], requested: str
-) -> Table:
-    """Return each of several runs at its own strength factor and at the common one."""
-    table = _table("angle °", "m/s", "own factor", "normalised rms", "at the common factor", first="run")
-    own = next(law["runs"] for law in laws if law["free_surface"] == requested)
+) -> None:
+    """Print each of several runs at its own strength factor and at the common one."""
+    own, rows = next(law["runs"] for law in laws if law["free_surface"] == requested), []
     for each, run, fitted in zip(inputs, runs, own, strict=True):
-        cells = ("", "")
+        cells = ["", ""]
         if alone := fitted.get("alone"):
             factor = f"{alone['strength_factor']:.3f} ± {alone['standard_error']:.3f}"
-            cells = (factor, f"{alone['normalized_root_mean_square']:.4f}")
-        table.add_row(
-            escape(each.name),
-            f"{each.impact['oblique_angle_deg']:g}",
-            f"{each.impact['velocity_m_s']:g}",
-            *cells,
-            f"{run['normalized_root_mean_square']:.4f}",
-        )
-    return table
+            cells = [factor, f"{alone['normalized_root_mean_square']:.4f}"]
+        impact = (f"{each.impact[name]:g}" for name in ("oblique_angle_deg", "velocity_m_s"))
+        rows.append([each.name, *impact, *cells, f"{run['normalized_root_mean_square']:.4f}"])
+    _print_rows(["run", "angle °", "m/s", "own factor", "normalised rms", "at the common factor"], rows)
 
 
 def _print_obliquity(points: Sequence[Mapping[str, Any]], answer: Mapping[str, Any]) -> None:
-    coefficients = _table("coefficient", "standard error", first="power of °")
+    coefficients = []
     for power, coefficient in enumerate(answer["coefficients"]):
         error = f"{answer['covariance'][power][power] ** 0.5:.4g}" if "covariance" in answer else ""
-        coefficients.add_row(str(power), f"{coefficient:.6g}", error)
-    rows = _table("oblique angle °", "strength factor", "residual")
-    for point, residual in zip(points, answer["residuals"], strict=True):
-        rows.add_row(f"{point['oblique_angle_deg']:g}", f"{point['strength_factor']:g}", f"{residual:+.4f}")
-    console = Console(highlight=False)
-    console.print(coefficients, rows)
-    console.print("strength_factor of a request:", markup=False)
-    console.print_json(data=answer["strength_factor_model"], indent=None)
+        coefficients.append([str(power), f"{coefficient:.6g}", error])
+    _print_rows(["power of °", "coefficient", "standard error"], coefficients)
+    rows = [
+        [f"{point['oblique_angle_deg']:g}", f"{point['strength_factor']:g}", f"{residual:+.4f}"]
+        for point, residual in zip(points, answer["residuals"], strict=True)
+    ]
+    _print_rows(["oblique angle °", "strength factor", "residual"], rows, words=0)
+    print("strength_factor of a request:")
+    print(json.dumps(answer["strength_factor_model"]))
     print_warnings(answer["warnings"])
 
 
-def _table(*columns: str, first: str = "") -> Table:
-    table = Table()
-    if first:
-        table.add_column(first, overflow="fold")
-    for column in columns:
-        table.add_column(column, justify="right")
-    return table
+def _print_rows(columns: Sequence[str], rows: Sequence[Sequence[str]], words: int = 1) -> None:
+    """Print a table of texts, of which all but the first columns are numbers, and an empty line."""
+    print_table(columns, rows, right=[column >= words for column in range(len(columns))])
+    print()
 
 
 def _columns(estimate: Mapping[str, Any]) -> tuple[str, str, str]:

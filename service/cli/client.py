@@ -26,8 +26,8 @@ LONGEST_PAUSE = 60.0
 """Longest `Retry-After` that is followed. [s]"""
 BUSY = frozenset({429, 503})
 """Statuses after which a request is repeated."""
-NOT_IN_KEYS = re.compile(r"[^!-~]")
-"""Characters that a key must not have, as it is sent in a header: all but printable ASCII without spaces."""
+NOT_IN_KEYS = re.compile(r"[^!-~]|[\"']")
+"""Characters that a key must not have, as it is sent in a header: all but printable ASCII without spaces or quotes."""
 PROXIES = ("ALL_PROXY", "HTTP_PROXY", "HTTPS_PROXY", "NO_PROXY")
 CERTIFICATES = ("SSL_CERT_FILE", "SSL_CERT_DIR")
 """Variables that httpx reads."""

@@ -96,10 +96,10 @@ def add_completion(parser: argparse.ArgumentParser) -> None:
     """Define `ricochet completion`."""
     parser.description = (
         "Print a script with which a shell completes commands, flags, their choices and files. Append it to ~/.bashrc "
-        "or ~/.zshrc."
+        "or ~/.zshrc, or write it to ~/.config/fish/completions/ricochet.fish."
     )
-    parser.epilog = examples("ricochet completion bash", "ricochet completion zsh")
-    parser.add_argument("shell", choices=("bash", "zsh"), help="the shell that reads it")
+    parser.epilog = examples("ricochet completion bash", "ricochet completion zsh", "ricochet completion fish")
+    parser.add_argument("shell", choices=("bash", "zsh", "fish"), help="the shell that reads it")
     parser.set_defaults(run=run_completion)
 
 
@@ -108,13 +108,19 @@ def run_completion(args: argparse.Namespace) -> int:
     from service.cli import COMMANDS, define
 
     flags, choices = [], []
+    fish = ["# Completion of ricochet"]
     for command in COMMANDS:
         parser = Parser(prog=f"ricochet {command.name}")
         define(command, parser)
+        fish.append(f"complete -c ricochet -n __fish_use_subcommand -x -a {command.name} -d '{command.help}'")
+        fish += _fish(command.name, parser)
         flags.append(f'                {command.name}) words="{" ".join(sorted(set(_words(parser))))}" ;;')
         for names, values in _choices(parser):
             places = "|".join(f'"{command.name} {name}"' for name in names)
             choices.append(f'        {places}) words="{" ".join(values)}" ;;')
+    if args.shell == "fish":
+        print("\n".join(fish))
+        return 0
     script = BASH % {
         "commands": " ".join(command.name for command in COMMANDS),
         "flags": "\n".join(flags),
@@ -131,6 +137,17 @@ def _actions(parser: argparse.ArgumentParser) -> Iterator[argparse.Action]:
         if isinstance(action, argparse._SubParsersAction):  # noqa: SLF001
             for subparser in action.choices.values():
                 yield from _actions(subparser)
+
+
+def _fish(command: str, parser: argparse.ArgumentParser) -> Iterator[str]:
+    """Yield the lines of fish for the flags of a command, and for the words that stand for themselves."""
+    for action in _actions(parser):
+        names = [f"-l {name[2:]}" if name.startswith("--") else f"-s {name[1:]}" for name in action.option_strings]
+        values = f"-x -a '{' '.join(map(str, action.choices))}'" if action.choices else ""
+        if names or values:
+            argument = values or ("" if action.nargs == 0 else "-r")
+            words = (f"complete -c ricochet -n '__fish_seen_subcommand_from {command}'", *names, argument)
+            yield " ".join(filter(None, words))
 
 
 def _words(parser: argparse.ArgumentParser) -> Iterator[str]:

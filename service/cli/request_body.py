@@ -92,10 +92,10 @@ def read_body(file: str | Path | None, args: argparse.Namespace, flags: Sequence
             given[flag.pointer] = flag.name
     for part in MODEL_NAMES:
         chosen = [(flag, getattr(args, "/".join(flag.steps))) for flag in flags if flag.steps[:-1] == part]
-        _put_model(content, part, [(flag, value) for flag, value in chosen if value is not None])
+        put_model(content, part, [(flag, value) for flag, value in chosen if value is not None])
     for text in getattr(args, "set", ()):
         field, value = _split(text)
-        _put_field(content, field.split("."), value, text)
+        put_field(content, field.split("."), value, f"--set {text}")
         given["/" + field.replace(".", "/")] = f"--set {text}"
     return RequestBody(content, None if file is None else str(file), {flag.pointer: flag for flag in flags}, given)
 
@@ -107,7 +107,7 @@ def explained(pointer: str, detail: str, *values: Any) -> str:
     unit that the number may have been meant in.
     """
     if detail.startswith(UNKNOWN):
-        return detail + _suggestion(pointer)
+        return detail + suggestion(pointer)
     if found := _bound_error(pointer, values):
         return found
     unit = unit_of(pointer)
@@ -130,14 +130,14 @@ def _bound_error(pointer: str, values: Iterable[Any]) -> str | None:
     return None
 
 
-def _suggestion(pointer: str) -> str:
+def suggestion(pointer: str) -> str:
     """Return the end of an error for an unknown field: the field it may be meant as, or those beside it."""
     from service.schemas import CriticalAngleRequest, TrajectoryRequest
     from service.schemas.sweeps import schema_of
 
     field = pointer.strip("/").replace("/", ".")
     models = (CriticalAngleRequest, TrajectoryRequest)
-    known = sorted({name for model in models for name in _field_names(schema_of(model))})
+    known = sorted({name for model in models for name in field_names(schema_of(model))})
     if field in known:  # The field belongs to another request.
         return ""
     holder, _, last = field.rpartition(".")
@@ -150,16 +150,16 @@ def _suggestion(pointer: str) -> str:
     return f"; {holder} has {', '.join(beside)}" if beside and holder else ""
 
 
-def _field_names(schema: dict[str, Any], node: dict[str, Any] | None = None, before: str = "") -> Iterator[str]:
+def field_names(schema: dict[str, Any], node: dict[str, Any] | None = None, before: str = "") -> Iterator[str]:
     """Yield the fields of a schema, and of its parts."""
     node = schema if node is None else node
     while "$ref" in node:
         node = schema["$defs"][node["$ref"].rpartition("/")[2]]
     for variant in node.get("oneOf", node.get("anyOf", ())):
-        yield from _field_names(schema, variant, before)
+        yield from field_names(schema, variant, before)
     for name, field in node.get("properties", {}).items():
         yield f"{before}{name}"
-        yield from _field_names(schema, field, f"{before}{name}.")
+        yield from field_names(schema, field, f"{before}{name}.")
 
 
 def without_sought(body: RequestBody, operation: str) -> RequestBody:
@@ -185,7 +185,7 @@ def _put_number(body: dict[str, Any], flag: Flag, value: float | None) -> None:
         parent[flag.steps[-1]] = value
 
 
-def _put_model(body: dict[str, Any], part: tuple[str, ...], chosen: Sequence[tuple[Flag, Any]]) -> None:
+def put_model(body: dict[str, Any], part: tuple[str, ...], chosen: Sequence[tuple[Flag, Any]]) -> None:
     """Set a part of several models from its flags; the model of the file stays if it has their fields.
 
     Raises
@@ -218,12 +218,13 @@ def _split(text: str) -> tuple[str, Any]:
         return field, value  # The value is a word, such as the name of a model.
 
 
-def _put_field(body: dict[str, Any], steps: Sequence[str], value: Any, text: str) -> None:
+def put_field(body: dict[str, Any], steps: Sequence[str], value: Any, text: str) -> None:
+    """Set any field of a body; the text is that of the user, for the error if what holds it is not an object."""
     parent = body
     for step in steps[:-1]:
         parent = parent.setdefault(step, {})
         if not isinstance(parent, dict):
-            raise CommandError(f"--set {text}: {step} is not an object")
+            raise CommandError(f"{text}: {step} is not an object")
     parent[steps[-1]] = value
 
 
@@ -235,7 +236,7 @@ def read_object(file: str | Path) -> dict[str, Any]:
     CommandError
         If the file cannot be read or parsed, or holds something else.
     """
-    text = _read_text(file)
+    text = read_text(file)
     try:
         content = _parse_toml(text) if Path(file).suffix.lower() == ".toml" else json.loads(text)
     except tomllib.TOMLDecodeError as error:
@@ -256,7 +257,14 @@ def _parse_toml(text: str) -> Any:
     return json.loads(json.dumps(tomllib.loads(text), default=str))
 
 
-def _read_text(file: str | Path) -> str:
+def read_text(file: str | Path) -> str:
+    """Return the text of a file or, for -, of standard input.
+
+    Raises
+    ------
+    CommandError
+        If it cannot be read, is empty or is not UTF-8.
+    """
     try:
         content = sys.stdin.buffer.read() if str(file) == STDIN else Path(file).read_bytes()
     except OSError as error:

@@ -193,11 +193,17 @@ def cell(value: Any) -> str:
     return "" if value is None else str(value).replace("\x1b", "")
 
 
-def print_table(columns: Sequence[str], rows: Sequence[Sequence[Any]], stream: TextIO | None = None) -> None:
-    """Print a table, with rules on a terminal and as aligned columns elsewhere; numbers are aligned right."""
-    stream = stream or sys.stdout
+def print_table(columns: Sequence[str], rows: Sequence[Sequence[Any]], *, right: Sequence[bool] | None = None) -> None:
+    """Print a table, with rules on a terminal and as aligned columns elsewhere.
+
+    Parameters
+    ----------
+    right
+        Which columns are aligned right; those of numbers unless given.
+    """
+    stream = sys.stdout
     cells = [list(map(cell, row)) for row in rows]
-    right = [all(isinstance(row[i], int | float) or row[i] == "" for row in rows) for i in range(len(columns))]
+    right = right or [all(isinstance(row[i], int | float) or row[i] == "" for row in rows) for i in range(len(columns))]
     if stream.isatty():
         _print_ruled(columns, cells, right, stream)
         return

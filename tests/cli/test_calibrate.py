@@ -110,6 +110,7 @@ def test_people_get_a_table(run: Run, tests_file: Path) -> None:
     assert (status, "Traceback" in err) == (0, False)
     for expected in ("velocity m/s", "369.5", "slow", "strength factor 8.3", "95% interval", "root mean square 28."):
         assert expected in out
+    assert out.isascii()  # There are no boxes in a pipe.
 
 
 def test_case_comes_from_the_body_of_a_request(run: Run, tests_file: Path, tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 import json
 import re
+import shlex
 import subprocess
 import tomllib
 from pathlib import Path
@@ -180,6 +181,20 @@ def test_zsh_reads_the_script_of_bash(capsys: pytest.CaptureFixture[str]) -> Non
     zsh = capsys.readouterr().out
     assert zsh.endswith(bash)
     assert "bashcompinit" in zsh.removesuffix(bash)
+
+
+def test_fish_completes_commands_flags_and_choices(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["completion", "fish"]) == 0
+    lines = [shlex.split(line, comments=True) for line in capsys.readouterr().out.splitlines()]
+    assert all(line[:3] == ["complete", "-c", "ricochet"] for line in lines if line)
+    offered = {(line[4], *line[5:]) for line in lines if line}
+    commands = {line[line.index("-a") + 1] for line in offered if line[0] == "__fish_use_subcommand"}
+    assert commands == {command.name for command in cli.COMMANDS}
+    cra = {line[1:] for line in offered if line[0] == "__fish_seen_subcommand_from cra"}
+    assert {("-l", "velocity", "-r"), ("-l", "json"), ("-s", "o", "-l", "output", "-r")} <= cra
+    assert ("-l", "nose", "-x", "-a", "ogive conical spherical flat profile") in cra
+    jobs = {line[1:] for line in offered if line[0] == "__fish_seen_subcommand_from jobs"}
+    assert ("-x", "-a", "list show results cancel delete") in jobs
 
 
 def nodes_at(schema: dict[str, Any], steps: tuple[str, ...]) -> dict[str, dict[str, Any]]:
