@@ -176,7 +176,9 @@ def test_port_in_use_is_one_sentence(live_url: str, tmp_path: Path) -> None:
     port = str(httpx.URL(live_url).port)
     done = run(tmp_path, "serve", RICOCHET_HOST="127.0.0.1", RICOCHET_PORT=port, RICOCHET_DATA_DIR="data")
     assert (done.status, done.out) == (3, "")
-    assert done.err == f"ricochet serve: port {port} of 127.0.0.1 is in use; choose another with --port or RICOCHET_PORT\n"
+    assert (
+        done.err == f"ricochet serve: port {port} of 127.0.0.1 is in use; choose another with --port or RICOCHET_PORT\n"
+    )
     assert not (tmp_path / "data").exists()
 
 
