@@ -349,7 +349,10 @@ def ending_of(flag: str, file: Path, known: Iterable[str]) -> str:
 
 @contextmanager
 def one_answer(args: argparse.Namespace) -> Iterator[None]:
-    """Put what a command with one answer prints into the file of `--output`, once all of it is there."""
+    """Put what a command with one answer prints into the file of `--output`, once all of it is there.
+
+    Commands with many answers write their file as these become ready.
+    """
     if getattr(args, "endings", None) is not ONE_ANSWER or args.output is None:
         yield
         return

@@ -101,10 +101,11 @@ def _add_common(parser: argparse.ArgumentParser) -> None:
 def run_file(args: argparse.Namespace) -> int:
     """Compute the cases of a file; return 3 if some have a problem."""
     path = f"/{args.operation}/batch"
-    lines = None
-    if args.case and Path(args.file).suffix.lower() not in ENDINGS:
+    lines: Sequence[int] = range(1, sys.maxsize)
+    is_table = Path(args.file).suffix.lower() in ENDINGS
+    if args.case and not is_table:
         raise UsageError("--case needs a table of cases, .csv or .tsv")
-    if Path(args.file).suffix.lower() in ENDINGS:
+    if is_table:
         base = without_sought(read_body(args.case, args, ()), args.operation).content
         cases, lines = read_cases(Path(args.file), args.operation, base)
         request = BatchRequest(path, lambda: b"\n".join(cases), JSONL)
@@ -135,15 +136,13 @@ def _read_pieces(file: Path) -> Iterator[bytes]:
             yield piece
 
 
-def _explain_lines(error: RefusedError, file: str, numbers: Sequence[int] | None) -> CommandError:
-    """Return a problem with the line of each invalid case; the service counts from 0, and knows no table."""
+def _explain_lines(error: RefusedError, file: str, numbers: Sequence[int]) -> CommandError:
+    """Return a problem with the line of each invalid case, which the service counts from 0."""
     lines = []
     for each in error.errors:
         _, _, rest = each["pointer"].partition("/")
         index, _, pointer = rest.partition("/")
-        line = file
-        if index.isdigit():
-            line = f"{file}:{numbers[int(index)] if numbers else int(index) + 1}"
+        line = f"{file}:{numbers[int(index)]}" if index.isdigit() else file
         detail = explained(f"/{pointer}", each["detail"])
         lines.append(": ".join(filter(None, (line, pointer and f"/{pointer}", detail))))
     return CommandError("\n".join(lines), error.status) if lines else error

@@ -290,7 +290,7 @@ def _print_depth(tests: Sequence[Mapping[str, Any]], answer: Mapping[str, Any], 
         [f"{test['velocity_m_s']:g}", f"{test['depth_m']:g}", f"{predicted:.4f}", f"{1e3 * residual:+.1f}"]
         for test, predicted, residual in zip(tests, answer["predicted_depth_m"], answer["residuals"], strict=True)
     ]
-    _print_rows(["velocity m/s", "depth m", "predicted m", "residual mm"], rows, words=0)
+    _print_rows(["velocity m/s", "depth m", "predicted m", "residual mm"], rows)
     if "groups" in answer:
         _print_rows(
             ["group", "strength factor", "standard error", "interval"],
@@ -360,15 +360,15 @@ def _print_obliquity(points: Sequence[Mapping[str, Any]], answer: Mapping[str, A
         [f"{point['oblique_angle_deg']:g}", f"{point['strength_factor']:g}", f"{residual:+.4f}"]
         for point, residual in zip(points, answer["residuals"], strict=True)
     ]
-    _print_rows(["oblique angle °", "strength factor", "residual"], rows, words=0)
+    _print_rows(["oblique angle °", "strength factor", "residual"], rows)
     print("strength_factor of a request:")
     print(json.dumps(answer["strength_factor_model"]))
     print_warnings(answer["warnings"])
 
 
-def _print_rows(columns: Sequence[str], rows: Sequence[Sequence[str]], words: int = 1) -> None:
-    """Print a table of texts, of which all but the first columns are numbers, and an empty line."""
-    print_table(columns, rows, right=[column >= words for column in range(len(columns))])
+def _print_rows(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """Print a table and an empty line."""
+    print_table(columns, rows)
     print()
 
 

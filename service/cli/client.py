@@ -279,8 +279,8 @@ def refusal(response: httpx.Response) -> RefusedError:
         problem = parse(response)
     problem = problem or {"type": "about:blank", "title": f"{response.status_code} {response.reason_phrase}"}
     if response.status_code == HTTPStatus.UNAUTHORIZED:
-        detail = f"{API_KEY} {'holds another key' if os.environ.get(API_KEY) else 'is not set'}"
-        problem = {**problem, "status": response.status_code, "detail": detail}
+        reason = problem.get("detail", "another API key") if os.environ.get(API_KEY) else "not set"
+        problem = {**problem, "status": response.status_code, "detail": f"{API_KEY}: {reason}"}
     return RefusedError(problem)
 
 

@@ -2,6 +2,7 @@
 
 import argparse
 import csv
+import re
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -42,6 +43,8 @@ UNITS = {
 }
 """Units by the suffix of a field's name, the longest first."""
 DIGITS = 5
+NUMERAL = re.compile(r"([-+]?[\d.]+(e[-+]?\d+)?)?|nan|-?inf")
+"""Number in a table, or an empty cell."""
 
 
 class Writer(Protocol):
@@ -193,17 +196,11 @@ def cell(value: Any) -> str:
     return "" if value is None else str(value).replace("\x1b", "")
 
 
-def print_table(columns: Sequence[str], rows: Sequence[Sequence[Any]], *, right: Sequence[bool] | None = None) -> None:
-    """Print a table, with rules on a terminal and as aligned columns elsewhere.
-
-    Parameters
-    ----------
-    right
-        Which columns are aligned right; those of numbers unless given.
-    """
+def print_table(columns: Sequence[str], rows: Sequence[Sequence[Any]]) -> None:
+    """Print a table, with rules on a terminal and as aligned columns elsewhere; numbers are aligned right."""
     stream = sys.stdout
     cells = [list(map(cell, row)) for row in rows]
-    right = right or [all(isinstance(row[i], int | float) or row[i] == "" for row in rows) for i in range(len(columns))]
+    right = [all(NUMERAL.fullmatch(line[i]) for line in cells) for i in range(len(columns))]
     if stream.isatty():
         _print_ruled(columns, cells, right, stream)
         return

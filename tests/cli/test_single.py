@@ -286,9 +286,9 @@ def test_request_to_a_busy_service_is_repeated_with_the_key(folder: Path, moody_
     refused = run(folder, *args, RICOCHET_API_KEY="other")
     assert (refused.status, refused.out) == (1, "")
     assert "401" in refused.err
-    assert "RICOCHET_API_KEY holds another key" in refused.err
+    assert "RICOCHET_API_KEY: another API key" in refused.err
     Moody.moods = ["good"]
-    assert "401 Unauthorized: RICOCHET_API_KEY is not set" in run(folder, *args).err
+    assert "401 Unauthorized: RICOCHET_API_KEY: not set" in run(folder, *args).err
 
 
 def test_no_service_ends_with_status_1(folder: Path) -> None:
