@@ -153,8 +153,8 @@ def _seek(prepared: PreparedCase, impact: Impact, search: Search) -> tuple[Chang
     try:
         return *by_method(prepared, impact, search), search
     except ParameterError:
-        model, (lower, upper) = prepared.resistance.strength_factor, search.bounds
-        coefficients = model.polynomial(target=prepared.target, projectile=prepared.projectile)
+        lower, upper = search.bounds
+        coefficients = prepared.resistance.strength_polynomial(target=prepared.target, projectile=prepared.projectile)
         positive = positive_up_to(coefficients, lower, upper)
         if not lower < positive < upper:
             raise
@@ -186,8 +186,7 @@ def _standard_error(
 
 def _shifted_angle(prepared: PreparedCase, impact: Impact, search: Search, shift: float) -> float | None:
     """Critical angle with the strength factor shifted, within what it leaves of the range; None if there is none."""
-    model = prepared.resistance.strength_factor
-    constant, *rest = model.polynomial(target=prepared.target, projectile=prepared.projectile)
+    constant, *rest = prepared.resistance.strength_polynomial(target=prepared.target, projectile=prepared.projectile)
     shifted = ObliquityPolynomial(coefficients=(constant + shift, *rest))
     present = replace(prepared, resistance=replace(prepared.resistance, strength_factor=shifted))
     try:
@@ -329,7 +328,7 @@ def _find_changes(
         angle_of_attack=float(impact.angle_of_attack),
         angular_velocity=float(impact.angular_velocity),
         strength=np.array(
-            prepared.resistance.strength_factor.polynomial(target=target, projectile=prepared.projectile), float
+            prepared.resistance.strength_polynomial(target=target, projectile=prepared.projectile), float
         ),
         compressive_strength=float(target.compressive_strength),
         end_time=float(numerics.termination_time),

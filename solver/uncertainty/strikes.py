@@ -11,7 +11,14 @@ import numpy as np
 from solver.arrays import FloatArray
 from solver.prepared import check_case
 from solver.projectile import Projectile
-from solver.resistance import ConstantStrengthFactor, ObliquityPolynomial, PublishedTests, Resistance, StrengthFactor
+from solver.resistance import (
+    ConstantStrengthFactor,
+    ObliquityPolynomial,
+    OwnTests,
+    PublishedTests,
+    Resistance,
+    StrengthFactor,
+)
 from solver.search.critical_angle import critical_angle
 from solver.search.types import USUAL_SEARCH, Search
 from solver.strike import Impact, Numerics, is_part, put, strike_parts
@@ -41,6 +48,8 @@ def scaled(model: StrengthFactor, factor: float) -> StrengthFactor:
         return replace(model, value=factor * model.value)
     if isinstance(model, ObliquityPolynomial):
         return ObliquityPolynomial(coefficients=tuple(factor * each for each in model.coefficients))
+    if isinstance(model, OwnTests):
+        return replace(model, residual=factor * model.residual)
     if isinstance(model, PublishedTests):
         model = replace(model.law, obliquity_shape=model.obliquity_shape)
     return replace(model, coefficient=factor * model.coefficient)
