@@ -6,7 +6,7 @@ from contextlib import suppress
 from importlib.util import find_spec
 from ipaddress import ip_network
 from pathlib import Path
-from typing import Annotated, Literal, Self, TypeAlias
+from typing import Annotated, Any, Literal, Self, TypeAlias
 
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 from pydantic_settings import BaseSettings, NoDecode, SettingsConfigDict
@@ -50,7 +50,7 @@ def missing_package(feature: str, package: str, extra: str) -> str:
     """Return what to do about a feature whose package is not installed; the package index has another ricochet."""
     return (
         f"{feature} needs {package}, which is not installed: install the extra {extra} from the wheel or from the "
-        f'repository, pip install ".[{extra}]"'
+        f'repository, pip install -e ".[{extra}]"'
     )
 
 
@@ -395,3 +395,12 @@ class Settings(ServerSettings, AccessSettings, LimitSettings, CacheSettings, Job
     """What can be set. `RICOCHET_PORT=9000` sets `port`."""
 
     model_config = SettingsConfigDict(env_prefix="RICOCHET_", frozen=True)
+
+    @field_validator("*", mode="before")
+    @classmethod
+    def check_text(cls, value: Any) -> Any:
+        """Refuse quotes around a value, as from a file of variables that no shell has read; expand ~ in a path."""
+        text = str(value) if isinstance(value, Path) else value
+        if isinstance(text, str) and len(text) > 1 and text[0] == text[-1] and text[0] in "\"'":
+            raise ValueError(f"has quotes around it: {text}; leave them out")
+        return Path(text).expanduser() if isinstance(text, str) and text.startswith("~") else value

@@ -5,29 +5,27 @@ import time
 from collections.abc import Awaitable, Callable
 from contextlib import nullcontext
 from http import HTTPStatus
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 from anyio.to_thread import run_sync
 from fastapi import Request, Response
-from pydantic import BaseModel, ValidationError
 
 from service.api.body import JSON, next_turn, parse_json, read_body, require_type
 from service.api.results import REPRESENTATIONS, form_of
 from service.api.services import Services, services_of, unless_left
 from service.auth.dependencies import RequestContext, context_in
 from service.cache.record import Record
-from service.errors import InvalidBodyError, ProblemType, problem_of, validation_errors
+from service.errors import InvalidBodyError, ProblemType, problem_of
 from service.jobs.scheduler import problem_name
 from service.operations import KeyedRequest, Operation, study_of
 from service.queries import Answered, CacheStatus, check_work
 from service.schemas.problems import json_pointer
 from service.schemas.requests import alternatives_in, answered_alternative, with_alternatives
 from service.telemetry import BEGUN
+from service.validation import validated_as
 
 MAX_FIELDS = 20
 """Fields of an object of a calibration, which has half as many: listing a million errors would take a second."""
-
-Model = TypeVar("Model", bound=BaseModel)
 
 
 class Resolved(NamedTuple):
@@ -207,20 +205,6 @@ def validated(content: Any, operation: Operation, services: Services) -> Any:
     case = validated_as(operation.request, content)
     check_work(case, services.settings.max_panel_steps)
     return case
-
-
-def validated_as(model: type[Model], content: Any) -> Model:
-    """Return the content of a body as this model.
-
-    Raises
-    ------
-    InvalidBodyError
-        If it is not valid.
-    """
-    try:
-        return model.model_validate(content)
-    except ValidationError as error:
-        raise InvalidBodyError(validation_errors(error.errors())) from error
 
 
 def refuse_crowds(content: Any, steps: tuple[str | int, ...] = ()) -> None:

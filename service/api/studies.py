@@ -20,7 +20,7 @@ from service.api.batch_response import IdempotencyKey, JobResponse, WantedPrefer
 from service.api.body import JSON, read_body, require_type
 from service.api.contract import one_body, problems
 from service.api.page import REPORT_POLICY
-from service.api.queries import read_content, read_request, recalled, reply, resolve, validated, validated_as
+from service.api.queries import read_content, read_request, recalled, reply, resolve, validated
 from service.api.results import form_of
 from service.api.services import services_of, unless_left
 from service.assessment import Query, first_queries, require_extra, strike_queries, verdict_queries, write_page
@@ -31,6 +31,7 @@ from service.operations import OPERATIONS, KeyedRequest, Operation, study_of
 from service.queries import check_work
 from service.schemas import ReportRequest, VerdictAnswer, verdict_answer
 from service.telemetry import BEGUN, path_of
+from service.validation import validated_as
 
 router = APIRouter(dependencies=[RUN])
 

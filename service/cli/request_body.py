@@ -48,6 +48,13 @@ class RequestBody:
             return "--nose or --caliber-radius-head is missing"
         return f"{self.flags[pointer].name} is missing" if pointer in self.flags else f"{pointer}: {detail}"
 
+    def value_at(self, pointer: str) -> Any:
+        """Return the value at a pointer, or None."""
+        value: Any = self.content
+        for step in pointer.split("/")[1:]:
+            value = value.get(step) if isinstance(value, dict) else None
+        return value
+
     def explain(self, error: RefusedError) -> CommandError:
         """Return a problem with the flag or the file of each invalid field."""
         if not error.errors:
@@ -74,10 +81,10 @@ def read_body(file: str | Path | None, args: argparse.Namespace, flags: Sequence
             given[flag.pointer] = flag.name
     for part in MODEL_NAMES:
         chosen = [(flag, getattr(args, "/".join(flag.steps))) for flag in flags if flag.steps[:-1] == part]
-        _put_model(content, part, [(flag, value) for flag, value in chosen if value is not None])
+        put_model(content, part, [(flag, value) for flag, value in chosen if value is not None])
     for text in getattr(args, "set", ()):
         field, value = _split(text)
-        _put_field(content, field.split("."), value, text)
+        put_field(content, field.split("."), value, f"--set {text}")
         given["/" + field.replace(".", "/")] = f"--set {text}"
     return RequestBody(content, None if file is None else str(file), {flag.pointer: flag for flag in flags}, given)
 
@@ -107,7 +114,7 @@ def _put_number(body: dict[str, Any], flag: Flag, value: float | None) -> None:
         parent[flag.steps[-1]] = value
 
 
-def _put_model(body: dict[str, Any], part: tuple[str, ...], chosen: Sequence[tuple[Flag, Any]]) -> None:
+def put_model(body: dict[str, Any], part: tuple[str, ...], chosen: Sequence[tuple[Flag, Any]]) -> None:
     """Set a part of several models from its flags; the model of the file stays if it has their fields.
 
     Raises
@@ -137,15 +144,16 @@ def _split(text: str) -> tuple[str, Any]:
     try:
         return field, json.loads(value)
     except (ValueError, RecursionError):
-        return field, value  # a word, such as the name of a model
+        return field, value  # The value is a word, such as the name of a model.
 
 
-def _put_field(body: dict[str, Any], steps: Sequence[str], value: Any, text: str) -> None:
+def put_field(body: dict[str, Any], steps: Sequence[str], value: Any, text: str) -> None:
+    """Set any field of a body; the text is that of the user, for the error if what holds it is not an object."""
     parent = body
     for step in steps[:-1]:
         parent = parent.setdefault(step, {})
         if not isinstance(parent, dict):
-            raise CommandError(f"--set {text}: {step} is not an object")
+            raise CommandError(f"{text}: {step} is not an object")
     parent[steps[-1]] = value
 
 
@@ -157,14 +165,14 @@ def read_object(file: str | Path) -> dict[str, Any]:
     CommandError
         If the file cannot be read or parsed, or holds something else.
     """
-    text = _read_text(file)
+    text = read_text(file)
     try:
         content = _parse_toml(text) if Path(file).suffix.lower() == ".toml" else json.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise CommandError(f"{file}: not TOML: {error}") from None
     except json.JSONDecodeError as error:
         raise CommandError(f"{file}:{error.lineno}: not JSON: {error.msg}") from None
-    except ValueError as error:  # a number with thousands of digits
+    except ValueError as error:  # A number has thousands of digits.
         raise CommandError(f"{file}: {error}") from None
     except RecursionError:
         raise CommandError(f"{file}: nested too deep") from None
@@ -178,7 +186,14 @@ def _parse_toml(text: str) -> Any:
     return json.loads(json.dumps(tomllib.loads(text), default=str))
 
 
-def _read_text(file: str | Path) -> str:
+def read_text(file: str | Path) -> str:
+    """Return the text of a file or, for -, of standard input.
+
+    Raises
+    ------
+    CommandError
+        If it cannot be read, is empty or is not UTF-8.
+    """
     try:
         content = sys.stdin.buffer.read() if str(file) == STDIN else Path(file).read_bytes()
     except OSError as error:

@@ -27,7 +27,7 @@ def explained(pointer: str, error: Mapping[str, Any]) -> str:
     """Return the message of an error of pydantic for the field at a pointer into a request."""
     detail: str = error["msg"]
     if error["type"] == UNKNOWN:
-        return detail + _suggestion(pointer)
+        return detail + suggestion(pointer)
     if error["type"] not in OUT_OF_BOUNDS:
         return detail
     suffix = next((suffix for suffix in UNITS if pointer.endswith(suffix)), "")
@@ -41,7 +41,7 @@ def explained(pointer: str, error: Mapping[str, Any]) -> str:
     return f"{detail}°" if unit == "deg" else f"{detail} {unit}".rstrip()
 
 
-def _suggestion(pointer: str) -> str:
+def suggestion(pointer: str) -> str:
     """Return the end of an error for an unknown field: the field it may be meant as, or those beside it."""
     field = ".".join(step for step in pointer.split("/") if step and not step.isdigit())
     known = _known_fields()
@@ -62,18 +62,21 @@ def _suggestion(pointer: str) -> str:
 def _known_fields() -> list[str]:
     """Return the fields of all requests, by their places."""
     models = [each for name, each in vars(schemas).items() if name.endswith("Request") and isclass(each)]
-    found = (name for model in models if issubclass(model, BaseModel) for name in _field_names(schema_of(model)))
+    found = (name for model in models if issubclass(model, BaseModel) for name in field_names(schema_of(model)))
     return sorted(set(found))
 
 
-def _field_names(schema: dict[str, Any], node: dict[str, Any] | None = None, before: str = "") -> Iterator[str]:
-    """Yield the fields of a schema, and of its parts."""
+def field_names(
+    schema: dict[str, Any], node: dict[str, Any] | None = None, before: str = "", *, in_lists: bool = True
+) -> Iterator[str]:
+    """Yield the fields of a schema and of its parts, those of the items of lists too unless they are left out."""
     node = schema if node is None else node
     while "$ref" in node:
         node = schema["$defs"][node["$ref"].rpartition("/")[2]]
     for variant in node.get("oneOf", node.get("anyOf", ())):
-        yield from _field_names(schema, variant, before)
-    yield from _field_names(schema, node["items"], before) if "items" in node else ()
+        yield from field_names(schema, variant, before, in_lists=in_lists)
+    if in_lists and "items" in node:
+        yield from field_names(schema, node["items"], before)
     for name, field in node.get("properties", {}).items():
         yield f"{before}{name}"
-        yield from _field_names(schema, field, f"{before}{name}.")
+        yield from field_names(schema, field, f"{before}{name}.", in_lists=in_lists)
