@@ -61,6 +61,8 @@ def _steps(name: str, fields: Sequence[str], place: str) -> tuple[str, ...]:
     from service.schemas.explanations import suggestion
 
     found = [name] if name in fields else [field for field in fields if field.endswith(f".{name}")]
+    # The length of a projectile comes before that of its boat-tail.
+    found = [field for field in found if field.count(".") == min(each.count(".") for each in found)]
     if not name or len(found) > 1:
         raise CommandError(f"{place}: column {name!r}: must be one of {', '.join(found) or 'the fields of a request'}")
     if not found:
