@@ -90,7 +90,7 @@ class Application(FastAPI):
         """Return the application with its middleware; all of it outside of FastAPI's, to see answers to failures."""
         services: Services = self.state.services
         settings = services.settings
-        inner: ASGIApp = HeadMiddleware(super().build_middleware_stack())
+        inner: ASGIApp = super().build_middleware_stack()
         if services.traces is not None:
             inner = telemetry.LinkedTrace(inner)
         inner = AuthMiddleware(inner, settings, services.keys, services.quotas, services.audit)
@@ -98,6 +98,7 @@ class Application(FastAPI):
             inner = CORSMiddleware(inner, settings.cors_origins, **CORS)
         if settings.gzip:
             inner = CompressionMiddleware(inner)
+        inner = HeadMiddleware(inner)  # Outside of the compression, so that the headers are those of `GET`.
         return telemetry.RequestLog(RefusalMiddleware(inner), services.metrics.observe, settings.log_level)
 
 

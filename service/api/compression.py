@@ -35,6 +35,9 @@ class CompressionMiddleware:
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Pass a request on."""
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
 
         async def send_weak(message: Message) -> None:
             if message["type"] == "http.response.start":
