@@ -1,8 +1,6 @@
 """Settings of the service, from the environment (`RICOCHET_*`); each limit with its reason."""
 
-import math
 import os
-from contextlib import suppress
 from importlib.util import find_spec
 from ipaddress import ip_network
 from pathlib import Path
@@ -10,6 +8,8 @@ from typing import Annotated, Any, Literal, Self, TypeAlias
 
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 from pydantic_settings import BaseSettings, NoDecode, SettingsConfigDict
+
+from service.cores import available_cores
 
 LOOPBACK = frozenset({"127.0.0.1", "::1", "localhost"})
 """Addresses that only this machine reaches."""
@@ -19,31 +19,6 @@ Names: TypeAlias = Annotated[
     BeforeValidator(lambda text: [name.strip() for name in text.split(",")] if isinstance(text, str) else text),
 ]
 """Separated by commas."""
-
-
-CONTROL_GROUPS = Path("/sys/fs/cgroup")
-"""Control groups, of version 2 or, in `cpu`, of version 1."""
-MEMBERSHIP = Path("/proc/self/cgroup")
-"""Control group of this process; the topmost one as seen in a container."""
-
-
-def available_cores(control_groups: Path = CONTROL_GROUPS, membership: Path = MEMBERSHIP) -> int:
-    """Cores this process may use, within the quota of its container or unit of systemd."""
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    groups = {"": "", "cpu": ""}
-    with suppress(OSError, ValueError):
-        for line in membership.read_text().splitlines():
-            _, controllers, path = line.split(":", 2)
-            groups |= dict.fromkeys(controllers.split(","), path.strip("/"))
-    for controller, names in (("", ("cpu.max",)), ("cpu", ("cpu.cfs_quota_us", "cpu.cfs_period_us"))):
-        inside = Path(groups[controller])
-        for group in (inside, *inside.parents):  # each is within the quotas of those above it
-            with suppress(OSError, ValueError):
-                folder = control_groups / controller / group
-                quota, period = " ".join((folder / name).read_text() for name in names).split()
-                if int(quota) > 0:  # -1 in version 1 and "max" in version 2 are no quota
-                    cores = min(cores, math.ceil(int(quota) / int(period)))
-    return cores
 
 
 def missing_package(feature: str, package: str, extra: str) -> str:

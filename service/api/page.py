@@ -22,7 +22,7 @@ from starlette.exceptions import HTTPException
 from starlette.responses import FileResponse, RedirectResponse
 from starlette.types import Scope
 
-from service.api.body import coding_of
+from service.api.negotiation import coding_of
 from service.schemas.verdict import USUAL_SCATTER
 
 router = APIRouter(include_in_schema=False)

@@ -23,10 +23,10 @@ from fastapi import APIRouter, Header, HTTPException, Request, Response
 from fastapi import Path as PathParameter
 from fastapi.responses import StreamingResponse
 
-from service.api.body import choose, matches
 from service.api.contract import Responses, problems
 from service.api.downloads import file_pieces
 from service.api.job_models import Result
+from service.api.negotiation import choose, matches
 from service.api.services import services_of
 from service.auth.dependencies import READ
 from service.cache.hdf5 import BatchFile, to_hdf5
