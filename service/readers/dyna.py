@@ -324,7 +324,10 @@ def read_binout(path: str | Path, content: bytes, part: int | None, node: int | 
     database = "nodout" if node is not None or (part is None and not states["rbdout"]) else "rbdout"
     folders = [folder for _, folder in sorted(states[database], key=lambda state: state[0])]
     if not folders:
-        raise FileError(path, f"the binout has no {database}; LS-DYNA may have written it to another file of the run")
+        others = sorted({name.split("/")[1] for file in files for name in file.names()})
+        sought = database if node is not None or part is not None else "rbdout and no nodout"
+        reason = f"the binout has no {sought}, but {', '.join(others) or 'nothing'}"
+        raise FileError(path, f"{reason}; LS-DYNA may have written it to another file of the run")
     known = _ids_of_states(files, folders, database)
     kind = BODIES[database]
     different = {id(ids): ids for ids in known}.values()

@@ -23,6 +23,7 @@ OTHER_FORMATS = (
         re.compile(rb"(?s).{,4096}(dt of cycle|kinetic energy\.{4})"),
         "LS-DYNA's glstat, the energies of a model; {motion}",
     ),
+    (re.compile(rb"(?s)\s*\*{20,}.{,200}LEGAL NOTICES"), "LS-DYNA's d3hsp, the log of a run; {motion}"),
     (
         re.compile(rb"(?s).{,512}ls-dyna.{,80}date(?!.*(r i g i d   b o d y|n o d a l   p r i n t))"),
         "an LS-DYNA text file other than rbdout and nodout; {motion}",

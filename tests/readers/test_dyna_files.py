@@ -136,6 +136,22 @@ def test_binout_goes_on_in_its_next_file(tmp_path: Path) -> None:
     assert np.allclose(history.columns["depth_displacement"], 1e-3 * DEPTH, rtol=2e-4)
 
 
+@pytest.mark.parametrize(
+    ("database", "choice", "reason"),
+    [
+        ("nodout", {"part": 42}, "the binout has no rbdout, but nodout"),
+        ("rbdout", {"node": 42}, "the binout has no nodout, but rbdout"),
+        ("matsum", {}, "the binout has no rbdout and no nodout, but matsum"),
+    ],
+)
+def test_binout_without_the_motion_says_what_it_has(
+    tmp_path: Path, database: str, choice: dict[str, Any], reason: str
+) -> None:
+    write_binout(tmp_path / "binout", TIME, {42: along_axes()}, database=database)
+    with pytest.raises(FileError, match=reason):
+        read_motion(tmp_path / "binout", axes=AXES, **choice)
+
+
 @pytest.mark.parametrize("ids_in", ["states", "metadata"])
 @pytest.mark.parametrize("database", ["rbdout", "nodout"])
 def test_binout_follows_a_body_whose_place_changes(tmp_path: Path, database: str, ids_in: Any) -> None:
@@ -237,6 +253,7 @@ GLSTAT = (
         (b"$ units: mm, ms, kg\n*KEYWORD\n*TITLE\nstrike\n", "an LS-DYNA keyword file"),
         (b"*KEYWORD\r\n*NODE\r\n", "an LS-DYNA keyword file"),
         (GLSTAT, "LS-DYNA's glstat"),
+        (f"\n\n {'*' * 63}\n *     ANSYS 2021 R1          LEGAL NOTICES     *\n".encode(), "LS-DYNA's d3hsp"),
         (GLSTAT[:82] + b"\n\n c o n t a c t\n", "an LS-DYNA text file other than rbdout and nodout"),
         (b"\x1f\x8b\x08\x00rest of it", "a compressed file; decompress it first"),
         (b"PK\x03\x04\x14\x00rest of it", "an Excel workbook or a ZIP archive"),
