@@ -6,12 +6,6 @@ import { fieldAt } from "./fields.js";
 import { request } from "./service.js";
 import { degreesShown, outcomeShown, statusShown } from "./words.js";
 
-const STRENGTH_LAWS = {
-  obliquity_polynomial: () => ["Eq. 9"],
-  published_tests: () => ["Published tests"],
-  strength_power_law: () => ["82.6 (f′", element("sub", {}, "c"), "/MPa)", element("sup", {}, "−0.544")],
-};
-
 /** Return the critical angle of a case with its alternatives. */
 export async function requestAngles(values, signal) {
   return (await request("cra", { body: { ...angleRequest(values), alternatives: true }, signal })).data;
@@ -25,15 +19,15 @@ export async function requestOutcomes(values, signal) {
 
 /** Return a table of the alternatives of a search and, if given, of a strike. */
 export function alternativesTable(angles, outcomes) {
-  const decays = fieldAt("resistance.free_surface.model").choices;
+  const [decays, laws] = ["free_surface", "strength_factor"].map((part) => fieldAt(`resistance.${part}.model`).choices);
   const rows = angles.alternatives.map((each, i) => [
     [decays[each.free_surface]],
-    STRENGTH_LAWS[each.strength_factor](),
+    [laws[each.strength_factor]],
     [angleShown(each)],
     ...(outcomes ? [[endShown(outcomes.alternatives[i])]] : []),
     [each.fitted_to],
   ]);
-  const names = ["Decay", "Strength factor S", "Critical angle", ...(outcomes ? ["This strike"] : []), "Fitted to"];
+  const names = ["Free surface", "Strength factor S", "Critical angle", ...(outcomes ? ["This strike"] : []), "Fitted to"];
   const head = element("tr", {}, ...names.map((name) => element("th", { scope: "col" }, name)));
   const lines = rows.map((cells) => element("tr", {}, ...cells.map((cell) => element("td", {}, ...cell))));
   const parts = [element("thead", {}, head), element("tbody", {}, ...lines)];

@@ -7,19 +7,20 @@ import { GROUPS, isThere, labelWithUnit, shownValue } from "./fields.js";
 import { computeRun } from "./run.js";
 import { isAbort, isLost, request } from "./service.js";
 import { markFresh, markStale } from "./stale.js";
+import { unitOf } from "./units.js";
 import { outcomeShown, statusShown } from "./words.js";
 
 /** With the strike of the fields four are compared. */
 export const MOST_PINS = 3;
 const OWN = "This strike";
 const ABOUT =
-  "Change a field, or take another preset: this strike then differs from those that are pinned. In brackets is how far it is from each.";
+  "Change a field, or take another preset: this strike then differs from those that are pinned. In brackets is how far each differs from this strike.";
 const LETTERS = ["A", "B", "C"];
 /** What became of a strike, as the table has it: a number with its decimals, or a word. */
 const RESULTS = [
   ["Outcome", ({ run }) => outcomeShown(run.outcome)],
   ["Critical angle [°]", ({ found }) => found.critical_angle_deg ?? statusShown(found.status), 2],
-  ["Greatest depth [mm]", ({ run }) => (run.outcome === "perforated" ? "through" : 1e3 * run.maximum_depth_m), 1],
+  ["Greatest depth [mm]", ({ run }) => (run.outcome === "perforated" ? "through" : run.maximum_depth_m), 1],
   ["End of motion [ms]", ({ run }) => 1e3 * run.final.time_s, 2],
   ["Axis angle at the end [°]", ({ run }) => run.final.axis_angle_deg, 1],
   ["Speed at the exit [m/s]", ({ run }) => run.exit?.speed_m_s ?? "none", 1],
@@ -145,11 +146,15 @@ function fieldShown(field, values) {
   return Array.isArray(value) ? JSON.stringify(valueAt(values, field.path)) : String(value);
 }
 
-function resultRow(name, [own, ...others], decimals) {
+function resultRow(title, values, decimals) {
+  const [, quantity, si] = title.match(/^(.*) \[(mm|m\/s)\]$/) ?? [];
+  const { unit, factor } = si ? unitOf(si) : { factor: 1 };
+  const name = si ? `${quantity} [${unit}]` : title;
+  const [own, ...others] = values.map((value) => (typeof value === "number" ? value / factor : value));
   const text = (value) => (typeof value === "number" ? value.toFixed(decimals) : value);
   const further = (value) => {
     if (typeof value !== "number" || typeof own !== "number") return text(value);
-    const difference = own - value;
+    const difference = value - own;
     return `${text(value)} (${difference < 0 ? "−" : "+"}${text(Math.abs(difference))})`;
   };
   return rowOf(name, [text(own), ...others.map(further)]);

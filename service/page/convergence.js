@@ -2,19 +2,15 @@
 
 import { element } from "./elements.js";
 import { colour, csvOf, draw } from "./plots.js";
+import { unitOf } from "./units.js";
 import { degreesShown, digits, outcomeShown, statusShown } from "./words.js";
 
 /** Names of the searches, in the order they are shown. */
 export const METHODS = { outcome: "Change of outcome", bisection: "Bisection (paper)", secant: "Secant (paper)" };
 
 const NARROW = 640; // px
-const POSITIONS = {
-  column: "final_position_m",
-  factor: 1e3,
-  title: "Final depth of the nose tip [mm]",
-  short: "Tip depth [mm]", // where there is no room
-};
-const ANGLES = { column: "oblique_angle_deg", factor: 1, title: "Oblique angle [°]", short: "Angle [°]" };
+const POSITIONS = { column: "final_position_m", si: "mm", title: "Final depth of the nose tip", short: "Tip depth" }; // where there is no room
+const ANGLES = { column: "oblique_angle_deg", si: "°", title: "Oblique angle", short: "Angle" };
 
 /** Draw the angles tried, a panel for each search that was answered. */
 export function drawAngles(root, answers, values) {
@@ -45,11 +41,11 @@ export function trialTable(method, { iterations }) {
     row("td", [
       String(i + 1),
       trial.oblique_angle_deg.toFixed(3),
-      digits(trial.final_position_m * 1e3),
+      digits(trial.final_position_m / unitOf("mm").factor),
       outcomeShown(trial.outcome) + (trial.fine ? "" : ", roughly"),
     ]),
   );
-  return table(METHODS[method], ["Trial", "Angle [°]", "Final depth [mm]", "Outcome"], rows);
+  return table(METHODS[method], ["Trial", "Angle [°]", `Final depth [${unitOf("mm").unit}]`, "Outcome"], rows);
 }
 
 function drawTrials(root, answers, values, what, part) {
@@ -68,11 +64,11 @@ function drawTrials(root, answers, values, what, part) {
   });
 }
 
-function trace(method, { iterations }, { column, factor }, panel) {
+function trace(method, { iterations }, { column, si }, panel) {
   const isAway = ({ outcome, final_position_m: depth }) => (method === "outcome" ? outcome === "ricochet" : depth < 0);
   return {
     x: iterations.map((_, i) => i + 1),
-    y: iterations.map((trial) => trial[column] * factor),
+    y: iterations.map((trial) => trial[column] / unitOf(si).factor),
     text: iterations.map(({ outcome, fine }) => outcomeShown(outcome) + (fine ? "" : ", computed roughly")),
     mode: "lines+markers",
     line: { color: colour("edge"), width: 1 },
@@ -87,7 +83,7 @@ function trace(method, { iterations }, { column, factor }, panel) {
   };
 }
 
-function layoutOf(answers, methods, { title, short, column }, isNarrow) {
+function layoutOf(answers, methods, { title, short, si, column }, isNarrow) {
   const layout = { showlegend: false, annotations: [], shapes: [], dragmode: false };
   methods.forEach((method, panel) => {
     const [across, down] = isNarrow ? [0, panel] : [panel, 0];
@@ -104,7 +100,7 @@ function layoutOf(answers, methods, { title, short, column }, isNarrow) {
     layout[axis("yaxis", panel)] = {
       domain: y,
       anchor: axis("x", panel),
-      title: { text: isNarrow ? short : panel === 0 ? title : "" },
+      title: { text: isNarrow || panel === 0 ? `${isNarrow ? short : title} [${unitOf(si).unit}]` : "" },
       ...(column === POSITIONS.column ? { autorange: "reversed" } : { zeroline: false }),
     };
     layout.annotations.push(heading(METHODS[method], x[0], y[1]));

@@ -45,14 +45,21 @@ export function copyButtons(read) {
   return { root: element("div", {}, element("div.actions", {}, ...buttons), shown), clear };
 }
 
+/** Return a button that copies the address of what is shown. */
+export function linkButton() {
+  const shown = element("input", { type: "text", readonly: true, hidden: true, "aria-label": "Link to this case" });
+  const button = element("button", { type: "button", onclick: () => copy(location.href, "the link", shown) }, "Copy link");
+  return element("span", {}, button, shown);
+}
+
 async function copy(text, what, shown) {
-  shown.textContent = text;
+  shown[shown.matches("input") ? "value" : "textContent"] = text;
   shown.hidden = false;
   try {
     await navigator.clipboard.writeText(text); // only from https or this machine
     announce(`Copied ${what}.`);
   } catch {
-    announce("The browser does not let the page copy; the text is shown below the buttons.");
+    announce("The browser does not let the page copy; the text is shown beside the buttons.");
   }
 }
 

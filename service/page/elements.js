@@ -20,6 +20,14 @@ export function element(name, attributes = {}, ...children) {
   return made;
 }
 
+/** Return a new SVG element; attributes that are undefined are left out. */
+export function svg(name, attributes = {}, ...children) {
+  const made = document.createElementNS("http://www.w3.org/2000/svg", name);
+  for (const [key, value] of Object.entries(attributes)) if (value !== undefined) made.setAttribute(key, value);
+  made.append(...children);
+  return made;
+}
+
 /** Offer content as a file. */
 export function save(content, name, type) {
   const url = URL.createObjectURL(new Blob([content], { type }));
@@ -27,8 +35,17 @@ export function save(content, name, type) {
   setTimeout(() => URL.revokeObjectURL(url), 10_000);
 }
 
+let [said, away] = ["", ""];
+
 /** Show text in the status line, which is read aloud. */
 export function announce(text) {
+  said = text;
   const status = document.getElementById("status");
-  if (status.textContent !== text) status.textContent = text;
+  if (status.textContent !== (away || said)) status.textContent = away || said;
+}
+
+/** Show in place of any other text that the service is away, until it is called with an empty one. */
+export function announceAway(text) {
+  away = text;
+  announce(said);
 }

@@ -6,6 +6,8 @@ import { element } from "./elements.js";
 import { readValue } from "./field-value.js";
 import { shownNumber, shownValue } from "./fields.js";
 
+const REST_MS = 1500; // without a key before what is typed is taken to be meant
+
 const SI_UNIT = / ?\[(?:1|°|m|m\/s|rad\/s|kg|kg m²|kg\/m³|Pa)\]/g;
 
 /**
@@ -13,17 +15,33 @@ const SI_UNIT = / ?\[(?:1|°|m|m\/s|rad\/s|kg|kg m²|kg\/m³|Pa)\]/g;
  *
  * @param {object} field of fields.js
  * @param {object} values the case
- * @param {{accept: (value: any) => void, refuse: (problem: string) => void}} listener called on each change
- * @returns {{field: object, root: HTMLElement, input: HTMLElement, problem: HTMLElement, described: string}}
+ * @param {{accept: (value: any) => void, hold: () => void, refuse: (problem: string) => void}} listener called on each change;
+ *   `hold` while a value that is not accepted may be on the way to one that is, `refuse` once it is left or rests
+ * @returns {{field: object, root: HTMLElement, input: HTMLElement, problem: HTMLElement, described: string, later: (act?: () => void) => void}}
+ *   `later` does something once what is typed is left or rests, unless it is changed
  */
-export function buildRow(field, values, { accept, refuse }) {
+export function buildRow(field, values, { accept, hold, refuse }) {
   const id = `field-${field.path.replaceAll(".", "-")}`;
+  let [timer, settle] = [undefined, undefined];
+  const later = (act) => {
+    clearTimeout(timer);
+    settle = act;
+    timer = act && setTimeout(act, REST_MS);
+  };
   const read = (given) => {
     const { value, wrong } = readValue(field, given, values);
-    if (wrong) refuse(wrong);
+    later(wrong && (() => refuse(wrong)));
+    if (wrong) hold();
     else accept(value);
+    return value;
   };
   const input = INPUTS[field.kind](field, values, read);
+  input.addEventListener("change", () => {
+    settle?.();
+    later();
+    const { value } = field.kind === "number" ? readValue(field, input.value, values) : {};
+    if (value !== undefined && !Number.isFinite(Number(input.value))) input.value = shownNumber(field, value); // as it was understood
+  });
   input.id = id;
   const notes = [
     field.unit && element("span.unit", { id: `${id}-unit` }, field.unit),
@@ -35,7 +53,7 @@ export function buildRow(field, values, { accept, refuse }) {
   const described = notes.map((note) => note.id).filter(Boolean).join(" ");
   const kind = field.kind === "flag" ? "div.field.flag" : "div.field";
   const root = element(kind, {}, element("label", { for: id }, field.label), input, ...notes, problem);
-  const row = { field, root, input, problem, described };
+  const row = { field, root, input, problem, described, later };
   showProblem(row, "");
   return row;
 }
@@ -107,7 +125,8 @@ const INPUTS = {
 };
 
 function buildSlider(field, values, input, read) {
-  const [min, max, step] = field.slider;
+  const [least, most, step] = field.slider;
+  const [min, max] = [least, most].map((end) => (field.unit === field.si ? end : Math.round(end / field.factor)));
   const slider = element("input", {
     type: "range",
     min,
@@ -121,7 +140,8 @@ function buildSlider(field, values, input, read) {
     },
   });
   input.addEventListener("input", () => {
-    slider.value = input.value;
+    const { value } = readValue(field, input.value, values);
+    if (value !== undefined) slider.value = shownNumber(field, value);
   });
   return slider;
 }

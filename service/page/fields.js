@@ -2,19 +2,28 @@
 
 import { valueAt } from "./case.js";
 import { nodeAt } from "./contract.js";
+import { areUs, unitOf } from "./units.js";
 
 /** Kinds: `number`; `choice` of a variant or a name; `flag`; `numbers`, a list or a list of lists. */
-const field = (kind, path, label, unit = "", extra = {}) => ({ kind, path, label, unit, factor: 1, ...extra });
-const number = (path, label, unit, extra) => field("number", path, label, unit, extra);
-const [MM, MPA, GPA] = [1e-3, 1e6, 1e9].map((factor) => ({ factor }));
+const field = (kind, path, label, si = "", extra = {}) => ({
+  ...{ kind, path, label, si, ...extra },
+  get unit() {
+    return unitOf(si).unit;
+  },
+  get factor() {
+    return unitOf(si).factor;
+  },
+});
+const number = (path, label, si, extra) => field("number", path, label, si, extra);
 const OPTIONAL = { optional: true };
 
 /**
  * Groups of fields in the order of the form.
  *
- * `factor` times what is shown is the value in SI; `optional` may be empty and then shows `open`; `choices` are labels
+ * `si` is the unit in which a field is shown, but for US customary units, `unit` the one that is shown, and `factor` times what
+ * is shown the value in SI without a prefix; `optional` may be empty and then shows `open`; `choices` are labels
  * by value, `variant` marks one that decides which other fields there are; `pairs` is a list of them; `slider` is
- * [least, most, step] in the unit shown.
+ * [least, most, step] in the unit of SI.
  */
 export const GROUPS = [
   {
@@ -35,12 +44,11 @@ export const GROUPS = [
       }),
       number("projectile.nose.caliber_radius_head", "Caliber radius head ψ", ""),
       number("projectile.nose.length_to_diameter", "Cone height over diameter", ""),
-      field("numbers", "projectile.nose.points", "Points x, r", "mm", { ...MM, pairs: true, note: "a pair a line" }),
-      number("projectile.diameter_m", "Diameter", "mm", MM),
-      number("projectile.length_m", "Length", "mm", MM),
+      field("numbers", "projectile.nose.points", "Points x, r", "mm", { pairs: true, note: "a pair a line" }),
+      number("projectile.diameter_m", "Diameter", "mm"),
+      number("projectile.length_m", "Length", "mm"),
       number("projectile.mass_kg", "Mass", "kg"),
       number("projectile.center_of_gravity_m", "Centre of gravity", "mm", {
-        ...MM,
         ...OPTIONAL,
         note: "behind the tip",
       }),
@@ -50,11 +58,11 @@ export const GROUPS = [
   {
     name: "Target",
     fields: [
-      number("target.compressive_strength_pa", "Compressive strength", "MPa", MPA),
+      number("target.compressive_strength_pa", "Compressive strength", "MPa"),
       number("target.density_kg_m3", "Density", "kg/m³"),
-      number("target.youngs_modulus_pa", "Young's modulus", "GPa", { ...GPA, ...OPTIONAL }),
+      number("target.youngs_modulus_pa", "Young's modulus", "GPa", OPTIONAL),
       number("target.poissons_ratio", "Poisson's ratio", "", OPTIONAL),
-      number("target.thickness_m", "Thickness", "mm", { ...MM, ...OPTIONAL, open: "∞", note: "of a wall" }),
+      number("target.thickness_m", "Thickness", "mm", { ...OPTIONAL, open: "∞", note: "of a wall" }),
     ],
   },
   {
@@ -73,9 +81,9 @@ export const GROUPS = [
       field("numbers", "resistance.strength_factor.coefficients", "Coefficients", "", { ...OPTIONAL, note: "of 1, θ, θ² ..., θ in °" }),
       number("resistance.strength_factor.coefficient", "Coefficient", "", OPTIONAL),
       number("resistance.strength_factor.exponent", "Exponent", "", OPTIONAL),
-      number("resistance.strength_factor.reference_strength_pa", "Reference strength", "MPa", { ...MPA, ...OPTIONAL }),
+      number("resistance.strength_factor.reference_strength_pa", "Reference strength", "MPa", OPTIONAL),
       number("resistance.strength_factor.diameter_exponent", "Diameter exponent", "", OPTIONAL),
-      number("resistance.strength_factor.reference_diameter_m", "Reference diameter", "mm", { ...MM, ...OPTIONAL }),
+      number("resistance.strength_factor.reference_diameter_m", "Reference diameter", "mm", OPTIONAL),
       field("choice", "resistance.strength_factor.obliquity_shape", "Over the angle", "", {
         choices: { constant: "Constant", equation_9: "As the polynomial" },
       }),
@@ -147,15 +155,16 @@ export function shownValue(field, values) {
   return typeof value === "number" ? shownNumber(field, value) : value;
 }
 
-/** Return a number in SI in the unit of a field, without what floating point adds. */
+/** Return a number in SI in the unit of a field, without what floating point adds, or a conversion. */
 export function shownNumber({ factor }, value) {
-  return Number((value / factor).toPrecision(12));
+  return Number((value / factor).toPrecision(areUs() ? 6 : 12));
 }
 
-/** Return an error of the service for a field, its lengths and pressures in the unit of the field. */
+/** Return an error of the service for a field: with its name, lengths and pressures in the unit of the field. */
 export function inUnit(field, detail) {
-  const convert = (text, number) => (field.factor === 1 ? text : `${shownNumber(field, Number(number))} ${field.unit}`);
-  return detail.replace(/(-?\d+(?:\.\d+)?(?:e[+-]?\d+)?) (?:m|Pa)\b(?![²³/])/g, convert);
+  const convert = (text, number) => (field.factor === 1 ? text : withUnit(shownNumber(field, Number(number)), field.unit));
+  const words = detail.replace(/(-?\d+(?:\.\d+)?(?:e[+-]?\d+)?) (?:m|Pa)\b(?![²³/])/g, convert);
+  return /^(must|at least|at most|more than|less than)\b/.test(words) ? `${field.label} ${words}` : words;
 }
 
 /** Return a number with its unit. */

@@ -2,22 +2,24 @@
 
 import { withValue } from "./case.js";
 import { exampleOf } from "./contract.js";
-import { element } from "./elements.js";
+import { announce, element } from "./elements.js";
 import { buildRow, showProblem } from "./field-row.js";
 import { GROUPS, inUnit, isThere } from "./fields.js";
+
+const MOST_UNDONE = 100;
+const DESCRIBES = "ricochet-describe"; // whether every field is described, in this browser
 
 /**
  * Build the form.
  *
  * @param {HTMLElement} root
  * @param {{case: object, onChange: (values: object, path: string) => void, include?: string[],
- *   onRefuse?: () => void, without?: string[], open?: string[],
- *   beside?: {root: HTMLElement, paths: string[]}}} options
- *   `onChange` is called with a case only if all its fields are in their bounds, `onRefuse` otherwise; `include` names the groups of fields.js,
- *   all if none, `without` fields to leave out by their paths; `open` the groups that are not folded at first; `beside`
- *   where the fields with these paths are shown instead
- * @returns {{setCase: (values: object) => void, setField: (path: string, shown: number) => void, showProblems: (problem: Problem) => string, currentCase: () => object}}
- *   `setField` fills in a field as if it were typed; `showProblems` shows the errors of a problem at the fields they point to, and returns the rest
+ *   onHold?: () => void, onRefuse?: (text: string) => void, without?: string[], open?: string[]}} options
+ *   `onChange` is called with a case only if all its fields are in their bounds; `onHold` while one is not, but may still
+ *   be typed, and `onRefuse` once it is not, with what is wrong elsewhere than at a field; `include` names the groups of
+ *   fields.js, all if none, `without` fields to leave out by their paths; `open` the groups that are not folded at first
+ * @returns {{setCase: (values: object) => void, setField: (path: string, value: number) => void, refuse: (problem: Problem) => void, currentCase: () => object}}
+ *   `setField` fills in a field as if a value in SI were typed; `refuse` shows the errors of a problem at the fields they point to
  */
 export function buildForm(root, options) {
   const form = new CaseForm(root, options);
@@ -29,41 +31,42 @@ export function buildForm(root, options) {
       form.rebuild();
     },
     setField: (path, value) => form.setField(path, value),
-    showProblems: (problem) => form.showProblems(problem),
+    refuse: (problem) => form.refuse(problem),
   };
 }
 
 class CaseForm {
   rows = [];
   wrong = new Set(); // paths of fields whose text is not accepted
+  undone = []; // cases before each edit, with the field that was edited
 
-  constructor(root, { case: values, onChange, onRefuse, include, without = [], open = include, beside }) {
-    Object.assign(this, { root, values, onChange, onRefuse, without, open, beside });
-    this.help = element("label.describe", {}, element("input", { type: "checkbox" }), " Describe every field");
+  constructor(root, { case: values, onChange, onHold, onRefuse, include, without = [], open = include }) {
+    Object.assign(this, { root, values, onChange, onHold, onRefuse, without, open });
+    const describes = element("input", { type: "checkbox", checked: localStorage.getItem(DESCRIBES) === "yes" });
+    describes.addEventListener("change", () => localStorage.setItem(DESCRIBES, describes.checked ? "yes" : "no"));
+    this.help = element("label.describe", {}, describes, " Describe every field");
+    this.undoButton = element("button", { type: "button", disabled: true, onclick: () => this.undo() }, "Undo");
     this.groups = GROUPS.filter(({ name }) => !include || include.includes(name));
   }
 
   rebuild() {
     const before = new Map([...this.root.children].map((group) => [group.dataset.name, group.open]));
+    for (const row of this.rows) row.later();
     this.rows = [];
     this.wrong.clear();
-    const isBeside = ({ path }) => this.beside?.paths.includes(path) ?? false;
-    const there = this.groups.flatMap(({ fields }) => fields).filter((field) => this.has(field));
-    this.beside?.root.replaceChildren(...there.filter(isBeside).map((field) => this.addRow(field)));
     this.root.replaceChildren(
-      this.help,
+      element("p.actions", {}, this.help, this.undoButton),
       ...this.groups.map(({ name, fields }) => {
-        const inside = fields.filter((field) => there.includes(field) && !isBeside(field));
-        const lines = inside.map((field) => this.addRow(field));
+        const lines = fields.filter((field) => this.has(field)).map((field) => this.addRow(field));
         const open = before.get(name) ?? (!this.open || this.open.includes(name));
         return element("details", { open, "data-name": name }, element("summary", {}, name), ...lines);
       }),
     );
   }
 
-  setField(path, shown) {
-    const { input } = this.rows.find(({ field }) => field.path === path);
-    input.value = shown;
+  setField(path, value) {
+    const { input, field } = this.rows.find((row) => row.field.path === path);
+    input.value = Number((value / field.factor).toPrecision(12));
     input.dispatchEvent(new Event("input")); // its slider listens too
   }
 
@@ -74,10 +77,13 @@ class CaseForm {
   addRow(field) {
     const row = buildRow(field, this.values, {
       accept: (value) => this.accept(row, value),
-      refuse: (problem) => {
+      hold: () => {
         this.wrong.add(field.path);
+        this.onHold?.();
+      },
+      refuse: (problem) => {
         showProblem(row, problem);
-        this.onRefuse?.();
+        this.onRefuse?.("");
       },
     });
     this.rows.push(row);
@@ -87,9 +93,25 @@ class CaseForm {
   accept({ field }, value) {
     this.wrong.delete(field.path);
     for (const row of this.rows) if (!this.wrong.has(row.field.path)) showProblem(row, "");
+    this.remember(field.path);
     if (field.variant) this.takeVariant(field, value);
     else this.values = withValue(this.values, field.path, value);
     if (!this.wrong.size) this.onChange(this.values, field.path);
+  }
+
+  /** Keep the case before an edit; further keys of the same field belong to it. */
+  remember(path) {
+    if (this.undone.at(-1)?.path !== path) this.undone = [...this.undone, { values: this.values, path }].slice(-MOST_UNDONE);
+    this.undoButton.disabled = false;
+  }
+
+  undo() {
+    const { values, path } = this.undone.pop();
+    this.undoButton.disabled = !this.undone.length;
+    this.values = values;
+    this.rebuild();
+    this.onChange(values, path);
+    announce(`${this.rows.find(({ field }) => field.path === path)?.field.label ?? "The change"} is as before.`);
   }
 
   /** Start from the example of another variant, whose fields are others. */
@@ -100,13 +122,22 @@ class CaseForm {
     this.rows.find(({ field }) => field.path === path).input.focus();
   }
 
-  showProblems({ errors, detail }) {
-    const unplaced = errors.filter((error) => {
-      const path = error.pointer.slice(1).replaceAll("/", ".");
-      const row = this.rows.find(({ field }) => `${path}.`.startsWith(`${field.path}.`));
-      if (row) showProblem(row, inUnit(row.field, error.detail));
-      return !row;
-    });
-    return errors.length ? unplaced.map((error) => error.detail).join(" ") : detail;
+  /** Show what the service does not accept; not while the field may still be typed into. */
+  refuse({ errors, detail }) {
+    const values = this.values;
+    const rowOf = ({ pointer }) => {
+      const path = pointer.slice(1).replaceAll("/", ".");
+      return this.rows.find(({ field }) => `${path}.`.startsWith(`${field.path}.`));
+    };
+    const show = () => {
+      if (values !== this.values) return;
+      const unplaced = errors.filter((error) => !rowOf(error));
+      for (const error of errors) if (rowOf(error)) showProblem(rowOf(error), inUnit(rowOf(error).field, error.detail));
+      this.onRefuse?.(errors.length ? unplaced.map((error) => error.detail).join(" ") : detail);
+    };
+    const typed = this.rows.find(({ input }) => input === document.activeElement && input.type === "text");
+    if (!typed) return show();
+    this.onHold?.();
+    return typed.later(show);
   }
 }

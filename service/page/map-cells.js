@@ -1,12 +1,23 @@
 // What became of the cells of a map, in words.
 
 import { csvOf } from "./plots.js";
-import { STANDING } from "./words.js";
+import { unitOf } from "./units.js";
+import { STANDING, lengthShown } from "./words.js";
 
 /** What a map shows by colours, of its cells that have it: `column` in CSV, in SI units. Outcomes have none. */
 export const QUANTITIES = {
   cra: { label: "Critical angle [°]", name: "an angle", column: "critical_angle_deg", of: ({ angle }) => angle, factor: 1 },
-  thickness: { label: "Least thickness [mm]", name: "a thickness", column: "least_thickness_m", of: ({ thickness }) => thickness, factor: 1e3 },
+  thickness: {
+    get label() {
+      return `Least thickness [${unitOf("mm").unit}]`;
+    },
+    name: "a thickness",
+    column: "least_thickness_m",
+    of: ({ thickness }) => thickness,
+    get factor() {
+      return 1 / unitOf("mm").factor;
+    },
+  },
   probability: {
     label: "Probability of ricochet",
     name: "a probability",
@@ -63,7 +74,7 @@ export const ENDINGS = {
     embedded: { label: "embedded", symbol: "x-thin" },
     perforated: { label: "perforated", symbol: "triangle-down-open" },
     in_motion: { label: "still in motion", symbol: "diamond-open" },
-    ricochet: { label: "ricochet", symbol: "circle-open" },
+    ricochet: { label: "turned away", symbol: "circle-open" },
     failed: { label: "failed", symbol: "cross-thin" },
   },
 };
@@ -95,9 +106,9 @@ export function cellWords(operation, cell) {
   const { label } = ENDINGS[operation][cell.ending] ?? {};
   if (cell.ending === "failed") return `${label}: ${cell.detail}`;
   if (cell.probability !== undefined) return `turned away with a probability of ${cell.probability.toFixed(2)}`;
-  if (cell.thickness !== undefined) return `stopped by ${(1000 * cell.thickness).toFixed(0)} mm`;
+  if (cell.thickness !== undefined) return `stopped by ${lengthShown(cell.thickness)}`;
   const words = cell.angle === undefined ? label : `turned away from ${cell.angle.toFixed(2)}° on`;
-  return cell.depth === undefined || cell.ending === "perforated" ? words : `${words}, ${(1000 * cell.depth).toFixed(0)} mm deep`;
+  return cell.depth === undefined || cell.ending === "perforated" ? words : `${words}, ${lengthShown(cell.depth)} deep`;
 }
 
 /** Return the codes of warnings that some cells have and others do not, each with how many have it. */

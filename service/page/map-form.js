@@ -1,8 +1,8 @@
 // The form of a map: the quantity to show, and the two fields it varies.
 
 import { element } from "./elements.js";
-import { boundsOf, fieldAt, labelWithUnit, numericFields, shownValue } from "./fields.js";
-import { isVariable, mostValues, OPERATIONS } from "./sweep.js";
+import { boundsOf, fieldAt, labelWithUnit, numericFields } from "./fields.js";
+import { around, isOn, isVariable, mostValues, OPERATIONS, usualAxes } from "./sweep.js";
 
 const SIDES = { x: "Horizontal axis", y: "Vertical axis" };
 
@@ -22,6 +22,9 @@ export function buildMapForm(root, map, onChange) {
     onChange(isRight ? current : undefined);
   };
   const operation = operationField(map.operation, (name) => {
+    if (name === "trajectory" || current.operation === "trajectory") {
+      [sides.x, sides.y].forEach((side, i) => side.lay(usualAxes(name, current.values)[i]));
+    }
     current = { ...current, operation: name };
     change({ x: sides.x.offer(current), y: sides.y.offer(current) });
   });
@@ -74,13 +77,17 @@ function axisFields(side, map, onChange) {
     [start.input.value, stop.input.value] = [from, to];
     for (const { unit } of [start, stop]) unit.textContent = fieldAt(field.value).unit;
   };
-  const offer = (current) => {
+  const lay = ({ field: path, start: from, stop: to }) => {
+    field.value = path;
+    put(...[from, to].map((end) => shown(end, fieldAt(path).factor)));
+  };
+  const offer = (current, isOther = false) => {
     const before = field.value || current[side].field;
     const fields = numericFields(current.values).filter(({ path }) => isVariable(current, path));
     field.replaceChildren(...fields.map((each) => element("option", { value: each.path }, labelWithUnit(each))));
     const isThere = fields.some(({ path }) => path === before);
     field.value = isThere ? before : fields[0].path;
-    if (!isThere) put(...usualRange(fieldAt(field.value), current.values));
+    if (!isThere || (isOther && !isOn(axis(), current.values))) lay(around(field.value, current.values)); // the case is always on the map
     return axis();
   };
   const check = (current) => {
@@ -96,7 +103,7 @@ function axisFields(side, map, onChange) {
 
   let { values } = map;
   field.addEventListener("change", () => {
-    put(...usualRange(fieldAt(field.value), values));
+    lay(around(field.value, values));
     onChange(axis());
   });
   for (const input of inputs) input.addEventListener("input", () => onChange(axis()));
@@ -116,10 +123,15 @@ function axisFields(side, map, onChange) {
   return {
     root,
     check,
+    lay(wanted) {
+      if (![...field.options].some(({ value }) => value === wanted.field)) field.append(element("option", { value: wanted.field }));
+      lay(wanted);
+    },
     showError,
     offer(current) {
+      const isOther = values !== current.values;
       values = current.values;
-      return offer(current);
+      return offer(current, isOther);
     },
   };
 }
@@ -152,15 +164,6 @@ function problemOf({ field, start, stop, count }, other, map) {
   return isCount ? undefined : { text: `Takes 1 to ${mostValues(map)} values.`, parts: [2] };
 }
 
-/** Return ends around the value of the case, as shown. */
-function usualRange(field, values) {
-  const { least, most, above, below } = boundsOf(field, values);
-  const value = shownValue(field, values);
-  const [low, high] = field.slider ?? (value ? [value / 2, value * 1.5].sort((a, b) => a - b) : [least ?? 0, most ?? 1]);
-  const inside = (end) => Math.min(Math.max(end, least ?? above ?? end), most ?? below ?? end);
-  return [low, high].map((end) => Number(inside(end).toPrecision(6)));
-}
-
 function shown(value, factor) {
-  return Number((value / factor).toPrecision(12));
+  return Number((value / factor).toPrecision(6));
 }

@@ -144,7 +144,7 @@ class ScatterForm {
   clear() {
     for (const { fields, wrong, problem } of this.rows) {
       problem.hidden = true;
-      for (const [name, part] of fields) showError(part, wrong.has(name) ? `${JSON.stringify(part.input.value)} is no number.` : "");
+      for (const [name, part] of fields) showError(part, wrong.has(name) ? `${JSON.stringify(part.input.value)} is not a number.` : "");
     }
   }
 

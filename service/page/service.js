@@ -7,9 +7,9 @@ export const keyNeeds = new EventTarget();
 
 /** A problem that the service returns instead of an answer (RFC 9457). */
 export class Problem extends Error {
-  constructor({ status, title, detail = "", errors = [] }, retryAfter) {
+  constructor({ type, status, title, detail = "", errors = [] }, retryAfter) {
     super(detail || title);
-    Object.assign(this, { name: "Problem", status, title, detail, errors, retryAfter });
+    Object.assign(this, { name: "Problem", type, status, title, detail, errors, retryAfter });
   }
 }
 

@@ -56,6 +56,16 @@ export function quantileOf({ critical_angle: angle }, level) {
   return angle?.quantiles.find((each) => each.level === level)?.value;
 }
 
+/** Return the probability of ricochet at an angle with half of its interval, which is of the sampling. [°] */
+export function probabilityAt({ probability }, angle) {
+  const { oblique_angle_deg: angles, ricochet_probability: values, lower, upper } = probability;
+  const next = angles.findIndex((each) => each >= angle);
+  const after = next < 0 ? angles.length - 1 : Math.max(next, 1);
+  const share = Math.min(Math.max((angle - angles[after - 1]) / (angles[after] - angles[after - 1]), 0), 1);
+  const at = (list) => list[after - 1] + share * (list[after] - list[after - 1]);
+  return { value: at(values), error: (at(upper) - at(lower)) / 2 };
+}
+
 /** Return the median with the 90 % range, as in "49° (45° to 53°)"; empty if there is no angle. */
 export function headline(study) {
   const [low, middle, high] = [0.05, 0.5, 0.95].map((level) => quantileOf(study, level));

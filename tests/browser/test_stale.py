@@ -9,19 +9,20 @@ from playwright.sync_api import Page, Route, expect
 
 from service.schemas.strike import PAPER
 
+from .side_view import IDLE
+
 SPEEDS = (260.0, 310.0, 345.5, 238.0)
 WATCH = """() => {
     window.seen = [];
     window.watch = setInterval(() => {
         const angle = document.querySelector('.angle');
-        const outcome = document.querySelector('[data-outcome]');
+        const outcome = document.querySelector('.side-view svg') && document.querySelector('[aria-label=Outcome]');
         const isMarked = (part) => Boolean(part.closest('[aria-busy=true]'));
         const speed = document.getElementById('field-impact-velocity_m_s').value;
         if (angle) window.seen.push([speed, 'angle', angle.textContent, isMarked(angle)]);
-        if (outcome) window.seen.push([speed, 'outcome', outcome.nextElementSibling.textContent, isMarked(outcome)]);
+        if (outcome) window.seen.push([speed, 'outcome', outcome.textContent, isMarked(outcome)]);
     }, 20);
 }"""
-IDLE = "() => document.querySelector('.angle') && !document.querySelector('.pictures > :not(details) [aria-busy=true]')"
 
 
 def open_view(page: Page, view: str = "explore") -> None:

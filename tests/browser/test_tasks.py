@@ -6,7 +6,8 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Locator, Page, expect
 
-IDLE = "() => document.querySelector('.angle') && !document.querySelector('.pictures > :not(details) [aria-busy=true]')"
+from .side_view import IDLE
+
 DONE_MS = 180_000
 
 
@@ -94,7 +95,7 @@ def test_spread_for_a_strength_factor_within_ten_per_cent_takes_four_actions_at_
     expect(factor.get_by_label("Dispersion")).to_have_value("0.1")
     act.click(explore.get_by_role("button", name="Run"))
     expect(explore.locator("#study-progress")).to_have_text("Done.", timeout=DONE_MS)
-    expect(explore.locator(".angle")).to_have_text(re.compile(r"\d"))
+    expect(explore.locator(".range")).to_have_text(re.compile(r"\d"))
     assert act.count <= 4
 
 

@@ -11,10 +11,13 @@ import { purge } from "../plots.js";
 import { readInputs, usualInputs, writeInput } from "../scatter.js";
 import { buildScatterForm } from "../scatter-form.js";
 import { isAbort } from "../service.js";
-import { markFresh, markUntilRun } from "../stale.js";
+import { markFresh, markStale } from "../stale.js";
 import { computeStudy } from "../study.js";
 import { describeStudy, drawCurve, drawTornado, sensitivityTable } from "../study-plots.js";
+import { Verdict } from "../verdict.js";
 import { warningList } from "../words.js";
+
+const REST_MS = 800; // without a change before the study is run again
 
 const OPTION = { kind: "number", factor: 1, optional: true };
 const SAMPLING = [
@@ -23,7 +26,7 @@ const SAMPLING = [
   { ...OPTION, path: "sampling.seed", label: "Seed", unit: "" },
 ];
 
-/** Show the view; a study whose inputs are in the query is run. */
+/** Show the view; the study runs by itself, and again when its inputs change. */
 export async function show(root, query) {
   const view = new HowSure(root, query);
   return () => view.leave();
@@ -31,11 +34,13 @@ export async function show(root, query) {
 
 class HowSure {
   #work; // given up when the form changes
+  #timer; // until it is run again
   #isRefused = false; // whether a field of the case is not accepted
   #wrong = new Set(); // paths of sampling whose text is not accepted
 
   constructor(root, query) {
-    this.parts = build(root, () => this.#run(), () => this.#stop("Stopped."), () => this.#showResults());
+    this.verdict = new Verdict({ onError: (error) => this.#fail(error), hasStudy: true });
+    this.parts = build(root, this.verdict.root, () => this.#run(), () => this.#stop("Stopped."), () => this.#showResults());
     const inputs = readInputs(query);
     const values = readCase(query);
     this.sampling = readSampling(query);
@@ -43,24 +48,33 @@ class HowSure {
     this.scatter = buildScatterForm(this.parts.scatter, { inputs: inputs ?? usualInputs(values), values, onChange });
     this.form = buildForm(this.parts.others, {
       case: values,
-      without: ["impact.oblique_angle_deg"],
-      onChange: (changed) => {
+      onChange: (changed, path) => {
         this.#isRefused = false;
+        if (path === "impact.oblique_angle_deg") return this.#turn(changed);
         this.scatter.setCase(changed);
+        this.verdict.setCase(changed);
+        return this.#change();
+      },
+      onHold: () => {
+        this.#isRefused = true;
+        this.verdict.hold();
         this.#change();
       },
-      onRefuse: () => {
-        this.#isRefused = true;
-        this.#change();
+      onRefuse: (text) => {
+        this.parts.problem.textContent = text;
+        this.verdict.clear();
       },
     });
+    this.verdict.setCase(values);
     this.rows = SAMPLING.map((field) => this.#buildSampling(field));
     this.parts.sampling.append(...this.rows.map((row) => row.root));
-    if (inputs) this.#run();
+    this.#run();
   }
 
   leave() {
     this.#work?.abort();
+    clearTimeout(this.#timer);
+    this.verdict.stop();
     purge(this.parts.curve);
     purge(this.parts.tornado);
   }
@@ -73,27 +87,45 @@ class HowSure {
         this.sampling = withValue({ sampling: this.sampling }, field.path, value).sampling ?? {};
         this.#change();
       },
-      refuse: (problem) => {
+      hold: () => {
         this.#wrong.add(field.path);
-        showProblem(row, problem);
         this.#change();
       },
+      refuse: (problem) => showProblem(row, problem),
     });
     return row;
   }
 
+  /** Show the probability at another oblique angle: the study is of all of them. */
+  #turn(values) {
+    this.verdict.setCase(values);
+    if (this.study) {
+      this.verdict.setStudy(this.study, values);
+      drawCurve(this.parts.curve, this.study, values);
+    }
+    this.#readdress();
+  }
+
   #change() {
     this.#stop("");
+    clearTimeout(this.#timer);
+    this.study = undefined;
+    this.verdict.setStudy(undefined, this.form.currentCase());
     const { parts } = this;
     parts.problem.textContent = "";
-    const inputs = this.scatter.inputs();
-    const isRight = Boolean(inputs?.length) && !this.#wrong.size && !this.#isRefused;
+    const isRight = Boolean(this.scatter.inputs()?.length) && !this.#wrong.size && !this.#isRefused;
     parts.run.disabled = !isRight;
     if (!isRight) parts.results.hidden = parts.toResults.hidden = true; // nothing belongs to a field that is not accepted
     if (!parts.results.hidden) {
-      parts.progress.textContent = "Results are for the previous inputs. Run again.";
-      markUntilRun(parts.results);
+      parts.progress.textContent = "Results are for the previous inputs.";
+      markStale(parts.results);
     }
+    if (isRight) this.#timer = setTimeout(() => this.#run(), REST_MS);
+    this.#readdress();
+  }
+
+  #readdress() {
+    const inputs = this.scatter.inputs();
     if (!inputs || this.#isRefused) return;
     const query = caseQuery(this.form.currentCase());
     for (const input of inputs) query.append("scatter", writeInput(input));
@@ -108,6 +140,7 @@ class HowSure {
     const inputs = this.scatter.inputs();
     if (!inputs?.length || this.#wrong.size || this.#isRefused) return;
     this.#change();
+    clearTimeout(this.#timer);
     const work = new AbortController();
     this.#work = work;
     const { parts } = this;
@@ -136,7 +169,11 @@ class HowSure {
     if (!study.probability) return;
     parts.results.hidden = parts.toResults.hidden = false;
     parts.answerPanel.hidden = parts.sensitivity.hidden = !study.critical_angle;
-    await drawCurve(parts.curve, study, values);
+    if (study.critical_angle) {
+      this.study = study;
+      this.verdict.setStudy(study, this.form.currentCase());
+    }
+    await drawCurve(parts.curve, study, this.form.currentCase());
     if (study.critical_angle) {
       parts.answer.replaceChildren(...describeStudy(study));
       parts.warnings.hidden = !study.warnings.length;
@@ -158,7 +195,7 @@ class HowSure {
     this.#work = undefined;
     this.parts.stop.disabled = true;
     if (text) this.parts.progress.textContent = text;
-    announce(text);
+    announce("");
   }
 
   #fail(error) {
@@ -171,8 +208,7 @@ class HowSure {
       if (row) showProblem(row, detail);
       return !row;
     });
-    const rest = elsewhere.length ? this.form.showProblems({ errors: elsewhere, detail: "" }) : "";
-    this.parts.problem.textContent = rest || "A field is not accepted.";
+    if (elsewhere.length) this.form.refuse({ errors: elsewhere, detail: "" });
   }
 }
 
@@ -185,7 +221,7 @@ function readSampling(query) {
   return found;
 }
 
-function build(root, onRun, onStop, onResults) {
+function build(root, verdict, onRun, onStop, onResults) {
   const { default: confidence } = nodeAt("sampling.confidence", {});
   const parts = {
     scatter: element("div"),
@@ -194,7 +230,7 @@ function build(root, onRun, onStop, onResults) {
     run: element("button.main", { type: "submit", form: "scatter" }, "Run"),
     stop: element("button", { type: "button", disabled: true, onclick: onStop }, "Stop"),
     toResults: element("button", { type: "button", hidden: true, onclick: onResults }, "Show the results"),
-    progress: element("p.quiet", { id: "study-progress" }),
+    progress: element("p.quiet", { id: "study-progress", "aria-live": "polite" }),
     problem: element("p.problem", { role: "alert" }),
     answer: element("div.outcome"),
     warnings: element("section.panel", { "aria-label": "Warnings", hidden: true }),
@@ -218,7 +254,7 @@ function build(root, onRun, onStop, onResults) {
   const buttons = element("p.actions", {}, parts.run, parts.stop, parts.toResults);
   const start = element("section.panel", { "aria-label": "Study" }, buttons, parts.progress, parts.problem, lostNote());
   const others = element("details", {}, element("summary", {}, "The case"), parts.others);
-  const band = `The band is the interval of the probability at a confidence of ${100 * confidence} %.`;
+  const band = `The band is the sampling error, at a confidence of ${100 * confidence} %: more samples make it narrower, not the world more certain.`;
   const swing = "From the 5 % to the 95 % quantile of each input, the others at their median or likeliest value.";
   parts.answerPanel = element("section.panel", { "aria-label": "Answer", hidden: true }, parts.answer);
   parts.sensitivity = element(
@@ -243,7 +279,7 @@ function build(root, onRun, onStop, onResults) {
       "div.sides",
       {},
       element("div.column", {}, scatterForm, element("div.panel", {}, others)),
-      element("div.column", {}, start, parts.results),
+      element("div.column", {}, verdict, start, parts.results),
     ),
   );
   return parts;

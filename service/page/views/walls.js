@@ -1,4 +1,4 @@
-// Walls: the least thickness that stops a strike, by both models of the rear face and by the formulas of the field.
+// Walls: the least thickness that stops a strike, by the formulas of the field and by both models of the rear face.
 
 import { caseQuery, readCase, replaceAddress } from "../address.js";
 import { withValue } from "../case.js";
@@ -9,7 +9,9 @@ import { presetLinks } from "../presets.js";
 import { lostNote } from "../lost.js";
 import { request } from "../service.js";
 import { clearParts, markFresh, markStale } from "../stale.js";
-import { digits, unbroken, warningList } from "../words.js";
+import { unitOf } from "../units.js";
+import { showCard } from "../verdict.js";
+import { lengthShown, quantityShown, unbroken, warningList } from "../words.js";
 
 const THICKNESS = "target.thickness_m";
 const PLUG = "resistance.rear_plug";
@@ -27,7 +29,7 @@ const NAMES = {
   li_chen: "Li and Chen",
   whiffen: "Whiffen",
 };
-const COLUMNS = ["By", "Perforation limit [mm]", "Scabbing limit [mm]", "Penetration [mm]", "Range of the tests behind it"];
+const COLUMNS = ["By", "Perforation limit", "Scabbing limit", "Penetration", "Range of the tests behind it"];
 const STATUSES = {
   always_perforated: "perforated however thick",
   never_perforated: "never perforated",
@@ -36,15 +38,19 @@ const STATUSES = {
 /** Show the view. */
 export async function show(root, query) {
   const parts = build(root);
-  const shown = [parts.answer, parts.warnings, parts.table];
-  const refuse = () => {
-    parts.problem.textContent = "";
+  const shown = [parts.card, parts.model, parts.warnings, parts.table];
+  const hold = () => {
+    updateResults.cancel();
+    markStale(...shown);
+  };
+  const refuse = (text) => {
+    parts.problem.textContent = text;
     updateResults.cancel();
     clearParts(...shown);
   };
   const fail = (error) => {
-    refuse();
-    parts.problem.textContent = error.errors ? form.showProblems(error) || "A field is not accepted." : error.message;
+    if (error.errors?.length) form.refuse(error);
+    else parts.problem.textContent = error.message;
   };
   const updateResults = latest(async (values, signal) => {
     const post = async (path, body) => (await request(path, { body, signal })).data;
@@ -56,7 +62,8 @@ export async function show(root, query) {
     const speeds = await Promise.all(isWall ? models.map(({ body }) => post("limit-speed", slow(body))) : []);
     if (signal.aborted || updateResults.isBehind()) return;
     const lines = models.map((model, i) => ({ ...model, thickness: thick[i], speed: speeds[i] }));
-    parts.answer.replaceChildren(...answer(lines, table, target.thickness_m));
+    showCard(parts.card, verdictOf(table, target.thickness_m));
+    parts.model.replaceChildren(...modelWords(lines, target.thickness_m));
     parts.warnings.replaceChildren(...warningList(...thick.map(({ warnings }) => warnings)));
     parts.table.replaceChildren(tableOf(lines, table));
     markFresh(...shown);
@@ -69,11 +76,12 @@ export async function show(root, query) {
   const form = buildForm(parts.form, {
     case: readCase(query),
     include: ["Strike", "Projectile", "Target", "Model"],
-    open: matchMedia("(min-width: 60rem)").matches ? undefined : ["Strike"],
+    open: matchMedia("(min-width: 60rem)").matches ? undefined : ["Strike", "Target"],
     onChange(values) {
       refresh(values);
       replaceAddress("walls", caseQuery(values));
     },
+    onHold: hold,
     onRefuse: refuse,
   });
   refresh(form.currentCase());
@@ -96,26 +104,51 @@ function slow(body) {
   return withValue(body, "impact.velocity_m_s");
 }
 
-function answer(lines, { perforation_thickness_spread: spread }, thickness) {
-  const [first, ...others] = lines;
-  const also = others.map(({ name, thickness: found }) => `${name} ${thicknessShown(found)}`).join(", ");
-  const range = spread
-    ? ` Formulas within their range: ${millimetres(spread.lowest)} to ${millimetres(spread.highest)} mm.`
-    : " No formula is within its range.";
-  const shown = [
-    element(
-      "p",
-      {},
-      "Least thickness that is not perforated: ",
-      element("strong.angle", {}, thicknessShown(first.thickness)),
-      unbroken(`${also && `; ${also}`}.${range}`),
-    ),
-  ];
+/**
+ * Return the verdict on a wall in words: the formulas of the field decide, with the margin of DOE-STD-3014.
+ *
+ * @param {object} table the answer to `/formulas`
+ * @param {number|undefined} thickness of the wall [m]
+ */
+function verdictOf({ perforation_thickness_spread: spread, perforation_margin: margin }, thickness) {
+  const wall = thickness === undefined ? "" : `${lengthShown(thickness, 6)}: `;
+  if (!spread) {
+    const sentence = `${wall}${wall ? "not known" : "No design value"}. No formula is within the range of its tests.`;
+    return { sentence, figures: [] };
+  }
+  const design = margin * spread.highest;
+  const [isEnough, isBetween] = [thickness >= design, thickness > spread.highest];
+  const word = wall && (isEnough ? "enough. " : "not enough. ");
+  return {
+    sentence: `${wall}${word}Design value at least ${upwards(design)} (largest formula within its range × ${margin}).`,
+    figures: [
+      {
+        name: wall ? `Wall of ${lengthShown(thickness, 6)}` : "Wall",
+        value: wall ? (isEnough ? "Enough" : "Not enough") : "No thickness given",
+        note: wall ? (isEnough ? "" : isBetween ? "above the formulas, below the margin" : "below the largest formula") : "fill in the thickness of the target",
+      },
+      { name: "Formulas within their range", value: `${bare(spread.lowest)} to ${thicknessShown({ least_thickness_m: spread.highest })}`, note: "not perforated, without a margin" },
+      { name: `Largest × ${margin}`, value: upwards(design), note: "DOE-STD-3014" },
+    ],
+  };
+}
+
+/** Return a length rounded up to whole millimetres, or tenths of an inch: a design value is not rounded down. */
+function upwards(value) {
+  const { unit, factor } = unitOf("mm");
+  const step = unit === "mm" ? 1 : 0.1;
+  return `${Number((Math.ceil(value / factor / step - 1e-9) * step).toFixed(1)).toLocaleString("en")} ${unit}`;
+}
+
+/** Return what the model gives, which is not to be designed by. */
+function modelWords(lines, thickness) {
+  const thick = lines.map(({ name, thickness: found }) => `${name.toLowerCase()} ${thicknessShown(found)}`).join(", ");
+  const words = [`Least thickness that is not perforated by the model, which is no design value: ${thick}.`];
   if (thickness !== undefined) {
     const speeds = lines.map(({ name, speed }) => `${speedShown(speed)} (${name.toLowerCase()})`).join(", ");
-    shown.push(element("p", {}, `Least speed that perforates a wall of ${millimetres(thickness)} mm: ${speeds}.`));
+    words.push(`Least speed that perforates a wall of ${lengthShown(thickness, 6)}: ${speeds}.`);
   }
-  return shown;
+  return words.map((text) => element("p", {}, unbroken(text)));
 }
 
 function capital(text) {
@@ -126,20 +159,21 @@ function tableOf(lines, { formulas, scabbing_margin: scabbing, perforation_margi
   const isNumber = (column) => column > 0 && column < COLUMNS.length - 1;
   const cell = (text, column) => element(isNumber(column) ? "td.number" : "td", {}, text);
   const row = (attributes, cells) => element("tr", attributes, ...cells.map(cell));
-  const models = lines.map(({ name, thickness: found }) => row({}, [capital(name), thicknessShown(found, ""), "", "", ""]));
+  const models = lines.map(({ name, thickness: found }) => row({}, [capital(name), thicknessShown(found, false), "", "", ""]));
   const others = formulas.map((each) =>
     row({ class: each.in_range ? undefined : "quiet" }, [
       `${NAMES[each.formula] ?? each.formula}${each.verified ? "" : "\u00a0*"}`,
-      millimetres(each.perforation_thickness_m),
-      millimetres(each.scabbing_thickness_m),
-      millimetres(each.penetration_depth_m),
+      bare(each.perforation_thickness_m),
+      bare(each.scabbing_thickness_m),
+      bare(each.penetration_depth_m),
       rangeShown(each),
     ]),
   );
-  const title = (name, column) => element(isNumber(column) ? "th.number" : "th", { scope: "col" }, name);
+  const title = (name, column) =>
+    element(isNumber(column) ? "th.number" : "th", { scope: "col" }, isNumber(column) ? `${name} [${unitOf("mm").unit}]` : name);
   const head = element("tr", {}, ...COLUMNS.map(title));
-  const caption = element("caption", {}, "By model and by formula, without margins");
-  const table = element("table.thicknesses", {}, caption, element("thead", {}, head), element("tbody", {}, ...models, ...others));
+  const caption = element("caption", {}, "By formula and by model, without margins");
+  const table = element("table.thicknesses", {}, caption, element("thead", {}, head), element("tbody", {}, ...others, ...models));
   const note =
     "Limits are the least thickness that is not perforated and the least whose rear face sheds no concrete (scabbing); " +
     "penetration is the depth in thick concrete. Formulas have no angle: as is common practice, they take the normal component of the speed. DOE-STD-3014 requires " +
@@ -158,32 +192,33 @@ function rangeShown({ in_range: isWithin, range_known: isKnown, out_of_range: ou
   return note ? `${range}; ${note}` : range;
 }
 
-function thicknessShown({ status, least_thickness_m: found }, unit = " mm") {
-  return found === undefined ? STATUSES[status] : `${millimetres(found)}${unit}`;
+function thicknessShown({ status, least_thickness_m: found }, hasUnit = true) {
+  if (found === undefined) return STATUSES[status];
+  return hasUnit ? `${bare(found)} ${unitOf("mm").unit}` : bare(found);
 }
 
 function speedShown({ status, limit_speed_m_s: found }) {
-  return found === undefined ? STATUSES[status] : `${digits(found)} m/s`;
+  return found === undefined ? STATUSES[status] : quantityShown(found, "m/s");
 }
 
-function millimetres(value) {
-  return value === undefined ? "" : (1e3 * value).toFixed(0);
+function bare(value) {
+  const { unit, factor } = unitOf("mm");
+  return value === undefined ? "" : (value / factor).toFixed(unit === "mm" ? 0 : 1);
 }
 
 function build(root) {
   const parts = {
     form: element("form", { "aria-label": "Case", onsubmit: (event) => event.preventDefault() }),
     problem: element("p.problem", { role: "alert" }),
-    answer: element("div.outcome", {}, element("p.quiet", {}, "Computing ...")),
+    card: element("div.card", {}, element("p.quiet", {}, "Computing ...")),
+    model: element("div"),
     warnings: element("div", {}),
     table: element("div", {}),
   };
   parts.results = element(
     "div.pictures",
     {},
-    parts.problem,
-    lostNote(),
-    element("section.panel", { "aria-label": "Answer" }, parts.answer, parts.warnings),
+    element("section.panel.verdict", { "aria-label": "Verdict" }, parts.problem, lostNote(), parts.card, parts.model, parts.warnings),
     element("section.panel", { "aria-label": "Thicknesses" }, parts.table),
   );
   root.append(element("h1", {}, "Walls"), element("div.sides", {}, element("div.panel", {}, presetLinks("walls"), parts.form), parts.results));
