@@ -7,8 +7,9 @@ import httpx
 from benchmarks.servers import service
 from service.schemas.requests import ReportRequest
 from service.schemas.strike import PAPER
+from service.schemas.verdict import usual_inputs
 
-SCATTER = ReportRequest.model_validate(PAPER).usual_scatter()[:5]
+SCATTER = usual_inputs(ReportRequest.model_validate(PAPER))[:5]
 SCATTER[0]["distribution"]["coefficient_of_variation"] = 0.01
 STUDY = PAPER | {"uncertain": SCATTER, "oblique_angles_deg": {"start": 30, "stop": 70, "count": 81}}
 

@@ -3,7 +3,6 @@
 Its numbers are those of requests that anyone may send: they are computed, kept and counted like any other.
 """
 
-import math
 from collections.abc import Mapping
 from importlib.metadata import version
 from importlib.util import find_spec
@@ -14,12 +13,13 @@ from pydantic import MISSING
 from service.errors import ReportsMissingError
 from service.operations import SCHEMA_VERSION
 from service.schemas.requests import ReportRequest
+from service.schemas.verdict import usual_inputs, verdict_in
 from solver import ENGINE_VERSION, mass_properties
+from solver.strength_scatter import strength_scatter
+from solver.uncertainty.verdict import SAMPLES, probability_angles
 
 EXTRA = ("jinja2", "markupsafe", "matplotlib")
 """Packages of the extra `reports`."""
-SAMPLES = 512
-"""Samples at most of the spread, as the page takes at first: enough for quantiles, not for sensitivity indices."""
 SPEEDS = tuple(round(0.5 + 0.1 * step, 1) for step in range(11))
 """Speeds of the curve over the speed of the case. [1]"""
 SPEED_BOUNDS = (0.1, 1e4)
@@ -28,8 +28,6 @@ ASIDE_DEG = 0.5
 """Distance of the runs just below and just above from the critical angle. [°]"""
 STEEPEST_DEG = 89.9
 """Largest angle of these runs. [°]"""
-STEP_DEG = 0.5
-"""Distance of the angles at which the probability is computed. [°]"""
 
 
 class Query(NamedTuple):
@@ -52,27 +50,43 @@ def require_extra() -> None:
             raise ReportsMissingError(name)
 
 
+def verdict_queries(request: ReportRequest) -> dict[str, Query]:
+    """Return the requests that the verdict is made from, by name.
+
+    The answer to `cra` is needed; the others may be problems. The routes of the paper take seconds a case: with them
+    there is no range.
+    """
+    case, angle, search = _search_of(request), _angle_of(request), request.canonical()["search"]
+    start, stop, count = probability_angles(angle, search["lower_deg"], search["upper_deg"])
+    study = {
+        "uncertain": usual_inputs(request),
+        "oblique_angles_deg": {"start": start, "stop": stop, "count": count},
+        "sampling": {"max_samples": SAMPLES},
+    }
+    queries = {"cra": Query("cra", case)}
+    if not request.by_panels:
+        queries["uncertainty"] = Query("cra_uncertainty", case | study)
+    if angle is not None:
+        queries["judged"] = Query("trajectory", _strike_of(case, angle))
+    return queries
+
+
 def first_queries(request: ReportRequest) -> dict[str, Query]:
     """Return the requests that depend on the case alone, by name.
 
     The answer to `cra` is needed; the others may be problems.
     """
-    case, angle, search = _search_of(request), _angle_of(request), request.canonical()["search"]
+    case, angle = _search_of(request), _angle_of(request)
     strike = _strike_of(case, 0.0 if angle is None else angle)
     plain = {name: strike[name] for name in ("projectile", "target", "impact")}
     wall = {name: value for name, value in strike["target"].items() if name != "thickness_m"}
-    study = {
-        "uncertain": request.usual_scatter(),
-        "oblique_angles_deg": probability_range(angle, search["lower_deg"], search["upper_deg"]),
-        "sampling": {"max_samples": SAMPLES},
-    }
     speed = case["impact"]["velocity_m_s"]
     lowest, highest = SPEED_BOUNDS
     return {
+        **verdict_queries(request),
         "cra": Query("cra", case | {"alternatives": True}),
         "formulas": Query("formulas", plain),
         "thickness": Query("thickness", strike | {"target": wall}),
-        "uncertainty": Query("cra_uncertainty", case | study),
         **{
             f"speed {index}": Query("cra", case | {"impact": case["impact"] | {"velocity_m_s": speed * factor}})
             for index, factor in enumerate(SPEEDS)
@@ -82,16 +96,15 @@ def first_queries(request: ReportRequest) -> dict[str, Query]:
 
 
 def strike_queries(request: ReportRequest, found: Mapping[str, Any]) -> dict[str, Query]:
-    """Return the runs to draw, by name: on either side of the critical angle, and at the angle to judge.
+    """Return the runs to draw beside that at the angle to judge, by name: on either side of the critical angle.
 
     Parameters
     ----------
     found
         The answer to the search. Without an angle, the run is at the end of the range that is nearest to one.
     """
-    case, angle = _search_of(request), _angle_of(request)
-    search = request.canonical()["search"]
-    angles: dict[str, float] = {} if angle is None else {"judged": angle}
+    case, search = _search_of(request), request.canonical()["search"]
+    angles: dict[str, float] = {}
     if "critical_angle_deg" in found:
         critical = found["critical_angle_deg"]
         angles |= {"below": max(critical - ASIDE_DEG, 0.0), "above": min(critical + ASIDE_DEG, STEEPEST_DEG)}
@@ -100,23 +113,6 @@ def strike_queries(request: ReportRequest, found: Mapping[str, Any]) -> dict[str
     else:
         angles["highest"] = search["upper_deg"]
     return {name: Query("trajectory", _strike_of(case, each)) for name, each in angles.items()}
-
-
-def probability_range(angle: float | None, lower: float, upper: float) -> dict[str, Any]:
-    """Return angles at which the probability is computed, the one to judge among them. [°]
-
-    Parameters
-    ----------
-    angle
-        To judge, if any. [°]
-    lower, upper
-        Range of the search: beyond it nothing is known. [°]
-    """
-    shift = 0.0 if angle is None or not lower <= angle <= upper else math.fmod(angle - lower, STEP_DEG)
-    steps = math.floor((upper - lower - shift) / STEP_DEG + 1e-9)
-    if steps < 1:
-        return {"start": lower, "stop": upper, "count": 2}
-    return {"start": lower + shift, "stop": lower + shift + steps * STEP_DEG, "count": steps + 1}
 
 
 def write_page(given: Mapping[str, Any], answers: Mapping[str, Any], made: str, address: str | None) -> str:
@@ -149,7 +145,11 @@ def write_page(given: Mapping[str, Any], answers: Mapping[str, Any], made: str, 
                 },
                 "target": {"youngs_modulus_pa": target.elastic_modulus},
             },
-            scatter=request.usual_scatter(),
+            scatter=usual_inputs(request),
+            dispersion=strength_scatter(
+                projectile=projectile, target=target, resistance=request.resistance.to_solver()
+            ).dispersion,
+            verdict=verdict_in(request, answers),
             projectile=projectile,
             answers=answers,
             speeds=[

@@ -33,11 +33,15 @@ from solver.projectile import (
 from solver.resistance import (
     ConstantStrengthFactor,
     ObliquityPolynomial,
+    OwnTests,
     PublishedTests,
     Resistance,
+    Shot,
+    StrengthPosterior,
     StrengthPowerLaw,
     closed_form_depth,
     strength_factor,
+    strength_factor_of_depth,
 )
 from solver.search.critical_angle import critical_angle
 from solver.search.types import CriticalAngle, OutcomeInterval, Search, SearchStatus, Trial
@@ -49,7 +53,7 @@ from solver.validation import IntegrationError, ParameterError, RicochetError, S
 from solver.warm_up import warm_up
 from solver.warnings import ModelWarning
 
-ENGINE_VERSION = "11"
+ENGINE_VERSION = "12"
 """Raised whenever results change: results kept under another version are not used."""
 
 __all__ = [
@@ -76,6 +80,7 @@ __all__ = [
     "OutOfRange",
     "Outcome",
     "OutcomeInterval",
+    "OwnTests",
     "ParameterError",
     "PerforationLimit",
     "PerforationStatus",
@@ -88,9 +93,11 @@ __all__ = [
     "Search",
     "SearchStatus",
     "ShearPlug",
+    "Shot",
     "SolidProperties",
     "Spherical",
     "StepLimitError",
+    "StrengthPosterior",
     "StrengthPowerLaw",
     "Target",
     "Trajectory",
@@ -116,6 +123,7 @@ __all__ = [
     "simulate_sweep",
     "solid_properties",
     "strength_factor",
+    "strength_factor_of_depth",
     "to_dataframe",
     "warm_up",
 ]

@@ -13,7 +13,8 @@ from solver.motion import Model, Run, Termination, sample, sample_loads
 from solver.plausibility import check_depth, check_energy
 from solver.prepared import OUTCOMES, Exit, Outcome, PreparedCase, exit_of, integrate, prepare
 from solver.projectile import Projectile
-from solver.resistance import EQUATION_9, Resistance
+from solver.resistance import EQUATION_9, Resistance, StrengthPosterior
+from solver.strength_scatter import known_strength
 from solver.strike import USUAL, Impact, Numerics, usual_termination_time
 from solver.target import Target
 from solver.validation import ParameterError, require_one, require_positive
@@ -93,6 +94,10 @@ class Trajectory:
     """Evaluations of force and moment."""
     exit: Exit | None
     """How the projectile left; None if it did not."""
+    strength_factor_dispersion: float
+    """Of S of a next shot in the same concrete: by own shots, or by the law of the published tests. [ln]"""
+    own_tests: StrengthPosterior | None
+    """What shots into the very concrete say of S; None without any."""
 
     def columns(self) -> Columns:
         """Return the history as arrays by name, in SI units and radians.
@@ -211,6 +216,9 @@ def run_prepared(prepared: PreparedCase, impact: Impact, sample_interval: float 
     model = prepared.model._replace(law=prepared.law_at(impact))
     run, steps = integrate(prepared, model, impact, keep_steps=sample_interval is not None)
     outcome = OUTCOMES[run.end]
+    dispersion, own_tests = known_strength(
+        projectile=prepared.projectile, target=prepared.target, resistance=prepared.resistance
+    )
     return Trajectory(
         outcome=outcome,
         final=_motion_at(run, model),
@@ -221,6 +229,8 @@ def run_prepared(prepared: PreparedCase, impact: Impact, sample_interval: float 
         steps=run.steps,
         evaluations=run.evaluations,
         exit=exit_of(outcome, run.state.tolist(), model.body),
+        strength_factor_dispersion=dispersion,
+        own_tests=own_tests,
     )
 
 

@@ -9,9 +9,12 @@ from solver.motion import MOST_TURN
 from solver.projectile import Projectile, solid_properties
 from solver.resistance import (
     EQUATION_9_COEFFICIENTS,
+    FAR_OFF,
     ObliquityPolynomial,
+    OwnTests,
     PublishedTests,
     Resistance,
+    StrengthPosterior,
     StrengthPowerLaw,
 )
 from solver.strike import Impact
@@ -28,6 +31,8 @@ SAME_STRENGTH, SAME_DIAMETER = 0.1, 0.25
 MEAN_DENSITY = (1e3, 2e4)
 """Mean densities of bodies, from hollow ones to those of tungsten or uranium. [kg/m³]"""
 SMALL_ATTACK = math.radians(5.0)
+MOST_NAMED = 5
+"""Shots that a warning names."""
 CRATER_CALIBERS = 2.0
 """Depth of the front crater over the diameter, for which the theory of deep cavities was not made."""
 
@@ -133,7 +138,7 @@ def law_warnings(
     model, oblique_angle = resistance.strength_factor, impact.oblique_angle
     found = []
     by_angle = isinstance(model, ObliquityPolynomial) or (
-        isinstance(model, StrengthPowerLaw | PublishedTests) and model.obliquity_shape == "equation_9"
+        isinstance(model, StrengthPowerLaw | PublishedTests | OwnTests) and model.obliquity_shape == "equation_9"
     )
     fitted_to = ObliquityPolynomial.fitted_to
     if by_angle and abs(oblique_angle) > fitted_to * (1.0 + 1e-12):
@@ -148,6 +153,12 @@ def law_warnings(
         found += _other_concrete(projectile, target)
     if isinstance(model, PublishedTests):
         found += _beyond_published_tests(projectile, target, impact.velocity)
+    if isinstance(model, OwnTests):
+        posterior = model.posterior(
+            target=target, projectile=projectile, inertia_factor=resistance.inertia_factor, crater=resistance.crater
+        )
+        found += own_tests_apart(posterior)
+        found += _own_tests_deeper_than_wall(model, target)
     if resistance.crater is not None and oblique_angle != 0.0:
         found.append(CRATER_AT_OBLIQUITY)
     if target.thickness is not None:
@@ -188,6 +199,43 @@ def _other_concrete(projectile: Projectile, target: Target) -> tuple[ModelWarnin
             f"projectile of {EQUATION_9_DIAMETER * 1e3:g} mm; here are {strength / 1e6:.4g} MPa and "
             f"{diameter * 1e3:.4g} mm. In normal impact eq. 9 gives {EQUATION_9_COEFFICIENTS[0]:.3g}, the law "
             f"{PublishedTests.name} {other:.3g}",
+        ),
+    )
+
+
+def own_tests_apart(posterior: StrengthPosterior) -> tuple[ModelWarning, ...]:
+    """Warning about own shots that are far from what the published tests and the other shots predict."""
+    apart = [
+        f"shot {number} (S {factor:.3g}, {abs(deviation):.2g} dispersions {'above' if deviation > 0.0 else 'below'})"
+        for number, (factor, deviation) in enumerate(zip(posterior.factors, posterior.deviations, strict=True), start=1)
+        if abs(deviation) > FAR_OFF
+    ]
+    if not apart:
+        return ()
+    more = f" and {len(apart) - MOST_NAMED} more" if len(apart) > MOST_NAMED else ""
+    return (
+        ModelWarning(
+            "own_tests_apart",
+            f"far from what the published tests and the other shots predict: {', '.join(apart[:MOST_NAMED])}{more}; "
+            "compare speed, depth, mass and diameter with those measured",
+        ),
+    )
+
+
+def _own_tests_deeper_than_wall(tests: OwnTests, target: Target) -> tuple[ModelWarning, ...]:
+    """Warning about own shots that would have gone through a target as thick as the wall."""
+    if target.thickness is None:
+        return ()
+    deeper = [number for number, shot in enumerate(tests.shots, start=1) if shot.depth >= target.thickness]
+    if not deeper:
+        return ()
+    more = f" and {len(deeper) - MOST_NAMED} more" if len(deeper) > MOST_NAMED else ""
+    named = ", ".join(map(str, deeper[:MOST_NAMED])) + more
+    return (
+        ModelWarning(
+            "own_tests_deeper_than_wall",
+            f"shots deeper than the wall of {1e3 * target.thickness:.4g} mm: {named}; own tests must be into a target "
+            "that stops them well before its rear, as one that is perforated says little of S",
         ),
     )
 

@@ -1,27 +1,11 @@
-"""The report of `make validate`: its tests one by one, its limits, the walls, and the order of its sections."""
+"""The report of `make validate`: its tests one by one, its limits, and the order of its sections."""
 
-import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
-from solver import (
-    Crater,
-    Impact,
-    Ogive,
-    Projectile,
-    PublishedTests,
-    Resistance,
-    ShearPlug,
-    Target,
-    cea_edf_limit_speed,
-    formulas,
-    least_thickness,
-    limit_velocity,
-)
-from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY
 from solver.warnings import NO_MEASURED_ANGLE
 from validation.depth_ratios import crater_section, ratios_section
 from validation.depth_tests import (
@@ -45,8 +29,10 @@ from validation.depth_tests import (
     of_series,
     percent,
 )
-from validation.report import Progress, ReportTable, Section, paragraphs
-from validation.size_law import size_law_section
+from validation.evidence import evidence_section
+from validation.report import Progress, ReportTable, Section
+from validation.strength_law import strength_law_section
+from validation.walls import walls_section
 
 ALIKE = 0.05
 """Speeds that differ by less are compared directly. [1]"""
@@ -218,91 +204,6 @@ def _limits_table(assessment: Assessment) -> ReportTable:
     return ReportTable(name="strength-factors", caption=caption, columns=columns, rows=rows)
 
 
-MODELS: Final[Mapping[str, Resistance]] = {
-    "decay at the rear face (default)": Resistance(),
-    "and a plug": Resistance(rear_plug=ShearPlug()),
-    "and a plug and a crater": Resistance(rear_plug=ShearPlug(), crater=Crater()),
-}
-ANGLES_DEG = (0.0, 30.0)
-SLAB, SLAB_SHOT = 0.178, Projectile(nose=Ogive(caliber_radius_head=3.0), diameter=0.0254, length=0.144, mass=0.5)
-SLAB_STRENGTHS = (48e6, 140e6)
-SLAB_SLOWEST = 300.0
-"""Least impact speed with a measured residual speed, by the abstract. [m/s]"""
-
-
-def walls_section(_: Assessment) -> Section:
-    """Compare thicknesses and limit speeds of both models of the rear face with the formulas and with tests."""
-    thicknesses, speeds = _thickness_table(), _speed_table()
-    model, plugged, both = (row[1] for row in thicknesses.rows[: len(MODELS)])
-    required = sorted(
-        float(str(row[1])) for row in thicknesses.rows[len(MODELS) :] if row[1] != "" and row[-1] == "in range"
-    )
-    slow, plug_slow, both_slow = (row[1] for row in speeds.rows[: len(MODELS)])
-    text = f"""
-        Least thickness of the paper's strike at normal impact: {model} mm by the default, {plugged} mm with a plug that
-        shears out of the rear, {both} mm with a front crater as well. The formulas within their range require
-        {required[0]:g} to {required[-1]:g} mm.
-
-        Hanchak, Forrestal, Young and Ehrgott (1992) shot projectiles of {SLAB_SHOT.diameter * 1e3:g} mm and
-        {SLAB_SHOT.mass:g} kg through reinforced slabs {SLAB * 1e3:g} mm thick. Their abstract, which is all of it that
-        is open, has residual speeds for impacts from {SLAB_SLOWEST:g} m/s on: in either concrete the limit speed is no
-        higher than about that. With S of the published tests the default says {slow} m/s for the weaker concrete,
-        {plug_slow} m/s with a plug, {both_slow} m/s with a crater as well.
-    """
-    return Section(
-        title="Walls: both models of the rear face, and the formulas",
-        text=paragraphs(text),
-        tables=(thicknesses, speeds),
-    )
-
-
-def _thickness_table() -> ReportTable:
-    """Least thicknesses of the paper's strike."""
-    impacts = [Impact(velocity=PAPER_VELOCITY, oblique_angle=math.radians(angle)) for angle in ANGLES_DEG]
-    case: dict[str, Any] = {"projectile": PAPER_PROJECTILE, "target": PAPER_TARGET}
-    rows: list[tuple[object, ...]] = []
-    for name, resistance in MODELS.items():
-        found = [least_thickness(**case, impact=impact, resistance=resistance).value for impact in impacts]
-        rows.append((name, *(_millimetres(each) for each in found), "model", ""))
-    for results in zip(*(formulas(**case, impact=impact) for impact in impacts), strict=True):
-        first = results[0]
-        limits = [_millimetres(each.perforation_thickness) for each in results]
-        outside = ", ".join(sorted({each.field for result in results for each in result.out_of_range}))
-        source = f"{first.source}{'' if first.verified else ' (not compared with the original)'}"
-        source += f"; {first.note}" if first.note else ""
-        known = "in range" if first.range_known else "range not known"
-        rows.append((first.formula, *limits, source, f"out of range: {outside}" if outside else known))
-    angles = [f"at {angle:g}° [mm]" for angle in ANGLES_DEG]
-    caption = (
-        "Least thickness that is not perforated by the paper's strike; formulas have no angle and take, as is common "
-        "practice, the normal part of the speed."
-    )
-    return ReportTable(name="walls", caption=caption, columns=("by", *angles, "source", "range"), rows=rows)
-
-
-def _speed_table() -> ReportTable:
-    """Limit speeds of the slabs of Hanchak et al."""
-    walls = [Target(compressive_strength=strength, density=2400.0, thickness=SLAB) for strength in SLAB_STRENGTHS]
-    rows: list[tuple[object, ...]] = []
-    for name, resistance in MODELS.items():
-        law = replace(resistance, strength_factor=PublishedTests())
-        found = [
-            limit_velocity(projectile=SLAB_SHOT, target=wall, oblique_angle=0.0, resistance=law).value for wall in walls
-        ]
-        rows.append((name, *("" if each is None else round(each) for each in found)))
-    by_formula = [cea_edf_limit_speed(projectile=SLAB_SHOT, target=wall, thickness=SLAB) for wall in walls]
-    name = "cea_edf" if all(each.in_range for each in by_formula) else "cea_edf, out of range"
-    rows.append((name, *("" if each.limit_speed is None else round(each.limit_speed) for each in by_formula)))
-    rows.append(("tests, slowest with a residual speed", *(f"≤ {SLAB_SLOWEST:g}" for _ in walls)))
-    strengths = [f"{strength / 1e6:g} MPa [m/s]" for strength in SLAB_STRENGTHS]
-    caption = f"Limit speeds of slabs {SLAB * 1e3:g} mm thick at normal impact, S of `published_tests`."
-    return ReportTable(name="slabs", caption=caption, columns=("by", *strengths), rows=rows)
-
-
-def _millimetres(value: float | None) -> object:
-    return "" if value is None else round(1e3 * value, 1)
-
-
 TITLE = "Validation: depths of published tests"
 INTRODUCTION = (
     "Normal impact of ogive-nosed steel projectiles on concrete, as measured by others, beside this model.",
@@ -312,12 +213,13 @@ INTRODUCTION = (
     ),
 )
 PARTS: Final[Mapping[str, Callable[[Assessment], Section]]] = {
+    "evidence for what": lambda _: evidence_section(),
     "tests": tests_section,
     "predicted over measured depth": ratios_section,
     "what the model misses": limits_section,
-    "strength, diameter and speed": size_law_section,
+    "strength factor over the literature": lambda _: strength_law_section(),
     "closed form and trajectory model": crater_section,
-    "walls": walls_section,
+    "walls": lambda _: walls_section(),
 }
 """In the order of the page."""
 COUNT: Final = len(PARTS)

@@ -4,6 +4,7 @@ Sources: `data/SOURCES.md`.
 """
 
 import csv
+import math
 import re
 from dataclasses import dataclass, replace
 from functools import cache
@@ -83,6 +84,43 @@ class PenetrationTest:
     """[m/s]"""
     depth: float
     """[m]"""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DepthShot:
+    """A row of the compilation of depth tests: normal impact on concrete, mortar, grout or rock."""
+
+    row: int
+    article: int
+    concrete: str
+    """Its name in the compilation, often the label of a specimen."""
+    compressive_strength: float
+    """[Pa]"""
+    density: float
+    """Density of the concrete. [kg/m³]"""
+    thickness: float | None
+    """None where not known. [m]"""
+    area: float | None
+    """Area of the face of the target; None where not known. [m²]"""
+    mass: float
+    """nan where not known. [kg]"""
+    diameter: float
+    """[m]"""
+    length: float
+    """[m]"""
+    caliber_radius_head: float | None
+    """None where not known, or where the nose has none. [1]"""
+    projectile_density: float
+    """[kg/m³]"""
+    velocity: float
+    """nan where not known. [m/s]"""
+    depth: float
+    """nan where not known. [m]"""
+
+    @property
+    def series(self) -> tuple[int, float]:
+        """Article and strength: shots that the same people fired into the same concrete."""
+        return self.article, self.compressive_strength
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -188,6 +226,35 @@ def penetration_tests() -> tuple[PenetrationTest, ...]:
         )
         for row in _rows("penetration_tests.csv")
     )
+
+
+@cache
+def depth_shots() -> tuple[DepthShot, ...]:
+    """Every row of the compilation of depth tests, in the order of the file."""
+    return tuple(
+        DepthShot(
+            row=int(row["row"]),
+            article=int(row["article"]),
+            concrete=row["concrete"],
+            compressive_strength=float(row["compressive_strength_pa"]),
+            density=float(row["density_kg_m3"]),
+            thickness=_optional(row["target_thickness_m"]),
+            area=_optional(row["target_area_m2"]),
+            mass=_optional(row["mass_kg"]) or math.nan,
+            diameter=float(row["diameter_m"]),
+            length=float(row["length_m"]),
+            caliber_radius_head=_optional(row["caliber_radius_head"]),
+            projectile_density=float(row["projectile_density_kg_m3"]),
+            velocity=_optional(row["striking_velocity_m_s"]) or math.nan,
+            depth=_optional(row["penetration_depth_m"]) or math.nan,
+        )
+        for row in _rows("depth_tests.csv")
+    )
+
+
+def _optional(text: str) -> float | None:
+    """A number, or None for an empty field or a 0 that stands for one."""
+    return (float(text) or None) if text else None
 
 
 @cache

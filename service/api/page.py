@@ -22,7 +22,7 @@ from starlette.exceptions import HTTPException
 from starlette.responses import FileResponse, RedirectResponse
 from starlette.types import Scope
 
-from service.schemas.requests import USUAL_SCATTER
+from service.schemas.verdict import USUAL_SCATTER
 
 router = APIRouter(include_in_schema=False)
 

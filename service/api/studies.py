@@ -22,13 +22,13 @@ from service.api.contract import one_body, problems
 from service.api.page import REPORT_POLICY
 from service.api.queries import read_content, read_request, recalled, reply, resolve, validated, validated_as
 from service.api.services import services_of, unless_left
-from service.assessment import Query, first_queries, require_extra, strike_queries, write_page
+from service.assessment import Query, first_queries, require_extra, strike_queries, verdict_queries, write_page
 from service.auth.dependencies import RUN, context_in
 from service.errors import ProblemType, problem_of
 from service.jobs.models import JobCase
 from service.operations import OPERATIONS, KeyedRequest, Operation, study_of
 from service.queries import check_work
-from service.schemas import ReportRequest
+from service.schemas import ReportRequest, VerdictAnswer, verdict_answer
 from service.telemetry import BEGUN, path_of
 
 router = APIRouter(dependencies=[RUN])
@@ -102,6 +102,32 @@ NEEDED = "cra"
 
 
 @router.post(
+    "/verdict",
+    response_model=VerdictAnswer,
+    responses=problems(400, 413, 415, 422, 429, 500, 503),
+    openapi_extra=one_body(ReportRequest),
+    tags=["critical ricochet angle"],
+)
+async def judge_strike(request: Request) -> Response:
+    """Judge a strike in one sentence: outcome, probability of ricochet, critical angle with its 90 % range.
+
+    The page, the report and the command line print the same sentence. It takes some 530 cases, most of them samples of
+    the usual scatter; each is kept and counted like any other.
+    """
+    strike, _ = await read_report(request)
+    answers = await unless_left(request, answer_all(request, verdict_queries(strike)))
+    return Response(orjson.dumps(verdict_answer(strike, answers)), media_type=JSON)
+
+
+async def read_report(request: Request) -> tuple[ReportRequest, Any]:
+    """Return the strike of a body, and the body as JSON data."""
+    services = services_of(request)
+    require_type(request, JSON)
+    given = await read_content(services, await read_body(request, services.settings.max_body_bytes))
+    return validated_as(ReportRequest, given), given
+
+
+@router.post(
     "/report",
     response_class=HTMLResponse,
     responses={
@@ -117,15 +143,12 @@ NEEDED = "cra"
 async def make_report(request: Request) -> HTMLResponse:
     """Write the report of one strike: critical angle and spread, other models, runs, limits of validity, formulas.
 
-    It takes some 300 cases, most of them samples of the usual scatter; each is kept and counted like any other. With
+    It takes some 550 cases, most of them samples of the usual scatter; each is kept and counted like any other. With
     `impact.oblique_angle_deg` the strike at that angle is judged too.
     """
     require_extra()
     services = services_of(request)
-    require_type(request, JSON)
-    body = await read_body(request, services.settings.max_body_bytes)
-    given = await read_content(services, body)
-    strike = validated_as(ReportRequest, given)
+    strike, given = await read_report(request)
     strike.check()
     answers = await unless_left(request, answers_to(request, strike))
     made = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")

@@ -90,6 +90,22 @@ def read_points(text: str) -> list[list[float]]:
     return points
 
 
+def read_own_shots(path: str) -> list[dict[str, float]]:
+    """Return the shots of a file as own tests hold them."""
+    from service.readers.calibration import read_shots
+    from service.readers.files import FileError
+
+    units = {"velocity": "m_s", "depth": "m", "mass": "kg", "diameter": "m"}
+    try:
+        shots = read_shots(path)
+    except FileError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+    return [
+        {f"{name}_{unit}": value for name, unit in units.items() if (value := getattr(shot, name)) is not None}
+        for shot in shots
+    ]
+
+
 class Flag(NamedTuple):
     """A flag for one field of a case.
 
@@ -125,7 +141,7 @@ NOSE, STRENGTH, FREE_SURFACE = ("projectile", "nose"), ("resistance", "strength_
 MODEL_NAMES: Mapping[tuple[str, ...], str] = {NOSE: "shape", STRENGTH: "model", FREE_SURFACE: "model"}
 """Field that names the model, by part."""
 SHAPES = ("ogive", "conical", "spherical", "flat", "profile")
-LAWS = ("constant", "obliquity_polynomial", "published_tests", "strength_power_law")
+LAWS = ("constant", "obliquity_polynomial", "published_tests", "own_tests", "strength_power_law")
 DECAYS = ("elastic_plastic", "mohr_coulomb", "none")
 BODY = (
     Flag("--diameter", ("projectile", "diameter_m"), "shank diameter [m]"),
@@ -181,6 +197,14 @@ RESISTANCE = (
         metavar="LAW",
         choices=LAWS,
     ),
+    Flag(
+        "--shots",
+        (*STRENGTH, "shots"),
+        "own shots into the concrete, CSV with velocity, depth, and perhaps mass and diameter: S is read from them",
+        read=read_own_shots,
+        metavar="FILE",
+        implies=("own_tests",),
+    ),
     Flag("--strength-factor", (*STRENGTH, "value"), "a constant S [1]", implies=("constant",)),
     Flag(
         "--strength-coefficients",
@@ -227,7 +251,7 @@ RESISTANCE = (
         read=str,
         metavar="SHAPE",
         choices=("constant", "equation_9"),
-        implies=("published_tests", "strength_power_law"),
+        implies=("published_tests", "own_tests", "strength_power_law"),
     ),
     Flag(
         "--free-surface",

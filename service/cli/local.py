@@ -55,6 +55,44 @@ def compute(name: str, body: dict[str, Any], report: Callable[[int, float | None
     return with_alternatives(answer, alternatives) if alternatives else answer
 
 
+def judge(body: dict[str, Any], report: Callable[[int, float | None], None]) -> dict[str, Any]:
+    """Return the verdict on a strike that a service would send, computed in this process.
+
+    Parameters
+    ----------
+    report
+        As for `compute`.
+
+    Raises
+    ------
+    RefusedError
+        If the request is invalid, or the search fails.
+    """
+    from pydantic import ValidationError
+
+    from service.assessment import verdict_queries
+    from service.errors import InvalidBodyError, problem_of, validation_errors
+    from service.schemas import ReportRequest, verdict_answer
+    from solver import ParameterError
+
+    answers: dict[str, Any] = {}
+    try:
+        request = ReportRequest.model_validate_json(json.dumps(body))
+        queries = verdict_queries(request)
+    except ValidationError as error:
+        raise RefusedError(problem_of(InvalidBodyError(validation_errors(error.errors())))) from None
+    except ParameterError as error:
+        raise RefusedError(problem_of(error)) from None
+    for name, (operation, content) in queries.items():
+        try:
+            answers[name] = json.loads(compute(operation, content, report if name == "uncertainty" else None))
+        except RefusedError as error:
+            if name == "cra":
+                raise
+            answers[name] = {"problem": dict(error.problem)}
+    return verdict_answer(request, answers)
+
+
 def compute_sweep(operation: str, content: dict[str, Any]) -> Iterator[Item]:
     """Yield the results of a sweep in order, as a service sends them.
 

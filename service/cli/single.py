@@ -5,14 +5,13 @@ import csv
 import json
 import sys
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 from service.cli.arguments import (
-    ATTACK,
     BODY,
     IMPACT,
     RESISTANCE,
-    VELOCITY,
     CommandError,
     Flag,
     RefusedError,
@@ -25,11 +24,11 @@ from service.cli.arguments import (
     examples,
 )
 from service.cli.request_body import RequestBody, read_body
-from service.cli.writers import heading, print_table, print_values, print_warning_codes, print_warnings
+from service.cli.writers import heading, print_table, print_values, print_warning_codes, print_warnings, progress
 from service.columns import csv_cells
 
 TRAJECTORY_FLAGS = (*IMPACT, *BODY, *RESISTANCE)
-CRA_FLAGS = (VELOCITY, *ATTACK, *BODY, *RESISTANCE)
+CRA_FLAGS = (*IMPACT, *BODY, *RESISTANCE)
 
 
 def add_trajectory(parser: argparse.ArgumentParser) -> None:
@@ -53,8 +52,9 @@ def add_trajectory(parser: argparse.ArgumentParser) -> None:
 def add_cra(parser: argparse.ArgumentParser) -> None:
     """Define `ricochet cra`."""
     parser.description = (
-        "Find the smallest oblique angle, from the inward normal of the face, at which a projectile ricochets. Prints "
-        "one line; if there is no such angle in the range, it says so."
+        "Find the smallest oblique angle, from the inward normal of the face, at which a projectile ricochets, with "
+        "its 90 % range by the usual scatter; with --angle, judge the strike at that angle too. Prints one line; if "
+        "there is no such angle in the range, it says so."
     )
     parser.epilog = examples(
         "ricochet cra strike.toml",
@@ -109,7 +109,7 @@ def run_trajectory(args: argparse.Namespace) -> int:
 
 def run_cra(args: argparse.Namespace) -> int:
     """Search a critical angle and print it."""
-    _, text = answer_one("cra", args, CRA_FLAGS)
+    body, text = answer_one("cra", args, CRA_FLAGS)
     answer: dict[str, Any] = json.loads(text)
     if args.plot:
         from service.cli.plots import plot_search
@@ -122,7 +122,7 @@ def run_cra(args: argparse.Namespace) -> int:
         columns = {name: [trial[name] for trial in trials] for name in trials[0]}
         print_csv(alternatives_of(answer) if args.alternatives else columns)
     else:
-        print_search(answer, verbose=args.verbose)
+        print_search(answer, verdict_on(body, args.url)["sentence"], verbose=args.verbose)
     return 0
 
 
@@ -141,7 +141,16 @@ def answer_one(operation: str, args: argparse.Namespace, flags: Sequence[Flag]) 
         from service.cli.plots import check_plot
 
         check_plot(args.plot)
-    return body, answer_of(operation, body, args.url)
+    return body, answer_of(operation, without_angle(body) if operation == "cra" else body, args.url)
+
+
+def without_angle(body: RequestBody) -> RequestBody:
+    """Return the body of a search, which has no oblique angle: the one given is for the verdict."""
+    impact = body.content["impact"]
+    if not isinstance(impact, dict):
+        return body
+    rest = {name: value for name, value in impact.items() if name != "oblique_angle_deg"}
+    return replace(body, content=body.content | {"impact": rest})
 
 
 def answer_of(operation: str, body: RequestBody, url: str | None) -> bytes:
@@ -202,14 +211,14 @@ def print_motion(answer: Mapping[str, Any]) -> None:
     print_warnings(answer["warnings"])
 
 
-def print_search(answer: Mapping[str, Any], *, verbose: bool) -> None:
-    """Print the result of a search in one line, and the trials and numbers behind it if verbose."""
+def print_search(answer: Mapping[str, Any], sentence: str, *, verbose: bool) -> None:
+    """Print the verdict, and the trials and numbers behind it if verbose."""
     if verbose:
         columns = ("oblique_angle_deg", "final_position_m", "outcome")
         rows = [[trial[name] for name in columns] for trial in answer["iterations"]]
         print_table([heading(name) for name in columns], rows)
         print()
-    print(sentence(answer))
+    print(sentence)
     if verbose:
         found = {"status": answer["status"]}
         for name in ("critical_angle_deg", "critical_angle_standard_error_deg"):
@@ -228,36 +237,36 @@ def print_search(answer: Mapping[str, Any], *, verbose: bool) -> None:
         print_warning_codes(answer["warnings"])
 
 
-def sentence(answer: Mapping[str, Any]) -> str:
-    """Return the result of a search as one line."""
-    trials = sorted(answer["iterations"], key=lambda trial: float(trial["oblique_angle_deg"]))
-    lowest, highest = (f"{trials[i]['oblique_angle_deg']:g}°" for i in (0, -1))
-    if "critical_angle_deg" in answer:
-        angle = answer["critical_angle_deg"]
-        error = answer.get("critical_angle_standard_error_deg")
-        fine = [trial for trial in trials if trial.get("fine", True)]
-        below = [trial["outcome"] for trial in fine if trial["oblique_angle_deg"] < angle]
-        text = f"critical angle {angle:.2f}°" + (f" ± {error:.2f}°" if error is not None else "")
-        text += " from the normal: ricochet at this angle"
-        text += f", {below[-1].replace('_', ' ')} just below it" if below else ""
-    else:
-        text = {
-            "no_ricochet": f"no ricochet at any angle tried from {lowest} to {highest} from the normal",
-            "always_ricochet": f"ricochet at every angle tried from {lowest} to {highest} from the normal",
-        }.get(answer["status"], f"no critical angle: the search from {lowest} to {highest} has not converged")
-    if others := answer["other_crossings_deg"]:
-        text += "; the outcome also changes at " + ", ".join(f"{other:.2f}°" for other in others)
-    angles = [each["critical_angle_deg"] for each in answer.get("alternatives", ()) if "critical_angle_deg" in each]
-    if angles:
-        text += f"; under other laws {min(angles):.2f}° to {max(angles):.2f}°"
-    return text
+def verdict_on(body: RequestBody, url: str | None) -> dict[str, Any]:
+    """Return the verdict on a strike, of the service at this address or computed in this process.
+
+    Raises
+    ------
+    CommandError
+        If there is none; it names the flag or the field of the file that is invalid.
+    """
+    if url:
+        found: dict[str, Any] = json.loads(answer_of("verdict", body, url))
+        return found
+    from service.cli.local import judge
+    from solver.uncertainty.verdict import SAMPLES
+
+    try:
+        with progress("sampling") as report:
+            return judge(body.content, lambda samples, _: report(samples, SAMPLES))
+    except RefusedError as error:
+        raise body.explain(error) from None
 
 
 def print_alternatives(answer: Mapping[str, Any]) -> None:
     """Print the answers with other laws, if there are any."""
     if "alternatives" in answer:
         columns = alternatives_of(answer)
+        theories = [each for each in answer["alternatives"] if each["free_surface"] != "none"]  # no decay is no theory
+        angles = [each["critical_angle_deg"] for each in theories if "critical_angle_deg" in each]
         print()
+        if angles:
+            print(f"by both theories of the decay and other laws of S {min(angles):.2f}° to {max(angles):.2f}°")
         print_table([heading(name) for name in columns], list(zip(*columns.values(), strict=True)))
 
 

@@ -34,7 +34,7 @@ from service.readers.table import (
     read_columns,
     read_table,
 )
-from solver import Impact, Projectile
+from solver import Impact, Projectile, Shot
 from solver.calibration import DepthTest, MotionHistory, ObliquityPoint
 
 TEST_NUMBERS = (
@@ -43,12 +43,14 @@ TEST_NUMBERS = (
     Quantity("mass", MASS),
     Quantity("weight", PURE),
 )
+SHOT_NUMBERS = (*TEST_NUMBERS[:3], Quantity("diameter", LENGTH))
 GROUP = Quantity("group", None, required=True)
 DEPTH_TESTS = (*TEST_NUMBERS, GROUP)
 SI_UNIT = {
     "velocity": "m/s",
     "depth": "m",
     "mass": "kg",
+    "diameter": "m",
     "time": "s",
     "depth_displacement": "m",
     "lateral_displacement": "m",
@@ -106,6 +108,21 @@ def read_depth_tests(
     _check_depth_tests(readings, diameter)
     groups = text.get(GROUP.name, [None] * readings.rows)
     return [DepthTest(**numbers, group=group) for numbers, group in zip(readings.each_row(), groups, strict=True)]
+
+
+def read_shots(path: str | Path) -> list[Shot]:
+    """Read shots of one's own: velocity, depth and, if there are such columns, mass and diameter.
+
+    Raises
+    ------
+    FileError
+        With the line, if the file holds no such shots.
+    """
+    readings, _ = read_columns(read_table(path), SHOT_NUMBERS, {}, {})
+    readings.require_rows(1)
+    for name, column in readings.values.items():
+        readings.require(name, column > 0.0, "must be greater than 0", SI_UNIT[name])
+    return [Shot(**numbers) for numbers in readings.each_row()]
 
 
 def read_obliquity_points(

@@ -15,8 +15,10 @@ from service.reports import style
 from service.reports.assessment_figures import SETTINGS, curves, side_views, sketch, svg
 from service.reports.assessment_numbers import WORDS, Numbers, Row, lookup, rows, sentence
 from service.reports.style import embedded
+from solver.free_surface import NoFreeSurface
 from solver.projectile import Projectile
 from solver.resistance import EQUATION_9_COEFFICIENTS, ObliquityPolynomial, PublishedTests
+from solver.uncertainty import RESIDUAL, Verdict
 from solver.warnings import (
     EQUATION_9_DIAMETER,
     EQUATION_9_STRENGTH,
@@ -36,11 +38,6 @@ ENDS: Final[Mapping[str, str]] = {
     "embedded": "the projectile digs in and stays",
     "in_motion": "the projectile still moves when the run is given up",
     "perforated": "the projectile goes through: the wall is perforated",
-}
-WITHOUT: Final[Mapping[str, str]] = {
-    "no_ricochet": "No critical angle: nothing in the range searched is turned away.",
-    "always_ricochet": "The critical angle lies below the range searched: everything in it is turned away.",
-    "not_converged": "The search did not converge: no critical angle is known.",
 }
 STATUSES: Final[Mapping[str, str]] = {
     "no_ricochet": "none",
@@ -82,6 +79,7 @@ SCATTERS: Final[Mapping[str, tuple[str, float, str]]] = {
     "target.density_kg_m3": ("Density", 1.0, " kg/m³"),
     "projectile.mass_kg": ("Mass", 1.0, " kg"),
     "impact.angle_of_attack_deg": ("Angle of attack", 1.0, "°"),
+    RESIDUAL: ("Strength factor S, beside the strength", 1.0, ""),
     "resistance.free_surface.model": ("Decay near the face", 1.0, ""),
 }
 """Label, factor and unit of inputs that scatter."""
@@ -113,6 +111,9 @@ class Assessed:
     """Values of inputs for which neither has one."""
     scatter: Sequence[Mapping[str, Any]]
     """Inputs that scatter, as the study took them."""
+    dispersion: float
+    """Of S at the stated strength. [ln]"""
+    verdict: Verdict
     projectile: Projectile
     answers: Mapping[str, Any]
     """By name; an object with `problem` where there is none."""
@@ -148,6 +149,8 @@ def page(strike: Assessed) -> str:
     return template.render(
         style=Markup(page_style()),  # noqa: S704 (a file of the package)
         title=_title(strike),
+        headline=_headline(strike.verdict),
+        dispersion=strike.dispersion,
         n=numbers,
         at=partial(lookup, strike.answers),
         case=_groups(numbers, strike),
@@ -169,9 +172,15 @@ def page(strike: Assessed) -> str:
         warnings=_warnings(strike),
         keys=[(label, strike.answers[name]["key"]) for name, label in KEYS.items() if _answered(strike, name)],
         strike=strike,
-        words={"outcomes": OUTCOMES, "ends": ENDS, "without": WITHOUT, "statuses": STATUSES, "formulas": FORMULAS},
+        words={"outcomes": OUTCOMES, "ends": ENDS, "statuses": STATUSES, "formulas": FORMULAS},
         pictures={name: embedded(picture) for name, picture in _pictures(strike, study).items()},
     )
+
+
+def _headline(verdict: Verdict) -> Markup:
+    """Return the verdict with its range in bold."""
+    before, found, after = verdict.sentence.partition(verdict.range_text or verdict.sentence)
+    return Markup("{}<strong>{}</strong>{}").format(before, found, after)
 
 
 def page_style() -> str:
@@ -262,11 +271,11 @@ def _laws(numbers: Numbers, search: Mapping[str, Any]) -> list[list[Any]]:
 
 
 def _law_range(search: Mapping[str, Any]) -> tuple[str, str] | None:
-    """Return the pointers of the smallest and the largest angle under other laws."""
+    """Return the pointers of the smallest and the largest angle under the theories of the decay and other laws of S."""
     found = [
         (each["critical_angle_deg"], f"/cra/alternatives/{i}/critical_angle_deg")
         for i, each in enumerate(search.get("alternatives", ()))
-        if "critical_angle_deg" in each
+        if "critical_angle_deg" in each and each["free_surface"] != NoFreeSurface.name
     ]
     return (min(found)[1], max(found)[1]) if found else None
 

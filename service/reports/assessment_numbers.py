@@ -112,6 +112,7 @@ FIELDS: Final[Mapping[str, Field]] = {
     "/impact/angle_of_attack_deg": Field(STRIKE, "Angle of attack δ", "°"),
     "/impact/angular_velocity_rad_s": Field(STRIKE, "Angular velocity", "rad/s"),
     "/resistance/strength_factor/model": Field(MODEL, "Strength factor S"),
+    "/resistance/strength_factor/shots": Field(MODEL, "Own shots"),
     "/resistance/strength_factor/value": Field(MODEL, "Value of S"),
     "/resistance/strength_factor/coefficients": Field(MODEL, "Coefficients, θ in °"),
     "/resistance/strength_factor/covariance": Field(MODEL, "Covariance"),
@@ -160,6 +161,7 @@ WORDS: Final[Mapping[str, str]] = {
     "constant": "constant",
     "strength_power_law": "power of the strength",
     "published_tests": "published tests",
+    "own_tests": "own tests",
     "equation_9": "as eq. 9",
     "elastic_plastic": "elastic-plastic",
     "mohr_coulomb": "Mohr-Coulomb",
@@ -220,6 +222,8 @@ def _shown(numbers: Numbers, pointer: str, field: Field, *, digits: int = 12) ->
 
 def _listed(values: Sequence[Any], factor: float) -> str:
     """Numbers in full, as long as they are few."""
+    if values and isinstance(values[0], Mapping):
+        return f"{len(values)}, as in the request"
     if values and isinstance(values[0], Sequence):
         if len(values) > 6:
             return f"{len(values)} rows, as in the request"

@@ -32,6 +32,7 @@ from service.schemas.uncertainty_answers import (
     critical_angle_uncertainty_answer,
     trajectory_uncertainty_answer,
 )
+from service.schemas.verdict import VerdictAnswer, usual_inputs, verdict_answer
 
 __all__ = [
     "CaseModels",
@@ -63,6 +64,7 @@ __all__ = [
     "TrajectoryRequest",
     "TrajectoryUncertaintyAnswer",
     "TrajectoryUncertaintyRequest",
+    "VerdictAnswer",
     "critical_angle_answer",
     "critical_angle_uncertainty_answer",
     "depth_answer",
@@ -73,4 +75,6 @@ __all__ = [
     "thickness_answer",
     "trajectory_answer",
     "trajectory_uncertainty_answer",
+    "usual_inputs",
+    "verdict_answer",
 ]

@@ -5,7 +5,7 @@ from typing import Annotated, Generic, TypeVar
 from pydantic import MISSING, Field
 
 from service.schemas.problems import Problem
-from service.schemas.quantities import Num, Part, with_examples
+from service.schemas.quantities import Count, Num, Part, with_examples
 from service.schemas.resistance import FreeSurfaceModel, StrengthLaw
 from solver import Outcome, SearchStatus
 
@@ -40,11 +40,14 @@ WARNING = {
 }
 TRIAL = {"oblique_angle_deg": 45.0, "final_position_m": 0.120327, "outcome": "embedded", "fine": False}
 INTERVAL = {"outcome": "perforated", "lower_deg": 5.0, "upper_deg": 41.02}
+OWN_TESTS = {"shots": 4, "median": 8.062, "dispersion": 0.1126, "prior_median": 8.737, "prior_dispersion": 0.326}
+STRENGTH = {"strength_factor_dispersion": 0.1126, "own_tests": OWN_TESTS}
 RUN = {
     "outcome": "embedded",
     "final": STATE,
     "maximum_depth_m": 0.121271,
     "strength_factor": 6.507,
+    **STRENGTH,
     "warnings": [WARNING],
 }
 FOUND = {
@@ -52,6 +55,7 @@ FOUND = {
     "critical_angle_deg": 48.63,
     "bracket_deg": [48.62, 48.63],
     "strength_factor": 6.119,
+    **STRENGTH,
     "energy_fraction_below": 0.0,
     "energy_fraction_above": 0.0773,
     "exit": EXIT,
@@ -93,6 +97,32 @@ class ModelWarning(Part):
     """Stable, for programs."""
     detail: str
     """For people."""
+
+
+StrengthDispersion = Annotated[
+    Num,
+    Field(
+        ge=0.0,
+        description="Standard deviation of ln S of a next shot in the same concrete: by shots into it, or by the law "
+        "of the published tests. [ln]",
+    ),
+]
+
+
+class OwnTestsAnswer(Part):
+    """What shots into the very concrete changed of what is known of its S. Values are of normal impact."""
+
+    model_config = with_examples(OWN_TESTS)
+
+    shots: Count
+    median: Num
+    """S of a next shot, with the shots. [1]"""
+    dispersion: Num
+    """Standard deviation of its logarithm, with the shots. [ln]"""
+    prior_median: Num
+    """S by the law of the published tests, without the shots. [1]"""
+    prior_dispersion: Num
+    """[ln]"""
 
 
 class Motion(Part, Generic[Value]):
@@ -172,6 +202,9 @@ class Trajectory(Part):
     """Greatest depth of the nose tip. [m]"""
     strength_factor: Num
     """Strength factor in use, at this oblique angle. [1]"""
+    strength_factor_dispersion: StrengthDispersion
+    own_tests: OwnTestsAnswer | MISSING = MISSING
+    """If S rests on shots into the very concrete, the paper's with eq. 9 in its concrete among them."""
     history: MotionHistory | MISSING = MISSING
     """If requested."""
     warnings: list[ModelWarning]
@@ -260,6 +293,9 @@ class CriticalAngleAnswer(Part):
     bracket_deg: Bracket | MISSING = MISSING
     strength_factor: Num | MISSING = MISSING
     """Strength factor in use at the critical angle, if there is one. [1]"""
+    strength_factor_dispersion: StrengthDispersion | MISSING = MISSING
+    own_tests: OwnTestsAnswer | MISSING = MISSING
+    """If S rests on shots into the very concrete, the paper's with eq. 9 in its concrete among them."""
     energy_fraction_below: Annotated[Num, Field(ge=0.0)] | MISSING = MISSING
     """Share of the initial kinetic energy left half a degree below the critical angle, 0 if it is less than a tenth of
     `numerics.retention_energy_fraction`. [1]"""

@@ -48,6 +48,15 @@ def exit_in(answer: Mapping[str, float]) -> solver.Exit:
     )
 
 
+def strength_answer(found: solver.Trajectory | solver.CriticalAngle) -> dict[str, Any]:
+    """Return how sure the strength factor is, and what shots into the very concrete changed."""
+    answer: dict[str, Any] = {"strength_factor_dispersion": found.strength_factor_dispersion}
+    if (tests := found.own_tests) is not None:
+        numbers = {name: getattr(tests, name) for name in ("median", "dispersion", "prior_median", "prior_dispersion")}
+        answer["own_tests"] = {"shots": len(tests.factors)} | numbers
+    return answer
+
+
 def trajectory_answer(trajectory: solver.Trajectory) -> tuple[dict[str, Any], Columns | None]:
     """Answer without its history, and the columns of the history if there is one."""
     final = {NAMES[field.name]: getattr(trajectory.final, field.name) for field in fields(trajectory.final)}
@@ -57,6 +66,7 @@ def trajectory_answer(trajectory: solver.Trajectory) -> tuple[dict[str, Any], Co
         **exit_answer(trajectory.exit),
         "maximum_depth_m": trajectory.maximum_depth,
         "strength_factor": trajectory.strength_factor,
+        **strength_answer(trajectory),
         "warnings": warning_texts(trajectory.warnings),
     }
     return answer, None if trajectory.history is None else _columns(trajectory.history)
@@ -74,7 +84,7 @@ def critical_angle_answer(
     if found.bracket is not None:
         answer["bracket_deg"] = [degrees(angle) for angle in found.bracket]
     if found.strength_factor is not None:
-        answer["strength_factor"] = found.strength_factor
+        answer |= {"strength_factor": found.strength_factor, **strength_answer(found)}
     if found.energy_fraction_below is not None and found.energy_fraction_above is not None:
         answer["energy_fraction_below"] = found.energy_fraction_below
         answer["energy_fraction_above"] = found.energy_fraction_above

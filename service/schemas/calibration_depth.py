@@ -3,7 +3,7 @@
 import itertools
 import math
 from collections.abc import Sequence
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import MISSING, Field, StringConstraints
@@ -45,6 +45,9 @@ TABLE_1 = [
     {"velocity_m_s": 369.5, "depth_m": 0.53, "mass_kg": 12.914},
 ]
 """Values of the paper."""
+
+POSTERIOR = {"type": "lognormal", "median": 8.062, "dispersion": 0.1126}
+"""That of these shots."""
 
 Group = Annotated[str, StringConstraints(strict=True, min_length=1, max_length=128)]
 
@@ -140,6 +143,21 @@ class DepthCurve(Part):
     """Greatest depth of the nose tip. [m]"""
 
 
+class Posterior(Part):
+    """S of the next shot in the same concrete, as own tests give it: the published tests are what is known before.
+
+    Weights do not count.
+    """
+
+    model_config = with_examples(POSTERIOR)
+
+    type: Literal["lognormal"]
+    median: Num
+    """[1]"""
+    dispersion: Num
+    """Standard deviation of the natural logarithm. [ln]"""
+
+
 class DepthCalibrationAnswer(FittedStrength):
     """The strength factor that fits depths of penetration best."""
 
@@ -151,6 +169,7 @@ class DepthCalibrationAnswer(FittedStrength):
             "residuals": [0.0221, 0.0304, 0.017, -0.0399],
             "predicted_depth_m": [0.2779, 0.3496, 0.433, 0.5699],
             "root_mean_square_m": 0.0287,
+            "posterior": POSTERIOR,
             "warnings": [],
         }
         | VERSIONED
@@ -166,6 +185,7 @@ class DepthCalibrationAnswer(FittedStrength):
     """If the tests name groups."""
     curves: list[DepthCurve] | MISSING = MISSING
     """If strength factors to compare are given."""
+    posterior: Posterior
     warnings: list[ModelWarning]
     key: Key
     engine_version: EngineVersion
@@ -185,7 +205,8 @@ def depth_answer(fit: DepthFit, curves: Sequence[tuple[float, FloatArray, FloatA
             {"strength_factor": factor, "velocity_m_s": velocities.tolist(), "depth_m": depths.tolist()}
             for factor, velocities, depths in curves
         ]
-    return answer | {"warnings": warning_texts(fit.warnings)}
+    posterior = {"type": fit.posterior.name, "median": fit.posterior.median, "dispersion": fit.posterior.dispersion}
+    return answer | {"posterior": posterior, "warnings": warning_texts(fit.warnings)}
 
 
 MOST_POINTS = 1000

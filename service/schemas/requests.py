@@ -10,7 +10,7 @@ from pydantic import MISSING, Field
 import solver
 from service.schemas.numerics import Method, Numerics, Search, SearchMethod, usual_range
 from service.schemas.quantities import Flag, Num, Part, with_examples
-from service.schemas.resistance import FreeSurfaceModel, Resistance
+from service.schemas.resistance import Resistance
 from service.schemas.strike import (
     HEMISPHERE,
     PAPER,
@@ -278,23 +278,6 @@ def with_alternatives(answer: bytes, alternatives: list[dict[str, Any]]) -> byte
     return b'%b,"alternatives":%b}' % (answer[:-1], orjson.dumps(alternatives))
 
 
-USUAL_SCATTER: dict[str, dict[str, Any]] = {
-    "impact.velocity_m_s": {"type": "normal", "coefficient_of_variation": 0.02},
-    "target.compressive_strength_pa": {"type": "lognormal", "dispersion": 0.12},
-    "target.density_kg_m3": {"type": "normal", "coefficient_of_variation": 0.02},
-    "projectile.mass_kg": {"type": "normal", "coefficient_of_variation": 0.005},
-    "impact.angle_of_attack_deg": {"type": "normal", "standard_deviation": 1.0},
-    "resistance.free_surface.model": {
-        "type": "discrete",
-        "values": [FreeSurfaceModel.ELASTIC_PLASTIC.value, FreeSurfaceModel.MOHR_COULOMB.value],
-        "weights": [0.8, 0.2],
-    },
-}
-"""Distributions of the inputs that usually scatter, around the value of the case; the page takes them from here."""
-CENTRES = {"normal": "mean", "lognormal": "median"}
-"""Parameter of a distribution that is the value of the case."""
-
-
 class ReportedStrike(Strike):
     """The motion at first contact, with the oblique angle if one is to be judged."""
 
@@ -325,20 +308,3 @@ class ReportRequest(CriticalAngleRequest):
             raise ParameterError("search.method", "must be `outcome` in a report, which takes hundreds of searches")
         if self.numerics.method is Method.PANELS:
             raise ParameterError("numerics.method", "must be `adaptive` in a report, which takes hundreds of searches")
-
-    def usual_scatter(self) -> list[dict[str, Any]]:
-        """Return the usual scatter around the values of the case, as `/cra/uncertainty` takes it.
-
-        The decay law scatters between the two theories, unless the case has none.
-        """
-        case = self.model_dump(mode="json")
-        found = []
-        for field, usual in USUAL_SCATTER.items():
-            value: Any = case
-            for name in field.split("."):
-                value = value[name]
-            if usual["type"] in CENTRES:
-                found.append({"field": field, "distribution": usual | {CENTRES[usual["type"]]: value}})
-            elif value in usual["values"]:
-                found.append({"field": field, "distribution": usual})
-        return found

@@ -8,9 +8,11 @@ from pydantic import MISSING, BaseModel, Field, StringConstraints, ValidationErr
 from typing_extensions import TypeAliasType
 
 from service.schemas.quantities import Num, Part, with_examples
+from service.schemas.requests import Case
 from service.schemas.resistance import STRENGTH_FACTORS, FreeSurface, Resistance
 from service.schemas.sweeps import check_field, put
-from solver import ParameterError
+from solver import OwnTests, ParameterError
+from solver.resistance import StrengthFactor
 from solver.uncertainty import (
     RESIDUAL,
     Discrete,
@@ -317,13 +319,38 @@ def _with_model(given: Mapping[str, Any], name: str) -> dict[str, Any]:
 def _with_residual(request: Mapping[str, Any], factor: float) -> dict[str, Any]:
     """Return a request with a multiple of its strength factor, as a law that the contract has."""
     resistance = Resistance.model_validate(request.get("resistance", {}))
-    law = scaled(resistance.to_solver().strength_factor, factor)
+    return _with_law(request, scaled(resistance.to_solver().strength_factor, factor))
+
+
+def _with_law(request: Mapping[str, Any], law: StrengthFactor) -> dict[str, Any]:
+    """Return a request with a strength factor model of the solver."""
     content: dict[str, Any] = {"model": law.name}
     for name, field in LAW_FIELDS.items():
         if hasattr(law, name):
             value = getattr(law, name)
             content[field] = list(value) if isinstance(value, tuple) else value
     return {**request, "resistance": {**request.get("resistance", {}), "strength_factor": content}}
+
+
+def without_shots(case: Case, request: dict[str, Any]) -> dict[str, Any]:
+    """Return the request of a sample with own tests as the power law they come to: samples need not carry the shots.
+
+    Raises
+    ------
+    ParameterError
+        If no strength factor gives the depth of a shot.
+    """
+    arguments = case.shared_arguments()
+    resistance = arguments["resistance"]
+    if not isinstance(resistance.strength_factor, OwnTests):
+        return request
+    law = resistance.strength_factor.power_law(
+        target=arguments["target"],
+        projectile=arguments["projectile"],
+        inertia_factor=resistance.inertia_factor,
+        crater=resistance.crater,
+    )
+    return _with_law(request, law)
 
 
 LAW_FIELDS = {

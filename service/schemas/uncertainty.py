@@ -15,7 +15,7 @@ from service.schemas.numerics import Search
 from service.schemas.quantities import WHOLE, Count, Flag, Num, Part, with_examples
 from service.schemas.requests import Case, CriticalAngleBase, TrajectoryFields
 from service.schemas.strike import PAPER, PAPER_AT_45, Impact, Strike
-from service.schemas.uncertain_inputs import SCATTER, UncertainInput, accepts, inputs_of
+from service.schemas.uncertain_inputs import SCATTER, UncertainInput, accepts, inputs_of, without_shots
 from solver.arrays import FloatArray
 from solver.uncertainty import (
     AngleStudy,
@@ -112,7 +112,7 @@ class CriticalAngleUncertaintyRequest(UncertainCase):
     def base(self) -> dict[str, Any]:
         """The request of a sample before its values are set."""
         names = {"projectile", "target", "resistance", "numerics", "impact", "search"}
-        return self.model_dump(mode="json", include=names)
+        return without_shots(self, self.model_dump(mode="json", include=names))
 
     def study(self) -> AngleStudy:
         """Return the study.
@@ -148,7 +148,7 @@ class TrajectoryUncertaintyRequest(UncertainCase):
     def base(self) -> dict[str, Any]:
         """The request of a sample before its values are set; no history is computed."""
         names = {"projectile", "target", "resistance", "numerics", "impact"}
-        return self.model_dump(mode="json", include=names) | {"output": {"history": False}}
+        return without_shots(self, self.model_dump(mode="json", include=names) | {"output": {"history": False}})
 
     def study(self) -> TrajectoryStudy:
         """Return the study.

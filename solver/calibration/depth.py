@@ -21,9 +21,10 @@ from solver.calibration.strength_factor import (
 from solver.motion import Run, Termination
 from solver.prepared import PreparedCase, integrate, prepare
 from solver.projectile import Projectile
-from solver.resistance import ConstantStrengthFactor, Resistance
+from solver.resistance import ConstantStrengthFactor, OwnTests, Resistance, Shot, StrengthPosterior
 from solver.strike import Impact, Numerics
 from solver.target import Target
+from solver.uncertainty.distributions import Lognormal
 from solver.validation import require, require_positive
 from solver.warnings import ModelWarning
 
@@ -71,6 +72,8 @@ class DepthFit:
     """Root mean square of the residuals, weighted. [m]"""
     groups: Mapping[str, "DepthFit"]
     """One fit for each group of two tests or more; empty if the tests have no groups."""
+    posterior: Lognormal
+    """S of the next shot in the same concrete; the published tests are the prior, and weights do not count."""
     warnings: tuple[ModelWarning, ...]
 
 
@@ -204,7 +207,7 @@ def fit_depth(
     error that all of them share.
     """
     require_confidence_level(confidence_level)
-    _check(tests)
+    _check(tests, target)
     shots = _Shots(projectile, target, resistance, numerics)
     common = _fit(tests, shots, confidence_level)
     members: dict[str, list[DepthTest]] = {}
@@ -216,13 +219,15 @@ def fit_depth(
     return replace(common, groups=groups, warnings=common.warnings + alone)
 
 
-def _check(tests: Sequence[DepthTest]) -> None:
+def _check(tests: Sequence[DepthTest], target: Target) -> None:
     require(len(tests) >= 2, "tests", f"must be at least 2, for one leaves no scatter to judge by, got {len(tests)}")
     grouped = [test.group is not None for test in tests]
     for index, test in enumerate(tests):
         field = f"tests.{index}"
         require_positive(f"{field}.velocity", test.velocity)
         require_positive(f"{field}.depth", test.depth)
+        stopped = target.thickness is None or test.depth < target.thickness
+        require(stopped, f"{field}.depth", "must be less than the thickness: a perforated target shows no depth")
         require_positive(f"{field}.weight", test.weight)
         if test.mass is not None:
             require_positive(f"{field}.mass", test.mass)
@@ -247,6 +252,7 @@ def _fit(tests: Sequence[DepthTest], shots: _Shots, confidence_level: float) -> 
     predicted = np.array([run.maximum_tip_depth for run in runs])
     misses = measured - predicted
     variance = float(np.sum((roots * misses) ** 2)) / (len(tests) - 1)
+    posterior = _posterior(tests, shots)
     return DepthFit(
         estimate=build_estimate(
             strength_factor=best,
@@ -258,7 +264,19 @@ def _fit(tests: Sequence[DepthTest], shots: _Shots, confidence_level: float) -> 
         residuals=misses,
         root_mean_square=math.sqrt(float(np.average(misses**2, weights=weights))),
         groups={},
-        warnings=_warnings(tests, runs, shots),
+        posterior=Lognormal(median=posterior.median, dispersion=posterior.dispersion),
+        warnings=_warnings(tests, runs, shots) + model_warnings.own_tests_apart(posterior),
+    )
+
+
+def _posterior(tests: Sequence[DepthTest], shots: _Shots) -> StrengthPosterior:
+    """Posterior of S from the depths of some tests."""
+    own = [Shot(velocity=test.velocity, depth=test.depth, mass=test.mass) for test in tests]
+    return OwnTests(shots=tuple(own)).posterior(
+        target=shots.target,
+        projectile=shots.projectile,
+        inertia_factor=shots.resistance.inertia_factor,
+        crater=shots.resistance.crater,
     )
 
 

@@ -27,6 +27,7 @@ from solver.search.outcome import HALF_DEGREE, MORE_INERTIA, search_outcome
 from solver.search.paper import search_bisection, search_secant
 from solver.search.trials import ANGLE, END, ENERGY_FLOOR, TrialInputs, search_levels
 from solver.search.types import USUAL_SEARCH, Change, CriticalAngle, OutcomeInterval, Search, SearchStatus, Trial
+from solver.strength_scatter import known_strength
 from solver.strike import (
     SEARCH_STATIONS,
     SEARCH_TOLERANCE,
@@ -125,6 +126,7 @@ def critical_angle(
     standard_error, doubts = _standard_error(prepared, impact, search, change)
     if sought.bounds != search.bounds:
         doubts += (model_warnings.range_clipped(upper=sought.bounds[1], given=search.bounds[1]),)
+    dispersion, own_tests = known_strength(projectile=projectile, target=target, resistance=resistance)
     return CriticalAngle(
         status=change.status,
         angle=change.angle,
@@ -134,6 +136,8 @@ def critical_angle(
         warnings=_warnings(prepared, impact, change, trials, by_paper=paper) + doubts,
         standard_error=standard_error,
         strength_factor=None if change.angle is None else prepared.strength_factor_at(change.angle),
+        strength_factor_dispersion=None if change.angle is None else dispersion,
+        own_tests=None if change.angle is None else own_tests,
         energy_fraction_below=change.nearby[0] if change.nearby else None,
         energy_fraction_above=change.nearby[1] if change.nearby else None,
         outcomes=change.outcomes,
@@ -153,8 +157,8 @@ def _seek(prepared: PreparedCase, impact: Impact, search: Search) -> tuple[Chang
     try:
         return *by_method(prepared, impact, search), search
     except ParameterError:
-        model, (lower, upper) = prepared.resistance.strength_factor, search.bounds
-        coefficients = model.polynomial(target=prepared.target, projectile=prepared.projectile)
+        lower, upper = search.bounds
+        coefficients = prepared.resistance.strength_polynomial(target=prepared.target, projectile=prepared.projectile)
         positive = positive_up_to(coefficients, lower, upper)
         if not lower < positive < upper:
             raise
@@ -186,8 +190,7 @@ def _standard_error(
 
 def _shifted_angle(prepared: PreparedCase, impact: Impact, search: Search, shift: float) -> float | None:
     """Critical angle with the strength factor shifted, within what it leaves of the range; None if there is none."""
-    model = prepared.resistance.strength_factor
-    constant, *rest = model.polynomial(target=prepared.target, projectile=prepared.projectile)
+    constant, *rest = prepared.resistance.strength_polynomial(target=prepared.target, projectile=prepared.projectile)
     shifted = ObliquityPolynomial(coefficients=(constant + shift, *rest))
     present = replace(prepared, resistance=replace(prepared.resistance, strength_factor=shifted))
     try:
@@ -329,7 +332,7 @@ def _find_changes(
         angle_of_attack=float(impact.angle_of_attack),
         angular_velocity=float(impact.angular_velocity),
         strength=np.array(
-            prepared.resistance.strength_factor.polynomial(target=target, projectile=prepared.projectile), float
+            prepared.resistance.strength_polynomial(target=target, projectile=prepared.projectile), float
         ),
         compressive_strength=float(target.compressive_strength),
         end_time=float(numerics.termination_time),

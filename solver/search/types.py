@@ -9,6 +9,7 @@ import numpy as np
 
 from solver.display import Columns, card, dataframe, line, plot_search
 from solver.prepared import Exit, Outcome
+from solver.resistance import StrengthPosterior
 from solver.validation import require, require_angle, require_between
 from solver.warnings import ModelWarning
 
@@ -134,6 +135,11 @@ class CriticalAngle:
     and in the searches of the paper. [1]"""
     strength_factor: float | None = None
     """S at the critical angle; None without one. [1]"""
+    strength_factor_dispersion: float | None = None
+    """Of S of a next shot in the same concrete: by own shots, or by the law of the published tests; None without an
+    angle. [ln]"""
+    own_tests: StrengthPosterior | None = None
+    """What shots into the very concrete say of S; None without any, or without an angle."""
     exit: Exit | None = None
     """How the projectile leaves at the critical angle: as in the trial there; None without one."""
     outcomes: tuple[OutcomeInterval, ...] = ()

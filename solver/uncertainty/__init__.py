@@ -21,6 +21,8 @@ from solver.uncertainty.results import (
 from solver.uncertainty.sampling import Estimate, Sampling, Uncertain
 from solver.uncertainty.strikes import RESIDUAL, critical_angle_uncertainty, scaled, trajectory_uncertainty
 from solver.uncertainty.trajectories import Ending, TrajectoryBatch, TrajectoryStudy
+from solver.uncertainty.usual import usual_scatter
+from solver.uncertainty.verdict import Verdict, verdict
 
 __all__ = [
     "RESIDUAL",
@@ -45,7 +47,10 @@ __all__ = [
     "TruncatedNormal",
     "Uncertain",
     "Uniform",
+    "Verdict",
     "critical_angle_uncertainty",
     "scaled",
     "trajectory_uncertainty",
+    "usual_scatter",
+    "verdict",
 ]

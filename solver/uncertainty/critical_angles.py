@@ -202,26 +202,20 @@ class AngleStudy:
     def _by_surrogate(self, tables: Tables, expansion: Expansion) -> AngleUncertainty:
         """Return the answer of the surrogate.
 
-        Its probabilities have the interval of shares of the samples that it was fitted to, not of the many more points
-        at which it is evaluated: a kind of outcome that none of those samples shows may have that share.
+        Its shares are those of the many points at which it is evaluated, plus what the samples say of its error: the
+        share of the samples less that of the predictions of them by fits without each. Their interval is that of shares
+        of the samples: a kind of outcome that none of those shows may have that share.
         """
         design, sampling = self.design, self.sampling
         predicted = np.stack([expansion.at(design.standard(each)) for each in self._unit])
         known = ~self._beyond[..., None]
         shift = sampling.normal_quantile * expansion.errors
-        shares = []
-        for by in (0.0, -1.0, 1.0):
-            parts = np.sort(np.where(known, predicted - by * shift, np.inf), axis=1)
-            counts = np.array(
-                [
-                    [np.searchsorted(part[:, k], self.angles, side="right") for k in range(design.alternatives)]
-                    for part in parts
-                ]
-            )
-            shares.append(np.einsum("k,rka->ra", design.weights, counts / SURROGATE_POINTS))
-        middle, low, high = (each.mean(axis=0) for each in shares)
-        half = share_half_width(shares[0], sampling, tables.base_samples)
-        high = high + self._beyond.mean()
+        unseen_by_fit = tables.critical - expansion.held_out.reshape(tables.critical.shape)
+        shares = self._shares(np.where(known, predicted, np.inf))
+        shares += self._shares(tables.critical) - self._shares(unseen_by_fit)
+        middle = np.clip(np.maximum.accumulate(shares.mean(axis=0)), 0.0, 1.0)
+        half = share_half_width(shares, sampling, tables.base_samples)
+        beyond = self._beyond.mean()
         moments = expansion_moments(expansion, design.choice_weights, sampling)
         weights = np.broadcast_to(design.weights / SURROGATE_POINTS, predicted.shape) * known
         flat, weights = predicted.reshape(SCRAMBLINGS, -1), weights.reshape(SCRAMBLINGS, -1)
@@ -229,13 +223,18 @@ class AngleStudy:
         unseen = share_estimate(np.zeros(SCRAMBLINGS), sampling, tables.base_samples)
         return self._assemble(
             tables,
-            curve=(middle, np.clip(low - half, 0.0, 1.0), np.clip(high + half, 0.0, 1.0)),
+            curve=(middle, np.clip(middle - half, 0.0, 1.0), np.clip(middle + half + beyond, 0.0, 1.0)),
             moments=(moments.mean, moments.standard_deviation),
             quantiles=tuple((level, quantile_estimate(flat, weights, level, sampling, shifts)) for level in LEVELS),
             without=unseen,
             order=expansion.basis.order,
             indices=self._surrogate_indices(moments),
         )
+
+    def _shares(self, values: FloatArray) -> FloatArray:
+        """Return (scramblings, angles) shares of (scramblings, n, alternatives) critical angles up to each angle."""
+        places = [[np.searchsorted(np.sort(column), self.angles, side="right") for column in part.T] for part in values]
+        return np.einsum("k,rka->ra", self.design.weights, np.array(places) / values.shape[1])
 
     def _direct(self, tables: Tables) -> AngleUncertainty:
         sampling = self.sampling

@@ -4,6 +4,7 @@ import math
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, ClassVar, Protocol, TypeAlias
 
 import numpy as np
@@ -18,6 +19,8 @@ NODES = 48
 """Nodes of a quadrature: exact for the squares of every polynomial in use with a smooth density."""
 FAR = 9.0
 """Standard deviations beyond which a normal density counts for nothing. [1]"""
+WIDE = 0.2
+"""Dispersion from which a polynomial of higher order is tried in this input alone. [ln]"""
 LARGEST_DISPERSION = 10.0
 """A factor of 22,000 either way at one standard deviation. [1]"""
 WEIGHTS_SUM = 1e-9
@@ -219,20 +222,34 @@ class Lognormal:
         variance = math.log1p(variation * variation)
         return math.log(mean) - 0.5 * variance, math.sqrt(variance)
 
+    @property
+    def wide(self) -> bool:
+        """Whether it spans a factor so large that a smooth function of the number needs high orders."""
+        return self._logarithm[1] >= WIDE
+
     def standard(self, u: FloatArray) -> FloatArray:
-        """Return standard deviations of the logarithm at these probabilities."""
+        """Return x/√(1 + x²) with the logarithm x over the median at these probabilities.
+
+        Critical angles level off where a factor on the resistance is very large or very small: polynomials in a bounded
+        variable do so too, where those in the logarithm leave them far behind.
+        """
         from scipy.special import ndtri  # noqa: PLC0415 (takes long to import, also where nothing is sampled)
 
-        return np.asarray(ndtri(u), float)
+        return self._bounded(ndtri(u))
 
     def value(self, z: FloatArray) -> FloatArray:
-        """Return the input whose logarithm is so many standard deviations from its mean."""
-        middle, deviation = self._logarithm
-        return np.asarray(np.exp(middle + deviation * z), float)
+        """Return the input at these values of the standard variable."""
+        middle, _ = self._logarithm
+        return np.asarray(np.exp(middle + z / np.sqrt((1.0 - z) * (1.0 + z))), float)
 
     def quadrature(self) -> tuple[FloatArray, FloatArray]:
         """Return nodes and weights of a mean."""
-        return _hermite()
+        nodes, weights = _normal_panel()
+        return self._bounded(nodes), weights
+
+    def _bounded(self, z: FloatArray) -> FloatArray:
+        x = self._logarithm[1] * z
+        return np.asarray(x / np.sqrt(1.0 + x * x), float)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -354,6 +371,14 @@ def stated_values(distribution: Distribution) -> list[tuple[str, Any]]:
         return [(f"values.{number}", value) for number, value in enumerate(distribution.values)]
     names = ("lower", "median", "mean", "upper")
     return [(name, value) for name in names if (value := getattr(distribution, name, None)) is not None]
+
+
+@lru_cache(maxsize=1)
+def _normal_panel() -> tuple[FloatArray, FloatArray]:
+    """Nodes and weights of a normal variable for functions that are smooth, but no polynomials, of it."""
+    x, w = leggauss(4 * NODES)
+    weights = w * np.exp(-0.5 * (FAR * x) ** 2)
+    return FAR * x, weights / weights.sum()
 
 
 def _hermite() -> tuple[FloatArray, FloatArray]:

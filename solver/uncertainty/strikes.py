@@ -11,7 +11,14 @@ import numpy as np
 from solver.arrays import FloatArray
 from solver.prepared import check_case
 from solver.projectile import Projectile
-from solver.resistance import ConstantStrengthFactor, ObliquityPolynomial, PublishedTests, Resistance, StrengthFactor
+from solver.resistance import (
+    ConstantStrengthFactor,
+    ObliquityPolynomial,
+    OwnTests,
+    PublishedTests,
+    Resistance,
+    StrengthFactor,
+)
 from solver.search.critical_angle import critical_angle
 from solver.search.types import USUAL_SEARCH, Search
 from solver.strike import Impact, Numerics, is_part, put, strike_parts
@@ -41,6 +48,8 @@ def scaled(model: StrengthFactor, factor: float) -> StrengthFactor:
         return replace(model, value=factor * model.value)
     if isinstance(model, ObliquityPolynomial):
         return ObliquityPolynomial(coefficients=tuple(factor * each for each in model.coefficients))
+    if isinstance(model, OwnTests):
+        return replace(model, residual=factor * model.residual)
     if isinstance(model, PublishedTests):
         model = replace(model.law, obliquity_shape=model.obliquity_shape)
     return replace(model, coefficient=factor * model.coefficient)
@@ -65,6 +74,15 @@ class SampledStrike:
     def __init__(self, parts: Mapping[str, Any], uncertain: Sequence[Uncertain]) -> None:
         check_inputs(uncertain)
         self._parts = dict(parts)
+        resistance = parts["resistance"]
+        if isinstance(resistance.strength_factor, OwnTests):  # else each sample would read S from all the shots again
+            law = resistance.strength_factor.power_law(
+                target=parts["target"],
+                projectile=parts["projectile"],
+                inertia_factor=resistance.inertia_factor,
+                crater=resistance.crater,
+            )
+            self._parts["resistance"] = replace(resistance, strength_factor=law)
         self._paths = [each.field.split(".") for each in uncertain]
         for index, each in enumerate(uncertain):
             self._check(index, each)

@@ -15,10 +15,12 @@ import numpy as np
 import numpy.typing as npt
 
 from solver.arrays import FloatArray
-from solver.uncertainty.distributions import Continuous
+from solver.uncertainty.distributions import Continuous, Lognormal
 from solver.uncertainty.sampling import Estimate, Sampling
 
 ORDERS = (1, 2, 3, 4, 5)
+HIGHER_ALONE, HIGHER_WITH_ONE = 4, 3
+"""Orders beyond the total one of a wide input alone, and of its products with one other input."""
 POINTS_PER_TERM = 2
 """Points of a fit, at least: three inputs more would otherwise be fitted through every point."""
 DRAWS = 400
@@ -37,15 +39,17 @@ class Basis:
         Their distributions.
     order
         Highest total order.
+    wide
+        Places of the inputs that are so wide that they get higher orders, alone and with one other input.
     """
 
-    def __init__(self, inputs: Sequence[Continuous], order: int) -> None:
-        self.order = order
-        self.terms = np.array(
-            [powers for powers in itertools.product(range(order + 1), repeat=len(inputs)) if sum(powers) <= order],
-            dtype=np.int64,
-        ).reshape(-1, len(inputs))
-        self._polynomials = [_orthonormal(*each.quadrature(), order) for each in inputs]
+    def __init__(self, inputs: Sequence[Continuous], order: int, wide: Sequence[int] = ()) -> None:
+        count = len(inputs)
+        powers = [each for each in itertools.product(range(order + 1), repeat=count) if sum(each) <= order]
+        powers += [each for place in wide for each in _higher(place, count, order)]
+        self.terms = np.array(list(dict.fromkeys(powers)), dtype=np.int64).reshape(-1, count)
+        self.order = int(self.terms.max(initial=0))
+        self._polynomials = [_orthonormal(*each.quadrature(), self.order) for each in inputs]
 
     def at(self, z: FloatArray) -> FloatArray:
         """Return (n, terms) products at (n, inputs) standard variables."""
@@ -56,9 +60,24 @@ class Basis:
         return values
 
 
-def term_count(inputs: int, order: int) -> int:
-    """Return the number of terms of a basis."""
-    return math.comb(inputs + order, order)
+def _higher(place: int, count: int, order: int) -> list[tuple[int, ...]]:
+    """Return powers of one of so many inputs beyond a total order, alone and with each of the others."""
+    alone = [tuple(power if i == place else 0 for i in range(count)) for power in _beyond(order, HIGHER_ALONE)]
+    return alone + [
+        tuple(power - 1 if i == place else int(i == other) for i in range(count))
+        for other in range(count)
+        if other != place
+        for power in _beyond(order, HIGHER_WITH_ONE)
+    ]
+
+
+def _beyond(order: int, more: int) -> range:
+    return range(order + 1, order + more + 1)
+
+
+def term_count(inputs: int, order: int, wide: int = 0) -> int:
+    """Return the number of terms of a basis in which so many inputs are wide."""
+    return math.comb(inputs + order, order) + wide * (HIGHER_ALONE + (inputs - 1) * HIGHER_WITH_ONE)
 
 
 def _orthonormal(nodes: FloatArray, weights: FloatArray, order: int) -> FloatArray:
@@ -81,14 +100,19 @@ class Expansion:
         (alternatives, terms).
     scatter
         (alternatives, terms, terms) square roots of their covariances.
-    errors
-        (alternatives,) root mean square error at points that each fit had not seen, every point held out in turn.
+    held_out
+        (n, alternatives) values less what the fit without that point says.
     """
 
     basis: Basis
     coefficients: FloatArray
     scatter: FloatArray
-    errors: FloatArray
+    held_out: FloatArray
+
+    @property
+    def errors(self) -> FloatArray:
+        """(alternatives,) root mean square error at points that each fit had not seen, every point held out in turn."""
+        return np.asarray(np.sqrt((self.held_out**2).mean(axis=0)), float)
 
     def at(self, z: FloatArray) -> FloatArray:
         """Return (n, alternatives) values at (n, inputs) standard variables."""
@@ -105,10 +129,12 @@ def fit_expansion(inputs: Sequence[Continuous], z: FloatArray, values: FloatArra
     values
         (n, alternatives).
     """
+    wide = [place for place, each in enumerate(inputs) if isinstance(each, Lognormal) and each.wide]
     fits = [
-        _fit(Basis(inputs, order), z, values)
+        _fit(Basis(inputs, order, raised), z, values)
+        for raised in ([], wide)[: 1 + bool(wide)]
         for order in ORDERS
-        if POINTS_PER_TERM * term_count(len(inputs), order) <= len(z)
+        if POINTS_PER_TERM * term_count(len(inputs), order, len(raised)) <= len(z)
     ]
     return min(fits, key=lambda fit: float(fit.errors.max()), default=None)
 
@@ -121,7 +147,7 @@ def _fit(basis: Basis, z: FloatArray, values: FloatArray) -> Expansion:
     leverage = (orthogonal**2).sum(axis=1)
     held_out = (values - matrix @ coefficients) / np.maximum(1.0 - leverage, 1e-9)[:, None]
     errors = np.sqrt((held_out**2).mean(axis=0))
-    return Expansion(basis, coefficients.T, errors[:, None, None] * inverse, errors)
+    return Expansion(basis, coefficients.T, errors[:, None, None] * inverse, held_out)
 
 
 @dataclass(frozen=True, slots=True)

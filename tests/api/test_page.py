@@ -10,7 +10,7 @@ import httpx
 import pytest
 
 from service.api.page import FOLDER, MAP_STYLE, NO_STYLE, plotly_folder
-from service.schemas.requests import USUAL_SCATTER
+from service.schemas.verdict import USUAL_SCATTER
 
 PLOTLY = "page/plotly/plotly.min.js"
 FILES = sorted(path.relative_to(FOLDER).as_posix() for path in FOLDER.rglob("*") if path.is_file())

@@ -177,7 +177,7 @@ def test_every_strength_law_has_its_fields_and_its_factor(page: Page) -> None:
     shape = page.get_by_label("Over the angle")
     expect(shape).to_have_value("equation_9")
     shape.select_option("constant")
-    expect(outcome).to_contain_text("Strength factor 6.42.")  # 6.55 (80 / 76.2)^-0.42
+    expect(outcome).to_contain_text("Strength factor 8.74.")  # 8.84 (80 / 76.2)^-0.24
     expect(page).to_have_url(re.compile("resistance.strength_factor.obliquity_shape=constant"))
     page.get_by_label("Strength factor").select_option("strength_power_law")
     expect(shape).to_have_value("constant")

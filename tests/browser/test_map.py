@@ -11,8 +11,8 @@ import httpx
 import pytest
 from playwright.sync_api import Page, expect
 
-from service.schemas.requests import CENTRES, USUAL_SCATTER
 from service.schemas.strike import PAPER
+from service.schemas.verdict import CENTRES, USUAL_SCATTER
 
 from .downloads import data_lines
 

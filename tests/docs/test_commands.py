@@ -93,7 +93,7 @@ def test_every_block_of_a_page_that_is_to_run_runs(page: Path, run_page: Callabl
     printed = run_page(page)
     if page.name == "README.md":
         python, commands, cra = printed.values()
-        assert f"critical angle {float(python.split()[-1]):.2f}°" in commands
+        assert f"Critical angle {float(python.split()[-1]):.1f}° from the normal, 90 % range " in commands
         text = page.read_text(encoding="utf-8")
         [said] = re.findall(r'"critical_angle_deg": ([0-9.]+)\.\.\.', text)
         assert f"prints `embedded converged {said}...`" in text

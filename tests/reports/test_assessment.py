@@ -14,13 +14,14 @@ import httpx
 import pytest
 
 from service import cli
-from service.assessment import first_queries, probability_range, require_extra, strike_queries
+from service.assessment import first_queries, require_extra, strike_queries
 from service.errors import ReportsMissingError
 from service.reports.assessment_numbers import FIELDS, leaves, lookup
 from service.schemas import ReportRequest
 from service.schemas.strike import HEMISPHERE, PAPER, TRUNCATED_CONE
 from solver import Impact, critical_angle, formulas, mass_properties, simulate
 from solver.formulas import PERFORATION_MARGIN, SCABBING_MARGIN
+from solver.uncertainty.verdict import probability_angles
 
 COARSE = {"lower_deg": 42.0, "upper_deg": 58.0, "tolerance_deg": 0.5}
 STRIKE: dict[str, Any] = PAPER | {"search": COARSE}
@@ -92,7 +93,7 @@ def test_answer_is_that_of_the_solver(client: httpx.Client) -> None:
     arguments, _ = request.arguments()
     found = critical_angle(**arguments)
     assert found.angle is not None
-    assert f"Critical angle {math.degrees(found.angle):.2f} °" in text_of(page)
+    assert f"Critical angle with the inputs as given {math.degrees(found.angle):.2f} °" in text_of(page)
     values = {pointer: float(value) for value, pointer, _, _ in DATA.findall(page)}
     assert values["/cra/critical_angle_deg"] == pytest.approx(math.degrees(found.angle), abs=1e-9)
     case = {name: arguments[name] for name in ("projectile", "target")}
@@ -156,16 +157,14 @@ def test_every_input_has_a_label(body: dict[str, Any]) -> None:
 
 def test_angle_to_judge_is_one_of_those_with_a_probability() -> None:
     for angle in (5.0, 30.0, 52.3, 84.999):
-        chosen = probability_range(angle, 5.0, 85.0)
-        count = chosen["count"]
-        step = (chosen["stop"] - chosen["start"]) / (count - 1)
-        place = (angle - chosen["start"]) / step
+        start, stop, count = probability_angles(angle, 5.0, 85.0)
+        step = (stop - start) / (count - 1)
+        place = (angle - start) / step
         assert step == pytest.approx(0.5)
         assert place == pytest.approx(round(place), abs=1e-9)
         assert 0 <= round(place) < count
-    usual = {"start": 5.0, "stop": 85.0, "count": 161}
-    assert probability_range(None, 5.0, 85.0) == probability_range(30.0, 5.0, 85.0) == usual
-    assert probability_range(60.0, 40.0, 40.2) == {"start": 40.0, "stop": 40.2, "count": 2}
+    assert probability_angles(None, 5.0, 85.0) == probability_angles(30.0, 5.0, 85.0) == (5.0, 85.0, 161)
+    assert probability_angles(60.0, 40.0, 40.2) == (40.0, 40.2, 2)
 
 
 def test_no_probability_is_given_beyond_the_range_searched() -> None:

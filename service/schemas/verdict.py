@@ -1,0 +1,254 @@
+"""The usual scatter of a strike as the contract has it, and the verdict on a strike."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import fields
+from typing import Annotated, Any
+
+from pydantic import MISSING, Field
+
+from service.schemas.answers import EngineVersion, Key, OwnTestsAnswer
+from service.schemas.quantities import Num, Part, degrees, with_examples
+from service.schemas.requests import CriticalAngleBase, ReportRequest
+from service.schemas.resistance import FreeSurfaceModel
+from service.schemas.uncertain_inputs import SCATTER, UncertainInput
+from solver import (
+    ENGINE_VERSION,
+    ElasticPlastic,
+    MohrCoulomb,
+    Outcome,
+    PublishedTests,
+    Resistance,
+    SearchStatus,
+)
+from solver.strength_scatter import strength_scatter
+from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY
+from solver.uncertainty import Discrete, Uncertain, Verdict, usual_scatter
+from solver.uncertainty.usual import THEORIES
+from solver.uncertainty.verdict import RANGE
+
+ANGLE_OF_ATTACK = "impact.angle_of_attack"
+NAMES = {
+    "impact.velocity": "impact.velocity_m_s",
+    "target.compressive_strength": "target.compressive_strength_pa",
+    "target.density": "target.density_kg_m3",
+    "projectile.mass": "projectile.mass_kg",
+    ANGLE_OF_ATTACK: "impact.angle_of_attack_deg",
+    "resistance.free_surface": "resistance.free_surface.model",
+}
+"""Fields of the solver that usually scatter, in the contract."""
+CENTRES = {"normal": "mean", "lognormal": "median"}
+"""Parameter of a distribution that is the value of the case."""
+THEORY_MODELS = (ElasticPlastic.name, MohrCoulomb.name)
+
+
+def contract_input(uncertain: Uncertain) -> dict[str, Any]:
+    """Return an input that usually scatters as `/cra/uncertainty` takes it."""
+    distribution = uncertain.distribution
+    found: dict[str, Any] = {"type": distribution.name}
+    if isinstance(distribution, Discrete):
+        found |= {"values": [each.name for each in distribution.values], "weights": list(distribution.probabilities)}
+    else:
+        given = {each.name: getattr(distribution, each.name) for each in fields(distribution)}
+        convert = degrees if uncertain.field == ANGLE_OF_ATTACK else float
+        found |= {name: convert(value) for name, value in given.items() if value is not None}
+    return {"field": NAMES.get(uncertain.field, uncertain.field), "distribution": found}
+
+
+def usual_inputs(request: CriticalAngleBase) -> list[dict[str, Any]]:
+    """Return the usual scatter around the values of a case, as `/cra/uncertainty` takes it.
+
+    Raises
+    ------
+    ParameterError
+        If no strength factor gives the depth of a shot.
+    """
+    impact: dict[str, Any] = request.impact.arguments()
+    del impact["angular_velocity"]
+    case = {name: value for name, value in request.shared_arguments().items() if name != "numerics"}
+    return [contract_input(each) for each in usual_scatter(**case, **impact)]
+
+
+def _without_centre(distribution: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: value for name, value in distribution.items() if name != CENTRES.get(distribution["type"])}
+
+
+USUAL_SCATTER: dict[str, dict[str, Any]] = {
+    each["field"]: _without_centre(each["distribution"])
+    for each in map(
+        contract_input,
+        usual_scatter(
+            projectile=PAPER_PROJECTILE,
+            target=PAPER_TARGET,
+            velocity=PAPER_VELOCITY,
+            resistance=Resistance(strength_factor=PublishedTests()),
+        ),
+    )
+}
+"""Distributions of the inputs that usually scatter where nobody has tested the concrete, around the value of the case;
+the page takes them from here."""
+
+THEORY = {"free_surface": "elastic_plastic", "weight": 0.8, "critical_angle_deg": 48.6}
+VERDICT = {
+    "sentence": "At 55° from the normal: ricochet (probability above 0.99). Critical angle 48.6°, 90 % range 43° to "
+    "51°; elastic-plastic decay (weight 0.8) 48.6°.",
+    "range_text": "43° to 51°",
+    "status": "converged",
+    "critical_angle_deg": 48.63,
+    "range": {"lower_deg": 42.6, "upper_deg": 51.0},
+    "share_without_angle": 0.0,
+    "theories": [THEORY],
+    "oblique_angle_deg": 55.0,
+    "outcome": "ricochet",
+    "ricochet_probability": 0.998,
+    "strength_factor": 6.1,
+    "strength_factor_dispersion": 0.113,
+    "usual_scatter": SCATTER,
+    "keys": {"cra": "0" * 64},
+    "engine_version": ENGINE_VERSION,
+}
+
+
+class AngleRange90(Part):
+    """Angles between which the critical angle lies with a probability of 90 %."""
+
+    model_config = with_examples(VERDICT["range"])
+
+    lower_deg: Num
+    upper_deg: Num
+
+
+class TheoryAngle(Part):
+    """Critical angle by one theory of the decay, the other inputs at their medians."""
+
+    model_config = with_examples(THEORY)
+
+    free_surface: FreeSurfaceModel
+    weight: Annotated[Num, Field(ge=0.0, le=1.0)]
+    """With which it counts in the range."""
+    critical_angle_deg: Num | MISSING = MISSING
+
+
+class VerdictKeys(Part):
+    """Keys of the answers that the verdict is made from, for `GET /results/{key}`."""
+
+    model_config = with_examples(VERDICT["keys"])
+
+    cra: Key
+    uncertainty: Key | MISSING = MISSING
+    trajectory: Key | MISSING = MISSING
+
+
+class VerdictAnswer(Part):
+    """What is said of a strike first, by the page, the report and the command line too."""
+
+    model_config = with_examples(VERDICT)
+
+    sentence: str
+    """The verdict in words."""
+    range_text: str
+    """The 90 % range as it stands in the sentence; empty without one."""
+    status: SearchStatus
+    critical_angle_deg: Num | MISSING = MISSING
+    """With the inputs as given, if there is one. [°]"""
+    range: AngleRange90 | MISSING = MISSING
+    """With the usual scatter, of the samples that have an angle."""
+    share_without_angle: Annotated[Num, Field(ge=0.0, le=1.0)]
+    """Share of the samples that have none in the range searched."""
+    theories: list[TheoryAngle]
+    oblique_angle_deg: Num | MISSING = MISSING
+    """Angle to judge, if one was given. [°]"""
+    outcome: Outcome | MISSING = MISSING
+    """Of the strike at that angle."""
+    ricochet_probability: Annotated[Num, Field(ge=0.0, le=1.0)] | MISSING = MISSING
+    """At that angle, with the usual scatter."""
+    strength_factor: Num | MISSING = MISSING
+    """At the critical angle, if there is one. [1]"""
+    strength_factor_dispersion: Num
+    """Standard deviation of ln S at the stated strength: by own tests, or by the law of the published ones. [ln]"""
+    own_tests: OwnTestsAnswer | MISSING = MISSING
+    """If S rests on shots into the very concrete and there is a critical angle."""
+    usual_scatter: list[UncertainInput]
+    """Inputs that scatter, as `/cra/uncertainty` takes them."""
+    keys: VerdictKeys
+    engine_version: EngineVersion
+
+
+def verdict_in(request: ReportRequest, answers: Mapping[str, Any]) -> Verdict:
+    """Return the verdict that answers of the service give.
+
+    Parameters
+    ----------
+    answers
+        By name, an object with a `problem` where there is none: to `cra`, and perhaps to `uncertainty` and `judged`.
+    """
+    found, judged = answers["cra"], answers.get("judged", {})
+    study = answers.get("uncertainty", {})
+    angle = request.impact.oblique_angle_deg
+    search = request.resolved().search
+    critical = study.get("critical_angle", {"quantiles": [], "share_without_angle": {"value": 0.0}})
+    levels = {each["level"]: each["value"] for each in critical["quantiles"]}
+    curve = study.get("probability", {"oblique_angle_deg": [], "ricochet_probability": []})
+    near = (
+        []
+        if angle is MISSING
+        else [
+            probability
+            for each, probability in zip(curve["oblique_angle_deg"], curve["ricochet_probability"], strict=True)
+            if abs(each - angle) < 1e-7
+        ]
+    )
+    return Verdict(
+        status=SearchStatus(found["status"]),
+        angle=_radians(found.get("critical_angle_deg")),
+        searched=search.to_solver().bounds,
+        spread=(math.radians(levels[RANGE[0]]), math.radians(levels[RANGE[1]])) if levels else None,
+        share_without=critical["share_without_angle"]["value"],
+        theories=tuple(_radians(each.get("critical_angle_deg")) for each in _theories(study)),
+        standard_error=_radians(found.get("critical_angle_standard_error_deg")),
+        other_crossings=tuple(map(math.radians, found["other_crossings_deg"])),
+        oblique_angle=None if angle is MISSING else math.radians(angle),
+        outcome=Outcome(judged["outcome"]) if "outcome" in judged else None,
+        probability=near[0] if near else None,
+    )
+
+
+def verdict_answer(request: ReportRequest, answers: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the verdict as JSON data; for the arguments see `verdict_in`."""
+    found = verdict_in(request, answers)
+    arguments = request.shared_arguments()
+    scatter = strength_scatter(**{name: arguments[name] for name in ("projectile", "target", "resistance")})
+    answer: dict[str, Any] = {"sentence": found.sentence, "range_text": found.range_text, "status": found.status.value}
+    if found.angle is not None:
+        answer["critical_angle_deg"] = answers["cra"]["critical_angle_deg"]
+    if found.spread is not None:
+        answer["range"] = dict(zip(("lower_deg", "upper_deg"), map(degrees, found.spread), strict=True))
+    answer["share_without_angle"] = found.share_without
+    answer["theories"] = [
+        {"free_surface": name, "weight": weight} | ({} if angle is None else {"critical_angle_deg": degrees(angle)})
+        for name, weight, angle in zip(THEORY_MODELS, THEORIES, found.theories, strict=False)
+    ]
+    if found.oblique_angle is not None:
+        answer["oblique_angle_deg"] = request.impact.oblique_angle_deg
+    if found.outcome is not None:
+        answer["outcome"] = found.outcome.value
+    if found.probability is not None:
+        answer["ricochet_probability"] = found.probability
+    answer |= {name: answers["cra"][name] for name in ("strength_factor", "own_tests") if name in answers["cra"]}
+    names = {"cra": "cra", "uncertainty": "uncertainty", "judged": "trajectory"}
+    return answer | {
+        "strength_factor_dispersion": scatter.dispersion,
+        "usual_scatter": usual_inputs(request),
+        "keys": {to: answers[own]["key"] for own, to in names.items() if "key" in answers.get(own, {})},
+        "engine_version": ENGINE_VERSION,
+    }
+
+
+def _theories(study: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """Return the critical angle by each theory, as a study with the usual scatter has them."""
+    field = NAMES["resistance.free_surface"]
+    return next((each["swing"] for each in study.get("sensitivity", ()) if each["field"] == field), [])
+
+
+def _radians(angle: float | None) -> float | None:
+    return None if angle is None else math.radians(angle)

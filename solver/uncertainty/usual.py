@@ -1,0 +1,70 @@
+"""The usual scatter of a strike: that of its inputs, of the strength factor, and of the theory of the decay."""
+
+import math
+
+from solver.free_surface import ElasticPlastic, MohrCoulomb
+from solver.projectile import Projectile
+from solver.resistance import EQUATION_9, Resistance
+from solver.strength_scatter import strength_scatter
+from solver.target import Target
+from solver.uncertainty.distributions import Discrete, Lognormal, Normal
+from solver.uncertainty.sampling import Uncertain
+from solver.uncertainty.strikes import RESIDUAL
+
+VELOCITY, DENSITY, MASS = 0.02, 0.02, 0.005
+"""Coefficients of variation. [1]"""
+DIGITS = 4
+"""Of dispersions: no more are known."""
+ATTACK = math.radians(1.0)
+"""Standard deviation of the angle of attack. [rad]"""
+THEORIES = (0.8, 0.2)
+"""Weights of elastic-plastic and Mohr-Coulomb: the first with eq. 9 gives the paper's angle, the second follows the
+motions of finite elements more closely. No decay at all is not a theory and is not among them."""
+
+
+def usual_scatter(
+    *,
+    projectile: Projectile,
+    target: Target,
+    velocity: float,
+    angle_of_attack: float = 0.0,
+    resistance: Resistance | None = None,
+) -> tuple[Uncertain, ...]:
+    """Return what usually scatters of a strike, as `critical_angle_uncertainty` takes it.
+
+    Parameters
+    ----------
+    projectile, target, velocity, angle_of_attack, resistance
+        As for `critical_angle`. [SI, rad]
+
+    Returns
+    -------
+    tuple of Uncertain
+        Speed, strength, density, mass, angle of attack, a factor on S and the theory of the decay.
+
+    Raises
+    ------
+    ParameterError
+        If no strength factor gives the depth of one's own shot.
+
+    Notes
+    -----
+    The factor on S has the dispersion of the law, or of the shots into the very concrete, less what the strength
+    explains of it: see `StrengthScatter`.
+    """
+    resistance = resistance or EQUATION_9
+    scatter = strength_scatter(projectile=projectile, target=target, resistance=resistance)
+    inertia = getattr(resistance.free_surface, "inertia", False)
+    theories = (ElasticPlastic(inertia=inertia), MohrCoulomb(inertia=inertia))
+    return (
+        Uncertain("impact.velocity", Normal(mean=velocity, coefficient_of_variation=VELOCITY)),
+        Uncertain(
+            "target.compressive_strength",
+            Lognormal(median=target.compressive_strength, dispersion=round(scatter.strength, DIGITS)),
+        ),
+        Uncertain("target.density", Normal(mean=target.density, coefficient_of_variation=DENSITY)),
+        Uncertain("projectile.mass", Normal(mean=projectile.mass, coefficient_of_variation=MASS)),
+        Uncertain("impact.angle_of_attack", Normal(mean=angle_of_attack, standard_deviation=ATTACK)),
+        Uncertain(RESIDUAL, Lognormal(median=1.0, dispersion=round(scatter.residual, DIGITS))),
+        Uncertain("resistance.free_surface", Discrete(values=theories, weights=THEORIES)),
+    )

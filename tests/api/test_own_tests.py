@@ -1,0 +1,133 @@
+"""Shots into one's own concrete as a strength law, by HTTP and on the command line, and what is refused of them."""
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+
+from service import cli
+from service.schemas.strike import PAPER, PAPER_AT_45
+from solver import OwnTests, PublishedTests, Resistance, Shot, critical_angle
+from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY
+
+SHOT = {"velocity_m_s": 238.1, "depth_m": 0.30, "mass_kg": 12.923}
+WIDER = {"velocity_m_s": 275.7, "depth_m": 0.38, "mass_kg": 11.0, "diameter_m": 0.0762}
+LAW = OwnTests(
+    shots=(
+        Shot(velocity=238.1, depth=0.30, mass=12.923),
+        Shot(velocity=275.7, depth=0.38, mass=11.0, diameter=0.0762),
+    )
+)
+
+
+def with_shots(*shots: Any, case: dict[str, Any] = PAPER) -> dict[str, Any]:
+    return case | {"resistance": {"strength_factor": {"model": "own_tests", "shots": list(shots)}}}
+
+
+def test_answer_is_that_of_python_and_says_what_the_shots_changed(client: httpx.Client) -> None:
+    found = client.post("/cra", json=with_shots(SHOT, WIDER)).json()
+    case: dict[str, Any] = {"projectile": PAPER_PROJECTILE, "target": PAPER_TARGET}
+    same = critical_angle(**case, velocity=PAPER_VELOCITY, resistance=Resistance(strength_factor=LAW))
+    posterior = LAW.posterior(**case)
+    assert same.angle is not None
+    assert found["critical_angle_deg"] == pytest.approx(math.degrees(same.angle), abs=1e-9)
+    assert found["strength_factor_dispersion"] == pytest.approx(posterior.dispersion)
+    assert found["own_tests"] == pytest.approx(
+        {
+            "shots": 2,
+            "median": posterior.median,
+            "dispersion": posterior.dispersion,
+            "prior_median": PublishedTests().polynomial(target=PAPER_TARGET, projectile=PAPER_PROJECTILE)[0],
+            "prior_dispersion": math.hypot(PublishedTests.between_series, PublishedTests.within_series),
+        }
+    )
+    run = client.post("/trajectory", json=with_shots(SHOT, WIDER, case=PAPER_AT_45)).json()
+    assert run["own_tests"] == found["own_tests"]
+
+
+def test_every_shot_is_in_the_key(client: httpx.Client) -> None:
+    bodies = [
+        with_shots(SHOT),
+        with_shots(SHOT, SHOT),
+        with_shots(SHOT | {"depth_m": 0.31}),
+        with_shots(SHOT | {"diameter_m": 0.08}),
+        with_shots(SHOT | {"mass_kg": 13.0}),
+    ]
+    assert len({client.post("/cra", json=body).json()["key"] for body in bodies}) == len(bodies)
+
+
+@pytest.mark.parametrize(
+    ("shots", "pointer"),
+    [
+        ([], ""),
+        ([SHOT | {"depth_m": 0.0}], "/0/depth_m"),
+        ([SHOT, SHOT | {"velocity_m_s": -1.0}], "/1/velocity_m_s"),
+        ([SHOT | {"weight": 1.0}], "/0/weight"),
+        ([{"velocity_m_s": 238.1}], "/0/depth_m"),
+        ([SHOT] * 1001, ""),
+    ],
+)
+def test_shots_that_say_nothing_are_refused_by_name(client: httpx.Client, shots: list[Any], pointer: str) -> None:
+    response = client.post("/cra", json=with_shots(*shots))
+    assert response.status_code == 422
+    [error] = response.json()["errors"]
+    assert error["pointer"] == f"/resistance/strength_factor/shots{pointer}"
+
+
+@pytest.mark.parametrize(
+    ("shot", "target", "code"),
+    [(SHOT, {"thickness_m": 0.25}, "own_tests_deeper_than_wall"), (SHOT | {"depth_m": 3.0}, {}, "own_tests_apart")],
+)
+def test_shots_that_cannot_be_meant_are_a_warning(
+    client: httpx.Client, shot: dict[str, float], target: dict[str, float], code: str
+) -> None:
+    body = with_shots(shot, case=PAPER_AT_45 | {"target": PAPER["target"] | target})
+    assert code in [each["code"] for each in client.post("/trajectory", json=body).json()["warnings"]]
+
+
+@pytest.mark.parametrize("count", [12, 1000])
+def test_many_equal_shots_leave_the_scatter_within_a_series(client: httpx.Client, count: int) -> None:
+    found = client.post("/cra", json=with_shots(*[SHOT] * count)).json()
+    assert PublishedTests.within_series < found["strength_factor_dispersion"] < 1.05 * PublishedTests.within_series
+
+
+def test_samples_of_a_study_do_not_carry_the_shots(client: httpx.Client) -> None:
+    scatter = {
+        "field": "resistance.strength_residual",
+        "distribution": {"type": "lognormal", "median": 1, "dispersion": 0.1},
+    }
+    study = {
+        "uncertain": [scatter],
+        "sampling": {"max_samples": 300},
+    }
+    many = client.post("/cra/uncertainty", json=with_shots(*[SHOT] * 500) | study)
+    assert many.status_code == 200, many.text
+    angle = client.post("/cra", json=with_shots(*[SHOT] * 500)).json()["critical_angle_deg"]
+    median = next(each["value"] for each in many.json()["critical_angle"]["quantiles"] if each["level"] == 0.5)
+    assert median == pytest.approx(angle, abs=0.05)
+
+
+def test_calibration_by_depth_has_the_same_posterior(client: httpx.Client) -> None:
+    tests = [SHOT, {"velocity_m_s": 275.7, "depth_m": 0.38, "mass_kg": 12.9}]
+    body = {name: PAPER[name] for name in ("projectile", "target")} | {"tests": tests}
+    posterior = client.post("/calibration/depth", json=body).json()["posterior"]
+    own = client.post("/cra", json=with_shots(*tests)).json()["own_tests"]
+    assert posterior == {"type": "lognormal"} | {name: pytest.approx(own[name]) for name in ("median", "dispersion")}
+
+
+def test_command_line_reads_shots_from_a_file(
+    client: httpx.Client, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "strike.json").write_text(json.dumps(PAPER), encoding="utf-8")
+    shots = tmp_path / "shots.csv"
+    shots.write_text("velocity [m/s],depth [mm],mass [g]\n238.1,300,12923\n", encoding="utf-8")
+    assert cli.main(["cra", str(tmp_path / "strike.json"), "--shots", str(shots), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["key"] == client.post("/cra", json=with_shots(SHOT)).json()["key"]
+    shots.write_text("velocity [m/s],depth [mm]\n238.1,0\n", encoding="utf-8")
+    with pytest.raises(SystemExit):
+        cli.main(["cra", str(tmp_path / "strike.json"), "--shots", str(shots)])
+    assert "must be greater than 0" in capsys.readouterr().err

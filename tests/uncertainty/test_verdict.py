@@ -1,0 +1,120 @@
+"""The usual scatter of a strike and the words of a verdict."""
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from solver import (
+    ElasticPlastic,
+    MohrCoulomb,
+    NoFreeSurface,
+    ObliquityPolynomial,
+    Outcome,
+    OwnTests,
+    PublishedTests,
+    Resistance,
+    SearchStatus,
+    StrengthPowerLaw,
+    Target,
+)
+from solver.strength_scatter import TABLE_1, strength_scatter
+from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY
+from solver.uncertainty import Discrete, Lognormal, Verdict, usual_scatter, verdict
+
+CASE: dict[str, Any] = {"projectile": PAPER_PROJECTILE, "target": PAPER_TARGET}
+OTHER: dict[str, Any] = CASE | {"target": Target(compressive_strength=40e6, density=2250.0)}
+LAW = math.hypot(PublishedTests.between_series, PublishedTests.within_series)
+
+
+@pytest.mark.parametrize(
+    ("case", "model", "dispersion"),
+    [
+        (OTHER, PublishedTests(), LAW),
+        (OTHER, ObliquityPolynomial(), LAW),
+        (OTHER, StrengthPowerLaw(), LAW),
+        (CASE, ObliquityPolynomial(coefficients=(8.5,)), LAW),
+        (CASE, ObliquityPolynomial(), TABLE_1.posterior(**CASE).dispersion),
+        (OTHER, TABLE_1, TABLE_1.posterior(**OTHER).dispersion),
+        (OTHER, OwnTests(shots=TABLE_1.shots[:1]), OwnTests(shots=TABLE_1.shots[:1]).posterior(**OTHER).dispersion),
+    ],
+)
+def test_strength_factor_scatters_as_its_tests_do_and_strength_is_not_counted_twice(
+    case: dict[str, Any], model: Any, dispersion: float
+) -> None:
+    resistance = Resistance(strength_factor=model)
+    found = strength_scatter(**case, resistance=resistance)
+    assert found.dispersion == pytest.approx(dispersion)
+    stronger = replace(case["target"], compressive_strength=case["target"].compressive_strength * math.exp(0.12))
+    here, there = (
+        each.compressive_strength * resistance.strength_polynomial(target=each, projectile=PAPER_PROJECTILE)[0]
+        for each in (case["target"], stronger)
+    )
+    by_strength = math.log(there / here) * found.strength / 0.12
+    assert math.hypot(by_strength, found.residual) == pytest.approx(dispersion, rel=1e-3)
+
+
+def test_no_decay_is_in_no_range() -> None:
+    resistance = Resistance(free_surface=NoFreeSurface())
+    *_, strength_factor, theory = usual_scatter(**CASE, velocity=PAPER_VELOCITY, resistance=resistance)
+    assert isinstance(strength_factor.distribution, Lognormal)
+    assert isinstance(theory.distribution, Discrete)
+    assert list(theory.distribution.values) == [ElasticPlastic(), MohrCoulomb()]
+
+
+def test_range_is_wide_by_the_law_and_narrow_with_shots_into_the_concrete() -> None:
+    def width(**changes: Any) -> float:
+        found = verdict(**CASE, velocity=PAPER_VELOCITY, threads=2, **changes)
+        assert found.spread is not None
+        assert found.angle is not None
+        assert found.spread[0] < found.angle < found.spread[1]
+        return math.degrees(found.spread[1] - found.spread[0])
+
+    preset = width()
+    published, one, four = (
+        width(resistance=Resistance(strength_factor=model))
+        for model in (PublishedTests(), OwnTests(shots=TABLE_1.shots[:1]), TABLE_1)
+    )
+    assert published > 1.2 * one > 1.2 * four
+    assert preset == pytest.approx(four, rel=0.15)
+
+
+SEEN = Verdict(
+    status=SearchStatus.CONVERGED,
+    angle=math.radians(48.634),
+    searched=(math.radians(5.0), math.radians(85.0)),
+    spread=(math.radians(42.2), math.radians(60.1)),
+    share_without=0.0,
+    theories=(),
+)
+FIRST = "Critical angle 48.6° from the normal, 90 % range 42° to 60°"
+THEORY = "elastic-plastic decay (weight 0.8)"
+LAST = "the outcome also changes at 70.0°"
+
+
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        ({}, f"{FIRST}."),
+        (
+            {"spread": (math.radians(48.0), math.radians(50.01))},
+            "Critical angle 48.63° from the normal, 90 % range 48.0° to 50.0°.",
+        ),
+        ({"spread": None}, "Critical angle 48.63° from the normal."),
+        (
+            {"oblique_angle": math.radians(50.0), "outcome": Outcome.EMBEDDED, "probability": 0.2},
+            f"At 50° from the normal: embedded (probability of ricochet 0.20). {FIRST}.",
+        ),
+        (
+            {"share_without": 0.25, "theories": (math.radians(48.634), None), "other_crossings": (math.radians(70.0),)},
+            f"{FIRST}, 25 % of the samples without one from 5° to 85°; {THEORY} 48.6°; {LAST}.",
+        ),
+        (
+            {"status": SearchStatus.NO_RICOCHET, "angle": None, "spread": None},
+            "No critical angle: nothing from 5° to 85° is turned away.",
+        ),
+    ],
+)
+def test_decimals_follow_the_range_and_nothing_is_left_unsaid(changes: dict[str, Any], sentence: str) -> None:
+    assert str(replace(SEEN, **changes)) == sentence
