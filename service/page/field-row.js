@@ -5,6 +5,7 @@ import { nodeAt } from "./contract.js";
 import { element } from "./elements.js";
 import { readValue } from "./field-value.js";
 import { shownNumber, shownValue } from "./fields.js";
+import { unitOf } from "./units.js";
 
 const REST_MS = 1500; // without a key before what is typed is taken to be meant
 
@@ -72,8 +73,8 @@ export function showProblem({ root, input, problem, described }, text) {
 
 /** Return the description of a field in the contract, without its unit there. */
 function helpOf({ path, kind }, values) {
-  const isTyped = kind === "number" || kind === "numbers";
-  return isTyped ? nodeAt(path, values).description?.replaceAll(SI_UNIT, "").trim() : undefined;
+  const isTyped = kind === "number" || kind === "numbers" || kind === "shots";
+  return isTyped ? nodeAt(path, values)?.description?.replaceAll(SI_UNIT, "").trim() : undefined;
 }
 
 function open(part) {
@@ -85,7 +86,7 @@ function open(part) {
 
 const INPUTS = {
   number(field, values, read) {
-    const { default: usual } = nodeAt(field.path, values);
+    const { default: usual } = nodeAt(field.path, values) ?? {};
     return element("input", {
       type: "text",
       inputmode: "decimal",
@@ -107,6 +108,7 @@ const INPUTS = {
     const checked = Boolean(valueAt(values, field.path));
     return element("input", { type: "checkbox", checked, onchange: ({ target }) => read(target.checked) });
   },
+  shots: buildShots,
   numbers(field, values, read) {
     const lines = (valueAt(values, field.path) ?? []).map((item) =>
       [item].flat().map((number) => shownNumber(field, number)).join(", "),
@@ -123,6 +125,20 @@ const INPUTS = {
     );
   },
 };
+
+/** Shots as text, in the units shown; a file that is dropped takes their place. */
+function buildShots(field, values, read) {
+  const shown = (value, si) => shownNumber(unitOf(si), value);
+  const lines = (valueAt(values, field.path) ?? []).map((shot) => `${shown(shot.velocity_m_s, "m/s")}, ${shown(shot.depth_m, "mm")}`);
+  const area = element("textarea", { rows: 4, spellcheck: "false", oninput: () => read(area.value) }, lines.join("\n"));
+  area.addEventListener("dragover", (event) => event.preventDefault());
+  area.addEventListener("drop", async (event) => {
+    event.preventDefault();
+    area.value = (await event.dataTransfer.files[0]?.text()) ?? event.dataTransfer.getData("text");
+    read(area.value);
+  });
+  return area;
+}
 
 function buildSlider(field, values, input, read) {
   const [least, most, step] = field.slider;

@@ -1,7 +1,7 @@
 // From what is typed into a field to its value in SI.
 
 import { boundsOf, withUnit } from "./fields.js";
-import { readQuantity } from "./units.js";
+import { readQuantity, unitOf } from "./units.js";
 
 /**
  * Read a field.
@@ -13,6 +13,7 @@ export function readValue(field, given, values) {
   const text = given.trim();
   if (!text) return field.optional ? { value: undefined } : { wrong: `${field.label} must be a number.` };
   if (field.kind === "number") return readNumber(text, field, values);
+  if (field.kind === "shots") return readShots(text, field);
   return field.pairs ? readPairs(text, field) : readList(text, field);
 }
 
@@ -29,6 +30,20 @@ function outside(value, { least, most, above, below }) {
   if (value > most && isBeyond(most)) return ["at most", most];
   if (value <= above) return ["more than", above];
   return value >= below ? ["less than", below] : undefined;
+}
+
+/** Read lines of speed and depth in the units shown, or as the header of a CSV has them: `velocity_m_s,depth_m`. */
+function readShots(text, { label }) {
+  const lines = text.split("\n").filter((line) => line.trim() && !line.startsWith("#"));
+  const hasHead = /^\s*"?[a-z]/i.test(lines[0]);
+  const [speedUnit, depthUnit] = [/velocity_m_s/, /depth_m\b/].map((name, i) => (hasHead && name.test(lines[0]) ? ["m/s", "m"] : [unitOf("m/s").unit, unitOf("mm").unit])[i]);
+  const read = (given = "", si, unit) => readQuantity(/[a-z]/i.test(given) ? given : `${given} ${unit}`, si).value;
+  const value = lines.slice(hasHead ? 1 : 0).map((line) => {
+    const [speed, depth] = line.split(/[;\t]|,\s+|,(?=[^,]*$)/).map((each) => each.trim());
+    return { velocity_m_s: read(speed, "m/s", speedUnit), depth_m: read(depth, "mm", depthUnit) };
+  });
+  const isRight = value.length && value.every((shot) => shot.velocity_m_s > 0 && shot.depth_m > 0);
+  return isRight ? { value } : { wrong: `${label}: each line is a speed and a depth, as in 250, 310.` };
 }
 
 function readPairs(text, field) {

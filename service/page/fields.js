@@ -4,8 +4,9 @@ import { valueAt } from "./case.js";
 import { nodeAt } from "./contract.js";
 import { areUs, unitOf } from "./units.js";
 
-/** Kinds: `number`; `choice` of a variant or a name; `flag`; `numbers`, a list or a list of lists. */
-const field = (kind, path, label, si = "", extra = {}) => ({
+/** Kinds: `number`; `choice` of a variant or a name; `flag`; `numbers`, a list or a list of lists; `shots`, a speed and a depth each. */
+/** Return a field; see below for what it has. */
+export const fieldOf = (kind, path, label, si = "", extra = {}) => ({
   ...{ kind, path, label, si, ...extra },
   get unit() {
     return unitOf(si).unit;
@@ -14,7 +15,7 @@ const field = (kind, path, label, si = "", extra = {}) => ({
     return unitOf(si).factor;
   },
 });
-const number = (path, label, si, extra) => field("number", path, label, si, extra);
+const number = (path, label, si, extra) => fieldOf("number", path, label, si, extra);
 const OPTIONAL = { optional: true };
 
 /**
@@ -38,13 +39,13 @@ export const GROUPS = [
   {
     name: "Projectile",
     fields: [
-      field("choice", "projectile.nose.shape", "Nose", "", {
+      fieldOf("choice", "projectile.nose.shape", "Nose", "", {
         variant: true,
         choices: { ogive: "Ogive", conical: "Cone", spherical: "Spherical cap", flat: "Flat", profile: "Profile" },
       }),
       number("projectile.nose.caliber_radius_head", "Caliber radius head ψ", ""),
       number("projectile.nose.length_to_diameter", "Cone height over diameter", ""),
-      field("numbers", "projectile.nose.points", "Points x, r", "mm", { pairs: true, note: "a pair a line" }),
+      fieldOf("numbers", "projectile.nose.points", "Points x, r", "mm", { pairs: true, note: "a pair a line" }),
       number("projectile.diameter_m", "Diameter", "mm"),
       number("projectile.length_m", "Length", "mm"),
       number("projectile.mass_kg", "Mass", "kg"),
@@ -68,29 +69,33 @@ export const GROUPS = [
   {
     name: "Model",
     fields: [
-      field("choice", "resistance.strength_factor.model", "Strength factor", "", {
+      fieldOf("choice", "resistance.strength_factor.model", "Strength factor", "", {
         variant: true,
         choices: {
           obliquity_polynomial: "Polynomial in θ",
           constant: "Constant",
           strength_power_law: "Power of the strength",
           published_tests: "Published tests",
+          own_tests: "Own depth tests",
         },
       }),
+      fieldOf("shots", "resistance.strength_factor.shots", "Shots: speed, depth", "", {
+        note: "a line each, at normal impact into this concrete; paste or drop a CSV",
+      }),
       number("resistance.strength_factor.value", "Value", ""),
-      field("numbers", "resistance.strength_factor.coefficients", "Coefficients", "", { ...OPTIONAL, note: "of 1, θ, θ² ..., θ in °" }),
+      fieldOf("numbers", "resistance.strength_factor.coefficients", "Coefficients", "", { ...OPTIONAL, note: "of 1, θ, θ² ..., θ in °" }),
       number("resistance.strength_factor.coefficient", "Coefficient", "", OPTIONAL),
       number("resistance.strength_factor.exponent", "Exponent", "", OPTIONAL),
       number("resistance.strength_factor.reference_strength_pa", "Reference strength", "MPa", OPTIONAL),
       number("resistance.strength_factor.diameter_exponent", "Diameter exponent", "", OPTIONAL),
       number("resistance.strength_factor.reference_diameter_m", "Reference diameter", "mm", OPTIONAL),
-      field("choice", "resistance.strength_factor.obliquity_shape", "Over the angle", "", {
+      fieldOf("choice", "resistance.strength_factor.obliquity_shape", "Over the angle", "", {
         choices: { constant: "Constant", equation_9: "As the polynomial" },
       }),
-      field("choice", "resistance.free_surface.model", "Free surface", "", {
+      fieldOf("choice", "resistance.free_surface.model", "Free surface", "", {
         choices: { elastic_plastic: "Elastic-plastic", mohr_coulomb: "Mohr-Coulomb", none: "None" },
       }),
-      field("flag", "resistance.free_surface.inertia", "with inertia of the solid"),
+      fieldOf("flag", "resistance.free_surface.inertia", "with inertia of the solid"),
       number("resistance.inertia_factor", "Inertia factor", "", OPTIONAL),
       number("resistance.crater.depth_diameters", "Crater depth over diameter", "", {
         ...OPTIONAL,
@@ -107,7 +112,7 @@ export const GROUPS = [
   {
     name: "Search",
     fields: [
-      field("choice", "search.method", "Method", "", {
+      fieldOf("choice", "search.method", "Method", "", {
         choices: { outcome: "Change of outcome", bisection: "Bisection (paper)", secant: "Secant (paper)" },
       }),
       number("search.lower_deg", "From", "°", OPTIONAL),

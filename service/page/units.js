@@ -8,6 +8,7 @@ const KINDS = {
   pressure: { Pa: 1, kPa: 1e3, MPa: 1e6, GPa: 1e9, bar: 1e5, psi: 6894.757293168, ksi: 6894757.293168 },
   density: { "kg/m³": 1, "kg/m3": 1, "g/cm³": 1e3, "g/cm3": 1e3, "lb/ft³": 16.018463373960142, "lb/ft3": 16.018463373960142 },
   inertia: { "kg m²": 1, "kg m2": 1, "lb ft²": 0.042140110093804, "lb ft2": 0.042140110093804 },
+  share: { "%": 0.01, weight: 1 },
   angle: { "°": 1, deg: 1, rad: 180 / Math.PI },
   turning: { "rad/s": 1, "°/s": Math.PI / 180, "deg/s": Math.PI / 180, rpm: Math.PI / 30 },
   force: { N: 1, kN: 1e3, MN: 1e6, lbf: 4.4482216152605, kip: 4448.2216152605 },
