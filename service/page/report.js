@@ -63,7 +63,7 @@ function showIn(tab, report, values, back) {
   }, POLL_MS);
 }
 
-/** Return the body of `/report`: the case with the oblique angle that it has; a report does not take the paper's searches. */
-function reportRequest({ output, ...values }) {
+/** Return the body of `/report` and `/verdict`: the case with the oblique angle that it has; a report does not take the paper's searches. */
+export function reportRequest({ output, ...values }) {
   return { ...values, search: { ...values.search, method: "outcome" } };
 }

@@ -49,17 +49,23 @@ export function requestEnd(values, signal) {
   return requestStrike({ ...trajectoryRequest(clipped(values)), output: { history: false } }, signal);
 }
 
-/** Request a trajectory; one that takes too many steps, as the slowest do, up to where they end: it is in motion then. */
+/**
+ * Request a trajectory: with fewer instants if its termination time is long, as a slow one's is, and up to where its steps end if
+ * it takes too many; it is in motion then.
+ */
 async function requestStrike(body, signal) {
   const send = async (given) => (await request("trajectory", { body: given, signal })).data;
   try {
     return await send(body);
   } catch (error) {
+    const interval = body.output.sample_interval_s;
+    const [, least] = error.errors?.find(({ pointer }) => pointer === "/output/sample_interval_s")?.detail.match(/([\d.e-]+) s, got/) ?? [];
+    if (least > interval) return send({ ...body, output: { ...body.output, sample_interval_s: 1.001 * Number(least) } });
     const [, stopped] = (error.type?.endsWith(":step-limit") && error.detail.match(/stopped at ([\d.e-]+) s/)) || [];
     if (!stopped) throw error;
     const time = Number((0.95 * Number(stopped)).toPrecision(3));
-    const interval = body.output.sample_interval_s && Math.min(body.output.sample_interval_s, time);
-    return send({ ...body, output: { ...body.output, sample_interval_s: interval }, numerics: { ...body.numerics, termination_time_s: time } });
+    const shorter = interval && Math.min(interval, time);
+    return send({ ...body, output: { ...body.output, sample_interval_s: shorter }, numerics: { ...body.numerics, termination_time_s: time } });
   }
 }
 

@@ -7,8 +7,6 @@ import { untilAnswered } from "./lost.js";
 import { uncertainInput } from "./scatter.js";
 import { Problem, request } from "./service.js";
 
-const known = new Map(); // the latest answer by case and inputs that scatter, while the page is open
-
 /**
  * Compute a study as a job, with few samples and, if those do not suffice, with all.
  *
@@ -31,7 +29,6 @@ export async function* computeStudy({ values, inputs, sampling }, signal) {
     }
     signal.removeEventListener("abort", cancel);
     const answer = await answerOf(id, signal);
-    known.set(keyOf(values, inputs), answer);
     yield answer;
     if (answer.converged) return;
   }
@@ -44,11 +41,6 @@ async function answerOf(id, signal) {
   request(`jobs/${id}`, { method: "DELETE" }).catch(() => {}); // its result is kept in the cache
   if (item.problem) throw new Problem(item.problem);
   return item.result;
-}
-
-/** Return the latest answer for a case at any oblique angle with these inputs; undefined if there was none. */
-export function knownStudy(values, inputs) {
-  return known.get(keyOf(values, inputs));
 }
 
 /** Return a quantile of the critical angle, if it is known. [°] */
@@ -72,9 +64,4 @@ export function headline(study) {
   if (middle === undefined) return "";
   const shown = (angle) => `${angle.toFixed(high - low < 3 ? 1 : 0)}°`;
   return `${shown(middle)} (${shown(low)} to ${shown(high)})`;
-}
-
-function keyOf(values, inputs) {
-  const uncertain = inputs.map((input) => JSON.stringify(uncertainInput(input, values)));
-  return JSON.stringify([angleRequest(values), uncertain.sort()]);
 }

@@ -2,64 +2,57 @@
 // over the theories on one strip with the angle of the case.
 
 import { address, caseQuery } from "./address.js";
-import { requestAngles } from "./alternatives.js";
 import { angleRequest } from "./case.js";
 import { element, svg } from "./elements.js";
 import { latest } from "./latest.js";
-import { requestEnd } from "./run.js";
-import { QUICK, inputField, uncertainInput, usualInputs } from "./scatter.js";
+import { fieldAt } from "./fields.js";
+import { reportRequest } from "./report.js";
+import { clipped, requestEnd } from "./run.js";
+import { inputField, takeUsual } from "./scatter.js";
 import { request } from "./service.js";
 import { clearParts, markFresh, markStale } from "./stale.js";
-import { knownStudy, probabilityAt, quantileOf } from "./study.js";
 import { degreesShown, describeAngle, digits, lengthShown, outcomeShown, quantityShown, warningList } from "./words.js";
 
 const REST_MS = 300; // without a change before the spread and the theories are computed: they are hundreds of searches
 const STRIP = { height: 40, edge: 14, margin_deg: 4 };
 
 /**
- * Return the verdict on a strike in words. What is not known yet is undefined.
+ * Return the verdict on a strike in words: the service's where they are known, until then those that need no study.
  *
- * @param {{values: object, run?: object, found: object, study?: object}} known the answers to `/trajectory`, `/cra` and
- *   `/cra/uncertainty` for a case
+ * @param {{values: object, run: object, found: object, judged?: object}} known the answers to `/trajectory`, `/cra` and
+ *   `/verdict` for a case; the range of `judged` may be that of another oblique angle
  * @returns {{sentence: string, figures: {name: string, value: string, note: string, kind?: string}[]}}
  */
-export function verdictOf({ values, run, found, study }) {
+export function verdictOf({ values, run, found, judged }) {
   const mine = `${values.impact.oblique_angle_deg}°`;
   const angle = found.critical_angle_deg;
-  const what = run && `At ${mine} the projectile ${ENDS[run.outcome]}`;
-  const begins = angle === undefined ? describeAngle(found) : `the critical angle is ${degreesShown(angle)}.`;
-  const [low, high] = study ? [0.05, 0.95].map((level) => quantileOf(study, level)) : [];
-  const probability = study && probabilityAt(study, values.impact.oblique_angle_deg);
+  const isOfAngle = judged?.oblique_angle_deg === values.impact.oblique_angle_deg;
+  const probability = isOfAngle ? judged.ricochet_probability : undefined;
+  const begins = angle === undefined ? describeAngle(found) : `Critical angle ${degreesShown(angle)} from the normal.`;
   return {
-    sentence: what ? `${what}${angle === undefined ? `. ${begins}` : `; ${begins}`}` : "Computing ...",
+    sentence: isOfAngle ? judged.sentence : `At ${mine} from the normal: ${outcomeShown(run.outcome)}. ${begins}`,
     figures: [
-      { name: `Outcome at ${mine}`, value: run ? capital(outcomeShown(run.outcome)) : "...", note: run ? endOf(run) : "" },
+      { name: `Outcome at ${mine}`, value: capital(outcomeShown(run.outcome)), note: endOf(run) },
       {
         name: "Probability of ricochet",
-        value: probability ? percent(probability.value) : angle === undefined ? "–" : "...",
-        note: probability ? `sampling error ± ${percent(probability.error)}` : "",
+        value: probability === undefined ? (isOfAngle ? "–" : "...") : percent(probability),
+        note: `at ${mine}, with the usual scatter`,
       },
       {
         name: "Critical angle",
         value: angle === undefined ? "none" : degreesShown(angle),
-        note: low === undefined ? "" : `90 % range ${low.toFixed(1)}° to ${high.toFixed(1)}°`,
+        note: judged?.range_text ? `90 % range ${judged.range_text}` : "",
         kind: angle === undefined ? undefined : "angle",
       },
     ],
   };
 }
 
-const ENDS = {
-  ricochet: "is turned away",
-  embedded: "digs in and stays",
-  in_motion: "still moves when the run is given up",
-  perforated: "goes through: the wall is perforated",
-};
-
 /** Put a verdict into an element: a sentence and its figures. */
 export function showCard(root, { sentence, figures }, outcome) {
+  const [, first, rest = ""] = sentence.match(/^(.*?\.)(?:( [A-Z].*))?$/s); // at the first full stop before a capital
   root.replaceChildren(
-    element("p.outcome", { "data-outcome": outcome }, element("strong", {}, sentence)),
+    element("p.outcome", { "data-outcome": outcome }, element("strong", {}, first), element("span.rest", {}, rest)),
     element(
       "dl.figures",
       {},
@@ -75,38 +68,37 @@ export class Verdict {
   #key; // of the case whose angle is shown
   #values;
   #run; // of the case at its oblique angle
-  #study;
-  #others; // the answer with its alternatives
+  #judged; // the answer to `/verdict`, perhaps for another oblique angle
 
   /**
-   * @param {{onError: (error: Error) => void, onAngle?: (found: object, values: object) => void, hasRun?: boolean, hasStudy?: boolean}} options
-   *   `onAngle` is called with the answer of `/cra` for the inputs shown, whenever these change; with `hasRun` the view computes the
-   *   run and gives it to `setRun`, with `hasStudy` the study and gives it to `setStudy`
+   * @param {{onError: (error: Error) => void, onAngle?: (found: object, values: object) => void, onJudged?: () => void, hasRun?: boolean}} options
+   *   `onAngle` is called with the answer of `/cra` for the inputs shown, whenever these change, `onJudged` once the service has
+   *   said what usually scatters; with `hasRun` the view computes
+   *   the run and gives it to `setRun`
    */
-  constructor({ onError, onAngle = () => {}, hasRun = false, hasStudy = false }) {
-    Object.assign(this, { onAngle, hasRun, hasStudy });
+  constructor({ onError, onAngle = () => {}, onJudged = () => {}, hasRun = false }) {
+    Object.assign(this, { onAngle, onJudged, hasRun });
     this.card = element("div", {}, element("p.quiet", {}, "Computing ..."));
     this.strip = element("div.strip");
     this.spread = element("div", { role: "group", "aria-label": "Spread" });
+    this.fit = element("div.strip", { role: "group", "aria-label": "Own depth tests" });
     this.link = element("a", {}, "How sure, input by input");
-    const about = element("details", {}, element("summary", {}, "What the range stands for"), this.spread);
+    const about = element("details", {}, element("summary", {}, "What the range stands for"), this.spread, this.fit);
     this.warnings = element("div", {});
-    this.root = element("section.panel.across.verdict", { "aria-label": "Verdict" }, this.card, this.strip, element("div.spread", {}, about, this.link), this.warnings);
+    const parts = [this.card, this.strip, element("div.spread", {}, about, this.link), this.warnings];
+    this.root = element("section.panel.across.verdict", { "aria-label": "Verdict" }, ...parts);
     this.updateAngle = latest((values, signal) => this.#showAngle(values, signal), onError);
-    this.updateSpread = latest((wanted, signal) => this.#showSpread(wanted, signal), onError, { supersede: true, restMs: REST_MS });
+    this.updateJudged = latest((values, signal) => this.#judge(values, signal), onError, { supersede: true, restMs: REST_MS });
   }
 
   /** Show the verdict on a case. */
   setCase(values) {
     this.#values = values;
     this.#run = undefined;
-    this.link.hidden = this.hasStudy;
     this.link.setAttribute("href", address("how-sure", caseQuery(values)));
     markStale(this.card, this.warnings, this.strip);
-    if (!this.isOf(values)) {
-      markStale(this.spread);
-      this.updateSpread.cancel();
-    }
+    this.updateJudged.cancel();
+    if (!this.isOf(values)) markStale(this.spread);
     this.updateAngle(values);
   }
 
@@ -122,17 +114,10 @@ export class Verdict {
     if (this.isOf(run.values)) this.#show();
   }
 
-  /** Take the study of the case, which the view has computed, or none. */
-  setStudy(study, values) {
-    if (!this.isOf(values)) return;
-    this.#study = study;
-    this.#show();
-  }
-
   /** Show that the inputs are about to change. */
   hold() {
     this.updateAngle.cancel();
-    this.updateSpread.cancel();
+    this.updateJudged.cancel();
     this.#key = undefined;
     markStale(this.card, this.warnings, this.strip, this.spread);
   }
@@ -145,7 +130,7 @@ export class Verdict {
 
   stop() {
     this.updateAngle.stop();
-    this.updateSpread.stop();
+    this.updateJudged.stop();
   }
 
   async #showAngle(values, signal) {
@@ -155,52 +140,39 @@ export class Verdict {
       this.hasRun ? undefined : requestEnd(values, signal),
     ]);
     if (signal.aborted) return;
-    if (!isKnown) [this.#study, this.#others] = [undefined, undefined];
+    if (!isKnown) this.#judged = undefined;
     this.found = found;
     this.#key = keyOf(values);
     this.#run = run ?? this.#run;
     if (this.updateAngle.isBehind()) return;
     this.#show();
     this.onAngle(found, values);
-    if (!isKnown || !this.#others) this.updateSpread({ values, sampling: QUICK });
+    this.updateJudged(values);
+  }
+
+  async #judge(values, signal) {
+    const { data } = await request("verdict", { body: reportRequest(clipped(values)), signal });
+    if (signal.aborted) return;
+    this.#judged = { ...data, oblique_angle_deg: values.impact.oblique_angle_deg };
+    takeUsual(data.usual_scatter);
+    this.onJudged();
+    this.spread.replaceChildren(describeRange(data, this.found));
+    this.fit.replaceChildren(...(data.own_tests ? fitOf(data.own_tests, this.strip.clientWidth) : []));
+    markFresh(this.spread);
+    this.#show();
   }
 
   #show() {
     const [values, run] = [this.#values, this.#run];
     if (!run || !this.isOf(values)) return;
-    showCard(this.card, verdictOf({ values, run, found: this.found, study: this.#study }), run.outcome);
+    showCard(this.card, verdictOf({ values, run, found: this.found, judged: this.#judged }), run.outcome);
     this.warnings.replaceChildren(...warningList(run.warnings, this.found.warnings));
-    this.#showStrip();
+    const theories = (this.#judged?.theories ?? []).map((each) => each.critical_angle_deg).filter((angle) => angle !== undefined);
+    const { lower_deg: lower, upper_deg: upper } = this.#judged?.range ?? {};
+    const range = lower === undefined ? [] : [lower, upper];
+    const { oblique_angle_deg: mine } = values.impact;
+    this.strip.replaceChildren(stripOf(mine, this.found.critical_angle_deg, theories, range, this.strip.clientWidth));
     markFresh(this.card, this.warnings, this.strip);
-  }
-
-  #showStrip() {
-    const angles = (this.#others?.alternatives ?? []).map((each) => each.critical_angle_deg).filter((angle) => angle !== undefined);
-    const ends = this.#study ? [0.05, 0.95].map((level) => quantileOf(this.#study, level)) : [];
-    const mine = this.#values.impact.oblique_angle_deg;
-    this.strip.replaceChildren(stripOf(mine, this.found.critical_angle_deg, angles, ends[0] === undefined ? [] : ends, this.strip.clientWidth));
-  }
-
-  async #showSpread({ values, sampling }, signal) {
-    const inputs = usualInputs(values);
-    const uncertain = inputs.map((input) => uncertainInput(input, values));
-    const body = { ...angleRequest(values), uncertain, sensitivity: false, sampling };
-    const isThere = this.found.critical_angle_deg !== undefined && !this.hasStudy;
-    const [others, study] = await Promise.all([
-      this.#others ?? requestAngles(values, signal),
-      isThere ? (knownStudy(values, inputs) ?? request("cra/uncertainty", { body, signal }).then(({ data }) => data)) : undefined,
-    ]);
-    if (signal.aborted) return;
-    this.#others = others;
-    this.#study = study ?? (this.hasStudy ? this.#study : undefined);
-    this.spread.replaceChildren(...describeSpread(this.#study, this.found, others, inputs, () => this.#refine()));
-    markFresh(this.spread);
-    this.#show();
-  }
-
-  #refine() {
-    markStale(this.spread);
-    this.updateSpread({ values: this.#values, sampling: {} });
   }
 }
 
@@ -211,19 +183,19 @@ function endOf({ outcome, final, exit, maximum_depth_m: depth }) {
   return `${lengthShown(depth)} deep after ${digits(final.time_s * 1e3)} ms`;
 }
 
-/** Return what the range stands for in words, with a button for a narrower one. */
-function describeSpread(study, found, { alternatives }, inputs, refine) {
-  const angles = alternatives.map((each) => each.critical_angle_deg).filter((angle) => angle !== undefined);
-  const none = alternatives.length - angles.length;
-  const range = angles.length ? `${degreesShown(Math.min(...angles))} to ${degreesShown(Math.max(...angles))}` : "no critical angle";
-  const theories = `${found.critical_angle_deg === undefined ? "" : `${describeAngle(found)} `}Theories: ${range}${none && angles.length ? `, none in ${none} of ${alternatives.length}` : ""}.`;
-  if (!study) return [theories];
-  const names = inputs.map(({ field }) => inputField(field).label.toLowerCase()).join(", ");
-  const without = study.critical_angle?.share_without_angle.value ?? 0;
-  const by = `${study.method === "surrogate" ? "polynomials fitted to " : ""}${study.samples.toLocaleString("en")} searches`;
-  const words = `${theories} 90 % range: usual scatter of ${names} (${by}${without ? `, ${percent(without)} without an angle` : ""}).`;
-  const isQuick = study.samples === QUICK.max_samples && study.method === "direct";
-  return [words, ...(isQuick ? [" ", element("button", { type: "button", onclick: refine }, "Refine the spread")] : [])];
+/** Return what the range stands for in words. */
+function describeRange({ usual_scatter: scatter, strength_factor_dispersion: dispersion, theories, share_without_angle: without }, found) {
+  const names = scatter.map(({ field }) => inputField(field).label.toLowerCase()).join(", ");
+  const decays = fieldAt("resistance.free_surface.model").choices;
+  const by = theories.map(({ free_surface: name, weight, critical_angle_deg: angle }) => {
+    return `${decays[name].toLowerCase()} (weight ${weight}) ${angle === undefined ? "none" : degreesShown(angle)}`;
+  });
+  return [
+    describeAngle(found),
+    `90 % range: usual scatter of ${names}; S scatters by ${percent(dispersion)}.`,
+    by.length ? `Theories: ${by.join(", ")}.` : "",
+    without ? `${percent(without)} of the samples have no critical angle.` : "",
+  ].filter(Boolean).join(" ");
 }
 
 /** A strip of angles: the theories as strokes on their range, the 90 % range as a band, the angle of the case as a pointer. */
@@ -256,6 +228,25 @@ function stripOf(mine, critical, theories, range, width) {
     svg("path", { class: "mine", d: `M${at(mine) - 6} 4h12l-6 12z` }),
     svg("text", { class: "mine", x: at(mine) + (toRight ? -9 : 9), y: 12, "text-anchor": toRight ? "end" : "start" }, `${mine}°`),
   );
+}
+
+/** Two bars of the strength factor: by the published tests, and with the shots into this concrete; each its 90 % range. */
+function fitOf({ shots, median, dispersion, prior_median: before, prior_dispersion: wide }, width) {
+  const reach = (middle, spread) => [-1.645, 1.645].map((level) => middle * Math.exp(level * spread));
+  const rows = [
+    ["Published tests", before, reach(before, wide), "band"],
+    [`With ${shots} of your own`, median, reach(median, dispersion), "theories"],
+  ];
+  const ends = rows.flatMap(([, , range]) => range);
+  const [least, most, left, right] = [Math.min(...ends), Math.max(...ends), 130, Math.max(width, 280) - 14];
+  const at = (value) => left + ((value - least) / (most - least)) * (right - left);
+  const words = rows.map(([name, middle, [low, high]]) => `${name}: S ${digits(middle)} (${digits(low)} to ${digits(high)})`).join("; ");
+  const bars = rows.flatMap(([name, middle, [low, high], kind], i) => [
+    svg("text", { x: 0, y: 17 + 24 * i }, name),
+    svg("rect", { class: kind, x: at(low), y: 6 + 24 * i, width: at(high) - at(low), height: 14 }),
+    svg("line", { class: "critical", x1: at(middle), x2: at(middle), y1: 3 + 24 * i, y2: 23 + 24 * i }),
+  ]);
+  return [svg("svg", { viewBox: `0 0 ${right + 14} 54`, role: "img", "aria-label": `${words}.` }, ...bars), element("p.quiet", {}, `${words}.`)];
 }
 
 function percent(share) {

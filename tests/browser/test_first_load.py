@@ -11,6 +11,7 @@ from .conftest import FOLDER, NewPage
 from .side_view import IDLE, READY
 
 FORM = "form[aria-label=Case]"
+PARTS = (".verdict", ".side-view .drawing")
 SLOW_BYTES_PER_S = 400_000 / 8
 TOP = "part => Math.round(part.getBoundingClientRect().top + scrollY)"
 
@@ -31,7 +32,7 @@ def test_answer_in_words_comes_before_the_plots_on_a_slow_line(page: Page) -> No
     throttle(session, SLOW_BYTES_PER_S)
     page.goto("/", wait_until="commit")
     expect(page.locator(".angle")).to_have_text("48.63°")
-    expect(page.get_by_text("At 45° the projectile digs in and stays")).to_be_visible()
+    expect(page.locator("[data-outcome]")).to_contain_text("At 45° from the normal: embedded")
     expect(page.locator(READY)).to_be_visible()
     for part in (".angle", "[data-outcome]", READY):
         expect(page.locator("[aria-busy=true]").filter(has=page.locator(part))).to_have_count(0)
@@ -39,7 +40,7 @@ def test_answer_in_words_comes_before_the_plots_on_a_slow_line(page: Page) -> No
     side, histories = page.locator(".side-view"), page.locator(".histories")
     before = [side.evaluate(TOP), histories.evaluate(TOP)]
     assert side.evaluate("part => part.clientHeight") > 250
-    expect(page.get_by_label("Spread", exact=True)).to_contain_text("searches")
+    expect(page.get_by_label("Spread", exact=True)).to_contain_text("usual scatter")
     places = [side.evaluate(TOP), histories.evaluate(TOP)]
     throttle(session, -1)
     expect(page.locator(".histories .scatterlayer .trace").first).to_be_visible()
@@ -76,7 +77,10 @@ def test_every_module_of_the_first_view_is_announced_to_the_browser() -> None:
     assert {FOLDER.resolve() / name for name in named} == found - {FOLDER.resolve() / "main.js"}
 
 
-@pytest.mark.parametrize(("width", "height", "parts"), [(1440, 900, (".verdict", ".side-view .drawing", FORM)), (390, 844, (".verdict", ".side-view .drawing"))])
+@pytest.mark.parametrize(
+    ("width", "height", "parts"),
+    [(1440, 900, (".verdict", ".side-view .drawing", FORM)), (390, 844, (".verdict", ".side-view .drawing"))],
+)
 def test_verdict_and_picture_are_above_the_fold(
     new_page: NewPage, width: int, height: int, parts: tuple[str, ...]
 ) -> None:

@@ -80,7 +80,7 @@ def test_band_is_shared_and_downloaded_with_the_numbers_of_the_service(
     page: Page, new_page: NewPage, client: httpx.Client, tmp_path: Path
 ) -> None:
     page.goto("/#/how-sure")
-    for name in ("Density", "Mass", "Angle of attack", "Free surface"):
+    for name in ("Density", "Mass", "Angle of attack", "Free surface", "Factor on the strength factor"):
         page.get_by_role("button", name=f"Remove {name}", exact=True).click()
     page.get_by_role("group", name="Speed").get_by_label("Coefficient of variation").fill("2")
     page.get_by_role("group", name="Compressive strength").get_by_label("Dispersion").fill("0.15")
@@ -159,31 +159,6 @@ def test_bad_distributions_are_marked_at_their_fields(page: Page, faults: list[s
     variation.fill("wide")
     expect(variation).to_have_accessible_description(re.compile("not a number"))
     expect(page.get_by_role("button", name="Run")).to_be_disabled()
-
-
-def test_explore_shows_the_spread_of_the_usual_inputs_and_no_other_study(page: Page) -> None:
-    spread = page.get_by_label("Spread", exact=True)
-    usual = "usual scatter of speed, compressive strength, density, mass, angle of attack, free surface"
-    page.goto(f"/#/how-sure?{TWO}")
-    wait(page)
-    page.get_by_role("link", name="Explore").click()
-    expect(spread).to_contain_text(usual)
-    quick = spread.text_content()
-    page.get_by_role("link", name="How sure", exact=True).click()
-    run(page)
-    headline = page.locator(".range").inner_text()
-    page.get_by_role("link", name="Explore").click()
-    expect(spread).to_contain_text(usual)
-    expect(spread).not_to_contain_text("256 searches")
-    expect(page.get_by_role("button", name="Refine the spread")).to_have_count(0)
-    found = re.search(r"90 % range ([\d.]+)° to ([\d.]+)°", page.locator(".figures").inner_text())
-    assert found is not None
-    assert [f"{float(each):.0f}" for each in found.groups()] == re.findall(r"[\d.]+", headline)[1:]
-    page.get_by_role("slider", name="Speed").fill("250")
-    expect(spread).to_contain_text("256 searches")
-    page.get_by_label("Free surface").select_option("none")
-    expect(spread).to_contain_text("mass, angle of attack (")
-    assert quick
 
 
 def test_lost_submission_is_repeated(page: Page, faults: list[str]) -> None:

@@ -39,12 +39,19 @@ class HowSure {
   #wrong = new Set(); // paths of sampling whose text is not accepted
 
   constructor(root, query) {
-    this.verdict = new Verdict({ onError: (error) => this.#fail(error), hasStudy: true });
+    this.verdict = new Verdict({
+      onError: (error) => this.form.fail(error),
+      onJudged: () => this.isUsual && this.scatter.setInputs(usualInputs(this.form.currentCase())) && this.#change(),
+    });
     this.parts = build(root, this.verdict.root, () => this.#run(), () => this.#stop("Stopped."), () => this.#showResults());
     const inputs = readInputs(query);
     const values = readCase(query);
     this.sampling = readSampling(query);
-    const onChange = () => this.#change();
+    this.isUsual = !inputs; // until an input is edited
+    const onChange = () => {
+      this.isUsual = false;
+      this.#change();
+    };
     this.scatter = buildScatterForm(this.parts.scatter, { inputs: inputs ?? usualInputs(values), values, onChange });
     this.form = buildForm(this.parts.others, {
       case: values,
@@ -57,13 +64,10 @@ class HowSure {
       },
       onHold: () => {
         this.#isRefused = true;
-        this.verdict.hold();
         this.#change();
       },
-      onRefuse: (text) => {
-        this.parts.problem.textContent = text;
-        this.verdict.clear();
-      },
+      problem: this.parts.problem,
+      panels: [this.verdict],
     });
     this.verdict.setCase(values);
     this.rows = SAMPLING.map((field) => this.#buildSampling(field));
@@ -99,10 +103,7 @@ class HowSure {
   /** Show the probability at another oblique angle: the study is of all of them. */
   #turn(values) {
     this.verdict.setCase(values);
-    if (this.study) {
-      this.verdict.setStudy(this.study, values);
-      drawCurve(this.parts.curve, this.study, values);
-    }
+    if (this.study) drawCurve(this.parts.curve, this.study, values);
     this.#readdress();
   }
 
@@ -110,7 +111,6 @@ class HowSure {
     this.#stop("");
     clearTimeout(this.#timer);
     this.study = undefined;
-    this.verdict.setStudy(undefined, this.form.currentCase());
     const { parts } = this;
     parts.problem.textContent = "";
     const isRight = Boolean(this.scatter.inputs()?.length) && !this.#wrong.size && !this.#isRefused;
@@ -169,10 +169,7 @@ class HowSure {
     if (!study.probability) return;
     parts.results.hidden = parts.toResults.hidden = false;
     parts.answerPanel.hidden = parts.sensitivity.hidden = !study.critical_angle;
-    if (study.critical_angle) {
-      this.study = study;
-      this.verdict.setStudy(study, this.form.currentCase());
-    }
+    if (study.critical_angle) this.study = study;
     await drawCurve(parts.curve, study, this.form.currentCase());
     if (study.critical_angle) {
       parts.answer.replaceChildren(...describeStudy(study));
@@ -208,7 +205,7 @@ class HowSure {
       if (row) showProblem(row, detail);
       return !row;
     });
-    if (elsewhere.length) this.form.refuse({ errors: elsewhere, detail: "" });
+    if (elsewhere.length) this.form.fail({ errors: elsewhere });
   }
 }
 
