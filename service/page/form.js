@@ -5,6 +5,7 @@ import { exampleOf } from "./contract.js";
 import { announce, element } from "./elements.js";
 import { buildRow, showProblem } from "./field-row.js";
 import { GROUPS, inUnit, isThere } from "./fields.js";
+import { clearParts, markStale } from "./stale.js";
 
 const MOST_UNDONE = 100;
 const DESCRIBES = "ricochet-describe"; // whether every field is described, in this browser
@@ -14,12 +15,13 @@ const DESCRIBES = "ricochet-describe"; // whether every field is described, in t
  *
  * @param {HTMLElement} root
  * @param {{case: object, onChange: (values: object, path: string) => void, include?: string[],
- *   onHold?: () => void, onRefuse?: (text: string) => void, without?: string[], open?: string[]}} options
- *   `onChange` is called with a case only if all its fields are in their bounds; `onHold` while one is not, but may still
- *   be typed, and `onRefuse` once it is not, with what is wrong elsewhere than at a field; `include` names the groups of
- *   fields.js, all if none, `without` fields to leave out by their paths; `open` the groups that are not folded at first
- * @returns {{setCase: (values: object) => void, setField: (path: string, value: number) => void, refuse: (problem: Problem) => void, currentCase: () => object}}
- *   `setField` fills in a field as if a value in SI were typed; `refuse` shows the errors of a problem at the fields they point to
+ *   problem: HTMLElement, parts?: () => HTMLElement[], panels?: object[], onHold?: () => void, without?: string[], open?: string[]}} options
+ *   `onChange` is called with a case only if all its fields are in their bounds, `onHold` while one is not; `problem` is where
+ *   there is a word on what is wrong elsewhere than at a field; `parts` are marked as of the inputs before while a field may
+ *   still be typed into, and cleared once its value is not accepted, as are `panels`, by their `hold` and `clear`; `include` names
+ *   the groups of fields.js, all if none, `without` fields to leave out by their paths; `open` the groups that are not folded
+ * @returns {{setCase: (values: object) => void, setField: (path: string, value: number) => void, fail: (error: Error) => void, currentCase: () => object}}
+ *   `setField` fills in a field as if a value in SI were typed; `fail` shows an error: at the fields it points to, if it does
  */
 export function buildForm(root, options) {
   const form = new CaseForm(root, options);
@@ -31,7 +33,7 @@ export function buildForm(root, options) {
       form.rebuild();
     },
     setField: (path, value) => form.setField(path, value),
-    refuse: (problem) => form.refuse(problem),
+    fail: (error) => form.fail(error),
   };
 }
 
@@ -40,8 +42,8 @@ class CaseForm {
   wrong = new Set(); // paths of fields whose text is not accepted
   undone = []; // cases before each edit, with the field that was edited
 
-  constructor(root, { case: values, onChange, onHold, onRefuse, include, without = [], open = include }) {
-    Object.assign(this, { root, values, onChange, onHold, onRefuse, without, open });
+  constructor(root, { case: values, onChange, onHold, problem, parts = () => [], panels = [], include, without = [], open = include }) {
+    Object.assign(this, { root, values, onChange, onHold, problem, parts, panels, without, open });
     const describes = element("input", { type: "checkbox", checked: localStorage.getItem(DESCRIBES) === "yes" });
     describes.addEventListener("change", () => localStorage.setItem(DESCRIBES, describes.checked ? "yes" : "no"));
     this.help = element("label.describe", {}, describes, " Describe every field");
@@ -79,11 +81,11 @@ class CaseForm {
       accept: (value) => this.accept(row, value),
       hold: () => {
         this.wrong.add(field.path);
-        this.onHold?.();
+        this.hold();
       },
       refuse: (problem) => {
         showProblem(row, problem);
-        this.onRefuse?.("");
+        this.clear("");
       },
     });
     this.rows.push(row);
@@ -96,7 +98,29 @@ class CaseForm {
     this.remember(field.path);
     if (field.variant) this.takeVariant(field, value);
     else this.values = withValue(this.values, field.path, value);
-    if (!this.wrong.size) this.onChange(this.values, field.path);
+    if (this.wrong.size) return;
+    this.problem.textContent = "";
+    this.onChange(this.values, field.path);
+  }
+
+  /** What is shown belongs to the inputs before, while a field is typed into. */
+  hold() {
+    this.onHold?.();
+    for (const panel of this.panels) panel.hold();
+    markStale(...this.parts());
+  }
+
+  /** Nothing belongs to a case with a field that is not accepted. */
+  clear(text) {
+    this.hold();
+    for (const panel of this.panels) panel.clear();
+    clearParts(...this.parts());
+    this.problem.textContent = text;
+  }
+
+  fail(error) {
+    if (error.errors?.length) this.refuse(error);
+    else this.problem.textContent = error.message;
   }
 
   /** Keep the case before an edit; further keys of the same field belong to it. */
@@ -123,7 +147,7 @@ class CaseForm {
   }
 
   /** Show what the service does not accept; not while the field may still be typed into. */
-  refuse({ errors, detail }) {
+  refuse({ errors }) {
     const values = this.values;
     const rowOf = ({ pointer }) => {
       const path = pointer.slice(1).replaceAll("/", ".");
@@ -133,11 +157,11 @@ class CaseForm {
       if (values !== this.values) return;
       const unplaced = errors.filter((error) => !rowOf(error));
       for (const error of errors) if (rowOf(error)) showProblem(rowOf(error), inUnit(rowOf(error).field, error.detail));
-      this.onRefuse?.(errors.length ? unplaced.map((error) => error.detail).join(" ") : detail);
+      this.clear(unplaced.map((error) => error.detail).join(" "));
     };
     const typed = this.rows.find(({ input }) => input === document.activeElement && input.type === "text");
     if (!typed) return show();
-    this.onHold?.();
+    this.hold();
     return typed.later(show);
   }
 }

@@ -16,7 +16,6 @@ from .downloads import data_lines
 from .side_view import IDLE, points
 
 
-
 def pin(page: Page) -> None:
     page.get_by_role("button", name="Pin to compare").click()
 
@@ -57,8 +56,8 @@ def test_strike_is_pinned_and_the_next_is_laid_over_it(page: Page, client: httpx
     shown = table(page)
     assert shown["Speed [m/s]"] == ["300", "238"]
     assert "Mass [kg]" not in shown
-    assert shown["Critical angle [°]"] == [f"{angles[0]:.2f}", f"{angles[1]:.2f} (+{angles[0] - angles[1]:.2f})"]
-    assert shown["Greatest depth [mm]"] == [f"{depths[0]:.1f}", f"{depths[1]:.1f} (+{depths[0] - depths[1]:.1f})"]
+    assert shown["Critical angle [°]"] == [f"{angles[0]:.2f}", f"{angles[1]:.2f} (−{angles[0] - angles[1]:.2f})"]
+    assert shown["Greatest depth [mm]"] == [f"{depths[0]:.1f}", f"{depths[1]:.1f} (−{depths[0] - depths[1]:.1f})"]
 
     assert [1e3 * max(points(page, "path", at)[1]) for at in (0, 1)] == pytest.approx(depths, rel=1e-4)
     assert {meta for meta, *_ in traces(page, "histories")} == {0, 1}

@@ -58,7 +58,9 @@ def test_thickness_gets_a_yes_or_no_by_the_formulas_and_their_margin(
     word = "enough" if thickness_mm >= design_mm else "not enough"
     least = f"{math.ceil(design_mm):,} mm (largest formula within its range × 1.2)"
     expect(page.locator(".outcome")).to_have_text(f"{thickness_mm} mm: {word}. Design value at least {least}.")
-    expect(page.locator(".figures")).to_contain_text(f"{1e3 * spread['lowest']:.0f} to {1e3 * spread['highest']:.0f} mm")
+    expect(page.locator(".figures")).to_contain_text(
+        f"{1e3 * spread['lowest']:.0f} to {1e3 * spread['highest']:.0f} mm"
+    )
 
 
 PARTS = ("projectile", "target", "impact")
@@ -69,7 +71,9 @@ def test_wall_with_a_thickness_has_a_speed_that_perforates_it(page: Page, client
     rows(page)
     body = PAPER | {"target": PAPER["target"] | {"thickness_m": 0.2}, "impact": {"oblique_angle_deg": 0.0}}
     speed = client.post("/limit-speed", json=body).json()["limit_speed_m_s"]
-    found = re.search(r"perforates a wall of 200\smm: ([\d.]+)\sm/s", page.get_by_role("region", name="Verdict").inner_text())
+    found = re.search(
+        r"perforates a wall of 200\smm: ([\d.]+)\sm/s", page.get_by_role("region", name="Verdict").inner_text()
+    )
     assert found is not None
     assert abs(float(found[1]) - speed) < 1.0
 

@@ -17,7 +17,7 @@ import { reportButton } from "../report.js";
 import { computeRun } from "../run.js";
 import { request } from "../service.js";
 import { drawSideView } from "../side-view.js";
-import { clearParts, markFresh, markStale } from "../stale.js";
+import { markFresh, markStale } from "../stale.js";
 import { Verdict } from "../verdict.js";
 import { outcomeShown } from "../words.js";
 
@@ -28,10 +28,7 @@ const REST_MS = 300; // without a change before the curves are computed: they ar
 
 /** Show the view. */
 export async function show(root, query) {
-  const fail = (error) => {
-    if (error.errors?.length) form.refuse(error);
-    else parts.problem.textContent = error.message;
-  };
+  const fail = (error) => form.fail(error);
   let [found, foundFor] = [undefined, undefined]; // of the user's own search, and its case
   const laws = buildFold(
     "Under other laws",
@@ -84,24 +81,11 @@ export async function show(root, query) {
   };
   const change = (values) => {
     copy.clear();
-    parts.problem.textContent = "";
     markStale(...ofCase);
     cancel();
     verdict.setCase(values);
     for (const fold of [searches, laws]) fold.setCase(values);
     readdress();
-  };
-  const hold = () => {
-    cancel();
-    verdict.hold();
-    markStale(...ofCase);
-  };
-  const refuse = (text) => {
-    parts.problem.textContent = text;
-    cancel();
-    verdict.clear();
-    for (const fold of [searches, laws]) fold.clear();
-    clearParts(...ofCase);
   };
   const readdress = () => {
     const next = caseQuery(form.currentCase());
@@ -114,8 +98,10 @@ export async function show(root, query) {
     include: ["Strike", "Projectile", "Target", "Model"],
     open: matchMedia("(min-width: 60rem)").matches ? undefined : ["Strike"],
     onChange: change,
-    onHold: hold,
-    onRefuse: refuse,
+    onHold: cancel,
+    problem: parts.problem,
+    parts: () => ofCase,
+    panels: [verdict, searches, laws],
   });
   const copy = copyButtons(form.currentCase);
   parts.copy.append(copy.root);

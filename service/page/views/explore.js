@@ -16,7 +16,7 @@ import { reportButton } from "../report.js";
 import { computeRun, rowAt } from "../run.js";
 import { buildScrubber } from "../scrubber.js";
 import { drawSideView, markCritical, moveOutline, rowNear } from "../side-view.js";
-import { clearParts, markFresh, markStale } from "../stale.js";
+import { markFresh, markStale } from "../stale.js";
 import { TurnHandle } from "../turn-handle.js";
 import { Verdict } from "../verdict.js";
 import { describeRun, outcomeShown } from "../words.js";
@@ -34,8 +34,8 @@ class Explore {
   changed = performance.now(); // when a field was
 
   constructor(root, query) {
-    this.laws = buildFold("Under other laws", element("div.laws-table"), (...given) => this.showLaws(...given), (error) => this.fail(error));
-    const fail = (error) => this.fail(error);
+    this.laws = buildFold("Under other laws", element("div.laws-table"), (...given) => this.showLaws(...given), (error) => this.form.fail(error));
+    const fail = (error) => this.form.fail(error);
     this.verdict = new Verdict({ onError: fail, onAngle: (_, values) => this.showAngle(values), hasRun: true });
     this.compare = new Compare(readPins(query), { currentCase: () => this.form.currentCase(), onChange: () => this.changePins() });
     const parts = build(root, this.verdict.root, this.compare.root, this.laws.root);
@@ -51,8 +51,10 @@ class Explore {
       case: readCase(query),
       open: matchMedia("(min-width: 60rem)").matches ? ["Strike", "Projectile", "Target", "Model"] : ["Strike"],
       onChange: (values) => this.change(values),
-      onHold: () => this.hold(),
-      onRefuse: (text) => this.refuse(text),
+      onHold: () => this.updatePicture.cancel(),
+      problem: parts.problem,
+      parts: () => [...this.ofStrike, parts.scrubber],
+      panels: [this.verdict, this.laws],
     });
     this.copy = copyButtons(this.form.currentCase);
     parts.copy.append(this.copy.root);
@@ -73,29 +75,11 @@ class Explore {
   change(values) {
     this.changed = performance.now();
     this.copy.clear();
-    this.parts.problem.textContent = "";
     markStale(...this.ofStrike, this.parts.scrubber);
     this.verdict.setCase(values);
     this.updatePicture(values);
     this.laws.setCase(values);
     this.readdress();
-  }
-
-  /** What is shown belongs to the inputs before, while a field is typed into. */
-  hold() {
-    this.updatePicture.cancel();
-    this.verdict.hold();
-    markStale(...this.ofStrike, this.parts.scrubber);
-  }
-
-  /** Nothing belongs to a case with a field that is not accepted. */
-  refuse(text) {
-    this.parts.problem.textContent = text;
-    this.updatePicture.cancel();
-    this.verdict.clear();
-    this.laws.clear();
-    clearParts(...this.ofStrike);
-    this.parts.scrubber.hidden = true;
   }
 
   async showPicture(values, signal) {
@@ -184,11 +168,6 @@ class Explore {
     const query = writePins(caseQuery(this.form.currentCase()), this.compare.cases);
     if (Number.isFinite(this.instant)) query.set("time_ms", Number((this.instant * 1e3).toPrecision(4)));
     replaceAddress("explore", query);
-  }
-
-  fail(error) {
-    if (error.errors?.length) this.form.refuse(error);
-    else this.parts.problem.textContent = error.message;
   }
 
   leave() {

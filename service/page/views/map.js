@@ -35,7 +35,7 @@ class MapView {
     this.runButton = element("button.main", { type: "submit" }, "Run");
     this.cancelButton = element("button", { type: "button", disabled: true, onclick: () => this.#cancel() }, "Cancel");
     this.size = element("p.quiet", { id: "map-size" });
-    this.problem = element("p.problem", { role: "alert", hidden: true });
+    this.problem = element("p.problem", { role: "alert" });
     const [axes, others] = [element("div"), element("div")];
     const details = element("details", {}, element("summary", {}, "The other fields"), others);
     const buttons = element("p.buttons", {}, this.runButton, " ", this.cancelButton);
@@ -44,7 +44,7 @@ class MapView {
       this.#run();
     };
     const form = element("form.panel", { novalidate: true, "aria-label": "What to map", onsubmit }, axes, this.size, buttons);
-    this.verdict = new Verdict({ onError: (error) => this.#fail(error) });
+    this.verdict = new Verdict({ onError: (error) => this.form.fail(error) });
     const results = element("div.column", {}, this.verdict.root, this.problem, lostNote());
     this.picture = new MapPicture(results, (places) => this.#drag(places));
     root.append(
@@ -56,14 +56,9 @@ class MapView {
     this.form = buildForm(others, {
       case: map.values,
       onChange: (values) => this.#setCase(values),
-      onHold: () => {
-        this.verdict.hold();
-        this.#change(undefined);
-      },
-      onRefuse: (text) => {
-        this.#say(text);
-        this.verdict.clear();
-      },
+      onHold: () => this.#change(undefined),
+      problem: this.problem,
+      panels: [this.verdict],
     });
     this.verdict.setCase(map.values);
     if (!map.job && this.#form && isQuick(this.#form)) this.#preview(this.#form);
@@ -76,7 +71,6 @@ class MapView {
   }
 
   #setCase(values) {
-    this.#say("");
     this.verdict.setCase(values);
     this.axes.setCase(values);
     if (this.#form && this.#shown && isSame(this.#form, this.#shown)) this.picture.setHere(values);
@@ -184,7 +178,7 @@ class MapView {
     this.#work = new AbortController();
     this.#shown = map;
     this.#progress = { counts: { total: map.x.count * map.y.count, done: 0 } };
-    this.problem.hidden = true;
+    this.problem.textContent = "";
     this.picture.begin(map);
     announce("The map is being computed.");
   }
@@ -209,13 +203,8 @@ class MapView {
     if (isAbort(error)) return;
     announce("");
     const isGone = error.status === 404;
-    this.#say(isGone ? "The job of this map is gone: it has expired. Run it again." : error.message);
+    this.problem.textContent = isGone ? "The job of this map is gone: it has expired. Run it again." : error.message;
     if (error.errors) this.axes.showProblem(error);
-  }
-
-  #say(text) {
-    this.problem.textContent = text;
-    this.problem.hidden = !text;
   }
 }
 

@@ -8,7 +8,7 @@ import { latest } from "../latest.js";
 import { presetLinks } from "../presets.js";
 import { lostNote } from "../lost.js";
 import { request } from "../service.js";
-import { clearParts, markFresh, markStale } from "../stale.js";
+import { markFresh, markStale } from "../stale.js";
 import { unitOf } from "../units.js";
 import { showCard } from "../verdict.js";
 import { lengthShown, quantityShown, unbroken, warningList } from "../words.js";
@@ -39,19 +39,6 @@ const STATUSES = {
 export async function show(root, query) {
   const parts = build(root);
   const shown = [parts.card, parts.model, parts.warnings, parts.table];
-  const hold = () => {
-    updateResults.cancel();
-    markStale(...shown);
-  };
-  const refuse = (text) => {
-    parts.problem.textContent = text;
-    updateResults.cancel();
-    clearParts(...shown);
-  };
-  const fail = (error) => {
-    if (error.errors?.length) form.refuse(error);
-    else parts.problem.textContent = error.message;
-  };
   const updateResults = latest(async (values, signal) => {
     const post = async (path, body) => (await request(path, { body, signal })).data;
     const { projectile, target, impact, resistance, numerics } = values;
@@ -67,9 +54,8 @@ export async function show(root, query) {
     parts.warnings.replaceChildren(...warningList(...thick.map(({ warnings }) => warnings)));
     parts.table.replaceChildren(tableOf(lines, table));
     markFresh(...shown);
-  }, fail, { supersede: true });
+  }, (error) => form.fail(error), { supersede: true });
   const refresh = (values) => {
-    parts.problem.textContent = "";
     markStale(...shown);
     updateResults(values);
   };
@@ -81,8 +67,9 @@ export async function show(root, query) {
       refresh(values);
       replaceAddress("walls", caseQuery(values));
     },
-    onHold: hold,
-    onRefuse: refuse,
+    onHold: () => updateResults.cancel(),
+    problem: parts.problem,
+    parts: () => shown,
   });
   refresh(form.currentCase());
   return () => updateResults.stop();
