@@ -86,7 +86,7 @@ export function forceMarks({ history, path, projectile }, row) {
   const force = [history.lateral_force_n[row], history.depth_force_n[row]];
   const size = Math.hypot(...force);
   const most = Math.max(...history.depth_force_n.map((each, i) => Math.hypot(each, history.lateral_force_n[i])));
-  if (size < 0.01 * most) return [];
+  if (!(size > 0.01 * most)) return []; // nor without any force
   const angle = path.angle[row];
   const across = force[0] * Math.cos(angle) - force[1] * Math.sin(angle);
   const ahead = across ? history.moment_n_m[row] / across : 0; // of the centre of gravity, along the axis
@@ -94,9 +94,10 @@ export function forceMarks({ history, path, projectile }, row) {
   const place = [path.lateral[row] - behind * Math.sin(angle), path.depth[row] - behind * Math.cos(angle)];
   const reach = (RADII.force * projectile.length_m) / most;
   const direction = force.map((each) => each * reach);
+  const beside = [Math.cos(angle), -Math.sin(angle)].map((each) => 0.75 * projectile.diameter_m * each); // words above the body
   return [
     arrow(place, direction, colour("bad"), "force"),
-    { at: place.map((value, i) => value + direction[i]), text: quantityShown(size, "kN"), color: colour("bad") },
+    { at: place.map((value, i) => value + direction[i] + beside[i]), text: quantityShown(size, "kN"), color: colour("bad") },
   ];
 }
 
