@@ -2,7 +2,7 @@
 
 import { address, caseQuery, readCase } from "./address.js";
 import { angleRequest, valueAt } from "./case.js";
-import { announce, element } from "./elements.js";
+import { announce, element, table } from "./elements.js";
 import { GROUPS, isThere, labelWithUnit, shownValue } from "./fields.js";
 import { computeRun } from "./run.js";
 import { isAbort, isLost, request } from "./service.js";
@@ -113,12 +113,8 @@ export class Compare {
 
   #tableOf(strikes) {
     const numbers = RESULTS.map(([name, make, decimals]) => resultRow(name, strikes.map(make), decimals));
-    const heads = [element("th", { scope: "col" }, ""), element("th", { scope: "col" }, OWN), ...this.pinned.map((pin, i) => this.#head(pin, i))];
-    return element(
-      "div.wide",
-      { tabindex: 0, role: "group", "aria-label": "Table of differences" },
-      element("table", {}, element("thead", {}, element("tr", {}, ...heads)), element("tbody", {}, ...fieldRows(strikes), ...numbers)),
-    );
+    const heads = ["", OWN, ...this.pinned.map((pin, i) => this.#head(pin, i))];
+    return table("table", { heads, rows: [...fieldRows(strikes), ...numbers], label: "Table of differences", isNamed: true });
   }
 
   #head(pin, index) {
@@ -126,7 +122,7 @@ export class Compare {
     const others = this.cases.filter((each) => each !== pin.values);
     const open = address("explore", writePins(caseQuery(pin.values), [...others, this.currentCase()]));
     const remove = element("button", { type: "button", "aria-label": `Remove ${name}`, onclick: () => this.#unpin(pin) }, "Remove");
-    return element("th", { scope: "col" }, `${name} `, element("a", { href: open, "aria-label": `Open ${name}` }, "Open"), " ", remove);
+    return element("span", {}, `${name} `, element("a", { href: open, "aria-label": `Open ${name}` }, "Open"), " ", remove);
   }
 }
 
@@ -134,7 +130,7 @@ function fieldRows(strikes) {
   return GROUPS.flatMap(({ fields }) => fields).flatMap((field) => {
     const texts = strikes.map(({ values }) => fieldShown(field, values));
     if (texts.every((text) => text === texts[0])) return [];
-    return [rowOf(labelWithUnit(field), texts)];
+    return [[labelWithUnit(field), ...texts]];
   });
 }
 
@@ -157,9 +153,5 @@ function resultRow(title, values, decimals) {
     const difference = value - own;
     return `${text(value)} (${difference < 0 ? "−" : "+"}${text(Math.abs(difference))})`;
   };
-  return rowOf(name, [text(own), ...others.map(further)]);
-}
-
-function rowOf(name, texts) {
-  return element("tr", {}, element("th", { scope: "row" }, name), ...texts.map((text) => element("td", {}, text)));
+  return [name, text(own), ...others.map(further)];
 }

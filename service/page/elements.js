@@ -28,6 +28,28 @@ export function svg(name, attributes = {}, ...children) {
   return made;
 }
 
+/**
+ * Return a table that scrolls by itself.
+ *
+ * @param {string} name `table` with its classes
+ * @param {{heads: (string|Node)[], rows: (string|Node)[][], caption?: string, label?: string, isNamed?: boolean,
+ *   isNumber?: (column: number) => boolean, classes?: string[]}} content `isNamed` if the first cell of a row names it, `label` if
+ *   it can be scrolled by keys, `classes` by row
+ */
+export function table(name, { heads, rows, caption, label, isNamed = false, isNumber = () => false, classes = [] }) {
+  const cell = (tag, i, attributes, content) => element(isNumber(i) ? `${tag}.number` : tag, attributes, content);
+  const head = heads.map((content, i) => cell("th", i, { scope: "col" }, content));
+  const cells = (row) => row.map((content, i) => (isNamed && !i ? cell("th", i, { scope: "row" }, content) : cell("td", i, {}, content)));
+  const made = element(
+    name,
+    {},
+    ...(caption ? [element("caption", {}, caption)] : []),
+    element("thead", {}, element("tr", {}, ...head)),
+    element("tbody", {}, ...rows.map((row, i) => element("tr", { class: classes[i] }, ...cells(row)))),
+  );
+  return element("div.wide", label ? { tabindex: 0, role: "group", "aria-label": label } : {}, made);
+}
+
 /** Offer content as a file. */
 export function save(content, name, type) {
   const url = URL.createObjectURL(new Blob([content], { type }));

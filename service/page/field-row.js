@@ -113,24 +113,19 @@ const INPUTS = {
     const lines = (valueAt(values, field.path) ?? []).map((item) =>
       [item].flat().map((number) => shownNumber(field, number)).join(", "),
     );
-    return element(
-      "textarea",
-      {
-        rows: field.pairs ? 4 : 2,
-        spellcheck: "false",
-        placeholder: field.optional && "auto",
-        oninput: ({ target }) => read(target.value),
-      },
-      lines.join(field.pairs ? "\n" : ", "),
-    );
+    return buildArea(lines.join(field.pairs ? "\n" : ", "), read, { rows: field.pairs ? 4 : 2, placeholder: field.optional && "auto" });
   },
 };
+
+function buildArea(text, read, attributes) {
+  return element("textarea", { spellcheck: "false", oninput: ({ target }) => read(target.value), ...attributes }, text);
+}
 
 /** Shots as text, in the units shown; a file that is dropped takes their place. */
 function buildShots(field, values, read) {
   const shown = (value, si) => shownNumber(unitOf(si), value);
   const lines = (valueAt(values, field.path) ?? []).map((shot) => `${shown(shot.velocity_m_s, "m/s")}, ${shown(shot.depth_m, "mm")}`);
-  const area = element("textarea", { rows: 4, spellcheck: "false", oninput: () => read(area.value) }, lines.join("\n"));
+  const area = buildArea(lines.join("\n"), read, { rows: 4 });
   area.addEventListener("dragover", (event) => event.preventDefault());
   area.addEventListener("drop", async (event) => {
     event.preventDefault();

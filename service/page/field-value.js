@@ -24,7 +24,8 @@ function readNumber(text, field, values) {
   return broken ? { wrong: `${field.label} must be ${broken[0]} ${withUnit(broken[1], field.unit)}.` } : { value };
 }
 
-function outside(value, { least, most, above, below }) {
+/** Return how a value in the unit shown is beyond bounds of fields.js, as in ["at least", 5]; undefined if it is not. */
+export function outside(value, { least, most, above, below }) {
   const isBeyond = (bound) => Math.abs(value - bound) > 1e-9 * Math.abs(bound); // else what a conversion adds
   if (value < least && isBeyond(least)) return ["at least", least];
   if (value > most && isBeyond(most)) return ["at most", most];

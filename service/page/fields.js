@@ -4,8 +4,7 @@ import { valueAt } from "./case.js";
 import { nodeAt } from "./contract.js";
 import { areUs, unitOf } from "./units.js";
 
-/** Kinds: `number`; `choice` of a variant or a name; `flag`; `numbers`, a list or a list of lists; `shots`, a speed and a depth each. */
-/** Return a field; see below for what it has. */
+/** Return a field: a `number`; `choice` of a variant or a name; `flag`; `numbers`, a list or a list of lists; or `shots`. */
 export const fieldOf = (kind, path, label, si = "", extra = {}) => ({
   ...{ kind, path, label, si, ...extra },
   get unit() {
@@ -129,6 +128,16 @@ export const GROUPS = [
     ],
   },
 ];
+
+/** The fields of a study, which are not of a case. */
+export const SAMPLING = {
+  name: "Sampling",
+  fields: [
+    number("sampling.half_width", "Half width", "", OPTIONAL),
+    number("sampling.max_samples", "Samples at most", "", OPTIONAL),
+    number("sampling.seed", "Seed", "", OPTIONAL),
+  ],
+};
 
 /** Return the field at a path; undefined if the form has none. */
 export function fieldAt(path) {

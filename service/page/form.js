@@ -15,11 +15,12 @@ const DESCRIBES = "ricochet-describe"; // whether every field is described, in t
  *
  * @param {HTMLElement} root
  * @param {{case: object, onChange: (values: object, path: string) => void, include?: string[],
- *   problem: HTMLElement, parts?: () => HTMLElement[], panels?: object[], onHold?: () => void, without?: string[], open?: string[]}} options
+ *   problem: HTMLElement, parts?: () => HTMLElement[], panels?: object[], onHold?: () => void, groups?: object[], without?: string[], open?: string[]}} options
  *   `onChange` is called with a case only if all its fields are in their bounds, `onHold` while one is not; `problem` is where
  *   there is a word on what is wrong elsewhere than at a field; `parts` are marked as of the inputs before while a field may
  *   still be typed into, and cleared once its value is not accepted, as are `panels`, by their `hold` and `clear`; `include` names
- *   the groups of fields.js, all if none, `without` fields to leave out by their paths; `open` the groups that are not folded
+ *   the groups of fields.js, all if none, `groups` others instead; `without` are fields to leave out by their paths, `open` the
+ *   groups that are not folded
  * @returns {{setCase: (values: object) => void, setField: (path: string, value: number) => void, fail: (error: Error) => void, currentCase: () => object}}
  *   `setField` fills in a field as if a value in SI were typed; `fail` shows an error: at the fields it points to, if it does
  */
@@ -42,13 +43,14 @@ class CaseForm {
   wrong = new Set(); // paths of fields whose text is not accepted
   undone = []; // cases before each edit, with the field that was edited
 
-  constructor(root, { case: values, onChange, onHold, problem, parts = () => [], panels = [], include, without = [], open = include }) {
+  constructor(root, { case: values, onChange, onHold, problem, parts = () => [], panels = [], include, groups, without = [], open = include }) {
     Object.assign(this, { root, values, onChange, onHold, problem, parts, panels, without, open });
     const describes = element("input", { type: "checkbox", checked: localStorage.getItem(DESCRIBES) === "yes" });
     describes.addEventListener("change", () => localStorage.setItem(DESCRIBES, describes.checked ? "yes" : "no"));
     this.help = element("label.describe", {}, describes, " Describe every field");
     this.undoButton = element("button", { type: "button", disabled: true, onclick: () => this.undo() }, "Undo");
-    this.groups = GROUPS.filter(({ name }) => !include || include.includes(name));
+    this.groups = groups ?? GROUPS.filter(({ name }) => !include || include.includes(name));
+    this.tools = groups ? [] : [element("p.actions", {}, this.help, this.undoButton)];
   }
 
   rebuild() {
@@ -57,7 +59,7 @@ class CaseForm {
     this.rows = [];
     this.wrong.clear();
     this.root.replaceChildren(
-      element("p.actions", {}, this.help, this.undoButton),
+      ...this.tools,
       ...this.groups.map(({ name, fields }) => {
         const lines = fields.filter((field) => this.has(field)).map((field) => this.addRow(field));
         const open = before.get(name) ?? (!this.open || this.open.includes(name));

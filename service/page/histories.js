@@ -1,12 +1,11 @@
 // Time histories of a run, and what they mean for the body, with the instant that the side view shows.
 
 import { aboutRuns } from "./exports.js";
-import { colour, csvOf, draw, relayout } from "./plots.js";
+import { axis, colour, csvOf, draw, heading, relayout } from "./plots.js";
 import { unitOf } from "./units.js";
 
 const NARROW = 640; // px
 const DASHES = ["solid", "dash"];
-/** Each with its axes as Plotly counts them: x, x2, x3 ... */
 const PANELS = [
   { title: "Depth", si: "mm", columns: { center_of_gravity_depth_m: "centre of gravity", nose_tip_depth_m: "tip" } },
   { title: "Axis angle", si: "°", columns: { axis_angle_deg: "axis" } },
@@ -35,7 +34,7 @@ export function drawHistories(root, runs, row) {
     ...aboutRuns(runs),
     part: "histories",
     again: () => drawHistories(root, runs, row),
-    csv: () => csvOf(runs.length > 1 ? tableOf(runs) : run.history),
+    csv: () => csvOf(runs.length > 1 ? runs.flatMap(rowsOf) : run.history),
     label: `Time histories${names}: ${PANELS.map(({ title }) => title.toLowerCase()).join(", ")}. The CSV below has them as numbers.`,
   });
 }
@@ -59,11 +58,9 @@ function tracesOf({ run: { history }, name }, index, isCompared) {
   );
 }
 
-function tableOf(runs) {
-  const columns = Object.keys(runs[0].run.history);
-  const all = (make) => runs.flatMap(({ run: { history }, name }) => history.time_s.map((_, row) => make(history, row, name)));
-  const numbers = columns.map((column) => [column, all((history, row) => history[column][row])]);
-  return { run: all((_, __, name) => name), ...Object.fromEntries(numbers) };
+function rowsOf({ run: { history }, name }) {
+  const at = (row) => Object.fromEntries(Object.entries(history).map(([column, values]) => [column, values[row]]));
+  return history.time_s.map((_, row) => ({ run: name, ...at(row) }));
 }
 
 /** Move the line to another row of the histories. */
@@ -83,32 +80,18 @@ function layoutOf(run, row, isNarrow, isCompared) {
     const isLast = down === rows - 1;
     layout[axis("xaxis", panel)] = { domain: x, anchor: axis("y", panel), title: { text: isLast ? "Time [ms]" : "" } };
     layout[axis("yaxis", panel)] = { domain: y, anchor: axis("x", panel) };
-    layout.annotations.push(heading(x[0], y[1], `${title} [${unitOf(si).unit}]`, Object.values(lines)));
+    layout.annotations.push(heading(titleOf(`${title} [${unitOf(si).unit}]`, Object.values(lines)), x[0], y[1]));
   });
   return layout;
 }
 
-function heading(x, y, title, names) {
+function titleOf(title, names) {
   const strokes = names.length > 1 ? ` ${names.map((name, i) => `${"── ╌╌".split(" ")[i]} ${name}`).join(", ")}` : "";
-  const text = `<b>${title}</b>${strokes}`;
-  return { text, x, y, xref: "paper", yref: "paper", xanchor: "left", yanchor: "bottom", showarrow: false };
+  return `<b>${title}</b>${strokes}`;
 }
 
 function linesAt({ history }, row) {
   const time = history.time_s[row] * 1e3;
-  const line = { color: colour("quiet"), width: 1.2, dash: "dot" };
-  return PANELS.map((_, panel) => ({
-    type: "line",
-    xref: axis("x", panel),
-    yref: `${axis("y", panel)} domain`,
-    x0: time,
-    x1: time,
-    y0: 0,
-    y1: 1,
-    line,
-  }));
-}
-
-function axis(name, panel) {
-  return panel ? `${name}${panel + 1}` : name;
+  const stroke = { type: "line", x0: time, x1: time, y0: 0, y1: 1, line: { color: colour("quiet"), width: 1.2, dash: "dot" } };
+  return PANELS.map((_, panel) => ({ ...stroke, xref: axis("x", panel), yref: `${axis("y", panel)} domain` }));
 }

@@ -28,27 +28,19 @@ export const QUANTITIES = {
   },
 };
 
-/** Warnings that differ from cell to cell in a few words; Explore shows what each says in full. */
+/** Warnings whose code does not say it, in a few words; Explore shows what each says in full. */
 const WARNINGS = {
   base_strikes_first: "the tail strikes first",
   crater_at_obliquity: "a crater of normal impact",
   fixed_step_energy_gain: "time step too long",
   implausible: "breaks a rule of every strike: a fault, please report",
-  large_angle_of_attack: "large angle of attack",
-  mean_density_unusual: "unlikely mean density",
-  published_tests_extrapolated: "beyond the published tests",
   range_clipped: "range cut where S falls to zero",
   rear_face_unconservative: "wall without a plug holds less",
   rear_plug_quasi_static: "plug without mass or energy",
   retention_decides: "retention energy decides the angle",
-  retention_decides_perforation: "retention energy decides perforation",
   ricochet_at_lower_bound: "turned away at the lower end already",
-  samples_failed: "samples not computed",
   samples_outside: "samples outside the accepted range",
-  samples_without_angle: "samples without an angle",
   shallow_penetration: "at rest within the front crater",
-  standard_error_unknown: "standard error not known",
-  strength_beyond_tests: "strength beyond the tests",
   strength_factor_of_other_concrete: "S fitted to another concrete",
   strength_fit_extrapolated: "angle beyond the fit of S",
   tumbling: "turns end over end",

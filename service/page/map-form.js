@@ -1,7 +1,8 @@
 // The form of a map: the quantity to show, and the two fields it varies.
 
 import { element } from "./elements.js";
-import { boundsOf, fieldAt, labelWithUnit, numericFields } from "./fields.js";
+import { outside } from "./field-value.js";
+import { boundsOf, fieldAt, labelWithUnit, numericFields, withUnit } from "./fields.js";
 import { around, isOn, isVariable, mostValues, OPERATIONS, usualAxes } from "./sweep.js";
 
 const SIDES = { x: "Horizontal axis", y: "Vertical axis" };
@@ -146,17 +147,11 @@ function numberField(id, label, attributes = {}) {
 function problemOf({ field, start, stop, count }, other, map) {
   if (field === other.field) return { text: "Both axes have the same field.", parts: [] };
   const { factor, unit, path } = fieldAt(field);
-  const { least, most, above, below } = boundsOf({ path, factor }, map.values);
-  const bounds = [
-    [least, "at least", (value) => value >= least],
-    [above, "more than", (value) => value > above],
-    [most, "at most", (value) => value <= most],
-    [below, "less than", (value) => value < below],
-  ];
+  const bounds = boundsOf({ path, factor }, map.values);
   for (const [part, end] of [start, stop].entries()) {
     if (Number.isNaN(end)) return { text: "Both ends have to be numbers.", parts: [part] };
-    const broken = bounds.find(([bound, , holds]) => bound !== undefined && !holds(shown(end, factor)));
-    if (broken) return { text: `Has to be ${broken[1]} ${broken[0]} ${unit}.`, parts: [part] };
+    const broken = outside(shown(end, factor), bounds);
+    if (broken) return { text: `Has to be ${broken[0]} ${withUnit(broken[1], unit)}.`, parts: [part] };
   }
   if (start > stop) return { text: "From has to be below To.", parts: [0, 1] };
   if (start === stop && count > 1) return { text: "The ends are the same.", parts: [0, 1] };

@@ -192,6 +192,6 @@ function titleOf({ operation, values, ...map }, axes) {
 }
 
 function nameOf(operation, [x, y]) {
-  const named = OPERATIONS[operation].label.replace(/ at an angle(: phase diagram)?$/, "");
+  const named = OPERATIONS[operation].label.replace(/ (at an angle|\(phase diagram\))$/, "");
   return `${named} over ${x.label.toLowerCase()} and ${y.label.toLowerCase()}`;
 }

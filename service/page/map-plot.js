@@ -38,7 +38,7 @@ export function mapTraces(operation, [x, y], cells, rough, room, here) {
   const hover = { text: words, hovertemplate: "%{text}<extra></extra>", hoverongaps: true };
   const quantity = QUANTITIES[operation];
   const surface = quantity ? amounts(place, rows, finished, hover, quantity) : outcomes(place, rows, finished, hover);
-  return [...surface, ...marks(operation, [x, y], cells, room), ...warned([x, y], cells, room, rare), ...youAreHere(here)];
+  return [...surface, ...marks(operation, [x, y], cells, room), ...warned([x, y], cells, room, rare), youAreHere(here)];
 }
 
 /** Return the layout of a map for Plotly. */
@@ -111,8 +111,7 @@ function marks(operation, axes, cells, room) {
 /** A mark at the case that the map varies. */
 function youAreHere([across, up]) {
   const marker = { symbol: "star", size: 15, color: "#ffffff", line: { width: 1.5, color: INK } };
-  const trace = { type: "scatter", mode: "markers", name: "you are here", x: [across], y: [up], marker, hoverinfo: "skip" };
-  return [{ ...trace, showlegend: true }];
+  return { type: "scatter", mode: "markers", name: "you are here", x: [across], y: [up], marker, hoverinfo: "skip", showlegend: true };
 }
 
 /** A frame around what carries a warning that few others do, of a shape for each warning. */

@@ -70,13 +70,27 @@ export function colour(name) {
   return colours.get(name);
 }
 
-/** Return CSV text of columns of equal length, by name, in the units shown. */
+/** Return the name of an axis of a panel as Plotly counts them: x, x2, x3 ... */
+export function axis(name, panel) {
+  return panel ? `${name}${panel + 1}` : name;
+}
+
+/** Return a heading over a panel, which begins at a place of the whole picture. */
+export function heading(text, x, y) {
+  return { text, x, y, xref: "paper", yref: "paper", xanchor: "left", yanchor: "bottom", showarrow: false };
+}
+
+/** Return CSV text of columns of equal length, by name, or of rows that all have them, in the units shown. */
 export function csvOf(given) {
-  const columns = inShownColumns(given);
+  const columns = inShownColumns(Array.isArray(given) ? columnsOf(given) : given);
   const names = Object.keys(columns);
   const cell = (value) => (/[",\n]/.test(value) ? `"${String(value).replaceAll('"', '""')}"` : (value ?? ""));
   const rows = columns[names[0]].map((_, row) => names.map((name) => cell(columns[name][row])).join(","));
   return [names.join(","), ...rows, ""].join("\r\n");
+}
+
+function columnsOf(rows) {
+  return Object.fromEntries(Object.keys(rows[0] ?? {}).map((name) => [name, rows.map((row) => row[name])]));
 }
 
 function loadPlotly() {

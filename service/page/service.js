@@ -23,12 +23,6 @@ export function useKey(key) {
   sessionStorage.setItem(KEY, key);
 }
 
-/** Return the headers that authorize a request; none if there is no key. */
-export function authorization() {
-  const key = sessionStorage.getItem(KEY);
-  return key ? { Authorization: `Bearer ${key}` } : {};
-}
-
 /**
  * Send a request to the service.
  *
@@ -40,9 +34,11 @@ export function authorization() {
  * @throws {Problem} for a status from 400 on, or if there is no answer (status 0)
  */
 export async function request(path, { method, body, headers = {}, signal, as = "data" } = {}) {
+  const key = sessionStorage.getItem(KEY);
+  const authorization = key ? { Authorization: `Bearer ${key}` } : {};
   const response = await reach(path, {
     method: method ?? (body === undefined ? "GET" : "POST"),
-    headers: { ...authorization(), ...(body === undefined ? {} : { "Content-Type": "application/json" }), ...headers },
+    headers: { ...authorization, ...(body === undefined ? {} : { "Content-Type": "application/json" }), ...headers },
     body: body === undefined ? undefined : JSON.stringify(body),
     signal,
   });

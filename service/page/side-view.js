@@ -120,7 +120,7 @@ function render(root, scene) {
     title: `Side view: ${runs.map(({ run }) => outcomeShown(run.outcome)).join(", ")}`,
     ...aboutRuns(runs),
     again: () => render(root, scene),
-    csv: () => csvOf(tableOf(runs)),
+    csv: () => csvOf(runs.flatMap(rowsOf)),
     label: `Side view to scale. ${runs.map(inWords).join(" ")}`,
   });
 }
@@ -257,16 +257,11 @@ function nice(value) {
   return [1, 2, 5, 10].find((step) => step * power >= value) * power;
 }
 
-function tableOf(runs) {
-  const column = (make) => runs.flatMap(({ run, name }) => run.history.time_s.map((_, row) => make(run, row, name)));
-  return {
-    run: column((_, __, name) => name),
-    time_s: column(({ history }, row) => history.time_s[row]),
-    nose_tip_lateral_m: column(({ path }, row) => path.lateral[row]),
-    nose_tip_depth_m: column(({ path }, row) => path.depth[row]),
-    axis_angle_deg: column(({ history }, row) => history.axis_angle_deg[row]),
-    speed_m_s: column(({ path }, row) => path.speed[row]),
-  };
+function rowsOf({ run: { history, path }, name }) {
+  return history.time_s.map((time, row) => ({
+    ...{ run: name, time_s: time, nose_tip_lateral_m: path.lateral[row], nose_tip_depth_m: path.depth[row] },
+    ...{ axis_angle_deg: history.axis_angle_deg[row], speed_m_s: path.speed[row] },
+  }));
 }
 
 function inWords({ run, name }) {

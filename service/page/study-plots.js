@@ -1,6 +1,6 @@
 // What a study shows: the probability with its band, the swing of each input, and tables of them.
 
-import { element } from "./elements.js";
+import { element, table } from "./elements.js";
 import { colour, csvOf, draw } from "./plots.js";
 import { inputField } from "./scatter.js";
 import { headline, probabilityAt } from "./study.js";
@@ -82,7 +82,7 @@ export function drawTornado(root, study, values) {
     key: study.key,
     part: "swings",
     again: () => drawTornado(root, study, values),
-    csv: () => csvOf(swingColumns(study)),
+    csv: () => csvOf(study.sensitivity.flatMap(({ field, swing }) => swing.map((each) => ({ field, ...each })))),
     label: `Swing of the critical angle by input: ${bars.map(({ label, span }) => `${label} ${degreesShown(span)}`).reverse().join(", ")}.`,
   }).then((plot) => {
     plot?.style.setProperty("height", heightOf(bars));
@@ -95,29 +95,16 @@ export function sensitivityTable(study) {
   const spans = new Map(swings(study).map(({ field, span }) => [field, span]));
   const rows = study.sensitivity.map(({ field, first_order: first, total }) => {
     const span = spans.get(field);
-    const cells = [first, total].map((each) => (each ? estimateShown(each) : "not known"));
-    return element(
-      "tr",
-      {},
-      element("th", { scope: "row" }, inputField(field).label),
-      ...[...cells, span === undefined ? "no angle" : degreesShown(span)].map((text) => element("td.number", {}, text)),
-    );
+    const indices = [first, total].map((each) => (each ? estimateShown(each) : "not known"));
+    return [inputField(field).label, ...indices, span === undefined ? "no angle" : degreesShown(span)];
   });
-  const heads = ["Input", "First order", "Total", "Swing"].map((name, i) =>
-    element(i ? "th.number" : "th", { scope: "col" }, name),
-  );
-  const parts = [element("thead", {}, element("tr", {}, ...heads)), element("tbody", {}, ...rows)];
-  const caption = element("caption", {}, "Sobol indices of the critical angle");
-  const table = element("table.indices", {}, caption, ...parts);
+  const heads = ["Input", "First order", "Total", "Swing"];
+  const caption = "Sobol indices of the critical angle";
   const note =
     "First order: the share of the variance of the critical angle that an input explains by itself; total: with all that it " +
     "does together with others. In brackets their intervals. Swing: the length of the bar.";
-  return element(
-    "div",
-    {},
-    element("div.wide", { tabindex: 0, role: "group", "aria-label": "Table of sensitivities" }, table), // it scrolls
-    element("p.quiet", {}, note),
-  );
+  const indices = table("table.indices", { heads, rows, caption, label: "Table of sensitivities", isNamed: true, isNumber: Boolean });
+  return element("div", {}, indices, element("p.quiet", {}, note));
 }
 
 /** Return a sentence or two on a study. */
@@ -156,11 +143,6 @@ function swings({ sensitivity }) {
     })
     .filter(({ low }) => low)
     .sort((a, b) => b.span - a.span);
-}
-
-function swingColumns({ sensitivity }) {
-  const rows = sensitivity.flatMap(({ field, swing }) => swing.map((each) => ({ field, ...each })));
-  return Object.fromEntries(["field", "value", "critical_angle_deg"].map((name) => [name, rows.map((row) => row[name])]));
 }
 
 function estimateShown({ value, lower, upper }) {

@@ -8,7 +8,7 @@ import { boundsOf, fieldAt } from "./fields.js";
 /** What a map may show, and how its cases are requested. */
 export const OPERATIONS = {
   cra: { label: "Critical angle", path: "cra/sweep" },
-  trajectory: { label: "Outcome at an angle: phase diagram", path: "trajectory/sweep" },
+  trajectory: { label: "Outcome (phase diagram)", path: "trajectory/sweep" },
   thickness: { label: "Least thickness at an angle", path: "thickness/sweep" },
   probability: { label: "Probability of ricochet at an angle" }, // a study for each case: map-run.js
 };

@@ -59,10 +59,6 @@ export class TurnHandle {
     this.place();
   }
 
-  get #drawing() {
-    return this.plotRoot.querySelector(".drawing");
-  }
-
   #turn(angle) {
     const next = Number(Math.min(Math.max(angle, LEAST_DEG), MOST_DEG).toFixed(1));
     if (next === this.#angle) return;
@@ -83,7 +79,7 @@ export class TurnHandle {
   }
 
   #angleAt({ clientX, clientY }) {
-    const box = this.#drawing.getBoundingClientRect();
+    const box = this.plotRoot.querySelector(".drawing").getBoundingClientRect();
     const [[x, y]] = contactOf(this.plotRoot);
     return Math.atan2(box.left + x - clientX, box.top + y - clientY) / RADIAN - this.#attack();
   }

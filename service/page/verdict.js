@@ -11,7 +11,7 @@ import { clipped, requestEnd } from "./run.js";
 import { inputField, takeUsual } from "./scatter.js";
 import { request } from "./service.js";
 import { clearParts, markFresh, markStale } from "./stale.js";
-import { degreesShown, describeAngle, digits, lengthShown, outcomeShown, quantityShown, warningList } from "./words.js";
+import { capital, degreesShown, describeAngle, digits, lengthShown, outcomeShown, quantityShown, warningList } from "./words.js";
 
 const REST_MS = 300; // without a change before the spread and the theories are computed: they are hundreds of searches
 const STRIP = { height: 40, edge: 14, margin_deg: 4 };
@@ -252,10 +252,6 @@ function fitOf({ shots, median, dispersion, prior_median: before, prior_dispersi
 function percent(share) {
   const value = 100 * share;
   return `${value > 0 && value < 10 ? digits(value, 2) : value.toFixed(0)} %`;
-}
-
-function capital(text) {
-  return text.charAt(0).toUpperCase() + text.slice(1);
 }
 
 /** Return what a critical angle depends on, as text. */

@@ -111,8 +111,13 @@ export function unbroken(text) {
   return text.replace(/(\d) (?=%|°|[kmM]?m\b|m\/s|kg|[MG]?Pa\b|k?N\b)/g, "$1\u00a0");
 }
 
+/** Return text with a capital first letter. */
+export function capital(text) {
+  return text.charAt(0).toUpperCase() + text.slice(1);
+}
+
 function sentence(text) {
-  return text.charAt(0).toUpperCase() + text.slice(1) + (/[.!?]$/.test(text) ? "" : ".");
+  return capital(text) + (/[.!?]$/.test(text) ? "" : ".");
 }
 
 function place(depth, thickness = Infinity) {

@@ -3,7 +3,7 @@
 import { caseQuery, readCase, replaceAddress } from "../address.js";
 import { alternativesTable, requestAngles } from "../alternatives.js";
 import { angleRequest, withValue } from "../case.js";
-import { METHODS, drawAngles, drawPositions, summary, trialTable } from "../convergence.js";
+import { ANGLES, METHODS, POSITIONS, drawTrials, summary, trialTable } from "../convergence.js";
 import { copyButtons, linkButton } from "../copy-as.js";
 import { drawCurves, requestCurves } from "../curves.js";
 import { element } from "../elements.js";
@@ -76,9 +76,7 @@ export async function show(root, query) {
   }, fail, { supersede: true, restMs: REST_MS });
 
   const ofCase = [...parts.sides, parts.curves];
-  const cancel = () => {
-    for (const each of [updateSides, updateCurves]) each.cancel();
-  };
+  const cancel = () => [updateSides, updateCurves].forEach((each) => each.cancel());
   const change = (values) => {
     copy.clear();
     markStale(...ofCase);
@@ -150,7 +148,7 @@ async function showSearches(root, values, signal) {
   if (signal.aborted) return;
   part(".summary").replaceChildren(summary(answers));
   part(".thirds").replaceChildren(...Object.keys(answers).map((method) => trialTable(method, answers[method])));
-  await Promise.all([drawAngles(part(".angles"), answers, values), drawPositions(part(".positions"), answers, values)]);
+  await Promise.all([drawTrials(part(".angles"), answers, values, ANGLES), drawTrials(part(".positions"), answers, values, POSITIONS)]);
 }
 
 function build(root, offset, verdict, folds) {

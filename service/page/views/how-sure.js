@@ -1,10 +1,9 @@
 // How sure: the probability of ricochet of a case whose inputs scatter, and what it is sensitive to.
 
 import { caseQuery, readCase, replaceAddress } from "../address.js";
-import { valueAt, withValue } from "../case.js";
 import { nodeAt } from "../contract.js";
 import { announce, element } from "../elements.js";
-import { buildRow, showProblem } from "../field-row.js";
+import { SAMPLING } from "../fields.js";
 import { buildForm } from "../form.js";
 import { lostNote } from "../lost.js";
 import { purge } from "../plots.js";
@@ -19,13 +18,6 @@ import { warningList } from "../words.js";
 
 const REST_MS = 800; // without a change before the study is run again
 
-const OPTION = { kind: "number", factor: 1, optional: true };
-const SAMPLING = [
-  { ...OPTION, path: "sampling.half_width", label: "Half width", unit: "" },
-  { ...OPTION, path: "sampling.max_samples", label: "Samples at most", unit: "" },
-  { ...OPTION, path: "sampling.seed", label: "Seed", unit: "" },
-];
-
 /** Show the view; the study runs by itself, and again when its inputs change. */
 export async function show(root, query) {
   const view = new HowSure(root, query);
@@ -35,8 +27,7 @@ export async function show(root, query) {
 class HowSure {
   #work; // given up when the form changes
   #timer; // until it is run again
-  #isRefused = false; // whether a field of the case is not accepted
-  #wrong = new Set(); // paths of sampling whose text is not accepted
+  #refused = new Set(); // forms with a field that is not accepted
 
   constructor(root, query) {
     this.verdict = new Verdict({
@@ -56,22 +47,29 @@ class HowSure {
     this.form = buildForm(this.parts.others, {
       case: values,
       onChange: (changed, path) => {
-        this.#isRefused = false;
+        this.#refused.delete("case");
         if (path === "impact.oblique_angle_deg") return this.#turn(changed);
         this.scatter.setCase(changed);
         this.verdict.setCase(changed);
         return this.#change();
       },
-      onHold: () => {
-        this.#isRefused = true;
-        this.#change();
-      },
+      onHold: () => this.#hold("case"),
       problem: this.parts.problem,
       panels: [this.verdict],
     });
+    this.samplingForm = buildForm(this.parts.sampling, {
+      case: { sampling: this.sampling },
+      groups: [SAMPLING],
+      open: [],
+      onChange: ({ sampling = {} }) => {
+        this.#refused.delete("sampling");
+        this.sampling = sampling;
+        this.#change();
+      },
+      onHold: () => this.#hold("sampling"),
+      problem: this.parts.problem,
+    });
     this.verdict.setCase(values);
-    this.rows = SAMPLING.map((field) => this.#buildSampling(field));
-    this.parts.sampling.append(...this.rows.map((row) => row.root));
     this.#run();
   }
 
@@ -83,21 +81,9 @@ class HowSure {
     purge(this.parts.tornado);
   }
 
-  #buildSampling(field) {
-    const row = buildRow(field, { sampling: this.sampling }, {
-      accept: (value) => {
-        this.#wrong.delete(field.path);
-        showProblem(row, "");
-        this.sampling = withValue({ sampling: this.sampling }, field.path, value).sampling ?? {};
-        this.#change();
-      },
-      hold: () => {
-        this.#wrong.add(field.path);
-        this.#change();
-      },
-      refuse: (problem) => showProblem(row, problem),
-    });
-    return row;
+  #hold(form) {
+    this.#refused.add(form);
+    this.#change();
   }
 
   /** Show the probability at another oblique angle: the study is of all of them. */
@@ -113,7 +99,7 @@ class HowSure {
     this.study = undefined;
     const { parts } = this;
     parts.problem.textContent = "";
-    const isRight = Boolean(this.scatter.inputs()?.length) && !this.#wrong.size && !this.#isRefused;
+    const isRight = Boolean(this.scatter.inputs()?.length) && !this.#refused.size;
     parts.run.disabled = !isRight;
     if (!isRight) parts.results.hidden = parts.toResults.hidden = true; // nothing belongs to a field that is not accepted
     if (!parts.results.hidden) {
@@ -126,19 +112,16 @@ class HowSure {
 
   #readdress() {
     const inputs = this.scatter.inputs();
-    if (!inputs || this.#isRefused) return;
+    if (!inputs || this.#refused.size) return;
     const query = caseQuery(this.form.currentCase());
     for (const input of inputs) query.append("scatter", writeInput(input));
-    for (const { path } of SAMPLING) {
-      const value = valueAt({ sampling: this.sampling }, path);
-      if (value !== undefined) query.set(path, value);
-    }
+    for (const [name, value] of Object.entries(this.sampling)) query.set(`sampling.${name}`, value);
     replaceAddress("how-sure", query);
   }
 
   async #run() {
     const inputs = this.scatter.inputs();
-    if (!inputs?.length || this.#wrong.size || this.#isRefused) return;
+    if (!inputs?.length || this.#refused.size) return;
     this.#change();
     clearTimeout(this.#timer);
     const work = new AbortController();
@@ -196,26 +179,17 @@ class HowSure {
   }
 
   #fail(error) {
-    if (!error.errors?.length) {
-      this.parts.problem.textContent = error.message;
-      return;
-    }
-    const elsewhere = this.scatter.showProblems(error.errors).filter(({ pointer, detail }) => {
-      const row = this.rows.find(({ field }) => pointer === `/${field.path.replaceAll(".", "/")}`);
-      if (row) showProblem(row, detail);
-      return !row;
-    });
-    if (elsewhere.length) this.form.fail({ errors: elsewhere });
+    if (!error.errors?.length) return this.form.fail(error);
+    const { true: ofSampling, false: others } = Object.groupBy(this.scatter.showProblems(error.errors), ({ pointer }) => pointer.startsWith("/sampling"));
+    if (ofSampling) this.samplingForm.fail({ errors: ofSampling });
+    return others && this.form.fail({ errors: others });
   }
 }
 
 function readSampling(query) {
-  const found = {};
-  for (const { path } of SAMPLING) {
-    const value = Number(query.get(path) ?? "");
-    if (query.get(path) && Number.isFinite(value)) found[path.split(".")[1]] = value;
-  }
-  return found;
+  const given = SAMPLING.fields.map(({ path }) => [path.split(".")[1], query.get(path)]);
+  const isNumber = ([, text]) => text && Number.isFinite(Number(text));
+  return Object.fromEntries(given.filter(isNumber).map(([name, text]) => [name, Number(text)]));
 }
 
 function build(root, verdict, onRun, onStop, onResults) {
@@ -223,7 +197,7 @@ function build(root, verdict, onRun, onStop, onResults) {
   const parts = {
     scatter: element("div"),
     others: element("div"),
-    sampling: element("details", {}, element("summary", {}, "Sampling")),
+    sampling: element("div"),
     run: element("button.main", { type: "submit", form: "scatter" }, "Run"),
     stop: element("button", { type: "button", disabled: true, onclick: onStop }, "Stop"),
     toResults: element("button", { type: "button", hidden: true, onclick: onResults }, "Show the results"),

@@ -61,7 +61,7 @@ class MapView {
       panels: [this.verdict],
     });
     this.verdict.setCase(map.values);
-    if (!map.job && this.#form && isQuick(this.#form)) this.#preview(this.#form);
+    if (!map.job && this.#form && quickSweep(this.#form)?.isWhole) this.#preview(this.#form);
   }
 
   leave() {
@@ -206,11 +206,6 @@ class MapView {
     this.problem.textContent = isGone ? "The job of this map is gone: it has expired. Run it again." : error.message;
     if (error.errors) this.axes.showProblem(error);
   }
-}
-
-/** Return whether a map is answered at once as a whole. */
-function isQuick(map) {
-  return quickSweep(map)?.isWhole ?? false;
 }
 
 function giveUp(error) {

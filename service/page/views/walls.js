@@ -2,18 +2,20 @@
 
 import { caseQuery, readCase, replaceAddress } from "../address.js";
 import { withValue } from "../case.js";
-import { element } from "../elements.js";
+import { element, table } from "../elements.js";
 import { buildForm } from "../form.js";
 import { latest } from "../latest.js";
 import { presetLinks } from "../presets.js";
 import { lostNote } from "../lost.js";
+import { ENDINGS } from "../map-cells.js";
 import { request } from "../service.js";
 import { markFresh, markStale } from "../stale.js";
 import { unitOf } from "../units.js";
 import { showCard } from "../verdict.js";
-import { lengthShown, quantityShown, unbroken, warningList } from "../words.js";
+import { capital, lengthShown, quantityShown, unbroken, warningList } from "../words.js";
 
 const THICKNESS = "target.thickness_m";
+const SPEED = "impact.velocity_m_s";
 const PLUG = "resistance.rear_plug";
 const CRATER = "resistance.crater";
 const NAMES = {
@@ -30,10 +32,6 @@ const NAMES = {
   whiffen: "Whiffen",
 };
 const COLUMNS = ["By", "Perforation limit", "Scabbing limit", "Penetration", "Range of the tests behind it"];
-const STATUSES = {
-  always_perforated: "perforated however thick",
-  never_perforated: "never perforated",
-};
 
 /** Show the view. */
 export async function show(root, query) {
@@ -46,7 +44,7 @@ export async function show(root, query) {
     const thick = await Promise.all(models.map(({ body }) => post("thickness", withValue(body, THICKNESS))));
     const table = await post("formulas", withValue({ projectile, target, impact }, THICKNESS));
     const isWall = target.thickness_m !== undefined;
-    const speeds = await Promise.all(isWall ? models.map(({ body }) => post("limit-speed", slow(body))) : []);
+    const speeds = await Promise.all(isWall ? models.map(({ body }) => post("limit-speed", withValue(body, SPEED))) : []);
     if (signal.aborted || updateResults.isBehind()) return;
     const lines = models.map((model, i) => ({ ...model, thickness: thick[i], speed: speeds[i] }));
     showCard(parts.card, verdictOf(table, target.thickness_m));
@@ -84,11 +82,6 @@ function modelsOf(body) {
     { name: "with a plug at the rear", body: plugged },
     { name: "with a plug and a crater", body: withValue(plugged, CRATER, {}) },
   ];
-}
-
-/** The body of `/limit-speed`: the speed is what is sought. */
-function slow(body) {
-  return withValue(body, "impact.velocity_m_s");
 }
 
 /**
@@ -138,39 +131,24 @@ function modelWords(lines, thickness) {
   return words.map((text) => element("p", {}, unbroken(text)));
 }
 
-function capital(text) {
-  return text.charAt(0).toUpperCase() + text.slice(1);
-}
-
 function tableOf(lines, { formulas, scabbing_margin: scabbing, perforation_margin: perforation }) {
   const isNumber = (column) => column > 0 && column < COLUMNS.length - 1;
-  const cell = (text, column) => element(isNumber(column) ? "td.number" : "td", {}, text);
-  const row = (attributes, cells) => element("tr", attributes, ...cells.map(cell));
-  const models = lines.map(({ name, thickness: found }) => row({}, [capital(name), thicknessShown(found, false), "", "", ""]));
-  const others = formulas.map((each) =>
-    row({ class: each.in_range ? undefined : "quiet" }, [
-      `${NAMES[each.formula] ?? each.formula}${each.verified ? "" : "\u00a0*"}`,
-      bare(each.perforation_thickness_m),
-      bare(each.scabbing_thickness_m),
-      bare(each.penetration_depth_m),
-      rangeShown(each),
-    ]),
-  );
-  const title = (name, column) =>
-    element(isNumber(column) ? "th.number" : "th", { scope: "col" }, isNumber(column) ? `${name} [${unitOf("mm").unit}]` : name);
-  const head = element("tr", {}, ...COLUMNS.map(title));
-  const caption = element("caption", {}, "By formula and by model, without margins");
-  const table = element("table.thicknesses", {}, caption, element("thead", {}, head), element("tbody", {}, ...others, ...models));
+  const models = lines.map(({ name, thickness: found }) => [capital(name), thicknessShown(found, false), "", "", ""]);
+  const others = formulas.map((each) => [
+    `${NAMES[each.formula] ?? each.formula}${each.verified ? "" : "\u00a0*"}`,
+    bare(each.perforation_thickness_m),
+    bare(each.scabbing_thickness_m),
+    bare(each.penetration_depth_m),
+    rangeShown(each),
+  ]);
+  const heads = COLUMNS.map((name, column) => (isNumber(column) ? `${name} [${unitOf("mm").unit}]` : name));
+  const classes = formulas.map((each) => (each.in_range ? undefined : "quiet"));
+  const rest = { caption: "By formula and by model, without margins", label: "Table of thicknesses", isNumber, classes };
   const note =
     "Limits are the least thickness that is not perforated and the least whose rear face sheds no concrete (scabbing); " +
     "penetration is the depth in thick concrete. Formulas have no angle: as is common practice, they take the normal component of the speed. DOE-STD-3014 requires " +
     `${scabbing} times the scabbing and ${perforation} times the perforation limit in a design. * Constants from secondary sources.`;
-  return element(
-    "div",
-    {},
-    element("div.wide", { tabindex: 0, role: "group", "aria-label": "Table of thicknesses" }, table),
-    element("p.quiet", {}, note),
-  );
+  return element("div", {}, table("table.thicknesses", { heads, rows: [...others, ...models], ...rest }), element("p.quiet", {}, note));
 }
 
 function rangeShown({ in_range: isWithin, range_known: isKnown, out_of_range: outside, note }) {
@@ -180,12 +158,12 @@ function rangeShown({ in_range: isWithin, range_known: isKnown, out_of_range: ou
 }
 
 function thicknessShown({ status, least_thickness_m: found }, hasUnit = true) {
-  if (found === undefined) return STATUSES[status];
+  if (found === undefined) return ENDINGS.thickness[status].label;
   return hasUnit ? `${bare(found)} ${unitOf("mm").unit}` : bare(found);
 }
 
 function speedShown({ status, limit_speed_m_s: found }) {
-  return found === undefined ? STATUSES[status] : quantityShown(found, "m/s");
+  return found === undefined ? ENDINGS.thickness[status].label : quantityShown(found, "m/s");
 }
 
 function bare(value) {
@@ -202,12 +180,12 @@ function build(root) {
     warnings: element("div", {}),
     table: element("div", {}),
   };
-  parts.results = element(
+  const results = element(
     "div.pictures",
     {},
     element("section.panel.verdict", { "aria-label": "Verdict" }, parts.problem, lostNote(), parts.card, parts.model, parts.warnings),
     element("section.panel", { "aria-label": "Thicknesses" }, parts.table),
   );
-  root.append(element("h1", {}, "Walls"), element("div.sides", {}, element("div.panel", {}, presetLinks("walls"), parts.form), parts.results));
+  root.append(element("h1", {}, "Walls"), element("div.sides", {}, element("div.panel", {}, presetLinks("walls"), parts.form), results));
   return parts;
 }
