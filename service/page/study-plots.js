@@ -7,7 +7,7 @@ import { headline, probabilityAt } from "./study.js";
 import { degreesShown, digits } from "./words.js";
 
 const MARGIN_DEG = 4; // shown besides where the probability changes
-const [ROW_PX, AXIS_PX] = [38, 70];
+const [ROW_PX, AXIS_PX, NARROW] = [38, 70, 640];
 
 /** Draw the probability of ricochet over the oblique angle with its band. */
 export function drawCurve(root, study, values) {
@@ -31,7 +31,8 @@ export function drawCurve(root, study, values) {
   const here = probabilityAt(study, mine);
   const words = `${mine}°: ${here.value.toFixed(3)}, sampling error ± ${here.error.toFixed(3)}`;
   traces.push({
-    ...{ x: [mine], y: [here.value], name: "your angle", mode: "markers+text", text: [`<b>${words}</b>`], hoverinfo: "skip", cliponaxis: false },
+    ...{ x: [mine], y: [here.value], name: "your angle", mode: "markers+text", hoverinfo: "skip", cliponaxis: false },
+    text: [`<b>${root.clientWidth < NARROW ? words.replace(", ", ",<br>") : words}</b>`],
     textposition: here.value > 0.5 ? "bottom right" : "top left",
     marker: { size: 11, color: colour("path") },
   });
