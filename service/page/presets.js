@@ -29,18 +29,20 @@ export function presetLinks(view) {
   );
   const kept = element("span.kept");
   const name = element("input", { type: "text", required: true, "aria-label": "Name of the case", placeholder: "Name" });
+  const write = (cases, words) => {
+    localStorage.setItem(STORED, JSON.stringify(cases));
+    announce(words);
+    list();
+  };
   const keep = (event) => {
     event.preventDefault();
-    write({ ...read(), [name.value.trim()]: caseOf(readAddress(location.hash).query).toString() });
-    announce(`Saved as ${name.value.trim()} in this browser.`);
+    const text = name.value.trim();
+    write({ ...read(), [text]: caseOf(readAddress(location.hash).query).toString() }, `Saved as ${text} in this browser.`);
     name.value = "";
-    list();
   };
   const forget = (each) => {
     const { [each]: _, ...others } = read();
-    write(others);
-    announce(`${each} is forgotten.`);
-    list();
+    write(others, `${each} is forgotten.`);
   };
   const list = () => {
     const lines = Object.entries(read()).map(([each, query]) =>
@@ -61,8 +63,4 @@ export function presetLinks(view) {
 
 function read() {
   return JSON.parse(localStorage.getItem(STORED) ?? "{}");
-}
-
-function write(cases) {
-  localStorage.setItem(STORED, JSON.stringify(cases));
 }

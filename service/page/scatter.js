@@ -78,14 +78,9 @@ export function usualInputs(values) {
   return Object.keys(usual ?? usualScatter()).map(usualInput).filter(isOne);
 }
 
-/** Take what usually scatters from a verdict: the scatter of the strength factor is that of the case. */
+/** Take what usually scatters from a verdict, but for the values of the case: the scatter of the strength factor is its own. */
 export function takeUsual(inputs) {
-  usual = Object.fromEntries(
-    inputs.map(({ field, distribution }) => {
-      const centre = DISTRIBUTIONS[distribution.type]?.parameters.find((each) => each.centre)?.name;
-      return [field, Object.fromEntries(Object.entries(distribution).filter(([name]) => name !== centre))];
-    }),
-  );
+  usual = Object.fromEntries(inputs.map(({ field, distribution: { mean, median, mode, ...spread } }) => [field, spread]));
 }
 
 function inputOf({ type, values, weights, ...given }) {

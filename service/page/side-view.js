@@ -220,11 +220,14 @@ function legend(runs, range, { width }) {
   const stops = VIRIDIS.map(([offset, stop]) => svg("stop", { offset, "stop-color": stop }));
   const x = width - MARGIN.right - 150;
   const names = runs.length > 1 ? runs.map(({ name }) => name) : [];
-  return [
+  const scale = [
     svg("linearGradient", { id: "speeds" }, ...stops),
     svg("rect", { x, y: 8, width: 100, height: 8, fill: "url(#speeds)" }),
     svg("text", { x: x - 5, y: 16, "text-anchor": "end" }, "Speed 0"),
     svg("text", { x: x + 105, y: 16 }, `${digits(range[1] / factor)} ${unit}`),
+  ];
+  return [
+    ...(names.length && width < NARROW ? [] : scale), // there is no room for both
     ...names.flatMap((name, i) => [
       svg("line", { x1: MARGIN.left + i * 92, x2: MARGIN.left + 16 + i * 92, y1: 12, y2: 12, stroke: colour(i ? `run-${i}` : "accent"), "stroke-width": 3 }),
       svg("text", { class: "legend", x: MARGIN.left + 20 + i * 92, y: 16 }, name),

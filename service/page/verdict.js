@@ -72,9 +72,8 @@ export class Verdict {
 
   /**
    * @param {{onError: (error: Error) => void, onAngle?: (found: object, values: object) => void, onJudged?: () => void, hasRun?: boolean}} options
-   *   `onAngle` is called with the answer of `/cra` for the inputs shown, whenever these change, `onJudged` once the service has
-   *   said what usually scatters; with `hasRun` the view computes
-   *   the run and gives it to `setRun`
+   *   `onAngle` is called with the answer of `/cra` for the inputs shown, whenever these change, `onJudged` once it is known what
+   *   usually scatters; with `hasRun` the view computes the run and gives it to `setRun`
    */
   constructor({ onError, onAngle = () => {}, onJudged = () => {}, hasRun = false }) {
     Object.assign(this, { onAngle, onJudged, hasRun });
@@ -235,7 +234,7 @@ function fitOf({ shots, median, dispersion, prior_median: before, prior_dispersi
   const reach = (middle, spread) => [-1.645, 1.645].map((level) => middle * Math.exp(level * spread));
   const rows = [
     ["Published tests", before, reach(before, wide), "band"],
-    [`With ${shots} of your own`, median, reach(median, dispersion), "theories"],
+    [`With ${shots} depth tests`, median, reach(median, dispersion), "theories"],
   ];
   const ends = rows.flatMap(([, , range]) => range);
   const [least, most, left, right] = [Math.min(...ends), Math.max(...ends), 130, Math.max(width, 280) - 14];

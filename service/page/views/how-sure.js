@@ -32,7 +32,11 @@ class HowSure {
   constructor(root, query) {
     this.verdict = new Verdict({
       onError: (error) => this.form.fail(error),
-      onJudged: () => this.isUsual && this.scatter.setInputs(usualInputs(this.form.currentCase())) && this.#change(),
+      onJudged: () => {
+        this.isJudged = true;
+        if (this.isUsual && this.scatter.setInputs(usualInputs(this.form.currentCase()))) this.#change();
+        else this.#readdress();
+      },
     });
     this.parts = build(root, this.verdict.root, () => this.#run(), () => this.#stop("Stopped."), () => this.#showResults());
     const inputs = readInputs(query);
@@ -114,7 +118,8 @@ class HowSure {
     const inputs = this.scatter.inputs();
     if (!inputs || this.#refused.size) return;
     const query = caseQuery(this.form.currentCase());
-    for (const input of inputs) query.append("scatter", writeInput(input));
+    const isKnown = !this.isUsual || this.isJudged; // else what scatters is that of another case, perhaps
+    for (const input of isKnown ? inputs : []) query.append("scatter", writeInput(input));
     for (const [name, value] of Object.entries(this.sampling)) query.set(`sampling.${name}`, value);
     replaceAddress("how-sure", query);
   }
