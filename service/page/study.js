@@ -22,7 +22,8 @@ export async function* computeStudy({ values, inputs, sampling }, signal) {
   for (const samples of few < most ? [few, most] : [most]) {
     const body = { ...angleRequest(values), uncertain, sampling: { ...sampling, max_samples: samples } };
     const { id } = await submit("cra/uncertainty", body, signal);
-    const cancel = () => request(`jobs/${id}/cancel`, { method: "POST" }).catch(() => {});
+    const remove = () => request(`jobs/${id}`, { method: "DELETE" });
+    const cancel = () => request(`jobs/${id}/cancel`, { method: "POST" }).then(remove).catch(() => {});
     signal.addEventListener("abort", cancel, { once: true });
     for await (const { progress, partial } of statesOf(id, signal)) {
       if (progress) yield { samples: progress.samples, ...partial };
