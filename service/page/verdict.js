@@ -155,8 +155,6 @@ export class Verdict {
     this.#judged = { ...data, oblique_angle_deg: values.impact.oblique_angle_deg };
     takeUsual(data.usual_scatter);
     this.onJudged();
-    this.spread.replaceChildren(describeRange(data, this.found));
-    this.fit.replaceChildren(...(data.own_tests ? fitOf(data.own_tests, this.strip.clientWidth) : []));
     markFresh(this.spread);
     this.#show();
   }
@@ -165,6 +163,8 @@ export class Verdict {
     const [values, run] = [this.#values, this.#run];
     if (!run || !this.isOf(values)) return;
     showCard(this.card, verdictOf({ values, run, found: this.found, judged: this.#judged }), run.outcome);
+    this.fit.replaceChildren(...(this.#judged?.own_tests ? fitOf(this.#judged.own_tests, this.strip.clientWidth) : []));
+    this.spread.replaceChildren([describeAngle(this.found), this.#judged ? describeRange(this.#judged) : ""].join(" "));
     this.warnings.replaceChildren(...warningList(run.warnings, this.found.warnings));
     const theories = (this.#judged?.theories ?? []).map((each) => each.critical_angle_deg).filter((angle) => angle !== undefined);
     const { lower_deg: lower, upper_deg: upper } = this.#judged?.range ?? {};
@@ -183,14 +183,13 @@ function endOf({ outcome, final, exit, maximum_depth_m: depth }) {
 }
 
 /** Return what the range stands for in words. */
-function describeRange({ usual_scatter: scatter, strength_factor_dispersion: dispersion, theories, share_without_angle: without }, found) {
+function describeRange({ usual_scatter: scatter, strength_factor_dispersion: dispersion, theories, share_without_angle: without }) {
   const names = scatter.map(({ field }) => inputField(field).label.toLowerCase()).join(", ");
   const decays = fieldAt("resistance.free_surface.model").choices;
   const by = theories.map(({ free_surface: name, weight, critical_angle_deg: angle }) => {
     return `${decays[name].toLowerCase()} (weight ${weight}) ${angle === undefined ? "none" : degreesShown(angle)}`;
   });
   return [
-    describeAngle(found),
     `90 % range: usual scatter of ${names}; S scatters by ${percent(dispersion)}.`,
     by.length ? `Theories: ${by.join(", ")}.` : "",
     without ? `${percent(without)} of the samples have no critical angle.` : "",
