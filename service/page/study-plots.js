@@ -32,7 +32,7 @@ export function drawCurve(root, study, values) {
   const words = `${mine}°: ${here.value.toFixed(3)}, sampling error ± ${here.error.toFixed(3)}`;
   traces.push({
     ...{ x: [mine], y: [here.value], name: "your angle", mode: "markers+text", hoverinfo: "skip", cliponaxis: false },
-    text: [`<b>${root.clientWidth < NARROW ? words.replace(", ", ",<br>") : words}</b>`],
+    text: [`<b>${root.clientWidth < NARROW ? words.replace(", sampling error", "<br>") : words}</b>`],
     textposition: here.value > 0.5 ? "bottom right" : "top left",
     marker: { size: 11, color: colour("path") },
   });
