@@ -96,7 +96,7 @@ export const GROUPS = [
       number("resistance.strength_factor.diameter_exponent", "Diameter exponent", "", OPTIONAL),
       number("resistance.strength_factor.reference_diameter_m", "Reference diameter", "mm", OPTIONAL),
       fieldOf("choice", "resistance.strength_factor.obliquity_shape", "Over the angle", "", {
-        choices: { constant: "Constant", equation_9: "As the polynomial" },
+        choices: { constant: "Constant", equation_9: "Polynomial in θ" },
       }),
       fieldOf("choice", "resistance.free_surface.model", "Free surface", "", {
         choices: { elastic_plastic: "Elastic-plastic", mohr_coulomb: "Mohr-Coulomb", none: "None" },

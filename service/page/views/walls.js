@@ -10,7 +10,7 @@ import { lostNote } from "../lost.js";
 import { ENDINGS } from "../map-cells.js";
 import { request } from "../service.js";
 import { markFresh, markStale } from "../stale.js";
-import { unitOf } from "../units.js";
+import { inShownUnits, unitOf } from "../units.js";
 import { showCard } from "../verdict.js";
 import { capital, lengthShown, quantityShown, unbroken, warningList } from "../words.js";
 
@@ -154,7 +154,7 @@ function tableOf(lines, { formulas, scabbing_margin: scabbing, perforation_margi
 function rangeShown({ in_range: isWithin, range_known: isKnown, out_of_range: outside, note }) {
   const reasons = outside.map(({ detail }) => detail).join("; ");
   const range = isWithin ? "within" : isKnown ? `outside: ${reasons}` : `not known${reasons && `; ${reasons}`}`;
-  return note ? `${range}; ${note}` : range;
+  return inShownUnits(note ? `${range}; ${note}` : range);
 }
 
 function thicknessShown({ status, least_thickness_m: found }, hasUnit = true) {
