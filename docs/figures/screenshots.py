@@ -1,6 +1,6 @@
 """Take pictures of the page: every view, wide and narrow, light and dark, of a service that it starts.
 
-They go to build/screenshots; those that the README shows, to docs/figures.
+They go to build/screenshots; the one that the README shows, to docs/figures.
 """
 
 from pathlib import Path
@@ -13,7 +13,7 @@ from tests.browser.chromium import executable, running_chromium
 
 ROOT = Path(__file__).parents[2]
 FOLDER = ROOT / "build" / "screenshots"
-SHOWN = {"explore-1440-light": ("explore.png", 1440), "map-1440-light": ("map.png", 900)}
+SHOWN = {"explore-1440-light": ("explore.png", 1440)}
 """Pictures of the README, each so high that what it is about is on it. [px]"""
 SIZES = {1440: 900, 390: 844}
 THEMES: tuple[Literal["light", "dark"], ...] = ("light", "dark")
@@ -40,7 +40,6 @@ def fill(page: Page, view: str) -> None:
         page.get_by_role("button", name="Run").click()
         expect(page.locator("#map-progress")).to_contain_text("cases are computed")
     if view == "how-sure":
-        page.get_by_role("button", name="Run").click()
         expect(page.locator("#study-progress")).to_have_text("Done.")
     last = "table" if view in ("jobs", "walls") else ".drawing .main-svg"
     expect(page.locator(last).first).to_be_visible()

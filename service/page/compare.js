@@ -2,24 +2,25 @@
 
 import { address, caseQuery, readCase } from "./address.js";
 import { angleRequest, valueAt } from "./case.js";
-import { announce, element } from "./elements.js";
+import { announce, element, table } from "./elements.js";
 import { GROUPS, isThere, labelWithUnit, shownValue } from "./fields.js";
 import { computeRun } from "./run.js";
 import { isAbort, isLost, request } from "./service.js";
 import { markFresh, markStale } from "./stale.js";
+import { unitOf } from "./units.js";
 import { outcomeShown, statusShown } from "./words.js";
 
 /** With the strike of the fields four are compared. */
 export const MOST_PINS = 3;
 const OWN = "This strike";
 const ABOUT =
-  "Change a field, or take another preset: this strike then differs from those that are pinned. In brackets is how far it is from each.";
+  "Change a field, or take another preset: this strike then differs from those that are pinned. In brackets is how far each differs from this strike.";
 const LETTERS = ["A", "B", "C"];
 /** What became of a strike, as the table has it: a number with its decimals, or a word. */
 const RESULTS = [
   ["Outcome", ({ run }) => outcomeShown(run.outcome)],
   ["Critical angle [°]", ({ found }) => found.critical_angle_deg ?? statusShown(found.status), 2],
-  ["Greatest depth [mm]", ({ run }) => (run.outcome === "perforated" ? "through" : 1e3 * run.maximum_depth_m), 1],
+  ["Greatest depth [mm]", ({ run }) => (run.outcome === "perforated" ? "through" : run.maximum_depth_m), 1],
   ["End of motion [ms]", ({ run }) => 1e3 * run.final.time_s, 2],
   ["Axis angle at the end [°]", ({ run }) => run.final.axis_angle_deg, 1],
   ["Speed at the exit [m/s]", ({ run }) => run.exit?.speed_m_s ?? "none", 1],
@@ -112,12 +113,8 @@ export class Compare {
 
   #tableOf(strikes) {
     const numbers = RESULTS.map(([name, make, decimals]) => resultRow(name, strikes.map(make), decimals));
-    const heads = [element("th", { scope: "col" }, ""), element("th", { scope: "col" }, OWN), ...this.pinned.map((pin, i) => this.#head(pin, i))];
-    return element(
-      "div.wide",
-      { tabindex: 0, role: "group", "aria-label": "Table of differences" },
-      element("table", {}, element("thead", {}, element("tr", {}, ...heads)), element("tbody", {}, ...fieldRows(strikes), ...numbers)),
-    );
+    const heads = ["", OWN, ...this.pinned.map((pin, i) => this.#head(pin, i))];
+    return table("table", { heads, rows: [...fieldRows(strikes), ...numbers], label: "Table of differences", isNamed: true });
   }
 
   #head(pin, index) {
@@ -125,7 +122,7 @@ export class Compare {
     const others = this.cases.filter((each) => each !== pin.values);
     const open = address("explore", writePins(caseQuery(pin.values), [...others, this.currentCase()]));
     const remove = element("button", { type: "button", "aria-label": `Remove ${name}`, onclick: () => this.#unpin(pin) }, "Remove");
-    return element("th", { scope: "col" }, `${name} `, element("a", { href: open, "aria-label": `Open ${name}` }, "Open"), " ", remove);
+    return element("span", {}, `${name} `, element("a", { href: open, "aria-label": `Open ${name}` }, "Open"), " ", remove);
   }
 }
 
@@ -133,7 +130,7 @@ function fieldRows(strikes) {
   return GROUPS.flatMap(({ fields }) => fields).flatMap((field) => {
     const texts = strikes.map(({ values }) => fieldShown(field, values));
     if (texts.every((text) => text === texts[0])) return [];
-    return [rowOf(labelWithUnit(field), texts)];
+    return [[labelWithUnit(field), ...texts]];
   });
 }
 
@@ -145,16 +142,16 @@ function fieldShown(field, values) {
   return Array.isArray(value) ? JSON.stringify(valueAt(values, field.path)) : String(value);
 }
 
-function resultRow(name, [own, ...others], decimals) {
+function resultRow(title, values, decimals) {
+  const [, quantity, si] = title.match(/^(.*) \[(mm|m\/s)\]$/) ?? [];
+  const { unit, factor } = si ? unitOf(si) : { factor: 1 };
+  const name = si ? `${quantity} [${unit}]` : title;
+  const [own, ...others] = values.map((value) => (typeof value === "number" ? value / factor : value));
   const text = (value) => (typeof value === "number" ? value.toFixed(decimals) : value);
   const further = (value) => {
     if (typeof value !== "number" || typeof own !== "number") return text(value);
-    const difference = own - value;
+    const difference = value - own;
     return `${text(value)} (${difference < 0 ? "−" : "+"}${text(Math.abs(difference))})`;
   };
-  return rowOf(name, [text(own), ...others.map(further)]);
-}
-
-function rowOf(name, texts) {
-  return element("tr", {}, element("th", { scope: "row" }, name), ...texts.map((text) => element("td", {}, text)));
+  return [name, text(own), ...others.map(further)];
 }

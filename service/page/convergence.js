@@ -1,58 +1,42 @@
 // How searches converge: the angles tried and the final positions, as in the paper's Figures 13 and 14.
 
-import { element } from "./elements.js";
-import { colour, csvOf, draw } from "./plots.js";
+import { table } from "./elements.js";
+import { axis, colour, csvOf, draw, heading } from "./plots.js";
+import { unitOf } from "./units.js";
 import { degreesShown, digits, outcomeShown, statusShown } from "./words.js";
 
 /** Names of the searches, in the order they are shown. */
 export const METHODS = { outcome: "Change of outcome", bisection: "Bisection (paper)", secant: "Secant (paper)" };
 
 const NARROW = 640; // px
-const POSITIONS = {
-  column: "final_position_m",
-  factor: 1e3,
-  title: "Final depth of the nose tip [mm]",
-  short: "Tip depth [mm]", // where there is no room
-};
-const ANGLES = { column: "oblique_angle_deg", factor: 1, title: "Oblique angle [°]", short: "Angle [°]" };
-
-/** Draw the angles tried, a panel for each search that was answered. */
-export function drawAngles(root, answers, values) {
-  return drawTrials(root, answers, values, ANGLES, "trial-angles");
-}
-
-/** Draw the final positions of the trials, a panel for each search; what is outside is above. */
-export function drawPositions(root, answers, values) {
-  return drawTrials(root, answers, values, POSITIONS, "final-positions");
-}
+/** What is drawn of trials; `short` names it where there is no room. The depth is drawn downwards: what is outside is above. */
+export const POSITIONS = { column: "final_position_m", si: "mm", title: "Final depth of the nose tip", short: "Tip depth", part: "final-positions" };
+export const ANGLES = { column: "oblique_angle_deg", si: "°", title: "Oblique angle", short: "Angle", part: "trial-angles" };
 
 /** Return a table of what the searches found. */
 export function summary(answers) {
-  const rows = Object.entries(answers).map(([method, found]) =>
-    row("td", [
-      METHODS[method],
-      found.critical_angle_deg === undefined ? statusShown(found.status) : degreesShown(found.critical_angle_deg),
-      (found.bracket_deg ?? []).map(degreesShown).join(" to "),
-      String(found.iterations.length),
-    ]),
-  );
-  return table("Results", ["Search", "Critical angle", "Last between", "Trials"], rows);
+  const rows = Object.entries(answers).map(([method, found]) => [
+    METHODS[method],
+    found.critical_angle_deg === undefined ? statusShown(found.status) : degreesShown(found.critical_angle_deg),
+    (found.bracket_deg ?? []).map(degreesShown).join(" to "),
+    String(found.iterations.length),
+  ]);
+  return table("table", { caption: "Results", heads: ["Search", "Critical angle", "Last between", "Trials"], rows });
 }
 
 /** Return a table of the trials of a search. */
 export function trialTable(method, { iterations }) {
-  const rows = iterations.map((trial, i) =>
-    row("td", [
-      String(i + 1),
-      trial.oblique_angle_deg.toFixed(3),
-      digits(trial.final_position_m * 1e3),
-      outcomeShown(trial.outcome) + (trial.fine ? "" : ", roughly"),
-    ]),
-  );
-  return table(METHODS[method], ["Trial", "Angle [°]", "Final depth [mm]", "Outcome"], rows);
+  const rows = iterations.map((trial, i) => [
+    String(i + 1),
+    trial.oblique_angle_deg.toFixed(3),
+    digits(trial.final_position_m / unitOf("mm").factor),
+    outcomeShown(trial.outcome) + (trial.fine ? "" : ", roughly"),
+  ]);
+  return table("table", { caption: METHODS[method], heads: ["Trial", "Angle [°]", `Final depth [${unitOf("mm").unit}]`, "Outcome"], rows });
 }
 
-function drawTrials(root, answers, values, what, part) {
+/** Draw the trials, a panel for each search that was answered. */
+export function drawTrials(root, answers, values, what) {
   const methods = Object.keys(METHODS).filter((method) => method in answers);
   const isNarrow = root.clientWidth < NARROW;
   root.classList.toggle("tall", isNarrow);
@@ -61,18 +45,18 @@ function drawTrials(root, answers, values, what, part) {
     title: `${what.title}, trial by trial`,
     values,
     key: methods.map((method) => answers[method].key).join(", "),
-    part,
-    again: () => drawTrials(root, answers, values, what, part),
-    csv: () => csvOf(tableOf(answers, methods)),
+    part: what.part,
+    again: () => drawTrials(root, answers, values, what),
+    csv: () => csvOf(trialsOf(answers, methods)),
     label: `${what.title} by trial: ${methods.map((each) => METHODS[each]).join(", ")}; the tables have the numbers.`,
   });
 }
 
-function trace(method, { iterations }, { column, factor }, panel) {
+function trace(method, { iterations }, { column, si }, panel) {
   const isAway = ({ outcome, final_position_m: depth }) => (method === "outcome" ? outcome === "ricochet" : depth < 0);
   return {
     x: iterations.map((_, i) => i + 1),
-    y: iterations.map((trial) => trial[column] * factor),
+    y: iterations.map((trial) => trial[column] / unitOf(si).factor),
     text: iterations.map(({ outcome, fine }) => outcomeShown(outcome) + (fine ? "" : ", computed roughly")),
     mode: "lines+markers",
     line: { color: colour("edge"), width: 1 },
@@ -87,7 +71,7 @@ function trace(method, { iterations }, { column, factor }, panel) {
   };
 }
 
-function layoutOf(answers, methods, { title, short, column }, isNarrow) {
+function layoutOf(answers, methods, { title, short, si, column }, isNarrow) {
   const layout = { showlegend: false, annotations: [], shapes: [], dragmode: false };
   methods.forEach((method, panel) => {
     const [across, down] = isNarrow ? [0, panel] : [panel, 0];
@@ -104,18 +88,13 @@ function layoutOf(answers, methods, { title, short, column }, isNarrow) {
     layout[axis("yaxis", panel)] = {
       domain: y,
       anchor: axis("x", panel),
-      title: { text: isNarrow ? short : panel === 0 ? title : "" },
+      title: { text: isNarrow || panel === 0 ? `${isNarrow ? short : title} [${unitOf(si).unit}]` : "" },
       ...(column === POSITIONS.column ? { autorange: "reversed" } : { zeroline: false }),
     };
-    layout.annotations.push(heading(METHODS[method], x[0], y[1]));
+    layout.annotations.push(heading(`<b>${METHODS[method]}</b>`, x[0], y[1]));
     layout.shapes.push(levelLine(answers[method], column, panel));
   });
   return layout;
-}
-
-function heading(text, x, y) {
-  const place = { x, y, xref: "paper", yref: "paper", xanchor: "left", yanchor: "bottom" };
-  return { text: `<b>${text}</b>`, ...place, showarrow: false };
 }
 
 /** The critical angle, or the face. */
@@ -126,34 +105,8 @@ function levelLine({ critical_angle_deg: angle }, column, panel) {
   return { type: "line", ...place, line, visible: level !== undefined };
 }
 
-function tableOf(answers, methods) {
-  const trials = methods.flatMap((method) =>
-    answers[method].iterations.map((trial, i) => ({ method, number: i + 1, ...trial })),
+function trialsOf(answers, methods) {
+  return methods.flatMap((method) =>
+    answers[method].iterations.map(({ exit, ...trial }, i) => ({ search: method, trial: i + 1, ...trial })),
   );
-  const column = (name) => trials.map((trial) => trial[name]);
-  return {
-    search: column("method"),
-    trial: column("number"),
-    oblique_angle_deg: column("oblique_angle_deg"),
-    final_position_m: column("final_position_m"),
-    outcome: column("outcome"),
-    fine: column("fine"),
-  };
-}
-
-function table(caption, names, rows) {
-  const head = row("th", names, { scope: "col" });
-  return element(
-    "div.wide",
-    {},
-    element("table", {}, element("caption", {}, caption), element("thead", {}, head), element("tbody", {}, ...rows)),
-  );
-}
-
-function row(cell, texts, attributes = {}) {
-  return element("tr", {}, ...texts.map((text) => element(cell, attributes, text)));
-}
-
-function axis(name, panel) {
-  return panel ? `${name}${panel + 1}` : name;
 }

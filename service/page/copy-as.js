@@ -4,14 +4,14 @@ import { angleRequest, trajectoryRequest } from "./case.js";
 import { announce, element } from "./elements.js";
 import { locate } from "./service.js";
 
-/** Return the curl command that posts a case to a path, `/cra` or `/trajectory`. */
-export function curl(values, path) {
-  const body = JSON.stringify(bodyOf(values, path), null, 2).replaceAll("'", "'\\''");
+/** Return the curl command that posts a request to a path. */
+function curl(request, path) {
+  const body = JSON.stringify(request, null, 2).replaceAll("'", "'\\''");
   return `curl -s ${locate(path)} -H 'Content-Type: application/json' -d '${body}'\n`;
 }
 
 /** Return a Python program that requests the trajectory and the critical angle of a case. */
-export function python(values) {
+function python(values) {
   return `import httpx
 
 service = ${JSON.stringify(locate(""))}
@@ -35,29 +35,29 @@ export function copyButtons(read) {
   const button = (text, make) =>
     element("button", { type: "button", onclick: () => copy(make(read()), text, shown) }, `Copy ${text}`);
   const buttons = [
-    button("as curl", (values) => curl(values, "/trajectory")),
-    button("search as curl", (values) => curl(values, "/cra")),
+    button("as curl", (values) => curl(trajectoryRequest(values), "/trajectory")),
+    button("search as curl", (values) => curl(angleRequest(values), "/cra")),
     button("as Python", python),
   ];
-  const clear = () => {
-    shown.hidden = true;
-  };
-  return { root: element("div", {}, element("div.actions", {}, ...buttons), shown), clear };
+  return { root: element("div", {}, element("div.actions", {}, ...buttons), shown), clear: () => shown.toggleAttribute("hidden", true) };
+}
+
+/** Return a button that copies the address of what is shown. */
+export function linkButton() {
+  const shown = element("input", { type: "text", readonly: true, hidden: true, "aria-label": "Link to this case" });
+  const button = element("button", { type: "button", onclick: () => copy(location.href, "the link", shown) }, "Copy link");
+  return element("span", {}, button, shown);
 }
 
 async function copy(text, what, shown) {
-  shown.textContent = text;
+  shown[shown.matches("input") ? "value" : "textContent"] = text;
   shown.hidden = false;
   try {
     await navigator.clipboard.writeText(text); // only from https or this machine
     announce(`Copied ${what}.`);
   } catch {
-    announce("The browser does not let the page copy; the text is shown below the buttons.");
+    announce("The browser does not let the page copy; the text is shown beside the buttons.");
   }
-}
-
-function bodyOf(values, path) {
-  return path === "/cra" ? angleRequest(values) : trajectoryRequest(values);
 }
 
 /** JSON, but for the names of three constants. */

@@ -2,7 +2,7 @@
 
 import { angleRequest, valueAt } from "./case.js";
 import { boundsOf, fieldAt, labelWithUnit, shownNumber } from "./fields.js";
-import { colour, csvOf, draw } from "./plots.js";
+import { axis, colour, csvOf, draw } from "./plots.js";
 import { request } from "./service.js";
 
 const FIELDS = ["impact.velocity_m_s", "target.compressive_strength_pa"];
@@ -41,7 +41,7 @@ export function drawCurves(root, curves, values, { critical_angle_deg: angle, ke
     key,
     part: "curves",
     again: () => drawCurves(root, curves, values, { critical_angle_deg: angle, key }),
-    csv: () => csvOf(tableOf(curves)),
+    csv: () => csvOf(curves.flatMap(rowsOf)),
     label: `Critical angle over speed and over strength. ${curves.map(inWords).join(" ")}`,
   });
 }
@@ -81,14 +81,8 @@ function layoutOf(curves, isNarrow) {
   return layout;
 }
 
-function tableOf(curves) {
-  const column = (make) => curves.flatMap((curve) => curve.values.map((_, i) => make(curve, i)));
-  return {
-    field: column(({ field }) => field.path),
-    value: column(({ values }, i) => values[i]),
-    status: column(({ status }, i) => status[i]),
-    critical_angle_deg: column(({ angles }, i) => angles[i]),
-  };
+function rowsOf({ field, values, status, angles }) {
+  return values.map((value, i) => ({ field: field.path, value, status: status[i], critical_angle_deg: angles[i] }));
 }
 
 function inWords({ field, values, angles }) {
@@ -96,8 +90,4 @@ function inWords({ field, values, angles }) {
   if (!found.length) return `None over ${field.label.toLowerCase()}.`;
   const at = (i) => `${angles[i].toFixed(2)}° at ${shownNumber(field, values[i])} ${field.unit}`;
   return `Over ${field.label.toLowerCase()} from ${at(found[0])} to ${at(found.at(-1))}.`;
-}
-
-function axis(name, panel) {
-  return panel ? `${name}${panel + 1}` : name;
 }

@@ -20,6 +20,36 @@ export function element(name, attributes = {}, ...children) {
   return made;
 }
 
+/** Return a new SVG element; attributes that are undefined are left out. */
+export function svg(name, attributes = {}, ...children) {
+  const made = document.createElementNS("http://www.w3.org/2000/svg", name);
+  for (const [key, value] of Object.entries(attributes)) if (value !== undefined) made.setAttribute(key, value);
+  made.append(...children);
+  return made;
+}
+
+/**
+ * Return a table that scrolls by itself.
+ *
+ * @param {string} name `table` with its classes
+ * @param {{heads: (string|Node)[], rows: (string|Node)[][], caption?: string, label?: string, isNamed?: boolean,
+ *   isNumber?: (column: number) => boolean, classes?: string[]}} content `isNamed` if the first cell of a row names it, `label` if
+ *   it can be scrolled by keys, `classes` by row
+ */
+export function table(name, { heads, rows, caption, label, isNamed = false, isNumber = () => false, classes = [] }) {
+  const cell = (tag, i, attributes, content) => element(isNumber(i) ? `${tag}.number` : tag, attributes, content);
+  const head = heads.map((content, i) => cell("th", i, { scope: "col" }, content));
+  const cells = (row) => row.map((content, i) => (isNamed && !i ? cell("th", i, { scope: "row" }, content) : cell("td", i, {}, content)));
+  const made = element(
+    name,
+    {},
+    ...(caption ? [element("caption", {}, caption)] : []),
+    element("thead", {}, element("tr", {}, ...head)),
+    element("tbody", {}, ...rows.map((row, i) => element("tr", { class: classes[i] }, ...cells(row)))),
+  );
+  return element("div.wide", label ? { tabindex: 0, role: "group", "aria-label": label } : {}, made);
+}
+
 /** Offer content as a file. */
 export function save(content, name, type) {
   const url = URL.createObjectURL(new Blob([content], { type }));
@@ -27,8 +57,17 @@ export function save(content, name, type) {
   setTimeout(() => URL.revokeObjectURL(url), 10_000);
 }
 
+let [said, away] = ["", ""];
+
 /** Show text in the status line, which is read aloud. */
 export function announce(text) {
+  said = text;
   const status = document.getElementById("status");
-  if (status.textContent !== text) status.textContent = text;
+  if (status.textContent !== (away || said)) status.textContent = away || said;
+}
+
+/** Show in place of any other text that the service is away, until it is called with an empty one. */
+export function announceAway(text) {
+  away = text;
+  announce(said);
 }

@@ -1,11 +1,10 @@
 // The description of a downloaded file: its name, its title, the case and the key of the result.
 
-import { valueAt, withValue } from "./case.js";
-import { shownNumber } from "./fields.js";
+import { withValue } from "./case.js";
+import { fieldAt, shownNumber, shownValue, withUnit } from "./fields.js";
 
 const [SPEED, STRENGTH, ANGLE] = ["impact.velocity_m_s", "target.compressive_strength_pa", "impact.oblique_angle_deg"];
 const MPA = { factor: 1e6 };
-const MM = { factor: 1e-3 };
 
 /**
  * Return a file name without its ending, as in `ricochet-238mps-39MPa-45deg-histories`.
@@ -38,22 +37,26 @@ export function aboutRuns([{ run }, ...others]) {
   };
 }
 
-/** Return a case in a line, without the fields that vary. */
+/** Return a case in a line in the units shown, without the fields that vary. */
 export function caseLine({ values, hasAngle, varied = [] }) {
-  const shown = (path, words) => (varied.includes(path) || valueAt(values, path) === undefined ? "" : words(valueAt(values, path)));
-  const inMm = (words) => (value) => words(`${shownNumber(MM, value)} mm`);
-  const { resistance } = values;
+  const shown = (path, words) => {
+    const field = fieldAt(path);
+    const value = shownValue(field, values);
+    if (varied.includes(path) || value === undefined) return "";
+    return words(field.choices ? field.choices[value].toLowerCase() : withUnit(value, field.unit));
+  };
   const parts = [
-    shown(SPEED, (value) => `${value} m/s`),
-    hasAngle && shown(ANGLE, (value) => `${value}° from the normal`),
-    `${values.projectile.nose.shape} nose`,
-    shown("projectile.diameter_m", inMm((value) => `⌀ ${value}`)),
-    shown("projectile.length_m", inMm((value) => `${value} long`)),
-    shown("projectile.mass_kg", (value) => `${value} kg`),
-    shown(STRENGTH, (value) => `${shownNumber(MPA, value)} MPa`),
-    shown("target.density_kg_m3", (value) => `${value} kg/m³`),
-    shown("target.thickness_m", inMm((value) => `${value} thick`)),
-    resistance && `${resistance.free_surface?.model}, ${resistance.strength_factor?.model}`,
+    shown(SPEED, (speed) => speed),
+    hasAngle && shown(ANGLE, (angle) => `${angle} from the normal`),
+    shown("projectile.nose.shape", (nose) => `${nose} nose`),
+    shown("projectile.diameter_m", (diameter) => `⌀ ${diameter}`),
+    shown("projectile.length_m", (length) => `${length} long`),
+    shown("projectile.mass_kg", (mass) => mass),
+    shown(STRENGTH, (strength) => strength),
+    shown("target.density_kg_m3", (density) => density),
+    shown("target.thickness_m", (thickness) => `${thickness} thick`),
+    shown("resistance.free_surface.model", (decay) => `free surface ${decay}`),
+    shown("resistance.strength_factor.model", (law) => `S ${law}`),
   ];
   return parts.filter(Boolean).join(", ");
 }
@@ -65,12 +68,15 @@ export function withHeader(csv, { title, values, key, others = [], varied = [] }
   return [...lines, ...(key ? [`key: ${key}`] : [])].map((line) => `# ${line}`).concat(csv).join("\r\n");
 }
 
-/** Return a layout for a picture by itself: the title, the case and the key are above what is drawn. */
+/** Return the lines above a picture by itself: the title, the cases and the keys. */
+export function titleLines(about) {
+  const others = (about.others ?? []).map(({ name, values }) => `${name}: ${caseLine({ ...about, values })}`);
+  return [about.title, caseLine(about), ...others, ...(about.key ? about.key.split(", ").map((key) => `key ${key}`) : [])];
+}
+
+/** Return a layout for a picture by itself, below its title. */
 export function withTitle(layout, about) {
-  const small = (text) => `<span style="font-size:11px">${text}</span>`;
-  const others = (about.others ?? []).map(({ name, values }) => small(`${name}: ${caseLine({ ...about, values })}`));
-  const keys = about.key ? about.key.split(", ").map((key) => small(`key ${key}`)) : [];
-  const text = [`<b>${about.title}</b>`, small(caseLine(about)), ...others, ...keys].join("<br>");
+  const text = titleLines(about).map((line, i) => (i ? `<span style="font-size:11px">${line}</span>` : `<b>${line}</b>`)).join("<br>");
   const title = { text, x: 0, xref: "container", xanchor: "left", y: 1, yref: "container", yanchor: "top", font: { size: 15 } };
   return { ...layout, title: { ...title, pad: { l: 10, t: 42 } }, margin: { ...layout.margin, t: (layout.margin?.t ?? 8) + headPx(about) } };
 }

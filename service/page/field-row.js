@@ -5,6 +5,9 @@ import { nodeAt } from "./contract.js";
 import { element } from "./elements.js";
 import { readValue } from "./field-value.js";
 import { shownNumber, shownValue } from "./fields.js";
+import { unitOf } from "./units.js";
+
+const REST_MS = 1500; // without a key before what is typed is taken to be meant
 
 const SI_UNIT = / ?\[(?:1|°|m|m\/s|rad\/s|kg|kg m²|kg\/m³|Pa)\]/g;
 
@@ -13,17 +16,33 @@ const SI_UNIT = / ?\[(?:1|°|m|m\/s|rad\/s|kg|kg m²|kg\/m³|Pa)\]/g;
  *
  * @param {object} field of fields.js
  * @param {object} values the case
- * @param {{accept: (value: any) => void, refuse: (problem: string) => void}} listener called on each change
- * @returns {{field: object, root: HTMLElement, input: HTMLElement, problem: HTMLElement, described: string}}
+ * @param {{accept: (value: any) => void, hold: () => void, refuse: (problem: string) => void}} listener called on each change;
+ *   `hold` while a value that is not accepted may be on the way to one that is, `refuse` once it is left or rests
+ * @returns {{field: object, root: HTMLElement, input: HTMLElement, problem: HTMLElement, described: string, later: (act?: () => void) => void}}
+ *   `later` does something once what is typed is left or rests, unless it is changed
  */
-export function buildRow(field, values, { accept, refuse }) {
+export function buildRow(field, values, { accept, hold, refuse }) {
   const id = `field-${field.path.replaceAll(".", "-")}`;
+  let [timer, settle] = [undefined, undefined];
+  const later = (act) => {
+    clearTimeout(timer);
+    settle = act;
+    timer = act && setTimeout(act, REST_MS);
+  };
   const read = (given) => {
     const { value, wrong } = readValue(field, given, values);
-    if (wrong) refuse(wrong);
+    later(wrong && (() => refuse(wrong)));
+    if (wrong) hold();
     else accept(value);
+    return value;
   };
   const input = INPUTS[field.kind](field, values, read);
+  input.addEventListener("change", () => {
+    settle?.();
+    later();
+    const { value } = field.kind === "number" ? readValue(field, input.value, values) : {};
+    if (value !== undefined && !Number.isFinite(Number(input.value))) input.value = shownNumber(field, value); // as it was understood
+  });
   input.id = id;
   const notes = [
     field.unit && element("span.unit", { id: `${id}-unit` }, field.unit),
@@ -35,7 +54,7 @@ export function buildRow(field, values, { accept, refuse }) {
   const described = notes.map((note) => note.id).filter(Boolean).join(" ");
   const kind = field.kind === "flag" ? "div.field.flag" : "div.field";
   const root = element(kind, {}, element("label", { for: id }, field.label), input, ...notes, problem);
-  const row = { field, root, input, problem, described };
+  const row = { field, root, input, problem, described, later };
   showProblem(row, "");
   return row;
 }
@@ -54,8 +73,8 @@ export function showProblem({ root, input, problem, described }, text) {
 
 /** Return the description of a field in the contract, without its unit there. */
 function helpOf({ path, kind }, values) {
-  const isTyped = kind === "number" || kind === "numbers";
-  return isTyped ? nodeAt(path, values).description?.replaceAll(SI_UNIT, "").trim() : undefined;
+  const isTyped = kind === "number" || kind === "numbers" || kind === "shots";
+  return isTyped ? nodeAt(path, values)?.description?.replaceAll(SI_UNIT, "").trim() : undefined;
 }
 
 function open(part) {
@@ -67,7 +86,7 @@ function open(part) {
 
 const INPUTS = {
   number(field, values, read) {
-    const { default: usual } = nodeAt(field.path, values);
+    const { default: usual } = nodeAt(field.path, values) ?? {};
     return element("input", {
       type: "text",
       inputmode: "decimal",
@@ -89,25 +108,36 @@ const INPUTS = {
     const checked = Boolean(valueAt(values, field.path));
     return element("input", { type: "checkbox", checked, onchange: ({ target }) => read(target.checked) });
   },
+  shots: buildShots,
   numbers(field, values, read) {
     const lines = (valueAt(values, field.path) ?? []).map((item) =>
       [item].flat().map((number) => shownNumber(field, number)).join(", "),
     );
-    return element(
-      "textarea",
-      {
-        rows: field.pairs ? 4 : 2,
-        spellcheck: "false",
-        placeholder: field.optional && "auto",
-        oninput: ({ target }) => read(target.value),
-      },
-      lines.join(field.pairs ? "\n" : ", "),
-    );
+    return buildArea(lines.join(field.pairs ? "\n" : ", "), read, { rows: field.pairs ? 4 : 2, placeholder: field.optional && "auto" });
   },
 };
 
+function buildArea(text, read, attributes) {
+  return element("textarea", { spellcheck: "false", oninput: ({ target }) => read(target.value), ...attributes }, text);
+}
+
+/** Shots as text, in the units shown; a file that is dropped takes their place. */
+function buildShots(field, values, read) {
+  const shown = (value, si) => shownNumber(unitOf(si), value);
+  const lines = (valueAt(values, field.path) ?? []).map((shot) => `${shown(shot.velocity_m_s, "m/s")}, ${shown(shot.depth_m, "mm")}`);
+  const area = buildArea(lines.join("\n"), read, { rows: 4 });
+  area.addEventListener("dragover", (event) => event.preventDefault());
+  area.addEventListener("drop", async (event) => {
+    event.preventDefault();
+    area.value = (await event.dataTransfer.files[0]?.text()) ?? event.dataTransfer.getData("text");
+    read(area.value);
+  });
+  return area;
+}
+
 function buildSlider(field, values, input, read) {
-  const [min, max, step] = field.slider;
+  const [least, most, step] = field.slider;
+  const [min, max] = [least, most].map((end) => (field.unit === field.si ? end : Math.round(end / field.factor)));
   const slider = element("input", {
     type: "range",
     min,
@@ -121,7 +151,8 @@ function buildSlider(field, values, input, read) {
     },
   });
   input.addEventListener("input", () => {
-    slider.value = input.value;
+    const { value } = readValue(field, input.value, values);
+    if (value !== undefined) slider.value = shownNumber(field, value);
   });
   return slider;
 }

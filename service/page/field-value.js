@@ -1,6 +1,7 @@
 // From what is typed into a field to its value in SI.
 
-import { boundsOf } from "./fields.js";
+import { boundsOf, withUnit } from "./fields.js";
+import { readQuantity, unitOf } from "./units.js";
 
 /**
  * Read a field.
@@ -9,46 +10,54 @@ import { boundsOf } from "./fields.js";
  */
 export function readValue(field, given, values) {
   if (field.kind === "flag" || field.kind === "choice") return { value: given };
-  const text = given.trim().replaceAll("−", "-");
-  if (!text) return field.optional ? { value: undefined } : { wrong: "A number is needed." };
+  const text = given.trim();
+  if (!text) return field.optional ? { value: undefined } : { wrong: `${field.label} must be a number.` };
   if (field.kind === "number") return readNumber(text, field, values);
+  if (field.kind === "shots") return readShots(text, field);
   return field.pairs ? readPairs(text, field) : readList(text, field);
 }
 
 function readNumber(text, field, values) {
-  const value = Number(text);
-  if (!Number.isFinite(value)) return { wrong: `${JSON.stringify(text)} is no number.` };
-  const wrong = outside(value, field, boundsOf(field, values));
-  return wrong ? { wrong } : { value: toSi(value, field) };
+  const { value, wrong } = readQuantity(text, field.si);
+  if (wrong) return { wrong: `${field.label}: ${wrong}.` };
+  const broken = outside(value / field.factor, boundsOf(field, values));
+  return broken ? { wrong: `${field.label} must be ${broken[0]} ${withUnit(broken[1], field.unit)}.` } : { value };
 }
 
-function outside(value, { unit }, { least, most, above, below }) {
-  const bound = (number) => `${number}${unit ? ` ${unit}` : ""}`;
-  if (value < least) return `At least ${bound(least)}.`;
-  if (value > most) return `At most ${bound(most)}.`;
-  if (value <= above) return `More than ${bound(above)}.`;
-  if (value >= below) return `Less than ${bound(below)}.`;
-  return "";
+/** Return how a value in the unit shown is beyond bounds of fields.js, as in ["at least", 5]; undefined if it is not. */
+export function outside(value, { least, most, above, below }) {
+  const isBeyond = (bound) => Math.abs(value - bound) > 1e-9 * Math.abs(bound); // else what a conversion adds
+  if (value < least && isBeyond(least)) return ["at least", least];
+  if (value > most && isBeyond(most)) return ["at most", most];
+  if (value <= above) return ["more than", above];
+  return value >= below ? ["less than", below] : undefined;
+}
+
+/** Read lines of speed and depth in the units shown, or as the header of a CSV has them: `velocity_m_s,depth_m`. */
+function readShots(text, { label }) {
+  const lines = text.split("\n").filter((line) => line.trim() && !line.startsWith("#"));
+  const hasHead = /^\s*"?[a-z]/i.test(lines[0]);
+  const [speedUnit, depthUnit] = [/velocity_m_s/, /depth_m\b/].map((name, i) => (hasHead && name.test(lines[0]) ? ["m/s", "m"] : [unitOf("m/s").unit, unitOf("mm").unit])[i]);
+  const read = (given = "", si, unit) => readQuantity(/[a-z]/i.test(given) ? given : `${given} ${unit}`, si).value;
+  const value = lines.slice(hasHead ? 1 : 0).map((line) => {
+    const [speed, depth] = line.split(/[;\t]|,\s+|,(?=[^,]*$)/).map((each) => each.trim());
+    return { velocity_m_s: read(speed, "m/s", speedUnit), depth_m: read(depth, "mm", depthUnit) };
+  });
+  const isRight = value.length && value.every((shot) => shot.velocity_m_s > 0 && shot.depth_m > 0);
+  return isRight ? { value } : { wrong: `${label}: each line is a speed and a depth, as in 250, 310.` };
 }
 
 function readPairs(text, field) {
-  const pairs = text.split("\n").map(numbersOf);
+  const pairs = text.split("\n").map((line) => numbersOf(line, field));
   const isRight = pairs.every((pair) => pair.length === 2 && pair.every(Number.isFinite));
-  if (!isRight) return { wrong: "Each line is a pair of numbers, as in 60, 30." };
-  return { value: pairs.map((pair) => pair.map((number) => toSi(number, field))) };
+  return isRight ? { value: pairs } : { wrong: `${field.label}: each line is a pair of numbers, as in 60, 30.` };
 }
 
 function readList(text, field) {
-  const numbers = numbersOf(text);
-  if (!numbers.every(Number.isFinite)) return { wrong: "Numbers are needed, with commas between." };
-  return { value: numbers.map((number) => toSi(number, field)) };
+  const value = numbersOf(text, field);
+  return value.every(Number.isFinite) ? { value } : { wrong: `${field.label}: numbers are needed, with commas between.` };
 }
 
-function numbersOf(line) {
-  return line.split(/[\s,;]+/).filter(Boolean).map(Number);
-}
-
-/** In SI, without what floating point adds: 39 MPa is 39000000 Pa, 530 mm is 0.53 m. */
-function toSi(number, { factor }) {
-  return Number((number * factor).toPrecision(15));
+function numbersOf(line, { factor }) {
+  return line.replaceAll("−", "-").split(/[\s,;]+/).filter(Boolean).map((text) => Number((Number(text) * factor).toPrecision(15)));
 }

@@ -2,19 +2,28 @@
 
 import { valueAt } from "./case.js";
 import { nodeAt } from "./contract.js";
+import { areUs, unitOf } from "./units.js";
 
-/** Kinds: `number`; `choice` of a variant or a name; `flag`; `numbers`, a list or a list of lists. */
-const field = (kind, path, label, unit = "", extra = {}) => ({ kind, path, label, unit, factor: 1, ...extra });
-const number = (path, label, unit, extra) => field("number", path, label, unit, extra);
-const [MM, MPA, GPA] = [1e-3, 1e6, 1e9].map((factor) => ({ factor }));
+/** Return a field: a `number`; `choice` of a variant or a name; `flag`; `numbers`, a list or a list of lists; or `shots`. */
+export const fieldOf = (kind, path, label, si = "", extra = {}) => ({
+  ...{ kind, path, label, si, ...extra },
+  get unit() {
+    return unitOf(si).unit;
+  },
+  get factor() {
+    return unitOf(si).factor;
+  },
+});
+const number = (path, label, si, extra) => fieldOf("number", path, label, si, extra);
 const OPTIONAL = { optional: true };
 
 /**
  * Groups of fields in the order of the form.
  *
- * `factor` times what is shown is the value in SI; `optional` may be empty and then shows `open`; `choices` are labels
+ * `si` is the unit in which a field is shown, but for US customary units, `unit` the one that is shown, and `factor` times what
+ * is shown the value in SI without a prefix; `optional` may be empty and then shows `open`; `choices` are labels
  * by value, `variant` marks one that decides which other fields there are; `pairs` is a list of them; `slider` is
- * [least, most, step] in the unit shown.
+ * [least, most, step] in the unit of SI.
  */
 export const GROUPS = [
   {
@@ -29,7 +38,7 @@ export const GROUPS = [
   {
     name: "Projectile",
     fields: [
-      field("choice", "projectile.nose.shape", "Nose", "", {
+      fieldOf("choice", "projectile.nose.shape", "Nose", "", {
         variant: true,
         choices: {
           ogive: "Ogive",
@@ -42,12 +51,11 @@ export const GROUPS = [
       }),
       number("projectile.nose.caliber_radius_head", "Caliber radius head ψ", ""),
       number("projectile.nose.length_to_diameter", "Cone height over diameter", ""),
-      field("numbers", "projectile.nose.points", "Points x, r", "mm", { ...MM, pairs: true, note: "a pair a line" }),
-      number("projectile.diameter_m", "Diameter", "mm", MM),
-      number("projectile.length_m", "Length", "mm", MM),
+      fieldOf("numbers", "projectile.nose.points", "Points x, r", "mm", { pairs: true, note: "a pair a line" }),
+      number("projectile.diameter_m", "Diameter", "mm"),
+      number("projectile.length_m", "Length", "mm"),
       number("projectile.mass_kg", "Mass", "kg"),
       number("projectile.center_of_gravity_m", "Centre of gravity", "mm", {
-        ...MM,
         ...OPTIONAL,
         note: "behind the tip",
       }),
@@ -57,39 +65,43 @@ export const GROUPS = [
   {
     name: "Target",
     fields: [
-      number("target.compressive_strength_pa", "Compressive strength", "MPa", MPA),
+      number("target.compressive_strength_pa", "Compressive strength", "MPa"),
       number("target.density_kg_m3", "Density", "kg/m³"),
-      number("target.youngs_modulus_pa", "Young's modulus", "GPa", { ...GPA, ...OPTIONAL }),
+      number("target.youngs_modulus_pa", "Young's modulus", "GPa", OPTIONAL),
       number("target.poissons_ratio", "Poisson's ratio", "", OPTIONAL),
-      number("target.thickness_m", "Thickness", "mm", { ...MM, ...OPTIONAL, open: "∞", note: "of a wall" }),
+      number("target.thickness_m", "Thickness", "mm", { ...OPTIONAL, open: "∞", note: "of a wall" }),
     ],
   },
   {
     name: "Model",
     fields: [
-      field("choice", "resistance.strength_factor.model", "Strength factor", "", {
+      fieldOf("choice", "resistance.strength_factor.model", "Strength factor", "", {
         variant: true,
         choices: {
           obliquity_polynomial: "Polynomial in θ",
           constant: "Constant",
           strength_power_law: "Power of the strength",
           published_tests: "Published tests",
+          own_tests: "Own depth tests",
         },
       }),
+      fieldOf("shots", "resistance.strength_factor.shots", "Shots: speed, depth", "", {
+        note: "a line each, at normal impact into this concrete; paste or drop a CSV",
+      }),
       number("resistance.strength_factor.value", "Value", ""),
-      field("numbers", "resistance.strength_factor.coefficients", "Coefficients", "", { ...OPTIONAL, note: "of 1, θ, θ² ..., θ in °" }),
+      fieldOf("numbers", "resistance.strength_factor.coefficients", "Coefficients", "", { ...OPTIONAL, note: "of 1, θ, θ² ..., θ in °" }),
       number("resistance.strength_factor.coefficient", "Coefficient", "", OPTIONAL),
       number("resistance.strength_factor.exponent", "Exponent", "", OPTIONAL),
-      number("resistance.strength_factor.reference_strength_pa", "Reference strength", "MPa", { ...MPA, ...OPTIONAL }),
+      number("resistance.strength_factor.reference_strength_pa", "Reference strength", "MPa", OPTIONAL),
       number("resistance.strength_factor.diameter_exponent", "Diameter exponent", "", OPTIONAL),
-      number("resistance.strength_factor.reference_diameter_m", "Reference diameter", "mm", { ...MM, ...OPTIONAL }),
-      field("choice", "resistance.strength_factor.obliquity_shape", "Over the angle", "", {
-        choices: { constant: "Constant", equation_9: "As the polynomial" },
+      number("resistance.strength_factor.reference_diameter_m", "Reference diameter", "mm", OPTIONAL),
+      fieldOf("choice", "resistance.strength_factor.obliquity_shape", "Over the angle", "", {
+        choices: { constant: "Constant", equation_9: "Polynomial in θ" },
       }),
-      field("choice", "resistance.free_surface.model", "Free surface", "", {
+      fieldOf("choice", "resistance.free_surface.model", "Free surface", "", {
         choices: { elastic_plastic: "Elastic-plastic", mohr_coulomb: "Mohr-Coulomb", none: "None" },
       }),
-      field("flag", "resistance.free_surface.inertia", "with inertia of the solid"),
+      fieldOf("flag", "resistance.free_surface.inertia", "with inertia of the solid"),
       number("resistance.inertia_factor", "Inertia factor", "", OPTIONAL),
       number("resistance.crater.depth_diameters", "Crater depth over diameter", "", {
         ...OPTIONAL,
@@ -106,7 +118,7 @@ export const GROUPS = [
   {
     name: "Search",
     fields: [
-      field("choice", "search.method", "Method", "", {
+      fieldOf("choice", "search.method", "Method", "", {
         choices: { outcome: "Change of outcome", bisection: "Bisection (paper)", secant: "Secant (paper)" },
       }),
       number("search.lower_deg", "From", "°", OPTIONAL),
@@ -116,6 +128,16 @@ export const GROUPS = [
     ],
   },
 ];
+
+/** The fields of a study, which are not of a case. */
+export const SAMPLING = {
+  name: "Sampling",
+  fields: [
+    number("sampling.half_width", "Half width", "", OPTIONAL),
+    number("sampling.max_samples", "Samples at most", "", OPTIONAL),
+    number("sampling.seed", "Seed", "", OPTIONAL),
+  ],
+};
 
 /** Return the field at a path; undefined if the form has none. */
 export function fieldAt(path) {
@@ -154,15 +176,16 @@ export function shownValue(field, values) {
   return typeof value === "number" ? shownNumber(field, value) : value;
 }
 
-/** Return a number in SI in the unit of a field, without what floating point adds. */
+/** Return a number in SI in the unit of a field, without what floating point adds, or a conversion. */
 export function shownNumber({ factor }, value) {
-  return Number((value / factor).toPrecision(12));
+  return Number((value / factor).toPrecision(areUs() ? 6 : 12));
 }
 
-/** Return an error of the service for a field, its lengths and pressures in the unit of the field. */
+/** Return an error of the service for a field: with its name, lengths and pressures in the unit of the field. */
 export function inUnit(field, detail) {
-  const convert = (text, number) => (field.factor === 1 ? text : `${shownNumber(field, Number(number))} ${field.unit}`);
-  return detail.replace(/(-?\d+(?:\.\d+)?(?:e[+-]?\d+)?) (?:m|Pa)\b(?![²³/])/g, convert);
+  const convert = (text, number) => (field.factor === 1 ? text : withUnit(shownNumber(field, Number(number)), field.unit));
+  const words = detail.replace(/(-?\d+(?:\.\d+)?(?:e[+-]?\d+)?) (?:m|Pa)\b(?![²³/])/g, convert);
+  return /^(must|at least|at most|more than|less than)\b/.test(words) ? `${field.label} ${words}` : words;
 }
 
 /** Return a number with its unit. */

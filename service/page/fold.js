@@ -13,7 +13,7 @@ const REST_MS = 300; // without a change before anything is computed: these are 
  * @param {HTMLElement} content
  * @param {(values: object, signal: AbortSignal) => Promise<void>} work computes and shows the content for a case
  * @param {(error: Error) => void} onError
- * @returns {{root: HTMLElement, setCase: (values: object) => void, clear: () => void, stop: () => void}} `setCase`
+ * @returns {{root: HTMLElement, setCase: (values: object) => void, hold: () => void, clear: () => void, stop: () => void}} `setCase`
  *   makes the content that of another case, `clear` that of none
  */
 export function buildFold(title, content, work, onError) {
@@ -43,9 +43,9 @@ export function buildFold(title, content, work, onError) {
       content.setAttribute("aria-busy", "true");
       refresh();
     },
+    hold: compute.cancel,
     clear() {
       wanted = undefined;
-      compute.cancel();
       clearParts(content);
     },
     stop: compute.stop,

@@ -2,22 +2,27 @@
 
 import { withValue } from "./case.js";
 import { exampleOf } from "./contract.js";
-import { element } from "./elements.js";
+import { announce, element } from "./elements.js";
 import { buildRow, showProblem } from "./field-row.js";
 import { GROUPS, inUnit, isThere } from "./fields.js";
+import { clearParts, markStale } from "./stale.js";
+
+const MOST_UNDONE = 100;
+const DESCRIBES = "ricochet-describe"; // whether every field is described, in this browser
 
 /**
  * Build the form.
  *
  * @param {HTMLElement} root
  * @param {{case: object, onChange: (values: object, path: string) => void, include?: string[],
- *   onRefuse?: () => void, without?: string[], open?: string[],
- *   beside?: {root: HTMLElement, paths: string[]}}} options
- *   `onChange` is called with a case only if all its fields are in their bounds, `onRefuse` otherwise; `include` names the groups of fields.js,
- *   all if none, `without` fields to leave out by their paths; `open` the groups that are not folded at first; `beside`
- *   where the fields with these paths are shown instead
- * @returns {{setCase: (values: object) => void, setField: (path: string, shown: number) => void, showProblems: (problem: Problem) => string, currentCase: () => object}}
- *   `setField` fills in a field as if it were typed; `showProblems` shows the errors of a problem at the fields they point to, and returns the rest
+ *   problem: HTMLElement, parts?: () => HTMLElement[], panels?: object[], onHold?: () => void, groups?: object[], without?: string[], open?: string[]}} options
+ *   `onChange` is called with a case only if all its fields are in their bounds, `onHold` while one is not; `problem` is where
+ *   there is a word on what is wrong elsewhere than at a field; `parts` are marked as of the inputs before while a field may
+ *   still be typed into, and cleared once its value is not accepted, as are `panels`, by their `hold` and `clear`; `include` names
+ *   the groups of fields.js, all if none, `groups` others instead; `without` are fields to leave out by their paths, `open` the
+ *   groups that are not folded
+ * @returns {{setCase: (values: object) => void, setField: (path: string, value: number) => void, fail: (error: Error) => void, currentCase: () => object}}
+ *   `setField` fills in a field as if a value in SI were typed; `fail` shows an error: at the fields it points to, if it does
  */
 export function buildForm(root, options) {
   const form = new CaseForm(root, options);
@@ -29,41 +34,43 @@ export function buildForm(root, options) {
       form.rebuild();
     },
     setField: (path, value) => form.setField(path, value),
-    showProblems: (problem) => form.showProblems(problem),
+    fail: (error) => form.fail(error),
   };
 }
 
 class CaseForm {
   rows = [];
   wrong = new Set(); // paths of fields whose text is not accepted
+  undone = []; // cases before each edit, with the field that was edited
 
-  constructor(root, { case: values, onChange, onRefuse, include, without = [], open = include, beside }) {
-    Object.assign(this, { root, values, onChange, onRefuse, without, open, beside });
-    this.help = element("label.describe", {}, element("input", { type: "checkbox" }), " Describe every field");
-    this.groups = GROUPS.filter(({ name }) => !include || include.includes(name));
+  constructor(root, { case: values, onChange, onHold, problem, parts = () => [], panels = [], include, groups, without = [], open = include }) {
+    Object.assign(this, { root, values, onChange, onHold, problem, parts, panels, without, open });
+    const describes = element("input", { type: "checkbox", checked: localStorage.getItem(DESCRIBES) === "yes" });
+    describes.addEventListener("change", () => localStorage.setItem(DESCRIBES, describes.checked ? "yes" : "no"));
+    this.help = element("label.describe", {}, describes, " Describe every field");
+    this.undoButton = element("button", { type: "button", disabled: true, onclick: () => this.undo() }, "Undo");
+    this.groups = groups ?? GROUPS.filter(({ name }) => !include || include.includes(name));
+    this.tools = groups ? [] : [element("p.actions", {}, this.help, this.undoButton)];
   }
 
   rebuild() {
     const before = new Map([...this.root.children].map((group) => [group.dataset.name, group.open]));
+    for (const row of this.rows) row.later();
     this.rows = [];
     this.wrong.clear();
-    const isBeside = ({ path }) => this.beside?.paths.includes(path) ?? false;
-    const there = this.groups.flatMap(({ fields }) => fields).filter((field) => this.has(field));
-    this.beside?.root.replaceChildren(...there.filter(isBeside).map((field) => this.addRow(field)));
     this.root.replaceChildren(
-      this.help,
+      ...this.tools,
       ...this.groups.map(({ name, fields }) => {
-        const inside = fields.filter((field) => there.includes(field) && !isBeside(field));
-        const lines = inside.map((field) => this.addRow(field));
+        const lines = fields.filter((field) => this.has(field)).map((field) => this.addRow(field));
         const open = before.get(name) ?? (!this.open || this.open.includes(name));
         return element("details", { open, "data-name": name }, element("summary", {}, name), ...lines);
       }),
     );
   }
 
-  setField(path, shown) {
-    const { input } = this.rows.find(({ field }) => field.path === path);
-    input.value = shown;
+  setField(path, value) {
+    const { input, field } = this.rows.find((row) => row.field.path === path);
+    input.value = Number((value / field.factor).toPrecision(12));
     input.dispatchEvent(new Event("input")); // its slider listens too
   }
 
@@ -74,10 +81,13 @@ class CaseForm {
   addRow(field) {
     const row = buildRow(field, this.values, {
       accept: (value) => this.accept(row, value),
-      refuse: (problem) => {
+      hold: () => {
         this.wrong.add(field.path);
+        this.hold();
+      },
+      refuse: (problem) => {
         showProblem(row, problem);
-        this.onRefuse?.();
+        this.clear("");
       },
     });
     this.rows.push(row);
@@ -87,9 +97,47 @@ class CaseForm {
   accept({ field }, value) {
     this.wrong.delete(field.path);
     for (const row of this.rows) if (!this.wrong.has(row.field.path)) showProblem(row, "");
+    this.remember(field.path);
     if (field.variant) this.takeVariant(field, value);
     else this.values = withValue(this.values, field.path, value);
-    if (!this.wrong.size) this.onChange(this.values, field.path);
+    if (this.wrong.size) return;
+    this.problem.textContent = "";
+    this.onChange(this.values, field.path);
+  }
+
+  /** What is shown belongs to the inputs before, while a field is typed into. */
+  hold() {
+    this.onHold?.();
+    for (const panel of this.panels) panel.hold();
+    markStale(...this.parts());
+  }
+
+  /** Nothing belongs to a case with a field that is not accepted. */
+  clear(text) {
+    this.hold();
+    for (const panel of this.panels) panel.clear();
+    clearParts(...this.parts());
+    this.problem.textContent = text;
+  }
+
+  fail(error) {
+    if (error.errors?.length) this.refuse(error);
+    else this.problem.textContent = error.message;
+  }
+
+  /** Keep the case before an edit; further keys of the same field belong to it. */
+  remember(path) {
+    if (this.undone.at(-1)?.path !== path) this.undone = [...this.undone, { values: this.values, path }].slice(-MOST_UNDONE);
+    this.undoButton.disabled = false;
+  }
+
+  undo() {
+    const { values, path } = this.undone.pop();
+    this.undoButton.disabled = !this.undone.length;
+    this.values = values;
+    this.rebuild();
+    this.onChange(values, path);
+    announce(`${this.rows.find(({ field }) => field.path === path)?.field.label ?? "The change"} is as before.`);
   }
 
   /** Start from the example of another variant, whose fields are others. */
@@ -100,13 +148,22 @@ class CaseForm {
     this.rows.find(({ field }) => field.path === path).input.focus();
   }
 
-  showProblems({ errors, detail }) {
-    const unplaced = errors.filter((error) => {
-      const path = error.pointer.slice(1).replaceAll("/", ".");
-      const row = this.rows.find(({ field }) => `${path}.`.startsWith(`${field.path}.`));
-      if (row) showProblem(row, inUnit(row.field, error.detail));
-      return !row;
-    });
-    return errors.length ? unplaced.map((error) => error.detail).join(" ") : detail;
+  /** Show what the service does not accept; not while the field may still be typed into. */
+  refuse({ errors }) {
+    const values = this.values;
+    const rowOf = ({ pointer }) => {
+      const path = pointer.slice(1).replaceAll("/", ".");
+      return this.rows.find(({ field }) => `${path}.`.startsWith(`${field.path}.`));
+    };
+    const show = () => {
+      if (values !== this.values) return;
+      const unplaced = errors.filter((error) => !rowOf(error));
+      for (const error of errors) if (rowOf(error)) showProblem(rowOf(error), inUnit(rowOf(error).field, error.detail));
+      this.clear(unplaced.map((error) => error.detail).join(" "));
+    };
+    const typed = this.rows.find(({ input }) => input === document.activeElement && input.type === "text");
+    if (!typed) return show();
+    this.hold();
+    return typed.later(show);
   }
 }

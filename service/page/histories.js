@@ -1,20 +1,18 @@
-// Time histories of a run, with the instant that the side view shows.
+// Time histories of a run, and what they mean for the body, with the instant that the side view shows.
 
 import { aboutRuns } from "./exports.js";
-import { colour, csvOf, draw, relayout } from "./plots.js";
+import { axis, colour, csvOf, draw, heading, relayout } from "./plots.js";
+import { unitOf } from "./units.js";
 
 const NARROW = 640; // px
 const DASHES = ["solid", "dash"];
-/** Each with its axes as Plotly counts them: x, x2, x3 ... */
 const PANELS = [
-  {
-    title: "Depth [mm]",
-    columns: { center_of_gravity_depth_m: "centre of gravity", nose_tip_depth_m: "tip" },
-    factor: 1e3,
-  },
-  { title: "Axis angle [°]", columns: { axis_angle_deg: "axis" }, factor: 1 },
-  { title: "Velocity [m/s]", columns: { depth_velocity_m_s: "inward", lateral_velocity_m_s: "along face" }, factor: 1 },
-  { title: "Resistance [kN]", columns: { depth_force_n: "inward", lateral_force_n: "along face" }, factor: 1e-3 },
+  { title: "Depth", si: "mm", columns: { center_of_gravity_depth_m: "centre of gravity", nose_tip_depth_m: "tip" } },
+  { title: "Axis angle", si: "°", columns: { axis_angle_deg: "axis" } },
+  { title: "Velocity", si: "m/s", columns: { depth_velocity_m_s: "inward", lateral_velocity_m_s: "along face" } },
+  { title: "Resistance", si: "kN", columns: { depth_force_n: "inward", lateral_force_n: "along face" } },
+  { title: "Deceleration of the body", si: "g₀", columns: { axial_deceleration_g: "along its axis", transverse_deceleration_g: "across" } },
+  { title: "Kinetic energy", si: "kJ", columns: { kinetic_energy_j: "energy" } },
 ];
 
 /**
@@ -36,18 +34,18 @@ export function drawHistories(root, runs, row) {
     ...aboutRuns(runs),
     part: "histories",
     again: () => drawHistories(root, runs, row),
-    csv: () => csvOf(runs.length > 1 ? tableOf(runs) : run.history),
-    label: `Time histories${names}: depth, axis angle, velocity and resistance. The CSV below has them as numbers.`,
+    csv: () => csvOf(runs.length > 1 ? runs.flatMap(rowsOf) : run.history),
+    label: `Time histories${names}: ${PANELS.map(({ title }) => title.toLowerCase()).join(", ")}. The CSV below has them as numbers.`,
   });
 }
 
 /** Lines of a run: in two colours by itself, in one where it is compared. */
 function tracesOf({ run: { history }, name }, index, isCompared) {
   const time = history.time_s.map((seconds) => seconds * 1e3);
-  return PANELS.flatMap(({ columns, factor }, panel) =>
+  return PANELS.flatMap(({ columns, si }, panel) =>
     Object.entries(columns).map(([column, quantity], i) => ({
       x: time,
-      y: history[column].map((value) => value * factor),
+      y: history[column].map((value) => value / unitOf(si).factor),
       name: isCompared ? name : quantity,
       meta: index,
       mode: "lines",
@@ -60,11 +58,9 @@ function tracesOf({ run: { history }, name }, index, isCompared) {
   );
 }
 
-function tableOf(runs) {
-  const columns = Object.keys(runs[0].run.history);
-  const all = (make) => runs.flatMap(({ run: { history }, name }) => history.time_s.map((_, row) => make(history, row, name)));
-  const numbers = columns.map((column) => [column, all((history, row) => history[column][row])]);
-  return { run: all((_, __, name) => name), ...Object.fromEntries(numbers) };
+function rowsOf({ run: { history }, name }) {
+  const at = (row) => Object.fromEntries(Object.entries(history).map(([column, values]) => [column, values[row]]));
+  return history.time_s.map((_, row) => ({ run: name, ...at(row) }));
 }
 
 /** Move the line to another row of the histories. */
@@ -77,39 +73,25 @@ function layoutOf(run, row, isNarrow, isCompared) {
   const rows = PANELS.length / columns;
   const layout = { shapes: linesAt(run, row), annotations: [], showlegend: isCompared, hovermode: "x", dragmode: false };
   if (isCompared) layout.legend = { orientation: "h", y: isNarrow ? -0.08 : -0.16, yanchor: "top" };
-  PANELS.forEach(({ title, columns: lines }, panel) => {
+  PANELS.forEach(({ title, si, columns: lines }, panel) => {
     const [across, down] = [panel % columns, Math.floor(panel / columns)];
     const x = [across / columns + (across ? 0.05 : 0), (across + 1) / columns - (across + 1 < columns ? 0.03 : 0)];
     const y = [1 - (down + 1) / rows + 0.12 / rows, 1 - down / rows - 0.14 / rows];
     const isLast = down === rows - 1;
     layout[axis("xaxis", panel)] = { domain: x, anchor: axis("y", panel), title: { text: isLast ? "Time [ms]" : "" } };
     layout[axis("yaxis", panel)] = { domain: y, anchor: axis("x", panel) };
-    layout.annotations.push(heading(x[0], y[1], title, Object.values(lines)));
+    layout.annotations.push(heading(titleOf(`${title} [${unitOf(si).unit}]`, Object.values(lines)), x[0], y[1]));
   });
   return layout;
 }
 
-function heading(x, y, title, names) {
+function titleOf(title, names) {
   const strokes = names.length > 1 ? ` ${names.map((name, i) => `${"── ╌╌".split(" ")[i]} ${name}`).join(", ")}` : "";
-  const text = `<b>${title}</b>${strokes}`;
-  return { text, x, y, xref: "paper", yref: "paper", xanchor: "left", yanchor: "bottom", showarrow: false };
+  return `<b>${title}</b>${strokes}`;
 }
 
 function linesAt({ history }, row) {
   const time = history.time_s[row] * 1e3;
-  const line = { color: colour("quiet"), width: 1.2, dash: "dot" };
-  return PANELS.map((_, panel) => ({
-    type: "line",
-    xref: axis("x", panel),
-    yref: `${axis("y", panel)} domain`,
-    x0: time,
-    x1: time,
-    y0: 0,
-    y1: 1,
-    line,
-  }));
-}
-
-function axis(name, panel) {
-  return panel ? `${name}${panel + 1}` : name;
+  const stroke = { type: "line", x0: time, x1: time, y0: 0, y1: 1, line: { color: colour("quiet"), width: 1.2, dash: "dot" } };
+  return PANELS.map((_, panel) => ({ ...stroke, xref: axis("x", panel), yref: `${axis("y", panel)} domain` }));
 }

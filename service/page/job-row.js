@@ -16,13 +16,7 @@ const OPERATIONS = {
   cra_uncertainty: "how sure an angle is",
   trajectory_uncertainty: "how sure an outcome is",
 };
-const STATUSES = {
-  accepted: "waiting",
-  running: "running",
-  successful: "done",
-  failed: "failed",
-  dismissed: "cancelled",
-};
+const STATUSES = { accepted: "waiting", running: "running", successful: "done", failed: "failed", dismissed: "cancelled" };
 const TIME = new Intl.DateTimeFormat(undefined, { dateStyle: "short", timeStyle: "medium" });
 
 /** A job in the table. */

@@ -1,6 +1,6 @@
 // Requests that the service does not answer: shown beside the picture while they are repeated.
 
-import { element } from "./elements.js";
+import { announceAway, element } from "./elements.js";
 import { isLost } from "./service.js";
 
 const RETRY_MS = [1000, 2000, 5000]; // before a request is repeated; the last from then on
@@ -70,5 +70,6 @@ export function pause(milliseconds, signal) {
 
 function show() {
   const [message] = lost.values();
+  announceAway(message ? `${message} Trying again.` : "");
   note.textContent = message ? `${message} Trying again. Grey results are for the previous inputs.` : "";
 }

@@ -2,10 +2,12 @@
 
 import { address, caseOf, readAddress } from "./address.js";
 import { loadContract } from "./contract.js";
-import { announce, element } from "./elements.js";
+import { announce, announceAway, element } from "./elements.js";
+import { untilAnswered } from "./lost.js";
 import { followPrinting } from "./print.js";
-import { keyNeeds, request, useKey } from "./service.js";
+import { isLost, keyNeeds, request, useKey } from "./service.js";
 import { followTheme } from "./theme.js";
+import { followUnits } from "./units.js";
 import { unreadNote } from "./unread.js";
 
 const VIEWS = {
@@ -45,8 +47,21 @@ async function show() {
   } catch (error) {
     if (turn !== shown) return;
     announce("");
-    root.replaceChildren(element("p.problem", { role: "alert" }, `This view cannot be shown: ${error.message}`));
+    const isModule = error instanceof TypeError && /import|module/i.test(error.message);
+    const words = isModule || isLost(error) ? "The service does not answer. Trying again." : `This view cannot be shown: ${error.message}`;
+    root.replaceChildren(element("p.problem", { role: "alert" }, words));
+    if (isModule || isLost(error)) await showOnceBack(turn, words, isModule);
   }
+}
+
+/** Show the view as soon as the service answers; a browser may remember that a module could not be loaded. */
+async function showOnceBack(turn, words, isModule) {
+  announceAway(words);
+  await untilAnswered(() => request("livez"), new AbortController().signal);
+  announceAway("");
+  if (turn !== shown) return;
+  if (isModule) location.reload();
+  else show();
 }
 
 function markCurrent(view) {
@@ -80,6 +95,7 @@ document.querySelector(".skip").addEventListener("click", (event) => {
   main.focus();
 });
 followTheme(document.getElementById("theme"));
+followUnits(document.getElementById("units"), show);
 followPrinting();
 offerKey();
 document.querySelector("nav").addEventListener("click", ({ target }) => {

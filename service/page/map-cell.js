@@ -11,7 +11,8 @@ import { caseAt } from "./sweep.js";
  * Build the choice of a cell.
  *
  * @param {HTMLElement} root
- * @returns {(map: object, axes: object[], cells: object[]) => void} shows the cells of a map
+ * @returns {{show: (map: object, axes: object[], cells: object[]) => void, choose: (place: {column: number, row: number}) => void}}
+ *   `show` shows the cells of a map, `choose` one of them
  */
 export function buildCellChoice(root) {
   const [across, up] = ["x", "y"].map((side) => element("select", { id: `cell-${side}`, onchange: () => showChosen() }));
@@ -41,7 +42,11 @@ export function buildCellChoice(root) {
     mind,
     element("p.links", {}, explore, " ", search),
   );
-  return (map, axes, cells) => {
+  const choose = ({ column, row }) => {
+    [across.selectedIndex, up.selectedIndex] = [column, row];
+    showChosen();
+  };
+  const show = (map, axes, cells) => {
     const isOther = JSON.stringify(axes) !== JSON.stringify(shown?.axes); // else what is chosen stays
     if (isOther) {
       [across, up].forEach((select, i) => fill(select, labels[i], axes[i]));
@@ -49,6 +54,7 @@ export function buildCellChoice(root) {
     shown = { map, axes, cells };
     showChosen();
   };
+  return { show, choose };
 }
 
 function fill(select, label, axis) {

@@ -1,12 +1,23 @@
 // What became of the cells of a map, in words.
 
 import { csvOf } from "./plots.js";
-import { STANDING } from "./words.js";
+import { unitOf } from "./units.js";
+import { STANDING, lengthShown } from "./words.js";
 
 /** What a map shows by colours, of its cells that have it: `column` in CSV, in SI units. Outcomes have none. */
 export const QUANTITIES = {
   cra: { label: "Critical angle [°]", name: "an angle", column: "critical_angle_deg", of: ({ angle }) => angle, factor: 1 },
-  thickness: { label: "Least thickness [mm]", name: "a thickness", column: "least_thickness_m", of: ({ thickness }) => thickness, factor: 1e3 },
+  thickness: {
+    get label() {
+      return `Least thickness [${unitOf("mm").unit}]`;
+    },
+    name: "a thickness",
+    column: "least_thickness_m",
+    of: ({ thickness }) => thickness,
+    get factor() {
+      return 1 / unitOf("mm").factor;
+    },
+  },
   probability: {
     label: "Probability of ricochet",
     name: "a probability",
@@ -17,27 +28,19 @@ export const QUANTITIES = {
   },
 };
 
-/** Warnings that differ from cell to cell in a few words; Explore shows what each says in full. */
+/** Warnings whose code does not say it, in a few words; Explore shows what each says in full. */
 const WARNINGS = {
   base_strikes_first: "the tail strikes first",
   crater_at_obliquity: "a crater of normal impact",
   fixed_step_energy_gain: "time step too long",
   implausible: "breaks a rule of every strike: a fault, please report",
-  large_angle_of_attack: "large angle of attack",
-  mean_density_unusual: "unlikely mean density",
-  published_tests_extrapolated: "beyond the published tests",
   range_clipped: "range cut where S falls to zero",
   rear_face_unconservative: "wall without a plug holds less",
   rear_plug_quasi_static: "plug without mass or energy",
   retention_decides: "retention energy decides the angle",
-  retention_decides_perforation: "retention energy decides perforation",
   ricochet_at_lower_bound: "turned away at the lower end already",
-  samples_failed: "samples not computed",
   samples_outside: "samples outside the accepted range",
-  samples_without_angle: "samples without an angle",
   shallow_penetration: "at rest within the front crater",
-  standard_error_unknown: "standard error not known",
-  strength_beyond_tests: "strength beyond the tests",
   strength_factor_of_other_concrete: "S fitted to another concrete",
   strength_fit_extrapolated: "angle beyond the fit of S",
   tumbling: "turns end over end",
@@ -63,7 +66,7 @@ export const ENDINGS = {
     embedded: { label: "embedded", symbol: "x-thin" },
     perforated: { label: "perforated", symbol: "triangle-down-open" },
     in_motion: { label: "still in motion", symbol: "diamond-open" },
-    ricochet: { label: "ricochet", symbol: "circle-open" },
+    ricochet: { label: "turned away", symbol: "circle-open" },
     failed: { label: "failed", symbol: "cross-thin" },
   },
 };
@@ -95,9 +98,9 @@ export function cellWords(operation, cell) {
   const { label } = ENDINGS[operation][cell.ending] ?? {};
   if (cell.ending === "failed") return `${label}: ${cell.detail}`;
   if (cell.probability !== undefined) return `turned away with a probability of ${cell.probability.toFixed(2)}`;
-  if (cell.thickness !== undefined) return `stopped by ${(1000 * cell.thickness).toFixed(0)} mm`;
+  if (cell.thickness !== undefined) return `stopped by ${lengthShown(cell.thickness)}`;
   const words = cell.angle === undefined ? label : `turned away from ${cell.angle.toFixed(2)}° on`;
-  return cell.depth === undefined || cell.ending === "perforated" ? words : `${words}, ${(1000 * cell.depth).toFixed(0)} mm deep`;
+  return cell.depth === undefined || cell.ending === "perforated" ? words : `${words}, ${lengthShown(cell.depth)} deep`;
 }
 
 /** Return the codes of warnings that some cells have and others do not, each with how many have it. */

@@ -1,8 +1,9 @@
 // The form of a map: the quantity to show, and the two fields it varies.
 
 import { element } from "./elements.js";
-import { boundsOf, fieldAt, labelWithUnit, numericFields, shownValue } from "./fields.js";
-import { isVariable, mostValues, OPERATIONS } from "./sweep.js";
+import { outside } from "./field-value.js";
+import { boundsOf, fieldAt, labelWithUnit, numericFields, withUnit } from "./fields.js";
+import { around, isOn, isVariable, mostValues, OPERATIONS, usualAxes } from "./sweep.js";
 
 const SIDES = { x: "Horizontal axis", y: "Vertical axis" };
 
@@ -22,6 +23,9 @@ export function buildMapForm(root, map, onChange) {
     onChange(isRight ? current : undefined);
   };
   const operation = operationField(map.operation, (name) => {
+    if (name === "trajectory" || current.operation === "trajectory") {
+      [sides.x, sides.y].forEach((side, i) => side.lay(usualAxes(name, current.values)[i]));
+    }
     current = { ...current, operation: name };
     change({ x: sides.x.offer(current), y: sides.y.offer(current) });
   });
@@ -74,13 +78,17 @@ function axisFields(side, map, onChange) {
     [start.input.value, stop.input.value] = [from, to];
     for (const { unit } of [start, stop]) unit.textContent = fieldAt(field.value).unit;
   };
-  const offer = (current) => {
+  const lay = ({ field: path, start: from, stop: to }) => {
+    field.value = path;
+    put(...[from, to].map((end) => shown(end, fieldAt(path).factor)));
+  };
+  const offer = (current, isOther = false) => {
     const before = field.value || current[side].field;
     const fields = numericFields(current.values).filter(({ path }) => isVariable(current, path));
     field.replaceChildren(...fields.map((each) => element("option", { value: each.path }, labelWithUnit(each))));
     const isThere = fields.some(({ path }) => path === before);
     field.value = isThere ? before : fields[0].path;
-    if (!isThere) put(...usualRange(fieldAt(field.value), current.values));
+    if (!isThere || (isOther && !isOn(axis(), current.values))) lay(around(field.value, current.values)); // the case is always on the map
     return axis();
   };
   const check = (current) => {
@@ -96,7 +104,7 @@ function axisFields(side, map, onChange) {
 
   let { values } = map;
   field.addEventListener("change", () => {
-    put(...usualRange(fieldAt(field.value), values));
+    lay(around(field.value, values));
     onChange(axis());
   });
   for (const input of inputs) input.addEventListener("input", () => onChange(axis()));
@@ -116,10 +124,15 @@ function axisFields(side, map, onChange) {
   return {
     root,
     check,
+    lay(wanted) {
+      if (![...field.options].some(({ value }) => value === wanted.field)) field.append(element("option", { value: wanted.field }));
+      lay(wanted);
+    },
     showError,
     offer(current) {
+      const isOther = values !== current.values;
       values = current.values;
-      return offer(current);
+      return offer(current, isOther);
     },
   };
 }
@@ -134,17 +147,11 @@ function numberField(id, label, attributes = {}) {
 function problemOf({ field, start, stop, count }, other, map) {
   if (field === other.field) return { text: "Both axes have the same field.", parts: [] };
   const { factor, unit, path } = fieldAt(field);
-  const { least, most, above, below } = boundsOf({ path, factor }, map.values);
-  const bounds = [
-    [least, "at least", (value) => value >= least],
-    [above, "more than", (value) => value > above],
-    [most, "at most", (value) => value <= most],
-    [below, "less than", (value) => value < below],
-  ];
+  const bounds = boundsOf({ path, factor }, map.values);
   for (const [part, end] of [start, stop].entries()) {
     if (Number.isNaN(end)) return { text: "Both ends have to be numbers.", parts: [part] };
-    const broken = bounds.find(([bound, , holds]) => bound !== undefined && !holds(shown(end, factor)));
-    if (broken) return { text: `Has to be ${broken[1]} ${broken[0]} ${unit}.`, parts: [part] };
+    const broken = outside(shown(end, factor), bounds);
+    if (broken) return { text: `Has to be ${broken[0]} ${withUnit(broken[1], unit)}.`, parts: [part] };
   }
   if (start > stop) return { text: "From has to be below To.", parts: [0, 1] };
   if (start === stop && count > 1) return { text: "The ends are the same.", parts: [0, 1] };
@@ -152,15 +159,6 @@ function problemOf({ field, start, stop, count }, other, map) {
   return isCount ? undefined : { text: `Takes 1 to ${mostValues(map)} values.`, parts: [2] };
 }
 
-/** Return ends around the value of the case, as shown. */
-function usualRange(field, values) {
-  const { least, most, above, below } = boundsOf(field, values);
-  const value = shownValue(field, values);
-  const [low, high] = field.slider ?? (value ? [value / 2, value * 1.5].sort((a, b) => a - b) : [least ?? 0, most ?? 1]);
-  const inside = (end) => Math.min(Math.max(end, least ?? above ?? end), most ?? below ?? end);
-  return [low, high].map((end) => Number(inside(end).toPrecision(6)));
-}
-
 function shown(value, factor) {
-  return Number((value / factor).toPrecision(12));
+  return Number((value / factor).toPrecision(6));
 }

@@ -12,6 +12,7 @@ import { markFresh, markStale, markUntilRun } from "./stale.js";
 import { QUICK, inputField, usualInputs } from "./scatter.js";
 import { hasAngle, isStudied, numbers, OPERATIONS } from "./sweep.js";
 import { valueAt } from "./case.js";
+import { unitOf } from "./units.js";
 
 /** The panels of a map. */
 export class MapPicture {
@@ -23,10 +24,10 @@ export class MapPicture {
 
   /**
    * @param {HTMLElement} root
-   * @param {(place: {column: number, row: number}, cell: object) => void} onPick called with a cell that is clicked
+   * @param {(ends: number[]) => void} onDrag called with the place on both axes to which the case is dragged, in SI
    */
-  constructor(root, onPick) {
-    this.onPick = onPick;
+  constructor(root, onDrag) {
+    this.onDrag = onDrag;
     this.heading = element("h2");
     this.bar = element("progress", { "aria-label": "Cases computed" });
     this.words = element("p", { id: "map-progress" });
@@ -35,7 +36,12 @@ export class MapPicture {
     this.cell = element("section.panel.one-case", { hidden: true, "aria-label": "One case" });
     this.panel = element("section.panel", { hidden: true, "aria-label": "Picture" });
     this.panel.append(this.heading, this.bar, this.words, this.plot, this.counts);
-    this.showCell = buildCellChoice(this.cell);
+    this.choice = buildCellChoice(this.cell);
+    this.handle = element("div.handle", {
+      "aria-hidden": true, // the fields move it by keys
+      onpointerdown: ({ pointerId }) => this.handle.setPointerCapture(pointerId),
+      onpointermove: (event) => event.buttons && this.#drag(event),
+    });
     this.root = element("div.column", {}, this.panel, this.cell);
     root.append(this.root);
   }
@@ -45,6 +51,7 @@ export class MapPicture {
     this.#map = map;
     this.#axes = [map.x, map.y].map(shownAxis);
     this.#begin = undefined;
+    this.here = undefined;
     this.panel.hidden = false;
     this.bar.removeAttribute("value");
     this.heading.textContent = titleOf(map, this.#axes);
@@ -87,11 +94,11 @@ export class MapPicture {
   /** Draw what is there of the cells, and of a coarse grid where there are none yet. */
   async showCells(cells, rough = []) {
     const { operation } = this.#map;
-    const lines = QUANTITIES[operation]?.label.toLowerCase() ?? "greatest depth of the nose tip [mm]";
+    const lines = QUANTITIES[operation]?.label.toLowerCase() ?? `greatest depth of the nose tip [${unitOf("mm").unit}]`;
     const scatter = isStudied(this.#map) ? ` ${scatterWords(this.#map.values)}` : "";
     this.counts.textContent = `${countWords(operation, cells)}. Lines: ${lines}.${scatter}`;
     this.cell.hidden = false;
-    this.showCell(this.#map, this.#axes, cells);
+    this.choice.show(this.#map, this.#axes, cells);
     const about = {
       title: this.heading.textContent,
       values: this.#map.values,
@@ -103,17 +110,54 @@ export class MapPicture {
       label: `${this.heading.textContent}: ${this.counts.textContent} Below, each case can be chosen and read.`,
     };
     const isNew = !this.plot.querySelector(".drawing");
-    const here = this.#axes.map(({ field }) => shownValue(fieldAt(field), this.#map.values));
-    const traces = mapTraces(operation, this.#axes, cells, rough, this.#room(), here);
+    this.here ??= this.#placeOf(this.#map.values);
+    const traces = mapTraces(operation, this.#axes, cells, rough, this.#room(), this.here);
     const map = this.#map;
     const drawn = await draw(this.plot, traces, mapLayout(this.#axes), about);
     this.#isDrawn ||= map === this.#map;
     if (this.#isDrawn && this.#isSame) markFresh(...this.#ofCells);
     this.pick = (point) => {
       const [column, row] = [this.#axes[0].shown.indexOf(point.x), this.#axes[1].shown.indexOf(point.y)];
-      this.onPick({ column, row }, cells[row * this.#axes[0].shown.length + column]);
+      if (column >= 0 && row >= 0) this.choice.choose({ column, row });
     };
-    if (isNew) drawn.on("plotly_click", ({ points }) => this.pick(points[0]));
+    if (!isNew || !drawn) return;
+    drawn.on("plotly_click", ({ points }) => this.pick(points[0]));
+    drawn.on("plotly_afterplot", () => this.#placeHandle());
+    this.plot.append(this.handle);
+    this.#placeHandle();
+  }
+
+  /** Mark where a case is that differs from the map's only in what that varies. */
+  setHere(values) {
+    this.here = this.#placeOf(values);
+    const drawn = this.plot.querySelector(".drawing");
+    if (!drawn?.data) return;
+    const [x, y] = this.here;
+    window.Plotly.restyle(drawn, { x: [[x]], y: [[y]] }, [drawn.data.length - 1]);
+    this.#placeHandle();
+  }
+
+  #placeOf(values) {
+    return this.#axes.map(({ field }) => shownValue(fieldAt(field), values));
+  }
+
+  #placeHandle() {
+    const { xaxis, yaxis } = this.plot.querySelector(".drawing")._fullLayout;
+    this.handle.style.left = `${xaxis._offset + xaxis.l2p(this.here[0])}px`;
+    this.handle.style.top = `${yaxis._offset + yaxis.l2p(this.here[1])}px`;
+  }
+
+  #drag({ clientX, clientY }) {
+    const drawn = this.plot.querySelector(".drawing");
+    const { left, top } = drawn.getBoundingClientRect();
+    const { xaxis, yaxis } = drawn._fullLayout;
+    const places = [xaxis.p2l(clientX - left - xaxis._offset), yaxis.p2l(clientY - top - yaxis._offset)];
+    this.onDrag(
+      this.#axes.map(({ field, shown }, i) => {
+        const inside = Math.min(Math.max(places[i], Math.min(...shown)), Math.max(...shown));
+        return Number((Number(inside.toPrecision(3)) * fieldAt(field).factor).toPrecision(12));
+      }),
+    );
   }
 
   /** Return the room for the mark of a cell. [px] */
@@ -133,7 +177,7 @@ export class MapPicture {
 function shownAxis(axis) {
   const { label, unit, factor } = fieldAt(axis.field);
   const values = numbers(axis);
-  return { field: axis.field, label, unit, values, shown: values.map((value) => Number((value / factor).toPrecision(12))) };
+  return { field: axis.field, label, unit, values, shown: values.map((value) => Number((value / factor).toPrecision(6))) };
 }
 
 function scatterWords(values) {
@@ -148,6 +192,6 @@ function titleOf({ operation, values, ...map }, axes) {
 }
 
 function nameOf(operation, [x, y]) {
-  const named = OPERATIONS[operation].label.replace(/ at an angle$/, "");
+  const named = OPERATIONS[operation].label.replace(/ (at an angle|\(phase diagram\))$/, "");
   return `${named} over ${x.label.toLowerCase()} and ${y.label.toLowerCase()}`;
 }

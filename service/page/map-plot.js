@@ -1,6 +1,7 @@
 // The picture of a map: colours for the quantity, contour lines over it, a mark where there is none.
 
 import { withUnit } from "./fields.js";
+import { unitOf } from "./units.js";
 import { cellWords, ENDINGS, QUANTITIES, rareWarnings, warningWords } from "./map-cells.js";
 
 // Viridis from a quarter on, so that dark lines and words can be read upon all of it.
@@ -19,11 +20,12 @@ const PAPER = "#e8eaed"; // below the marks of the legend, in either theme
  * @param {object[]} cells row by row; those without a result are missing
  * @param {object[]} rough cells of a coarse grid, the nearest for each place: their colours are shown where there is no result yet
  * @param {number} room for the mark of a cell [px]
- * @param {number[]} here where the case itself is, as shown; one that is not on the map has no mark
+ * @param {number[]} here where the case itself is, as shown
  */
 export function mapTraces(operation, [x, y], cells, rough, room, here) {
   const cellAt = (index) => cells[index] ?? rough[index];
   const rows = (value) => y.shown.map((_, row) => x.shown.map((_, column) => value(cellAt(row * x.shown.length + column))));
+  const finished = (value) => y.shown.map((_, row) => x.shown.map((_, column) => value(cells[row * x.shown.length + column]))); // for lines
   const place = { x: x.shown, y: y.shown };
   const rare = rareWarnings(cells);
   const words = y.shown.map((up, row) =>
@@ -35,8 +37,8 @@ export function mapTraces(operation, [x, y], cells, rough, room, here) {
   );
   const hover = { text: words, hovertemplate: "%{text}<extra></extra>", hoverongaps: true };
   const quantity = QUANTITIES[operation];
-  const surface = quantity ? amounts(place, rows, hover, quantity) : outcomes(place, rows, hover);
-  return [...surface, ...marks(operation, [x, y], cells, room), ...warned([x, y], cells, room, rare), ...youAreHere([x, y], here)];
+  const surface = quantity ? amounts(place, rows, finished, hover, quantity) : outcomes(place, rows, finished, hover);
+  return [...surface, ...marks(operation, [x, y], cells, room), ...warned([x, y], cells, room, rare), youAreHere(here)];
 }
 
 /** Return the layout of a map for Plotly. */
@@ -63,23 +65,23 @@ function ends(shown) {
   return [low - half, high + half];
 }
 
-function amounts(place, rows, hover, { label, of, factor, range: [zmin, zmax] = [] }) {
+function amounts(place, rows, finished, hover, { label, of, factor, range: [zmin, zmax] = [] }) {
   const has = (cell) => cell && of(cell) !== undefined;
   const z = rows((cell) => (has(cell) ? factor * of(cell) : null));
   const bar = { title: { text: label, side: "right" }, thickness: 12 };
   return [
     { ...place, type: "heatmap", z: rows((cell) => (cell && !has(cell) ? 0 : null)), ...flat(NO_ANGLE) },
     { ...place, type: "heatmap", z, zmin, zmax, colorscale: scale(COLOURS), colorbar: bar, ...hover },
-    contours(place, z),
+    contours(place, finished((cell) => (has(cell) ? factor * of(cell) : null))),
   ];
 }
 
-function outcomes(place, rows, hover) {
+function outcomes(place, rows, finished, hover) {
   const names = Object.keys(OUTCOMES);
   const z = rows((cell) => (cell ? names.indexOf(cell.ending) : null));
   const steps = names.flatMap((name, i) => [i, i + 1].map((end) => [end / names.length, OUTCOMES[name]]));
   const isDeep = (cell) => cell?.depth !== undefined && cell.ending !== "perforated";
-  const depth = rows((cell) => (isDeep(cell) ? 1000 * cell.depth : null));
+  const depth = finished((cell) => (isDeep(cell) ? cell.depth / unitOf("mm").factor : null));
   return [
     { ...place, type: "heatmap", z, zmin: -0.5, zmax: names.length - 0.5, colorscale: steps, showscale: false, ...hover },
     contours(place, depth),
@@ -107,12 +109,9 @@ function marks(operation, axes, cells, room) {
 }
 
 /** A mark at the case that the map varies. */
-function youAreHere([x, y], [across, up]) {
-  const isOn = (value, { shown }) => value >= Math.min(...shown) && value <= Math.max(...shown);
-  if (!isOn(across, x) || !isOn(up, y)) return [];
+function youAreHere([across, up]) {
   const marker = { symbol: "star", size: 15, color: "#ffffff", line: { width: 1.5, color: INK } };
-  const trace = { type: "scatter", mode: "markers", name: "you are here", x: [across], y: [up], marker, hoverinfo: "skip" };
-  return [{ ...trace, showlegend: true }];
+  return { type: "scatter", mode: "markers", name: "you are here", x: [across], y: [up], marker, hoverinfo: "skip", showlegend: true };
 }
 
 /** A frame around what carries a warning that few others do, of a shape for each warning. */

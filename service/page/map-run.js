@@ -5,7 +5,9 @@ import { isFinal, resultsOf, statesOf } from "./job-progress.js";
 import { pause, untilAnswered } from "./lost.js";
 import { readCell } from "./map-cells.js";
 import { request } from "./service.js";
-import { QUICK, uncertainInput, usualInputs } from "./scatter.js";
+import { reportRequest } from "./report.js";
+import { clipped } from "./run.js";
+import { QUICK, takeUsual, uncertainInput, usualInputs } from "./scatter.js";
 import { caseAt, quickSweep } from "./sweep.js";
 
 const REDRAW_MS = 300;
@@ -37,6 +39,8 @@ export async function quickMap(map, signal) {
 export async function followStudies(map, onCells, signal) {
   const cells = Array.from({ length: map.x.count * map.y.count });
   const counts = { total: cells.length, done: 0, failed: 0 };
+  const judge = () => request("verdict", { body: reportRequest(clipped(map.values)), signal });
+  takeUsual((await untilAnswered(judge, signal)).data.usual_scatter); // what scatters is that of the case
   let [next, shown] = [0, performance.now()];
   const study = async (index) => {
     const values = caseAt(map, { column: index % map.x.count, row: Math.floor(index / map.x.count) });

@@ -1,9 +1,10 @@
 // A thin layer over Plotly: colours of the theme, downloads, words for those who do not see the picture.
 
-import { element, save } from "./elements.js";
-import { fileName, headPx, withHeader, withTitle } from "./exports.js";
+import { element, save, svg } from "./elements.js";
+import { fileName, headPx, titleLines, withHeader, withTitle } from "./exports.js";
 import { locate } from "./service.js";
 import { themeChanges } from "./theme.js";
+import { inShownColumns } from "./units.js";
 
 const drawn = new Map();
 const colours = new Map();
@@ -23,17 +24,30 @@ let loading;
 export async function draw(root, traces, layout, about) {
   const Plotly = await loadPlotly();
   if (!root.isConnected) return undefined; // the view was left meanwhile
-  const plot = root.querySelector(".drawing") ?? frame(root);
+  const plot = drawingOf(root);
   drawn.set(root, { traces, layout, about, plot });
   plot.setAttribute("aria-label", about.label);
   await Plotly.react(plot, traces, themed(layout), { displayModeBar: false, responsive: true });
   return plot;
 }
 
-/** Change some attributes of traces that are drawn, as `Plotly.restyle` does. */
-export function restyle(root, change, traces) {
-  const plot = drawn.get(root)?.plot;
-  return plot && window.Plotly.restyle(plot, change, traces);
+/**
+ * Put a picture that is SVG already into an element, in place of the one before; buttons as below a plot.
+ *
+ * @param {HTMLElement} root
+ * @param {SVGElement} picture
+ * @param {object} about as `draw` takes it
+ */
+export function place(root, picture, about) {
+  const plot = drawingOf(root);
+  drawn.set(root, { picture, about, plot });
+  plot.setAttribute("aria-label", about.label);
+  plot.replaceChildren(picture);
+}
+
+/** Return the element within one of a view that is drawn into. */
+export function drawingOf(root) {
+  return root.querySelector(".drawing") ?? frame(root);
 }
 
 /** Change the layout of what is drawn, as `Plotly.relayout` does. */
@@ -44,9 +58,9 @@ export function relayout(root, change) {
 
 /** Forget a plot, and what it listened to. */
 export function purge(root) {
-  const plot = drawn.get(root)?.plot;
+  const { plot, picture } = drawn.get(root) ?? {};
   drawn.delete(root);
-  if (plot) window.Plotly.purge(plot);
+  if (plot && !picture) window.Plotly.purge(plot);
 }
 
 /** Return a colour of the theme by the name of its custom property, such as `accent`. */
@@ -56,12 +70,27 @@ export function colour(name) {
   return colours.get(name);
 }
 
-/** Return CSV text of columns of equal length, by name. */
-export function csvOf(columns) {
+/** Return the name of an axis of a panel as Plotly counts them: x, x2, x3 ... */
+export function axis(name, panel) {
+  return panel ? `${name}${panel + 1}` : name;
+}
+
+/** Return a heading over a panel, which begins at a place of the whole picture. */
+export function heading(text, x, y) {
+  return { text, x, y, xref: "paper", yref: "paper", xanchor: "left", yanchor: "bottom", showarrow: false };
+}
+
+/** Return CSV text of columns of equal length, by name, or of rows that all have them, in the units shown. */
+export function csvOf(given) {
+  const columns = inShownColumns(Array.isArray(given) ? columnsOf(given) : given);
   const names = Object.keys(columns);
   const cell = (value) => (/[",\n]/.test(value) ? `"${String(value).replaceAll('"', '""')}"` : (value ?? ""));
   const rows = columns[names[0]].map((_, row) => names.map((name) => cell(columns[name][row])).join(","));
   return [names.join(","), ...rows, ""].join("\r\n");
+}
+
+function columnsOf(rows) {
+  return Object.fromEntries(Object.keys(rows[0] ?? {}).map((name) => [name, rows.map((row) => row[name])]));
 }
 
 function loadPlotly() {
@@ -107,14 +136,37 @@ function frame(root) {
 }
 
 async function savePicture(root, format) {
-  const { plot, traces, about } = drawn.get(root);
+  const { plot, picture, traces, about } = drawn.get(root);
+  if (picture) return savePlain(picture, format, about);
   const { width, height } = plot.getBoundingClientRect();
   const layout = withTitle({ ...plot.layout, paper_bgcolor: colour("panel") }, about);
-  const picture = { data: traces, layout, config: {} };
-  const url = await window.Plotly.toImage(picture, { format, width, height: height + headPx(about), scale: format === "png" ? 2 : 1 });
+  const figure = { data: traces, layout, config: {} };
+  const url = await window.Plotly.toImage(figure, { format, width, height: height + headPx(about), scale: format === "png" ? 2 : 1 });
   const content = url.slice(url.indexOf(",") + 1);
-  if (format === "svg") save(decodeURIComponent(content), `${fileName(about)}.svg`, "image/svg+xml");
-  else save(Uint8Array.from(atob(content), (byte) => byte.charCodeAt(0)), `${fileName(about)}.png`, "image/png");
+  if (format === "svg") return save(decodeURIComponent(content), `${fileName(about)}.svg`, "image/svg+xml");
+  return save(Uint8Array.from(atob(content), (byte) => byte.charCodeAt(0)), `${fileName(about)}.png`, "image/png");
+}
+
+/** Save a picture that is SVG already, below its title. */
+async function savePlain(picture, format, about) {
+  const head = headPx(about);
+  const [width, height] = [Number(picture.getAttribute("width")), Number(picture.getAttribute("height")) + head];
+  const copy = picture.cloneNode(true);
+  copy.setAttribute("y", head);
+  const title = titleLines(about).map((line, i) =>
+    svg("text", { x: 10, y: 24 + i * 18, "font-size": i ? 11 : 15, "font-weight": i ? undefined : "bold" }, line),
+  );
+  const font = getComputedStyle(document.body).fontFamily;
+  const whole = svg("svg", { width, height, viewBox: `0 0 ${width} ${height}`, "font-family": font, fill: colour("text") });
+  whole.append(svg("rect", { width, height, fill: colour("panel") }), ...title, copy);
+  const text = new XMLSerializer().serializeToString(whole);
+  if (format === "svg") return save(text, `${fileName(about)}.svg`, "image/svg+xml");
+  const image = element("img", { src: URL.createObjectURL(new Blob([text], { type: "image/svg+xml" })) });
+  await image.decode();
+  const canvas = element("canvas", { width: 2 * width, height: 2 * height });
+  canvas.getContext("2d").drawImage(image, 0, 0, 2 * width, 2 * height);
+  URL.revokeObjectURL(image.src);
+  return canvas.toBlob((png) => save(png, `${fileName(about)}.png`, "image/png"));
 }
 
 function themed(layout) {
@@ -125,6 +177,8 @@ function themed(layout) {
     linecolor: edge,
     automargin: true,
     tickangle: 0,
+    exponentformat: "none", // with a unit there is no room for k and M
+    separatethousands: true,
     ticklabeloverflow: "allow", // each label that might be hidden is measured, a millisecond or more
   };
   const made = {

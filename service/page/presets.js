@@ -1,9 +1,10 @@
-// Cases to begin with.
+// Cases to begin with: those that are given, and those that are kept by name in this browser.
 
-import { address, caseQuery } from "./address.js";
+import { address, caseOf, caseQuery, readAddress } from "./address.js";
 import { paperCase } from "./contract.js";
-import { element } from "./elements.js";
+import { announce, element } from "./elements.js";
 
+const STORED = "ricochet-cases";
 /** Each as it differs from the paper's case; the masses of rod and cone are those of solid steel. */
 const PRESETS = {
   "The paper's strike": {},
@@ -21,10 +22,45 @@ const PRESETS = {
   },
 };
 
-/** Return links that show a view with each of the cases. */
+/** Return links that show a view with each of the cases, and what keeps the case of the address by a name. */
 export function presetLinks(view) {
   const links = Object.entries(PRESETS).map(([name, parts]) =>
     element("a", { href: address(view, caseQuery({ ...paperCase(), ...parts })) }, name),
   );
-  return element("p.presets", { role: "group", "aria-label": "Start from" }, "Start from: ", ...links);
+  const kept = element("span.kept");
+  const name = element("input", { type: "text", required: true, "aria-label": "Name of the case", placeholder: "Name" });
+  const write = (cases, words) => {
+    localStorage.setItem(STORED, JSON.stringify(cases));
+    announce(words);
+    list();
+  };
+  const keep = (event) => {
+    event.preventDefault();
+    const text = name.value.trim();
+    write({ ...read(), [text]: caseOf(readAddress(location.hash).query).toString() }, `Saved as ${text} in this browser.`);
+    name.value = "";
+  };
+  const forget = (each) => {
+    const { [each]: _, ...others } = read();
+    write(others, `${each} is forgotten.`);
+  };
+  const list = () => {
+    const lines = Object.entries(read()).map(([each, query]) =>
+      element(
+        "span",
+        {},
+        element("a", { href: address(view, query) }, each),
+        element("button", { type: "button", "aria-label": `Forget ${each}`, onclick: () => forget(each) }, "×"),
+      ),
+    );
+    kept.replaceChildren(...lines);
+  };
+  list();
+  const form = element("form.actions", { onsubmit: keep, "aria-label": "Save this case" }, name, element("button", {}, "Save"));
+  const saved = element("details.saved", {}, element("summary", {}, "Saved cases"), kept, form);
+  return element("div", {}, element("p.presets", { role: "group", "aria-label": "Start from" }, "Start from: ", ...links), saved);
+}
+
+function read() {
+  return JSON.parse(localStorage.getItem(STORED) ?? "{}");
 }

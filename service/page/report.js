@@ -1,9 +1,11 @@
 // The report of a strike in a new tab, and its button.
 
-import { announce, element } from "./elements.js";
+import { announce, element, save } from "./elements.js";
+import { fileName } from "./exports.js";
 import { isAbort, request } from "./service.js";
 
 const WAIT = "The report is being computed: some 300 cases, half a minute to some minutes.";
+const POLL_MS = 100;
 
 /**
  * Return a button that opens the report of the case that `read` returns.
@@ -21,10 +23,10 @@ export function reportButton(read, onError) {
     }
     button.disabled = true;
     announce(WAIT);
+    const [values, back] = [read(), location.href];
     try {
-      const { data } = await request("report", { body: reportRequest(read()), as: "blob" });
-      const address = URL.createObjectURL(data);
-      if (tab && !tab.closed) tab.location.replace(address);
+      const { data } = await request("report", { body: reportRequest(values), as: "blob" });
+      if (tab && !tab.closed) showIn(tab, data, values, back);
       announce("The report is in a new tab; print it from there.");
     } catch (error) {
       tab?.close();
@@ -36,7 +38,32 @@ export function reportButton(read, onError) {
   return button;
 }
 
-/** Return the body of `/report`: the case with the oblique angle that it has; a report does not take the paper's searches. */
-function reportRequest({ output, ...values }) {
+/** Show a report in a tab, below a bar that is not printed: back to the case, and the report as a file or as PDF. */
+function showIn(tab, report, values, back) {
+  const url = URL.createObjectURL(report);
+  tab.location.replace(url);
+  const timer = setInterval(() => {
+    if (tab.closed) return clearInterval(timer);
+    if (tab.location.href !== url || tab.document.readyState !== "complete") return undefined;
+    clearInterval(timer);
+    const name = `${fileName({ values, part: "report", hasAngle: true })}.html`;
+    const button = (text, onclick) => element("button", { type: "button", onclick }, text);
+    const bar = element(
+      "p",
+      {},
+      element("a", { href: back }, "Back to this case"),
+      " ",
+      button("Save as a file", () => save(report, name, "text/html")),
+      " ",
+      button("Print, or save as PDF", () => tab.print()),
+    );
+    tab.document.body.prepend(bar);
+    for (const [event, hidden] of [["beforeprint", true], ["afterprint", false]]) tab.addEventListener(event, () => (bar.hidden = hidden));
+    return undefined;
+  }, POLL_MS);
+}
+
+/** Return the body of `/report` and `/verdict`: the case with the oblique angle that it has; a report does not take the paper's searches. */
+export function reportRequest({ output, ...values }) {
   return { ...values, search: { ...values.search, method: "outcome" } };
 }

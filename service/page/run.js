@@ -1,6 +1,7 @@
 // One run: its request, and columns that the pictures need besides those of the answer.
 
-import { trajectoryRequest } from "./case.js";
+import { trajectoryRequest, valueAt, withValue } from "./case.js";
+import { nodeAt } from "./contract.js";
 import { centreOfGravity } from "./outline.js";
 import { request } from "./service.js";
 
@@ -9,8 +10,14 @@ const [FEWEST, MOST] = [60, 600];
 const MOST_ROWS = 20_000; // of a history, over the termination time
 const TERMINATION_S = 0.05; // when the case leaves it open
 const RADIAN = Math.PI / 180;
+const GRAVITY = 9.80665; // [m/s²]
 
-let duration; // of the latest run, which the next is taken to be like. [s]
+const CLIP_DEG = 0.1; // as the slider of the oblique angle moves
+const ANGLE = "impact.oblique_angle_deg";
+const STRENGTH = "resistance.strength_factor";
+const EQUATION_9 = [8.469, 0.0149, -0.0013]; // of 1, θ, θ² in degrees: what a polynomial without coefficients has
+
+let latest = {}; // speed and duration of the latest run, which the next is taken to be like. [m/s, s]
 
 /**
  * Compute a trajectory with a history of 100 to 250 instants.
@@ -19,16 +26,76 @@ let duration; // of the latest run, which the next is taken to be like. [s]
  *   `projectile`, `target` and all `values`
  */
 export async function computeRun(values, signal) {
+  const given = clipped(values);
+  const most = given.numerics?.termination_time_s ?? TERMINATION_S;
   const requestRun = async (time) => {
-    const least = (values.numerics?.termination_time_s ?? TERMINATION_S) / MOST_ROWS;
-    const interval = Math.max(nice(time / INSTANTS), least);
-    return (await request("trajectory", { body: trajectoryRequest(values, interval), signal })).data;
+    const interval = Math.min(Math.max(nice(time / INSTANTS), most / MOST_ROWS), most);
+    return requestStrike(trajectoryRequest(given, interval), signal);
   };
-  let run = await requestRun(duration ?? (3 * values.projectile.length_m) / values.impact.velocity_m_s);
-  duration = run.final.time_s;
+  const speed = given.impact.velocity_m_s;
+  const isLike = latest.speed > speed / 2 && latest.speed < speed * 2;
+  let run = await requestRun(isLike ? latest.duration : (3 * given.projectile.length_m) / speed);
+  latest = { speed, duration: run.final.time_s };
   const rows = run.history.time_s.length;
-  if (rows < FEWEST || rows > MOST) run = await requestRun(duration);
-  return { ...run, path: pathOf(run.history, values.projectile), projectile: values.projectile, target: values.target, values };
+  if (rows < FEWEST || rows > MOST) run = await requestRun(latest.duration);
+  const warnings = given === values ? run.warnings : [clipWarning(given), ...run.warnings];
+  const path = pathOf(run.history, given.projectile);
+  Object.assign(run.history, decelerations(run.history, given.projectile.mass_kg));
+  return { ...run, warnings, path, projectile: given.projectile, target: given.target, values };
+}
+
+/** Return the end of a strike, without its history. */
+export function requestEnd(values, signal) {
+  return requestStrike({ ...trajectoryRequest(clipped(values)), output: { history: false } }, signal);
+}
+
+/**
+ * Request a trajectory: with fewer instants if its termination time is long, as a slow one's is, and up to where its steps end if
+ * it takes too many; it is in motion then.
+ */
+async function requestStrike(body, signal) {
+  const send = async (given) => (await request("trajectory", { body: given, signal })).data;
+  try {
+    return await send(body);
+  } catch (error) {
+    const interval = body.output.sample_interval_s;
+    const [, least] = error.errors?.find(({ pointer }) => pointer === "/output/sample_interval_s")?.detail.match(/([\d.e-]+) s, got/) ?? [];
+    if (least > interval) return send({ ...body, output: { ...body.output, sample_interval_s: 1.001 * Number(least) } });
+    const [, stopped] = (error.type?.endsWith(":step-limit") && error.detail.match(/stopped at ([\d.e-]+) s/)) || [];
+    if (!stopped) throw error;
+    const time = Number((0.95 * Number(stopped)).toPrecision(3));
+    const shorter = interval && Math.min(interval, time);
+    return send({ ...body, output: { ...body.output, sample_interval_s: shorter }, numerics: { ...body.numerics, termination_time_s: time } });
+  }
+}
+
+/**
+ * Return a case at the nearest oblique angle below at which its strength factor is positive, as searches clip their range.
+ *
+ * Only the polynomial falls to zero; a case that the service would refuse whatever the angle is returned as it is.
+ */
+export function clipped(values) {
+  const { model, coefficients = EQUATION_9, obliquity_shape: shape } = valueAt(values, STRENGTH) ?? {};
+  const isPolynomial = model === "obliquity_polynomial" || (shape ?? nodeAt(`${STRENGTH}.obliquity_shape`, values)?.default) === "equation_9";
+  if (!isPolynomial) return values;
+  const factor = (angle) => coefficients.reduceRight((sum, each) => sum * angle + each, 0);
+  let angle = valueAt(values, ANGLE);
+  while (angle > 0 && factor(angle) <= 0) angle = Math.round((angle - CLIP_DEG) / CLIP_DEG) * CLIP_DEG;
+  return angle > 0 && angle < valueAt(values, ANGLE) ? withValue(values, ANGLE, Number(angle.toFixed(1))) : values;
+}
+
+function clipWarning({ impact }) {
+  const detail = `the strength factor falls to zero above ${impact.oblique_angle_deg}°: this strike is computed at ${impact.oblique_angle_deg}°`;
+  return { code: "range_clipped", detail };
+}
+
+/** Return the deceleration of the centre of gravity along the axis of the body, and across it toward the face. [g] */
+function decelerations({ axis_angle_deg: angles, depth_force_n: inward, lateral_force_n: along }, mass) {
+  const part = (make) => angles.map((degrees, row) => make(Math.sin(degrees * RADIAN), Math.cos(degrees * RADIAN), row) / (mass * GRAVITY));
+  return {
+    axial_deceleration_g: part((sine, cosine, row) => -(along[row] * sine + inward[row] * cosine)),
+    transverse_deceleration_g: part((sine, cosine, row) => -(inward[row] * sine - along[row] * cosine)),
+  };
 }
 
 /** Return the row of a history that is nearest to an instant. [s] */

@@ -1,10 +1,11 @@
 // The form of the inputs that scatter: a group each, with the errors of the service at its fields.
 
 import { element } from "./elements.js";
-import { shownNumber } from "./fields.js";
+import { buildRow, showProblem } from "./field-row.js";
+import { fieldOf, shownNumber, withUnit } from "./fields.js";
 import { DISTRIBUTIONS, centreOf, inputField, parametersOf, scatterFields, usualInput, usualInputs, usualNote } from "./scatter.js";
 
-const NUMBER = /-?\d+(?:\.\d+)?(?:e[+-]?\d+)?/g;
+const NUMBER = /-?\d+(?:\.\d+)?(?:e[+-]?\d+)?/g; // an error of a distribution has numbers in SI, without their unit
 
 /**
  * Build the form.
@@ -12,24 +13,31 @@ const NUMBER = /-?\d+(?:\.\d+)?(?:e[+-]?\d+)?/g;
  * @param {HTMLElement} root
  * @param {{inputs: object[], values: object, onChange: () => void}} options `values` is the case
  * @returns {{inputs: () => object[]|undefined, setCase: (values: object) => void,
- *   showProblems: (errors: object[]) => object[]}} `inputs` are undefined while a field holds no number;
- *   `showProblems` returns the errors that point elsewhere
+ *   setInputs: (inputs: object[]) => boolean, showProblems: (errors: object[]) => object[]}} `inputs` are undefined while a field holds no number;
+ *   `setInputs` returns whether they are others; `showProblems` returns the errors that point elsewhere
  */
 export function buildScatterForm(root, options) {
   const form = new ScatterForm(root, options);
   form.rebuild();
   return {
-    inputs: () => (form.rows.some(({ wrong }) => wrong.size) ? undefined : form.inputs),
+    inputs: () => (form.wrong.size ? undefined : form.inputs),
     setCase(values) {
       form.values = values;
       form.rebuild();
+    },
+    setInputs(inputs) {
+      if (JSON.stringify(inputs) === JSON.stringify(form.inputs)) return false;
+      form.inputs = inputs;
+      form.rebuild();
+      return true;
     },
     showProblems: (errors) => form.showProblems(errors),
   };
 }
 
 class ScatterForm {
-  rows = [];
+  groups = [];
+  wrong = new Set(); // rows whose text is not accepted
 
   constructor(root, { inputs, values, onChange }) {
     Object.assign(this, { inputs, values, onChange });
@@ -42,8 +50,9 @@ class ScatterForm {
   }
 
   rebuild() {
-    this.rows = this.inputs.map((input, index) => this.buildGroup(input, index));
-    this.list.replaceChildren(...this.rows.map(({ root }) => root));
+    this.wrong.clear();
+    this.groups = this.inputs.map((input, index) => this.buildGroup(input, index));
+    this.list.replaceChildren(...this.groups.map(({ root }) => root));
     const taken = new Set(this.inputs.map(({ field }) => field));
     const free = scatterFields(this.values).filter(({ path }) => !taken.has(path));
     this.choice.replaceChildren(...free.map(({ path, label }) => element("option", { value: path }, label)));
@@ -58,7 +67,7 @@ class ScatterForm {
 
   add() {
     this.replace([...this.inputs, usualInput(this.choice.value)]);
-    this.rows.at(-1).root.querySelector("select, input").focus();
+    this.groups.at(-1).root.querySelector("select, input").focus();
   }
 
   remove(index) {
@@ -67,23 +76,14 @@ class ScatterForm {
   }
 
   buildGroup(input, index) {
-    const id = `scatter-${index}`;
     const { label } = inputField(input.field);
-    const problem = element("p.problem", { id: `${id}-problem`, hidden: true });
-    const row = { fields: new Map(), wrong: new Set(), problem };
-    for (const parameter of parametersOf(input)) row.fields.set(parameter.name, this.buildField(row, index, parameter));
-    const remove = element(
-      "button",
-      { type: "button", "aria-label": `Remove ${label}`, onclick: () => this.remove(index) },
-      "Remove",
-    );
-    row.root = element("fieldset", {}, element("legend", {}, label));
-    if (input.type !== "discrete") row.root.append(this.buildType(input, index));
+    const problem = element("p.problem", { id: `scatter-${index}-problem`, hidden: true });
+    const rows = parametersOf(input).map((parameter) => this.buildParameter(index, parameter));
+    const remove = element("button", { type: "button", "aria-label": `Remove ${label}`, onclick: () => this.remove(index) }, "Remove");
+    const type = input.type === "discrete" ? [] : [this.buildType(input, index)];
     const note = usualNote(input.field);
-    const notes = note ? [element("p.quiet", {}, note)] : [];
-    row.root.append(...[...row.fields.values()].map(({ root }) => root), ...notes, problem);
-    row.root.append(element("p.actions", {}, remove));
-    return row;
+    const parts = [...type, ...rows.map((row) => row.root), ...(note ? [element("p.quiet", {}, note)] : []), problem, element("p.actions", {}, remove)];
+    return { root: element("fieldset", {}, element("legend", {}, label), ...parts), rows, problem };
   }
 
   buildType({ field, type }, index) {
@@ -96,92 +96,54 @@ class ScatterForm {
       this.replace(this.inputs.map((each, i) => (i === index ? other : each)));
       document.getElementById(id).focus();
     };
-    return element(
-      "div.field",
-      {},
-      element("label", { for: id }, "Distribution"),
-      element("select", { id, onchange }, ...options),
-    );
+    return element("div.field", {}, element("label", { for: id }, "Distribution"), element("select", { id, onchange }, ...options));
   }
 
-  buildField(row, index, { name, label, unit, factor, centre }) {
-    const { field, type, given } = this.inputs[index];
-    const id = `scatter-${index}-${name}`;
-    const usual = centre ? centreOf(field, this.values) : undefined;
-    const problem = element("p.problem", { id: `${id}-problem`, hidden: true });
-    const unitText = element("span.unit", { id: `${id}-unit` }, type === "discrete" ? "weight" : unit);
-    const input = element("input", {
-      id,
-      type: "text",
-      inputmode: "decimal",
-      autocomplete: "off",
-      placeholder: usual === undefined ? undefined : shownNumber({ factor }, usual),
-      value: given[name] === undefined ? "" : shownNumber({ factor }, given[name]),
-      oninput: () => this.read(row, index, name, factor),
+  /** Build the row of a parameter, as of a field that may be empty: the centre is then the value of the case. */
+  buildParameter(index, { name, label, si, centre }) {
+    const { field: path, given } = this.inputs[index];
+    const field = fieldOf("number", `uncertain.${index}.${name}`, label, si, { name, optional: true });
+    const usual = centre ? centreOf(path, this.values) : undefined;
+    field.open = usual === undefined ? "" : String(shownNumber(field, usual));
+    const row = buildRow(field, { uncertain: { [index]: given } }, {
+      accept: (value) => {
+        this.wrong.delete(row);
+        this.clear();
+        const { [name]: _, ...others } = this.inputs[index].given;
+        const next = value === undefined ? others : { ...others, [name]: value };
+        this.inputs = this.inputs.map((each, i) => (i === index ? { ...each, given: next } : each));
+        this.onChange();
+      },
+      hold: () => {
+        this.wrong.add(row);
+        this.clear();
+        this.onChange();
+      },
+      refuse: (problem) => showProblem(row, problem),
     });
-    const root = element("div.field", {}, element("label", { for: id }, label), input, unitText, problem);
-    const part = { root, input, problem, described: unitText.id, unit, factor };
-    showError(part, "");
-    return part;
+    return row;
   }
 
-  read(row, index, name, factor) {
-    const part = row.fields.get(name);
-    const text = part.input.value.trim().replaceAll("−", "-");
-    const value = text ? Number(text) : undefined;
-    const isWrong = value !== undefined && !Number.isFinite(value);
-    row.wrong[isWrong ? "add" : "delete"](name);
-    this.clear();
-    if (!isWrong) {
-      const { [name]: _, ...others } = this.inputs[index].given;
-      const given = value === undefined ? others : { ...others, [name]: Number((value * factor).toPrecision(15)) };
-      this.inputs = this.inputs.map((each, i) => (i === index ? { ...each, given } : each));
-    }
-    this.onChange();
-  }
-
-  /** Leave only what is no number marked. */
+  /** Take away what the service did not accept. */
   clear() {
-    for (const { fields, wrong, problem } of this.rows) {
+    for (const { rows, problem } of this.groups) {
       problem.hidden = true;
-      for (const [name, part] of fields) showError(part, wrong.has(name) ? `${JSON.stringify(part.input.value)} is no number.` : "");
+      for (const row of rows) if (!this.wrong.has(row)) showProblem(row, "");
     }
   }
 
   showProblems(errors) {
     return errors.filter(({ pointer, detail }) => {
       const [, index, ...names] = pointer.slice(1).split("/");
-      const row = pointer.startsWith("/uncertain/") && this.rows[index];
-      if (!row) return true;
-      const part = names.map((name) => row.fields.get(name)).find(Boolean);
-      if (part) showError(part, inUnit(detail, part));
+      const group = pointer.startsWith("/uncertain/") && this.groups[index];
+      if (!group) return true;
+      const row = group.rows.find(({ field }) => names.includes(field.name));
+      if (row) showProblem(row, detail.replaceAll(NUMBER, (number) => withUnit(shownNumber(row.field, Number(number)), row.field.unit)));
       else {
-        row.problem.textContent = detail;
-        row.problem.hidden = false;
-        for (const each of row.fields.values()) mark(each, row.problem.id);
+        group.problem.textContent = detail;
+        group.problem.hidden = false;
       }
       return false;
     });
   }
-}
-
-/** Return an error of the service for a parameter, its numbers in the unit shown. */
-function inUnit(detail, { unit, factor }) {
-  if (!unit) return detail;
-  return detail.replaceAll(NUMBER, (number) => `${shownNumber({ factor }, Number(number))} ${unit}`);
-}
-
-function showError(part, text) {
-  part.problem.textContent = text;
-  part.problem.hidden = !text;
-  if (text) mark(part, part.problem.id);
-  else {
-    part.input.removeAttribute("aria-invalid");
-    part.input.setAttribute("aria-describedby", part.described);
-  }
-}
-
-function mark({ input, described }, problem) {
-  input.setAttribute("aria-invalid", "true");
-  input.setAttribute("aria-describedby", `${described} ${problem}`);
 }

@@ -4,19 +4,16 @@ import { valueAt } from "./case.js";
 import { nodeAt, usualScatter } from "./contract.js";
 import { fieldAt, numericFields } from "./fields.js";
 
-const RESIDUAL = { path: "resistance.strength_residual", label: "Factor on the strength factor", unit: "", factor: 1 };
+const RESIDUAL = { path: "resistance.strength_residual", label: "Factor on the strength factor", si: "", unit: "", factor: 1 };
 /** Settings of the quickest study: the fewest samples that the service takes. */
 export const QUICK = { max_samples: 256, method: "direct", half_width: 0.5 };
 
-const OWN = "own"; // in the unit of the field
-const PERCENT = { unit: "%", factor: 0.01 };
-const PURE = { unit: "", factor: 1 };
-const MEAN = { name: "mean", label: "Mean", scale: OWN, centre: true };
+const MEAN = { name: "mean", label: "Mean", centre: true };
 const SPREAD = [
-  { name: "coefficient_of_variation", label: "Coefficient of variation", scale: PERCENT },
-  { name: "standard_deviation", label: "or standard deviation", scale: OWN },
+  { name: "coefficient_of_variation", label: "Coefficient of variation", si: "%" },
+  { name: "standard_deviation", label: "or standard deviation" },
 ];
-const ENDS = ["Lower", "Upper"].map((label) => ({ name: label.toLowerCase(), label, scale: OWN }));
+const ENDS = ["Lower", "Upper"].map((label) => ({ name: label.toLowerCase(), label }));
 
 /** Distributions of a number with their parameters; the `centre` is the value of the case where it is left open. */
 export const DISTRIBUTIONS = {
@@ -25,14 +22,14 @@ export const DISTRIBUTIONS = {
   lognormal: {
     label: "Lognormal",
     parameters: [
-      { name: "median", label: "Median", scale: OWN, centre: true },
-      { name: "dispersion", label: "Dispersion, of the logarithm", scale: PURE },
+      { name: "median", label: "Median", centre: true },
+      { name: "dispersion", label: "Dispersion, of the logarithm", si: "" },
     ],
   },
   uniform: { label: "Uniform", parameters: ENDS },
   triangular: {
     label: "Triangular",
-    parameters: [ENDS[0], { name: "mode", label: "Mode", scale: OWN, centre: true }, ENDS[1]],
+    parameters: [ENDS[0], { name: "mode", label: "Mode", centre: true }, ENDS[1]],
   },
 };
 
@@ -47,6 +44,7 @@ const ADDED = {
   [RESIDUAL.path]: { type: "lognormal", given: { dispersion: 0.1 } },
 };
 const ANY = { type: "normal", given: { coefficient_of_variation: 0.05 } };
+let usual; // of the case of the latest verdict, which depends on its tests
 const MODELS = ["resistance.free_surface.model", "resistance.strength_factor.model"];
 
 /** Return the fields of a case that may scatter. */
@@ -59,13 +57,13 @@ export function scatterFields(values) {
 
 /** Return the field of an input. */
 export function inputField(path) {
-  return path === RESIDUAL.path ? RESIDUAL : (fieldAt(path) ?? { path, label: path, unit: "", factor: 1 });
+  return path === RESIDUAL.path ? RESIDUAL : (fieldAt(path) ?? { path, label: path, si: "", unit: "", factor: 1 });
 }
 
 /** Return an input with what usually scatters of this field; 5 % where nothing is usual. */
 export function usualInput(field) {
-  const usual = usualScatter()[field];
-  const { type, given } = usual ? inputOf(usual) : (ADDED[field] ?? ANY);
+  const own = (usual ?? usualScatter())[field];
+  const { type, given } = own ? inputOf(own) : (ADDED[field] ?? ANY);
   return { field, type, given };
 }
 
@@ -77,7 +75,12 @@ export function usualNote(field) {
 /** Return the inputs of a case that usually scatter: its decay law only if that is one of the two that do. */
 export function usualInputs(values) {
   const isOne = ({ field, type, given }) => type !== "discrete" || valueAt(values, field) in given;
-  return Object.keys(usualScatter()).map(usualInput).filter(isOne);
+  return Object.keys(usual ?? usualScatter()).map(usualInput).filter(isOne);
+}
+
+/** Take what usually scatters from a verdict, but for the values of the case: the scatter of the strength factor is its own. */
+export function takeUsual(inputs) {
+  usual = Object.fromEntries(inputs.map(({ field, distribution: { mean, median, mode, ...spread } }) => [field, spread]));
 }
 
 function inputOf({ type, values, weights, ...given }) {
@@ -87,17 +90,14 @@ function inputOf({ type, values, weights, ...given }) {
 /**
  * Return the parameters of an input: weights of models, or those of its distribution.
  *
- * @returns {{name: string, label: string, unit: string, factor: number, centre?: boolean}[]}
+ * @returns {{name: string, label: string, si: string, centre?: boolean}[]} `si` is the unit in which SI shows it
  */
 export function parametersOf({ field, type }) {
   const own = inputField(field);
   if (type === "discrete") {
-    return Object.entries(own.choices).map(([name, label]) => ({ name, label, ...PURE }));
+    return Object.entries(own.choices).map(([name, label]) => ({ name, label, si: "weight" }));
   }
-  return DISTRIBUTIONS[type].parameters.map(({ scale, ...rest }) => ({
-    ...rest,
-    ...(scale === OWN ? { unit: own.unit, factor: own.factor } : scale),
-  }));
+  return DISTRIBUTIONS[type].parameters.map((each) => ({ si: own.si, ...each }));
 }
 
 /** Return the value of the case around which an input scatters; undefined if the case leaves it to the service. */

@@ -7,9 +7,9 @@ export const keyNeeds = new EventTarget();
 
 /** A problem that the service returns instead of an answer (RFC 9457). */
 export class Problem extends Error {
-  constructor({ status, title, detail = "", errors = [] }, retryAfter) {
+  constructor({ type, status, title, detail = "", errors = [] }, retryAfter) {
     super(detail || title);
-    Object.assign(this, { name: "Problem", status, title, detail, errors, retryAfter });
+    Object.assign(this, { name: "Problem", type, status, title, detail, errors, retryAfter });
   }
 }
 
@@ -23,12 +23,6 @@ export function useKey(key) {
   sessionStorage.setItem(KEY, key);
 }
 
-/** Return the headers that authorize a request; none if there is no key. */
-export function authorization() {
-  const key = sessionStorage.getItem(KEY);
-  return key ? { Authorization: `Bearer ${key}` } : {};
-}
-
 /**
  * Send a request to the service.
  *
@@ -40,9 +34,11 @@ export function authorization() {
  * @throws {Problem} for a status from 400 on, or if there is no answer (status 0)
  */
 export async function request(path, { method, body, headers = {}, signal, as = "data" } = {}) {
+  const key = sessionStorage.getItem(KEY);
+  const authorization = key ? { Authorization: `Bearer ${key}` } : {};
   const response = await reach(path, {
     method: method ?? (body === undefined ? "GET" : "POST"),
-    headers: { ...authorization(), ...(body === undefined ? {} : { "Content-Type": "application/json" }), ...headers },
+    headers: { ...authorization, ...(body === undefined ? {} : { "Content-Type": "application/json" }), ...headers },
     body: body === undefined ? undefined : JSON.stringify(body),
     signal,
   });

@@ -1,163 +1,115 @@
-// What the side view names: the angles at first contact, the critical one, the hole, the exit, the faces.
+// What the side view names: the angles at first contact, the critical one, the hole, the exit, the forces, the faces. A mark has
+// `points` of a line, or a `text` at a place; places are along the face and depth. [m]
 
-import { closedOutline, placed } from "./outline.js";
+import { closedOutline, centreOfGravity, placed } from "./outline.js";
 import { colour } from "./plots.js";
-import { degreesShown, digits } from "./words.js";
+import { degreesShown, digits, quantityShown } from "./words.js";
 
 const RADIAN = Math.PI / 180;
-const CRITICAL = "critical"; // name of the trace of the critical angle
 const SWEPT = 48; // instants whose outlines together are the hole
 const THINNED = 20; // points of an outline, above which the hole takes every fourth of its nose
 const ARC_POINTS = 16;
-const NAME_SHARE = 0.08; // of the height of the picture: the room for the name of a face
 const LEAST_DEG = 0.05; // smaller angles of attack have no mark of their own
 /** Distances from the point of contact, in lengths of the projectile. */
-const RADII = { theta: 0.6, delta: 0.82, phi: 0.42, normal: 0.95, critical: 1.12, criticalBeside: 0.68, exit: 0.3 };
+const RADII = { theta: 0.6, delta: 0.82, phi: 0.42, normal: 0.95, critical: 1.12, criticalBeside: 0.68, exit: 0.3, force: 0.45 };
 
-/** Return the traces of what is marked, to go over the outlines; in a narrow picture in fewer words. */
-export function markTraces(run, critical, isNarrow) {
-  return [...angleTraces(run, isNarrow), criticalTrace(run, critical, isNarrow), ...exitTraces(run, isNarrow)];
-}
-
-/** Return a restyling of the mark of the critical angle, for `Plotly.restyle`, with the place of its trace. */
-export function criticalChange(plot, run, critical, isNarrow) {
-  const { x, y, text, textposition } = criticalTrace(run, critical, isNarrow);
-  return [{ x: [x], y: [y], text: [text], textposition }, [plot.data.findIndex(({ name }) => name === CRITICAL)]];
-}
-
-/** Return the concrete that the projectile went through, as a trace to go below the outlines. */
-export function holeTrace({ path, projectile, target }) {
+/** Return the concrete that the projectile went through, as polygons with gaps between them. */
+export function hole({ path, projectile, target }) {
   const whole = closedOutline(projectile);
   const radius = projectile.diameter_m / 2;
   const isKept = ([, off], i) => whole.length < THINNED || i % 4 === 0 || Math.abs(off) >= radius * (1 - 1e-9);
   const outline = whole.filter(isKept);
   const last = path.depth.length - 1;
   const rows = Array.from({ length: SWEPT }, (_, i) => Math.round((i * last) / (SWEPT - 1)));
-  const parts = rows.map((row) => {
+  return rows.flatMap((row) => {
     const { x, y } = placed(outline, { lateral: path.lateral[row], depth: path.depth[row], angle: path.angle[row] });
     const below = cut(x.map((across, i) => [across, y[i]]), (depth) => depth);
-    return cut(below, (depth) => (target.thickness_m ?? Infinity) - depth);
+    const part = cut(below, (depth) => (target.thickness_m ?? Infinity) - depth);
+    return part.length > 2 ? [...part, null] : [];
   });
-  const swept = parts.filter((part) => part.length > 2).flatMap((part) => [...part, part[0], [null, null]]);
-  return {
-    x: swept.map(([x]) => x),
-    y: swept.map(([, y]) => y),
-    mode: "lines",
-    fill: "toself",
-    fillcolor: colour("panel"),
-    line: { width: 0 },
-    hoverinfo: "skip",
-    showlegend: false,
-  };
 }
 
-/**
- * Return the names of the faces, for the layout; that of the rear face is below it, but where the picture ends there.
- *
- * @param {number|undefined} thickness of a wall [m]
- * @param {number} top of the picture, as a depth [m]
- * @param {number} bottom of the picture [m]
- */
-export function faceNames(thickness, top, bottom) {
-  const name = (text, y, yanchor) => {
-    const font = { color: colour("quiet"), size: 11 };
-    return { text, x: 1, y, xref: "paper", yref: "y", xanchor: "right", yanchor, showarrow: false, font, borderpad: 2 };
-  };
-  if (thickness === undefined) return [name("face", 0, "bottom")];
-  const isLast = thickness > bottom - NAME_SHARE * (bottom - top);
-  return [name("face", 0, "bottom"), name("rear face", thickness, isLast ? "bottom" : "top")];
+/** Return the names of the faces; that of the rear face is below it, but where the picture ends there. */
+export function faceNames(thickness, { box, origin, scale }) {
+  const right = (box.x + box.width - origin[0]) / scale;
+  const name = (text, depth, below) => ({ at: [right, depth + (below ? 11 : -7) / scale], text, side: "left" });
+  if (thickness === undefined) return [name("face", 0)];
+  const isLast = origin[1] + thickness * scale > box.y + box.height - 24;
+  return [name("face", 0), name("rear face", thickness, !isLast)];
 }
 
-/**
- * The normal, and arcs from it: θ to the velocity, φ to the axis, and δ between them where there is an angle of attack. All
- * lines are one trace and all words another: each trace costs milliseconds.
- */
-function angleTraces({ values, history, projectile: { length_m: length } }, isNarrow) {
+/** The normal, and arcs from it: θ to the velocity, φ to the axis, and δ between them where there is an angle of attack. */
+export function arcMarks({ values, history, projectile: { length_m: length } }, isNarrow) {
   const theta = values.impact.oblique_angle_deg;
   const phi = history.axis_angle_deg[0];
-  const ray = (angle) => [[0, 0], from(angle, RADII.normal * length)];
+  const ray = (angle) => line([[0, 0], from(angle, RADII.normal * length)]);
   const arc = (begin, end, radius) =>
-    Array.from({ length: ARC_POINTS + 1 }, (_, i) => from(begin + (i / ARC_POINTS) * (end - begin), radius * length));
-  const beside = (radius) => besideNormal(radius * length);
+    line(Array.from({ length: ARC_POINTS + 1 }, (_, i) => from(begin + (i / ARC_POINTS) * (end - begin), radius * length)));
+  const word = (text, radius) => ({ at: besideNormal(radius * length), text });
   const top = isNarrow ? RADII.normal : RADII.theta; // above the words on the exit
-  const [toTheta, toPhi] = [arc(0, theta, RADII.theta), arc(0, phi, RADII.phi)];
-  if (Math.abs(phi - theta) < LEAST_DEG) {
-    return [linesTrace([ray(0), toTheta]), labelsTrace([[beside(top), `θ = φ = ${shown(theta)}`, "right"]])];
-  }
+  if (Math.abs(phi - theta) < LEAST_DEG) return [ray(0), arc(0, theta, RADII.theta), word(`θ = φ = ${shown(theta)}`, top)];
   return [
-    linesTrace([ray(0), ray(theta), toTheta, toPhi, arc(theta, phi, RADII.delta)]),
-    labelsTrace([
-      [beside(top), `θ = ${shown(theta)}`, "right"],
-      [beside(RADII.phi), `φ = ${shown(phi)}`, "right"],
-      [from((theta + phi) / 2, (RADII.delta + 0.03) * length), `δ = ${shown(phi - theta)}`, "left"],
-    ]),
+    ...[ray(0), ray(theta), arc(0, theta, RADII.theta), arc(0, phi, RADII.phi), arc(theta, phi, RADII.delta)],
+    word(`θ = ${shown(theta)}`, top),
+    word(`φ = ${shown(phi)}`, RADII.phi),
+    { at: from((theta + phi) / 2, (RADII.delta + 0.03) * length), text: `δ = ${shown(phi - theta)}`, side: "left" },
   ];
 }
 
 /** The critical angle: named at its outer end, away from the projectile; in a narrow picture beside the normal. */
-function criticalTrace({ values, projectile: { length_m: length } }, critical, isNarrow) {
-  const points = critical === undefined ? [] : [0.12, RADII.critical].map((radius) => from(critical, radius * length));
-  const text = points.length ? ["", `critical ${degreesShown(critical)}`] : [];
-  if (points.length && isNarrow) {
-    points.push([null, null], besideNormal(RADII.criticalBeside * length));
-    text.splice(1, 0, "", "");
-  }
-  const away = critical > values.impact.oblique_angle_deg ? "middle left" : "top center";
-  return {
-    ...lineTrace(points, { dash: "dashdot", color: colour("path"), width: 1.5 }),
-    name: CRITICAL,
-    mode: "lines+text",
-    text,
-    textposition: isNarrow ? "middle right" : away,
-    cliponaxis: false,
-    textfont: { color: colour("path") },
-  };
-}
-
-/** An arrow in the direction in which a projectile leaves. */
-function exitTraces({ exit, final, path, projectile: { length_m: length } }, isNarrow) {
-  if (!exit) return [];
-  const tip = [path.lateral.at(-1), path.depth.at(-1)];
-  const reach = (RADII.exit * length) / exit.speed_m_s;
-  const end = [tip[0] + reach * final.lateral_velocity_m_s, tip[1] + reach * final.depth_velocity_m_s];
+export function criticalMark({ values, projectile: { length_m: length } }, critical, isNarrow) {
+  if (critical === undefined) return [];
+  const color = colour("path");
+  const end = from(critical, RADII.critical * length);
+  const away = critical > values.impact.oblique_angle_deg ? "left" : "above";
+  const text = `critical ${degreesShown(critical)}`;
   return [
-    {
-      ...lineTrace([tip, end], { color: colour("accent"), width: 2 }),
-      mode: "lines+markers+text",
-      marker: { symbol: "arrow", angleref: "previous", size: 12, opacity: [0, 1], color: colour("accent") },
-      text: ["", `exit ${digits(exit.speed_m_s)} m/s${isNarrow ? "" : `<br>${digits(exit.elevation_deg)}° from the face`}`],
-      textposition: final.depth_velocity_m_s < 0 ? "top left" : isNarrow ? "middle left" : "top right",
-      cliponaxis: false,
-    },
+    line([from(critical, 0.12 * length), end], { class: "critical", stroke: color, "stroke-width": 1.5, "stroke-dasharray": "6 3 1 3" }),
+    isNarrow ? { at: besideNormal(RADII.criticalBeside * length), text, color } : { at: end, text, side: away, color },
   ];
 }
 
-function lineTrace(points, line = {}) {
-  return {
-    x: points.map(([x]) => x),
-    y: points.map(([, y]) => y),
-    mode: "lines",
-    line: { color: colour("quiet"), width: 1, ...line },
-    hoverinfo: "skip",
-    showlegend: false,
-  };
+/** An arrow in the direction in which a projectile leaves. */
+export function exitMark({ exit, final, path, projectile: { length_m: length } }, isNarrow) {
+  if (!exit) return [];
+  const tip = [path.lateral.at(-1), path.depth.at(-1)];
+  const reach = (RADII.exit * length) / exit.speed_m_s;
+  const direction = [reach * final.lateral_velocity_m_s, reach * final.depth_velocity_m_s];
+  const text = `exit ${quantityShown(exit.speed_m_s, "m/s")}${isNarrow ? "" : `\n${digits(exit.elevation_deg)}° from the face`}`;
+  const side = final.depth_velocity_m_s < 0 ? "above" : isNarrow ? "left" : "right";
+  const end = tip.map((value, i) => value + direction[i] - (i && side === "above" ? 0.05 * length : 0)); // of the words
+  return [arrow(tip, direction, colour("accent"), "exit"), { at: end, text, side, color: colour("accent") }];
 }
 
-/** Return lines as one trace, with gaps between them. */
-function linesTrace(lines) {
-  return lineTrace(lines.flatMap((points) => [...points, [null, null]]));
+/** The force of the concrete on the projectile at an instant, where it acts on the axis; its length is in the greatest of the run. */
+export function forceMarks({ history, path, projectile }, row) {
+  const force = [history.lateral_force_n[row], history.depth_force_n[row]];
+  const size = Math.hypot(...force);
+  const most = Math.max(...history.depth_force_n.map((each, i) => Math.hypot(each, history.lateral_force_n[i])));
+  if (!(size > 0.01 * most)) return []; // nor without any force
+  const angle = path.angle[row];
+  const across = force[0] * Math.cos(angle) - force[1] * Math.sin(angle);
+  const ahead = across ? history.moment_n_m[row] / across : 0; // of the centre of gravity, along the axis
+  const behind = Math.min(Math.max(centreOfGravity(projectile) - ahead, 0), projectile.length_m);
+  const place = [path.lateral[row] - behind * Math.sin(angle), path.depth[row] - behind * Math.cos(angle)];
+  const reach = (RADII.force * projectile.length_m) / most;
+  const direction = force.map((each) => each * reach);
+  const beside = [Math.cos(angle), -Math.sin(angle)].map((each) => 0.75 * projectile.diameter_m * each); // words above the body
+  return [
+    arrow(place, direction, colour("bad"), "force"),
+    { at: place.map((value, i) => value + direction[i] + beside[i]), text: quantityShown(size, "kN"), color: colour("bad") },
+  ];
 }
 
-function labelsTrace(labels) {
-  return {
-    x: labels.map(([[x]]) => x),
-    y: labels.map(([[, y]]) => y),
-    text: labels.map(([, text]) => text),
-    textposition: labels.map(([, , side]) => `middle ${side}`),
-    mode: "text",
-    hoverinfo: "skip",
-    showlegend: false,
-  };
+function line(points, attributes = {}) {
+  return { points, stroke: colour("quiet"), "stroke-width": 1, ...attributes };
+}
+
+/** A line with a head, whose size goes with its length. */
+function arrow(start, direction, color, name) {
+  const end = start.map((value, i) => value + direction[i]);
+  const wing = (sign) => [0, 1].map((i) => end[i] - 0.22 * direction[i] + (i ? -sign : sign) * 0.1 * direction[1 - i]);
+  return line([start, end, null, wing(1), end, wing(-1)], { class: name, stroke: color, "stroke-width": 2.5 });
 }
 
 /** A place beside the normal at a distance from the contact, on the side where no outline is. */

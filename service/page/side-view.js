@@ -1,22 +1,27 @@
-// The side view: the path of the nose tip through the face, to scale, with the projectile's outline at some instants.
+// The side view: the path of the nose tip through the face, to scale, with the projectile's outline at some instants. It is
+// plain SVG, so that it is there before Plotly is.
 
 import { VIRIDIS, viridis } from "./colours.js";
+import { svg } from "./elements.js";
 import { aboutRuns } from "./exports.js";
 import { closedOutline, placed } from "./outline.js";
-import { colour, csvOf, draw, restyle } from "./plots.js";
-import { criticalChange, faceNames, holeTrace, markTraces } from "./side-view-marks.js";
-import { digits, outcomeShown } from "./words.js";
+import { colour, csvOf, drawingOf, place } from "./plots.js";
+import { arcMarks, criticalMark, exitMark, faceNames, forceMarks, hole } from "./side-view-marks.js";
+import { rowAt } from "./run.js";
+import { unitOf } from "./units.js";
+import { digits, lengthShown, outcomeShown } from "./words.js";
 
 const OUTLINES = [6, 3]; // of a run by itself, and of each that is compared
-const BEADS = 36; // coloured points of the first path: each costs a third of a millisecond
+const SEGMENTS = 36; // of the first path, each in the colour of its speed
 const NARROW = 640; // px
-const FAR_M = 1e3; // deeper than any view
 const NEAR = 2; // a rear face is in view up to this many times the depth that is reached
-const MOVING = "moving"; // name of the trace of the outline that is moved
-const GRID_M = 0.1; // ends of the axes, so that the view does not tremble while a slider moves
-const EDGE_M = 0.02; // between what is drawn and the ends of the axis along the face
+const GRID_M = 0.1; // ends of the picture, so that it does not tremble while a slider moves
+const MARGIN = { left: 48, right: 12, top: 26, bottom: 38 }; // px
+const TICK_PX = 90; // between grid lines, at least
+const LINE_PX = 14;
+const LETTER_PX = 6.3;
 
-const marked = new WeakMap(); // critical angles by the element they are drawn into
+const scenes = new WeakMap(); // what is drawn, by the element it is drawn into
 
 /**
  * Draw one or more runs.
@@ -26,173 +31,244 @@ const marked = new WeakMap(); // critical angles by the element they are drawn i
  *   its speed, the others a colour each
  * @param {number} row of the first run's history at which its outline is emphasised
  * @param {{critical?: number, turns?: boolean, isHeld?: boolean}} options `critical` is the critical angle to mark [°];
- *   with `turns` there is room for every oblique angle, so that the scale stays while it changes; `isHeld` keeps the
- *   ranges of the axes as they are
+ *   with `turns` there is room for every oblique angle, so that the scale stays while it changes; `isHeld` keeps the frame
  */
-export async function drawSideView(root, runs, row, { critical, turns = false, isHeld = false } = {}) {
+export function drawSideView(root, runs, row, options = {}) {
+  if (!root.isConnected) return;
+  const before = scenes.get(root);
+  const scene = { runs, row, options, frame: options.isHeld ? before?.frame : undefined };
+  scenes.set(root, scene);
+  render(root, scene);
+}
+
+/** Move the emphasised outline to another row of the history, the compared ones to the same time. */
+export function moveOutline(root, row) {
+  const scene = scenes.get(root);
+  scene.row = row;
+  render(root, scene);
+}
+
+/** Mark another critical angle, or none. */
+export function markCritical(root, critical) {
+  const scene = scenes.get(root);
+  if (!scene) return;
+  scene.options.critical = critical;
+  render(root, scene);
+}
+
+/** Return where the point of contact is in a drawing, and the scale. [px, px/m] */
+export function contactOf(root) {
+  const { origin, scale } = scenes.get(root).frame;
+  return [origin, scale];
+}
+
+/** Return the row of the history whose place on the path is nearest to a place in the drawing; undefined if none is near. [px] */
+export function rowNear(root, [x, y], most = 40) {
+  const { runs, frame } = scenes.get(root);
+  const { lateral, depth } = runs[0].run.path;
+  const away = lateral.map((along, row) => Math.hypot(frame.at([along, depth[row]])[0] - x, frame.at([along, depth[row]])[1] - y));
+  const least = Math.min(...away);
+  return least < most ? away.indexOf(least) : undefined;
+}
+
+function render(root, scene) {
+  const { runs, row, options } = scene;
   const [{ run: own }, ...others] = runs;
+  const size = sizeOf(root);
+  const isNarrow = size.width < NARROW;
   const range = [0, Math.max(...own.path.speed)];
   const count = OUTLINES[Math.min(others.length, 1)];
-  const compared = others.map(({ run }, i) => comparedTrace(run, evenRows(run, count), i + 1));
-  const outlines = evenRows(own, count).map((each) => outlineTrace(own, each, range));
-  const paths = runs.map((each, i) => pathTrace(each, i, others.length > 0));
-  const beads = beadTrace(own, evenRows(own, BEADS), range);
-  const isNarrow = root.clientWidth < NARROW;
-  const marks = markTraces(own, critical, isNarrow);
-  marked.set(root, critical);
-  const traces = [holeTrace(own), ...compared, ...outlines, movingTrace(own, row, range), ...paths, beads, ...marks];
-  const held = isHeld ? root.querySelector(".drawing")?.layout : undefined;
-  const room = turns ? [own.projectile.length_m] : [];
-  return draw(root, traces, layoutOf(traces, others.length > 0 && (isNarrow ? -0.25 : -0.14), own.target.thickness_m, room, held), {
+  const marks = [...arcMarks(own, isNarrow), ...criticalMark(own, options.critical, isNarrow), ...exitMark(own, isNarrow)];
+  const outlines = evenRows(own, count).map((each) => outlineAt(own, each));
+  const compared = others.flatMap(({ run }) => evenRows(run, count).map((each) => outlineAt(run, each)));
+  const moving = outlineAt(own, row);
+  const time = own.history.time_s[row];
+  const besides = others.map(({ run }) => outlineAt(run, rowAt(run, time))); // strikes move together
+  const lines = [...outlines, ...compared, ...runs.map(({ run }) => pathOf(run)), ...marks.map(({ points }) => points ?? [])];
+  scene.frame ??= frameOf(size, lines.flat(), own, options.turns ? own.projectile.length_m : 0);
+  const { frame } = scene;
+  const parts = [
+    ...solid(own, frame),
+    shape(hole(own), { class: "hole", fill: colour("panel") }),
+    ...others.flatMap(({ run }, i) =>
+      evenRows(run, count).map((each) => shape(outlineAt(run, each), { stroke: colour(`run-${i + 1}`), "stroke-width": 1.2, "stroke-dasharray": "2 2" })),
+    ),
+    ...outlines.map((points, i) =>
+      shape(points, { fill: viridis(own.path.speed[evenRows(own, count)[i]], range, 0.35), stroke: colour("edge") }),
+    ),
+    shape(moving, { class: "moving", fill: viridis(own.path.speed[row], range, 0.6), stroke: colour("text"), "stroke-width": 2.5 }),
+    ...besides.map((points, i) => shape(points, { class: "beside", stroke: colour(`run-${i + 1}`), "stroke-width": 2.5 })),
+    ...runs.map(({ run, name }, i) => {
+      const stroke = colour(i ? `run-${i}` : "accent");
+      return shape(pathOf(run), { class: "path", "data-name": name, stroke, "stroke-width": 2 }, "");
+    }),
+    ...speedSegments(own, range),
+    ...[...marks, ...forceMarks(own, row)].filter(({ points }) => points).map(({ points, ...rest }) => shape(points, rest, "")),
+  ];
+  const drawing = svg("g", { class: "metres", transform: `translate(${frame.origin}) scale(${frame.scale})` }, ...parts);
+  const words = labels([...faceNames(own.target.thickness_m, frame), ...marks, ...forceMarks(own, row)].filter(({ text }) => text), frame);
+  const picture = svg(
+    "svg",
+    { viewBox: `0 0 ${size.width} ${size.height}`, width: size.width, height: size.height, "font-size": 12, fill: colour("text"), stroke: "none" },
+    svg("clipPath", { id: "frame" }, svg("rect", frame.box)),
+    ...axes(frame),
+    svg("g", { "clip-path": "url(#frame)" }, drawing),
+    ...words,
+    ...legend(runs, range, size),
+  );
+  place(root, picture, {
     title: `Side view: ${runs.map(({ run }) => outcomeShown(run.outcome)).join(", ")}`,
     ...aboutRuns(runs),
-    again: () => drawSideView(root, runs, row, { critical: marked.get(root), turns }),
-    csv: () => csvOf(tableOf(runs)),
+    again: () => render(root, scene),
+    csv: () => csvOf(runs.flatMap(rowsOf)),
     label: `Side view to scale. ${runs.map(inWords).join(" ")}`,
   });
 }
 
-/** Move the emphasised outline to another row of the history. */
-export function moveOutline(root, run, row) {
-  const { x, y, fillcolor } = movingTrace(run, row, [0, Math.max(...run.path.speed)]);
-  const place = root.querySelector(".drawing")?.data?.findIndex(({ name }) => name === MOVING);
-  return place >= 0 && restyle(root, { x: [x], y: [y], fillcolor: [fillcolor] }, [place]);
-}
-
-/** Mark another critical angle, or none. */
-export function markCritical(root, run, critical) {
-  const plot = root.querySelector(".drawing");
-  marked.set(root, critical);
-  return plot?.data && restyle(root, ...criticalChange(plot, run, critical, root.clientWidth < NARROW));
+function sizeOf(root) {
+  const { clientWidth: width, clientHeight: height } = drawingOf(root);
+  return { width: Math.max(width, 240), height: Math.max(height, 200) };
 }
 
 function evenRows({ history: { time_s: time } }, count) {
   return Array.from({ length: count }, (_, i) => Math.round((i * (time.length - 1)) / (count - 1)));
 }
 
-function outlineTrace(run, row, range) {
-  const { path, projectile } = run;
-  const tip = { lateral: path.lateral[row], depth: path.depth[row], angle: path.angle[row] };
-  return {
-    ...placed(closedOutline(projectile), tip),
-    mode: "lines",
-    fill: "toself",
-    fillcolor: viridis(path.speed[row], range, 0.35),
-    line: { color: colour("edge"), width: 1 },
-    hoverinfo: "skip",
-    showlegend: false,
-  };
+function outlineAt({ path, projectile }, row) {
+  const { x, y } = placed(closedOutline(projectile), { lateral: path.lateral[row], depth: path.depth[row], angle: path.angle[row] });
+  return x.map((along, i) => [along, y[i]]);
 }
 
-/** Outlines of a run that is compared, all in one trace. */
-function comparedTrace({ path, projectile }, rows, index) {
-  const outline = closedOutline(projectile);
-  const all = rows.map((row) => placed(outline, { lateral: path.lateral[row], depth: path.depth[row], angle: path.angle[row] }));
-  return {
-    x: all.flatMap(({ x }) => [...x, null]),
-    y: all.flatMap(({ y }) => [...y, null]),
-    mode: "lines",
-    line: { color: colour(`run-${index}`), width: 1.2, dash: "dot" },
-    hoverinfo: "skip",
-    showlegend: false,
-  };
+function pathOf({ path }) {
+  return path.lateral.map((along, row) => [along, path.depth[row]]);
 }
 
-function movingTrace(run, row, range) {
-  const trace = outlineTrace(run, row, range);
-  const fillcolor = viridis(run.path.speed[row], range, 0.6);
-  return { ...trace, name: MOVING, fillcolor, line: { color: colour("text"), width: 2.5 } };
+/** A shape in metres: its strokes keep their width in pixels. `null` points are gaps; `end` closes each part. */
+function shape(points, attributes, end = "Z") {
+  let d = "";
+  let isOpen = false;
+  for (const point of points) {
+    if (point) d += `${isOpen ? "L" : "M"}${point.map((value) => Number(value.toPrecision(6))).join(" ")}`;
+    else if (isOpen) d += end;
+    isOpen = Boolean(point);
+  }
+  return svg("path", { d: isOpen ? d + end : d, fill: "none", "vector-effect": "non-scaling-stroke", ...attributes });
 }
 
-/** The path as a line through every instant. */
-function pathTrace({ run: { history, path }, name }, index, isCompared) {
-  return {
-    x: path.lateral,
-    y: path.depth,
-    customdata: history.time_s.map((time, row) => [time * 1e3, path.speed[row], history.axis_angle_deg[row]]),
-    mode: "lines",
-    name,
-    meta: index,
-    line: { color: colour(index ? `run-${index}` : isCompared ? "accent" : "text"), width: isCompared ? 2 : 1 },
-    hovertemplate:
-      "%{customdata[0]:.3f} ms<br>%{customdata[1]:.1f} m/s<br>axis %{customdata[2]:.1f}°" +
-      "<br>depth %{y:.4f} m<br>along %{x:.4f} m<extra></extra>",
-  };
+/** The path as segments in the colour of the speed. */
+function speedSegments(run, range) {
+  const points = pathOf(run);
+  const rows = evenRows(run, Math.min(SEGMENTS, points.length));
+  return rows.slice(1).map((row, i) =>
+    shape(points.slice(rows[i], row + 1), { stroke: viridis(run.path.speed[row], range, 1), "stroke-width": 4, "stroke-linecap": "round" }, ""),
+  );
 }
 
-/** Points of the path in the colour of the speed. */
-function beadTrace({ path }, rows, range) {
-  return {
-    x: rows.map((row) => path.lateral[row]),
-    y: rows.map((row) => path.depth[row]),
-    mode: "markers",
-    hoverinfo: "skip",
-    showlegend: false,
-    marker: {
-      size: 6,
-      color: rows.map((row) => path.speed[row]),
-      cmin: range[0],
-      cmax: range[1],
-      colorscale: VIRIDIS,
-      showscale: true,
-      colorbar: {
-        title: { text: "Speed [m/s]", side: "top" },
-        orientation: "h",
-        y: 1,
-        yanchor: "bottom",
-        thickness: 8,
-        ypad: 2,
-        outlinewidth: 0,
-        nticks: 5,
-      },
-    },
+/** What is in view: every point, to scale, in the middle of the picture. */
+function frameOf({ width, height }, points, { target: { thickness_m: wall = Infinity } }, room) {
+  const ends = (axis) => {
+    const values = points.filter(Boolean).map((point) => point[axis]);
+    const [least, most] = [Math.min(...values, -room), Math.max(...values, GRID_M / 2)];
+    return [Math.floor(least / GRID_M) * GRID_M, Math.ceil(most / GRID_M) * GRID_M];
   };
+  const [[left, right], [top, deepest]] = [ends(0), ends(1)];
+  const bottom = wall < NEAR * deepest ? Math.max(deepest, wall + GRID_M / 2) : deepest;
+  const box = { x: MARGIN.left, y: MARGIN.top, width: width - MARGIN.left - MARGIN.right, height: height - MARGIN.top - MARGIN.bottom };
+  const scale = Math.min(box.width / (right - left), box.height / (bottom - top));
+  const origin = [box.x + box.width / 2 - ((left + right) / 2) * scale, box.y + box.height / 2 - ((top + bottom) / 2) * scale];
+  const at = ([along, depth]) => [origin[0] + along * scale, origin[1] + depth * scale];
+  return { box, scale, origin, at };
 }
 
-function layoutOf(traces, legend, wall, room, held) {
-  const thickness = wall ?? FAR_M;
-  const ends = (given, edge = 0) => {
-    const values = given.filter((value) => value !== null); // between outlines
-    return [
-      Math.floor((values.reduce((a, b) => Math.min(a, b)) - edge) / GRID_M) * GRID_M,
-      Math.ceil((values.reduce((a, b) => Math.max(a, b)) + edge) / GRID_M) * GRID_M,
-    ];
-  };
-  const [left, right] = ends([...traces.flatMap(({ x }) => x), ...room.map((reach) => -reach)], EDGE_M);
-  const [top, deepest] = ends([...traces.flatMap(({ y }) => y), ...room.map((reach) => -reach)]);
-  const bottom = thickness < NEAR * deepest ? Math.max(deepest, thickness + GRID_M) : deepest;
-  const across = { xref: "paper", x0: 0, x1: 1, y0: 0, layer: "below" };
-  const face = { color: colour("edge"), width: 1.5 };
-  return {
-    xaxis: { title: { text: "Along the face [m]" }, range: held?.xaxis.range ?? [left, right], zeroline: false },
-    yaxis: { title: { text: "Depth [m]" }, range: held?.yaxis.range ?? [Math.max(bottom, GRID_M), top], scaleanchor: "x", zeroline: false },
-    shapes: [
-      { ...across, type: "rect", y1: thickness, fillcolor: colour("concrete"), line: { width: 0 } },
-      ...[0, thickness].map((y) => ({ ...across, type: "line", y0: y, y1: y, line: face })),
-    ],
-    annotations: faceNames(wall, top, Math.max(bottom, GRID_M)),
-    showlegend: legend !== false,
-    legend: { orientation: "h", y: legend || 0 },
-    hovermode: "closest",
-    dragmode: "pan",
-  };
+/** The concrete, and its faces. */
+function solid({ target: { thickness_m: wall } }, { box, origin, scale }) {
+  const [left, right] = [(box.x - origin[0]) / scale, (box.x + box.width - origin[0]) / scale];
+  const end = wall ?? (box.y + box.height - origin[1]) / scale;
+  const face = (depth) => shape([[left, depth], [right, depth]], { class: "face", stroke: colour("edge"), "stroke-width": 1.5 }, "");
+  const concrete = shape([[left, 0], [right, 0], [right, end], [left, end]], { class: "concrete", fill: colour("concrete") });
+  return [concrete, face(0), ...(wall === undefined ? [] : [face(wall)])];
 }
 
-function tableOf(runs) {
-  const column = (make) => runs.flatMap(({ run, name }) => run.history.time_s.map((_, row) => make(run, row, name)));
-  return {
-    run: column((_, __, name) => name),
-    time_s: column(({ history }, row) => history.time_s[row]),
-    nose_tip_lateral_m: column(({ path }, row) => path.lateral[row]),
-    nose_tip_depth_m: column(({ path }, row) => path.depth[row]),
-    axis_angle_deg: column(({ history }, row) => history.axis_angle_deg[row]),
-    speed_m_s: column(({ path }, row) => path.speed[row]),
+function axes({ box, origin, scale }) {
+  const { unit, factor } = unitOf("m");
+  const step = nice((TICK_PX / scale) / factor) * factor;
+  const ticks = (from, to) => {
+    const first = Math.ceil(from / step);
+    return Array.from({ length: Math.max(Math.floor(to / step) - first + 1, 0) }, (_, i) => (first + i) * step);
   };
+  const line = (x1, y1, x2, y2) => svg("line", { x1, y1, x2, y2, stroke: colour("grid") });
+  const word = (x, y, text, anchor, rest = {}) => svg("text", { x, y, "text-anchor": anchor, ...rest }, text);
+  const shown = (value) => `${Number((value / factor).toFixed(3))}`.replace("-", "−");
+  const [right, bottom] = [box.x + box.width, box.y + box.height];
+  return [
+    ...ticks((box.x - origin[0]) / scale, (right - origin[0]) / scale).flatMap((along) => {
+      const x = origin[0] + along * scale;
+      return [line(x, box.y, x, bottom), word(x, bottom + LINE_PX, shown(along), "middle")];
+    }),
+    ...ticks((box.y - origin[1]) / scale, (bottom - origin[1]) / scale).flatMap((depth) => {
+      const y = origin[1] + depth * scale;
+      return [line(box.x, y, right, y), word(box.x - 5, y + 4, shown(depth), "end")];
+    }),
+    word(box.x + box.width / 2, bottom + 2.2 * LINE_PX, `Along the face [${unit}]`, "middle"),
+    word(0, 0, `Depth [${unit}]`, "middle", { transform: `translate(12 ${box.y + box.height / 2}) rotate(-90)` }),
+  ];
+}
+
+/** The colours of the speed, and the names of what is compared. */
+function legend(runs, range, { width }) {
+  const { unit, factor } = unitOf("m/s");
+  const stops = VIRIDIS.map(([offset, stop]) => svg("stop", { offset, "stop-color": stop }));
+  const x = width - MARGIN.right - 150;
+  const names = runs.length > 1 ? runs.map(({ name }) => name) : [];
+  const scale = [
+    svg("linearGradient", { id: "speeds" }, ...stops),
+    svg("rect", { x, y: 8, width: 100, height: 8, fill: "url(#speeds)" }),
+    svg("text", { x: x - 5, y: 16, "text-anchor": "end" }, "Speed 0"),
+    svg("text", { x: x + 105, y: 16 }, `${digits(range[1] / factor)} ${unit}`),
+  ];
+  return [
+    ...(names.length && width < NARROW ? [] : scale), // there is no room for both
+    ...names.flatMap((name, i) => [
+      svg("line", { x1: MARGIN.left + i * 92, x2: MARGIN.left + 16 + i * 92, y1: 12, y2: 12, stroke: colour(i ? `run-${i}` : "accent"), "stroke-width": 3 }),
+      svg("text", { class: "legend", x: MARGIN.left + 20 + i * 92, y: 16 }, name),
+    ]),
+  ];
+}
+
+/** Words at their places; one that would be written over another is moved below it. */
+function labels(marks, { at, box }) {
+  const taken = [];
+  return marks.map(({ at: point, text, side = "right", color = colour("quiet") }) => {
+    const rows = text.split("\n");
+    const length = Math.max(...rows.map((row) => row.length)) * LETTER_PX;
+    let [x, y] = point === undefined ? [box.x + box.width, 0] : at(point);
+    x += { right: 5, left: -5, above: 0 }[side] - { right: 0, left: length, above: length / 2 }[side];
+    x = Math.min(Math.max(x, box.x), box.x + box.width - length);
+    y = Math.min(Math.max(y + (side === "above" ? -6 : 4), box.y + LINE_PX), box.y + box.height - 4 - (rows.length - 1) * LINE_PX);
+    const hits = (other) => x < other.x + other.length && other.x < x + length && y - LINE_PX < other.y + other.height - LINE_PX && other.y - LINE_PX < y + (rows.length - 1) * LINE_PX;
+    for (let tries = 0; tries < 8 && taken.some(hits); tries += 1) y += LINE_PX;
+    taken.push({ x, y, length, height: rows.length * LINE_PX });
+    const lines = rows.map((row, i) => svg("tspan", { x, dy: i ? LINE_PX : 0 }, row));
+    const halo = { stroke: colour("panel"), "stroke-width": 3, "paint-order": "stroke", "stroke-linejoin": "round" };
+    return svg("text", { class: "mark", x, y, fill: color, ...halo }, ...lines);
+  });
+}
+
+/** Return the next 1, 2 or 5 times a power of ten at or above. */
+function nice(value) {
+  const power = 10 ** Math.floor(Math.log10(value));
+  return [1, 2, 5, 10].find((step) => step * power >= value) * power;
+}
+
+function rowsOf({ run: { history, path }, name }) {
+  return history.time_s.map((time, row) => ({
+    ...{ run: name, time_s: time, nose_tip_lateral_m: path.lateral[row], nose_tip_depth_m: path.depth[row] },
+    ...{ axis_angle_deg: history.axis_angle_deg[row], speed_m_s: path.speed[row] },
+  }));
 }
 
 function inWords({ run, name }) {
   const { outcome, final, maximum_depth_m: depth, target } = run;
-  const isThrough = outcome === "perforated";
-  const reach = isThrough ? `wall of ${digits(target.thickness_m * 1e3)} mm` : `${digits(depth * 1e3)} mm deep at most`;
+  const reach = outcome === "perforated" ? `wall of ${lengthShown(target.thickness_m)}` : `${lengthShown(depth)} deep at most`;
   return `${name}: ${outcomeShown(outcome)} after ${digits(final.time_s * 1e3)} ms, ${reach}.`;
 }

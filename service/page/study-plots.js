@@ -1,13 +1,13 @@
 // What a study shows: the probability with its band, the swing of each input, and tables of them.
 
-import { element } from "./elements.js";
+import { element, table } from "./elements.js";
 import { colour, csvOf, draw } from "./plots.js";
 import { inputField } from "./scatter.js";
-import { headline } from "./study.js";
+import { headline, probabilityAt } from "./study.js";
 import { degreesShown, digits } from "./words.js";
 
 const MARGIN_DEG = 4; // shown besides where the probability changes
-const [ROW_PX, AXIS_PX] = [38, 70];
+const [ROW_PX, AXIS_PX, NARROW] = [38, 70, 640];
 
 /** Draw the probability of ricochet over the oblique angle with its band. */
 export function drawCurve(root, study, values) {
@@ -27,12 +27,22 @@ export function drawCurve(root, study, values) {
     },
   ];
   const angle = headline(study);
+  const mine = values.impact.oblique_angle_deg;
+  const here = probabilityAt(study, mine);
+  const words = `${mine}°: ${here.value.toFixed(3)}, sampling error ± ${here.error.toFixed(3)}`;
+  traces.push({
+    ...{ x: [mine], y: [here.value], name: "your angle", mode: "markers+text", hoverinfo: "skip", cliponaxis: false },
+    text: [`<b>${root.clientWidth < NARROW ? words.replace(", sampling error", "<br>") : words}</b>`],
+    textposition: here.value > 0.5 ? "bottom right" : "top left",
+    marker: { size: 11, color: colour("path") },
+  });
   const layout = {
     showlegend: false,
     dragmode: false,
+    shapes: [{ type: "line", x0: mine, x1: mine, yref: "paper", y0: 0, y1: 1, line: { color: colour("path"), width: 1.2, dash: "dot" } }],
     margin: { l: 8, r: 16, t: 34, b: 8 },
     title: { text: angle && `Critical angle ${angle}`, font: { size: 14 }, x: 0.5, y: 1, yanchor: "top", pad: { t: 8 } },
-    xaxis: { title: { text: "Oblique angle [°]" }, range: rangeOf(x, y) },
+    xaxis: { title: { text: "Oblique angle [°]" }, range: rangeOf(x, y, mine) },
     yaxis: { title: { text: "Probability of ricochet" }, range: [-0.02, 1.02] },
   };
   return draw(root, traces, layout, {
@@ -42,7 +52,7 @@ export function drawCurve(root, study, values) {
     part: "probability",
     again: () => drawCurve(root, study, values),
     csv: () => csvOf(study.probability),
-    label: `Probability of ricochet over the oblique angle with its interval. Critical angle ${angle || "none"}.`,
+    label: `Probability of ricochet over the oblique angle with its sampling error. At ${words}. Critical angle ${angle || "none"}.`,
   });
 }
 
@@ -73,7 +83,7 @@ export function drawTornado(root, study, values) {
     key: study.key,
     part: "swings",
     again: () => drawTornado(root, study, values),
-    csv: () => csvOf(swingColumns(study)),
+    csv: () => csvOf(study.sensitivity.flatMap(({ field, swing }) => swing.map((each) => ({ field, ...each })))),
     label: `Swing of the critical angle by input: ${bars.map(({ label, span }) => `${label} ${degreesShown(span)}`).reverse().join(", ")}.`,
   }).then((plot) => {
     plot?.style.setProperty("height", heightOf(bars));
@@ -86,29 +96,16 @@ export function sensitivityTable(study) {
   const spans = new Map(swings(study).map(({ field, span }) => [field, span]));
   const rows = study.sensitivity.map(({ field, first_order: first, total }) => {
     const span = spans.get(field);
-    const cells = [first, total].map((each) => (each ? estimateShown(each) : "not known"));
-    return element(
-      "tr",
-      {},
-      element("th", { scope: "row" }, inputField(field).label),
-      ...[...cells, span === undefined ? "no angle" : degreesShown(span)].map((text) => element("td.number", {}, text)),
-    );
+    const indices = [first, total].map((each) => (each ? estimateShown(each) : "not known"));
+    return [inputField(field).label, ...indices, span === undefined ? "no angle" : degreesShown(span)];
   });
-  const heads = ["Input", "First order", "Total", "Swing"].map((name, i) =>
-    element(i ? "th.number" : "th", { scope: "col" }, name),
-  );
-  const parts = [element("thead", {}, element("tr", {}, ...heads)), element("tbody", {}, ...rows)];
-  const caption = element("caption", {}, "Sobol indices of the critical angle");
-  const table = element("table.indices", {}, caption, ...parts);
+  const heads = ["Input", "First order", "Total", "Swing"];
+  const caption = "Sobol indices of the critical angle";
   const note =
     "First order: the share of the variance of the critical angle that an input explains by itself; total: with all that it " +
     "does together with others. In brackets their intervals. Swing: the length of the bar.";
-  return element(
-    "div",
-    {},
-    element("div.wide", { tabindex: 0, role: "group", "aria-label": "Table of sensitivities" }, table), // it scrolls
-    element("p.quiet", {}, note),
-  );
+  const indices = table("table.indices", { heads, rows, caption, label: "Table of sensitivities", isNamed: true, isNumber: Boolean });
+  return element("div", {}, indices, element("p.quiet", {}, note));
 }
 
 /** Return a sentence or two on a study. */
@@ -119,15 +116,15 @@ export function describeStudy(study) {
   const parts = [
     mean ? `Mean ${degreesShown(mean.value)}, standard deviation ${degreesShown(deviation?.value ?? 0)}.` : "",
     without.value > 0 ? `${digits(100 * without.value, 2)} % of the samples have no critical angle.` : "",
-    `${study.samples.toLocaleString("en")} samples: each probability is known within ± ${digits(width, 2)}` +
-      `${study.converged ? "" : ", less well than requested"},`,
+    `${study.samples.toLocaleString("en")} samples: sampling error ± ${digits(width, 2)}` +
+      `${study.converged ? "" : ", more than requested"},`,
     `${study.method === "surrogate" ? "by polynomials fitted to them" : "counted directly"}.`,
     study.samples_failed ? `${study.samples_failed} samples could not be computed.` : "",
     study.samples_outside ? `${study.samples_outside} samples are outside the accepted range.` : "",
   ];
   return [
     angle
-      ? element("p", {}, "Critical angle ", element("strong.angle", {}, angle), ": median and 90 % range.")
+      ? element("p", {}, "Critical angle ", element("strong.range", {}, angle), ": median and 90 % range.")
       : element("p", {}, "No sample has a critical angle."),
     element("p", {}, parts.filter(Boolean).join(" ")),
   ];
@@ -149,19 +146,13 @@ function swings({ sensitivity }) {
     .sort((a, b) => b.span - a.span);
 }
 
-function swingColumns({ sensitivity }) {
-  const rows = sensitivity.flatMap(({ field, swing }) => swing.map((each) => ({ field, ...each })));
-  return Object.fromEntries(["field", "value", "critical_angle_deg"].map((name) => [name, rows.map((row) => row[name])]));
-}
-
 function estimateShown({ value, lower, upper }) {
   return `${value.toFixed(2)} (${lower.toFixed(2)}\u00a0to\u00a0${upper.toFixed(2)})`;
 }
 
-function rangeOf(x, y) {
-  const changing = x.filter((_, i) => y[i] > 0.002 && y[i] < 0.998);
-  if (!changing.length) return [x[0], x.at(-1)];
-  return [Math.max(changing[0] - MARGIN_DEG, x[0]), Math.min(changing.at(-1) + MARGIN_DEG, x.at(-1))];
+function rangeOf(x, y, mine) {
+  const changing = [...x.filter((_, i) => y[i] > 0.002 && y[i] < 0.998), mine];
+  return [Math.max(Math.min(...changing) - MARGIN_DEG, x[0]), Math.min(Math.max(...changing) + MARGIN_DEG, x.at(-1))];
 }
 
 function heightOf(bars) {

@@ -7,8 +7,6 @@ import { untilAnswered } from "./lost.js";
 import { uncertainInput } from "./scatter.js";
 import { Problem, request } from "./service.js";
 
-const known = new Map(); // the latest answer by case and inputs that scatter, while the page is open
-
 /**
  * Compute a study as a job, with few samples and, if those do not suffice, with all.
  *
@@ -24,14 +22,14 @@ export async function* computeStudy({ values, inputs, sampling }, signal) {
   for (const samples of few < most ? [few, most] : [most]) {
     const body = { ...angleRequest(values), uncertain, sampling: { ...sampling, max_samples: samples } };
     const { id } = await submit("cra/uncertainty", body, signal);
-    const cancel = () => request(`jobs/${id}/cancel`, { method: "POST" }).catch(() => {});
+    const remove = () => request(`jobs/${id}`, { method: "DELETE" });
+    const cancel = () => request(`jobs/${id}/cancel`, { method: "POST" }).then(remove).catch(() => {});
     signal.addEventListener("abort", cancel, { once: true });
     for await (const { progress, partial } of statesOf(id, signal)) {
       if (progress) yield { samples: progress.samples, ...partial };
     }
     signal.removeEventListener("abort", cancel);
     const answer = await answerOf(id, signal);
-    known.set(keyOf(values, inputs), answer);
     yield answer;
     if (answer.converged) return;
   }
@@ -46,14 +44,19 @@ async function answerOf(id, signal) {
   return item.result;
 }
 
-/** Return the latest answer for a case at any oblique angle with these inputs; undefined if there was none. */
-export function knownStudy(values, inputs) {
-  return known.get(keyOf(values, inputs));
-}
-
 /** Return a quantile of the critical angle, if it is known. [°] */
 export function quantileOf({ critical_angle: angle }, level) {
   return angle?.quantiles.find((each) => each.level === level)?.value;
+}
+
+/** Return the probability of ricochet at an angle with half of its interval, which is of the sampling. [°] */
+export function probabilityAt({ probability }, angle) {
+  const { oblique_angle_deg: angles, ricochet_probability: values, lower, upper } = probability;
+  const next = angles.findIndex((each) => each >= angle);
+  const after = next < 0 ? angles.length - 1 : Math.max(next, 1);
+  const share = Math.min(Math.max((angle - angles[after - 1]) / (angles[after] - angles[after - 1]), 0), 1);
+  const at = (list) => list[after - 1] + share * (list[after] - list[after - 1]);
+  return { value: at(values), error: (at(upper) - at(lower)) / 2 };
 }
 
 /** Return the median with the 90 % range, as in "49° (45° to 53°)"; empty if there is no angle. */
@@ -62,9 +65,4 @@ export function headline(study) {
   if (middle === undefined) return "";
   const shown = (angle) => `${angle.toFixed(high - low < 3 ? 1 : 0)}°`;
   return `${shown(middle)} (${shown(low)} to ${shown(high)})`;
-}
-
-function keyOf(values, inputs) {
-  const uncertain = inputs.map((input) => JSON.stringify(uncertainInput(input, values)));
-  return JSON.stringify([angleRequest(values), uncertain.sort()]);
 }

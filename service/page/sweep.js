@@ -1,14 +1,14 @@
 // A map is a sweep over two fields. Its address holds the case, the fields and the job that computes it.
 
 import { caseQuery, readCase } from "./address.js";
-import { angleRequest, trajectoryRequest, withValue } from "./case.js";
+import { angleRequest, trajectoryRequest, valueAt, withValue } from "./case.js";
 import { paperCase } from "./contract.js";
-import { fieldAt } from "./fields.js";
+import { boundsOf, fieldAt } from "./fields.js";
 
 /** What a map may show, and how its cases are requested. */
 export const OPERATIONS = {
   cra: { label: "Critical angle", path: "cra/sweep" },
-  trajectory: { label: "Outcome at an angle", path: "trajectory/sweep" },
+  trajectory: { label: "Outcome (phase diagram)", path: "trajectory/sweep" },
   thickness: { label: "Least thickness at an angle", path: "thickness/sweep" },
   probability: { label: "Probability of ricochet at an angle" }, // a study for each case: map-run.js
 };
@@ -18,10 +18,8 @@ const AT_ONCE = 100; // cases that the service answers without a job
 const COARSE = 8; // rows and columns of what is seen of a large map first
 const THICKNESS = "target.thickness_m";
 const ANGLE = "impact.oblique_angle_deg";
-const USUAL = {
-  x: { field: "impact.velocity_m_s", start: 150, stop: 450, count: 9 },
-  y: { field: "target.compressive_strength_pa", start: 20e6, stop: 60e6, count: 9 },
-};
+const COUNT = 9; // values of an axis unless others are chosen
+const [SPEED, STRENGTH] = ["impact.velocity_m_s", "target.compressive_strength_pa"];
 
 /**
  * Return the map of a query.
@@ -31,13 +29,40 @@ const USUAL = {
  *   every point has but for its two fields; an axis has `field`, `start` and `stop` in SI units, and `count`
  */
 export function readMap(query) {
-  return {
-    values: readCase(query),
-    operation: query.get("operation") in OPERATIONS ? query.get("operation") : "cra",
-    x: readAxis(query.get("x")) ?? USUAL.x,
-    y: readAxis(query.get("y")) ?? USUAL.y,
-    job: query.get("job") ?? "",
+  const values = readCase(query);
+  const operation = query.get("operation") in OPERATIONS ? query.get("operation") : "cra";
+  const [x, y] = usualAxes(operation, values);
+  return { values, operation, x: readAxis(query.get("x")) ?? x, y: readAxis(query.get("y")) ?? y, job: query.get("job") ?? "" };
+}
+
+/** Return the axes of a map unless others are chosen: a phase diagram is over speed and angle. */
+export function usualAxes(operation, values) {
+  return [SPEED, operation === "trajectory" ? ANGLE : STRENGTH].map((field) => around(field, values));
+}
+
+/** Return an axis around the value of a case. */
+export function around(field, values) {
+  if (field === ANGLE) return { field, start: 5, stop: 85, count: COUNT };
+  const { least = -Infinity, above = least, most = Infinity, below = most } = boundsOf({ path: field, factor: 1 }, values);
+  const value = valueAt(values, field);
+  const [low, high] = value ? [0.6 * value, 1.4 * value].sort((a, b) => a - b) : [0, 1];
+  const end = (wanted) => Math.min(Math.max(Number(wanted.toPrecision(2)), above), below);
+  return { field, start: end(low), stop: end(high), count: COUNT };
+}
+
+/** Return whether a case is between the ends of an axis. */
+export function isOn({ field, start, stop }, values) {
+  const value = valueAt(values, field);
+  return value === undefined || (value >= start && value <= stop);
+}
+
+/** Return whether two maps show the same, by whatever job: what they vary has no value of the case. */
+export function isSame(one, other) {
+  const bare = (map) => {
+    const values = [map.x.field, map.y.field].reduce((rest, path) => withValue(rest, path), map.values);
+    return mapQuery({ ...map, values, job: "" }).toString();
   };
+  return bare(one) === bare(other);
 }
 
 /** Return whether the results of a job may be shown as a map: those of a sweep over two fields. */

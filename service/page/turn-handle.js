@@ -1,6 +1,7 @@
 // A handle at the rear of the projectile in the side view, which turns it about the point of contact.
 
 import { element } from "./elements.js";
+import { contactOf } from "./side-view.js";
 
 const RADIAN = Math.PI / 180;
 const [LEAST_DEG, MOST_DEG] = [0, 89.9]; // as the slider of the form
@@ -9,15 +10,14 @@ const STEPS = { ArrowRight: 1, ArrowUp: 1, ArrowLeft: -1, ArrowDown: -1, PageUp:
 /** The handle. */
 export class TurnHandle {
   isHeld = false;
-  #top; // of the drawing in the window when it was taken hold of [px]
   #run;
   #angle; // of the velocity from the normal, as it was last turned to or drawn [°]
 
   /**
    * @param {HTMLElement} root of the side view
-   * @param {{onTurn: (angle: number) => void, onHold: () => void, onRelease: () => void}} listeners
+   * @param {{onTurn: (angle: number) => void, onRelease: () => void}} listeners
    */
-  constructor(root, { onTurn, onHold, onRelease }) {
+  constructor(root, { onTurn, onRelease }) {
     Object.assign(this, { plotRoot: root, onTurn });
     const end = () => {
       if (!this.isHeld) return;
@@ -33,8 +33,6 @@ export class TurnHandle {
       "aria-valuemax": MOST_DEG,
       onpointerdown: (event) => {
         this.isHeld = true;
-        this.#top = this.#drawing.getBoundingClientRect().top;
-        onHold();
         this.root.setPointerCapture(event.pointerId);
       },
       onpointermove: (event) => this.isHeld && this.#turn(this.#angleAt(event)),
@@ -56,31 +54,23 @@ export class TurnHandle {
     this.root.setAttribute("aria-valuetext", `${run.values.impact.oblique_angle_deg}° from the normal: ${words}`);
     if (isNew) {
       this.plotRoot.append(this.root);
-      this.#drawing.on("plotly_afterplot", () => this.#place());
       this.root.hidden = false;
     }
-    this.#place();
-  }
-
-  /** Keep the drawing below the pointer where what is above it has grown. */
-  stay() {
-    if (this.isHeld) scrollBy(0, this.#drawing.getBoundingClientRect().top - this.#top);
-  }
-
-  get #drawing() {
-    return this.plotRoot.querySelector(".drawing");
+    this.place();
   }
 
   #turn(angle) {
     const next = Number(Math.min(Math.max(angle, LEAST_DEG), MOST_DEG).toFixed(1));
     if (next === this.#angle) return;
     this.#angle = next;
-    this.#place();
+    this.place();
     this.onTurn(next);
   }
 
-  #place() {
-    const [origin, scale] = this.#contact();
+  /** Put the handle at the rear of the projectile. */
+  place() {
+    if (!this.#run) return;
+    const [origin, scale] = contactOf(this.plotRoot);
     const reach = this.#run.projectile.length_m * scale;
     const angle = (this.#angle + this.#attack()) * RADIAN;
     this.root.setAttribute("aria-valuenow", this.#angle);
@@ -89,19 +79,12 @@ export class TurnHandle {
   }
 
   #angleAt({ clientX, clientY }) {
-    const box = this.#drawing.getBoundingClientRect();
-    const [[x, y]] = this.#contact();
+    const box = this.plotRoot.querySelector(".drawing").getBoundingClientRect();
+    const [[x, y]] = contactOf(this.plotRoot);
     return Math.atan2(box.left + x - clientX, box.top + y - clientY) / RADIAN - this.#attack();
   }
 
   #attack() {
     return this.#run.values.impact.angle_of_attack_deg ?? 0;
-  }
-
-  /** Return where the point of contact is in the drawing, and the scale. [px, px/m] */
-  #contact() {
-    const { xaxis, yaxis } = this.#drawing._fullLayout;
-    const origin = [xaxis._offset + xaxis.l2p(0), yaxis._offset + yaxis.l2p(0)];
-    return [origin, xaxis.l2p(1) - xaxis.l2p(0)];
   }
 }

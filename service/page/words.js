@@ -1,13 +1,8 @@
 // Outcomes, statuses and warnings in words.
 
 import { element } from "./elements.js";
+import { inShownUnits, unitOf } from "./units.js";
 
-const ENDS = {
-  ricochet: "The projectile is turned away.",
-  embedded: "The projectile digs in and stays.",
-  in_motion: "The projectile still moves when the run is given up.",
-  perforated: "The projectile goes through: the wall is perforated.",
-};
 const SHORT = { ricochet: "turned away", embedded: "embedded", in_motion: "in motion", perforated: "perforated" };
 const STATUSES = {
   no_ricochet: "Nothing in the range searched is turned away: there is no critical angle.",
@@ -26,6 +21,18 @@ export function digits(value, count = 3) {
   return value.toFixed(Math.max(0, Math.min(12, count - 1 - size)));
 }
 
+/** Return a quantity in SI as text, as in `238 m/s`; `si` is the unit in which SI shows it. What is given has 4 digits and more. */
+export function quantityShown(value, si, count = 3) {
+  const { unit, factor } = unitOf(si);
+  const shown = count > 3 ? String(Number((value / factor).toPrecision(count))) : digits(value / factor, count);
+  return `${Number(shown) >= 1e3 ? Number(shown).toLocaleString("en") : shown} ${unit}`;
+}
+
+/** Return a length in SI as text: in millimetres, or inches. */
+export function lengthShown(value, count = 3) {
+  return quantityShown(value, "mm", count);
+}
+
 /** Return a critical angle as text, with two decimals. */
 export function degreesShown(value) {
   return `${value.toFixed(2)}°`;
@@ -41,75 +48,62 @@ export function statusShown(status) {
   return status.replace("_", " ");
 }
 
-/** Return paragraphs on how a run ended. */
+/** Return how a run ended in a sentence or two. */
 export function describeRun(run) {
   const { final, target } = run;
   const speed = Math.hypot(final.depth_velocity_m_s, final.lateral_velocity_m_s);
-  const rest = run.outcome === "embedded" ? "" : ` It goes on at ${digits(speed)} m/s.`;
-  const isThrough = run.outcome === "perforated";
-  const depth = isThrough ? "" : ` The nose tip went ${digits(run.maximum_depth_m * 1e3)} mm deep.`;
-  return [
-    element("p.outcome", { "data-outcome": run.outcome }, element("strong", {}, ENDS[run.outcome])),
-    element(
-      "p",
-      {},
-      `After ${digits(final.time_s * 1e3)} ms, with its nose tip ${place(final.nose_tip_depth_m, target.thickness_m)} and its axis at ` +
-        `${digits(final.axis_angle_deg)}° from the normal.${rest}${depth} ` +
-        `Strength factor ${digits(run.strength_factor)}.`,
-    ),
-  ];
+  const rest = run.outcome === "embedded" ? "" : ` It goes on at ${quantityShown(speed, "m/s")}.`;
+  const depth = run.outcome === "perforated" ? "" : ` The nose tip went ${lengthShown(run.maximum_depth_m)} deep.`;
+  return (
+    `After ${digits(final.time_s * 1e3)} ms, with its nose tip ${place(final.nose_tip_depth_m, target.thickness_m)} and its axis at ` +
+    `${digits(final.axis_angle_deg)}° from the normal.${rest}${depth} Strength factor ${digits(run.strength_factor)}.`
+  );
 }
 
-/** Return a paragraph on what a search found. */
+/** Return what a search found besides the angle, in sentences; how it ended if there is none. */
 export function describeAngle(found) {
-  const range = rangeShown(found);
-  const outcomes = found.outcomes ? ` ${outcomesShown(found.outcomes)}` : "";
-  if (found.critical_angle_deg === undefined) {
-    return element("p", {}, STATUSES[found.status], range && ` Under other laws: ${range}.`, outcomes);
-  }
+  const outcomes = found.outcomes ? outcomesShown(found.outcomes) : "";
+  if (found.critical_angle_deg === undefined) return [STATUSES[found.status], outcomes].filter(Boolean).join(" ");
   const error = found.critical_angle_standard_error_deg;
-  const spread = error === undefined ? "" : ` ± ${degreesShown(error)} (standard error)`;
   const others = found.other_crossings_deg.map(degreesShown).join(", ");
-  return element(
-    "p",
-    {},
-    "Critical angle ",
-    element("strong.angle", {}, degreesShown(found.critical_angle_deg)),
-    `${spread}${range && ` (${range} under other laws)`} from the normal: the smallest that is turned away.`,
-    ` Strength factor there ${digits(found.strength_factor)}.`,
-    others && !outcomes ? ` The outcome changes again at ${others}.` : "",
+  return [
+    `Strength factor at the critical angle ${digits(found.strength_factor)}.`,
+    error === undefined ? "" : `Standard error of the angle ${degreesShown(error)}.`,
+    others && !outcomes ? `The outcome changes again at ${others}.` : "",
     outcomes,
-    found.status === "not_converged" ? ` ${STATUSES.not_converged}` : "",
-  );
+    found.status === "not_converged" ? STATUSES.not_converged : "",
+  ].filter(Boolean).join(" ");
 }
 
-/** Return the outcomes of a wall by oblique angle, as in "Perforated 5.00° to 41.02°, turned away 41.02° to 85.00°." */
+/** Return the outcomes of a wall by oblique angle, as in "Perforated to 41.02°, turned away from 41.02°." */
 function outcomesShown(outcomes) {
-  const intervals = outcomes.map(
-    ({ outcome, lower_deg: lower, upper_deg: upper }) =>
-      `${SHORT[outcome]} ${degreesShown(lower)} to ${degreesShown(upper)}`,
-  );
+  const intervals = outcomes.map(({ outcome, lower_deg: lower, upper_deg: upper }, i) => {
+    const from = i ? degreesShown(lower) : `${degreesShown(lower)} (where the search begins)`;
+    const to = i < outcomes.length - 1 ? degreesShown(upper) : `${degreesShown(upper)} (where it ends)`;
+    return `${SHORT[outcome]} from ${from} to ${to}`;
+  });
   return sentence(intervals.join(", "));
 }
 
-/** Return the range of the critical angle under other laws, if that is known. */
-function rangeShown({ alternatives = [] }) {
-  const angles = alternatives.map((each) => each.critical_angle_deg).filter((angle) => angle !== undefined);
-  if (!angles.length) return "";
-  const none = alternatives.length - angles.length;
-  const range = `${degreesShown(Math.min(...angles))} to ${degreesShown(Math.max(...angles))}`;
-  return none ? `${range}, none in ${none} of ${alternatives.length}` : range;
-}
+/** Codes of warnings, the worst first; what is not here comes after, but before those at the end. */
+const WORST = ["implausible", "base_strikes_first", "velocity_beyond_rigid", "undecided", "tumbling", "range_clipped", "rear_face_unconservative", "retention_decides", "shallow_penetration"];
+const MILDEST = ["strength_fit_extrapolated", "mass_properties_assumed"];
 
-/** Return warnings as a list, each once; nothing if there are none but those that hold for every case. */
+/**
+ * Return warnings in a line, with how many there are and the worst, which unfolds to all of them; nothing if there are none but
+ * those that hold for every case.
+ */
 export function warningList(...lists) {
   const own = lists.flat().filter(({ code }) => !STANDING.has(code));
-  const details = new Map(own.map(({ code, detail }) => [`${code} ${detail}`, { code, detail }]));
-  if (!details.size) return [];
-  const items = [...details.values()].map(({ code, detail }) =>
-    element("li.warning", { "data-code": code }, unbroken(sentence(detail))),
-  );
-  return [element("h2", {}, "Warnings"), element("ul.warnings", {}, ...items)];
+  const details = [...new Map(own.map((each) => [each.code, each])).values()];
+  if (!details.length) return [];
+  const rank = ({ code }) => (WORST.includes(code) ? WORST.indexOf(code) : WORST.length + 1 + MILDEST.indexOf(code));
+  details.sort((one, other) => rank(one) - rank(other));
+  const [worst] = details;
+  const words = ({ detail }) => unbroken(sentence(inShownUnits(detail)));
+  const count = element("strong", {}, details.length === 1 ? "1 warning" : `${details.length} warnings`);
+  const items = details.map((each) => element("li.warning", { "data-code": each.code }, words(each)));
+  return [element("details.warnings", {}, element("summary", {}, count, element("span.worst", {}, ` ${words(worst)}`)), element("ul", {}, ...items))];
 }
 
 /** Return text whose numbers keep to a line with their units. */
@@ -117,12 +111,17 @@ export function unbroken(text) {
   return text.replace(/(\d) (?=%|°|[kmM]?m\b|m\/s|kg|[MG]?Pa\b|k?N\b)/g, "$1\u00a0");
 }
 
+/** Return text with a capital first letter. */
+export function capital(text) {
+  return text.charAt(0).toUpperCase() + text.slice(1);
+}
+
 function sentence(text) {
-  return text.charAt(0).toUpperCase() + text.slice(1) + (/[.!?]$/.test(text) ? "" : ".");
+  return capital(text) + (/[.!?]$/.test(text) ? "" : ".");
 }
 
 function place(depth, thickness = Infinity) {
-  if (depth > thickness) return `${digits((depth - thickness) * 1e3)} mm beyond the rear face`;
-  const distance = `${digits(Math.abs(depth) * 1e3)} mm`;
+  if (depth > thickness) return `${lengthShown(depth - thickness)} beyond the rear face`;
+  const distance = lengthShown(Math.abs(depth));
   return depth >= 0 ? `${distance} inside` : `${distance} outside`;
 }

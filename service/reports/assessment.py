@@ -347,14 +347,17 @@ def _limits(numbers: Numbers, strike: Assessed) -> list[Limit]:
     return found
 
 
-def _warnings(strike: Assessed) -> list[tuple[str, str]]:
-    """Return code and text of the warnings of what is shown, the first of each code: the search's say most."""
-    found: dict[str, str] = {}
+def _warnings(strike: Assessed) -> list[tuple[str, str, str]]:
+    """Return code and text of the warnings of what is shown, the first of each code, and what each belongs to.
+
+    Those of the search come first: they say most.
+    """
+    found: dict[str, tuple[str, str, str]] = {}
     for name in ("cra", *RUNS, "thickness", "uncertainty"):
         for warning in (_answered(strike, name) or {}).get("warnings", ()):
             if warning["code"] not in UNSAID:
-                found.setdefault(warning["code"], warning["detail"])
-    return list(found.items())
+                found.setdefault(warning["code"], (warning["code"], warning["detail"], KEYS[name]))
+    return list(found.values())
 
 
 def _pictures(strike: Assessed, study: Mapping[str, Any] | None) -> dict[str, bytes]:

@@ -52,7 +52,7 @@ def open_view(page: Page, view: str) -> None:
     if view in ("jobs", "walls"):
         expect(page.get_by_role("table")).to_be_visible()
     else:
-        expect(page.locator(".drawing .main-svg").first).to_be_visible()
+        expect(page.locator(".drawing svg").first).to_be_visible()
 
 
 @pytest.mark.parametrize("view", VIEWS)

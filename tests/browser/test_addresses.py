@@ -47,7 +47,7 @@ def test_map_is_reopened_from_its_address_without_being_run(new_page: NewPage) -
     read = "() => document.querySelector('.map .drawing').data[1].z.map(row => [...row])"
     assert other.evaluate(read) == page.evaluate(read)
     assert other.url == page.url
-    assert posts == []
+    assert [each for each in posts if "sweep" in each or "batch" in each] == [], "the card alone is computed"
 
 
 def test_map_is_found_again_among_the_jobs(page: Page) -> None:

@@ -6,14 +6,14 @@ from pathlib import Path
 from typing import Any
 
 import httpx
+import pytest
 from playwright.sync_api import Locator, Page, expect
 
 from service.schemas.strike import PAPER_AT_45
 
 from .conftest import NewPage
 from .downloads import data_lines
-
-IDLE = "() => document.querySelector('.angle') && !document.querySelector('.pictures > :not(details) [aria-busy=true]')"
+from .side_view import IDLE, points
 
 
 def pin(page: Page) -> None:
@@ -56,14 +56,12 @@ def test_strike_is_pinned_and_the_next_is_laid_over_it(page: Page, client: httpx
     shown = table(page)
     assert shown["Speed [m/s]"] == ["300", "238"]
     assert "Mass [kg]" not in shown
-    assert shown["Critical angle [°]"] == [f"{angles[0]:.2f}", f"{angles[1]:.2f} (+{angles[0] - angles[1]:.2f})"]
-    assert shown["Greatest depth [mm]"] == [f"{depths[0]:.1f}", f"{depths[1]:.1f} (+{depths[0] - depths[1]:.1f})"]
+    assert shown["Critical angle [°]"] == [f"{angles[0]:.2f}", f"{angles[1]:.2f} (−{angles[0] - angles[1]:.2f})"]
+    assert shown["Greatest depth [mm]"] == [f"{depths[0]:.1f}", f"{depths[1]:.1f} (−{depths[0] - depths[1]:.1f})"]
 
-    drawn = traces(page, "side-view")
-    assert [(meta, name) for meta, name, _ in drawn] == [(0, "This strike"), (1, "A")]
-    assert [round(1e3 * max(y), 1) for *_, y in drawn] == [round(depth, 1) for depth in depths]
+    assert [1e3 * max(points(page, "path", at)[1]) for at in (0, 1)] == pytest.approx(depths, rel=1e-4)
     assert {meta for meta, *_ in traces(page, "histories")} == {0, 1}
-    expect(page.locator(".side-view .legend")).to_contain_text("This strike")
+    expect(page.locator(".side-view .legend")).to_have_text(["This strike", "A"])
 
 
 def test_pinned_strikes_are_in_the_address_and_reopened(page: Page, new_page: NewPage) -> None:

@@ -1,9 +1,17 @@
-"""The first load over a slow line: words first, pictures later, nothing moves."""
+"""The first load over a slow line: words and the side view first, plots later, nothing moves."""
 
+import re
+from pathlib import Path
 from typing import Any
 
+import pytest
 from playwright.sync_api import CDPSession, Page, expect
 
+from .conftest import FOLDER, NewPage
+from .side_view import IDLE, READY
+
+FORM = "form[aria-label=Case]"
+PARTS = (".verdict", ".side-view .drawing")
 SLOW_BYTES_PER_S = 400_000 / 8
 TOP = "part => Math.round(part.getBoundingClientRect().top + scrollY)"
 
@@ -24,20 +32,71 @@ def test_answer_in_words_comes_before_the_plots_on_a_slow_line(page: Page) -> No
     throttle(session, SLOW_BYTES_PER_S)
     page.goto("/", wait_until="commit")
     expect(page.locator(".angle")).to_have_text("48.63°")
-    expect(page.get_by_text("The projectile digs in and stays.")).to_be_visible()
-    for part in (".angle", "[data-outcome]"):
+    expect(page.locator("[data-outcome]")).to_contain_text("At 45° from the normal: embedded")
+    expect(page.locator(READY)).to_be_visible()
+    for part in (".angle", "[data-outcome]", READY):
         expect(page.locator("[aria-busy=true]").filter(has=page.locator(part))).to_have_count(0)
-    assert page.locator(".drawing").count() == 0, "what draws the plots is not there yet"
+    assert page.locator(".histories .drawing").count() == 0, "what draws the plots is not there yet"
     side, histories = page.locator(".side-view"), page.locator(".histories")
     before = [side.evaluate(TOP), histories.evaluate(TOP)]
     assert side.evaluate("part => part.clientHeight") > 250
-    expect(page.get_by_role("group", name="Spread")).to_contain_text("searches")
+    expect(page.get_by_label("Spread", exact=True)).to_contain_text("usual scatter")
     places = [side.evaluate(TOP), histories.evaluate(TOP)]
     throttle(session, -1)
     expect(page.locator(".histories .scatterlayer .trace").first).to_be_visible()
     after = [side.evaluate(TOP), histories.evaluate(TOP)]
     assert after[0] == places[0]
     assert abs((after[1] - after[0]) - (before[1] - before[0])) <= 60, "the row of buttons and the scrubber"
+
+
+def test_first_picture_takes_a_quarter_of_a_megabyte_at_most(page: Page) -> None:
+    session = page.context.new_cdp_session(page)
+    session.send("Network.enable")
+    sizes: list[float] = []
+    session.on("Network.loadingFinished", lambda event: sizes.append(event["encodedDataLength"]))
+    throttle(session, SLOW_BYTES_PER_S)  # what comes later is seen to come later
+    page.goto("/", wait_until="commit")
+    page.locator(READY).wait_for()
+    assert sum(sizes) <= 250_000
+
+
+def test_every_module_of_the_first_view_is_announced_to_the_browser() -> None:
+    """A chain of imports costs a round trip for each link, so the document names them all."""
+    found: set[Path] = set()
+
+    def follow(module: Path) -> None:
+        if module in found:
+            return
+        found.add(module)
+        for name in re.findall(r'from "(\.{1,2}/[\w/.-]+)"', module.read_text()):
+            follow((module.parent / name).resolve())
+
+    for module in (FOLDER / "main.js", FOLDER / "views" / "explore.js"):
+        follow(module.resolve())
+    named = re.findall(r'rel="modulepreload" href="page/([^"]+)"', (FOLDER / "index.html").read_text())
+    assert {FOLDER.resolve() / name for name in named} == found - {FOLDER.resolve() / "main.js"}
+
+
+@pytest.mark.parametrize(
+    ("width", "height", "parts"),
+    [(1440, 900, (".verdict", ".side-view .drawing", FORM)), (390, 844, (".verdict", ".side-view .drawing"))],
+)
+def test_verdict_and_picture_are_above_the_fold(
+    new_page: NewPage, width: int, height: int, parts: tuple[str, ...]
+) -> None:
+    page = new_page(width=width, height=height)
+    page.goto("/")
+    page.wait_for_function(IDLE)
+    for part in parts:
+        ratio = 0.5 if part == FORM else 1.0  # it is longer than any window
+        box = page.locator(part).first.bounding_box()
+        assert box is not None
+        assert box["y"] >= 0
+        assert box["y"] + ratio * min(box["height"], height) <= height, part
+    for slider in page.locator("form input[type=range]").all():
+        slider.focus()
+        expect(slider).to_be_in_viewport()
+        expect(page.locator(".side-view .drawing")).to_be_in_viewport(ratio=1.0)
 
 
 def test_second_load_fetches_nothing_anew(page: Page) -> None:

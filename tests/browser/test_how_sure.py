@@ -45,7 +45,7 @@ def answer_of(client: httpx.Client, **rest: Any) -> dict[str, Any]:
 
 
 def drawn(page: Page) -> list[list[float]]:
-    """The lower and the upper edge of the band, and the curve."""
+    """The lower and the upper edge of the band, the curve, and the angle of the case."""
     plot = page.get_by_role("img", name=re.compile("Probability of ricochet"))
     found: list[list[float]] = plot.evaluate("plot => plot.data.map(({ y }) => [...y])")
     return found
@@ -80,7 +80,7 @@ def test_band_is_shared_and_downloaded_with_the_numbers_of_the_service(
     page: Page, new_page: NewPage, client: httpx.Client, tmp_path: Path
 ) -> None:
     page.goto("/#/how-sure")
-    for name in ("Density", "Mass", "Angle of attack", "Free surface"):
+    for name in ("Density", "Mass", "Angle of attack", "Free surface", "Factor on the strength factor"):
         page.get_by_role("button", name=f"Remove {name}", exact=True).click()
     page.get_by_role("group", name="Speed").get_by_label("Coefficient of variation").fill("2")
     page.get_by_role("group", name="Compressive strength").get_by_label("Dispersion").fill("0.15")
@@ -88,14 +88,16 @@ def test_band_is_shared_and_downloaded_with_the_numbers_of_the_service(
     answer = answer_of(client)
     probability = answer["probability"]
     assert answer["converged"]
-    lower, upper, curve = drawn(page)
+    lower, upper, curve, [mine] = drawn(page)
+    assert mine == pytest.approx(np.interp(45.0, probability["oblique_angle_deg"], curve))
+    expect(page.get_by_role("img", name=re.compile(r"At 45°: 0\.\d+, sampling error ± 0\.\d+"))).to_be_visible()
     assert (lower, upper, curve) == (
         probability["lower"],
         probability["upper"],
         probability["ricochet_probability"],
     )
     assert max(np.subtract(upper, lower)) > 0.001
-    headline = page.locator(".angle").inner_text()
+    headline = page.locator(".range").inner_text()
     quantiles = {each["level"]: each["value"] for each in answer["critical_angle"]["quantiles"]}
     assert re.findall(r"[\d.]+", headline) == [f"{quantiles[level]:.0f}" for level in (0.5, 0.05, 0.95)]
     table = page.get_by_role("table", name="Sobol indices of the critical angle")
@@ -106,7 +108,7 @@ def test_band_is_shared_and_downloaded_with_the_numbers_of_the_service(
     other.goto(page.url)
     wait(other)
     assert other.url == page.url
-    assert drawn(other) == [lower, upper, curve]
+    assert drawn(other)[:3] == [lower, upper, curve]
 
     for name in ("SVG", "CSV"):
         what = "the plot as SVG" if name == "SVG" else "the data of the plot as CSV"
@@ -151,36 +153,12 @@ def test_bad_distributions_are_marked_at_their_fields(page: Page, faults: list[s
     page.get_by_role("button", name="Run").click()
     expect(decay.get_by_text("must sum to 1, got 1.1")).to_be_visible()
     refusals = [fault for fault in faults if "422" in fault and "/cra/uncertainty" in fault]
-    assert len(refusals) == 4
+    assert len(refusals) >= 4
     for each in refusals:
         faults.remove(each)
     variation.fill("wide")
-    expect(variation).to_have_accessible_description(re.compile("no number"))
+    expect(variation).to_have_accessible_description(re.compile("not a number"))
     expect(page.get_by_role("button", name="Run")).to_be_disabled()
-
-
-def test_explore_shows_the_spread_of_the_usual_inputs_and_no_other_study(page: Page) -> None:
-    spread = page.get_by_role("group", name="Spread")
-    usual = "with the usual scatter of speed, compressive strength, density, mass, angle of attack, free surface"
-    page.goto(f"/#/how-sure?{TWO}")
-    wait(page)
-    page.get_by_role("link", name="Explore").click()
-    expect(spread).to_contain_text(usual)
-    quick = spread.inner_text()
-    page.get_by_role("link", name="How sure", exact=True).click()
-    run(page)
-    headline = page.locator(".angle").inner_text()
-    page.get_by_role("link", name="Explore").click()
-    expect(spread).to_contain_text(usual)
-    expect(spread).not_to_contain_text("256 searches")
-    expect(page.get_by_role("button", name="Refine the spread")).to_have_count(0)
-    shown = [f"{float(each):.0f}" for each in re.findall(r"([\d.]+)°", spread.inner_text())]
-    assert shown == re.findall(r"[\d.]+", headline)
-    page.get_by_role("slider", name="Speed").fill("250")
-    expect(spread).to_contain_text("256 searches")
-    page.get_by_label("Free surface").select_option("none")
-    expect(spread).to_contain_text("mass, angle of attack (by")
-    assert quick
 
 
 def test_lost_submission_is_repeated(page: Page, faults: list[str]) -> None:
@@ -224,21 +202,20 @@ def test_study_is_stopped_and_a_changed_form_gives_it_up(page: Page) -> None:
     expect(page).to_have_url(re.compile("dispersion%3A0.2"))
 
 
-def test_numbers_of_inputs_before_are_marked_until_they_are_run_again(page: Page) -> None:
+def test_study_runs_again_by_itself_and_the_numbers_before_are_marked(page: Page) -> None:
     page.goto(f"/#/how-sure?{TWO}&sampling.max_samples=1024")
     wait(page)
-    stale = page.locator("[aria-busy=true]").filter(has=page.locator(".angle"))
+    stale = page.locator("[aria-busy=true]").filter(has=page.locator(".range"))
     dispersion = page.get_by_label("Dispersion")
     dispersion.fill("0.2")
     expect(stale).to_have_count(1)
-    expect(page.locator("#status")).to_have_text("Out of date. Run again.")
-    run(page)
+    wait(page)  # without a click
     expect(stale).to_have_count(0)
     page.get_by_text("The case", exact=True).click()
-    page.get_by_label("Speed", exact=True).fill("-5")
-    expect(page.locator(".angle")).to_be_hidden()
+    page.get_by_role("textbox", name="Speed", exact=True).fill("-5")
+    expect(page.locator(".range")).to_be_hidden()
     expect(page.get_by_role("button", name="Run")).to_be_disabled()
-    page.get_by_label("Speed", exact=True).fill("240")
+    page.get_by_role("textbox", name="Speed", exact=True).fill("240")
     expect(page.get_by_role("button", name="Run")).to_be_enabled()
 
 
@@ -248,7 +225,6 @@ def test_button_and_results_of_a_long_form_are_a_step_away(page: Page, size: tup
     page.set_viewport_size({"width": width, "height": height})
     page.goto("/#/how-sure")
     expect(page.get_by_role("button", name="Run")).to_be_in_viewport()
-    expect(page.get_by_role("button", name="Show the results")).to_be_hidden()
     page.goto(f"/#/how-sure?{TWO}&sampling.max_samples=512")
     wait(page)
     page.mouse.wheel(0, 400)

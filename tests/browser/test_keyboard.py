@@ -21,7 +21,7 @@ def tab_to(page: Page, target: Locator) -> None:
 
 def test_skip_link_leads_to_the_view(page: Page) -> None:
     page.goto("/#/explore")
-    expect(page.locator(".drawing .main-svg").first).to_be_visible()
+    expect(page.locator(".drawing svg").first).to_be_visible()
     page.keyboard.press("Tab")
     expect(page.get_by_role("link", name="Skip to the view")).to_be_focused()
     page.keyboard.press("Enter")
@@ -106,7 +106,7 @@ def test_study_is_set_up_and_run_by_keys_alone(page: Page) -> None:
     tab_to(page, page.get_by_role("button", name="Run"))
     page.keyboard.press("Enter")
     expect(page.locator("#study-progress")).to_have_text("Done.", timeout=180_000)
-    expect(page.locator(".angle")).to_be_visible()
+    expect(page.locator(".range")).to_be_visible()
 
 
 def test_job_is_renamed_and_deleted_by_keys_alone(page: Page, client: httpx.Client) -> None:

@@ -11,8 +11,7 @@ import httpx
 import pytest
 from playwright.sync_api import Page, expect
 
-from service.schemas.strike import PAPER
-from service.schemas.verdict import CENTRES, USUAL_SCATTER
+from service.schemas.strike import PAPER, PAPER_AT_45
 
 from .downloads import data_lines
 
@@ -82,7 +81,7 @@ def test_map_of_outcomes_distinguishes_them_in_words(page: Page, tmp_path: Path)
     page.goto("/#/map?operation=trajectory&x=impact.oblique_angle_deg,40,60,5&y=impact.velocity_m_s,237,239,2")
     page.get_by_role("button", name="Run").click()
     expect(page.locator("#map-counts")).to_have_text(
-        re.compile(r"^4 embedded, 6 ricochet.* depth of the nose tip \[mm\]")
+        re.compile(r"^4 embedded, 6 turned away.* depth of the nose tip \[mm\]")
     )
     with page.expect_download() as download:
         page.get_by_role("button", name="Download the data").click()
@@ -92,7 +91,7 @@ def test_map_of_outcomes_distinguishes_them_in_words(page: Page, tmp_path: Path)
     assert [float(row["impact.oblique_angle_deg"]) for row in rows[:5]] == [40, 45, 50, 55, 60]
 
 
-def test_cell_that_is_clicked_opens_in_explore(page: Page) -> None:
+def test_cell_that_is_clicked_is_read_as_one_case(page: Page) -> None:
     open_map(page, x="impact.velocity_m_s,238,300,2", y="projectile.mass_kg,13,14,3", rest="")
     page.get_by_role("button", name="Run").click()
     expect(page.locator("#map-progress")).to_have_text("All 6 cases are computed.")
@@ -103,8 +102,61 @@ def test_cell_that_is_clicked_opens_in_explore(page: Page) -> None:
     page.mouse.move(box["x"] + 0.8 * box["width"], box["y"] + 0.1 * box["height"])
     expect(page.locator(".map .hovertext")).to_contain_text("300 m/s, 14 kg")
     page.mouse.click(box["x"] + 0.8 * box["width"], box["y"] + 0.1 * box["height"])
+    cell = page.get_by_role("region", name="One case")
+    expect(cell.get_by_label("Speed")).to_have_value("300 m/s")
+    expect(cell.get_by_label("Mass")).to_have_value("14 kg")
+    cell.get_by_role("link", name="Open in Explore").click()
     expect(page).to_have_url(re.compile(r"#/explore\?.*impact\.velocity_m_s=300"))
     assert "projectile.mass_kg=14" in page.url
+
+
+def test_axes_follow_the_case_and_the_star_is_on_the_map(page: Page) -> None:
+    page.goto("/#/map?impact.velocity_m_s=600&target.compressive_strength_pa=90e6")
+    expect(page.locator("#map-progress")).to_have_text("All 81 cases are computed.")
+    for axis, value in (("Horizontal axis", 600.0), ("Vertical axis", 90.0)):
+        group = page.get_by_role("group", name=axis)
+        ends = [float(group.get_by_label(end).input_value()) for end in ("From", "To")]
+        assert 0.55 * value < ends[0] < value < ends[1] < 1.45 * value
+    page.get_by_text("The other fields").click()
+    page.get_by_role("textbox", name="Speed", exact=True).fill("120")
+    horizontal = page.get_by_role("group", name="Horizontal axis")
+    expect(horizontal.get_by_label("From")).to_have_value("72")
+    expect(horizontal.get_by_label("To")).to_have_value("170")
+
+
+def test_phase_diagram_has_the_case_as_a_point_that_is_dragged(page: Page) -> None:
+    page.goto("/#/map")
+    page.get_by_label("Show").select_option("trajectory")
+    page.get_by_role("button", name="Run").click()
+    expect(page.locator("#map-counts")).to_have_text(re.compile(r"^\d+ embedded, \d+ turned away"))
+    expect(page.locator("#map-progress")).to_have_text("All 81 cases are computed.")
+    expect(page.locator(".figures")).to_contain_text("Outcome at 45°")
+    handle = page.locator(".map .handle")
+    handle.scroll_into_view_if_needed()
+    box = handle.bounding_box()
+    assert box is not None
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    page.mouse.move(x, y)
+    page.mouse.down()
+    page.mouse.move(x - 40, y - 120, steps=5)
+    page.mouse.up()
+    expect(page.locator("[data-outcome=ricochet]")).to_be_visible()
+    page.wait_for_timeout(400)  # the address follows
+    angle = float(re.findall(r"oblique_angle_deg=([\d.]+)", page.url)[0])
+    speed = float(re.findall(r"velocity_m_s=([\d.]+)", page.url)[0])
+    assert angle > 48.63
+    assert speed < 238
+    here = "() => { const { x, y } = document.querySelector('.map .drawing').data.at(-1); return [...x, ...y]; }"
+    assert page.evaluate(here) == [speed, angle]
+    expect(page.locator(".map[aria-busy=true]")).to_have_count(0)
+
+
+def test_contours_are_of_finished_parts_alone(page: Page) -> None:
+    open_map(page, x="impact.velocity_m_s,207,397,20", y="target.compressive_strength_pa,32e6,51e6,20")
+    page.route("**/jobs/*/results?*", lambda route: route.abort())
+    page.get_by_role("button", name="Run").click()
+    expect(page.locator(".map .drawing .hm image").first).to_be_visible()
+    assert all(value is None for row in heat(page, 2) for value in row), "a coarse grid has no lines"
 
 
 def test_bad_axis_is_refused_at_its_field(page: Page) -> None:
@@ -175,10 +227,7 @@ def test_map_of_probabilities_is_that_of_the_service(page: Page, client: httpx.C
     expect(page.locator("#map-counts")).to_contain_text("6 with a probability")
     expect(page.locator("#map-counts")).to_contain_text("with the usual scatter of speed, compressive strength")
     drawn = heat(page, 1)
-    scatter = [
-        {"field": field, "distribution": usual | ({CENTRES[usual["type"]]: value} if value is not None else {})}
-        for (field, usual), value in zip(USUAL_SCATTER.items(), (238.0, 39e6, 2250.0, 13.0, 0.0, None), strict=True)
-    ]
+    scatter = client.post("/verdict", json=PAPER_AT_45).json()["usual_scatter"]
     sampling = {"max_samples": 256, "method": "direct", "half_width": 0.5}
     for column, angle in enumerate((30.0, 50.0, 70.0)):
         impact = {"velocity_m_s": 238.0, "oblique_angle_deg": angle}
@@ -259,7 +308,7 @@ def test_map_opens_with_a_small_one_without_a_job(page: Page, client: httpx.Clie
     expect(page.locator("#map-progress")).to_have_text("All 81 cases are computed.")
     angles = heat(page, 1)
     assert (len(angles), len(angles[0])) == (9, 9)
-    body = PAPER | {"impact": {"velocity_m_s": 150.0}, "target": PAPER["target"] | {"compressive_strength_pa": 20e6}}
+    body = PAPER | {"impact": {"velocity_m_s": 160.0}, "target": PAPER["target"] | {"compressive_strength_pa": 23e6}}
     assert angles[0][0] == client.post("/cra", json=body).json()["critical_angle_deg"]
     assert client.get("/jobs").json()["jobs"] == before
     expect(page.locator(".map .drawing")).to_contain_text("you are here")

@@ -18,7 +18,7 @@ from .conftest import NewPage
 VIEWS = ("explore", "critical-angle", "how-sure", "walls", "map", "jobs")
 SHEET: ViewportSize = {"width": 703, "height": 1030}
 """A4 between margins of 12 mm, in CSS pixels."""
-OVERHANG = """() => [...document.querySelectorAll(".drawing .main-svg, table, .panel")]
+OVERHANG = """() => [...document.querySelectorAll(".drawing svg, table, .panel")]
   .filter((each) => each.getBoundingClientRect().width > 0)
   .map((each) => [each.className.baseVal ?? each.className, each.getBoundingClientRect().right])
   .filter(([, right]) => right > innerWidth + 1)"""

@@ -2,14 +2,13 @@
 
 import math
 import re
-from typing import Any
 
 import pytest
 from playwright.sync_api import Locator, Page, expect
 
 from .conftest import NewPage
+from .side_view import IDLE, points, transform, words
 
-IDLE = "() => document.querySelector('.angle') && !document.querySelector('.pictures > :not(details) [aria-busy=true]')"
 PAPER_ANGLE_DEG = 48.63
 
 
@@ -22,15 +21,6 @@ def handle(page: Page) -> Locator:
     return page.get_by_role("slider", name="Oblique angle, in the side view")
 
 
-def words(page: Page) -> list[str]:
-    """Texts that are drawn."""
-    found: list[str] = page.locator(".side-view .drawing").evaluate(
-        "plot => [...plot.data.flatMap(({ text }) => text ?? []),"
-        " ...plot.layout.annotations.map(({ text }) => text)].filter(Boolean)"
-    )
-    return found
-
-
 def centre(part: Locator) -> tuple[float, float]:
     box = part.bounding_box()
     assert box is not None
@@ -39,11 +29,10 @@ def centre(part: Locator) -> tuple[float, float]:
 
 def contact(page: Page) -> tuple[float, float]:
     """Where the projectile touches the face, in the window."""
-    x, y = page.locator(".side-view .drawing").evaluate(
-        "plot => { const { left, top } = plot.getBoundingClientRect(); const { xaxis, yaxis } = plot._fullLayout;"
-        " return [left + xaxis._offset + xaxis.l2p(0), top + yaxis._offset + yaxis.l2p(0)]; }"
-    )
-    return x, y
+    box = page.locator(".side-view .drawing").bounding_box()
+    assert box is not None
+    along, down, _ = transform(page)
+    return box["x"] + along, box["y"] + down
 
 
 def drag(page: Page, degrees: float, distance: float = 150.0) -> None:
@@ -60,15 +49,14 @@ def test_projectile_is_dragged_through_the_critical_angle(page: Page) -> None:
     handle(page).scroll_into_view_if_needed()
     page.mouse.move(*centre(handle(page)))
     page.mouse.down()
-    ranges = "plot => [...plot.layout.xaxis.range, ...plot.layout.yaxis.range]"
-    before = page.locator(".side-view .drawing").evaluate(ranges)
+    before = transform(page)
     for degrees in (47.0, 50.0, 60.0):
         drag(page, degrees)
         field = page.get_by_label("Oblique angle", exact=True)
         expect(field).to_have_value(re.compile(rf"^{degrees - 0.5:.0f}\.[5-9]|^{degrees:.0f}(\.[0-5])?$"))
         is_above = float(field.input_value()) > PAPER_ANGLE_DEG
         expect(outcome).to_have_attribute("data-outcome", "ricochet" if is_above else "embedded")
-        assert page.locator(".side-view .drawing").evaluate(ranges) == before, "the picture stays below the pointer"
+        assert transform(page) == before, "the picture stays below the pointer"
     page.mouse.up()
     page.wait_for_function(IDLE)
     expect(handle(page)).to_have_attribute("aria-valuetext", re.compile(r"° from the normal: turned away"))
@@ -80,7 +68,7 @@ def test_projectile_is_dragged_through_the_critical_angle(page: Page) -> None:
     assert angle == float(page.get_by_label("Oblique angle, slider").input_value())
 
 
-def test_keys_turn_the_projectile(page: Page, faults: list[str]) -> None:
+def test_keys_turn_the_projectile(page: Page) -> None:
     open_explore(page)
     handle(page).focus()
     page.keyboard.press("ArrowRight")
@@ -90,12 +78,10 @@ def test_keys_turn_the_projectile(page: Page, faults: list[str]) -> None:
     expect(page.locator("[data-outcome]")).to_have_attribute("data-outcome", "ricochet")
     page.keyboard.press("End")
     expect(page.get_by_label("Oblique angle", exact=True)).to_have_value("89.9")
-    expect(page.get_by_text("must be greater than 0 at the initial oblique angle").first).to_be_visible()
+    expect(page.locator(".worst")).to_contain_text("this strike is computed at 86.6°")
     expect(handle(page)).to_be_focused()
     page.keyboard.press("Home")
     expect(page.locator("[data-outcome]")).to_have_attribute("data-outcome", "embedded")
-    assert all("422" in fault for fault in faults)
-    faults.clear()
 
 
 def test_angles_faces_and_exit_are_named(page: Page) -> None:
@@ -103,7 +89,8 @@ def test_angles_faces_and_exit_are_named(page: Page) -> None:
     assert {"θ = 55°", "φ = 58°", "δ = 3°", "face"} <= set(words(page))
     critical = page.locator(".angle").inner_text()
     assert f"critical {critical}" in words(page)
-    assert any(re.fullmatch(r"exit \d+ m/s<br>[\d.]+° from the face", each) for each in words(page))
+    assert any(re.fullmatch(r"exit \d+ m/s", each) for each in words(page))
+    assert any(re.fullmatch(r"[\d.]+° from the face", each) for each in words(page))
     page.get_by_label("Angle of attack").fill("0")
     page.wait_for_function(IDLE)
     assert "θ = φ = 55°" in words(page)
@@ -113,14 +100,10 @@ def test_angles_faces_and_exit_are_named(page: Page) -> None:
 def test_wall_has_a_hole_through_to_its_rear_face(page: Page) -> None:
     open_explore(page, "?target.thickness_m=0.2&impact.oblique_angle_deg=20&impact.velocity_m_s=300")
     assert {"face", "rear face"} <= set(words(page))
-    hole: list[Any] = page.locator(".side-view .drawing").evaluate(
-        "plot => [...plot.data[0].y].filter((y) => y !== null)"
-    )
-    assert min(hole) == pytest.approx(0.0, abs=1e-12)
-    assert max(hole) == pytest.approx(0.2)
-    across: list[Any] = page.locator(".side-view .drawing").evaluate(
-        "plot => [...plot.data[0].x].filter((_, i) => Math.abs(plot.data[0].y[i] - 0.2) < 1e-9)"
-    )
+    along, depth = points(page, "hole")
+    assert min(depth) == pytest.approx(0.0, abs=1e-12)
+    assert max(depth) == pytest.approx(0.2)
+    across = [x for x, y in zip(along, depth, strict=True) if abs(y - 0.2) < 1e-9]
     assert 0.08 < max(across) - min(across) < 0.16, "a shank of 80 mm went through at a slant"
     page.get_by_label("Thickness").fill("")
     page.wait_for_function(IDLE)
@@ -131,17 +114,17 @@ def test_picture_comes_to_the_slider_on_a_phone(new_page: NewPage) -> None:
     page = new_page(width=390, height=844)
     open_explore(page)
     slider = page.get_by_label("Oblique angle, slider")
+    slider.focus()
     box = slider.bounding_box()
     assert box is not None
     picture = page.locator(".side-view .drawing")
-    expect(picture).not_to_be_in_viewport()
     page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
     page.mouse.down()
     page.mouse.move(box["x"] + 0.8 * box["width"], box["y"] + box["height"] / 2, steps=4)
     expect(picture).to_be_in_viewport(ratio=1.0)
     expect(picture).to_have_attribute("aria-label", re.compile("turned away"))
     page.mouse.up()
-    expect(picture).not_to_be_in_viewport()
+    expect(picture).to_be_in_viewport(ratio=1.0)
     box_after = slider.bounding_box()
     assert box_after is not None
-    assert box_after["y"] == box["y"], "the slider stays below the finger"
+    assert abs(box_after["y"] - box["y"]) < 1, "the slider stays below the finger"

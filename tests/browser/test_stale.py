@@ -9,19 +9,20 @@ from playwright.sync_api import Page, Route, expect
 
 from service.schemas.strike import PAPER
 
+from .side_view import IDLE
+
 SPEEDS = (260.0, 310.0, 345.5, 238.0)
 WATCH = """() => {
     window.seen = [];
     window.watch = setInterval(() => {
         const angle = document.querySelector('.angle');
-        const outcome = document.querySelector('[data-outcome]');
+        const outcome = document.querySelector('.side-view svg') && document.querySelector('[aria-label=Outcome]');
         const isMarked = (part) => Boolean(part.closest('[aria-busy=true]'));
         const speed = document.getElementById('field-impact-velocity_m_s').value;
         if (angle) window.seen.push([speed, 'angle', angle.textContent, isMarked(angle)]);
-        if (outcome) window.seen.push([speed, 'outcome', outcome.nextElementSibling.textContent, isMarked(outcome)]);
+        if (outcome) window.seen.push([speed, 'outcome', outcome.textContent, isMarked(outcome)]);
     }, 20);
 }"""
-IDLE = "() => document.querySelector('.angle') && !document.querySelector('.pictures > :not(details) [aria-busy=true]')"
 
 
 def open_view(page: Page, view: str = "explore") -> None:
@@ -83,13 +84,13 @@ def test_lost_service_is_said_beside_the_picture_and_tried_again(page: Page, fau
         lost[0] += 1
         route.abort()
 
-    for path in ("**/cra", "**/cra/uncertainty", "**/trajectory"):
+    for path in ("**/cra", "**/verdict", "**/trajectory"):
         page.route(path, lose)
     speed(page).fill("300")
     panel = page.locator(".panel", has=page.locator(".side-view"))
     expect(panel.get_by_role("alert")).to_contain_text("The service does not answer.")
     expect(page.locator("[aria-busy=true]").filter(has=page.locator(".angle"))).to_have_count(1)
-    for path in ("**/cra", "**/cra/uncertainty", "**/trajectory"):
+    for path in ("**/cra", "**/verdict", "**/trajectory"):
         page.unroute(path)
     expect(page.locator(".angle")).not_to_have_text(before)
     page.wait_for_function(IDLE)
@@ -100,7 +101,7 @@ def test_lost_service_is_said_beside_the_picture_and_tried_again(page: Page, fau
     faults.clear()  # browsers put each into the console
 
 
-@pytest.mark.parametrize("path", ["**/cra/uncertainty", "**/trajectory", "**/cra"])
+@pytest.mark.parametrize("path", ["**/verdict", "**/trajectory", "**/cra"])
 def test_message_on_a_lost_request_goes_with_its_answer(page: Page, faults: list[str], path: str) -> None:
     open_view(page)
     page.get_by_text("Under other laws").click()

@@ -10,7 +10,7 @@ LOOK = """() => {
     const apart = '.xtick, .ytick, .cbaxis, .contourlabels, #study-progress, #map-progress, #map-size';
     window.look = () => {
         const [form, results] = [...document.querySelector('.sides').children];
-        const fields = [...form.querySelectorAll('input, select'), ...results.querySelectorAll('.models select')];
+        const fields = [...form.querySelectorAll('input, select')];
         const inputs = fields.filter(({ type }) => type !== 'checkbox').map(({ value }) => value).join(' ');
         const unmarked = {};
         const walker = document.createTreeWalker(results, NodeFilter.SHOW_TEXT);
@@ -30,7 +30,7 @@ LOOK = """() => {
         window.samples += 1;
     }, 20);
 }"""
-IDLE = """() => document.querySelector('.angle')
+IDLE = """() => document.querySelector('.figures')
     && !document.querySelector('.sides > :last-child [aria-busy=true]:not(details:not([open]) *)')"""
 
 

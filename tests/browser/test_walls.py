@@ -1,9 +1,11 @@
 """Walls: thicknesses by model and by formula, and the speed that perforates a wall."""
 
 import json
+import math
 import re
 
 import httpx
+import pytest
 from playwright.sync_api import Page, expect
 
 from service.schemas.strike import PAPER
@@ -27,7 +29,9 @@ def test_thicknesses_are_those_of_the_service(page: Page, client: httpx.Client) 
     shown = rows(page)
     answer = client.post("/thickness", json=STRIKE).json()
     plugged = client.post("/thickness", json=STRIKE | {"resistance": {"rear_plug": {}}}).json()
-    expect(page.locator(".angle")).to_have_text(f"{1e3 * answer['least_thickness_m']:.0f} mm")
+    expect(page.get_by_role("region", name="Verdict")).to_contain_text(
+        f"this model {1e3 * answer['least_thickness_m']:.0f} mm, with a plug at the rear"
+    )
     assert shown["This model"][0] == f"{1e3 * answer['least_thickness_m']:.0f}"
     assert shown["With a plug at the rear"][0] == f"{1e3 * plugged['least_thickness_m']:.0f}"
     assert len(shown) == 3 + 11
@@ -38,7 +42,25 @@ def test_thicknesses_are_those_of_the_service(page: Page, client: httpx.Client) 
     assert shown["Modified NDRC"][0] == f"{1e3 * formulas['modified_ndrc']['perforation_thickness_m']:.0f}"
     for name, row in (("Modified NDRC", formulas["modified_ndrc"]), ("CEA-EDF *", formulas["cea_edf"])):
         assert (shown[name][3] == "within") is row["in_range"]
-    assert "rear face" in page.locator(".warnings").inner_text()
+    assert "rear face" in page.locator(".warnings summary").inner_text()
+
+
+@pytest.mark.parametrize("thickness_mm", [100, 438, 500])
+def test_thickness_gets_a_yes_or_no_by_the_formulas_and_their_margin(
+    page: Page, client: httpx.Client, thickness_mm: int
+) -> None:
+    page.goto("/#/walls")
+    page.get_by_label("Thickness", exact=True).fill(str(thickness_mm))  # one input
+    rows(page)
+    table = client.post("/formulas", json={name: STRIKE[name] for name in PARTS}).json()
+    spread = table["perforation_thickness_spread"]
+    design_mm = 1e3 * table["perforation_margin"] * spread["highest"]
+    word = "enough" if thickness_mm >= design_mm else "not enough"
+    least = f"{math.ceil(design_mm):,} mm (largest formula within its range × 1.2)"
+    expect(page.locator(".outcome")).to_have_text(f"{thickness_mm} mm: {word}. Design value at least {least}.")
+    expect(page.locator(".figures")).to_contain_text(
+        f"{1e3 * spread['lowest']:.0f} to {1e3 * spread['highest']:.0f} mm"
+    )
 
 
 PARTS = ("projectile", "target", "impact")
@@ -49,7 +71,9 @@ def test_wall_with_a_thickness_has_a_speed_that_perforates_it(page: Page, client
     rows(page)
     body = PAPER | {"target": PAPER["target"] | {"thickness_m": 0.2}, "impact": {"oblique_angle_deg": 0.0}}
     speed = client.post("/limit-speed", json=body).json()["limit_speed_m_s"]
-    found = re.search(r"perforates a wall of 200 mm: ([\d.]+) m/s", page.locator(".outcome").inner_text())
+    found = re.search(
+        r"perforates a wall of 200\smm: ([\d.]+)\sm/s", page.get_by_role("region", name="Verdict").inner_text()
+    )
     assert found is not None
     assert abs(float(found[1]) - speed) < 1.0
 
@@ -79,4 +103,4 @@ def test_field_out_of_its_bounds_says_so(page: Page) -> None:
     page.goto("/#/walls")
     rows(page)
     page.get_by_label("Crater depth over diameter").fill("30")
-    expect(page.get_by_text("at most 20")).to_be_visible()
+    expect(page.get_by_text("Crater depth over diameter must be at most 20.")).to_be_visible()

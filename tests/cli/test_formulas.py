@@ -1,6 +1,7 @@
 """`ricochet formulas`: a table, JSON and CSV, the same from a service."""
 
 import json
+import math
 from pathlib import Path
 
 import pytest
@@ -20,6 +21,19 @@ def test_table_distinguishes_what_is_in_range(folder: Path) -> None:
     assert "? the range of the formula is not known" in done.out
     assert "* cea_edf: /impact/velocity_m_s: fitted from 20 to 200 m/s along the normal, here 238" in done.out
     assert "1.2 on perforation" in done.out
+
+
+@pytest.mark.parametrize(("thickness", "judged"), [(0.3, "300 mm: not enough. "), (0.5, "500 mm: enough. ")])
+def test_thickness_begins_with_the_design_value(
+    folder: Path, capsys: pytest.CaptureFixture[str], thickness: float, judged: str
+) -> None:
+    path = folder / "wall.toml"
+    path.write_text((folder / "strike.toml").read_text().replace("[target]", f"[target]\nthickness_m = {thickness}"))
+    assert cli.main(["formulas", str(path), "--angle", "45", "--json"]) == 0
+    highest = json.loads(capsys.readouterr().out)["perforation_thickness_spread"]["highest"]
+    assert cli.main(["thickness", str(path), "--angle", "45"]) == 0
+    design = f"Design value at least {math.ceil(1200.0 * highest)} mm (largest formula within its range × 1.2)."
+    assert capsys.readouterr().out.splitlines()[0] == judged + design
 
 
 def test_service_gives_the_same_answer(folder: Path, live_url: str) -> None:

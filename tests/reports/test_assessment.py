@@ -124,7 +124,13 @@ def test_warnings_of_the_search_are_sentences_of_the_report(client: httpx.Client
     warnings = answers_of(client, WALL)["cra"]["warnings"]
     assert {"no_measured_angle", "rear_face_unconservative"} <= {each["code"] for each in warnings}
     for each in warnings:
-        assert f"{each['detail'][0].upper()}{each['detail'][1:]}." in page
+        assert f"Critical angle: {each['detail'][0].upper()}{each['detail'][1:]}." in page
+
+
+def test_warning_of_a_run_is_said_to_be_of_that_run(client: httpx.Client) -> None:
+    page = text_of(report_of(client, JUDGED))
+    assert "Run just below: At rest " in page
+    assert "Run at the angle to judge: At rest " not in page, "that one is turned away"
 
 
 def test_a_wall_has_its_outcomes_by_angle_and_the_thickness_that_stops_it(client: httpx.Client) -> None:

@@ -2,10 +2,9 @@
 
 import { caseQuery, readCase, replaceAddress } from "../address.js";
 import { alternativesTable, requestAngles } from "../alternatives.js";
-import { Answer, MODEL_FIELDS } from "../answer.js";
 import { angleRequest, withValue } from "../case.js";
-import { METHODS, drawAngles, drawPositions, summary, trialTable } from "../convergence.js";
-import { copyButtons } from "../copy-as.js";
+import { ANGLES, METHODS, POSITIONS, drawTrials, summary, trialTable } from "../convergence.js";
+import { copyButtons, linkButton } from "../copy-as.js";
 import { drawCurves, requestCurves } from "../curves.js";
 import { element } from "../elements.js";
 import { buildFold } from "../fold.js";
@@ -16,9 +15,10 @@ import { purge } from "../plots.js";
 import { presetLinks } from "../presets.js";
 import { reportButton } from "../report.js";
 import { computeRun } from "../run.js";
-import { Problem, request } from "../service.js";
+import { request } from "../service.js";
 import { drawSideView } from "../side-view.js";
-import { clearParts, markFresh, markStale } from "../stale.js";
+import { markFresh, markStale } from "../stale.js";
+import { Verdict } from "../verdict.js";
 import { outcomeShown } from "../words.js";
 
 const OFFSET = "offset_deg";
@@ -28,10 +28,7 @@ const REST_MS = 300; // without a change before the curves are computed: they ar
 
 /** Show the view. */
 export async function show(root, query) {
-  const fail = (error) => {
-    if (error instanceof Problem && error.errors.length) refuse();
-    parts.problem.textContent = error.errors ? form.showProblems(error) || "A field is not accepted." : error.message;
-  };
+  const fail = (error) => form.fail(error);
   let [found, foundFor] = [undefined, undefined]; // of the user's own search, and its case
   const laws = buildFold(
     "Under other laws",
@@ -39,13 +36,12 @@ export async function show(root, query) {
     async (values, signal) => {
       const other = await requestAngles(values, signal);
       if (signal.aborted) return;
-      answer.setAlternatives(other, values);
       laws.root.lastChild.replaceChildren(alternativesTable(other));
     },
     fail,
   );
   const searches = buildFold("How it was found", searchParts(), (values, signal) => showSearches(searches.root, values, signal), fail);
-  const answer = new Answer({
+  const verdict = new Verdict({
     onError: fail,
     onAngle(data, values) {
       [found, foundFor] = [data, values];
@@ -53,7 +49,7 @@ export async function show(root, query) {
       updateCurves(values);
     },
   });
-  const parts = build(root, Number(query.get(OFFSET)), answer.root, [searches.root, laws.root]);
+  const parts = build(root, Number(query.get(OFFSET)), verdict.root, [searches.root, laws.root]);
 
   const updateSides = latest(async (values, signal) => {
     const angle = found.critical_angle_deg;
@@ -67,7 +63,8 @@ export async function show(root, query) {
         return { run, name: `${each.toFixed(2)}°: ${outcomeShown(run.outcome)}` };
       }),
     );
-    await Promise.all(runs.map((each, i) => drawSideView(parts.sides[i], [each], each.run.history.time_s.length - 1)));
+    if (signal.aborted) return;
+    runs.forEach((each, i) => drawSideView(parts.sides[i], [each], each.run.history.time_s.length - 1));
     if (!signal.aborted && !updateSides.isBehind()) markFresh(...parts.sides);
   }, fail, { supersede: true });
 
@@ -79,21 +76,14 @@ export async function show(root, query) {
   }, fail, { supersede: true, restMs: REST_MS });
 
   const ofCase = [...parts.sides, parts.curves];
+  const cancel = () => [updateSides, updateCurves].forEach((each) => each.cancel());
   const change = (values) => {
     copy.clear();
-    parts.problem.textContent = "";
     markStale(...ofCase);
-    for (const each of [updateSides, updateCurves]) each.cancel();
-    answer.setCase(values);
+    cancel();
+    verdict.setCase(values);
     for (const fold of [searches, laws]) fold.setCase(values);
     readdress();
-  };
-  const refuse = () => {
-    parts.problem.textContent = "";
-    for (const each of [updateSides, updateCurves]) each.cancel();
-    answer.clear();
-    for (const fold of [searches, laws]) fold.clear();
-    clearParts(...ofCase);
   };
   const readdress = () => {
     const next = caseQuery(form.currentCase());
@@ -104,15 +94,16 @@ export async function show(root, query) {
   const form = buildForm(parts.form, {
     case: readCase(query),
     include: ["Strike", "Projectile", "Target", "Model"],
-    without: ["impact.oblique_angle_deg"],
     open: matchMedia("(min-width: 60rem)").matches ? undefined : ["Strike"],
-    beside: { root: answer.models, paths: MODEL_FIELDS },
     onChange: change,
-    onRefuse: refuse,
+    onHold: cancel,
+    problem: parts.problem,
+    parts: () => ofCase,
+    panels: [verdict, searches, laws],
   });
   const copy = copyButtons(form.currentCase);
   parts.copy.append(copy.root);
-  parts.problem.before(element("p.actions", {}, reportButton(() => angleRequest(form.currentCase()), fail)));
+  parts.problem.before(element("p.actions", {}, reportButton(form.currentCase, fail), linkButton()));
   parts.offset.addEventListener("change", () => {
     markStale(...parts.sides);
     if (foundFor === form.currentCase()) updateSides(foundFor);
@@ -120,7 +111,7 @@ export async function show(root, query) {
   });
   change(form.currentCase());
   return () => {
-    for (const each of [answer, updateSides, updateCurves, searches, laws]) each.stop();
+    for (const each of [verdict, updateSides, updateCurves, searches, laws]) each.stop();
     for (const plot of root.querySelectorAll(".plot")) purge(plot);
   };
 }
@@ -157,10 +148,10 @@ async function showSearches(root, values, signal) {
   if (signal.aborted) return;
   part(".summary").replaceChildren(summary(answers));
   part(".thirds").replaceChildren(...Object.keys(answers).map((method) => trialTable(method, answers[method])));
-  await Promise.all([drawAngles(part(".angles"), answers, values), drawPositions(part(".positions"), answers, values)]);
+  await Promise.all([drawTrials(part(".angles"), answers, values, ANGLES), drawTrials(part(".positions"), answers, values, POSITIONS)]);
 }
 
-function build(root, offset, answer, folds) {
+function build(root, offset, verdict, folds) {
   const options = OFFSETS.map((each) => {
     const selected = each === (OFFSETS.includes(offset) ? offset : 0.5);
     return element("option", { value: each, selected }, `${each}°`);
@@ -189,9 +180,9 @@ function build(root, offset, answer, folds) {
       element(
         "div.pictures",
         {},
+        verdict,
         parts.problem,
         lostNote(),
-        answer,
         parts.sidePanel,
         element("section.panel.across", {}, element("h2", {}, "Over speed and over strength"), parts.curves),
         ...folds,

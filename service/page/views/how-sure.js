@@ -1,29 +1,24 @@
 // How sure: the probability of ricochet of a case whose inputs scatter, and what it is sensitive to.
 
 import { caseQuery, readCase, replaceAddress } from "../address.js";
-import { valueAt, withValue } from "../case.js";
 import { nodeAt } from "../contract.js";
 import { announce, element } from "../elements.js";
-import { buildRow, showProblem } from "../field-row.js";
+import { SAMPLING } from "../fields.js";
 import { buildForm } from "../form.js";
 import { lostNote } from "../lost.js";
 import { purge } from "../plots.js";
 import { readInputs, usualInputs, writeInput } from "../scatter.js";
 import { buildScatterForm } from "../scatter-form.js";
 import { isAbort } from "../service.js";
-import { markFresh, markUntilRun } from "../stale.js";
+import { markFresh, markStale } from "../stale.js";
 import { computeStudy } from "../study.js";
 import { describeStudy, drawCurve, drawTornado, sensitivityTable } from "../study-plots.js";
+import { Verdict } from "../verdict.js";
 import { warningList } from "../words.js";
 
-const OPTION = { kind: "number", factor: 1, optional: true };
-const SAMPLING = [
-  { ...OPTION, path: "sampling.half_width", label: "Half width", unit: "" },
-  { ...OPTION, path: "sampling.max_samples", label: "Samples at most", unit: "" },
-  { ...OPTION, path: "sampling.seed", label: "Seed", unit: "" },
-];
+const REST_MS = 800; // without a change before the study is run again
 
-/** Show the view; a study whose inputs are in the query is run. */
+/** Show the view; the study runs by itself, and again when its inputs change. */
 export async function show(root, query) {
   const view = new HowSure(root, query);
   return () => view.leave();
@@ -31,83 +26,109 @@ export async function show(root, query) {
 
 class HowSure {
   #work; // given up when the form changes
-  #isRefused = false; // whether a field of the case is not accepted
-  #wrong = new Set(); // paths of sampling whose text is not accepted
+  #timer; // until it is run again
+  #refused = new Set(); // forms with a field that is not accepted
 
   constructor(root, query) {
-    this.parts = build(root, () => this.#run(), () => this.#stop("Stopped."), () => this.#showResults());
+    this.verdict = new Verdict({
+      onError: (error) => this.form.fail(error),
+      onJudged: () => {
+        this.isJudged = true;
+        if (this.isUsual && this.scatter.setInputs(usualInputs(this.form.currentCase()))) this.#change();
+        else this.#readdress();
+      },
+    });
+    this.parts = build(root, this.verdict.root, () => this.#run(), () => this.#stop("Stopped."), () => this.#showResults());
     const inputs = readInputs(query);
     const values = readCase(query);
     this.sampling = readSampling(query);
-    const onChange = () => this.#change();
+    this.isUsual = !inputs; // until an input is edited
+    const onChange = () => {
+      this.isUsual = false;
+      this.#change();
+    };
     this.scatter = buildScatterForm(this.parts.scatter, { inputs: inputs ?? usualInputs(values), values, onChange });
     this.form = buildForm(this.parts.others, {
       case: values,
-      without: ["impact.oblique_angle_deg"],
-      onChange: (changed) => {
-        this.#isRefused = false;
+      onChange: (changed, path) => {
+        this.#refused.delete("case");
+        if (path === "impact.oblique_angle_deg") return this.#turn(changed);
         this.scatter.setCase(changed);
-        this.#change();
+        this.verdict.setCase(changed);
+        return this.#change();
       },
-      onRefuse: () => {
-        this.#isRefused = true;
-        this.#change();
-      },
+      onHold: () => this.#hold("case"),
+      problem: this.parts.problem,
+      panels: [this.verdict],
     });
-    this.rows = SAMPLING.map((field) => this.#buildSampling(field));
-    this.parts.sampling.append(...this.rows.map((row) => row.root));
-    if (inputs) this.#run();
+    this.samplingForm = buildForm(this.parts.sampling, {
+      case: { sampling: this.sampling },
+      groups: [SAMPLING],
+      open: [],
+      onChange: ({ sampling = {} }) => {
+        this.#refused.delete("sampling");
+        this.sampling = sampling;
+        this.#change();
+      },
+      onHold: () => this.#hold("sampling"),
+      problem: this.parts.problem,
+    });
+    this.verdict.setCase(values);
+    this.#run();
   }
 
   leave() {
     this.#work?.abort();
+    clearTimeout(this.#timer);
+    this.verdict.stop();
     purge(this.parts.curve);
     purge(this.parts.tornado);
   }
 
-  #buildSampling(field) {
-    const row = buildRow(field, { sampling: this.sampling }, {
-      accept: (value) => {
-        this.#wrong.delete(field.path);
-        showProblem(row, "");
-        this.sampling = withValue({ sampling: this.sampling }, field.path, value).sampling ?? {};
-        this.#change();
-      },
-      refuse: (problem) => {
-        this.#wrong.add(field.path);
-        showProblem(row, problem);
-        this.#change();
-      },
-    });
-    return row;
+  #hold(form) {
+    this.#refused.add(form);
+    this.#change();
+  }
+
+  /** Show the probability at another oblique angle: the study is of all of them. */
+  #turn(values) {
+    this.verdict.setCase(values);
+    if (this.study) drawCurve(this.parts.curve, this.study, values);
+    this.#readdress();
   }
 
   #change() {
     this.#stop("");
+    clearTimeout(this.#timer);
+    this.study = undefined;
     const { parts } = this;
     parts.problem.textContent = "";
-    const inputs = this.scatter.inputs();
-    const isRight = Boolean(inputs?.length) && !this.#wrong.size && !this.#isRefused;
+    const isRight = Boolean(this.scatter.inputs()?.length) && !this.#refused.size;
     parts.run.disabled = !isRight;
     if (!isRight) parts.results.hidden = parts.toResults.hidden = true; // nothing belongs to a field that is not accepted
     if (!parts.results.hidden) {
-      parts.progress.textContent = "Results are for the previous inputs. Run again.";
-      markUntilRun(parts.results);
+      parts.progress.textContent = "Results are for the previous inputs.";
+      markStale(parts.results);
     }
-    if (!inputs || this.#isRefused) return;
+    if (isRight) this.#timer = setTimeout(() => this.#run(), REST_MS);
+    this.#readdress();
+  }
+
+  #readdress() {
+    const inputs = this.scatter.inputs();
+    if (!inputs || this.#refused.size) return;
     const query = caseQuery(this.form.currentCase());
-    for (const input of inputs) query.append("scatter", writeInput(input));
-    for (const { path } of SAMPLING) {
-      const value = valueAt({ sampling: this.sampling }, path);
-      if (value !== undefined) query.set(path, value);
-    }
+    const isKnown = !this.isUsual || this.isJudged; // else what scatters is that of another case, perhaps
+    for (const input of isKnown ? inputs : []) query.append("scatter", writeInput(input));
+    for (const [name, value] of Object.entries(this.sampling)) query.set(`sampling.${name}`, value);
     replaceAddress("how-sure", query);
   }
 
   async #run() {
     const inputs = this.scatter.inputs();
-    if (!inputs?.length || this.#wrong.size || this.#isRefused) return;
+    if (!inputs?.length || this.#refused.size) return;
     this.#change();
+    clearTimeout(this.#timer);
     const work = new AbortController();
     this.#work = work;
     const { parts } = this;
@@ -136,7 +157,8 @@ class HowSure {
     if (!study.probability) return;
     parts.results.hidden = parts.toResults.hidden = false;
     parts.answerPanel.hidden = parts.sensitivity.hidden = !study.critical_angle;
-    await drawCurve(parts.curve, study, values);
+    if (study.critical_angle) this.study = study;
+    await drawCurve(parts.curve, study, this.form.currentCase());
     if (study.critical_angle) {
       parts.answer.replaceChildren(...describeStudy(study));
       parts.warnings.hidden = !study.warnings.length;
@@ -158,43 +180,33 @@ class HowSure {
     this.#work = undefined;
     this.parts.stop.disabled = true;
     if (text) this.parts.progress.textContent = text;
-    announce(text);
+    announce("");
   }
 
   #fail(error) {
-    if (!error.errors?.length) {
-      this.parts.problem.textContent = error.message;
-      return;
-    }
-    const elsewhere = this.scatter.showProblems(error.errors).filter(({ pointer, detail }) => {
-      const row = this.rows.find(({ field }) => pointer === `/${field.path.replaceAll(".", "/")}`);
-      if (row) showProblem(row, detail);
-      return !row;
-    });
-    const rest = elsewhere.length ? this.form.showProblems({ errors: elsewhere, detail: "" }) : "";
-    this.parts.problem.textContent = rest || "A field is not accepted.";
+    if (!error.errors?.length) return this.form.fail(error);
+    const { true: ofSampling, false: others } = Object.groupBy(this.scatter.showProblems(error.errors), ({ pointer }) => pointer.startsWith("/sampling"));
+    if (ofSampling) this.samplingForm.fail({ errors: ofSampling });
+    return others && this.form.fail({ errors: others });
   }
 }
 
 function readSampling(query) {
-  const found = {};
-  for (const { path } of SAMPLING) {
-    const value = Number(query.get(path) ?? "");
-    if (query.get(path) && Number.isFinite(value)) found[path.split(".")[1]] = value;
-  }
-  return found;
+  const given = SAMPLING.fields.map(({ path }) => [path.split(".")[1], query.get(path)]);
+  const isNumber = ([, text]) => text && Number.isFinite(Number(text));
+  return Object.fromEntries(given.filter(isNumber).map(([name, text]) => [name, Number(text)]));
 }
 
-function build(root, onRun, onStop, onResults) {
+function build(root, verdict, onRun, onStop, onResults) {
   const { default: confidence } = nodeAt("sampling.confidence", {});
   const parts = {
     scatter: element("div"),
     others: element("div"),
-    sampling: element("details", {}, element("summary", {}, "Sampling")),
+    sampling: element("div"),
     run: element("button.main", { type: "submit", form: "scatter" }, "Run"),
     stop: element("button", { type: "button", disabled: true, onclick: onStop }, "Stop"),
     toResults: element("button", { type: "button", hidden: true, onclick: onResults }, "Show the results"),
-    progress: element("p.quiet", { id: "study-progress" }),
+    progress: element("p.quiet", { id: "study-progress", "aria-live": "polite" }),
     problem: element("p.problem", { role: "alert" }),
     answer: element("div.outcome"),
     warnings: element("section.panel", { "aria-label": "Warnings", hidden: true }),
@@ -218,7 +230,7 @@ function build(root, onRun, onStop, onResults) {
   const buttons = element("p.actions", {}, parts.run, parts.stop, parts.toResults);
   const start = element("section.panel", { "aria-label": "Study" }, buttons, parts.progress, parts.problem, lostNote());
   const others = element("details", {}, element("summary", {}, "The case"), parts.others);
-  const band = `The band is the interval of the probability at a confidence of ${100 * confidence} %.`;
+  const band = `The band is the sampling error, at a confidence of ${100 * confidence} %: more samples make it narrower, not the world more certain.`;
   const swing = "From the 5 % to the 95 % quantile of each input, the others at their median or likeliest value.";
   parts.answerPanel = element("section.panel", { "aria-label": "Answer", hidden: true }, parts.answer);
   parts.sensitivity = element(
@@ -243,7 +255,7 @@ function build(root, onRun, onStop, onResults) {
       "div.sides",
       {},
       element("div.column", {}, scatterForm, element("div.panel", {}, others)),
-      element("div.column", {}, start, parts.results),
+      element("div.column", {}, verdict, start, parts.results),
     ),
   );
   return parts;

@@ -29,7 +29,7 @@ class JobsView {
     this.body = element("tbody", { role: "rowgroup" });
     const head = element("thead", { role: "rowgroup" }, element("tr", { role: "row" }, ...heads));
     this.table = element("table", { role: "table", hidden: true, "aria-label": "Jobs, the newest first" }, head, this.body);
-    this.more = element("button", { type: "button", onclick: () => this.#loadOlder() }, "Load older jobs");
+    this.more = element("button", { type: "button", onclick: () => this.#try(() => this.#loadOlder()) }, "Load older jobs");
     this.count = element("p.quiet", {});
     this.dialog = element("dialog", { "aria-labelledby": "dialog-title" });
     root.append(
@@ -80,10 +80,15 @@ class JobsView {
   }
 
   async #loadOlder() {
+    const { jobs, next } = (await request(`jobs?limit=${PAGE}&cursor=${this.#older}`)).data;
+    this.#older = next;
+    this.#showJobs([...[...this.#rows.values()].map(({ job }) => job), ...jobs.filter(({ id }) => !this.#rows.has(id))]);
+  }
+
+  /** Show what goes wrong with an action. */
+  async #try(action) {
     try {
-      const { jobs, next } = (await request(`jobs?limit=${PAGE}&cursor=${this.#older}`)).data;
-      this.#older = next;
-      this.#showJobs([...[...this.#rows.values()].map(({ job }) => job), ...jobs.filter(({ id }) => !this.#rows.has(id))]);
+      await action();
     } catch (error) {
       this.#fail(error);
     }
@@ -97,8 +102,8 @@ class JobsView {
   #showJobs(jobs) {
     const before = this.#rows;
     const listeners = {
-      onCancel: (job) => this.#cancel(job),
-      onDelete: (job) => this.#delete(job),
+      onCancel: (job) => this.#try(() => this.#cancel(job)),
+      onDelete: (job) => this.#try(() => this.#delete(job)),
       onRename: (job) => this.#rename(job),
       onError: (error) => this.#fail(error),
     };
@@ -118,41 +123,31 @@ class JobsView {
   }
 
   async #cancel(job) {
-    try {
-      const { data } = await request(`jobs/${job.id}/cancel`, { method: "POST" });
-      this.#rows.get(job.id)?.update(data);
-      announce(`Job ${shortId(job.id)} is cancelled.`);
-    } catch (error) {
-      this.#fail(error);
-    }
+    const { data } = await request(`jobs/${job.id}/cancel`, { method: "POST" });
+    this.#rows.get(job.id)?.update(data);
+    announce(`Job ${shortId(job.id)} is cancelled.`);
   }
 
   async #delete(job) {
     if (!(await this.#confirm(job))) return;
-    try {
-      await request(`jobs/${job.id}`, { method: "DELETE" });
-      const left = [...this.#rows.values()].map((row) => row.job).filter(({ id }) => id !== job.id);
-      this.#showJobs(left);
-      announce(`Job ${shortId(job.id)} is deleted.`);
-      document.getElementById("view").focus(); // the button that had it is gone
-    } catch (error) {
-      this.#fail(error);
-    }
+    await request(`jobs/${job.id}`, { method: "DELETE" });
+    this.#showJobs([...this.#rows.values()].map((row) => row.job).filter(({ id }) => id !== job.id));
+    announce(`Job ${shortId(job.id)} is deleted.`);
+    document.getElementById("view").focus(); // the button that had it is gone
   }
 
   /** Let a job be given another title; Escape keeps it. */
   #rename(job) {
     const input = element("input", { id: "job-title", value: titleOf(job), required: true, maxlength: 200 });
-    const onsubmit = async (event) => {
+    const rename = async () => {
+      const { data } = await request(`jobs/${job.id}`, { method: "PATCH", body: { title: input.value } });
+      this.#rows.get(job.id)?.update(data);
+      announce(`Job ${shortId(job.id)} has another title.`);
+    };
+    const onsubmit = (event) => {
       event.preventDefault();
       this.dialog.close();
-      try {
-        const { data } = await request(`jobs/${job.id}`, { method: "PATCH", body: { title: input.value } });
-        this.#rows.get(job.id)?.update(data);
-        announce(`Job ${shortId(job.id)} has another title.`);
-      } catch (error) {
-        this.#fail(error);
-      }
+      this.#try(rename);
     };
     this.dialog.replaceChildren(
       element("h2", { id: "dialog-title" }, `Rename job ${shortId(job.id)}`),

@@ -1,6 +1,6 @@
 // The map: a sweep over two fields as a job, drawn while it runs.
 
-import { address, caseQuery, replaceAddress } from "../address.js";
+import { replaceAddress } from "../address.js";
 import { announce, element } from "../elements.js";
 import { buildForm } from "../form.js";
 import { submit } from "../job-progress.js";
@@ -9,7 +9,8 @@ import { buildMapForm } from "../map-form.js";
 import { MapPicture } from "../map-picture.js";
 import { endWords, followMap, followStudies, quickMap } from "../map-run.js";
 import { isAbort, request } from "../service.js";
-import { caseAt, isStudied, mapOfJob, mapQuery, quickSweep, readMap, sweepRequest } from "../sweep.js";
+import { isSame, isStudied, mapOfJob, mapQuery, quickSweep, readMap, sweepRequest } from "../sweep.js";
+import { Verdict } from "../verdict.js";
 
 /** Show the map of a query; if it names a job, that of the job with its results. */
 export async function show(root, query) {
@@ -34,7 +35,7 @@ class MapView {
     this.runButton = element("button.main", { type: "submit" }, "Run");
     this.cancelButton = element("button", { type: "button", disabled: true, onclick: () => this.#cancel() }, "Cancel");
     this.size = element("p.quiet", { id: "map-size" });
-    this.problem = element("p.problem", { role: "alert", hidden: true });
+    this.problem = element("p.problem", { role: "alert" });
     const [axes, others] = [element("div"), element("div")];
     const details = element("details", {}, element("summary", {}, "The other fields"), others);
     const buttons = element("p.buttons", {}, this.runButton, " ", this.cancelButton);
@@ -43,25 +44,43 @@ class MapView {
       this.#run();
     };
     const form = element("form.panel", { novalidate: true, "aria-label": "What to map", onsubmit }, axes, this.size, buttons);
-    const results = element("div.column", {}, this.problem, lostNote());
-    this.picture = new MapPicture(results, (place, cell) => this.#open(place, cell));
+    this.verdict = new Verdict({ onError: (error) => this.form.fail(error) });
+    const results = element("div.column", {}, this.verdict.root, this.problem, lostNote());
+    this.picture = new MapPicture(results, (places) => this.#drag(places));
     root.append(
       element("h1", {}, "Map"),
       element("div.sides", {}, element("div.column", {}, form, element("div.panel", {}, details)), results),
     );
     if (map.job) this.#follow(map);
     this.axes = buildMapForm(axes, map, (changed) => this.#change(changed));
-    buildForm(others, {
+    this.form = buildForm(others, {
       case: map.values,
-      onChange: (values) => this.axes.setCase(values),
-      onRefuse: () => this.#change(undefined),
+      onChange: (values) => this.#setCase(values),
+      onHold: () => this.#change(undefined),
+      problem: this.problem,
+      panels: [this.verdict],
     });
-    if (!map.job && this.#form && isQuick(this.#form)) this.#preview(this.#form);
+    this.verdict.setCase(map.values);
+    if (!map.job && this.#form && quickSweep(this.#form)?.isWhole) this.#preview(this.#form);
   }
 
   leave() {
     this.#work.abort();
+    this.verdict.stop();
     this.picture.leave();
+  }
+
+  #setCase(values) {
+    this.verdict.setCase(values);
+    this.axes.setCase(values);
+    if (this.#form && this.#shown && isSame(this.#form, this.#shown)) this.picture.setHere(values);
+  }
+
+  /** Make the case that of a place on the map. */
+  #drag(places) {
+    const { x, y } = this.#shown;
+    if (!this.#form || !isSame(this.#form, this.#shown)) return;
+    [x, y].forEach(({ field }, i) => this.form.setField(field, places[i]));
   }
 
   #change(map) {
@@ -159,7 +178,7 @@ class MapView {
     this.#work = new AbortController();
     this.#shown = map;
     this.#progress = { counts: { total: map.x.count * map.y.count, done: 0 } };
-    this.problem.hidden = true;
+    this.problem.textContent = "";
     this.picture.begin(map);
     announce("The map is being computed.");
   }
@@ -185,24 +204,8 @@ class MapView {
     announce("");
     const isGone = error.status === 404;
     this.problem.textContent = isGone ? "The job of this map is gone: it has expired. Run it again." : error.message;
-    this.problem.hidden = false;
     if (error.errors) this.axes.showProblem(error);
   }
-
-  #open(place, cell) {
-    location.hash = address("explore", caseQuery(caseAt(this.#shown, place, cell?.angle)));
-  }
-}
-
-/** Return whether two maps show the same, by whatever job. */
-function isSame(one, other) {
-  const bare = (map) => mapQuery({ ...map, job: "" }).toString();
-  return bare(one) === bare(other);
-}
-
-/** Return whether a map is answered at once as a whole. */
-function isQuick(map) {
-  return quickSweep(map)?.isWhole ?? false;
 }
 
 function giveUp(error) {

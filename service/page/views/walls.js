@@ -1,17 +1,21 @@
-// Walls: the least thickness that stops a strike, by both models of the rear face and by the formulas of the field.
+// Walls: the least thickness that stops a strike, by the formulas of the field and by both models of the rear face.
 
 import { caseQuery, readCase, replaceAddress } from "../address.js";
 import { withValue } from "../case.js";
-import { element } from "../elements.js";
+import { element, table } from "../elements.js";
 import { buildForm } from "../form.js";
 import { latest } from "../latest.js";
 import { presetLinks } from "../presets.js";
 import { lostNote } from "../lost.js";
+import { ENDINGS } from "../map-cells.js";
 import { request } from "../service.js";
-import { clearParts, markFresh, markStale } from "../stale.js";
-import { digits, unbroken, warningList } from "../words.js";
+import { markFresh, markStale } from "../stale.js";
+import { inShownUnits, unitOf } from "../units.js";
+import { showCard } from "../verdict.js";
+import { capital, lengthShown, quantityShown, unbroken, warningList } from "../words.js";
 
 const THICKNESS = "target.thickness_m";
+const SPEED = "impact.velocity_m_s";
 const PLUG = "resistance.rear_plug";
 const CRATER = "resistance.crater";
 const NAMES = {
@@ -27,25 +31,12 @@ const NAMES = {
   li_chen: "Li and Chen",
   whiffen: "Whiffen",
 };
-const COLUMNS = ["By", "Perforation limit [mm]", "Scabbing limit [mm]", "Penetration [mm]", "Range of the tests behind it"];
-const STATUSES = {
-  always_perforated: "perforated however thick",
-  never_perforated: "never perforated",
-};
+const COLUMNS = ["By", "Perforation limit", "Scabbing limit", "Penetration", "Range of the tests behind it"];
 
 /** Show the view. */
 export async function show(root, query) {
   const parts = build(root);
-  const shown = [parts.answer, parts.warnings, parts.table];
-  const refuse = () => {
-    parts.problem.textContent = "";
-    updateResults.cancel();
-    clearParts(...shown);
-  };
-  const fail = (error) => {
-    refuse();
-    parts.problem.textContent = error.errors ? form.showProblems(error) || "A field is not accepted." : error.message;
-  };
+  const shown = [parts.card, parts.model, parts.warnings, parts.table];
   const updateResults = latest(async (values, signal) => {
     const post = async (path, body) => (await request(path, { body, signal })).data;
     const { projectile, target, impact, resistance, numerics } = values;
@@ -53,28 +44,30 @@ export async function show(root, query) {
     const thick = await Promise.all(models.map(({ body }) => post("thickness", withValue(body, THICKNESS))));
     const table = await post("formulas", withValue({ projectile, target, impact }, THICKNESS));
     const isWall = target.thickness_m !== undefined;
-    const speeds = await Promise.all(isWall ? models.map(({ body }) => post("limit-speed", slow(body))) : []);
+    const speeds = await Promise.all(isWall ? models.map(({ body }) => post("limit-speed", withValue(body, SPEED))) : []);
     if (signal.aborted || updateResults.isBehind()) return;
     const lines = models.map((model, i) => ({ ...model, thickness: thick[i], speed: speeds[i] }));
-    parts.answer.replaceChildren(...answer(lines, table, target.thickness_m));
+    showCard(parts.card, verdictOf(table, target.thickness_m));
+    parts.model.replaceChildren(...modelWords(lines, target.thickness_m));
     parts.warnings.replaceChildren(...warningList(...thick.map(({ warnings }) => warnings)));
     parts.table.replaceChildren(tableOf(lines, table));
     markFresh(...shown);
-  }, fail, { supersede: true });
+  }, (error) => form.fail(error), { supersede: true });
   const refresh = (values) => {
-    parts.problem.textContent = "";
     markStale(...shown);
     updateResults(values);
   };
   const form = buildForm(parts.form, {
     case: readCase(query),
     include: ["Strike", "Projectile", "Target", "Model"],
-    open: matchMedia("(min-width: 60rem)").matches ? undefined : ["Strike"],
+    open: matchMedia("(min-width: 60rem)").matches ? undefined : ["Strike", "Target"],
     onChange(values) {
       refresh(values);
       replaceAddress("walls", caseQuery(values));
     },
-    onRefuse: refuse,
+    onHold: () => updateResults.cancel(),
+    problem: parts.problem,
+    parts: () => shown,
   });
   refresh(form.currentCase());
   return () => updateResults.stop();
@@ -91,101 +84,108 @@ function modelsOf(body) {
   ];
 }
 
-/** The body of `/limit-speed`: the speed is what is sought. */
-function slow(body) {
-  return withValue(body, "impact.velocity_m_s");
+/**
+ * Return the verdict on a wall in words: the formulas of the field decide, with the margin of DOE-STD-3014.
+ *
+ * @param {object} table the answer to `/formulas`
+ * @param {number|undefined} thickness of the wall [m]
+ */
+function verdictOf({ perforation_thickness_spread: spread, perforation_margin: margin }, thickness) {
+  const wall = thickness === undefined ? "" : `${lengthShown(thickness, 6)}: `;
+  if (!spread) {
+    const sentence = `${wall}${wall ? "not known" : "No design value"}. No formula is within the range of its tests.`;
+    return { sentence, figures: [] };
+  }
+  const design = margin * spread.highest;
+  const [isEnough, isBetween] = [thickness >= design, thickness > spread.highest];
+  const word = wall && (isEnough ? "enough. " : "not enough. ");
+  return {
+    sentence: `${wall}${word}Design value at least ${upwards(design)} (largest formula within its range × ${margin}).`,
+    figures: [
+      {
+        name: wall ? `Wall of ${lengthShown(thickness, 6)}` : "Wall",
+        value: wall ? (isEnough ? "Enough" : "Not enough") : "No thickness given",
+        note: wall ? (isEnough ? "" : isBetween ? "above the formulas, below the margin" : "below the largest formula") : "fill in the thickness of the target",
+      },
+      { name: "Formulas within their range", value: `${bare(spread.lowest)} to ${thicknessShown({ least_thickness_m: spread.highest })}`, note: "not perforated, without a margin" },
+      { name: `Largest × ${margin}`, value: upwards(design), note: "DOE-STD-3014" },
+    ],
+  };
 }
 
-function answer(lines, { perforation_thickness_spread: spread }, thickness) {
-  const [first, ...others] = lines;
-  const also = others.map(({ name, thickness: found }) => `${name} ${thicknessShown(found)}`).join(", ");
-  const range = spread
-    ? ` Formulas within their range: ${millimetres(spread.lowest)} to ${millimetres(spread.highest)} mm.`
-    : " No formula is within its range.";
-  const shown = [
-    element(
-      "p",
-      {},
-      "Least thickness that is not perforated: ",
-      element("strong.angle", {}, thicknessShown(first.thickness)),
-      unbroken(`${also && `; ${also}`}.${range}`),
-    ),
-  ];
+/** Return a length rounded up to whole millimetres, or tenths of an inch: a design value is not rounded down. */
+function upwards(value) {
+  const { unit, factor } = unitOf("mm");
+  const step = unit === "mm" ? 1 : 0.1;
+  return `${Number((Math.ceil(value / factor / step - 1e-9) * step).toFixed(1)).toLocaleString("en")} ${unit}`;
+}
+
+/** Return what the model gives, which is not to be designed by. */
+function modelWords(lines, thickness) {
+  const thick = lines.map(({ name, thickness: found }) => `${name.toLowerCase()} ${thicknessShown(found)}`).join(", ");
+  const words = [`Least thickness that is not perforated by the model, which is no design value: ${thick}.`];
   if (thickness !== undefined) {
     const speeds = lines.map(({ name, speed }) => `${speedShown(speed)} (${name.toLowerCase()})`).join(", ");
-    shown.push(element("p", {}, `Least speed that perforates a wall of ${millimetres(thickness)} mm: ${speeds}.`));
+    words.push(`Least speed that perforates a wall of ${lengthShown(thickness, 6)}: ${speeds}.`);
   }
-  return shown;
-}
-
-function capital(text) {
-  return text.charAt(0).toUpperCase() + text.slice(1);
+  return words.map((text) => element("p", {}, unbroken(text)));
 }
 
 function tableOf(lines, { formulas, scabbing_margin: scabbing, perforation_margin: perforation }) {
   const isNumber = (column) => column > 0 && column < COLUMNS.length - 1;
-  const cell = (text, column) => element(isNumber(column) ? "td.number" : "td", {}, text);
-  const row = (attributes, cells) => element("tr", attributes, ...cells.map(cell));
-  const models = lines.map(({ name, thickness: found }) => row({}, [capital(name), thicknessShown(found, ""), "", "", ""]));
-  const others = formulas.map((each) =>
-    row({ class: each.in_range ? undefined : "quiet" }, [
-      `${NAMES[each.formula] ?? each.formula}${each.verified ? "" : "\u00a0*"}`,
-      millimetres(each.perforation_thickness_m),
-      millimetres(each.scabbing_thickness_m),
-      millimetres(each.penetration_depth_m),
-      rangeShown(each),
-    ]),
-  );
-  const title = (name, column) => element(isNumber(column) ? "th.number" : "th", { scope: "col" }, name);
-  const head = element("tr", {}, ...COLUMNS.map(title));
-  const caption = element("caption", {}, "By model and by formula, without margins");
-  const table = element("table.thicknesses", {}, caption, element("thead", {}, head), element("tbody", {}, ...models, ...others));
+  const models = lines.map(({ name, thickness: found }) => [capital(name), thicknessShown(found, false), "", "", ""]);
+  const others = formulas.map((each) => [
+    `${NAMES[each.formula] ?? each.formula}${each.verified ? "" : "\u00a0*"}`,
+    bare(each.perforation_thickness_m),
+    bare(each.scabbing_thickness_m),
+    bare(each.penetration_depth_m),
+    rangeShown(each),
+  ]);
+  const heads = COLUMNS.map((name, column) => (isNumber(column) ? `${name} [${unitOf("mm").unit}]` : name));
+  const classes = formulas.map((each) => (each.in_range ? undefined : "quiet"));
+  const rest = { caption: "By formula and by model, without margins", label: "Table of thicknesses", isNumber, classes };
   const note =
     "Limits are the least thickness that is not perforated and the least whose rear face sheds no concrete (scabbing); " +
     "penetration is the depth in thick concrete. Formulas have no angle: as is common practice, they take the normal component of the speed. DOE-STD-3014 requires " +
     `${scabbing} times the scabbing and ${perforation} times the perforation limit in a design. * Constants from secondary sources.`;
-  return element(
-    "div",
-    {},
-    element("div.wide", { tabindex: 0, role: "group", "aria-label": "Table of thicknesses" }, table),
-    element("p.quiet", {}, note),
-  );
+  return element("div", {}, table("table.thicknesses", { heads, rows: [...others, ...models], ...rest }), element("p.quiet", {}, note));
 }
 
 function rangeShown({ in_range: isWithin, range_known: isKnown, out_of_range: outside, note }) {
   const reasons = outside.map(({ detail }) => detail).join("; ");
   const range = isWithin ? "within" : isKnown ? `outside: ${reasons}` : `not known${reasons && `; ${reasons}`}`;
-  return note ? `${range}; ${note}` : range;
+  return inShownUnits(note ? `${range}; ${note}` : range);
 }
 
-function thicknessShown({ status, least_thickness_m: found }, unit = " mm") {
-  return found === undefined ? STATUSES[status] : `${millimetres(found)}${unit}`;
+function thicknessShown({ status, least_thickness_m: found }, hasUnit = true) {
+  if (found === undefined) return ENDINGS.thickness[status].label;
+  return hasUnit ? `${bare(found)} ${unitOf("mm").unit}` : bare(found);
 }
 
 function speedShown({ status, limit_speed_m_s: found }) {
-  return found === undefined ? STATUSES[status] : `${digits(found)} m/s`;
+  return found === undefined ? ENDINGS.thickness[status].label : quantityShown(found, "m/s");
 }
 
-function millimetres(value) {
-  return value === undefined ? "" : (1e3 * value).toFixed(0);
+function bare(value) {
+  const { unit, factor } = unitOf("mm");
+  return value === undefined ? "" : (value / factor).toFixed(unit === "mm" ? 0 : 1);
 }
 
 function build(root) {
   const parts = {
     form: element("form", { "aria-label": "Case", onsubmit: (event) => event.preventDefault() }),
     problem: element("p.problem", { role: "alert" }),
-    answer: element("div.outcome", {}, element("p.quiet", {}, "Computing ...")),
+    card: element("div.card", {}, element("p.quiet", {}, "Computing ...")),
+    model: element("div"),
     warnings: element("div", {}),
     table: element("div", {}),
   };
-  parts.results = element(
+  const results = element(
     "div.pictures",
     {},
-    parts.problem,
-    lostNote(),
-    element("section.panel", { "aria-label": "Answer" }, parts.answer, parts.warnings),
+    element("section.panel.verdict", { "aria-label": "Verdict" }, parts.problem, lostNote(), parts.card, parts.model, parts.warnings),
     element("section.panel", { "aria-label": "Thicknesses" }, parts.table),
   );
-  root.append(element("h1", {}, "Walls"), element("div.sides", {}, element("div.panel", {}, presetLinks("walls"), parts.form), parts.results));
+  root.append(element("h1", {}, "Walls"), element("div.sides", {}, element("div.panel", {}, presetLinks("walls"), parts.form), results));
   return parts;
 }

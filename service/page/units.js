@@ -1,0 +1,88 @@
+// Units: those shown, SI or US customary, and those understood where a number is typed.
+
+const STORED = "ricochet-units";
+const KINDS = {
+  speed: { "m/s": 1, "km/s": 1e3, "km/h": 1 / 3.6, "ft/s": 0.3048, fps: 0.3048, mph: 0.44704 },
+  length: { m: 1, cm: 0.01, mm: 1e-3, in: 0.0254, '"': 0.0254, ft: 0.3048 },
+  mass: { kg: 1, g: 1e-3, t: 1e3, lb: 0.45359237, lbs: 0.45359237, oz: 0.028349523125 },
+  pressure: { Pa: 1, kPa: 1e3, MPa: 1e6, GPa: 1e9, bar: 1e5, psi: 6894.757293168, ksi: 6894757.293168 },
+  density: { "kg/m³": 1, "kg/m3": 1, "g/cm³": 1e3, "g/cm3": 1e3, "lb/ft³": 16.018463373960142, "lb/ft3": 16.018463373960142 },
+  inertia: { "kg m²": 1, "kg m2": 1, "lb ft²": 0.042140110093804, "lb ft2": 0.042140110093804 },
+  share: { "%": 0.01, weight: 1 },
+  angle: { "°": 1, deg: 1, rad: 180 / Math.PI },
+  turning: { "rad/s": 1, "°/s": Math.PI / 180, "deg/s": Math.PI / 180, rpm: Math.PI / 30 },
+  force: { N: 1, kN: 1e3, MN: 1e6, lbf: 4.4482216152605, kip: 4448.2216152605 },
+  energy: { J: 1, kJ: 1e3, MJ: 1e6, "ft lbf": 1.3558179483314 },
+};
+/** What is shown in US customary units instead. */
+const US = { "m/s": "ft/s", m: "ft", mm: "in", kg: "lb", MPa: "psi", GPa: "ksi", "kg/m³": "lb/ft³", "kg m²": "lb ft²", kN: "kip", kJ: "ft lbf", J: "ft lbf", N: "lbf", Pa: "psi" };
+const QUANTITY = /(-?\d[\d,]*(?:\.\d+)?(?:e[+-]?\d+)?)[ \u00a0](m\/s|mm|m|kg\/m³|kg m²|kg|MPa|GPa|Pa|kN|kJ|N|J)(?![\w²³/])/g;
+const COLUMN = /_(m_s|kg_m3|kg_m2|m|kg|pa|n_m|n|j)$/;
+const COLUMNS = { m_s: ["ft_s", 0.3048], kg_m3: ["lb_ft3", 16.018463373960142], kg_m2: ["lb_ft2", 0.042140110093804], m: ["in", 0.0254], kg: ["lb", 0.45359237], pa: ["psi", 6894.757293168], n_m: ["ft_lbf", 1.3558179483314], n: ["lbf", 4.4482216152605], j: ["ft_lbf", 1.3558179483314] };
+
+let isUs = localStorage.getItem(STORED) === "us";
+
+/** Follow a <select> of the units; `onChange` is called when others are chosen. */
+export function followUnits(select, onChange) {
+  select.value = isUs ? "us" : "si";
+  select.addEventListener("change", () => {
+    isUs = select.value === "us";
+    localStorage.setItem(STORED, select.value);
+    onChange();
+  });
+}
+
+/** Return whether US customary units are shown. */
+export function areUs() {
+  return isUs;
+}
+
+/** Return the unit shown instead of one of SI, and what it is in the unit of SI without prefix: mm gives 1e-3. */
+export function unitOf(si) {
+  const unit = isUs ? (US[si] ?? si) : si;
+  return { unit, factor: kindOf(si)?.[unit] ?? 1 };
+}
+
+/**
+ * Read a number with a decimal point or comma and, if it has one, a unit: `250,5`, `5656 psi`, `1,200.5 mm`.
+ *
+ * @returns {{value?: number, wrong?: string}} in SI; without a unit it is in the one shown
+ */
+export function readQuantity(text, si) {
+  const [, digits, name] = text.replaceAll("−", "-").trim().match(/^([-+]?[\d.,'\s]*(?:e[-+]?\d+)?)\s*(.*)$/i);
+  const bare = digits.replace(/['\s]/g, "");
+  const isGrouped = /,.*[,.]/.test(bare); // as 1,200.5 is; a comma by itself is a decimal one
+  const value = Number(isGrouped ? bare.replaceAll(",", "") : bare.replace(/,(?=\d*(e|$))/i, "."));
+  if (!bare || !Number.isFinite(value)) return { wrong: `${JSON.stringify(text)} is not a number` };
+  const known = kindOf(si) ?? {};
+  const unit = name.trim().replaceAll("·", " ").replaceAll("^", "") || unitOf(si).unit;
+  const found = Object.keys(known).find((each) => each === unit) ?? Object.keys(known).find((each) => each.toLowerCase() === unit.toLowerCase());
+  if (unit && !found) return { wrong: `${JSON.stringify(name.trim())} is not a unit here${si ? `, as ${unitOf(si).unit} is` : ""}` };
+  return { value: Number((value * (known[found] ?? 1)).toPrecision(15)) };
+}
+
+/** Return text with its quantities in the units shown. */
+export function inShownUnits(text) {
+  if (!isUs) return text;
+  return text.replace(QUANTITY, (_, number, si) => {
+    const value = Number(number.replaceAll(",", "")) * kindOf(si)[si];
+    const { unit, factor } = unitOf(si);
+    return `${Number((value / factor).toPrecision(4))} ${unit}`;
+  });
+}
+
+/** Return columns of SI, whose names end with their unit, in the units shown. */
+export function inShownColumns(columns) {
+  if (!isUs) return columns;
+  const entries = Object.entries(columns).map(([name, values]) => {
+    const [unit, factor] = COLUMNS[name.match(COLUMN)?.[1]] ?? [];
+    if (!unit) return [name, values];
+    const shown = values.map((value) => (typeof value === "number" ? Number((value / factor).toPrecision(12)) : value));
+    return [name.replace(COLUMN, `_${unit}`), shown];
+  });
+  return Object.fromEntries(entries);
+}
+
+function kindOf(si) {
+  return Object.values(KINDS).find((units) => si in units);
+}

@@ -1,0 +1,258 @@
+// The verdict on a case: what happens at its oblique angle, how probable that is, the critical angle with its range, and the range
+// over the theories on one strip with the angle of the case.
+
+import { address, caseQuery } from "./address.js";
+import { angleRequest } from "./case.js";
+import { element, svg } from "./elements.js";
+import { latest } from "./latest.js";
+import { fieldAt } from "./fields.js";
+import { reportRequest } from "./report.js";
+import { clipped, requestEnd } from "./run.js";
+import { inputField, takeUsual } from "./scatter.js";
+import { request } from "./service.js";
+import { clearParts, markFresh, markStale } from "./stale.js";
+import { capital, degreesShown, describeAngle, digits, lengthShown, outcomeShown, quantityShown, warningList } from "./words.js";
+
+const REST_MS = 300; // without a change before the spread and the theories are computed: they are hundreds of searches
+const STRIP = { height: 40, edge: 14, margin_deg: 4 };
+
+/**
+ * Return the verdict on a strike in words: the service's where they are known, until then those that need no study.
+ *
+ * @param {{values: object, run: object, found: object, judged?: object}} known the answers to `/trajectory`, `/cra` and
+ *   `/verdict` for a case; the range of `judged` may be that of another oblique angle
+ * @returns {{sentence: string, figures: {name: string, value: string, note: string, kind?: string}[]}}
+ */
+export function verdictOf({ values, run, found, judged }) {
+  const mine = `${values.impact.oblique_angle_deg}°`;
+  const angle = found.critical_angle_deg;
+  const isOfAngle = judged?.oblique_angle_deg === values.impact.oblique_angle_deg;
+  const probability = isOfAngle ? judged.ricochet_probability : undefined;
+  const begins = angle === undefined ? describeAngle(found) : `Critical angle ${degreesShown(angle)} from the normal.`;
+  return {
+    sentence: isOfAngle ? judged.sentence : `At ${mine} from the normal: ${outcomeShown(run.outcome)}. ${begins}`,
+    figures: [
+      { name: `Outcome at ${mine}`, value: capital(outcomeShown(run.outcome)), note: endOf(run) },
+      {
+        name: "Probability of ricochet",
+        value: probability === undefined ? (isOfAngle ? "–" : "...") : percent(probability),
+        note: `at ${mine}, with the usual scatter`,
+      },
+      {
+        name: "Critical angle",
+        value: angle === undefined ? "none" : degreesShown(angle),
+        note: judged?.range_text ? `90 % range ${judged.range_text}` : "",
+        kind: angle === undefined ? undefined : "angle",
+      },
+    ],
+  };
+}
+
+/** Put a verdict into an element: a sentence and its figures. */
+export function showCard(root, { sentence, figures }, outcome) {
+  const [, first, rest = ""] = sentence.match(/^(.*?\.)(?:( [A-Z].*))?$/s); // at the first full stop before a capital
+  root.replaceChildren(
+    element("p.outcome", { "data-outcome": outcome }, element("strong", {}, first), element("span.rest", {}, rest)),
+    element(
+      "dl.figures",
+      {},
+      ...figures.map(({ name, value, note, kind }) =>
+        element("div", {}, element("dt", {}, name), element("dd", {}, element(kind ? `strong.${kind}` : "strong", {}, value), element("span.note", {}, note))),
+      ),
+    ),
+  );
+}
+
+/** The panel with the verdict. */
+export class Verdict {
+  #key; // of the case whose angle is shown
+  #values;
+  #run; // of the case at its oblique angle
+  #judged; // the answer to `/verdict`, perhaps for another oblique angle
+
+  /**
+   * @param {{onError: (error: Error) => void, onAngle?: (found: object, values: object) => void, onJudged?: () => void, hasRun?: boolean}} options
+   *   `onAngle` is called with the answer of `/cra` for the inputs shown, whenever these change, `onJudged` once it is known what
+   *   usually scatters; with `hasRun` the view computes the run and gives it to `setRun`
+   */
+  constructor({ onError, onAngle = () => {}, onJudged = () => {}, hasRun = false }) {
+    Object.assign(this, { onAngle, onJudged, hasRun });
+    this.card = element("div", {}, element("p.quiet", {}, "Computing ..."));
+    this.strip = element("div.strip");
+    this.spread = element("div", { role: "group", "aria-label": "Spread" });
+    this.fit = element("div.strip", { role: "group", "aria-label": "Own depth tests" });
+    this.link = element("a", {}, "How sure, input by input");
+    const about = element("details", {}, element("summary", {}, "What the range stands for"), this.spread, this.fit);
+    this.warnings = element("div", {});
+    const parts = [this.card, this.strip, element("div.spread", {}, about, this.link), this.warnings];
+    this.root = element("section.panel.across.verdict", { "aria-label": "Verdict" }, ...parts);
+    this.updateAngle = latest((values, signal) => this.#showAngle(values, signal), onError);
+    this.updateJudged = latest((values, signal) => this.#judge(values, signal), onError, { supersede: true, restMs: REST_MS });
+  }
+
+  /** Show the verdict on a case. */
+  setCase(values) {
+    this.#values = values;
+    this.#run = undefined;
+    this.link.setAttribute("href", address("how-sure", caseQuery(values)));
+    markStale(this.card, this.warnings, this.strip);
+    this.updateJudged.cancel();
+    if (!this.isOf(values)) markStale(this.spread);
+    this.updateAngle(values);
+  }
+
+  /** Return whether the angle that is shown is that of a case. */
+  isOf(values) {
+    return keyOf(values) === this.#key;
+  }
+
+  /** Take the run of the case, which the view has computed. */
+  setRun(run) {
+    if (run.values !== this.#values) return;
+    this.#run = run;
+    if (this.isOf(run.values)) this.#show();
+  }
+
+  /** Show that the inputs are about to change. */
+  hold() {
+    this.updateAngle.cancel();
+    this.updateJudged.cancel();
+    this.#key = undefined;
+    markStale(this.card, this.warnings, this.strip, this.spread);
+  }
+
+  /** Show none, as a field is not accepted. */
+  clear() {
+    this.hold();
+    clearParts(this.card, this.warnings, this.strip, this.spread);
+  }
+
+  stop() {
+    this.updateAngle.stop();
+    this.updateJudged.stop();
+  }
+
+  async #showAngle(values, signal) {
+    const isKnown = this.isOf(values);
+    const [found, run] = await Promise.all([
+      isKnown ? this.found : request("cra", { body: angleRequest(values), signal }).then(({ data }) => data),
+      this.hasRun ? undefined : requestEnd(values, signal),
+    ]);
+    if (signal.aborted) return;
+    if (!isKnown) this.#judged = undefined;
+    this.found = found;
+    this.#key = keyOf(values);
+    this.#run = run ?? this.#run;
+    if (this.updateAngle.isBehind()) return;
+    this.#show();
+    this.onAngle(found, values);
+    this.updateJudged(values);
+  }
+
+  async #judge(values, signal) {
+    const { data } = await request("verdict", { body: reportRequest(clipped(values)), signal });
+    if (signal.aborted) return;
+    this.#judged = { ...data, oblique_angle_deg: values.impact.oblique_angle_deg };
+    takeUsual(data.usual_scatter);
+    this.onJudged();
+    markFresh(this.spread);
+    this.#show();
+  }
+
+  #show() {
+    const [values, run] = [this.#values, this.#run];
+    if (!run || !this.isOf(values)) return;
+    showCard(this.card, verdictOf({ values, run, found: this.found, judged: this.#judged }), run.outcome);
+    this.fit.replaceChildren(...(this.#judged?.own_tests ? fitOf(this.#judged.own_tests, this.strip.clientWidth) : []));
+    this.spread.replaceChildren([describeAngle(this.found), this.#judged ? describeRange(this.#judged) : ""].join(" "));
+    this.warnings.replaceChildren(...warningList(run.warnings, this.found.warnings));
+    const theories = (this.#judged?.theories ?? []).map((each) => each.critical_angle_deg).filter((angle) => angle !== undefined);
+    const { lower_deg: lower, upper_deg: upper } = this.#judged?.range ?? {};
+    const range = lower === undefined ? [] : [lower, upper];
+    const { oblique_angle_deg: mine } = values.impact;
+    this.strip.replaceChildren(stripOf(mine, this.found.critical_angle_deg, theories, range, this.strip.clientWidth));
+    markFresh(this.card, this.warnings, this.strip);
+  }
+}
+
+/** Return where a run has ended in a few words. */
+function endOf({ outcome, final, exit, maximum_depth_m: depth }) {
+  if (outcome === "perforated") return `goes on at ${quantityShown(exit?.speed_m_s ?? final.depth_velocity_m_s, "m/s")}`;
+  if (exit) return `at ${quantityShown(exit.speed_m_s, "m/s")}, ${digits(exit.elevation_deg)}° from the face`;
+  return `${lengthShown(depth)} deep after ${digits(final.time_s * 1e3)} ms`;
+}
+
+/** Return what the range stands for in words. */
+function describeRange({ usual_scatter: scatter, strength_factor_dispersion: dispersion, theories, share_without_angle: without }) {
+  const names = scatter.map(({ field }) => inputField(field).label.toLowerCase()).join(", ");
+  const decays = fieldAt("resistance.free_surface.model").choices;
+  const by = theories.map(({ free_surface: name, weight, critical_angle_deg: angle }) => {
+    return `${decays[name].toLowerCase()} (weight ${weight}) ${angle === undefined ? "none" : degreesShown(angle)}`;
+  });
+  return [
+    `90 % range: usual scatter of ${names}; S scatters by ${percent(dispersion)}.`,
+    by.length ? `Theories: ${by.join(", ")}.` : "",
+    without ? `${percent(without)} of the samples have no critical angle.` : "",
+  ].filter(Boolean).join(" ");
+}
+
+/** A strip of angles: the theories as strokes on their range, the 90 % range as a band, the angle of the case as a pointer. */
+function stripOf(mine, critical, theories, range, width) {
+  const all = [mine, critical, ...theories, ...range].filter((angle) => angle !== undefined);
+  const least = Math.max(Math.floor((Math.min(...all) - STRIP.margin_deg) / 5) * 5, 0);
+  const most = Math.min(Math.ceil((Math.max(...all) + STRIP.margin_deg) / 5) * 5, 90);
+  const [size, { height, edge }] = [Math.max(width, 280), STRIP];
+  const at = (angle) => edge + ((angle - least) / (most - least)) * (size - 2 * edge);
+  const bar = ([low, high], name, y, thickness) => svg("rect", { class: name, x: at(low), y, width: Math.max(at(high) - at(low), 1), height: thickness });
+  const step = most - least > 40 ? 10 : 5;
+  const ticks = Array.from({ length: Math.floor((most - least) / step) + 1 }, (_, i) => Math.ceil(least / step) * step + i * step).filter((angle) => angle <= most);
+  const ends = theories.length ? [Math.min(...theories), Math.max(...theories)] : [];
+  const words = [
+    `Your angle ${mine}°`,
+    critical === undefined ? "no critical angle" : `critical angle ${degreesShown(critical)}`,
+    ends.length ? `theories ${ends.map(degreesShown).join(" to ")}` : "",
+    range.length ? `90 % range ${range.map((angle) => `${angle.toFixed(1)}°`).join(" to ")}` : "",
+  ];
+  const toRight = at(mine) > size - 70;
+  return svg(
+    "svg",
+    { viewBox: `0 0 ${size} ${height}`, role: "img", "aria-label": `${words.filter(Boolean).join(", ")}.` },
+    svg("line", { class: "axis", x1: edge, x2: size - edge, y1: 22, y2: 22 }),
+    ...ticks.map((angle) => svg("text", { x: at(angle), y: height - 3, "text-anchor": "middle" }, `${angle}°`)),
+    ...(range.length ? [bar(range, "band", 15, 14)] : []),
+    ...(ends.length ? [bar(ends, "theories", 20, 4)] : []),
+    ...theories.map((angle) => svg("line", { class: "theory", x1: at(angle), x2: at(angle), y1: 17, y2: 27 })),
+    ...(critical === undefined ? [] : [svg("line", { class: "critical", x1: at(critical), x2: at(critical), y1: 13, y2: 30 })]),
+    svg("path", { class: "mine", d: `M${at(mine) - 6} 4h12l-6 12z` }),
+    svg("text", { class: "mine", x: at(mine) + (toRight ? -9 : 9), y: 12, "text-anchor": toRight ? "end" : "start" }, `${mine}°`),
+  );
+}
+
+/** Two bars of the strength factor: by the published tests, and with the shots into this concrete; each its 90 % range. */
+function fitOf({ shots, median, dispersion, prior_median: before, prior_dispersion: wide }, width) {
+  const reach = (middle, spread) => [-1.645, 1.645].map((level) => middle * Math.exp(level * spread));
+  const rows = [
+    ["Published tests", before, reach(before, wide), "band"],
+    [`With ${shots} depth tests`, median, reach(median, dispersion), "theories"],
+  ];
+  const ends = rows.flatMap(([, , range]) => range);
+  const [least, most, left, right] = [Math.min(...ends), Math.max(...ends), 130, Math.max(width, 280) - 14];
+  const at = (value) => left + ((value - least) / (most - least)) * (right - left);
+  const words = rows.map(([name, middle, [low, high]]) => `${name}: S ${digits(middle)} (${digits(low)} to ${digits(high)})`).join("; ");
+  const bars = rows.flatMap(([name, middle, [low, high], kind], i) => [
+    svg("text", { x: 0, y: 17 + 24 * i }, name),
+    svg("rect", { class: kind, x: at(low), y: 6 + 24 * i, width: at(high) - at(low), height: 14 }),
+    svg("line", { class: "critical", x1: at(middle), x2: at(middle), y1: 3 + 24 * i, y2: 23 + 24 * i }),
+  ]);
+  return [svg("svg", { viewBox: `0 0 ${right + 14} 54`, role: "img", "aria-label": `${words}.` }, ...bars), element("p.quiet", {}, `${words}.`)];
+}
+
+function percent(share) {
+  const value = 100 * share;
+  return `${value > 0 && value < 10 ? digits(value, 2) : value.toFixed(0)} %`;
+}
+
+/** Return what a critical angle depends on, as text. */
+function keyOf(values) {
+  return JSON.stringify(angleRequest(values));
+}
