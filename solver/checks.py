@@ -12,7 +12,10 @@ is refused with the unit it may have been meant in.
 
 import math
 from collections.abc import Mapping
-from typing import NamedTuple, get_args
+from dataclasses import MISSING, fields
+from typing import Any, NamedTuple, TypeVar, get_args
+
+Row = TypeVar("Row")
 
 
 class RicochetError(Exception):
@@ -45,6 +48,37 @@ class IntegrationError(RicochetError):
 
 class StepLimitError(IntegrationError):
     """The integration needed more steps than one run may take."""
+
+
+def plain(value: Any) -> Any:
+    """Return an array, a Series or a DataArray as a list, a number of NumPy as Python's, anything else as it is."""
+    return value.__array__().tolist() if hasattr(value, "__array__") else value
+
+
+def rows_of(field: str, rows: Any, kind: type[Row]) -> list[Row]:
+    """Return objects of a dataclass; the rows of a DataFrame, with columns named as its fields, become such objects.
+
+    Raises
+    ------
+    ParameterError
+        If the columns are not those of the dataclass, or something is not such an object.
+    """
+    if hasattr(rows, "columns"):
+        needed = [each.name for each in fields(kind) if each.default is MISSING]  # type: ignore[arg-type]
+        others = [each.name for each in fields(kind) if each.default is not MISSING]  # type: ignore[arg-type]
+        names = list(rows.columns)
+        text = f"must have the columns {', '.join(needed)}, and may have {', '.join(others)}; got {', '.join(names)}"
+        require(set(needed) <= set(names) <= {*needed, *others}, field, text)
+        cells = [dict(zip(names, row, strict=True)) for row in zip(*(plain(rows[name]) for name in names), strict=True)]
+        # NaN and NA, which are not equal to themselves, say that a row has none of what is optional.
+        rows = [
+            kind(**{name: value for name, value in row.items() if name in needed or (value == value) is True})  # noqa: PLR0124
+            for row in cells
+        ]
+    found: list[Row] = list(plain(rows))
+    for index, row in enumerate(found):
+        require(isinstance(row, kind), f"{field}.{index}", f"must be a {kind.__name__}, got {type(row).__name__}")
+    return found
 
 
 def require(condition: bool, field: str, requirement: str) -> None:

@@ -6,26 +6,26 @@ names of the solver.
 
 import math
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Generator, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import fields
 from functools import partial
-from itertools import repeat
+from itertools import islice, repeat
 from operator import attrgetter
-from typing import Any, TypeAlias, TypeVar
+from typing import Any, Protocol, TypeAlias, TypeVar
 
 import numpy as np
+import numpy.typing as npt
 
-from solver.arrays import FloatArray
-from solver.checks import ParameterError, RicochetError
+from solver.checks import ParameterError, RicochetError, plain
 from solver.display import Columns, dataframe
 from solver.perforation import TOLERANCE, PerforationLimit, least_thickness, limit_velocity
 from solver.projectile import Projectile
 from solver.resistance import Resistance
 from solver.search.critical_angle import critical_angle
 from solver.search.types import CriticalAngle, Search
-from solver.strike import Impact, Numerics
+from solver.strike import Impact, Numerics, is_part, label, named_values, short_names
 from solver.target import Target
 from solver.trajectory import Motion, Trajectory, simulate
 
@@ -35,7 +35,16 @@ nobody should wait behind them."""
 
 Value = TypeVar("Value")
 Answer = TypeVar("Answer")
-OneOrMany: TypeAlias = Value | Sequence[Value] | FloatArray
+
+
+class ArrayLike(Protocol):
+    """An array, a Series of pandas, a DataArray of xarray."""
+
+    def __array__(self) -> npt.NDArray[Any]:
+        """Return its values."""
+
+
+OneOrMany: TypeAlias = Value | Sequence[Value] | ArrayLike
 
 FINAL = tuple(field.name for field in fields(Motion))
 NO_BRACKET = (math.nan, math.nan)
@@ -58,7 +67,7 @@ def critical_angle_many(
     Parameters
     ----------
     projectile, target, velocity, angle_of_attack, angular_velocity, resistance
-        As for `critical_angle`: one for all cases, or a sequence or array with one for each.
+        As for `critical_angle`: one for all cases, or a sequence, array, Series or DataArray with one for each.
     numerics, search
         The same for all.
     threads
@@ -82,7 +91,7 @@ def critical_angle_many(
         angular_velocity=angular_velocity,
         resistance=resistance,
     )
-    return _run(partial(critical_angle, numerics=numerics, search=search), cases, threads)
+    return Answers(partial(critical_angle, numerics=numerics, search=search), cases, threads)
 
 
 def simulate_many(
@@ -117,7 +126,7 @@ def simulate_many(
         If the sequences differ in length.
     """
     strikes = Cases(projectile=projectile, target=target, impact=impact, resistance=resistance)
-    return _run(partial(simulate, numerics=numerics, sample_interval=sample_interval), strikes, threads)
+    return Answers(partial(simulate, numerics=numerics, sample_interval=sample_interval), strikes, threads)
 
 
 def least_thickness_many(
@@ -152,7 +161,7 @@ def least_thickness_many(
         If the sequences differ in length.
     """
     strikes = Cases(projectile=projectile, target=target, impact=impact, resistance=resistance)
-    return _run(partial(least_thickness, numerics=numerics, tolerance=tolerance), strikes, threads)
+    return Answers(partial(least_thickness, numerics=numerics, tolerance=tolerance), strikes, threads)
 
 
 def limit_velocity_many(
@@ -172,7 +181,7 @@ def limit_velocity_many(
     Parameters
     ----------
     projectile, target, oblique_angle, angle_of_attack, angular_velocity, resistance
-        As for `limit_velocity`: one for all walls, or a sequence or array with one for each.
+        As for `limit_velocity`: one for all walls, or a sequence, array, Series or DataArray with one for each.
     numerics, tolerance
         The same for all.
     threads
@@ -196,31 +205,68 @@ def limit_velocity_many(
         angular_velocity=angular_velocity,
         resistance=resistance,
     )
-    return _run(partial(limit_velocity, numerics=numerics, tolerance=tolerance), walls, threads)
+    return Answers(partial(limit_velocity, numerics=numerics, tolerance=tolerance), walls, threads)
 
 
 class Cases:
     """Columns of arguments, some the same for all cases, as one set of arguments for each case."""
 
     def __init__(self, **columns: Any) -> None:
-        many = {name: column for name, column in columns.items() if isinstance(column, Sequence | np.ndarray)}
-        first = next(iter(many), None)
-        length = 1 if first is None else len(many[first])
-        for name, column in many.items():
-            if len(column) != length:
-                raise ParameterError(name, f"must be one or as many as {first}, {length}, got {len(column)}")
-        self.columns = {name: many.get(name, repeat(column, length)) for name, column in columns.items()}
+        self.columns = {name: plain(column) for name, column in columns.items()}
+        self.many = {
+            name: column
+            for name, column in self.columns.items()
+            if isinstance(column, Sequence) and not isinstance(column, str)
+        }
+        first = next(iter(self.many), None)
+        self.length = 1 if first is None else len(self.many[first])
+        for name, column in self.many.items():
+            if len(column) != self.length:
+                raise ParameterError(name, f"must be one or as many as {first}, {self.length}, got {len(column)}")
 
     def __iter__(self) -> Iterator[dict[str, Any]]:
-        for values in zip(*self.columns.values(), strict=True):
-            yield dict(zip(self.columns, map(_plain, values), strict=True))
+        columns = [self.many.get(name, repeat(column, self.length)) for name, column in self.columns.items()]
+        for values in zip(*columns, strict=True):
+            yield dict(zip(self.columns, map(plain, values), strict=True))
+
+    def inputs(self, count: int, taken: Container[str]) -> Columns:
+        """Return what was given for each of the last cases, objects by their fields, under names that are not taken."""
+        last = islice(self, self.length - count, None)
+        rows = [dict(named_values({name: case[name] for name in self.many})) for case in last]
+        # An object without a name is not a column, as its fields are; nor is what no case has.
+        names = {
+            name: None
+            for row in rows
+            for name, value in row.items()
+            if value is not None and (not is_part(value) or hasattr(value, "name"))
+        }
+        short = short_names(list(names), taken)
+        return {found: _column([row.get(name) for row in rows]) for found, name in zip(short, names, strict=True)}
 
 
-def _plain(value: Any) -> Any:
-    return value.item() if isinstance(value, np.generic) else value
+def _column(values: Sequence[Any]) -> npt.NDArray[Any]:
+    """Return numbers as an array with NaN for None, anything else as texts, which are empty for None."""
+    if all(value is None or isinstance(value, float | int) for value in values):
+        return np.array([math.nan if value is None else value for value in values])
+    return np.array(["" if value is None else str(label(value)) for value in values])
 
 
-def _run(function: Callable[..., Answer], cases: Cases, threads: int) -> Iterator[Answer | RicochetError]:
+class Answers(Iterator[Answer | RicochetError]):
+    """Answers to some cases, in their order, while later ones still run."""
+
+    def __init__(self, function: Callable[..., Answer], cases: Cases, threads: int) -> None:
+        self.cases = cases
+        self._found = _run(function, cases, threads)
+
+    def __next__(self) -> Answer | RicochetError:
+        return next(self._found)
+
+    def close(self) -> None:
+        """Give up the cases that have no answer yet."""
+        self._found.close()
+
+
+def _run(function: Callable[..., Answer], cases: Cases, threads: int) -> Generator[Answer | RicochetError, None, None]:
     """Answers in order; on threads, some ahead of the caller."""
 
     def answer(case: dict[str, Any]) -> Answer | RicochetError:
@@ -243,31 +289,34 @@ def _run(function: Callable[..., Answer], cases: Cases, threads: int) -> Iterato
             yield waiting.popleft().result()
 
 
-def columns(answers: Iterable[Trajectory | CriticalAngle | RicochetError]) -> Columns:
-    """Return what `simulate_many` or `critical_angle_many` yields as columns, a row for each answer.
+def columns(answers: Iterable[Trajectory | CriticalAngle | PerforationLimit | RicochetError]) -> Columns:
+    """Return what `simulate_many`, `critical_angle_many` and the like yield as columns, a row for each answer.
 
     Parameters
     ----------
     answers
-        Answers from one of the two functions, not from both.
+        Answers from one of the functions for many cases, not from several.
 
     Returns
     -------
     dict of str to array
-        For trajectories ``outcome``, ``maximum_depth`` [m], ``strength_factor`` and ``final_time`` [s] to
+        First the inputs that were given one for each case, objects by their fields, if the answers come straight from
+        the function. For trajectories ``outcome``, ``maximum_depth`` [m], ``strength_factor`` and ``final_time`` [s] to
         ``final_kinetic_energy`` [J]; for critical angles ``status``, ``angle``, ``standard_error``, ``bracket_low`` and
-        ``bracket_high`` [rad], and ``strength_factor``. Then ``warnings``, their codes with blanks between them, and
+        ``bracket_high`` [rad], and ``strength_factor``; for limits of perforation ``status``, ``value``, ``value_low``
+        and ``value_high`` [m or m/s]. Then ``warnings``, their codes with blanks between them, and
         ``error``, empty unless the case failed. NaN and empty text stand where there is nothing.
 
     Raises
     ------
     ParameterError
-        If there are answers of both kinds.
+        If there are answers of several kinds.
     """
+    cases = answers.cases if isinstance(answers, Answers) else None
     answers = list(answers)
     kinds = {type(answer) for answer in answers if not isinstance(answer, RicochetError)}
     if len(kinds) > 1:
-        raise ParameterError("answers", "must be trajectories or critical angles, not both")
+        raise ParameterError("answers", "must be of one kind, trajectories, critical angles or limits of perforation")
     table: Columns = {}
     for kind in kinds:
         for name, (value, missing) in COLUMNS[kind].items():
@@ -276,10 +325,10 @@ def columns(answers: Iterable[Trajectory | CriticalAngle | RicochetError]) -> Co
             )
     table["warnings"] = _texts([getattr(answer, "warnings", ()) for answer in answers])
     table["error"] = np.array([str(answer) if isinstance(answer, RicochetError) else "" for answer in answers], str)
-    return table
+    return table if cases is None else cases.inputs(len(answers), table) | table
 
 
-def to_dataframe(answers: Iterable[Trajectory | CriticalAngle | RicochetError]) -> Any:
+def to_dataframe(answers: Iterable[Trajectory | CriticalAngle | PerforationLimit | RicochetError]) -> Any:
     """Return the same as a ``pandas.DataFrame``.
 
     Raises
@@ -315,5 +364,11 @@ COLUMNS: Mapping[type, Mapping[str, Column]] = {
         "bracket_low": (lambda answer: (answer.bracket or NO_BRACKET)[0], math.nan),
         "bracket_high": (lambda answer: (answer.bracket or NO_BRACKET)[1], math.nan),
         "strength_factor": (lambda answer: _number(answer.strength_factor), math.nan),
+    },
+    PerforationLimit: {
+        "status": (attrgetter("status.value"), ""),
+        "value": (lambda answer: _number(answer.value), math.nan),
+        "value_low": (lambda answer: (answer.bracket or NO_BRACKET)[0], math.nan),
+        "value_high": (lambda answer: (answer.bracket or NO_BRACKET)[1], math.nan),
     },
 }

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from solver.calibration.strength_factor import (
     require_confidence_level,
     valleys,
 )
-from solver.checks import require, require_positive
+from solver.checks import require, require_positive, rows_of
 from solver.motion import Run, Termination
 from solver.prepared import PreparedCase, integrate, prepare
 from solver.projectile import Projectile
@@ -27,6 +28,9 @@ from solver.strike import Impact, Numerics
 from solver.target import Target
 from solver.uncertainty.distributions import Lognormal
 from solver.warnings import ModelWarning
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 FIRST_LOOK = 9
 """Strength factors tried before the fit: depth falls with S, so there is one minimum, or nearly."""
@@ -170,7 +174,7 @@ def fit_depth(
     *,
     projectile: Projectile,
     target: Target,
-    tests: Sequence[DepthTest],
+    tests: "Sequence[DepthTest] | DataFrame",
     resistance: Resistance | None = None,
     numerics: Numerics | None = None,
     confidence_level: float = 0.95,
@@ -182,8 +186,8 @@ def fit_depth(
     projectile, target
         Shared by the tests.
     tests
-        Two or more. If one names a group, all must; then each group of two or more gets its own fit besides the
-        common one.
+        Two or more, or a DataFrame with the fields of `DepthTest` as columns. If one names a group, all must; then each
+        group of two or more gets its own fit besides the common one.
     resistance
         Inertia factor and decay; its strength factor is not used.
     numerics
@@ -207,6 +211,7 @@ def fit_depth(
     error that all of them share.
     """
     require_confidence_level(confidence_level)
+    tests = rows_of("tests", tests, DepthTest)
     _check(tests, target)
     shots = _Shots(projectile, target, resistance, numerics)
     common = _fit(tests, shots, confidence_level)

@@ -78,7 +78,7 @@ def test_answers_of_both_kinds_are_no_table() -> None:
         simulate(projectile=PAPER_PROJECTILE, target=PAPER_TARGET, impact=impact),
         critical_angle(projectile=PAPER_PROJECTILE, target=PAPER_TARGET, velocity=PAPER_VELOCITY),
     ]
-    with pytest.raises(ParameterError, match="not both"):
+    with pytest.raises(ParameterError, match="must be of one kind"):
         solver.columns(answers)
 
 
