@@ -11,8 +11,11 @@ is refused with the unit it may have been meant in.
 """
 
 import math
-from collections.abc import Mapping
+import sys
+from collections.abc import Callable, Mapping
 from dataclasses import MISSING, fields
+from functools import wraps
+from inspect import getfullargspec, isfunction
 from typing import Any, NamedTuple, TypeVar, get_args
 
 Row = TypeVar("Row")
@@ -243,3 +246,32 @@ def require_angle(field: str, value: object, *, below: bool) -> None:
     if abs(angle) <= 90.0:
         text += f"; give radians, math.radians({angle:g}) for {angle:g}°"
     raise ParameterError(field, text)
+
+
+def name_keywords(package: dict[str, Any]) -> None:
+    """Let the public functions and classes of a package that take keywords only say which, if called by position."""
+    for name in package["__all__"]:
+        public = package[name]
+        own = int(isinstance(public, type))
+        function = public.__init__ if own else public
+        if not isfunction(function):
+            continue
+        arguments = getfullargspec(function)
+        if len(arguments.args) > own or arguments.varargs:
+            continue
+        checked = _saying_keywords(function, own, f"{name}() takes keywords only: {', '.join(arguments.kwonlyargs)}")
+        if own:
+            public.__init__ = checked
+        else:  # in its own module too, where pickle looks for it
+            package[name] = checked
+            setattr(sys.modules[function.__module__], name, checked)
+
+
+def _saying_keywords(function: Callable[..., Any], own: int, words: str) -> Callable[..., Any]:
+    @wraps(function)
+    def call(*args: Any, **kwargs: Any) -> Any:
+        if len(args) > own:
+            raise TypeError(words)
+        return function(*args, **kwargs)
+
+    return call

@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from solver.checks import ParameterError, RicochetError, plain
-from solver.display import Columns, dataframe
+from solver.display import Columns, DataFrame, dataframe
 from solver.perforation import TOLERANCE, PerforationLimit, least_thickness, limit_velocity
 from solver.projectile import Projectile
 from solver.resistance import Resistance
@@ -328,8 +328,8 @@ def columns(answers: Iterable[Trajectory | CriticalAngle | PerforationLimit | Ri
     return table if cases is None else cases.inputs(len(answers), table) | table
 
 
-def to_dataframe(answers: Iterable[Trajectory | CriticalAngle | PerforationLimit | RicochetError]) -> Any:
-    """Return the same as a ``pandas.DataFrame``.
+def to_dataframe(answers: Iterable[Trajectory | CriticalAngle | PerforationLimit | RicochetError]) -> DataFrame:
+    """Return the same as a ``pandas.DataFrame``, whose `attrs` have the units.
 
     Raises
     ------

@@ -8,9 +8,10 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from importlib import import_module
-from typing import Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
-from solver.checks import BOUNDS, RicochetError, plain, require
+from solver.checks import RicochetError, plain, require
+from solver.display import described, optional
 from solver.free_surface import ElasticPlastic, MohrCoulomb, NoFreeSurface
 from solver.many import columns, critical_angle_many, simulate_many
 from solver.projectile import Projectile
@@ -20,32 +21,14 @@ from solver.strike import Impact, Numerics, full_name, is_part, label, put, shor
 from solver.target import Target
 from solver.trajectory import Trajectory
 
+if TYPE_CHECKING:
+    import xarray
+
 MOST_POINTS = 100_000
 ANY_VELOCITY = 1.0
 """Velocity of a strike until the axis sets it. [m/s]"""
 SWEPT = ("projectile", "target", "impact", "resistance")
 """Parts of a strike whose fields can be axes."""
-QUANTITIES: Mapping[str, tuple[str, str]] = {
-    "angle": ("rad", "critical angle from the normal"),
-    "standard_error": ("rad", "standard error of the critical angle"),
-    "bracket_low": ("rad", "lower end of the final bracket"),
-    "bracket_high": ("rad", "upper end of the final bracket"),
-    "maximum_depth": ("m", "greatest depth of the nose tip"),
-    "strength_factor": ("1", "strength factor"),
-    "final_time": ("s", "end of the run, since first contact"),
-    "final_center_of_gravity_depth": ("m", "depth of the centre of gravity at the end"),
-    "final_center_of_gravity_lateral": ("m", "way of the centre of gravity along the face"),
-    "final_nose_tip_depth": ("m", "depth of the nose tip at the end"),
-    "final_axis_angle": ("rad", "axis from the inward normal at the end"),
-    "final_depth_velocity": ("m/s", "velocity along the inward normal at the end"),
-    "final_lateral_velocity": ("m/s", "velocity along the face at the end"),
-    "final_angular_velocity": ("rad/s", "angular velocity at the end"),
-    "final_depth_force": ("N", "resistance along the inward normal at the end"),
-    "final_lateral_force": ("N", "resistance along the face at the end"),
-    "final_moment": ("N m", "moment of the resistance at the end"),
-    "final_kinetic_energy": ("J", "kinetic energy at the end"),
-}
-"""Unit and description of a column of answers."""
 DECAY_LAWS = {
     ElasticPlastic: "decay: theory",
     MohrCoulomb: "decay: theory, nearest to finite element motions",
@@ -74,7 +57,7 @@ def critical_angle_sweep(
     numerics: Numerics | None = None,
     search: Search | None = None,
     threads: int = 1,
-) -> Any:
+) -> "xarray.Dataset":
     """Critical angles over every combination of the values of some inputs.
 
     Parameters
@@ -144,7 +127,7 @@ def simulate_sweep(
     resistance: Resistance | None = None,
     numerics: Numerics | None = None,
     threads: int = 1,
-) -> Any:
+) -> "xarray.Dataset":
     """Trajectories over every combination of the values of some inputs, each by its end.
 
     Parameters
@@ -192,7 +175,8 @@ class _Grid:
     """
 
     def __init__(self, parts: Mapping[str, Any], axes: Mapping[str, Iterable[Any]]) -> None:
-        self._xarray = _xarray()
+        instead = "critical_angle_many and simulate_many need nothing more"
+        self._xarray = optional("xarray", "a sweep", instead)
         self._parts = {name: parts[name] for name in SWEPT}
         require(len(axes) > 0, "axes", "must hold a field with its values")
         self.fields = [full_name(self._parts, field, "axes") for field in axes]
@@ -217,7 +201,7 @@ class _Grid:
 
     def dataset(
         self, answers: Iterable[Trajectory | CriticalAngle | RicochetError], title: str, found: Sequence[str] = ()
-    ) -> Any:
+    ) -> "xarray.Dataset":
         """Return the answers as a dataset; `found` are inputs that the answers are, not the strike's."""
         table = columns(list(answers))
         names = short_names(self.fields, table)
@@ -228,16 +212,13 @@ class _Grid:
                 if other not in {*names, *table, *coordinates} and along.dims == given.dims:
                     coordinates[str(other)] = (name, along.values, along.attrs)
         shape = tuple(map(len, self._values))
-        variables = {}
-        for name, column in table.items():
-            unit, description = QUANTITIES.get(name, ("", name))
-            attributes = {"long_name": description} | ({"units": unit} if unit else {})
-            variables[name] = (names, column.reshape(shape), attributes)
+        variables = {name: (names, each.reshape(shape), described(name, each)) for name, each in table.items()}
         varied = dict.fromkeys((*self.fields, *found), "varied")
         strike = {name: _in_full(part, name, varied) for name, part in self._parts.items()}
         engine = import_module(__package__).ENGINE_VERSION  # the package imports this module
         attributes = {"title": title, "source": f"ricochet, engine {engine}"} | strike
-        return self._xarray.Dataset(variables, coordinates, attributes)
+        dataset: xarray.Dataset = self._xarray.Dataset(variables, coordinates, attributes)
+        return dataset
 
 
 def _in_full(value: Any, name: str, instead: Mapping[str, str]) -> str:
@@ -266,38 +247,10 @@ def _coordinates(name: str, field: str, values: Sequence[Any]) -> dict[str, tupl
         f"{each} {plain[: place + 1].count(each)}" if isinstance(each, str) and plain.count(each) > 1 else each
         for place, each in enumerate(plain)
     ]
-    found: dict[str, tuple[Any, ...]] = {name: (name, labels, _described(field))}
+    found: dict[str, tuple[Any, ...]] = {name: (name, labels, described(field, labels))}
     if labels != plain:
         found[f"{name}_in_full"] = (name, list(map(repr, values)), {"long_name": f"{name}, in full"})
     return found
-
-
-def _described(field: str) -> dict[str, str]:
-    """Return the attributes of an axis."""
-    name = field.rpartition(".")[2]
-    described = {"long_name": name.replace("_", " ")}
-    if field in BOUNDS:
-        return described | {"units": BOUNDS[field].unit or "1"}
-    return described | ({"units": "rad"} if field.startswith("impact.") else {})
-
-
-def _xarray() -> Any:
-    """Return xarray.
-
-    Raises
-    ------
-    ModuleNotFoundError
-        If it is not installed.
-    """
-    try:
-        return import_module("xarray")
-    except ModuleNotFoundError as error:
-        if error.name != "xarray":
-            raise
-        raise ModuleNotFoundError(
-            "a sweep needs xarray: pip install xarray; critical_angle_many and simulate_many need nothing more",
-            name="xarray",
-        ) from None
 
 
 @dataclass(frozen=True, slots=True)

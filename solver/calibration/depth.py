@@ -3,12 +3,11 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from solver import warnings as model_warnings
-from solver.arrays import FloatArray
+from solver.arrays import ComparedByFields, FloatArray
 from solver.calibration.strength_factor import (
     Estimate,
     Residuals,
@@ -20,6 +19,7 @@ from solver.calibration.strength_factor import (
     valleys,
 )
 from solver.checks import require, require_positive, rows_of
+from solver.display import Axes, DataFrame, Figure, plot_depths
 from solver.motion import Run, Termination
 from solver.prepared import PreparedCase, integrate, prepare
 from solver.projectile import Projectile
@@ -28,9 +28,6 @@ from solver.strike import Impact, Numerics
 from solver.target import Target
 from solver.uncertainty.distributions import Lognormal
 from solver.warnings import ModelWarning
-
-if TYPE_CHECKING:
-    from pandas import DataFrame
 
 FIRST_LOOK = 9
 """Strength factors tried before the fit: depth falls with S, so there is one minimum, or nearly."""
@@ -63,8 +60,8 @@ class DepthTest:
     group: str | None = None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class DepthFit:
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class DepthFit(ComparedByFields):
     """Strength factor that fits the depths of tests best."""
 
     estimate: Estimate
@@ -78,7 +75,14 @@ class DepthFit:
     """One fit for each group of two tests or more; empty if the tests have no groups."""
     posterior: Lognormal
     """S of the next shot in the same concrete; the published tests are the prior, and weights do not count."""
+    resistance: Resistance
+    """That of the fit, with the fitted S."""
     warnings: tuple[ModelWarning, ...]
+
+    def plot(self, *, ax: "Axes | None" = None) -> Figure:
+        """Return measured over predicted depths as a ``matplotlib.figure.Figure``, of pyplot unless axes are given."""
+        title = f"S = {self.estimate.strength_factor:.3g} ± {self.estimate.standard_error:.2g}"
+        return plot_depths(self.predicted, self.predicted + self.residuals, title, ax)
 
 
 class _Shots:
@@ -269,6 +273,7 @@ def _fit(tests: Sequence[DepthTest], shots: _Shots, confidence_level: float) -> 
         residuals=misses,
         root_mean_square=math.sqrt(float(np.average(misses**2, weights=weights))),
         groups={},
+        resistance=replace(shots.resistance, strength_factor=ConstantStrengthFactor(value=best)),
         posterior=Lognormal(median=posterior.median, dispersion=posterior.dispersion),
         warnings=_warnings(tests, runs, shots) + model_warnings.own_tests_apart(posterior),
     )

@@ -3,17 +3,15 @@
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 
-from solver.arrays import FloatArray
+from solver.arrays import ComparedByFields, FloatArray
 from solver.checks import ParameterError, require, require_between, require_positive, rows_of
+from solver.display import DataFrame
 from solver.resistance import ObliquityPolynomial
 from solver.warnings import ModelWarning
-
-if TYPE_CHECKING:
-    from pandas import DataFrame
 
 LOWEST, HIGHEST = 0.5, 50.0
 """Strength factors among which a fit looks. Published ones lie between 5 and 22."""
@@ -182,8 +180,8 @@ class ObliquityPoint:
     standard_error: float | None = None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ObliquityFit:
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ObliquityFit(ComparedByFields):
     """Polynomial through strength factors, in the oblique angle in degrees."""
 
     coefficients: tuple[float, ...]

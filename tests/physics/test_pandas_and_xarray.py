@@ -1,8 +1,15 @@
 """Tables and arrays of pandas and xarray, as inputs and as answers."""
 
+import copy
 import math
+import os
+import pickle
+import subprocess
+import sys
 from collections.abc import Callable, Sequence
+from dataclasses import is_dataclass, replace
 from importlib.util import find_spec
+from inspect import isfunction, signature
 from pathlib import Path
 from typing import Any
 
@@ -11,10 +18,19 @@ import pandas as pd
 import pytest
 
 import solver
+import solver.calibration
+import solver.uncertainty
 from solver import Resistance
 from solver.calibration import DepthTest, MotionHistory, ObliquityPoint, fit_depth, fit_obliquity, penetration_depths
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, paper_impact
-from solver.uncertainty import Discrete
+from solver.uncertainty import (
+    Discrete,
+    Normal,
+    Sampling,
+    Uncertain,
+    critical_angle_uncertainty,
+    trajectory_uncertainty,
+)
 
 xarray = pytest.importorskip("xarray")
 CASE: dict[str, Any] = {"projectile": PAPER_PROJECTILE, "target": PAPER_TARGET}
@@ -282,3 +298,197 @@ def test_provenance_has_no_value_of_what_varies(
     attributes = sweep().attrs
     assert {name: attributes[name] for name in varied | kept} == varied | kept
     assert all("varied" in text for text in varied.values())
+
+
+@pytest.mark.parametrize(
+    ("table", "units"),
+    [
+        (
+            lambda: solver.simulate(**CASE, impact=IMPACTS[1]).to_dataframe(),
+            {"time": "s", "nose_tip_depth": "m", "axis_angle": "rad", "depth_force": "N", "angular_velocity": "rad/s"},
+        ),
+        (
+            lambda: solver.critical_angle(**CASE, velocity=238.0, search=ROUGH).to_dataframe(),
+            {"oblique_angle": "rad", "final_position": "m"},
+        ),
+        (
+            lambda: solver.to_dataframe(solver.simulate_many(**CASE, impact=IMPACTS)),
+            {"velocity": "m/s", "oblique_angle": "rad", "final_time": "s", "final_kinetic_energy": "J"},
+        ),
+        (
+            lambda: solver.to_dataframe(solver.critical_angle_many(**CASE, velocity=[200.0], search=ROUGH)),
+            {"velocity": "m/s", "angle": "rad", "strength_factor": "1"},
+        ),
+    ],
+)
+def test_tables_have_their_units(table: Callable[[], Any], units: dict[str, str]) -> None:
+    frame = table()
+    found = frame.attrs["units"]
+    assert found | units == found
+    numbers = {name for name, column in frame.reset_index().items() if column.dtype.kind == "f"}
+    assert set(found) >= numbers - {"index"}
+    assert not set(found) & {"outcome", "fine", "status", "warnings", "error"}
+
+
+def answers_with_arrays() -> dict[str, Any]:
+    trajectory = solver.simulate(**CASE, impact=IMPACTS[1])
+    tests = pd.DataFrame(FRAME)
+    angles = pd.DataFrame({"oblique_angle": [0.0, 0.3, 0.6, 0.8], "strength_factor": [8.5, 8.2, 7.9, 6.5]})
+    uncertain = [Uncertain("velocity", Normal(mean=238.0, standard_deviation=2.0))]
+    few = Sampling(max_samples=320)
+    return {
+        "trajectory": trajectory,
+        "history": trajectory.history,
+        "motion": MotionHistory(time=np.array([0.0, 1e-3]), rotation=np.array([0.0, 0.1])),
+        "depth fit": fit_depth(**CASE, tests=tests),
+        "obliquity fit": fit_obliquity(points=angles),
+        "uncertainty": critical_angle_uncertainty(**CASE, velocity=238.0, uncertain=uncertain, sampling=few),
+    }
+
+
+def test_answers_with_arrays_equal_their_copies() -> None:
+    for words, answer in answers_with_arrays().items():
+        for copied in (copy.copy(answer), copy.deepcopy(answer), pickle.loads(pickle.dumps(answer))):  # noqa: S301
+            assert answer == copied, words
+        assert answer != words
+    first, second = (solver.simulate(**CASE, impact=impact) for impact in IMPACTS)
+    assert first != second
+    assert first.final != second.final
+    assert len({first.final, second.final, first.final}) == 2
+
+
+def test_fit_of_depths_has_a_resistance_that_gives_them() -> None:
+    crater = Resistance(crater=solver.Crater())
+    tests = pd.DataFrame(FRAME)
+    found = fit_depth(**CASE, tests=tests, resistance=crater)
+    assert found.resistance.crater == solver.Crater()
+    for velocity, depth in zip(tests.velocity, found.predicted, strict=True):
+        impact = solver.Impact(velocity=velocity, oblique_angle=0.0)
+        run = solver.simulate(**CASE, impact=impact, resistance=found.resistance, sample_interval=None)
+        assert run.maximum_depth == pytest.approx(depth, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("short", "full"),
+    [
+        ("velocity", "impact.velocity"),
+        ("compressive_strength", "target.compressive_strength"),
+        ("nose.caliber_radius_head", "projectile.nose.caliber_radius_head"),
+        ("strength_residual", "resistance.strength_residual"),
+        ("retention_energy_fraction", "numerics.retention_energy_fraction"),
+    ],
+)
+def test_short_names_of_uncertain_inputs_are_those_of_the_axes(short: str, full: str) -> None:
+    few = Sampling(max_samples=320)
+    values = {
+        "velocity": 238.0,
+        "compressive_strength": 39e6,
+        "retention_energy_fraction": 0.01,
+        "strength_residual": 1.0,
+    }
+    normal = Normal(mean=values.get(short, 3.0), coefficient_of_variation=0.01)
+    one, other = (
+        trajectory_uncertainty(**CASE, impact=IMPACTS[1], uncertain=[Uncertain(name, normal)], sampling=few)
+        for name in (short, full)
+    )
+    assert one == other
+
+
+@pytest.mark.parametrize(
+    ("field", "words"),
+    [
+        ("speed", "uncertain.0.field: 'speed' is not there: known are projectile.nose"),
+        ("oblique_angle", "uncertain.0.field: is what a search varies"),
+        ("length", "'length' may be projectile.length or projectile.boat_tail.length"),
+    ],
+)
+def test_short_names_that_are_not_clear_are_refused(field: str, words: str) -> None:
+    tail = solver.BoatTail(length=0.1, base_diameter=0.06)
+    projectile = replace(PAPER_PROJECTILE, boat_tail=tail)
+    uncertain = [Uncertain(field, Normal(mean=1.0, standard_deviation=0.1))]
+    with pytest.raises(solver.ParameterError, match=words):
+        critical_angle_uncertainty(projectile=projectile, target=PAPER_TARGET, velocity=238.0, uncertain=uncertain)
+
+
+def takes_keywords_only(public: Any) -> bool:
+    is_called = isfunction(public) or is_dataclass(public)
+    found = signature(public).parameters.values() if is_called else ()
+    return bool(found) and all(each.kind is each.KEYWORD_ONLY for each in found)
+
+
+PUBLIC = [
+    f"{package.__name__}.{name}"
+    for package in (solver, solver.calibration, solver.uncertainty)
+    for name in package.__all__
+    if takes_keywords_only(getattr(package, name))
+]
+
+
+def test_most_of_what_is_public_takes_keywords_only() -> None:
+    assert len(PUBLIC) > 60
+    assert {"solver.simulate", "solver.Target", "solver.calibration.fit_depth", "solver.uncertainty.Normal"} <= set(
+        PUBLIC
+    )
+
+
+@pytest.mark.parametrize("path", PUBLIC)
+def test_calls_by_position_say_which_keywords(path: str) -> None:
+    package, _, name = path.rpartition(".")
+    public = getattr(sys.modules[package], name)
+    words = rf"{public.__name__}\(\) takes keywords only: {', '.join(signature(public).parameters)}$"
+    with pytest.raises(TypeError, match=words):
+        public(1.0)
+    assert pickle.loads(pickle.dumps(public)) is public  # noqa: S301
+
+
+EVERYTHING = """
+import math, sys
+sys.modules[{blocked!r}] = None
+import numpy as np
+import solver
+from solver.calibration import DepthTest, fit_depth
+from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, paper_impact
+case = {{"projectile": PAPER_PROJECTILE, "target": PAPER_TARGET}}
+rough = solver.Search(tolerance=math.radians(0.5))
+strike = solver.simulate(**case, impact=paper_impact(oblique_angle_degrees=55.0))
+found = solver.critical_angle(**case, velocity=238.0, search=rough)
+fit = fit_depth(**case, tests=[DepthTest(velocity=200.0, depth=0.2), DepthTest(velocity=250.0, depth=0.29)])
+columns = solver.columns(solver.critical_angle_many(**case, velocity=np.array([200.0, 250.0]), search=rough))
+assert columns["velocity"].tolist() == [200.0, 250.0]
+uses = {{
+    "pandas": lambda: [strike.to_dataframe(), found.to_dataframe()],
+    "xarray": lambda: solver.critical_angle_sweep(**case, axes={{"velocity": [238.0]}}, search=rough),
+    "matplotlib": lambda: [strike.plot(PAPER_PROJECTILE), found.plot(), fit.plot()],
+}}
+others = {others}
+for name, use in uses.items():
+    if name in others:
+        use()
+    elif name == {blocked!r}:
+        try:
+            use()
+        except ModuleNotFoundError as error:
+            print(error)
+"""
+
+
+@pytest.mark.parametrize(
+    ("blocked", "others", "words"),
+    [
+        (
+            "pandas",
+            ["matplotlib"],
+            "to_dataframe() needs pandas: pip install pandas; columns() gives the same as arrays",
+        ),
+        ("xarray", ["pandas", "matplotlib"], "a sweep needs xarray: pip install xarray; critical_angle_many and"),
+        ("matplotlib", ["pandas", "xarray"], "plot() needs matplotlib: pip install matplotlib; columns() gives what"),
+        ("nothing", ["pandas", "xarray", "matplotlib"], ""),
+    ],
+)
+def test_each_package_is_missed_in_words_and_only_by_what_needs_it(blocked: str, others: list[str], words: str) -> None:
+    program = EVERYTHING.format(blocked=blocked, others=others)
+    command = [sys.executable, "-W", "error", "-c", program]
+    ended = subprocess.run(command, capture_output=True, text=True, check=False, env=os.environ | {"MPLBACKEND": "agg"})
+    assert ended.returncode == 0, ended.stderr
+    assert ended.stdout.startswith(words)
+    assert bool(ended.stdout) is bool(words)
