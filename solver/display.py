@@ -5,6 +5,7 @@ are given, or as a figure of pyplot, so that its `savefig` and `show` find it.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
+from functools import partial
 from html import escape
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
@@ -92,13 +93,7 @@ def described(name: str, values: Any) -> dict[str, str]:
 
 
 def dataframe(columns: Mapping[str, npt.NDArray[np.generic]], index: str | None = None) -> DataFrame:
-    """Return the columns as a ``pandas.DataFrame``, with the units of those that have one as its attribute ``units``.
-
-    Raises
-    ------
-    ModuleNotFoundError
-        If pandas is not installed.
-    """
+    """Return the columns as a ``pandas.DataFrame``, with the units of those that have one in its `attrs`."""
     pandas = optional("pandas", "to_dataframe()", "columns() gives the same as arrays")
     table: DataFrame = pandas.DataFrame(dict(columns))
     found = {name: described(name, values).get("units") for name, values in columns.items()}
@@ -151,15 +146,19 @@ def card(title: str, rows: Mapping[str, str], warnings: Iterable[Warned] = (), m
 
 
 def new_figure(width: float, height: float) -> Any:
-    """Return an empty figure that pyplot knows, of a size in inches.
-
-    Raises
-    ------
-    ModuleNotFoundError
-        If matplotlib is not installed.
-    """
+    """Return an empty figure of pyplot, of a size in inches."""
     pyplot = optional("matplotlib.pyplot", "plot()", "columns() gives what it shows as arrays")
-    return pyplot.figure(figsize=(width, height), layout="constrained")
+    figure = pyplot.figure(figsize=(width, height), layout="constrained")
+    figure._ipython_display_ = partial(_show_once, figure)
+    return figure
+
+
+def _show_once(figure: Any) -> None:
+    """Keep pyplot from showing a figure at the end of a cell of a notebook, whose result it is and which shows it."""
+    pyplot = import_module("matplotlib.pyplot")
+    if "inline" in pyplot.get_backend():
+        pyplot.close(figure)
+    raise NotImplementedError  # IPython goes on as with any figure
 
 
 def finished(panel: Any, title: str) -> Figure:

@@ -266,23 +266,24 @@ class Answers(Iterator[Answer | RicochetError]):
         self._found.close()
 
 
+def attempt(function: Callable[..., Answer], case: Mapping[str, Any]) -> Answer | RicochetError:
+    """Return the answer to a case, or the error it ends with."""
+    try:
+        return function(**case)
+    except RicochetError as error:
+        return error
+
+
 def _run(function: Callable[..., Answer], cases: Cases, threads: int) -> Generator[Answer | RicochetError, None, None]:
     """Answers in order; on threads, some ahead of the caller."""
-
-    def answer(case: dict[str, Any]) -> Answer | RicochetError:
-        try:
-            return function(**case)
-        except RicochetError as error:
-            return error
-
     if threads == 1:
-        yield from map(answer, cases)
+        yield from (attempt(function, case) for case in cases)
         return
     waiting: deque[Future[Answer | RicochetError]] = deque()
     with ThreadPoolExecutor(threads) as pool, ExitStack() as on_leaving:
         on_leaving.callback(lambda: [future.cancel() for future in waiting])
         for case in cases:
-            waiting.append(pool.submit(answer, case))
+            waiting.append(pool.submit(attempt, function, case))
             if len(waiting) > AHEAD * threads:
                 yield waiting.popleft().result()
         while waiting:

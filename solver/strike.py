@@ -192,19 +192,12 @@ def named_values(parts: Mapping[str, Any], before: str = "") -> Iterator[tuple[s
 
 
 def full_name(parts: Mapping[str, Any], field: str, where: str, *others: str) -> str:
-    """Return the dotted name of a field that may be given by its last part.
-
-    Parameters
-    ----------
-    where
-        Name of the argument, for errors.
-    *others
-        Dotted names that are known besides the fields.
+    """Return the dotted name of a field, or one of others, that may be given by its last part.
 
     Raises
     ------
     ParameterError
-        If there is no such field, or several.
+        Of `where`, if there is no such field, or several.
     """
     known = [*(name for name, _ in named_values(parts) if "." in name), *others]
     found = [field] if field in known else [name for name in known if name.endswith(f".{field}")]

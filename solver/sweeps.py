@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 from solver.checks import RicochetError, plain, require
 from solver.display import described, optional
 from solver.free_surface import ElasticPlastic, MohrCoulomb, NoFreeSurface
-from solver.many import columns, critical_angle_many, simulate_many
+from solver.many import attempt, columns, critical_angle_many, simulate_many
 from solver.projectile import Projectile
 from solver.resistance import EQUATION_9, ObliquityPolynomial, PublishedTests, Resistance, StrengthPowerLaw
 from solver.search.types import CriticalAngle, Search
@@ -303,7 +303,7 @@ def alternatives(
     ...     print(each.free_surface, each.strength_factor, each.answer.angle, each.fitted_to)
     """
     return tuple(
-        Alternative(choice, _attempt(function, case | {"resistance": choice}))
+        Alternative(choice, attempt(function, case | {"resistance": choice}))
         for choice in alternative_resistances(resistance or EQUATION_9)
     )
 
@@ -322,10 +322,3 @@ def alternative_resistances(resistance: Resistance = EQUATION_9) -> tuple[Resist
 def fitted_to(resistance: Resistance) -> str:
     """Return what the laws of one of these resistances were fitted to."""
     return f"{STRENGTH_LAWS[type(resistance.strength_factor)]}; {DECAY_LAWS[type(resistance.free_surface)]}"
-
-
-def _attempt(function: Callable[..., Answer], case: dict[str, Any]) -> Answer | RicochetError:
-    try:
-        return function(**case)
-    except RicochetError as error:
-        return error

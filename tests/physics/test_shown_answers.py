@@ -1,6 +1,7 @@
 """How answers show themselves: one line in a console, a card in a notebook, a figure."""
 
 import math
+import pickle
 import re
 from collections.abc import Iterator
 from html.parser import HTMLParser
@@ -160,6 +161,18 @@ def test_answers_draw_into_axes_that_are_given(drawn: dict[str, Any], words: str
     assert not left.has_data()
     assert right.has_data()
     assert len(pyplot.get_fignums()) == 1
+
+
+@pytest.mark.parametrize(("backend", "stays"), [("agg", True), ("module://matplotlib_inline.backend_inline", False)])
+def test_figure_that_is_the_result_of_a_cell_of_a_notebook_is_shown_once(
+    found: solver.CriticalAngle, backend: str, stays: bool, pyplot: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    figure = found.plot()
+    monkeypatch.setattr(pyplot, "get_backend", lambda: backend)
+    with pytest.raises(NotImplementedError):  # which is how IPython is left to show it
+        figure._ipython_display_()  # type: ignore[attr-defined]
+    assert pyplot.fignum_exists(figure.number) is stays
+    pickle.loads(pickle.dumps(figure))  # noqa: S301
 
 
 def test_picture_of_a_limit_has_every_trial_on_its_side_of_the_limit(answers: dict[str, Any], pyplot: Any) -> None:
