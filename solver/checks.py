@@ -70,8 +70,8 @@ def rows_of(field: str, rows: Any, kind: type[Row]) -> list[Row]:
         needed = [each.name for each in fields(kind) if each.default is MISSING]  # type: ignore[arg-type]
         others = [each.name for each in fields(kind) if each.default is not MISSING]  # type: ignore[arg-type]
         names = list(rows.columns)
-        text = f"must have the columns {', '.join(needed)}, and may have {', '.join(others)}; got {', '.join(names)}"
-        require(set(needed) <= set(names) <= {*needed, *others}, field, text)
+        text = f"must have the columns {', '.join(needed)}, and may have {', '.join(others)}; got "
+        require(set(needed) <= set(names) <= {*needed, *others}, field, text + ", ".join(map(str, names)))
         cells = [dict(zip(names, row, strict=True)) for row in zip(*(plain(rows[name]) for name in names), strict=True)]
         # NaN and NA, which are not equal to themselves, say that a row has none of what is optional.
         rows = [
@@ -257,7 +257,7 @@ def name_keywords(package: dict[str, Any]) -> None:
         if not isfunction(function):
             continue
         arguments = getfullargspec(function)
-        if len(arguments.args) > own or arguments.varargs:
+        if len(arguments.args) > own or arguments.varargs or not arguments.kwonlyargs:
             continue
         checked = _saying_keywords(function, own, f"{name}() takes keywords only: {', '.join(arguments.kwonlyargs)}")
         if own:

@@ -175,8 +175,7 @@ class _Grid:
     """
 
     def __init__(self, parts: Mapping[str, Any], axes: Mapping[str, Iterable[Any]]) -> None:
-        instead = "critical_angle_many and simulate_many need nothing more"
-        self._xarray = optional("xarray", "a sweep", instead)
+        self._xarray = optional("xarray", "a sweep", "critical_angle_many and simulate_many need nothing more")
         self._parts = {name: parts[name] for name in SWEPT}
         require(len(axes) > 0, "axes", "must hold a field with its values")
         self.fields = [full_name(self._parts, field, "axes") for field in axes]
@@ -240,15 +239,15 @@ def _coordinates(name: str, field: str, values: Sequence[Any]) -> dict[str, tupl
     Models of one name, and lists, are numbered, so that a label stands for one of them; a second coordinate has them in
     full.
     """
-    plain = [field.rpartition(".")[2] if isinstance(value, list | tuple) else label(value) for value in values]
-    if any(isinstance(each, str) for each in plain):
-        plain = list(map(str, plain))
+    texts = [field.rpartition(".")[2] if isinstance(value, list | tuple) else label(value) for value in values]
+    if any(isinstance(each, str) for each in texts):
+        texts = list(map(str, texts))
     labels = [
-        f"{each} {plain[: place + 1].count(each)}" if isinstance(each, str) and plain.count(each) > 1 else each
-        for place, each in enumerate(plain)
+        f"{each} {texts[: place + 1].count(each)}" if isinstance(each, str) and texts.count(each) > 1 else each
+        for place, each in enumerate(texts)
     ]
     found: dict[str, tuple[Any, ...]] = {name: (name, labels, described(field, labels))}
-    if labels != plain:
+    if labels != texts:
         found[f"{name}_in_full"] = (name, list(map(repr, values)), {"long_name": f"{name}, in full"})
     return found
 
