@@ -83,7 +83,9 @@ def critical_angle_many(
     ParameterError
         If the sequences differ in length.
     """
-    cases = Cases(
+    return Answers(
+        partial(critical_angle, numerics=numerics, search=search),
+        threads,
         projectile=projectile,
         target=target,
         velocity=velocity,
@@ -91,7 +93,6 @@ def critical_angle_many(
         angular_velocity=angular_velocity,
         resistance=resistance,
     )
-    return Answers(partial(critical_angle, numerics=numerics, search=search), cases, threads)
 
 
 def simulate_many(
@@ -125,8 +126,8 @@ def simulate_many(
     ParameterError
         If the sequences differ in length.
     """
-    strikes = Cases(projectile=projectile, target=target, impact=impact, resistance=resistance)
-    return Answers(partial(simulate, numerics=numerics, sample_interval=sample_interval), strikes, threads)
+    run = partial(simulate, numerics=numerics, sample_interval=sample_interval)
+    return Answers(run, threads, projectile=projectile, target=target, impact=impact, resistance=resistance)
 
 
 def least_thickness_many(
@@ -160,8 +161,8 @@ def least_thickness_many(
     ParameterError
         If the sequences differ in length.
     """
-    strikes = Cases(projectile=projectile, target=target, impact=impact, resistance=resistance)
-    return Answers(partial(least_thickness, numerics=numerics, tolerance=tolerance), strikes, threads)
+    run = partial(least_thickness, numerics=numerics, tolerance=tolerance)
+    return Answers(run, threads, projectile=projectile, target=target, impact=impact, resistance=resistance)
 
 
 def limit_velocity_many(
@@ -197,7 +198,9 @@ def limit_velocity_many(
     ParameterError
         If the sequences differ in length.
     """
-    walls = Cases(
+    return Answers(
+        partial(limit_velocity, numerics=numerics, tolerance=tolerance),
+        threads,
         projectile=projectile,
         target=target,
         oblique_angle=oblique_angle,
@@ -205,34 +208,41 @@ def limit_velocity_many(
         angular_velocity=angular_velocity,
         resistance=resistance,
     )
-    return Answers(partial(limit_velocity, numerics=numerics, tolerance=tolerance), walls, threads)
 
 
-class Cases:
-    """Columns of arguments, some the same for all cases, as one set of arguments for each case."""
+class Answers(Iterator[Answer | RicochetError]):
+    """Answers to cases in their order, while later ones still run; each column holds one argument of the function."""
 
-    def __init__(self, **columns: Any) -> None:
-        self.columns = {name: plain(column) for name, column in columns.items()}
-        self.many = {
+    def __init__(self, function: Callable[..., Answer], threads: int, **columns: Any) -> None:
+        self._columns = {name: plain(column) for name, column in columns.items()}
+        self._many = {
             name: column
-            for name, column in self.columns.items()
+            for name, column in self._columns.items()
             if isinstance(column, Sequence) and not isinstance(column, str)
         }
-        first = next(iter(self.many), None)
-        self.length = 1 if first is None else len(self.many[first])
-        for name, column in self.many.items():
-            if len(column) != self.length:
-                raise ParameterError(name, f"must be one or as many as {first}, {self.length}, got {len(column)}")
+        first = next(iter(self._many), None)
+        self._length = 1 if first is None else len(self._many[first])
+        for name, column in self._many.items():
+            if len(column) != self._length:
+                raise ParameterError(name, f"must be one or as many as {first}, {self._length}, got {len(column)}")
+        self._found = _run(function, self._cases(), threads)
 
-    def __iter__(self) -> Iterator[dict[str, Any]]:
-        columns = [self.many.get(name, repeat(column, self.length)) for name, column in self.columns.items()]
+    def _cases(self) -> Iterator[dict[str, Any]]:
+        columns = [self._many.get(name, repeat(column, self._length)) for name, column in self._columns.items()]
         for values in zip(*columns, strict=True):
-            yield dict(zip(self.columns, map(plain, values), strict=True))
+            yield dict(zip(self._columns, map(plain, values), strict=True))
+
+    def __next__(self) -> Answer | RicochetError:
+        return next(self._found)
+
+    def close(self) -> None:
+        """Give up the cases that have no answer yet."""
+        self._found.close()
 
     def inputs(self, count: int, taken: Container[str]) -> Columns:
         """Return what was given for each of the last cases, objects by their fields, under names that are not taken."""
-        last = islice(self, self.length - count, None)
-        rows = [dict(named_values({name: case[name] for name in self.many})) for case in last]
+        last = islice(self._cases(), self._length - count, None)
+        rows = [dict(named_values({name: case[name] for name in self._many})) for case in last]
         # An object without a name is not a column, as its fields are; nor is what no case has.
         names = {
             name: None
@@ -251,21 +261,6 @@ def _column(values: Sequence[Any]) -> npt.NDArray[Any]:
     return np.array(["" if value is None else str(label(value)) for value in values])
 
 
-class Answers(Iterator[Answer | RicochetError]):
-    """Answers to some cases, in their order, while later ones still run."""
-
-    def __init__(self, function: Callable[..., Answer], cases: Cases, threads: int) -> None:
-        self.cases = cases
-        self._found = _run(function, cases, threads)
-
-    def __next__(self) -> Answer | RicochetError:
-        return next(self._found)
-
-    def close(self) -> None:
-        """Give up the cases that have no answer yet."""
-        self._found.close()
-
-
 def attempt(function: Callable[..., Answer], case: Mapping[str, Any]) -> Answer | RicochetError:
     """Return the answer to a case, or the error it ends with."""
     try:
@@ -274,7 +269,9 @@ def attempt(function: Callable[..., Answer], case: Mapping[str, Any]) -> Answer 
         return error
 
 
-def _run(function: Callable[..., Answer], cases: Cases, threads: int) -> Generator[Answer | RicochetError, None, None]:
+def _run(
+    function: Callable[..., Answer], cases: Iterable[dict[str, Any]], threads: int
+) -> Generator[Answer | RicochetError, None, None]:
     """Answers in order; on threads, some ahead of the caller."""
     if threads == 1:
         yield from (attempt(function, case) for case in cases)
@@ -313,8 +310,7 @@ def columns(answers: Iterable[Trajectory | CriticalAngle | PerforationLimit | Ri
     ParameterError
         If there are answers of several kinds.
     """
-    cases = answers.cases if isinstance(answers, Answers) else None
-    answers = list(answers)
+    given, answers = answers, list(answers)
     kinds = {type(answer) for answer in answers if not isinstance(answer, RicochetError)}
     if len(kinds) > 1:
         raise ParameterError("answers", "must be of one kind, trajectories, critical angles or limits of perforation")
@@ -326,7 +322,7 @@ def columns(answers: Iterable[Trajectory | CriticalAngle | PerforationLimit | Ri
             )
     table["warnings"] = _texts([getattr(answer, "warnings", ()) for answer in answers])
     table["error"] = np.array([str(answer) if isinstance(answer, RicochetError) else "" for answer in answers], str)
-    return table if cases is None else cases.inputs(len(answers), table) | table
+    return given.inputs(len(answers), table) | table if isinstance(given, Answers) else table
 
 
 def to_dataframe(answers: Iterable[Trajectory | CriticalAngle | PerforationLimit | RicochetError]) -> DataFrame:
