@@ -29,7 +29,7 @@ target = Target(compressive_strength=39e6, density=2250.0)
 strike = solver.simulate(
     projectile=projectile, target=target, impact=Impact(velocity=238.0, oblique_angle=math.radians(55.0))
 )
-history = strike.to_dataframe().set_index("time")
+history = strike.to_dataframe()
 history["axis_angle_deg"] = np.degrees(history["axis_angle"])
 print(f"{strike.outcome} after {1e3 * strike.final.time:.2f} ms, {1e3 * strike.maximum_depth:.0f} mm deep at most")
 print(history[["nose_tip_depth", "axis_angle_deg", "depth_velocity", "depth_force"]].iloc[::50].round(3))
@@ -51,17 +51,14 @@ points = [
 ]
 calibrated = fit_obliquity(points=points).model
 velocities = np.linspace(180.0, 340.0, 9)
-answers = list(
-    solver.critical_angle_many(
-        projectile=projectile,
-        target=target,
-        velocity=velocities,
-        resistance=Resistance(strength_factor=calibrated),
-        threads=2,
-    )
+answers = solver.critical_angle_many(
+    projectile=projectile,
+    target=target,
+    velocity=velocities,
+    resistance=Resistance(strength_factor=calibrated),
+    threads=2,
 )
 angles = solver.to_dataframe(answers)
-angles.insert(0, "velocity", velocities)
 angles["angle_deg"] = np.degrees(angles["angle"])
 angles["standard_error_deg"] = np.degrees(angles["standard_error"])
 print(angles[["velocity", "status", "angle_deg", "standard_error_deg"]].round(2))

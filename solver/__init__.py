@@ -1,6 +1,6 @@
 """Oblique impact of rigid projectiles on concrete: motion and critical ricochet angle. SI units and radians."""
 
-from solver.checks import IntegrationError, ParameterError, RicochetError, StepLimitError
+from solver.checks import IntegrationError, ParameterError, RicochetError, StepLimitError, name_keywords
 from solver.formulas import FormulaResult, OutOfRange, cea_edf_limit_speed, formulas
 from solver.free_surface import ElasticPlastic, MohrCoulomb, NoFreeSurface, decay_factor
 from solver.many import (
@@ -131,3 +131,5 @@ __all__ = [
     "to_dataframe",
     "warm_up",
 ]
+
+name_keywords(globals())

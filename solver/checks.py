@@ -11,8 +11,14 @@ is refused with the unit it may have been meant in.
 """
 
 import math
-from collections.abc import Mapping
-from typing import NamedTuple, get_args
+import sys
+from collections.abc import Callable, Mapping
+from dataclasses import MISSING, fields
+from functools import wraps
+from inspect import getfullargspec, isfunction
+from typing import Any, NamedTuple, TypeVar, get_args
+
+Row = TypeVar("Row")
 
 
 class RicochetError(Exception):
@@ -45,6 +51,37 @@ class IntegrationError(RicochetError):
 
 class StepLimitError(IntegrationError):
     """The integration needed more steps than one run may take."""
+
+
+def plain(value: Any) -> Any:
+    """Return an array, a Series or a DataArray as a list, a number of NumPy as Python's, anything else as it is."""
+    return value.__array__().tolist() if hasattr(value, "__array__") else value
+
+
+def rows_of(field: str, rows: Any, kind: type[Row]) -> list[Row]:
+    """Return objects of a dataclass; the rows of a DataFrame, with columns named as its fields, become such objects.
+
+    Raises
+    ------
+    ParameterError
+        If the columns are not those of the dataclass, or something is not such an object.
+    """
+    if hasattr(rows, "columns"):
+        needed = [each.name for each in fields(kind) if each.default is MISSING]  # type: ignore[arg-type]
+        others = [each.name for each in fields(kind) if each.default is not MISSING]  # type: ignore[arg-type]
+        names = list(rows.columns)
+        text = f"must have the columns {', '.join(needed)}, and may have {', '.join(others)}; got "
+        require(set(needed) <= set(names) <= {*needed, *others}, field, text + ", ".join(map(str, names)))
+        cells = [dict(zip(names, row, strict=True)) for row in zip(*(plain(rows[name]) for name in names), strict=True)]
+        # NaN and NA, which are not equal to themselves, say that a row has none of what is optional.
+        rows = [
+            kind(**{name: value for name, value in row.items() if name in needed or (value == value) is True})  # noqa: PLR0124
+            for row in cells
+        ]
+    found: list[Row] = list(plain(rows))
+    for index, row in enumerate(found):
+        require(isinstance(row, kind), f"{field}.{index}", f"must be a {kind.__name__}, got {type(row).__name__}")
+    return found
 
 
 def require(condition: bool, field: str, requirement: str) -> None:
@@ -209,3 +246,32 @@ def require_angle(field: str, value: object, *, below: bool) -> None:
     if abs(angle) <= 90.0:
         text += f"; give radians, math.radians({angle:g}) for {angle:g}°"
     raise ParameterError(field, text)
+
+
+def name_keywords(package: dict[str, Any]) -> None:
+    """Let the public functions and classes of a package that take keywords only say which, if called by position."""
+    for name in package["__all__"]:
+        public = package[name]
+        own = int(isinstance(public, type))
+        function = public.__init__ if own else public
+        if not isfunction(function):
+            continue
+        arguments = getfullargspec(function)
+        if len(arguments.args) > own or arguments.varargs or not arguments.kwonlyargs:
+            continue
+        checked = _saying_keywords(function, own, f"{name}() takes keywords only: {', '.join(arguments.kwonlyargs)}")
+        if own:
+            public.__init__ = checked
+        else:  # in its own module too, where pickle looks for it
+            package[name] = checked
+            setattr(sys.modules[function.__module__], name, checked)
+
+
+def _saying_keywords(function: Callable[..., Any], own: int, words: str) -> Callable[..., Any]:
+    @wraps(function)
+    def call(*args: Any, **kwargs: Any) -> Any:
+        if len(args) > own:
+            raise TypeError(words)
+        return function(*args, **kwargs)
+
+    return call

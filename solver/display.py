@@ -1,19 +1,30 @@
 """Answers as tables of pandas, as text for consoles and notebooks, and as pictures of matplotlib.
 
-pandas and matplotlib are for those who have them: nothing here needs them otherwise.
+pandas and matplotlib are for those who have them: nothing here needs them otherwise. A picture is drawn into axes that
+are given, or as a figure of pyplot, so that its `savefig` and `show` find it.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
+from functools import partial
 from html import escape
 from importlib import import_module
-from typing import Any, Protocol, TypeAlias
+from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
 from solver.arrays import FloatArray
+from solver.checks import BOUNDS
 from solver.projectile import Line, Projectile
 
+if TYPE_CHECKING:
+    import matplotlib.axes
+    import matplotlib.figure
+    import pandas as pd
+
+Axes: TypeAlias = "matplotlib.axes.Axes"
+Figure: TypeAlias = "matplotlib.figure.Figure"
+DataFrame: TypeAlias = "pd.DataFrame"
 Columns: TypeAlias = dict[str, npt.NDArray[Any]]
 """Arrays of equal length by name."""
 
@@ -27,26 +38,67 @@ COLORS: Mapping[str, str] = {
     "perforated": "#2e7d32",
 }
 """Colour of each outcome."""
+QUANTITIES: Mapping[str, tuple[str, str]] = {
+    "angle": ("rad", "critical angle from the normal"),
+    "standard_error": ("rad", "standard error of the critical angle"),
+    "bracket_low": ("rad", "lower end of the final bracket"),
+    "bracket_high": ("rad", "upper end of the final bracket"),
+    "position": ("m", "depth of the nose tip"),
+    "maximum_depth": ("m", "greatest depth of the nose tip"),
+    "strength_factor": ("1", "strength factor"),
+    "time": ("s", "time since first contact"),
+    "center_of_gravity_depth": ("m", "depth of the centre of gravity"),
+    "center_of_gravity_lateral": ("m", "way of the centre of gravity along the face"),
+    "nose_tip_depth": ("m", "depth of the nose tip"),
+    "axis_angle": ("rad", "axis from the inward normal"),
+    "depth_velocity": ("m/s", "velocity along the inward normal"),
+    "lateral_velocity": ("m/s", "velocity along the face"),
+    "depth_force": ("N", "resistance along the inward normal"),
+    "lateral_force": ("N", "resistance along the face"),
+    "moment": ("N m", "moment of the resistance"),
+    "kinetic_energy": ("J", "kinetic energy"),
+    "oblique_angle": ("rad", "oblique angle"),
+    "angle_of_attack": ("rad", "angle of attack"),
+}
+"""Unit and description of a column."""
+UNITS = {field.rpartition(".")[2]: bound.unit or "1" for field, bound in BOUNDS.items()}
+"""Unit of an input, by the last part of its name."""
 BLUE, RED, GREY, CONCRETE = "#123f73", "#c8102e", "#5c6670", "#e4e1dc"
 
 
-def dataframe(columns: Mapping[str, npt.NDArray[np.generic]]) -> Any:
-    """Return the columns as a ``pandas.DataFrame``.
+def optional(module: str, needed_by: str, instead: str) -> Any:
+    """Return a module of a package that this one does not depend on.
 
     Raises
     ------
     ModuleNotFoundError
-        If pandas is not installed.
+        If the package is not installed; it says how to install it, and what does without.
     """
+    package = module.partition(".")[0]
     try:
-        pandas = import_module("pandas")
+        return import_module(module)
     except ModuleNotFoundError as error:
-        if error.name != "pandas":
+        if str(error.name).partition(".")[0] != package:
             raise
-        raise ModuleNotFoundError(
-            "to_dataframe() needs pandas: pip install pandas; columns() gives the same as arrays", name="pandas"
-        ) from None
-    return pandas.DataFrame(dict(columns))
+        text = f"{needed_by} needs {package}: pip install {package}; {instead}"
+        raise ModuleNotFoundError(text, name=package) from None
+
+
+def described(name: str, values: Any) -> dict[str, str]:
+    """Return what a column or an input is, and the unit of its numbers where one is known."""
+    plain = name.rpartition(".")[2].removeprefix("final_")
+    unit, text = QUANTITIES.get(plain, (UNITS.get(plain), plain.replace("_", " ")))
+    numbers = unit is not None and np.asarray(values).dtype.kind in "fi"
+    return {"long_name": text + " at the end" * ("final_" in name)} | ({"units": str(unit)} if numbers else {})
+
+
+def dataframe(columns: Mapping[str, npt.NDArray[np.generic]], index: str | None = None) -> DataFrame:
+    """Return the columns as a ``pandas.DataFrame``, with the units of those that have one in its `attrs`."""
+    pandas = optional("pandas", "to_dataframe()", "columns() gives the same as arrays")
+    table: DataFrame = pandas.DataFrame(dict(columns))
+    found = {name: described(name, values).get("units") for name, values in columns.items()}
+    table.attrs["units"] = {name: unit for name, unit in found.items() if unit}
+    return table if index is None else table.set_index(index)
 
 
 class Warned(Protocol):
@@ -94,27 +146,32 @@ def card(title: str, rows: Mapping[str, str], warnings: Iterable[Warned] = (), m
 
 
 def new_figure(width: float, height: float) -> Any:
-    """Return an empty ``matplotlib.figure.Figure`` of a size in inches.
-
-    Raises
-    ------
-    ModuleNotFoundError
-        If matplotlib is not installed.
-    """
-    try:
-        module = import_module("matplotlib.figure")
-    except ModuleNotFoundError as error:
-        if error.name != "matplotlib":
-            raise
-        raise ModuleNotFoundError(
-            "plot() needs matplotlib: pip install matplotlib; columns() gives what it shows as arrays",
-            name="matplotlib",
-        ) from None
-    return module.Figure(figsize=(width, height), layout="constrained")
+    """Return an empty figure of pyplot, of a size in inches."""
+    pyplot = optional("matplotlib.pyplot", "plot()", "columns() gives what it shows as arrays")
+    figure = pyplot.figure(figsize=(width, height), layout="constrained")
+    figure._ipython_display_ = partial(_show_once, figure)
+    return figure
 
 
-def plot_motion(history: Columns, title: str, projectile: Projectile | None) -> Any:
-    """Return a figure with the side view of a motion, beside its histories.
+def _show_once(figure: Any) -> None:
+    """Keep pyplot from showing a figure at the end of a cell of a notebook, whose result it is and which shows it."""
+    pyplot = import_module("matplotlib.pyplot")
+    if "inline" in pyplot.get_backend():
+        pyplot.close(figure)
+    raise NotImplementedError  # IPython goes on as with any figure
+
+
+def finished(panel: Any, title: str) -> Figure:
+    """Add title, grid and legend to a panel; return its figure."""
+    panel.set_title(title, loc="left", fontsize="medium")
+    panel.grid(visible=True, alpha=0.3)
+    panel.legend(frameon=False, fontsize="small")
+    figure: Figure = panel.figure
+    return figure
+
+
+def plot_motion(history: Columns, title: str, projectile: Projectile | None, ax: Any) -> Figure:
+    """Return a figure with the side view of a motion, beside its histories; axes that are given take the view alone.
 
     Parameters
     ----------
@@ -125,11 +182,13 @@ def plot_motion(history: Columns, title: str, projectile: Projectile | None) -> 
     projectile
         Drawn at some instants; without it its axis is, from the nose tip to the centre of gravity.
     """
-    figure = new_figure(9.0, 5.0)
+    figure: Figure = new_figure(9.0, 5.0) if ax is None else ax.figure
+    if ax is not None:
+        _draw_side(ax, history, projectile, title)
+        return figure
     names = ("depth", "angle", "speed", "force")
     panels = figure.subplot_mosaic([["side", name] for name in names], width_ratios=(1.3, 1.0))
-    _draw_side(panels["side"], history, projectile)
-    panels["side"].set_title(title, loc="left", fontsize="medium")
+    _draw_side(panels["side"], history, projectile, title)
     milliseconds = 1e3 * history["time"]
     speed = np.hypot(history["depth_velocity"], history["lateral_velocity"])
     force = np.hypot(history["depth_force"], history["lateral_force"])
@@ -150,7 +209,7 @@ def plot_motion(history: Columns, title: str, projectile: Projectile | None) -> 
     return figure
 
 
-def _draw_side(panel: Any, history: Columns, projectile: Projectile | None) -> None:
+def _draw_side(panel: Any, history: Columns, projectile: Projectile | None, title: str) -> None:
     """Draw the projectile from the side, depth downwards, with the path of its nose tip."""
     time, angle = history["time"], history["axis_angle"]
     cosine = np.cos(angle)
@@ -179,6 +238,7 @@ def _draw_side(panel: Any, history: Columns, projectile: Projectile | None) -> N
         aspect="equal", ylim=(max(bottom, top), min(bottom, top)), xlabel="along the face [m]", ylabel="depth [m]"
     )
     panel.legend(loc="upper right", frameon=False, fontsize="small")
+    panel.set_title(title, loc="left", fontsize="medium")
 
 
 def _silhouette(projectile: Projectile) -> FloatArray:
@@ -191,10 +251,9 @@ def _silhouette(projectile: Projectile) -> FloatArray:
     return np.concatenate([upper, upper[::-1] * (1.0, -1.0)])
 
 
-def plot_search(trials: Columns, title: str, angle: float | None) -> Any:
+def plot_search(trials: Columns, title: str, angle: float | None, ax: Any) -> Figure:
     """Return a figure with the final position of each trial over its angle, rough trials hollow. [rad]"""
-    figure = new_figure(6.0, 4.0)
-    panel = figure.subplots()
+    panel = new_figure(6.0, 4.0).subplots() if ax is None else ax
     degrees = np.degrees(trials["oblique_angle"])
     for outcome, color in COLORS.items():
         for fine, face in ((True, color), (False, "none")):
@@ -208,27 +267,20 @@ def plot_search(trials: Columns, title: str, angle: float | None) -> Any:
     if angle is not None:
         panel.axvline(np.degrees(angle), color=GREY, linestyle="--", label="critical angle")
     panel.set(xlabel="oblique angle from the normal [°]", ylabel="nose tip at the end, depth [m]")
-    panel.set_title(title, loc="left", fontsize="medium")
-    panel.grid(visible=True, alpha=0.3)
-    panel.legend(frameon=False, fontsize="small")
-    return figure
+    return finished(panel, title)
 
 
-def plot_probability(curve: Columns, title: str) -> Any:
+def plot_probability(curve: Columns, title: str, ax: Any) -> Figure:
     """Return a figure with the probability of ricochet over the angle, with its interval. [rad]"""
-    figure = new_figure(6.0, 4.0)
-    panel = figure.subplots()
+    panel = new_figure(6.0, 4.0).subplots() if ax is None else ax
     degrees = np.degrees(curve["oblique_angle"])
     panel.fill_between(degrees, curve["lower"], curve["upper"], color=BLUE, alpha=0.25, linewidth=0.0, label="interval")
     panel.plot(degrees, curve["probability"], color=BLUE, label="probability")
     panel.set(xlabel="oblique angle from the normal [°]", ylabel="probability of ricochet", ylim=(-0.02, 1.02))
-    panel.set_title(title, loc="left", fontsize="medium")
-    panel.grid(visible=True, alpha=0.3)
-    panel.legend(frameon=False, fontsize="small")
-    return figure
+    return finished(panel, title)
 
 
-def plot_perforation(trials: Columns, title: str, label: str, bracket: tuple[float, float] | None) -> Any:
+def plot_perforation(trials: Columns, title: str, label: str, bracket: tuple[float, float] | None, ax: Any) -> Figure:
     """Return a figure with the speed behind the wall of each trial, with the bracket of the limit.
 
     Parameters
@@ -242,8 +294,7 @@ def plot_perforation(trials: Columns, title: str, label: str, bracket: tuple[flo
     bracket
         Values between which the outcome changes; None if it does not.
     """
-    figure = new_figure(6.0, 4.0)
-    panel = figure.subplots()
+    panel = new_figure(6.0, 4.0).subplots() if ax is None else ax
     for outcome, color in COLORS.items():
         rows = trials["outcome"] == outcome
         if rows.any():
@@ -252,10 +303,16 @@ def plot_perforation(trials: Columns, title: str, label: str, bracket: tuple[flo
     if bracket is not None:
         panel.axvline(0.5 * sum(bracket), color=GREY, linestyle="--", label="limit")
     panel.set(xlabel=label, ylabel="speed behind the wall [m/s]")
-    panel.set_title(title, loc="left", fontsize="medium")
-    panel.grid(visible=True, alpha=0.3)
-    panel.legend(frameon=False, fontsize="small")
-    return figure
+    return finished(panel, title)
+
+
+def plot_depths(predicted: FloatArray, measured: FloatArray, title: str, ax: Any) -> Figure:
+    """Return a figure with measured depths over predicted ones. [m]"""
+    panel = new_figure(6.0, 4.0).subplots() if ax is None else ax
+    panel.plot(predicted, measured, "o", color=BLUE, label="tests")
+    panel.axline((0.0, 0.0), slope=1.0, color=GREY, linestyle="--", label="as predicted")
+    panel.set(xlabel="predicted depth [m]", ylabel="measured depth [m]")
+    return finished(panel, title)
 
 
 def plot_endings(
@@ -263,8 +320,11 @@ def plot_endings(
     depth: Sequence[Sequence[float]],
     speeds: Mapping[str, Sequence[Sequence[float]]],
     title: str,
-) -> Any:
+    ax: Any,
+) -> Figure:
     """Return a figure with the probability of each outcome, beside how deep the runs go and how fast they leave.
+
+    Axes that are given take the probabilities alone.
 
     Parameters
     ----------
@@ -277,26 +337,29 @@ def plot_endings(
     title
         Title of the figure.
     """
-    figure = new_figure(9.0, 3.6)
     shown = {outcome: found for outcome, found in speeds.items() if len(found)}
-    shares, *panels = figure.subplots(1, 3 if shown else 2, width_ratios=(1.1, 1.0, 1.0)[: 3 if shown else 2])
+    widths = (1.1, 1.0, 1.0) if shown else (1.1, 1.0)
+    panels = [ax] if ax is not None else new_figure(9.0, 3.6).subplots(1, len(widths), width_ratios=widths)
+    shares: Any = panels[0]
     names = [name.replace("_", " ") for name in outcomes]
     middle, lower, upper = np.array(list(outcomes.values())).T
     whiskers = np.clip([middle - lower, upper - middle], 0.0, None)
     shares.barh(names, middle, xerr=whiskers, color=[COLORS[name] for name in outcomes], ecolor=GREY, capsize=4.0)
     shares.set(xlabel="probability, with its interval", xlim=(0.0, 1.02))
     shares.invert_yaxis()
-    _draw_quantiles(panels[0], depth, BLUE, "")
-    panels[0].set(xlabel="greatest depth [m]", ylabel="share of runs below")
-    for outcome, found in shown.items():
-        _draw_quantiles(panels[1], found, COLORS[outcome], outcome.replace("_", " "))
-    if shown:
-        panels[1].set(xlabel="speed at the exit [m/s]", ylabel="share of them below")
-        panels[1].legend(frameon=False, fontsize="small")
-    for panel in (shares, *panels):
+    shares.set_title(title, loc="left", fontsize="medium")
+    if ax is None:
+        _draw_quantiles(panels[1], depth, BLUE, "")
+        panels[1].set(xlabel="greatest depth [m]", ylabel="share of runs below")
+    if ax is None and shown:
+        for outcome, found in shown.items():
+            _draw_quantiles(panels[2], found, COLORS[outcome], outcome.replace("_", " "))
+        panels[2].set(xlabel="speed at the exit [m/s]", ylabel="share of them below")
+        panels[2].legend(frameon=False, fontsize="small")
+    for panel in panels:
         panel.grid(visible=True, alpha=0.3)
         panel.set_axisbelow(True)
-    figure.suptitle(title, x=0.01, ha="left", fontsize="medium")
+    figure: Figure = shares.figure
     return figure
 
 

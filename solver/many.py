@@ -6,26 +6,26 @@ names of the solver.
 
 import math
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Generator, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import fields
 from functools import partial
-from itertools import repeat
+from itertools import islice, repeat
 from operator import attrgetter
-from typing import Any, TypeAlias, TypeVar
+from typing import Any, Protocol, TypeAlias, TypeVar
 
 import numpy as np
+import numpy.typing as npt
 
-from solver.arrays import FloatArray
-from solver.checks import ParameterError, RicochetError
-from solver.display import Columns, dataframe
+from solver.checks import ParameterError, RicochetError, plain
+from solver.display import Columns, DataFrame, dataframe
 from solver.perforation import TOLERANCE, PerforationLimit, least_thickness, limit_velocity
 from solver.projectile import Projectile
 from solver.resistance import Resistance
 from solver.search.critical_angle import critical_angle
 from solver.search.types import CriticalAngle, Search
-from solver.strike import Impact, Numerics
+from solver.strike import Impact, Numerics, is_part, label, named_values, short_names
 from solver.target import Target
 from solver.trajectory import Motion, Trajectory, simulate
 
@@ -35,7 +35,16 @@ nobody should wait behind them."""
 
 Value = TypeVar("Value")
 Answer = TypeVar("Answer")
-OneOrMany: TypeAlias = Value | Sequence[Value] | FloatArray
+
+
+class ArrayLike(Protocol):
+    """An array, a Series of pandas, a DataArray of xarray."""
+
+    def __array__(self) -> npt.NDArray[Any]:
+        """Return its values."""
+
+
+OneOrMany: TypeAlias = Value | Sequence[Value] | ArrayLike
 
 FINAL = tuple(field.name for field in fields(Motion))
 NO_BRACKET = (math.nan, math.nan)
@@ -58,7 +67,7 @@ def critical_angle_many(
     Parameters
     ----------
     projectile, target, velocity, angle_of_attack, angular_velocity, resistance
-        As for `critical_angle`: one for all cases, or a sequence or array with one for each.
+        As for `critical_angle`: one for all cases, or a sequence, array, Series or DataArray with one for each.
     numerics, search
         The same for all.
     threads
@@ -74,7 +83,9 @@ def critical_angle_many(
     ParameterError
         If the sequences differ in length.
     """
-    cases = Cases(
+    return Answers(
+        partial(critical_angle, numerics=numerics, search=search),
+        threads,
         projectile=projectile,
         target=target,
         velocity=velocity,
@@ -82,7 +93,6 @@ def critical_angle_many(
         angular_velocity=angular_velocity,
         resistance=resistance,
     )
-    return _run(partial(critical_angle, numerics=numerics, search=search), cases, threads)
 
 
 def simulate_many(
@@ -116,8 +126,8 @@ def simulate_many(
     ParameterError
         If the sequences differ in length.
     """
-    strikes = Cases(projectile=projectile, target=target, impact=impact, resistance=resistance)
-    return _run(partial(simulate, numerics=numerics, sample_interval=sample_interval), strikes, threads)
+    run = partial(simulate, numerics=numerics, sample_interval=sample_interval)
+    return Answers(run, threads, projectile=projectile, target=target, impact=impact, resistance=resistance)
 
 
 def least_thickness_many(
@@ -151,8 +161,8 @@ def least_thickness_many(
     ParameterError
         If the sequences differ in length.
     """
-    strikes = Cases(projectile=projectile, target=target, impact=impact, resistance=resistance)
-    return _run(partial(least_thickness, numerics=numerics, tolerance=tolerance), strikes, threads)
+    run = partial(least_thickness, numerics=numerics, tolerance=tolerance)
+    return Answers(run, threads, projectile=projectile, target=target, impact=impact, resistance=resistance)
 
 
 def limit_velocity_many(
@@ -172,7 +182,7 @@ def limit_velocity_many(
     Parameters
     ----------
     projectile, target, oblique_angle, angle_of_attack, angular_velocity, resistance
-        As for `limit_velocity`: one for all walls, or a sequence or array with one for each.
+        As for `limit_velocity`: one for all walls, or a sequence, array, Series or DataArray with one for each.
     numerics, tolerance
         The same for all.
     threads
@@ -188,7 +198,9 @@ def limit_velocity_many(
     ParameterError
         If the sequences differ in length.
     """
-    walls = Cases(
+    return Answers(
+        partial(limit_velocity, numerics=numerics, tolerance=tolerance),
+        threads,
         projectile=projectile,
         target=target,
         oblique_angle=oblique_angle,
@@ -196,78 +208,112 @@ def limit_velocity_many(
         angular_velocity=angular_velocity,
         resistance=resistance,
     )
-    return _run(partial(limit_velocity, numerics=numerics, tolerance=tolerance), walls, threads)
 
 
-class Cases:
-    """Columns of arguments, some the same for all cases, as one set of arguments for each case."""
+class Answers(Iterator[Answer | RicochetError]):
+    """Answers to cases in their order, while later ones still run; each column holds one argument of the function."""
 
-    def __init__(self, **columns: Any) -> None:
-        many = {name: column for name, column in columns.items() if isinstance(column, Sequence | np.ndarray)}
-        first = next(iter(many), None)
-        length = 1 if first is None else len(many[first])
-        for name, column in many.items():
-            if len(column) != length:
-                raise ParameterError(name, f"must be one or as many as {first}, {length}, got {len(column)}")
-        self.columns = {name: many.get(name, repeat(column, length)) for name, column in columns.items()}
+    def __init__(self, function: Callable[..., Answer], threads: int, **columns: Any) -> None:
+        self._columns = {name: plain(column) for name, column in columns.items()}
+        self._many = {
+            name: column
+            for name, column in self._columns.items()
+            if isinstance(column, Sequence) and not isinstance(column, str)
+        }
+        first = next(iter(self._many), None)
+        self._length = 1 if first is None else len(self._many[first])
+        for name, column in self._many.items():
+            if len(column) != self._length:
+                raise ParameterError(name, f"must be one or as many as {first}, {self._length}, got {len(column)}")
+        self._found = _run(function, self._cases(), threads)
 
-    def __iter__(self) -> Iterator[dict[str, Any]]:
-        for values in zip(*self.columns.values(), strict=True):
-            yield dict(zip(self.columns, map(_plain, values), strict=True))
+    def _cases(self) -> Iterator[dict[str, Any]]:
+        columns = [self._many.get(name, repeat(column, self._length)) for name, column in self._columns.items()]
+        for values in zip(*columns, strict=True):
+            yield dict(zip(self._columns, map(plain, values), strict=True))
+
+    def __next__(self) -> Answer | RicochetError:
+        return next(self._found)
+
+    def close(self) -> None:
+        """Give up the cases that have no answer yet."""
+        self._found.close()
+
+    def inputs(self, count: int, taken: Container[str]) -> Columns:
+        """Return what was given for each of the last cases, objects by their fields, under names that are not taken."""
+        last = islice(self._cases(), self._length - count, None)
+        rows = [dict(named_values({name: case[name] for name in self._many})) for case in last]
+        # An object without a name is not a column, as its fields are; nor is what no case has.
+        names = {
+            name: None
+            for row in rows
+            for name, value in row.items()
+            if value is not None and (not is_part(value) or hasattr(value, "name"))
+        }
+        short = short_names(list(names), taken)
+        return {found: _column([row.get(name) for row in rows]) for found, name in zip(short, names, strict=True)}
 
 
-def _plain(value: Any) -> Any:
-    return value.item() if isinstance(value, np.generic) else value
+def _column(values: Sequence[Any]) -> npt.NDArray[Any]:
+    """Return numbers as an array with NaN for None, anything else as texts, which are empty for None."""
+    if all(value is None or isinstance(value, float | int) for value in values):
+        return np.array([math.nan if value is None else value for value in values])
+    return np.array(["" if value is None else str(label(value)) for value in values])
 
 
-def _run(function: Callable[..., Answer], cases: Cases, threads: int) -> Iterator[Answer | RicochetError]:
+def attempt(function: Callable[..., Answer], case: Mapping[str, Any]) -> Answer | RicochetError:
+    """Return the answer to a case, or the error it ends with."""
+    try:
+        return function(**case)
+    except RicochetError as error:
+        return error
+
+
+def _run(
+    function: Callable[..., Answer], cases: Iterable[dict[str, Any]], threads: int
+) -> Generator[Answer | RicochetError, None, None]:
     """Answers in order; on threads, some ahead of the caller."""
-
-    def answer(case: dict[str, Any]) -> Answer | RicochetError:
-        try:
-            return function(**case)
-        except RicochetError as error:
-            return error
-
     if threads == 1:
-        yield from map(answer, cases)
+        yield from (attempt(function, case) for case in cases)
         return
     waiting: deque[Future[Answer | RicochetError]] = deque()
     with ThreadPoolExecutor(threads) as pool, ExitStack() as on_leaving:
         on_leaving.callback(lambda: [future.cancel() for future in waiting])
         for case in cases:
-            waiting.append(pool.submit(answer, case))
+            waiting.append(pool.submit(attempt, function, case))
             if len(waiting) > AHEAD * threads:
                 yield waiting.popleft().result()
         while waiting:
             yield waiting.popleft().result()
 
 
-def columns(answers: Iterable[Trajectory | CriticalAngle | RicochetError]) -> Columns:
-    """Return what `simulate_many` or `critical_angle_many` yields as columns, a row for each answer.
+def columns(answers: Iterable[Trajectory | CriticalAngle | PerforationLimit | RicochetError]) -> Columns:
+    """Return what `simulate_many`, `critical_angle_many` and the like yield as columns, a row for each answer.
 
     Parameters
     ----------
     answers
-        Answers from one of the two functions, not from both.
+        Answers from one of the functions for many cases, not from several.
 
     Returns
     -------
     dict of str to array
-        For trajectories ``outcome``, ``maximum_depth`` [m], ``strength_factor`` and ``final_time`` [s] to
+        First the inputs that were given one for each case, objects by their fields, if the answers come straight from
+        the function. For trajectories ``outcome``, ``maximum_depth`` [m], ``strength_factor`` and ``final_time`` [s] to
         ``final_kinetic_energy`` [J]; for critical angles ``status``, ``angle``, ``standard_error``, ``bracket_low`` and
-        ``bracket_high`` [rad], and ``strength_factor``. Then ``warnings``, their codes with blanks between them, and
+        ``bracket_high`` [rad], and ``strength_factor``; for limits of perforation ``status``, ``value``, ``value_low``
+        and ``value_high`` [m or m/s]. Then ``warnings``, their codes with blanks between them, and
         ``error``, empty unless the case failed. NaN and empty text stand where there is nothing.
 
     Raises
     ------
     ParameterError
-        If there are answers of both kinds.
+        If there are answers of several kinds.
     """
-    answers = list(answers)
+    given, answers = answers, list(answers)
     kinds = {type(answer) for answer in answers if not isinstance(answer, RicochetError)}
     if len(kinds) > 1:
-        raise ParameterError("answers", "must be trajectories or critical angles, not both")
+        raise ParameterError("answers", "must be of one kind, trajectories, critical angles or limits of perforation")
     table: Columns = {}
     for kind in kinds:
         for name, (value, missing) in COLUMNS[kind].items():
@@ -276,11 +322,11 @@ def columns(answers: Iterable[Trajectory | CriticalAngle | RicochetError]) -> Co
             )
     table["warnings"] = _texts([getattr(answer, "warnings", ()) for answer in answers])
     table["error"] = np.array([str(answer) if isinstance(answer, RicochetError) else "" for answer in answers], str)
-    return table
+    return given.inputs(len(answers), table) | table if isinstance(given, Answers) else table
 
 
-def to_dataframe(answers: Iterable[Trajectory | CriticalAngle | RicochetError]) -> Any:
-    """Return the same as a ``pandas.DataFrame``.
+def to_dataframe(answers: Iterable[Trajectory | CriticalAngle | PerforationLimit | RicochetError]) -> DataFrame:
+    """Return the same as a ``pandas.DataFrame``, whose `attrs` have the units.
 
     Raises
     ------
@@ -315,5 +361,11 @@ COLUMNS: Mapping[type, Mapping[str, Column]] = {
         "bracket_low": (lambda answer: (answer.bracket or NO_BRACKET)[0], math.nan),
         "bracket_high": (lambda answer: (answer.bracket or NO_BRACKET)[1], math.nan),
         "strength_factor": (lambda answer: _number(answer.strength_factor), math.nan),
+    },
+    PerforationLimit: {
+        "status": (attrgetter("status.value"), ""),
+        "value": (lambda answer: _number(answer.value), math.nan),
+        "value_low": (lambda answer: (answer.bracket or NO_BRACKET)[0], math.nan),
+        "value_high": (lambda answer: (answer.bracket or NO_BRACKET)[1], math.nan),
     },
 }

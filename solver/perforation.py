@@ -3,12 +3,12 @@
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from typing import Any, Literal, TypeAlias
+from typing import Literal, TypeAlias
 
 import numpy as np
 
 from solver.checks import require, require_between
-from solver.display import Columns, card, dataframe, line, plot_perforation
+from solver.display import Axes, Columns, DataFrame, Figure, card, dataframe, line, plot_perforation
 from solver.motion import Termination, Thresholds
 from solver.plausibility import check_walls
 from solver.prepared import LEAST_THICKNESS, OUTCOMES, Exit, Outcome, PreparedCase, exit_of, integrate, prepare
@@ -79,19 +79,19 @@ class PerforationLimit:
             "outcome": np.array([trial.outcome.value for trial in trials], str),
         }
 
-    def to_dataframe(self) -> Any:
+    def to_dataframe(self) -> DataFrame:
         """Return the trials as a ``pandas.DataFrame``, which has to be installed."""
         return dataframe(self.columns())
 
-    def plot(self) -> Any:
+    def plot(self, *, ax: "Axes | None" = None) -> Figure:
         """Return the speed behind the wall of each trial as a ``matplotlib.figure.Figure``.
 
-        Matplotlib has to be installed.
+        It is one of pyplot unless axes are given.
         """
         behind = [trial.exit if trial.outcome is Outcome.PERFORATED else None for trial in self.iterations]
         trials = self.columns() | {"speed": np.array([0.0 if each is None else each.speed for each in behind])}
         label = "thickness of the wall [m]" if self.quantity == "thickness" else "velocity at first contact [m/s]"
-        return plot_perforation(trials, self._summary(), label, self.bracket)
+        return plot_perforation(trials, self._summary(), label, self.bracket, ax)
 
     def _summary(self) -> str:
         name, unit = ("least thickness", "m") if self.quantity == "thickness" else ("limit velocity", "m/s")

@@ -12,6 +12,7 @@ import numpy as np
 from solver.arrays import FloatArray, gauss_rule
 from solver.checks import (
     ParameterError,
+    plain,
     require,
     require_bounds,
     require_finite,
@@ -312,7 +313,7 @@ def _points(field: str, given: object) -> tuple[Point, ...]:
     ParameterError
         If they are not from 2 to 1,000 pairs of finite numbers; it names the point.
     """
-    rows = _members(given)
+    rows = _members(plain(given))
     require(rows is not None, field, f"must be (x, r) pairs, got {type(given).__name__}")
     rows = rows or ()
     require(2 <= len(rows) <= 1000, field, f"must hold 2 to 1000 points, got {len(rows)}")

@@ -14,7 +14,16 @@ from typing import ClassVar, Literal, TypeAlias, get_args
 import numpy as np
 
 from solver.arrays import FloatArray, gauss_rule
-from solver.checks import ParameterError, require, require_finite, require_kind, require_number, require_positive
+from solver.checks import (
+    ParameterError,
+    plain,
+    require,
+    require_finite,
+    require_kind,
+    require_number,
+    require_positive,
+    rows_of,
+)
 from solver.free_surface import ElasticPlastic, FreeSurface
 from solver.projectile import GAUSS_POINTS, Profile, Projectile
 from solver.target import Crater, ShearPlug, Target
@@ -77,10 +86,12 @@ class ObliquityPolynomial:
     covariance: tuple[tuple[float, ...], ...] | None = None
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "coefficients", tuple(plain(self.coefficients)))
         require(1 <= len(self.coefficients) <= 10, f"{FIELD}.coefficients", "must hold 1 to 10 numbers")
         for index, coefficient in enumerate(self.coefficients):
             require_finite(f"{FIELD}.coefficients.{index}", coefficient)
         if self.covariance is not None:
+            object.__setattr__(self, "covariance", tuple(tuple(row) for row in plain(self.covariance)))
             _check_covariance(self.covariance, len(self.coefficients))
 
     def standard_error(self, oblique_angle: float) -> float:
@@ -298,11 +309,10 @@ class OwnTests:
     residual: float = 1.0
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "shots", tuple(self.shots))
+        object.__setattr__(self, "shots", tuple(rows_of(f"{FIELD}.shots", self.shots, Shot)))
         count = len(self.shots)
         require(1 <= count <= MOST_SHOTS, f"{FIELD}.shots", f"must hold 1 to {MOST_SHOTS:,} shots, got {count:,}")
         for index, shot in enumerate(self.shots):
-            require(isinstance(shot, Shot), f"{FIELD}.shots.{index}", "must be a Shot")
             for name in ("velocity", "depth", "mass", "diameter"):
                 if (value := getattr(shot, name)) is not None:
                     require_positive(f"{FIELD}.shots.{index}.{name}", value)

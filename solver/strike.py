@@ -1,11 +1,11 @@
 """A strike: the impact, the numerical settings of its run, its fields by dotted names, and the paper's strike."""
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, is_dataclass, replace
+from collections.abc import Container, Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Any, Literal, TypeAlias
 
-from solver.checks import require, require_angle, require_between, require_bounds, require_positive
+from solver.checks import ParameterError, require, require_angle, require_between, require_bounds, require_positive
 from solver.projectile import Ogive, Projectile
 from solver.resistance import EQUATION_9, Resistance
 from solver.target import Target
@@ -180,6 +180,47 @@ def strike_parts(
         "resistance": resistance or EQUATION_9,
         "numerics": numerics or USUAL,
     }
+
+
+def named_values(parts: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield parts, their fields and those of the objects in them, by dotted names."""
+    for name, part in parts.items():
+        yield f"{before}{name}", part
+        if is_part(part):
+            inside = {field.name: getattr(part, field.name) for field in fields(part)}
+            yield from named_values(inside, f"{before}{name}.")
+
+
+def full_name(parts: Mapping[str, Any], field: str, where: str, *others: str) -> str:
+    """Return the dotted name of a field, or one of others, that may be given by its last part.
+
+    Raises
+    ------
+    ParameterError
+        Of `where`, if there is no such field, or several.
+    """
+    known = [*(name for name, _ in named_values(parts) if "." in name), *others]
+    found = [field] if field in known else [name for name in known if name.endswith(f".{field}")]
+    if len(found) == 1:
+        return found[0]
+    what = f"may be {' or '.join(found)}" if found else f"is not there: known are {', '.join(known)}"
+    raise ParameterError(where, f"{field!r} {what}")
+
+
+def short_names(names: Sequence[str], taken: Container[str]) -> list[str]:
+    """Return the last part of each dotted name, or all of it where that is not clear or is taken."""
+    last = [name.rpartition(".")[2] for name in names]
+    return [
+        short if last.count(short) == 1 and short not in taken else name
+        for short, name in zip(last, names, strict=True)
+    ]
+
+
+def label(value: Any) -> Any:
+    """Return a number or a text as it is, the name of a model, "none" for None, and any other object in full."""
+    if isinstance(value, float | int | str):
+        return value
+    return "none" if value is None else getattr(value, "name", repr(value))
 
 
 def put(part: Any, path: Sequence[str], value: Any) -> Any:

@@ -6,48 +6,29 @@ A grid comes as an ``xarray.Dataset``, for those who have xarray. The laws show 
 import itertools
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from importlib import import_module
-from typing import Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
-import numpy as np
-
-from solver.checks import BOUNDS, ParameterError, RicochetError, require
+from solver.checks import RicochetError, plain, require
+from solver.display import described, optional
 from solver.free_surface import ElasticPlastic, MohrCoulomb, NoFreeSurface
-from solver.many import columns, critical_angle_many, simulate_many
+from solver.many import attempt, columns, critical_angle_many, simulate_many
 from solver.projectile import Projectile
 from solver.resistance import EQUATION_9, ObliquityPolynomial, PublishedTests, Resistance, StrengthPowerLaw
 from solver.search.types import CriticalAngle, Search
-from solver.strike import Impact, Numerics, is_part, put, strike_parts
+from solver.strike import Impact, Numerics, full_name, is_part, label, put, short_names, strike_parts
 from solver.target import Target
 from solver.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    import xarray
 
 MOST_POINTS = 100_000
 ANY_VELOCITY = 1.0
 """Velocity of a strike until the axis sets it. [m/s]"""
 SWEPT = ("projectile", "target", "impact", "resistance")
 """Parts of a strike whose fields can be axes."""
-QUANTITIES: Mapping[str, tuple[str, str]] = {
-    "angle": ("rad", "critical angle from the normal"),
-    "standard_error": ("rad", "standard error of the critical angle"),
-    "bracket_low": ("rad", "lower end of the final bracket"),
-    "bracket_high": ("rad", "upper end of the final bracket"),
-    "maximum_depth": ("m", "greatest depth of the nose tip"),
-    "strength_factor": ("1", "strength factor"),
-    "final_time": ("s", "end of the run, since first contact"),
-    "final_center_of_gravity_depth": ("m", "depth of the centre of gravity at the end"),
-    "final_center_of_gravity_lateral": ("m", "way of the centre of gravity along the face"),
-    "final_nose_tip_depth": ("m", "depth of the nose tip at the end"),
-    "final_axis_angle": ("rad", "axis from the inward normal at the end"),
-    "final_depth_velocity": ("m/s", "velocity along the inward normal at the end"),
-    "final_lateral_velocity": ("m/s", "velocity along the face at the end"),
-    "final_angular_velocity": ("rad/s", "angular velocity at the end"),
-    "final_depth_force": ("N", "resistance along the inward normal at the end"),
-    "final_lateral_force": ("N", "resistance along the face at the end"),
-    "final_moment": ("N m", "moment of the resistance at the end"),
-    "final_kinetic_energy": ("J", "kinetic energy at the end"),
-}
-"""Unit and description of a column of answers."""
 DECAY_LAWS = {
     ElasticPlastic: "decay: theory",
     MohrCoulomb: "decay: theory, nearest to finite element motions",
@@ -76,7 +57,7 @@ def critical_angle_sweep(
     numerics: Numerics | None = None,
     search: Search | None = None,
     threads: int = 1,
-) -> Any:
+) -> "xarray.Dataset":
     """Critical angles over every combination of the values of some inputs.
 
     Parameters
@@ -86,7 +67,7 @@ def critical_angle_sweep(
     axes
         Values by field: a dotted name, as in ``target.compressive_strength``, or its last part where that is clear.
         Models, as in ``resistance.free_surface`` or ``projectile.nose``, become coordinates by their names, those of
-        one name with a number too.
+        one name with a number too, other objects by their text. Other labels of a DataArray stay beside its values.
     velocity
         As for `critical_angle`; not needed where it is an axis. [m/s]
     threads
@@ -96,7 +77,7 @@ def critical_angle_sweep(
     -------
     xarray.Dataset
         The columns of `solver.columns` over the axes, with ``units`` and ``long_name`` of each; ``to_netcdf`` writes
-        it. A case that failed has NaN and its ``error``.
+        it. Its attributes have the rest of the strike. A case that failed has NaN and its ``error``.
 
     Raises
     ------
@@ -113,14 +94,13 @@ def critical_angle_sweep(
     ... )
     >>> sweep.angle.sel(velocity=250.0), sweep.angle.plot()
     """
-    values = {field: list(found) for field, found in axes.items()}
     impact = Impact(
         velocity=ANY_VELOCITY if velocity is None else velocity,
         oblique_angle=0.0,
         angle_of_attack=angle_of_attack,
         angular_velocity=angular_velocity,
     )
-    grid = _Grid(strike_parts(impact, projectile, target, resistance, numerics), values)
+    grid = _Grid(strike_parts(impact, projectile, target, resistance, numerics), axes)
     require("impact.oblique_angle" not in grid.fields, "axes", "oblique_angle is what a search varies")
     swept = "impact.velocity" in grid.fields
     require(swept or velocity is not None, "velocity", "must be given, or be an axis")
@@ -135,7 +115,7 @@ def critical_angle_sweep(
         search=search,
         threads=threads,
     )
-    return grid.dataset(answers, "critical angles")
+    return grid.dataset(answers, "critical angles", ["impact.oblique_angle"])
 
 
 def simulate_sweep(
@@ -147,7 +127,7 @@ def simulate_sweep(
     resistance: Resistance | None = None,
     numerics: Numerics | None = None,
     threads: int = 1,
-) -> Any:
+) -> "xarray.Dataset":
     """Trajectories over every combination of the values of some inputs, each by its end.
 
     Parameters
@@ -171,10 +151,7 @@ def simulate_sweep(
     ModuleNotFoundError
         If xarray is not installed.
     """
-    grid = _Grid(
-        strike_parts(impact, projectile, target, resistance, numerics),
-        {field: list(found) for field, found in axes.items()},
-    )
+    grid = _Grid(strike_parts(impact, projectile, target, resistance, numerics), axes)
     strikes = grid.strikes()
     columns_of: dict[str, Any] = {name: [strike[name] for strike in strikes] for name in SWEPT}
     answers = simulate_many(**columns_of, numerics=numerics, threads=threads)
@@ -197,12 +174,13 @@ class _Grid:
         If an axis is no field of the strike or has no values.
     """
 
-    def __init__(self, parts: Mapping[str, Any], axes: Mapping[str, Sequence[Any]]) -> None:
-        self._xarray = _xarray()
+    def __init__(self, parts: Mapping[str, Any], axes: Mapping[str, Iterable[Any]]) -> None:
+        self._xarray = optional("xarray", "a sweep", "critical_angle_many and simulate_many need nothing more")
         self._parts = {name: parts[name] for name in SWEPT}
         require(len(axes) > 0, "axes", "must hold a field with its values")
-        self.fields = [_resolved(self._parts, field) for field in axes]
-        self._values = list(axes.values())
+        self.fields = [full_name(self._parts, field, "axes") for field in axes]
+        self._given: list[Any] = list(axes.values())
+        self._values = [list(map(plain, plain(given))) for given in self._given]
         require(len(set(self.fields)) == len(self.fields), "axes", "name a field twice")
         for field, values in zip(self.fields, self._values, strict=True):
             require(len(values) > 0, f"axes.{field}", "must have values")
@@ -216,53 +194,43 @@ class _Grid:
             parts = dict(self._parts)
             for field, value in sorted(zip(self.fields, values, strict=True), key=lambda each: each[0].count(".")):
                 name, *path = field.split(".")
-                parts[name] = put(parts[name], path, value.item() if isinstance(value, np.generic) else value)
+                parts[name] = put(parts[name], path, value)
             found.append(parts)
         return found
 
-    def dataset(self, answers: Iterable[Trajectory | CriticalAngle | RicochetError], title: str) -> Any:
-        """Return the answers as a dataset."""
-        last = [field.rpartition(".")[2] for field in self.fields]
-        names = [name if last.count(name) == 1 else field for name, field in zip(last, self.fields, strict=True)]
+    def dataset(
+        self, answers: Iterable[Trajectory | CriticalAngle | RicochetError], title: str, found: Sequence[str] = ()
+    ) -> "xarray.Dataset":
+        """Return the answers as a dataset; `found` are inputs that the answers are, not the strike's."""
+        table = columns(list(answers))
+        names = short_names(self.fields, table)
         coordinates: dict[str, tuple[Any, ...]] = {}
-        for name, field, values in zip(names, self.fields, self._values, strict=True):
+        for name, field, values, given in zip(names, self.fields, self._values, self._given, strict=True):
             coordinates |= _coordinates(name, field, values)
+            for other, along in getattr(given, "coords", {}).items():  # a DataArray may label its values
+                if other not in {*names, *table, *coordinates} and along.dims == given.dims:
+                    coordinates[str(other)] = (name, along.values, along.attrs)
         shape = tuple(map(len, self._values))
-        variables = {}
-        for name, column in columns(answers).items():
-            unit, description = QUANTITIES.get(name, ("", name))
-            attributes = {"long_name": description} | ({"units": unit} if unit else {})
-            variables[name] = (names, column.reshape(shape), attributes)
-        strike = {name: repr(part) for name, part in self._parts.items()}
+        variables = {name: (names, each.reshape(shape), described(name, each)) for name, each in table.items()}
+        varied = dict.fromkeys((*self.fields, *found), "varied")
+        strike = {name: _in_full(part, name, varied) for name, part in self._parts.items()}
         engine = import_module(__package__).ENGINE_VERSION  # the package imports this module
         attributes = {"title": title, "source": f"ricochet, engine {engine}"} | strike
-        return self._xarray.Dataset(variables, coordinates, attributes)
+        dataset: xarray.Dataset = self._xarray.Dataset(variables, coordinates, attributes)
+        return dataset
 
 
-def _resolved(parts: Mapping[str, Any], field: str) -> str:
-    """Return the dotted name of a field that may be given by its last part.
-
-    Raises
-    ------
-    ParameterError
-        If there is no such field, or several.
-    """
-    known = list(_names(parts))
-    found = [field] if field in known else [name for name in known if name.endswith(f".{field}")]
-    if len(found) == 1:
-        return found[0]
-    what = f"may be {' or '.join(found)}" if found else f"is not there: known are {', '.join(known)}"
-    raise ParameterError("axes", f"{field!r} {what}")
-
-
-def _names(parts: Mapping[str, Any], before: str = "") -> Iterable[str]:
-    """Yield the dotted names of the fields of a strike."""
-    for name, part in parts.items():
-        if before:
-            yield f"{before}{name}"
-        if is_part(part):
-            fields = {each: getattr(part, each) for each in part.__dataclass_fields__}
-            yield from _names(fields, f"{before}{name}.")
+def _in_full(value: Any, name: str, instead: Mapping[str, str]) -> str:
+    """Return the text of an object as `repr` does, with other words at some dotted names."""
+    if name in instead:
+        return instead[name]
+    if not is_part(value):
+        return repr(value)
+    inside = (
+        f"{field.name}={_in_full(getattr(value, field.name), f'{name}.{field.name}', instead)}"
+        for field in fields(value)
+    )
+    return f"{type(value).__name__}({', '.join(inside)})"
 
 
 def _coordinates(name: str, field: str, values: Sequence[Any]) -> dict[str, tuple[Any, ...]]:
@@ -271,50 +239,17 @@ def _coordinates(name: str, field: str, values: Sequence[Any]) -> dict[str, tupl
     Models of one name, and lists, are numbered, so that a label stands for one of them; a second coordinate has them in
     full.
     """
-    plain = [_label(field, value) for value in values]
+    texts = [field.rpartition(".")[2] if isinstance(value, list | tuple) else label(value) for value in values]
+    if any(isinstance(each, str) for each in texts):
+        texts = list(map(str, texts))
     labels = [
-        f"{label} {plain[: place + 1].count(label)}" if isinstance(label, str) and plain.count(label) > 1 else label
-        for place, label in enumerate(plain)
+        f"{each} {texts[: place + 1].count(each)}" if isinstance(each, str) and texts.count(each) > 1 else each
+        for place, each in enumerate(texts)
     ]
-    found: dict[str, tuple[Any, ...]] = {name: (name, labels, _described(field))}
-    if labels != plain:
+    found: dict[str, tuple[Any, ...]] = {name: (name, labels, described(field, labels))}
+    if labels != texts:
         found[f"{name}_in_full"] = (name, list(map(repr, values)), {"long_name": f"{name}, in full"})
     return found
-
-
-def _label(field: str, value: Any) -> Any:
-    """Return a number or text as it is, the name of a model, and of a list that of its field."""
-    if isinstance(value, list | tuple | np.ndarray):
-        return field.rpartition(".")[2]
-    return getattr(value, "name", value)
-
-
-def _described(field: str) -> dict[str, str]:
-    """Return the attributes of an axis."""
-    name = field.rpartition(".")[2]
-    described = {"long_name": name.replace("_", " ")}
-    if field in BOUNDS:
-        return described | {"units": BOUNDS[field].unit or "1"}
-    return described | ({"units": "rad"} if field.startswith("impact.") else {})
-
-
-def _xarray() -> Any:
-    """Return xarray.
-
-    Raises
-    ------
-    ModuleNotFoundError
-        If it is not installed.
-    """
-    try:
-        return import_module("xarray")
-    except ModuleNotFoundError as error:
-        if error.name != "xarray":
-            raise
-        raise ModuleNotFoundError(
-            "a sweep needs xarray: pip install xarray; critical_angle_many and simulate_many need nothing more",
-            name="xarray",
-        ) from None
 
 
 @dataclass(frozen=True, slots=True)
@@ -367,7 +302,7 @@ def alternatives(
     ...     print(each.free_surface, each.strength_factor, each.answer.angle, each.fitted_to)
     """
     return tuple(
-        Alternative(choice, _attempt(function, case | {"resistance": choice}))
+        Alternative(choice, attempt(function, case | {"resistance": choice}))
         for choice in alternative_resistances(resistance or EQUATION_9)
     )
 
@@ -386,10 +321,3 @@ def alternative_resistances(resistance: Resistance = EQUATION_9) -> tuple[Resist
 def fitted_to(resistance: Resistance) -> str:
     """Return what the laws of one of these resistances were fitted to."""
     return f"{STRENGTH_LAWS[type(resistance.strength_factor)]}; {DECAY_LAWS[type(resistance.free_surface)]}"
-
-
-def _attempt(function: Callable[..., Answer], case: dict[str, Any]) -> Answer | RicochetError:
-    try:
-        return function(**case)
-    except RicochetError as error:
-        return error

@@ -2,14 +2,14 @@
 
 import math
 from dataclasses import dataclass, fields
-from typing import Any, Generic, TypeVar
+from typing import Generic, TypeVar
 
 import numpy as np
 
 from solver import warnings as model_warnings
-from solver.arrays import FloatArray
+from solver.arrays import ComparedByFields, FloatArray
 from solver.checks import ParameterError, require_one, require_positive
-from solver.display import Columns, card, dataframe, line, plot_motion
+from solver.display import Axes, Columns, DataFrame, Figure, card, dataframe, line, plot_motion
 from solver.motion import Model, Run, Termination, sample, sample_loads
 from solver.plausibility import check_depth, check_energy
 from solver.prepared import OUTCOMES, Exit, Outcome, PreparedCase, exit_of, integrate, prepare
@@ -29,8 +29,8 @@ ENERGY_GAIN_TOLERATED = 1e-6
 Value = TypeVar("Value")
 
 
-@dataclass(frozen=True, slots=True, repr=False)
-class Motion(Generic[Value]):
+@dataclass(frozen=True, slots=True, repr=False, eq=False)
+class Motion(ComparedByFields, Generic[Value]):
     """The motion at one instant (floats) or at many (arrays of equal length). Depth is positive inside the target."""
 
     time: Value
@@ -62,9 +62,9 @@ class Motion(Generic[Value]):
         """Return the quantities as arrays by name; one instant as arrays of one value."""
         return {field.name: np.atleast_1d(getattr(self, field.name)) for field in fields(self)}
 
-    def to_dataframe(self) -> Any:
-        """Return them as a ``pandas.DataFrame``, which has to be installed."""
-        return dataframe(self.columns())
+    def to_dataframe(self) -> DataFrame:
+        """Return them over time as a ``pandas.DataFrame``, which has to be installed; `attrs` has the units."""
+        return dataframe(self.columns(), index="time")
 
     def __repr__(self) -> str:
         times = np.atleast_1d(np.asarray(self.time, float))
@@ -111,24 +111,26 @@ class Trajectory:
             raise ParameterError("sample_interval", "must be given for a history, which these columns are of")
         return self.history.columns()
 
-    def to_dataframe(self) -> Any:
-        """Return the history as a ``pandas.DataFrame``, which has to be installed."""
-        return dataframe(self.columns())
+    def to_dataframe(self) -> DataFrame:
+        """Return the history over time as a ``pandas.DataFrame``, which has to be installed; `attrs` has the units."""
+        return dataframe(self.columns(), index="time")
 
-    def plot(self, projectile: Projectile | None = None) -> Any:
+    def plot(self, projectile: Projectile | None = None, *, ax: "Axes | None" = None) -> Figure:
         """Return the side view and the histories as a ``matplotlib.figure.Figure``; matplotlib has to be installed.
 
         Parameters
         ----------
         projectile
             That of the strike, to draw its outline; without it the axis is drawn.
+        ax
+            Axes for the side view alone; a new figure of pyplot unless given.
 
         Raises
         ------
         ParameterError
             If there is no history.
         """
-        return plot_motion(self.columns(), self._summary(), projectile)
+        return plot_motion(self.columns(), self._summary(), projectile, ax)
 
     def _summary(self) -> str:
         return f"{self.outcome.replace('_', ' ')} after {1e3 * self.final.time:.2f} ms, {self.maximum_depth:.3f} m deep"

@@ -5,6 +5,7 @@ from solver.calibration.depth import DepthFit, DepthTest, fit_depth, penetration
 from solver.calibration.history import MotionHistory, MotionRun, Weights, predict_motion
 from solver.calibration.motion import MotionFit, MotionsFit, fit_motion, fit_motions
 from solver.calibration.strength_factor import Estimate, ObliquityFit, ObliquityPoint, UndeterminedError, fit_obliquity
+from solver.checks import name_keywords
 
 __all__ = [
     "DecayLawFits",
@@ -27,3 +28,5 @@ __all__ = [
     "penetration_depths",
     "predict_motion",
 ]
+
+name_keywords(globals())

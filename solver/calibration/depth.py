@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from solver import warnings as model_warnings
-from solver.arrays import FloatArray
+from solver.arrays import ComparedByFields, FloatArray
 from solver.calibration.strength_factor import (
     Estimate,
     Residuals,
@@ -18,7 +18,8 @@ from solver.calibration.strength_factor import (
     require_confidence_level,
     valleys,
 )
-from solver.checks import require, require_positive
+from solver.checks import require, require_positive, rows_of
+from solver.display import Axes, DataFrame, Figure, plot_depths
 from solver.motion import Run, Termination
 from solver.prepared import PreparedCase, integrate, prepare
 from solver.projectile import Projectile
@@ -59,8 +60,8 @@ class DepthTest:
     group: str | None = None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class DepthFit:
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class DepthFit(ComparedByFields):
     """Strength factor that fits the depths of tests best."""
 
     estimate: Estimate
@@ -74,7 +75,14 @@ class DepthFit:
     """One fit for each group of two tests or more; empty if the tests have no groups."""
     posterior: Lognormal
     """S of the next shot in the same concrete; the published tests are the prior, and weights do not count."""
+    resistance: Resistance
+    """That of the fit, with the fitted S."""
     warnings: tuple[ModelWarning, ...]
+
+    def plot(self, *, ax: "Axes | None" = None) -> Figure:
+        """Return measured over predicted depths as a ``matplotlib.figure.Figure``, of pyplot unless axes are given."""
+        title = f"S = {self.estimate.strength_factor:.3g} ± {self.estimate.standard_error:.2g}"
+        return plot_depths(self.predicted, self.predicted + self.residuals, title, ax)
 
 
 class _Shots:
@@ -170,7 +178,7 @@ def fit_depth(
     *,
     projectile: Projectile,
     target: Target,
-    tests: Sequence[DepthTest],
+    tests: "Sequence[DepthTest] | DataFrame",
     resistance: Resistance | None = None,
     numerics: Numerics | None = None,
     confidence_level: float = 0.95,
@@ -182,8 +190,8 @@ def fit_depth(
     projectile, target
         Shared by the tests.
     tests
-        Two or more. If one names a group, all must; then each group of two or more gets its own fit besides the
-        common one.
+        Two or more, or a DataFrame with the fields of `DepthTest` as columns. If one names a group, all must; then each
+        group of two or more gets its own fit besides the common one.
     resistance
         Inertia factor and decay; its strength factor is not used.
     numerics
@@ -207,6 +215,7 @@ def fit_depth(
     error that all of them share.
     """
     require_confidence_level(confidence_level)
+    tests = rows_of("tests", tests, DepthTest)
     _check(tests, target)
     shots = _Shots(projectile, target, resistance, numerics)
     common = _fit(tests, shots, confidence_level)
@@ -264,6 +273,7 @@ def _fit(tests: Sequence[DepthTest], shots: _Shots, confidence_level: float) -> 
         residuals=misses,
         root_mean_square=math.sqrt(float(np.average(misses**2, weights=weights))),
         groups={},
+        resistance=replace(shots.resistance, strength_factor=ConstantStrengthFactor(value=best)),
         posterior=Lognormal(median=posterior.median, dispersion=posterior.dispersion),
         warnings=_warnings(tests, runs, shots) + model_warnings.own_tests_apart(posterior),
     )

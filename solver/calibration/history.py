@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from solver.arrays import FloatArray
+from solver.arrays import ComparedByFields, FloatArray
 from solver.checks import ParameterError, require, require_positive
 from solver.prepared import initial_state, integrate, positions_at, prepare
 from solver.projectile import Projectile, mass_properties
@@ -22,8 +22,8 @@ REACH, SLACK = 1.1, 0.1
 """Tolerance on how far a body can get and turn by its energy: a factor, and shares of its length and of a radian."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class MotionHistory:
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class MotionHistory(ComparedByFields):
     """Motion of the centre of gravity since first contact. Any of the three quantities may be missing, not all.
 
     Parameters

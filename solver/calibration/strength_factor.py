@@ -7,8 +7,9 @@ from typing import TypeAlias
 
 import numpy as np
 
-from solver.arrays import FloatArray
-from solver.checks import ParameterError, require, require_between, require_positive
+from solver.arrays import ComparedByFields, FloatArray
+from solver.checks import ParameterError, require, require_between, require_positive, rows_of
+from solver.display import DataFrame
 from solver.resistance import ObliquityPolynomial
 from solver.warnings import ModelWarning
 
@@ -179,8 +180,8 @@ class ObliquityPoint:
     standard_error: float | None = None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ObliquityFit:
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ObliquityFit(ComparedByFields):
     """Polynomial through strength factors, in the oblique angle in degrees."""
 
     coefficients: tuple[float, ...]
@@ -199,14 +200,15 @@ class ObliquityFit:
         return ObliquityPolynomial(coefficients=self.coefficients, covariance=self.covariance)
 
 
-def fit_obliquity(*, points: Sequence[ObliquityPoint], order: int = 2) -> ObliquityFit:
+def fit_obliquity(*, points: "Sequence[ObliquityPoint] | DataFrame", order: int = 2) -> ObliquityFit:
     """Least-squares polynomial through strength factors at several oblique angles.
 
     Parameters
     ----------
     points
-        All with a standard error, or none. With them a point weighs as the inverse of its square and the covariance is
-        absolute; without, all weigh the same and the covariance follows from the scatter of the residuals.
+        Or a DataFrame with their fields as columns. All with a standard error, or none. With them a point weighs as the
+        inverse of its square and the covariance is absolute; without, all weigh the same and the covariance follows
+        from the scatter of the residuals.
     order
         Highest power of the angle, 0 to 9.
 
@@ -223,6 +225,7 @@ def fit_obliquity(*, points: Sequence[ObliquityPoint], order: int = 2) -> Obliqu
     -----
     Eq. 9. The sign of the angle does not matter, as in `ObliquityPolynomial`.
     """
+    points = rows_of("points", points, ObliquityPoint)
     degrees, values, errors = _columns(points, order)
     scales = RIGHT_ANGLE ** -np.arange(order + 1.0)
     # The matrix is built in the angle over a right one, or high powers would be lost to rounding.

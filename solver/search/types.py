@@ -3,12 +3,12 @@
 import math
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any, Literal, TypeAlias
+from typing import Literal, TypeAlias
 
 import numpy as np
 
 from solver.checks import require, require_angle, require_between
-from solver.display import Columns, card, dataframe, line, plot_search
+from solver.display import Axes, Columns, DataFrame, Figure, card, dataframe, line, plot_search
 from solver.prepared import Exit, Outcome
 from solver.resistance import StrengthPosterior
 from solver.warnings import ModelWarning
@@ -156,13 +156,13 @@ class CriticalAngle:
             "fine": np.array([trial.fine for trial in trials], bool),
         }
 
-    def to_dataframe(self) -> Any:
+    def to_dataframe(self) -> DataFrame:
         """Return the trials as a ``pandas.DataFrame``, which has to be installed."""
         return dataframe(self.columns())
 
-    def plot(self) -> Any:
-        """Return the trials and the angle as a ``matplotlib.figure.Figure``; matplotlib has to be installed."""
-        return plot_search(self.columns(), self._summary(), self.angle)
+    def plot(self, *, ax: "Axes | None" = None) -> Figure:
+        """Return the trials and the angle as a ``matplotlib.figure.Figure``, of pyplot unless axes are given."""
+        return plot_search(self.columns(), self._summary(), self.angle, ax)
 
     def _summary(self) -> str:
         if self.angle is None:

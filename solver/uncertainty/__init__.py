@@ -1,5 +1,6 @@
 """How sure an angle is: uncertain inputs, the probability of ricochet, and what the critical angle is sensitive to."""
 
+from solver.checks import name_keywords
 from solver.uncertainty.critical_angles import AngleStudy, Batch
 from solver.uncertainty.distributions import (
     Discrete,
@@ -54,3 +55,5 @@ __all__ = [
     "usual_scatter",
     "verdict",
 ]
+
+name_keywords(globals())

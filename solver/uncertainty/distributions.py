@@ -12,7 +12,7 @@ from numpy.polynomial.hermite_e import hermegauss
 from numpy.polynomial.legendre import leggauss
 
 from solver.arrays import FloatArray
-from solver.checks import require, require_finite, require_positive
+from solver.checks import plain, require, require_finite, require_positive
 
 FIELD = "distribution"
 NODES = 48
@@ -334,6 +334,9 @@ class Discrete:
     weights: Sequence[float] | None = None
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "values", tuple(plain(self.values)))
+        if self.weights is not None:
+            object.__setattr__(self, "weights", tuple(plain(self.weights)))
         require(len(self.values) >= 1, f"{FIELD}.values", "must hold at least one value")
         twice = next((i for i, value in enumerate(self.values) if value in list(self.values[:i])), None)
         require(twice is None, f"{FIELD}.values.{twice}", "must not repeat a value")

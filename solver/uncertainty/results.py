@@ -8,9 +8,9 @@ from typing import Any, Literal, NamedTuple, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from solver.arrays import FloatArray
+from solver.arrays import ComparedByFields, FloatArray
 from solver.checks import ParameterError, RicochetError
-from solver.display import Columns, card, dataframe, line, plot_endings, plot_probability
+from solver.display import Axes, Columns, DataFrame, Figure, card, dataframe, line, plot_endings, plot_probability
 from solver.prepared import Exit, Outcome
 from solver.search.types import CriticalAngle, SearchStatus
 from solver.uncertainty.sampling import SCRAMBLINGS, Design, Estimate
@@ -161,8 +161,8 @@ class Round:
     """Largest of all intervals of a probability. [1]"""
 
 
-@dataclass(frozen=True, slots=True, repr=False)
-class AngleUncertainty:
+@dataclass(frozen=True, slots=True, repr=False, eq=False)
+class AngleUncertainty(ComparedByFields):
     """Probability of ricochet over the oblique angle, and the critical angle as a distribution."""
 
     oblique_angles: FloatArray
@@ -205,13 +205,13 @@ class AngleUncertainty:
             "upper": self.upper,
         }
 
-    def to_dataframe(self) -> Any:
+    def to_dataframe(self) -> DataFrame:
         """Return the curve as a ``pandas.DataFrame``, which has to be installed."""
         return dataframe(self.columns())
 
-    def plot(self) -> Any:
-        """Return the curve as a ``matplotlib.figure.Figure``; matplotlib has to be installed."""
-        return plot_probability(self.columns(), self._summary())
+    def plot(self, *, ax: "Axes | None" = None) -> Figure:
+        """Return the curve as a ``matplotlib.figure.Figure``, of pyplot unless axes are given."""
+        return plot_probability(self.columns(), self._summary(), ax)
 
     def _summary(self) -> str:
         if self.mean is None or self.standard_deviation is None:
@@ -283,10 +283,10 @@ class TrajectoryUncertainty:
         """Quantiles of the speed of those that perforated. [1, m/s]"""
         return self.perforation_exit.get("speed", ())
 
-    def plot(self) -> Any:
+    def plot(self, *, ax: "Axes | None" = None) -> Figure:
         """Return the probability of each outcome, depths and exit speeds as a ``matplotlib.figure.Figure``.
 
-        Matplotlib has to be installed.
+        It is one of pyplot unless axes are given; they take the probability of each outcome alone.
         """
 
         def rows(quantiles: Quantiles) -> list[tuple[float, float, float, float]]:
@@ -297,6 +297,7 @@ class TrajectoryUncertainty:
             rows(self.maximum_depth),
             {Outcome.RICOCHET.value: rows(self.exit_speed), Outcome.PERFORATED.value: rows(self.residual_speed)},
             f"how {self.samples} samples end",
+            ax,
         )
 
     def __repr__(self) -> str:

@@ -48,8 +48,8 @@ class Uncertain:
     ----------
     field
         Dotted name, as in ``impact.velocity``, ``target.compressive_strength``, ``projectile.mass``,
-        ``numerics.retention_energy_fraction``; a model with discrete values, as in
-        ``resistance.free_surface``; or ``resistance.strength_residual``, a factor on the strength factor.
+        ``numerics.retention_energy_fraction``, or its last part where that is clear; a model with discrete values, as
+        in ``resistance.free_surface``; or ``resistance.strength_residual``, a factor on the strength factor.
     distribution
         In the unit of the field.
     """

@@ -22,7 +22,7 @@ from solver.resistance import (
 )
 from solver.search.critical_angle import critical_angle
 from solver.search.types import USUAL_SEARCH, Search
-from solver.strike import Impact, Numerics, is_part, put, strike_parts
+from solver.strike import Impact, Numerics, full_name, is_part, put, strike_parts
 from solver.target import Target
 from solver.trajectory import simulate
 from solver.uncertainty.critical_angles import AngleStudy
@@ -212,9 +212,11 @@ def critical_angle_uncertainty(
     impact = Impact(
         velocity=velocity, oblique_angle=0.0, angle_of_attack=angle_of_attack, angular_velocity=angular_velocity
     )
+    parts = strike_parts(impact, projectile, target, resistance, numerics)
+    uncertain = _named_in_full(uncertain, parts)
     for index, each in enumerate(uncertain):
         require(each.field != "impact.oblique_angle", f"uncertain.{index}.field", "is what a search varies")
-    strike = SampledStrike(strike_parts(impact, projectile, target, resistance, numerics), uncertain)
+    strike = SampledStrike(parts, uncertain)
     search = search or USUAL_SEARCH
     study = AngleStudy(
         uncertain,
@@ -269,7 +271,9 @@ def trajectory_uncertainty(
     ParameterError
         If a distribution or a field is not valid.
     """
-    strike = SampledStrike(strike_parts(impact, projectile, target, resistance, numerics), uncertain)
+    parts = strike_parts(impact, projectile, target, resistance, numerics)
+    uncertain = _named_in_full(uncertain, parts)
+    strike = SampledStrike(parts, uncertain)
 
     def evaluate(point: Point) -> Ending:
         try:
@@ -279,6 +283,16 @@ def trajectory_uncertainty(
 
     study = TrajectoryStudy(uncertain, sampling or Sampling(), warnings=body_warnings(projectile))
     return _run(study.steps(), evaluate, threads)
+
+
+def _named_in_full(uncertain: Sequence[Uncertain], parts: Mapping[str, Any]) -> list[Uncertain]:
+    """Return the inputs with dotted names, of which the last part may be given."""
+    return [
+        each
+        if each.field.partition(".")[0] in parts
+        else replace(each, field=full_name(parts, each.field, f"uncertain.{index}.field", RESIDUAL))
+        for index, each in enumerate(uncertain)
+    ]
 
 
 class _Batch(Protocol):

@@ -1,13 +1,16 @@
 """How answers show themselves: one line in a console, a card in a notebook, a figure."""
 
 import math
+import pickle
 import re
+from collections.abc import Iterator
 from html.parser import HTMLParser
 from typing import Any
 
 import pytest
 
 import solver
+from solver.calibration import DepthTest, fit_depth
 from solver.display import card
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY, paper_impact
 from solver.uncertainty import Normal, Sampling, Uncertain, critical_angle_uncertainty, trajectory_uncertainty
@@ -45,6 +48,15 @@ def answers(trajectory: solver.Trajectory, found: solver.CriticalAngle) -> dict[
         "instants": trajectory.history,
         "axis_angle": trajectory.final,
     }
+
+
+@pytest.fixture
+def pyplot() -> Iterator[Any]:
+    """pyplot without a screen; its figures are closed at the end."""
+    found = pytest.importorskip("matplotlib.pyplot")
+    found.switch_backend("agg")
+    yield found
+    found.close("all")
 
 
 class Balanced(HTMLParser):
@@ -108,27 +120,62 @@ def test_text_of_a_card_is_escaped() -> None:
     assert "1 &amp; 2" in html
 
 
-def test_answers_draw_themselves(answers: dict[str, Any], tmp_path: Any) -> None:
-    pytest.importorskip("matplotlib")
-    labels = {
-        "ricochet": "depth [m]",
-        "critical angle": "oblique angle from the normal [°]",
-        "no critical angle": "oblique angle from the normal [°]",
-        "samples": "probability of ricochet",
-        "least thickness": "speed behind the wall [m/s]",
-        "embedded": "greatest depth [m]",
-    }
-    for words, label in labels.items():
-        figure = answers[words].plot()
-        file = tmp_path / "figure.svg"
-        figure.savefig(file)
-        shown = {axis.get_label().get_text() for panel in figure.axes for axis in (panel.xaxis, panel.yaxis)}
-        assert label in shown
-        assert file.stat().st_size > 5000
+@pytest.fixture(scope="module")
+def drawn(answers: dict[str, Any]) -> dict[str, Any]:
+    tests = [DepthTest(velocity=200.0, depth=0.20), DepthTest(velocity=250.0, depth=0.29)]
+    return answers | {"depths": fit_depth(**CASE, tests=tests)}
 
 
-def test_picture_of_a_limit_has_every_trial_on_its_side_of_the_limit(answers: dict[str, Any]) -> None:
-    pytest.importorskip("matplotlib")
+LABELS = {
+    "ricochet": "depth [m]",
+    "critical angle": "oblique angle from the normal [°]",
+    "no critical angle": "oblique angle from the normal [°]",
+    "samples": "probability of ricochet",
+    "least thickness": "speed behind the wall [m/s]",
+    "embedded": "greatest depth [m]",
+    "depths": "measured depth [m]",
+}
+"""Answers that draw themselves, each with a label in its picture."""
+
+
+@pytest.mark.parametrize("words", LABELS)
+def test_answers_draw_themselves_where_pyplot_finds_them(
+    drawn: dict[str, Any], words: str, pyplot: Any, tmp_path: Any
+) -> None:
+    figure = drawn[words].plot()
+    assert pyplot.gcf() is figure
+    pyplot.savefig(tmp_path / "pyplot.svg")
+    figure.savefig(tmp_path / "figure.svg")
+    shown = {axis.get_label().get_text() for panel in figure.axes for axis in (panel.xaxis, panel.yaxis)}
+    assert LABELS[words] in shown
+    assert all((tmp_path / name).stat().st_size > 5000 for name in ("pyplot.svg", "figure.svg"))
+
+
+@pytest.mark.parametrize("words", LABELS)
+def test_answers_draw_into_axes_that_are_given(drawn: dict[str, Any], words: str, pyplot: Any) -> None:
+    ours, (left, right) = pyplot.subplots(1, 2)
+    assert drawn[words].plot(ax=right) is ours
+    assert ours.axes == [left, right]
+    assert right.get_xlabel()
+    assert right.get_title(loc="left")
+    assert not left.has_data()
+    assert right.has_data()
+    assert len(pyplot.get_fignums()) == 1
+
+
+@pytest.mark.parametrize(("backend", "stays"), [("agg", True), ("module://matplotlib_inline.backend_inline", False)])
+def test_figure_that_is_the_result_of_a_cell_of_a_notebook_is_shown_once(
+    found: solver.CriticalAngle, backend: str, stays: bool, pyplot: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    figure = found.plot()
+    monkeypatch.setattr(pyplot, "get_backend", lambda: backend)
+    with pytest.raises(NotImplementedError):  # which is how IPython is left to show it
+        figure._ipython_display_()  # type: ignore[attr-defined]
+    assert pyplot.fignum_exists(figure.number) is stays
+    pickle.loads(pickle.dumps(figure))  # noqa: S301
+
+
+def test_picture_of_a_limit_has_every_trial_on_its_side_of_the_limit(answers: dict[str, Any], pyplot: Any) -> None:
     limit = answers["least thickness"]
     shown = {each.get_label(): each for each in limit.plot().axes[0].lines}
     through, stopped = shown["perforated"], shown["embedded"]
@@ -137,8 +184,7 @@ def test_picture_of_a_limit_has_every_trial_on_its_side_of_the_limit(answers: di
     assert min(through.get_ydata()) > 0.0 == max(stopped.get_ydata())
 
 
-def test_picture_of_endings_has_the_probability_of_each_outcome(answers: dict[str, Any]) -> None:
-    pytest.importorskip("matplotlib")
+def test_picture_of_endings_has_the_probability_of_each_outcome(answers: dict[str, Any], pyplot: Any) -> None:
     endings = answers["embedded"]
     shares, depth, speed = endings.plot().axes
     assert [bar.get_width() for bar in shares.patches] == [each.value for _, each in endings.outcomes]
@@ -146,10 +192,11 @@ def test_picture_of_endings_has_the_probability_of_each_outcome(answers: dict[st
     assert list(speed.lines[0].get_xdata()) == [each.value for _, each in endings.exit_speed]
 
 
-def test_side_view_has_the_outline_of_the_projectile_it_is_given(trajectory: solver.Trajectory) -> None:
-    pytest.importorskip("matplotlib")
+def test_side_view_has_the_outline_of_the_projectile_it_is_given(trajectory: solver.Trajectory, pyplot: Any) -> None:
     side = trajectory.plot(PAPER_PROJECTILE).axes[0]
-    bodies = [patch.get_xy() for patch in side.patches if len(patch.get_xy()) > 10]
+    bodies = [
+        patch.get_xy() for patch in side.patches if isinstance(patch, pyplot.Polygon) and len(patch.get_xy()) > 10
+    ]
     assert len(bodies) == 5
     for body in bodies:
         reach = max(math.dist(a, b) for a in body for b in body)

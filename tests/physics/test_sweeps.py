@@ -1,7 +1,6 @@
 """Sweeps as datasets of xarray."""
 
 import math
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -135,9 +134,3 @@ def test_case_that_fails_has_nan_and_its_error() -> None:
 def test_wrong_axes_are_named(axes: dict[str, Any], words: str) -> None:
     with pytest.raises(solver.ParameterError, match=words):
         solver.critical_angle_sweep(**CASE, axes=axes)
-
-
-def test_missing_xarray_is_named_with_what_needs_none(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "xarray", None)
-    with pytest.raises(ModuleNotFoundError, match="critical_angle_many"):
-        solver.critical_angle_sweep(**CASE, velocity=PAPER_VELOCITY, axes={"density": [2250.0]})
