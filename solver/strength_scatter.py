@@ -95,7 +95,7 @@ def known_strength(
 def strength_scatter(*, projectile: Projectile, target: Target, resistance: Resistance) -> StrengthScatter:
     """Return how S scatters beside the strength; for the arguments see `known_strength`."""
     dispersion, _ = known_strength(projectile=projectile, target=target, resistance=resistance)
-    slope = _slope(projectile, target, resistance)
+    slope = strength_slope(projectile, target, resistance)
     strength = STRENGTH_DISPERSION
     if slope != 0.0:
         strength = min(strength, math.sqrt(0.5) * dispersion / abs(slope))
@@ -107,7 +107,7 @@ def strength_scatter(*, projectile: Projectile, target: Target, resistance: Resi
     )
 
 
-def _slope(projectile: Projectile, target: Target, resistance: Resistance) -> float:
+def strength_slope(projectile: Projectile, target: Target, resistance: Resistance) -> float:
     """Return d ln(S f'c) / d ln f'c in normal impact."""
     stronger = replace(target, compressive_strength=math.exp(STRENGTH_STEP) * target.compressive_strength)
     here, there = (resistance.strength_polynomial(target=each, projectile=projectile)[0] for each in (target, stronger))

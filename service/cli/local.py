@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 from service.cli.arguments import RefusedError
@@ -31,9 +32,7 @@ def compute(name: str, body: dict[str, Any], report: Callable[[int, float | None
     RefusedError
         If the request is invalid, or the computation fails.
     """
-    from pydantic import ValidationError
-
-    from service.errors import InvalidBodyError, problem_of, validation_errors
+    from service.errors import problem_of
     from service.operations import OPERATIONS
     from service.schemas.requests import alternatives_in, answered_alternative, with_alternatives
     from solver import RicochetError
@@ -44,13 +43,9 @@ def compute(name: str, body: dict[str, Any], report: Callable[[int, float | None
         except RicochetError as error:
             return {**laws, "problem": {**problem_of(error), "instance": f"/{name}"}}
 
-    try:
+    with _refusals():
         request: Any = OPERATIONS[name].request.model_validate_json(json.dumps(body))
         answer: bytes = _solve(name, request, report).json
-    except ValidationError as error:
-        raise RefusedError(problem_of(InvalidBodyError(validation_errors(error.errors())))) from None
-    except RicochetError as error:
-        raise RefusedError(problem_of(error)) from None
     alternatives = [solve_alternative(*each) for each in alternatives_in(request)]
     return with_alternatives(answer, alternatives) if alternatives else answer
 
@@ -68,21 +63,13 @@ def judge(body: dict[str, Any], report: Callable[[int, float | None], None]) -> 
     RefusedError
         If the request is invalid, or the search fails.
     """
-    from pydantic import ValidationError
-
     from service.assessment import verdict_queries
-    from service.errors import InvalidBodyError, problem_of, validation_errors
     from service.schemas import ReportRequest, verdict_answer
-    from solver import ParameterError
 
     answers: dict[str, Any] = {}
-    try:
+    with _refusals():
         request = ReportRequest.model_validate_json(json.dumps(body))
         queries = verdict_queries(request)
-    except ValidationError as error:
-        raise RefusedError(problem_of(InvalidBodyError(validation_errors(error.errors())))) from None
-    except ParameterError as error:
-        raise RefusedError(problem_of(error)) from None
     for name, (operation, content) in queries.items():
         try:
             answers[name] = json.loads(compute(operation, content, report if name == "uncertainty" else None))
@@ -91,6 +78,38 @@ def judge(body: dict[str, Any], report: Callable[[int, float | None], None]) -> 
                 raise
             answers[name] = {"problem": dict(error.problem)}
     return verdict_answer(request, answers)
+
+
+def usual_scatter(body: dict[str, Any]) -> list[dict[str, Any]]:
+    """Return the usual scatter of the strike of a study that does not name its own.
+
+    Raises
+    ------
+    RefusedError
+        If the strike is invalid.
+    """
+    from service.schemas.requests import CriticalAngleBase
+    from service.schemas.verdict import usual_inputs
+
+    with _refusals():
+        strike = {name: part for name, part in body.items() if name in CriticalAngleBase.model_fields}
+        return usual_inputs(CriticalAngleBase.model_validate_json(json.dumps(strike)))
+
+
+@contextmanager
+def _refusals() -> Iterator[None]:
+    """Raise RefusedError for an invalid request, or for a computation that fails."""
+    from pydantic import ValidationError
+
+    from service.errors import InvalidBodyError, problem_of, validation_errors
+    from solver import RicochetError
+
+    try:
+        yield
+    except ValidationError as error:
+        raise RefusedError(problem_of(InvalidBodyError(validation_errors(error.errors())))) from None
+    except RicochetError as error:
+        raise RefusedError(problem_of(error)) from None
 
 
 def compute_sweep(operation: str, content: dict[str, Any]) -> Iterator[Item]:
