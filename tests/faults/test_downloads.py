@@ -26,8 +26,8 @@ CLIENTS = 24
 MOST_GROWTH = 80 * 1024 * 1024
 """For the blocks of two readers and what is on its way to the clients. [bytes]"""
 ALLOCATOR = {"MALLOC_ARENA_MAX": "2", "MALLOC_TRIM_THRESHOLD_": "131072"}
-"""As in the image and the unit of systemd. Without them glibc keeps what is free in a heap of each thread: JSON lines took
-53 to 83 MiB in six runs, with them 24."""
+"""As in the image and the unit of systemd. Without them glibc keeps what is free in a heap of each thread: JSON lines
+took 53 to 83 MiB in six runs, with them 24."""
 
 
 def motions(count: int) -> bytes:
