@@ -22,7 +22,7 @@ STRENGTH = "target.compressive_strength"
 COUNTS = (1, 3)
 """Shots after which the range is given."""
 HALF = math.sqrt(0.5)
-"""Least part of the dispersion of S f'c that the factor on S keeps: half of the variance."""
+"""Part of the dispersion of S f'c that the strength explains at most: half of the variance."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,10 +75,11 @@ def next_shots(
     if place is None or not isinstance(uncertain[place].distribution, Lognormal):
         return None
     own, strength_place = _dispersion(uncertain[place]), fields.get(STRENGTH)
-    strength = share = 0.0
+    if own == 0.0:  # The dispersion is lost in rounding.
+        return None
+    share = 0.0
     if strength_place is not None and not isinstance(uncertain[strength_place].distribution, Discrete):
-        strength = _dispersion(uncertain[strength_place])
-        share = strength * abs(strength_slope(projectile, target, resistance))
+        share = _dispersion(uncertain[strength_place]) * abs(strength_slope(projectile, target, resistance))
     now, within = math.hypot(own, share), PublishedTests.within_series
     between = now**2 - within**2
     found = []
@@ -86,11 +87,11 @@ def next_shots(
         left = now
         if between > 0.0:
             left = math.sqrt(1.0 / (1.0 / between + count / within**2) + within**2)
-        factor = min(own, math.sqrt(max(left**2 - share**2, 0.5 * left**2)))
-        parts = [(place, factor / own)]
-        rest = math.sqrt(max(left**2 - factor**2, 0.0))
-        if strength_place is not None and rest < share:
-            parts.append((strength_place, rest / share))
+        if strength_place is None or share <= HALF * left:
+            parts = [(place, min(own, math.sqrt(left**2 - share**2)) / own)]
+        else:
+            factor = min(own, HALF * left)
+            parts = [(place, factor / own), (strength_place, math.sqrt(left**2 - factor**2) / share)]
         found.append(NextShot(count, left, tuple(parts)))
     return place, tuple(found)
 
@@ -101,4 +102,4 @@ def _dispersion(uncertain: Uncertain) -> float:
 
     distribution = cast(Continuous, uncertain.distribution)
     lower, upper = distribution.value(distribution.standard(ndtr(np.array([-1.0, 1.0]))))
-    return 0.5 * math.log(upper / lower) if lower > 0.0 else 0.0
+    return 0.5 * (math.log(upper) - math.log(lower)) if lower > 0.0 else 0.0

@@ -67,9 +67,10 @@ def requests() -> Iterator[tuple[str, str, dict[str, Any], str]]:
     yield "numerics", "/trajectory", case | STRUCK | {"numerics": PANELS}, "/numerics"
     for law in LAWS:
         yield law["strength_factor"]["model"], "/cra", case | {"resistance": law} | SEARCHED, "/resistance"
-    sampled: dict[str, Any] = {"uncertain": SCATTER, "sampling": {"max_samples": 256}, "sensitivity": False}
+    sampled: dict[str, Any] = {"uncertain": SCATTER, "sampling": {"max_samples": 300}, "sensitivity": True}
     study = case | {"resistance": LAWS[0]} | SEARCHED | sampled
     yield "own tests in a study", "/cra/uncertainty", study, "/resistance"
+    yield "target of a study", "/cra/uncertainty", study, "/target"
     yield "distributions", "/cra/uncertainty", study, "/uncertain"
     calibration = case | {"tests": TABLE_1[:2], "compare_strength_factors": [8.5], "confidence_level": 0.9}
     yield "tests of a calibration", "/calibration/depth", calibration, ""
