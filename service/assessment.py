@@ -13,7 +13,7 @@ from pydantic import MISSING
 from service.errors import ReportsMissingError
 from service.operations import SCHEMA_VERSION
 from service.schemas.requests import ReportRequest
-from service.schemas.verdict import usual_inputs, verdict_in
+from service.schemas.verdict import next_shot_advice_in, usual_inputs, verdict_in
 from solver import ENGINE_VERSION, mass_properties
 from solver.strength_scatter import strength_scatter
 from solver.uncertainty.verdict import SAMPLES, probability_angles
@@ -150,6 +150,7 @@ def write_page(given: Mapping[str, Any], answers: Mapping[str, Any], made: str, 
                 projectile=projectile, target=target, resistance=request.resistance.to_solver()
             ).dispersion,
             verdict=verdict_in(request, answers),
+            advice=next_shot_advice_in(answers.get("uncertainty", {})),
             projectile=projectile,
             answers=answers,
             speeds=[

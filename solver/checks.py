@@ -180,7 +180,7 @@ BOUNDS: Mapping[str, Bound] = {
     "projectile.mass": Bound(1e-6, 1e7, "kg", "kilograms"),
     "projectile.center_of_gravity": Bound(1e-6, 20.0, "m", "metres", MILLIMETRES, below=True),
     "projectile.moment_of_inertia": Bound(1e-15, 1e9, "kg m²", "kg m²"),
-    "projectile.boat_tail.length": Bound(0.0, 20.0, "m", "metres", MILLIMETRES, above=True),
+    "projectile.boat_tail.length": Bound(1e-6, 20.0, "m", "metres", MILLIMETRES),
     "projectile.boat_tail.base_diameter": Bound(0.0, 5.0, "m", "metres", MILLIMETRES),
     "projectile.nose.caliber_radius_head": Bound(0.5, 100.0, "", "a ratio"),
     "projectile.nose.length_to_diameter": Bound(0.0, 20.0, "", "a ratio", above=True),
@@ -189,21 +189,22 @@ BOUNDS: Mapping[str, Bound] = {
     "target.youngs_modulus": Bound(1e6, 1e12, "Pa", "pascals", (("GPa", 1e9), ("MPa", 1e6))),
     "target.poissons_ratio": Bound(0.0, 0.5, "", "a ratio"),
     "target.thickness": Bound(0.0, 1e3, "m", "metres", MILLIMETRES, above=True),
+    "shot.depth": Bound(1e-6, 100.0, "m", "metres", MILLIMETRES),
     "impact.velocity": Bound(0.1, 1e4, "m/s", "m/s"),
     "impact.angular_velocity": Bound(-1e5, 1e5, "rad/s", "rad/s"),
 }
 """By the dotted names of the solver."""
 
 
-def require_bounds(field: str, value: object) -> None:
-    """Refuse anything but a number within the bounds of a field.
+def require_bounds(field: str, value: object, like: str = "") -> None:
+    """Refuse anything but a number within the bounds of a field, or of the one it is like.
 
     Raises
     ------
     ParameterError
         If it is not; it names the bounds, and the unit that the number may have been meant in.
     """
-    bound, number = BOUNDS[field], require_number(field, value)
+    bound, number = BOUNDS[like or field], require_number(field, value)
     if bound.holds(number):
         return
     unit = bound.unit and f" {bound.unit}"

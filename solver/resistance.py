@@ -18,6 +18,7 @@ from solver.checks import (
     ParameterError,
     plain,
     require,
+    require_bounds,
     require_finite,
     require_kind,
     require_number,
@@ -234,6 +235,9 @@ class PublishedTests:
 
 
 MOST_SHOTS = 1000
+PLAUSIBLE_FACTORS = (1e-3, 1e3)
+"""Least and greatest S of a shot, wider than any concrete: measured ones lie between some 5 and 25. A depth that takes
+another is in a wrong unit or not of this projectile. [1]"""
 FAR_OFF = 3.0
 """Dispersions from what the other shots predict, beyond which a shot does not seem to belong to them."""
 
@@ -313,9 +317,11 @@ class OwnTests:
         count = len(self.shots)
         require(1 <= count <= MOST_SHOTS, f"{FIELD}.shots", f"must hold 1 to {MOST_SHOTS:,} shots, got {count:,}")
         for index, shot in enumerate(self.shots):
-            for name in ("velocity", "depth", "mass", "diameter"):
+            require(isinstance(shot, Shot), f"{FIELD}.shots.{index}", "must be a Shot")
+            for like in ("impact.velocity", "shot.depth", "projectile.mass", "projectile.diameter"):
+                name = like.split(".")[1]
                 if (value := getattr(shot, name)) is not None:
-                    require_positive(f"{FIELD}.shots.{index}.{name}", value)
+                    require_bounds(f"{FIELD}.shots.{index}.{name}", value, like)
         _check_shape(self.obliquity_shape)
         require_positive(f"{FIELD}.residual", self.residual)
 
@@ -334,7 +340,7 @@ class OwnTests:
         Raises
         ------
         ParameterError
-            If no strength factor gives the depth of a shot.
+            If no strength factor of `PLAUSIBLE_FACTORS` gives the depth of a shot.
         """
         return _posterior(self, replace(target, thickness=None), projectile, inertia_factor, crater)
 
@@ -376,8 +382,8 @@ def _posterior(
     exponent = PublishedTests.law.diameter_exponent
     factors = []
     for index, shot in enumerate(law.shots):
-        body = _body_of(shot, projectile)
         try:
+            body = _body_of(shot, projectile)
             factor = strength_factor_of_depth(
                 projectile=body,
                 target=target,
@@ -387,8 +393,19 @@ def _posterior(
                 crater=crater,
             )
         except ParameterError as error:
-            raise ParameterError(f"{FIELD}.shots.{index}.{error.field}", error.requirement) from None
-        factors.append(factor * (projectile.diameter / body.diameter) ** exponent)
+            name, text = error.field, error.requirement
+            if name.startswith("projectile."):  # A body in proportion to its diameter comes out too small or too large.
+                name, text = "diameter", f"makes a {name} that {text}"
+            raise ParameterError(f"{FIELD}.shots.{index}.{name}", text) from None
+        factor *= (projectile.diameter / body.diameter) ** exponent
+        lower, upper = PLAUSIBLE_FACTORS
+        require(
+            lower <= factor <= upper,
+            f"{FIELD}.shots.{index}.depth",
+            f"of {shot.depth:g} m at {shot.velocity:g} m/s takes a strength factor of {factor:g}, "
+            f"which must be between {lower:g} and {upper:g}",
+        )
+        factors.append(factor)
     misses = np.log(np.array(factors) / prior)
     between, within = PublishedTests.between_series**2, PublishedTests.within_series**2
     precision = 1.0 / between + len(misses) / within

@@ -3,6 +3,7 @@
 import math
 from dataclasses import dataclass, replace
 
+from solver.checks import BOUNDS
 from solver.projectile import Projectile
 from solver.resistance import (
     EQUATION_9_COEFFICIENTS,
@@ -95,7 +96,7 @@ def known_strength(
 def strength_scatter(*, projectile: Projectile, target: Target, resistance: Resistance) -> StrengthScatter:
     """Return how S scatters beside the strength; for the arguments see `known_strength`."""
     dispersion, _ = known_strength(projectile=projectile, target=target, resistance=resistance)
-    slope = _slope(projectile, target, resistance)
+    slope = strength_slope(projectile, target, resistance)
     strength = STRENGTH_DISPERSION
     if slope != 0.0:
         strength = min(strength, math.sqrt(0.5) * dispersion / abs(slope))
@@ -107,8 +108,11 @@ def strength_scatter(*, projectile: Projectile, target: Target, resistance: Resi
     )
 
 
-def _slope(projectile: Projectile, target: Target, resistance: Resistance) -> float:
+def strength_slope(projectile: Projectile, target: Target, resistance: Resistance) -> float:
     """Return d ln(S f'c) / d ln f'c in normal impact."""
-    stronger = replace(target, compressive_strength=math.exp(STRENGTH_STEP) * target.compressive_strength)
-    here, there = (resistance.strength_polynomial(target=each, projectile=projectile)[0] for each in (target, stronger))
-    return 1.0 + math.log(there / here) / STRENGTH_STEP if min(here, there) > 0.0 else 1.0
+    step = STRENGTH_STEP
+    if not BOUNDS["target.compressive_strength"].holds(math.exp(step) * target.compressive_strength):
+        step = -step
+    other = replace(target, compressive_strength=math.exp(step) * target.compressive_strength)
+    here, there = (resistance.strength_polynomial(target=each, projectile=projectile)[0] for each in (target, other))
+    return 1.0 + math.log(there / here) / step if min(here, there) > 0.0 else 1.0

@@ -28,8 +28,8 @@ from service.schemas.strike import PAPER, PAPER_AT_45
 from service.schemas.sweeps import check_field
 from service.schemas.uncertain_inputs import MODELS, with_values
 from solver import Outcome, RicochetError, SearchStatus
+from solver.uncertainty.next_shot import RESIDUAL
 from solver.uncertainty.sampling import MOST_INPUTS
-from solver.uncertainty.strikes import RESIDUAL
 
 FEATURES = ("Evaluate", "Gradient", "ApplyJacobian", "ApplyHessian")
 STATUSES = list(SearchStatus)

@@ -75,21 +75,14 @@ def judge(body: dict[str, Any], report: Callable[[int, float | None], None]) -> 
     RefusedError
         If the request is invalid, or the search fails.
     """
-    from pydantic import ValidationError
-
     from service.assessment import verdict_queries
-    from service.errors import InvalidBodyError, problem_of, validation_errors
     from service.schemas import ReportRequest, verdict_answer
-    from solver import ParameterError
+    from service.validation import validated_as
 
     answers: dict[str, Any] = {}
-    try:
-        request = ReportRequest.model_validate_json(json.dumps(body))
+    with refusals():
+        request = validated_as(ReportRequest, body)
         queries = verdict_queries(request)
-    except ValidationError as error:
-        raise RefusedError(problem_of(InvalidBodyError(validation_errors(error.errors())))) from None
-    except ParameterError as error:
-        raise RefusedError(problem_of(error)) from None
     for name, (operation, content) in queries.items():
         try:
             answers[name] = json.loads(compute(operation, content, report if name == "uncertainty" else None))
@@ -98,6 +91,23 @@ def judge(body: dict[str, Any], report: Callable[[int, float | None], None]) -> 
                 raise
             answers[name] = {"problem": dict(error.problem)}
     return verdict_answer(request, answers)
+
+
+def usual_scatter(body: dict[str, Any]) -> list[dict[str, Any]]:
+    """Return the usual scatter of the strike of a study that does not name its own.
+
+    Raises
+    ------
+    RefusedError
+        If the strike is invalid.
+    """
+    from service.schemas.requests import CriticalAngleBase
+    from service.schemas.verdict import usual_inputs
+    from service.validation import validated_as
+
+    with refusals():
+        strike = {name: part for name, part in body.items() if name in CriticalAngleBase.model_fields}
+        return usual_inputs(validated_as(CriticalAngleBase, strike))
 
 
 def compute_sweep(operation: str, content: dict[str, Any]) -> Iterator[Item]:

@@ -52,6 +52,7 @@ def add_uncertainty(parser: argparse.ArgumentParser) -> None:
     )
     parser.epilog = examples(
         "ricochet uncertainty strike.toml --uncertain impact.velocity_m_s=normal:238:2.4",
+        "ricochet uncertainty strike.toml --next-shot",
         "ricochet uncertainty strike.toml --angle 50 --uncertain resistance.strength_residual=lognormal:1:0.1",
     )
     add_case(parser, FLAGS)
@@ -63,6 +64,12 @@ def add_uncertainty(parser: argparse.ArgumentParser) -> None:
         help="scatter of a field: normal:MEAN:DEVIATION, truncated_normal:MEAN:DEVIATION:LOWER:UPPER, "
         "lognormal:MEDIAN:DISPERSION, uniform:LOWER:UPPER, triangular:LOWER:MODE:UPPER, or "
         "discrete:VALUE@WEIGHT:VALUE@WEIGHT...; adds to [[uncertain]] tables of the file",
+    )
+    parser.add_argument(
+        "--next-shot",
+        action="store_true",
+        help="say what one and three shots of your own into the concrete would make of the 90 %% range; without inputs "
+        "that scatter, the usual ones do",
     )
     add_formats(parser, json="print the answer as the service sends it", csv="print the probabilities")
     add_plot(parser, "the probability of ricochet with its interval")
@@ -80,9 +87,14 @@ def run_uncertainty(args: argparse.Namespace) -> int:
         if strike:
             raise CommandError("--plot: there is a curve to plot without --angle only")
         check_plot(args.plot)
+    if args.next_shot:
+        if strike:
+            raise CommandError("--next-shot: there is a range to narrow without --angle only")
+        with_usual_scatter(body)
     operation = "trajectory_uncertainty" if strike else "cra_uncertainty"
     text = estimate(operation, body, args.url) if args.url else estimate_here(operation, body)
     answer: dict[str, Any] = json.loads(text)
+    advice = next_shot_advice(answer) if args.next_shot else ""
     if args.plot:
         plot_probability(args.plot, answer["probability"])
     if args.json:
@@ -91,7 +103,45 @@ def run_uncertainty(args: argparse.Namespace) -> int:
         print_csv(outcomes_of(answer) if strike else answer["probability"])
     else:
         print_answer(answer)
+        if advice:
+            print(f"\n{advice}")
     return 0
+
+
+def with_usual_scatter(body: RequestBody) -> None:
+    """Add the usual scatter to a case without inputs that scatter.
+
+    Raises
+    ------
+    CommandError
+        If the case is invalid.
+    """
+    from service.cli.local import usual_scatter
+
+    if "uncertain" not in body.content:
+        try:
+            body.content["uncertain"] = usual_scatter(body.content)
+        except RefusedError as error:
+            raise body.explain(error) from None
+
+
+def next_shot_advice(answer: Mapping[str, Any]) -> str:
+    """Return what the next shots are worth, in one sentence.
+
+    Raises
+    ------
+    CommandError
+        If the study does not say so.
+    """
+    from service.schemas.verdict import next_shot_advice_in
+
+    advice = next_shot_advice_in(answer)
+    if not advice:
+        raise CommandError(
+            "--next-shot: what shots would narrow is the scatter of S: add "
+            "--uncertain resistance.strength_residual=lognormal:1:DISPERSION"
+        )
+    return advice
 
 
 def estimate_here(operation: str, body: RequestBody) -> bytes:

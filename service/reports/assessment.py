@@ -114,6 +114,8 @@ class Assessed:
     dispersion: float
     """Of S at the stated strength. [ln]"""
     verdict: Verdict
+    advice: str
+    """What shots of one's own are worth; empty if it is not known."""
     projectile: Projectile
     answers: Mapping[str, Any]
     """By name; an object with `problem` where there is none."""
@@ -161,6 +163,7 @@ def page(strike: Assessed) -> str:
         study=study,
         probability=_probability_at(strike, study),
         quantiles=_quantiles(study),
+        advice=strike.advice,
         scatter=_scatter(numbers, strike, study),
         problems={name: _problem(strike, name) for name in ("uncertainty", "formulas", "thickness", "judged")},
         laws=_laws(numbers, search),

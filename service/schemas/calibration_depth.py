@@ -17,7 +17,7 @@ from service.schemas.calibration_motion import (
 )
 from service.schemas.fields import GIVEN, NOT_TABLED, Of, walk
 from service.schemas.numerics import Obliquity
-from service.schemas.quantities import WHOLE, Count, Num, Part, with_examples
+from service.schemas.quantities import WHOLE, Count, Num, Part, with_examples, within
 from service.schemas.resistance import (
     LARGEST_COEFFICIENT,
     UNCERTAIN,
@@ -56,11 +56,11 @@ class DepthTest(Part):
 
     model_config = with_examples(TEST, TEST | {"weight": 0.5, "group": "80 mm"})
 
-    velocity_m_s: Annotated[Num, Field(ge=0.1, le=1e4)]
+    velocity_m_s: Annotated[Num, Field(**within("impact.velocity"))]
     """At first contact. [m/s]"""
-    depth_m: Annotated[Num, Field(ge=1e-6, le=100.0)]
+    depth_m: Annotated[Num, Field(**within("shot.depth"))]
     """Greatest depth of the nose tip. [m]"""
-    mass_kg: Annotated[Num, Field(ge=1e-6, le=1e7)] | MISSING = MISSING
+    mass_kg: Annotated[Num, Field(**within("projectile.mass"))] | MISSING = MISSING
     """That of the projectile when not given. [kg]"""
     weight: Annotated[Num, Field(ge=1e-6, le=1e6)] = 1.0
     """Relative weight of the squared residual. [1]"""

@@ -153,11 +153,11 @@ class OwnShot(Part):
 
     model_config = with_examples(SHOT)
 
-    velocity_m_s: Annotated[Num, Field(ge=0.1, le=1e4)]
+    velocity_m_s: Annotated[Num, Field(**within("impact.velocity"))]
     """At first contact. [m/s]"""
-    depth_m: Annotated[Num, Field(ge=1e-6, le=100.0)]
-    """Of the nose tip at rest. [m]"""
-    mass_kg: Annotated[Num, Field(ge=1e-6, le=1e7)] | MISSING = MISSING
+    depth_m: Annotated[Num, Field(**within("shot.depth"))]
+    """Of the nose tip at rest, one that takes a strength factor of 0.001 to 1000. [m]"""
+    mass_kg: Annotated[Num, Field(**within("projectile.mass"))] | MISSING = MISSING
     """That of the projectile when not given. [kg]"""
     diameter_m: Annotated[Num, Field(**within("projectile.diameter"))] | MISSING = MISSING
     """That of the projectile when not given; a nose of another diameter has the same shape. [m]"""

@@ -25,6 +25,7 @@ from solver.uncertainty import (
     Sampling,
     TrajectoryStudy,
 )
+from solver.uncertainty.next_shot import next_shots
 from solver.warnings import body_warnings
 
 SAMPLING = Sampling()
@@ -124,9 +125,8 @@ class CriticalAngleUncertaintyRequest(UncertainCase):
             If values do not go together.
         """
         lower, upper = self.search.to_solver().bounds
-        base = self.base
+        base, arguments = self.base, self.shared_arguments()
         inputs = inputs_of(self.uncertain, CriticalAngleBase, base)
-
         return AngleStudy(
             inputs,
             self.oblique_angles_deg.radians(),
@@ -135,6 +135,7 @@ class CriticalAngleUncertaintyRequest(UncertainCase):
             bounds=(lower, upper),
             accepts=partial(accepts, CriticalAngleBase, base, inputs),
             warnings=body_warnings(self.projectile.to_solver()),
+            shots=next_shots(inputs, **{name: arguments[name] for name in ("projectile", "target", "resistance")}),
         )
 
 

@@ -17,6 +17,7 @@ from solver.uncertainty import (
 )
 
 ESTIMATE = {"value": 0.22, "lower": 0.21, "upper": 0.23}
+AFTER_SHOT = {"shots": 1, "strength_factor_dispersion": 0.139, "lower_deg": 44.5, "upper_deg": 50.4}
 SAMPLED = {
     "convergence": {"samples": [266], "half_width": [0.013]},
     "converged": True,
@@ -105,6 +106,19 @@ class SwingAnswer(Part):
     """If there is one. [°]"""
 
 
+class AfterShotsAnswer(Part):
+    """Critical angle as it is expected after some shots of one's own into the concrete."""
+
+    model_config = with_examples(AFTER_SHOT)
+
+    shots: Count
+    strength_factor_dispersion: Annotated[Num, Of("dispersion")]
+    """Of ln S of the shot after them, at the stated strength. [ln]"""
+    lower_deg: Num
+    """90 % range, where the shots do not move the median of S. [°]"""
+    upper_deg: Num
+
+
 class SensitivityAnswer(Part):
     """Share of one input in the variance of the critical angle."""
 
@@ -118,6 +132,8 @@ class SensitivityAnswer(Part):
     total: EstimateAnswer | MISSING = MISSING
     """Share with its interactions. [1]"""
     swing: list[SwingAnswer]
+    after_shots: Annotated[list[AfterShotsAnswer] | MISSING, Of(lambda found: found.after_shots or None)] = MISSING
+    """Of a lognormal `resistance.strength_residual`: what one and three shots of one's own would make of the angle."""
 
 
 class ConvergenceAnswer(Part):

@@ -23,9 +23,10 @@ from solver import (
 )
 from solver.strength_scatter import strength_scatter
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY
-from solver.uncertainty import Discrete, Uncertain, Verdict, usual_scatter
+from solver.uncertainty import AfterShots, Discrete, Uncertain, Verdict, usual_scatter
+from solver.uncertainty.results import RANGE
 from solver.uncertainty.usual import THEORIES
-from solver.uncertainty.verdict import RANGE
+from solver.uncertainty.verdict import next_shot_advice
 
 ANGLE_OF_ATTACK = "impact.angle_of_attack"
 NAMES = {
@@ -211,6 +212,25 @@ def verdict_in(request: ReportRequest, answers: Mapping[str, Any]) -> Verdict:
         outcome=Outcome(judged["outcome"]) if "outcome" in judged else None,
         probability=near[0] if near else None,
     )
+
+
+def next_shot_advice_in(study: Mapping[str, Any]) -> str:
+    """Return what shots of one's own are worth by an answer of `/cra/uncertainty`; empty if it does not say so."""
+    for each in study.get("sensitivity", ()):
+        if found := each.get("after_shots"):
+            levels = {each["level"]: math.radians(each["value"]) for each in study["critical_angle"]["quantiles"]}
+            return next_shot_advice(
+                (levels[RANGE[0]], levels[RANGE[1]]),
+                [
+                    AfterShots(
+                        after["shots"],
+                        after["strength_factor_dispersion"],
+                        *(math.radians(after[end]) for end in ("lower_deg", "upper_deg")),
+                    )
+                    for after in found
+                ],
+            )
+    return ""
 
 
 def verdict_answer(request: ReportRequest, answers: Mapping[str, Any]) -> dict[str, Any]:

@@ -18,12 +18,12 @@ from solver.calibration.strength_factor import (
     require_confidence_level,
     valleys,
 )
-from solver.checks import require, require_positive, rows_of
+from solver.checks import ParameterError, require, require_bounds, require_positive, rows_of
 from solver.display import Axes, DataFrame, Figure, plot_depths
 from solver.motion import Run, Termination
 from solver.prepared import PreparedCase, integrate, prepare
 from solver.projectile import Projectile
-from solver.resistance import ConstantStrengthFactor, OwnTests, Resistance, Shot, StrengthPosterior
+from solver.resistance import FIELD, ConstantStrengthFactor, OwnTests, Resistance, Shot, StrengthPosterior
 from solver.strike import Impact, Numerics
 from solver.target import Target
 from solver.uncertainty.distributions import Lognormal
@@ -233,13 +233,13 @@ def _check(tests: Sequence[DepthTest], target: Target) -> None:
     grouped = [test.group is not None for test in tests]
     for index, test in enumerate(tests):
         field = f"tests.{index}"
-        require_positive(f"{field}.velocity", test.velocity)
-        require_positive(f"{field}.depth", test.depth)
+        require_bounds(f"{field}.velocity", test.velocity, "impact.velocity")
+        require_bounds(f"{field}.depth", test.depth, "shot.depth")
         stopped = target.thickness is None or test.depth < target.thickness
         require(stopped, f"{field}.depth", "must be less than the thickness: a perforated target shows no depth")
         require_positive(f"{field}.weight", test.weight)
         if test.mass is not None:
-            require_positive(f"{field}.mass", test.mass)
+            require_bounds(f"{field}.mass", test.mass, "projectile.mass")
         require(grouped[index] or not any(grouped), f"{field}.group", "must be given, since other tests have one")
 
 
@@ -282,12 +282,15 @@ def _fit(tests: Sequence[DepthTest], shots: _Shots, confidence_level: float) -> 
 def _posterior(tests: Sequence[DepthTest], shots: _Shots) -> StrengthPosterior:
     """Posterior of S from the depths of some tests."""
     own = [Shot(velocity=test.velocity, depth=test.depth, mass=test.mass) for test in tests]
-    return OwnTests(shots=tuple(own)).posterior(
-        target=shots.target,
-        projectile=shots.projectile,
-        inertia_factor=shots.resistance.inertia_factor,
-        crater=shots.resistance.crater,
-    )
+    try:
+        return OwnTests(shots=tuple(own)).posterior(
+            target=shots.target,
+            projectile=shots.projectile,
+            inertia_factor=shots.resistance.inertia_factor,
+            crater=shots.resistance.crater,
+        )
+    except ParameterError as error:
+        raise ParameterError(error.field.replace(f"{FIELD}.shots", "tests"), error.requirement) from None
 
 
 def _first_look(residuals: Residuals) -> float:

@@ -11,7 +11,9 @@ from solver.uncertainty.distributions import (
     TruncatedNormal,
     Uniform,
 )
+from solver.uncertainty.next_shot import RESIDUAL
 from solver.uncertainty.results import (
+    AfterShots,
     AngleUncertainty,
     Change,
     Crossings,
@@ -20,13 +22,14 @@ from solver.uncertainty.results import (
     TrajectoryUncertainty,
 )
 from solver.uncertainty.sampling import Estimate, Sampling, Uncertain
-from solver.uncertainty.strikes import RESIDUAL, critical_angle_uncertainty, scaled, trajectory_uncertainty
+from solver.uncertainty.strikes import critical_angle_uncertainty, scaled, trajectory_uncertainty
 from solver.uncertainty.trajectories import Ending, TrajectoryBatch, TrajectoryStudy
 from solver.uncertainty.usual import usual_scatter
 from solver.uncertainty.verdict import Verdict, verdict
 
 __all__ = [
     "RESIDUAL",
+    "AfterShots",
     "AngleStudy",
     "AngleUncertainty",
     "Batch",

@@ -11,7 +11,18 @@ import numpy.typing as npt
 
 from solver.arrays import FloatArray
 from solver.checks import require
-from solver.uncertainty.results import LEVELS, AngleUncertainty, Change, Crossings, Round, Sensitivity, Tables
+from solver.uncertainty.next_shot import NextShot
+from solver.uncertainty.results import (
+    LEVELS,
+    RANGE,
+    AfterShots,
+    AngleUncertainty,
+    Change,
+    Crossings,
+    Round,
+    Sensitivity,
+    Tables,
+)
 from solver.uncertainty.sampling import (
     FIRST_POINTS,
     SCRAMBLINGS,
@@ -75,6 +86,8 @@ class AngleStudy:
         Accuracy, budget, seed.
     sensitivity
         Whether to compute Sobol indices.
+    shots
+        Place of the factor on S among the inputs, and what shots of one's own would leave of the scatter.
     bounds
         Bounds of the search: in the indices, a sample without an angle counts as one end of it. [rad]
     accepts
@@ -109,6 +122,7 @@ class AngleStudy:
         bounds: tuple[float, float] = (math.radians(5.0), math.radians(85.0)),
         accepts: Accepts = lambda _, __: True,
         warnings: tuple[ModelWarning, ...] = (),
+        shots: tuple[int, tuple[NextShot, ...]] | None = None,
     ) -> None:
         check_inputs(uncertain)
         angles = np.asarray(oblique_angles, float)
@@ -123,6 +137,7 @@ class AngleStudy:
         self.bounds = bounds
         self.accepts = accepts
         self.warnings = warnings
+        self.shots = shots
 
     @cached_property
     def _unit(self) -> FloatArray:
@@ -226,6 +241,7 @@ class AngleStudy:
             curve=(middle, np.clip(middle - half, 0.0, 1.0), np.clip(middle + half + beyond, 0.0, 1.0)),
             moments=(moments.mean, moments.standard_deviation),
             quantiles=tuple((level, quantile_estimate(flat, weights, level, sampling, shifts)) for level in LEVELS),
+            after_shots=self._after_shots(self._unit, predicted, weights.reshape(predicted.shape)),
             without=unseen,
             order=expansion.basis.order,
             indices=self._surrogate_indices(moments),
@@ -246,11 +262,14 @@ class AngleStudy:
         found = ~np.isnan(angles)
         moments: tuple[Estimate | None, Estimate | None] = (None, None)
         quantiles: tuple[tuple[float, Estimate], ...] = ()
+        after_shots: tuple[AfterShots, ...] = ()
         if found.any():
             values = np.where(found, angles, 0.0).reshape(SCRAMBLINGS, -1)
             shared = np.where(found, weights, 0.0).reshape(SCRAMBLINGS, -1)
             moments = moment_estimates(values, shared, sampling)
             quantiles = tuple((level, quantile_estimate(values, shared, level, sampling)) for level in LEVELS)
+            unit = self.design.unit(tables.count)[:, : tables.count]
+            after_shots = self._after_shots(unit, values.reshape(angles.shape), shared.reshape(angles.shape))
         without = np.where(found, 0.0, weights).reshape(SCRAMBLINGS, -1).sum(axis=1)
         return self._assemble(
             tables,
@@ -261,6 +280,7 @@ class AngleStudy:
             ),
             moments=moments,
             quantiles=quantiles,
+            after_shots=after_shots,
             without=share_estimate(without, sampling, tables.base_samples),
             order=None,
             indices=[(None, None)] * len(self.design.uncertain),
@@ -273,6 +293,7 @@ class AngleStudy:
         curve: tuple[FloatArray, FloatArray, FloatArray],
         moments: tuple[Estimate | None, Estimate | None],
         quantiles: tuple[tuple[float, Estimate], ...],
+        after_shots: tuple[AfterShots, ...],
         without: Estimate,
         order: int | None,
         indices: Sequence[tuple[Estimate | None, Estimate | None]],
@@ -287,7 +308,7 @@ class AngleStudy:
             standard_deviation=moments[1],
             quantiles=quantiles,
             share_without=without,
-            sensitivity=self._sensitivities(tables, indices),
+            sensitivity=self._sensitivities(tables, indices, after_shots),
             convergence=(),
             converged=False,
             method=method,
@@ -299,13 +320,44 @@ class AngleStudy:
             seed=self.sampling.seed,
         )
 
+    def _after_shots(self, unit: FloatArray, angles: FloatArray, weights: FloatArray) -> tuple[AfterShots, ...]:
+        """Return what shots would make of the range.
+
+        Parameters
+        ----------
+        unit
+            (scramblings, n, inputs) points between 0 and 1.
+        angles, weights
+            (scramblings, n, alternatives) critical angles there and their weights, 0 without an angle. [rad, 1]
+        """
+        if self.shots is None or not self.sensitivity:
+            return ()
+        found = []
+        for each in self.shots[1]:
+            shared = weights * each.weights(unit)[..., None]
+            if not shared.any():
+                return ()
+            ends = np.quantile(angles.ravel(), RANGE, weights=shared.ravel(), method="inverted_cdf")
+            found.append(AfterShots(each.shots, each.dispersion, *map(float, ends)))
+        return tuple(found)
+
     def _sensitivities(
-        self, tables: Tables, indices: Sequence[tuple[Estimate | None, Estimate | None]]
+        self,
+        tables: Tables,
+        indices: Sequence[tuple[Estimate | None, Estimate | None]],
+        after_shots: tuple[AfterShots, ...],
     ) -> tuple[Sensitivity, ...]:
         if not self.sensitivity:
             return ()
+        place = None if self.shots is None else self.shots[0]
         return tuple(
-            Sensitivity(each.field, first, total, tuple(change for number, change in tables.swing if number == i))
+            Sensitivity(
+                each.field,
+                first,
+                total,
+                tuple(change for number, change in tables.swing if number == i),
+                after_shots if i == place else (),
+            )
             for i, (each, (first, total)) in enumerate(zip(self.design.uncertain, indices, strict=True))
         )
 
@@ -349,7 +401,9 @@ class AngleStudy:
             )
             return replace(counted, warnings=(*warnings, warning))
         estimates = direct_indices(own, found[0], found[1:], sampling)
-        return replace(counted, sensitivity=self._sensitivities(tables, estimates), warnings=warnings)
+        indexed = zip(answer.sensitivity, estimates, strict=True)
+        sensitivity = tuple(replace(each, first_order=first, total=total) for each, (first, total) in indexed)
+        return replace(counted, sensitivity=sensitivity, warnings=warnings)
 
     def _in_range(self, found: Crossings) -> float:
         """Return the critical angle; without one, the end of the range that it is beyond. NaN without an outcome."""

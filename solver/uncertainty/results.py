@@ -19,6 +19,9 @@ from solver.warnings import ModelWarning
 LEVELS = (0.025, 0.05, 0.25, 0.5, 0.75, 0.95, 0.975)
 """Probabilities of the quantiles in an answer."""
 
+RANGE = (0.05, 0.95)
+"""Of them, those that the 90 % range lies between."""
+
 Quantiles: TypeAlias = tuple[tuple[float, Estimate], ...]
 """Probabilities, each with the value that is not exceeded with it."""
 ExitQuantiles: TypeAlias = Mapping[str, Quantiles]
@@ -72,6 +75,18 @@ class Change:
 
 
 @dataclass(frozen=True, slots=True)
+class AfterShots:
+    """Critical angle as it is expected after some shots of one's own into the concrete."""
+
+    shots: int
+    dispersion: float
+    """Of S of the shot after them, at the stated strength. [ln]"""
+    lower: float
+    upper: float
+    """90 % range, where the shots do not move the median of S. [rad]"""
+
+
+@dataclass(frozen=True, slots=True)
 class Sensitivity:
     """Share of one input in the variance of the critical angle, and what the input alone changes."""
 
@@ -81,6 +96,8 @@ class Sensitivity:
     """Indices of Sobol; None where the budget left no samples for them."""
     swing: tuple[Change, ...]
     """At the 5 % and 95 % quantiles of the input, or at each of its discrete values."""
+    after_shots: tuple[AfterShots, ...] = ()
+    """Of a lognormal factor on S, ``resistance.strength_residual``: what shots of one's own would make of the angle."""
 
 
 class Tables:

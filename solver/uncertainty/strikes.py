@@ -13,6 +13,7 @@ from solver.checks import ParameterError, RicochetError, require, require_positi
 from solver.prepared import check_case
 from solver.projectile import Projectile
 from solver.resistance import (
+    EQUATION_9,
     ConstantStrengthFactor,
     ObliquityPolynomial,
     OwnTests,
@@ -27,13 +28,11 @@ from solver.target import Target
 from solver.trajectory import simulate
 from solver.uncertainty.critical_angles import AngleStudy
 from solver.uncertainty.distributions import Discrete
+from solver.uncertainty.next_shot import RESIDUAL, next_shots
 from solver.uncertainty.results import AngleUncertainty, Crossings, TrajectoryUncertainty
 from solver.uncertainty.sampling import Point, Sampling, Uncertain, check_inputs, check_values
 from solver.uncertainty.trajectories import Ending, TrajectoryStudy
 from solver.warnings import body_warnings
-
-RESIDUAL = "resistance.strength_residual"
-"""Field of a factor on S, whatever the law of S: the part of its scatter that no input of the law explains."""
 
 Result = TypeVar("Result")
 Answer = TypeVar("Answer")
@@ -226,6 +225,7 @@ def critical_angle_uncertainty(
         bounds=search.bounds,
         accepts=strike.accepts,
         warnings=body_warnings(projectile),
+        shots=next_shots(uncertain, projectile=projectile, target=target, resistance=resistance or EQUATION_9),
     )
 
     def find(parts: dict[str, Any]) -> Crossings:

@@ -8,8 +8,8 @@ from solver.resistance import EQUATION_9, Resistance
 from solver.strength_scatter import strength_scatter
 from solver.target import Target
 from solver.uncertainty.distributions import Discrete, Lognormal, Normal
+from solver.uncertainty.next_shot import RESIDUAL
 from solver.uncertainty.sampling import Uncertain
-from solver.uncertainty.strikes import RESIDUAL
 
 VELOCITY, DENSITY, MASS = 0.02, 0.02, 0.005
 """Coefficients of variation. [1]"""

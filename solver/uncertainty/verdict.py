@@ -1,7 +1,7 @@
 """The verdict on a strike in one sentence: outcome, probability, and critical angle with its range."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,12 +15,11 @@ from solver.search.types import USUAL_SEARCH, Search, SearchStatus
 from solver.strike import Impact, Numerics
 from solver.target import Target
 from solver.trajectory import simulate
+from solver.uncertainty.results import RANGE, AfterShots
 from solver.uncertainty.sampling import Sampling
 from solver.uncertainty.strikes import critical_angle_uncertainty
 from solver.uncertainty.usual import THEORIES, usual_scatter
 
-RANGE = (0.05, 0.95)
-"""Quantiles of the critical angle that the range lies between."""
 SAMPLES = 1024
 """Samples at most: those that give each theory a surrogate."""
 STEP_DEG = 0.5
@@ -35,6 +34,9 @@ ENDINGS: Mapping[str, str] = {
     Outcome.IN_MOTION: "still in motion",
     Outcome.PERFORATED: "perforated",
 }
+COUNTED: Mapping[int, str] = {1: "one", 3: "three"}
+HARDLY = 0.9
+"""Width of an expected range over that of the present one, from which shots are not worth their advice. [1]"""
 THEORY_NAMES = ("elastic-plastic", "Mohr-Coulomb")
 
 
@@ -68,10 +70,7 @@ class Verdict:
     @property
     def range_text(self) -> str:
         """The range in words, with the decimals that its width deserves; empty without one."""
-        if self.spread is None:
-            return ""
-        lower, upper = (_degrees(each, self._decimals) for each in self.spread)
-        return f"{lower} to {upper}"
+        return "" if self.spread is None else _range_text(self.spread)
 
     @property
     def sentence(self) -> str:
@@ -83,8 +82,7 @@ class Verdict:
 
     @property
     def _decimals(self) -> int:
-        width = 0.0 if self.spread is None else self.spread[1] - self.spread[0]
-        return 0 if width >= WHOLE_DEGREES else 1 if width >= TENTHS else 2
+        return 2 if self.spread is None else _decimals_of(self.spread)
 
     def _judged(self) -> str:
         if self.oblique_angle is None or self.outcome is None:
@@ -125,6 +123,39 @@ class Verdict:
 
     def _fine(self, angle: float) -> str:
         return _degrees(angle, min(self._decimals + 1, 2))
+
+
+def next_shot_advice(now: tuple[float, float], after: Sequence[AfterShots]) -> str:
+    """Return what shots of one's own are worth, in one sentence.
+
+    Parameters
+    ----------
+    now
+        90 % range of the critical angle. [rad]
+    after
+        As in the sensitivity to the factor on S.
+    """
+    spread = _range_text(now)
+    if after[-1].upper - after[-1].lower > HARDLY * (now[1] - now[0]):
+        return (
+            f"The 90 % range of the critical angle is {spread}; shots of your own into this concrete would hardly "
+            "narrow it."
+        )
+    expected = [f"{_range_text((each.lower, each.upper))} after {COUNTED[each.shots]}" for each in after]
+    return (
+        f"The 90 % range of the critical angle is {spread}; with shots of your own into this concrete it is expected "
+        f"to be {' and '.join(expected)}."
+    )
+
+
+def _decimals_of(spread: tuple[float, float]) -> int:
+    """Return the decimals that the width of a range deserves."""
+    width = spread[1] - spread[0]
+    return 0 if width >= WHOLE_DEGREES else 1 if width >= TENTHS else 2
+
+
+def _range_text(spread: tuple[float, float]) -> str:
+    return " to ".join(_degrees(each, _decimals_of(spread)) for each in spread)
 
 
 def _degrees(angle: float, decimals: int) -> str:

@@ -18,9 +18,17 @@ import pytest
 
 from service.schemas import CriticalAngleUncertaintyAnswer, TrajectoryUncertaintyAnswer
 from service.schemas.strike import PAPER
-from solver import ElasticPlastic, MohrCoulomb
+from solver import ElasticPlastic, MohrCoulomb, PublishedTests, Resistance
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET
-from solver.uncertainty import Discrete, Normal, Sampling, Uncertain, critical_angle_uncertainty
+from solver.uncertainty import (
+    RESIDUAL,
+    Discrete,
+    Lognormal,
+    Normal,
+    Sampling,
+    Uncertain,
+    critical_angle_uncertainty,
+)
 from tests.conftest import Service
 
 SPEED = {"field": "impact.velocity_m_s", "distribution": {"type": "normal", "mean": 238.0, "standard_deviation": 2.4}}
@@ -72,6 +80,31 @@ def test_curve_is_that_of_the_solver(client: httpx.Client) -> None:
     assert answer["sensitivity"][1]["swing"][0]["value"] == "elastic_plastic"
     quantiles = {each["level"]: each["value"] for each in answer["critical_angle"]["quantiles"]}
     assert quantiles[0.5] == pytest.approx(math.degrees(dict(same.quantiles)[0.5].value), abs=0.02)
+
+
+def test_factor_on_s_says_what_shots_of_ones_own_would_make_of_the_angle(client: httpx.Client) -> None:
+    body = PAPER | {"resistance": {"strength_factor": {"model": "published_tests"}}, "sampling": {"max_samples": 1024}}
+    residual = {"type": "lognormal", "median": 1.0, "dispersion": 0.31}
+    uncertain = [ATTACK, {"field": "resistance.strength_residual", "distribution": residual}]
+    answer = client.post("/cra/uncertainty", json=body | {"uncertain": uncertain}).json()
+    attack, factor = answer["sensitivity"]
+    assert "after_shots" not in attack
+    same = critical_angle_uncertainty(
+        projectile=PAPER_PROJECTILE,
+        target=PAPER_TARGET,
+        velocity=238.0,
+        resistance=Resistance(strength_factor=PublishedTests()),
+        uncertain=[
+            Uncertain("impact.angle_of_attack", Normal(mean=0.0, standard_deviation=math.radians(1.0))),
+            Uncertain(RESIDUAL, Lognormal(median=1.0, dispersion=0.31)),
+        ],
+        sampling=Sampling(max_samples=1024),
+    )
+    for found, each in zip(factor["after_shots"], same.sensitivity[1].after_shots, strict=True):
+        assert found["shots"] == each.shots
+        assert found["strength_factor_dispersion"] == pytest.approx(each.dispersion)
+        angles = math.degrees(each.lower), math.degrees(each.upper)
+        assert (found["lower_deg"], found["upper_deg"]) == pytest.approx(angles, abs=0.02)
 
 
 def test_second_request_is_a_hit_and_its_samples_are_cases_of_the_cache(client: httpx.Client) -> None:

@@ -41,6 +41,37 @@ def test_estimates_of_file_and_flag(strike: Path, folder: Path) -> None:
     assert (folder / "curve.svg").read_text().startswith("<?xml")
 
 
+def test_next_shot_is_worth_a_sentence_where_the_concrete_is_not_known(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (folder / "strike.toml").write_text(STRIKE_TOML)
+    command = ["uncertainty", str(folder / "strike.toml"), "--strength-law", "published_tests", "--next-shot"]
+    assert cli.main(command) == 0
+    *_, advice = capsys.readouterr().out.splitlines()
+    now, after = re.findall(r"The 90 % range .* is (.*); with shots .* expected to be (.*) after one and", advice)[0]
+    assert float(after.split("°")[0]) >= float(now.split("°")[0])
+    assert cli.main([*command, "--json"]) == 0
+    answer = json.loads(capsys.readouterr().out)
+    [shots] = [each["after_shots"] for each in answer["sensitivity"] if "after_shots" in each]
+    assert [each["shots"] for each in shots] == [1, 3]
+    assert f"{shots[0]['lower_deg']:.0f}° to {shots[0]['upper_deg']:.0f}°" == after
+
+
+@pytest.mark.parametrize(
+    ("flags", "text"),
+    [
+        (["--angle", "50"], "without --angle only"),
+        (["--uncertain", "impact.velocity_m_s=normal:238:2.4"], "add --uncertain resistance.strength_residual"),
+    ],
+)
+def test_next_shot_needs_the_scatter_that_it_narrows(
+    folder: Path, capsys: pytest.CaptureFixture[str], flags: list[str], text: str
+) -> None:
+    (folder / "strike.toml").write_text(STRIKE_TOML)
+    assert cli.main(["uncertainty", str(folder / "strike.toml"), "--next-shot", *flags]) == 2
+    assert text in capsys.readouterr().err
+
+
 def test_answer_is_printed_as_json_and_as_a_table(
     strike: Path, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

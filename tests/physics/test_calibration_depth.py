@@ -178,7 +178,7 @@ def test_groups_are_for_all_tests_or_none() -> None:
     assert refused.value.field == "tests.1.group"
 
 
-@pytest.mark.parametrize("factor", [1000.0, 1e-3], ids=["millimetres", "kilometres"])
+@pytest.mark.parametrize("factor", [100.0, 1e-3], ids=["centimetres", "kilometres"])
 def test_depths_that_no_strength_factor_fits_are_refused(factor: float) -> None:
     with pytest.raises(ParameterError, match=r"tests: must determine the strength factor"):
         fit([replace(test, depth=test.depth * factor) for test in TESTS])

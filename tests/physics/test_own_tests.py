@@ -213,8 +213,8 @@ def test_bad_shots_are_refused_by_name(field: str, shots: Any) -> None:
 
 
 def test_depth_that_no_strength_factor_gives_is_refused_by_the_name_of_the_shot() -> None:
-    with pytest.raises(ParameterError, match=r"strength_factor\.shots\.1\.depth: of 1e\+06 m at 300 m/s"):
-        posterior_of([SHOTS[0], Shot(velocity=300.0, depth=1e6)])
+    with pytest.raises(ParameterError, match=r"strength_factor\.shots\.1\.depth: of 90 m at 300 m/s"):
+        posterior_of([SHOTS[0], Shot(velocity=300.0, depth=90.0)])
 
 
 def test_perforated_target_shows_no_depth() -> None:

@@ -19,6 +19,7 @@ from service.errors import ReportsMissingError
 from service.reports.assessment_numbers import FIELDS, leaves, lookup
 from service.schemas import ReportRequest
 from service.schemas.strike import HEMISPHERE, PAPER, TRUNCATED_CONE
+from service.schemas.verdict import next_shot_advice_in
 from solver import Impact, critical_angle, formulas, mass_properties, simulate
 from solver.formulas import PERFORATION_MARGIN, SCABBING_MARGIN
 from solver.uncertainty.verdict import probability_angles
@@ -107,6 +108,14 @@ def test_answer_is_that_of_the_solver(client: httpx.Client) -> None:
         if each.perforation_thickness is not None:
             assert values[f"/formulas/formulas/{place}/perforation_thickness_m"] == each.perforation_thickness
         assert each.note in text_of(page)
+
+
+def test_report_says_what_shots_of_ones_own_are_worth(client: httpx.Client) -> None:
+    untested = JUDGED | {"resistance": {"strength_factor": {"model": "published_tests"}}}
+    page, study = text_of(report_of(client, untested)), answers_of(client, untested)["uncertainty"]
+    assert next_shot_advice_in(study) in page
+    assert "with shots of your own into this concrete" in page
+    assert "shots of your own into this concrete would hardly narrow it" in text_of(report_of(client, JUDGED))
 
 
 def test_margins_are_the_recommended_ones(client: httpx.Client) -> None:

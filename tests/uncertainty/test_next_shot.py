@@ -1,0 +1,131 @@
+"""What shots of one's own are worth: the range of the critical angle that a study expects after them."""
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import pytest
+
+from solver import OwnTests, PublishedTests, Resistance, Shot
+from solver.calibration import penetration_depths
+from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY
+from solver.uncertainty import (
+    RESIDUAL,
+    AfterShots,
+    AngleUncertainty,
+    Lognormal,
+    Normal,
+    Sampling,
+    Uncertain,
+    Uniform,
+    critical_angle_uncertainty,
+    usual_scatter,
+)
+from solver.uncertainty.verdict import next_shot_advice
+
+STRIKE: dict[str, Any] = {"projectile": PAPER_PROJECTILE, "target": PAPER_TARGET, "velocity": PAPER_VELOCITY}
+LAW = Resistance(strength_factor=PublishedTests())
+BETWEEN, WITHIN = PublishedTests.between_series, PublishedTests.within_series
+STRENGTH = 0.12
+SHARE = (1.0 - 0.18) * STRENGTH
+"""Part of the dispersion of S f'c that the strength explains, by the exponent of the law. [ln]"""
+
+
+def study(uncertain: Sequence[Uncertain], law: Resistance = LAW, method: str = "auto") -> AngleUncertainty:
+    return critical_angle_uncertainty(
+        **STRIKE, resistance=law, uncertain=uncertain, sampling=Sampling(max_samples=1024, method=method), threads=2
+    )
+
+
+def after_shots(found: AngleUncertainty) -> tuple[AfterShots, ...]:
+    return next((each.after_shots for each in found.sensitivity if each.field == RESIDUAL), ())
+
+
+def range_of(found: AngleUncertainty) -> tuple[float, float]:
+    levels = dict(found.quantiles)
+    return levels[0.05].value, levels[0.95].value
+
+
+@pytest.fixture(scope="module")
+def usual() -> AngleUncertainty:
+    return study(usual_scatter(**STRIKE, resistance=LAW))
+
+
+def test_more_shots_narrow_the_range_more(usual: AngleUncertainty) -> None:
+    one, three = after_shots(usual)
+    lower, upper = range_of(usual)
+    assert (one.shots, three.shots) == (1, 3)
+    assert upper - lower > 1.2 * (one.upper - one.lower)
+    assert one.upper - one.lower > three.upper - three.lower
+
+
+@pytest.mark.parametrize("place", [0, 1])
+def test_dispersion_is_that_of_the_posterior_of_so_many_shots(usual: AngleUncertainty, place: int) -> None:
+    expected = after_shots(usual)[place]
+    factor = PublishedTests().polynomial(target=PAPER_TARGET, projectile=PAPER_PROJECTILE)[0]
+    case: dict[str, Any] = {"projectile": PAPER_PROJECTILE, "target": PAPER_TARGET}
+    (depth,) = penetration_depths(**case, velocities=[300.0], strength_factor=factor)
+    fired = OwnTests(shots=(Shot(velocity=300.0, depth=float(depth)),) * expected.shots)
+    assert expected.dispersion == pytest.approx(fired.posterior(**case).dispersion, rel=1e-3)
+
+
+@pytest.mark.parametrize("method", ["auto", "direct"])
+def test_range_is_that_of_a_study_with_the_posterior_dispersion(method: str) -> None:
+    def inputs(dispersion: float) -> list[Uncertain]:
+        return [
+            Uncertain("target.compressive_strength", Lognormal(median=39e6, dispersion=STRENGTH)),
+            Uncertain("impact.angle_of_attack", Normal(mean=0.0, standard_deviation=math.radians(1.0))),
+            Uncertain(RESIDUAL, Lognormal(median=1.0, dispersion=math.sqrt(dispersion**2 - SHARE**2))),
+        ]
+
+    found = study(inputs(math.hypot(BETWEEN, WITHIN)), method=method)
+    posterior = math.sqrt(1.0 / (1.0 / BETWEEN**2 + 1.0 / WITHIN**2) + WITHIN**2)
+    expected = after_shots(found)[0]
+    assert (expected.lower, expected.upper) == pytest.approx(
+        range_of(study(inputs(posterior), method=method)), abs=math.radians(0.1 if method == "auto" else 0.4)
+    )
+
+
+def test_shots_of_a_concrete_that_is_known_change_little() -> None:
+    found = study(usual_scatter(**STRIKE))  # eq. 9 rests on the four shots of Table 1
+    lower, upper = range_of(found)
+    for each in after_shots(found):
+        assert each.upper - each.lower == pytest.approx(upper - lower, rel=0.1)
+    assert "would hardly narrow it" in next_shot_advice((lower, upper), after_shots(found))
+
+
+def test_advice_is_a_sentence(usual: AngleUncertainty) -> None:
+    assert next_shot_advice(range_of(usual), after_shots(usual)) == (
+        "The 90 % range of the critical angle is 42° to 54°; with shots of your own into this concrete it is expected "
+        "to be 42° to 51° after one and 42° to 51° after three."
+    )
+
+
+@pytest.mark.parametrize(
+    "uncertain",
+    [
+        Uncertain("impact.velocity", Normal(mean=238.0, standard_deviation=2.0)),
+        Uncertain(RESIDUAL, Uniform(lower=0.9, upper=1.1)),
+    ],
+)
+def test_nothing_is_said_without_a_lognormal_factor(uncertain: Uncertain) -> None:
+    assert after_shots(study([uncertain])) == ()
+
+
+def test_scatter_below_that_within_a_series_is_not_reduced() -> None:
+    found = study([Uncertain(RESIDUAL, Lognormal(median=1.0, dispersion=0.5 * WITHIN))])
+    for each in after_shots(found):
+        assert each.dispersion == pytest.approx(0.5 * WITHIN, rel=1e-6)
+        assert (each.lower, each.upper) == pytest.approx(range_of(found), abs=1e-9)
+
+
+def test_strength_that_scatters_alone_is_reduced_too() -> None:
+    """Where it has more than half of what the shots leave."""
+    wide = [
+        Uncertain("target.compressive_strength", Lognormal(median=39e6, dispersion=0.4)),
+        Uncertain(RESIDUAL, Lognormal(median=1.0, dispersion=0.05)),
+    ]
+    found = study(wide)
+    one, _ = after_shots(found)
+    lower, upper = range_of(found)
+    assert one.upper - one.lower < 0.6 * (upper - lower)
