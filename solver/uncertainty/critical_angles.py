@@ -174,11 +174,11 @@ class AngleStudy:
     def _answer(self, tables: Tables, history: Sequence[Round]) -> AngleUncertainty:
         expansion = None if self.sampling.method == "direct" else self._expansion(tables)
         answer = self._direct(tables)
-        if expansion is not None and float(expansion.errors.max()) <= SURROGATE_ERROR:
+        error = None if expansion is None else math.sqrt(float(self.design.weights @ expansion.errors**2))
+        if expansion is not None and error is not None and error <= SURROGATE_ERROR:
             by_surrogate = self._by_surrogate(tables, expansion)
             # Its error stays however many samples there are: at some number of them the others know more.
             answer = min(by_surrogate, answer, key=_half_width)
-        error = None if expansion is None else float(expansion.errors.max())
         half = _half_width(answer)
         return replace(
             answer,
@@ -203,8 +203,8 @@ class AngleStudy:
         """Return the answer of the surrogate.
 
         Its shares are those of the many points at which it is evaluated, plus what the samples say of its error: the
-        share of the samples less that of the predictions of them by fits without each. Their interval is that of shares
-        of the samples: a kind of outcome that none of those shows may have that share.
+        share of the samples less that of the predictions of them by fits without each, and the interval is that of
+        this difference and of what no sample shows: a kind of outcome that none of them has may have that share.
         """
         design, sampling = self.design, self.sampling
         predicted = np.stack([expansion.at(design.standard(each)) for each in self._unit])
@@ -212,9 +212,11 @@ class AngleStudy:
         shift = sampling.normal_quantile * expansion.errors
         unseen_by_fit = tables.critical - expansion.held_out.reshape(tables.critical.shape)
         shares = self._shares(np.where(known, predicted, np.inf))
-        shares += self._shares(tables.critical) - self._shares(unseen_by_fit)
-        middle = np.clip(np.maximum.accumulate(shares.mean(axis=0)), 0.0, 1.0)
-        half = share_half_width(shares, sampling, tables.base_samples)
+        correction = self._turned(tables.critical) - self._turned(unseen_by_fit)
+        middle = np.clip(np.maximum.accumulate(shares.mean(axis=0) + correction.mean(axis=0)), 0.0, 1.0)
+        # Points of a sequence scatter less than independent ones, so the interval of the correction is not too narrow.
+        error = sampling.normal_quantile * correction.std(axis=0, ddof=1) / math.sqrt(len(correction))
+        half = np.hypot(share_half_width(shares, sampling, tables.base_samples), error)
         beyond = self._beyond.mean()
         moments = expansion_moments(expansion, design.choice_weights, sampling)
         weights = np.broadcast_to(design.weights / SURROGATE_POINTS, predicted.shape) * known
@@ -235,6 +237,11 @@ class AngleStudy:
         """Return (scramblings, angles) shares of (scramblings, n, alternatives) critical angles up to each angle."""
         places = [[np.searchsorted(np.sort(column), self.angles, side="right") for column in part.T] for part in values]
         return np.einsum("k,rka->ra", self.design.weights, np.array(places) / values.shape[1])
+
+    def _turned(self, values: FloatArray) -> FloatArray:
+        """Return (points, angles) shares of the alternatives whose critical angle is up to each angle."""
+        found = values.reshape(-1, self.design.alternatives)
+        return np.stack([(found <= angle) @ self.design.weights for angle in self.angles], axis=-1)
 
     def _direct(self, tables: Tables) -> AngleUncertainty:
         sampling = self.sampling

@@ -21,8 +21,9 @@ from solver.uncertainty.sampling import Estimate, Sampling
 ORDERS = (1, 2, 3, 4, 5)
 HIGHER_ALONE, HIGHER_WITH_ONE = 4, 3
 """Orders beyond the total one of a wide input alone, and of its products with one other input."""
-POINTS_PER_TERM = 2
-"""Points of a fit, at least: three inputs more would otherwise be fitted through every point."""
+POINTS_PER_TERM, POINTS_PER_HIGHER = 2, 4
+"""Points of a fit, at least: three inputs more would otherwise be fitted through every point. Of high orders points far
+out decide, of which there are few."""
 DRAWS = 400
 """Samples of the coefficients within their errors, for the intervals of what is computed from them."""
 RESAMPLES, BATCH = 499, 50
@@ -132,9 +133,9 @@ def fit_expansion(inputs: Sequence[Continuous], z: FloatArray, values: FloatArra
     wide = [place for place, each in enumerate(inputs) if isinstance(each, Lognormal) and each.wide]
     fits = [
         _fit(Basis(inputs, order, raised), z, values)
-        for raised in ([], wide)[: 1 + bool(wide)]
+        for raised, points in (([], POINTS_PER_TERM), (wide, POINTS_PER_HIGHER))[: 1 + bool(wide)]
         for order in ORDERS
-        if POINTS_PER_TERM * term_count(len(inputs), order, len(raised)) <= len(z)
+        if points * term_count(len(inputs), order, len(raised)) <= len(z)
     ]
     return min(fits, key=lambda fit: float(fit.errors.max()), default=None)
 
