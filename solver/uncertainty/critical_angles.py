@@ -236,7 +236,7 @@ class AngleStudy:
     def _shares(self, values: FloatArray) -> FloatArray:
         """Return (scramblings, angles) shares of (scramblings, n, alternatives) critical angles up to each angle."""
         places = [[np.searchsorted(np.sort(column), self.angles, side="right") for column in part.T] for part in values]
-        return np.einsum("k,rka->ra", self.design.weights, np.array(places) / values.shape[1])
+        return np.asarray(np.einsum("k,rka->ra", self.design.weights, np.array(places) / values.shape[1]), float)
 
     def _turned(self, values: FloatArray) -> FloatArray:
         """Return (points, angles) shares of the alternatives whose critical angle is up to each angle."""
