@@ -17,7 +17,7 @@ COPY requirements/build.txt requirements/run.txt requirements/cluster.txt requir
 RUN python -m pip install --require-hashes --only-binary :all: --requirement requirements/build.txt \
     && /opt/ricochet/bin/python -m pip install --require-hashes --only-binary :all: \
         --requirement "requirements/${REQUIREMENTS:-run}.txt"
-COPY pyproject.toml hatch_build.py README.md LICENSE ./
+COPY pyproject.toml README.md LICENSE ./
 COPY service/ service/
 COPY solver/ solver/
 RUN python -m pip wheel --no-index --no-deps --no-build-isolation --wheel-dir wheel . \
@@ -36,19 +36,24 @@ LABEL org.opencontainers.image.title="ricochet" \
 
 ENV PATH=/opt/ricochet/bin:$PATH \
     PYTHONUNBUFFERED=1 \
-    NUMBA_CACHE_DIR=/var/cache/ricochet \
+    MALLOC_ARENA_MAX=2 \
+    MALLOC_TRIM_THRESHOLD_=131072 \
+    NUMBA_CACHE_DIR=/opt/ricochet/compiled \
+    XDG_CACHE_HOME=/var/cache/ricochet \
     RICOCHET_HOST=0.0.0.0 \
     RICOCHET_PORT=8000 \
     RICOCHET_DATA_DIR=/data
 RUN useradd --system --user-group --uid 10001 --no-create-home --shell /usr/sbin/nologin ricochet \
     && install --directory --owner ricochet --group ricochet /data /var/cache/ricochet
 COPY --from=build /opt/ricochet /opt/ricochet
-# On x86-64 code for AVX2 and, when the build machine has AVX-512, code for that too, for AMD and for Intel. An older processor compiles at the start, into NUMBA_CACHE_DIR.
-RUN python -c "import solver.compilation as c; from solver.warm_up import compile_portable; compile_portable(str(c.SHIPPED))"
+COPY entry-point.sh /opt/ricochet/bin/
+# Code for each of the processors named there that the build machine can run. On any other the first start compiles, into XDG_CACHE_HOME.
+RUN entry-point.sh --each python -c "import solver; solver.warm_up(print)"
 USER 10001
 
 VOLUME /data
 EXPOSE 8000
 HEALTHCHECK --interval=10s --timeout=3s --start-period=60s --retries=3 \
     CMD ["python", "-c", "import os, urllib.request as u; u.build_opener(u.ProxyHandler({})).open(f'http://127.0.0.1:{os.environ[\"RICOCHET_PORT\"]}/livez', timeout=2)"]
+ENTRYPOINT ["entry-point.sh"]
 CMD ["ricochet", "serve"]

@@ -72,11 +72,9 @@ check: setup ## lint, format, types, layers, committed contract and tables, Dock
 audit: setup ## look for known vulnerabilities in what the service can run on; fails if it cannot look
 	@$(BIN)/python requirements/audit.py --strict
 
-wheel: setup ## build a wheel for this platform that carries compiled code, into dist; on x86-64 for processors with AVX2 and with AVX-512
-	@rm -rf build/compiled
-	@$(BIN)/python -c "from solver.warm_up import compile_portable; compile_portable('build/compiled')"
-	@RICOCHET_COMPILED=build/compiled $(BIN)/python -m pip wheel --quiet --disable-pip-version-check --no-index --no-deps \
-		--no-build-isolation --no-cache-dir --wheel-dir dist .
+wheel: setup ## build a wheel into dist
+	@$(BIN)/python -m pip wheel --quiet --disable-pip-version-check --no-index --no-deps --no-build-isolation --no-cache-dir \
+		--wheel-dir dist .
 
 sbom: setup ## list the packages of each image as CycloneDX, into build/sbom-run.cdx.json, -cluster and -full
 	@mkdir -p build

@@ -238,14 +238,14 @@ def compare_routes(count: int, seed: int, processes: int) -> bool:
     for extras in ("crater", "plug", "attack", "spin"):
         chosen = sum(number for each, number in table.items() if getattr(each, extras))
         print(f"with {extras:33} {chosen}")
-    print(f"\n{'strikes by nose, target and decay':38} " + " ".join(f"{name:>24}" for name in routes.DECAYS))
-    for nose in routes.NOSES:
+    print(f"\n{'strikes by body, target and decay':38} " + " ".join(f"{name:>24}" for name in routes.DECAYS))
+    for body in routes.BODIES:
         for wall in (False, True):
             cells = [
-                [number for each, number in table.items() if each[:3] == (nose, wall, decay)] for decay in routes.DECAYS
+                [number for each, number in table.items() if each[:3] == (body, wall, decay)] for decay in routes.DECAYS
             ]
             texts = [f"{sum(cell)} ({min(cell)} to {max(cell)} each)" for cell in cells]
-            name = f"{nose}, {'wall' if wall else 'half-space'}"
+            name = f"{body}, {'wall' if wall else 'half-space'}"
             print(f"{name:38} " + " ".join(f"{text:>24}" for text in texts))
     print()
     for name, number in sorted(Counter(row.explained for row in rows).items()):

@@ -49,99 +49,12 @@ class Column:
         return next((unit for end, unit in UNITS.items() if self.name.endswith(end)), "")
 
 
-MOTION = (
-    Column("time_s", "since first contact"),
-    Column("center_of_gravity_depth_m", "depth of the centre of gravity, positive inside the target"),
-    Column("center_of_gravity_lateral_m", "way of the centre of gravity along the face since first contact"),
-    Column("nose_tip_depth_m", "depth of the nose tip, positive inside the target"),
-    Column("axis_angle_deg", "from the inward normal of the face to the axis; grows as the nose turns to the face"),
-    Column("depth_velocity_m_s", "of the centre of gravity, along the inward normal"),
-    Column("lateral_velocity_m_s", "of the centre of gravity, along the face"),
-    Column("angular_velocity_rad_s", "rate of the axis angle"),
-    Column("depth_force_n", "resistance along the inward normal"),
-    Column("lateral_force_n", "resistance along the face"),
-    Column("moment_n_m", "moment of the resistance about the centre of gravity"),
-    Column("kinetic_energy_j", "of translation and rotation"),
-)
-EXIT = (
-    Column("exit_speed_m_s", "of the centre of gravity as the projectile leaves; empty if it stays"),
-    Column("exit_direction_deg", "of that velocity, from the outward normal of the face left through"),
-    Column("exit_elevation_deg", "of that velocity, above that face"),
-    Column("exit_axis_angle_deg", "axis angle as the projectile leaves"),
-    Column("exit_angular_velocity_rad_s", "rate of the axis angle as the projectile leaves"),
-    Column("exit_kinetic_energy_j", "as the projectile leaves"),
-    Column("exit_lateral_m", "way of the centre of gravity along the face since first contact"),
-)
 IDENTITY = (
     Column("key", "of the result; empty if the case has none", "S64"),
     Column("operation", "what was computed", "S32"),
     Column("engine_version", "of the solver", "S32"),
     Column("schema_version", "of the contract", "S32"),
 )
-ESTIMATE = (
-    Column("strength_factor", "that fits best"),
-    Column("standard_error", "of the strength factor"),
-    Column("confidence_low", "lower end of the confidence interval of the strength factor"),
-    Column("confidence_high", "upper end of it"),
-)
-SAMPLED = (
-    Column("samples", "searches or runs", "<i8"),
-    Column("samples_failed", "samples that could not be computed", "<i8"),
-    Column("samples_outside", "samples outside the accepted range", "<i8"),
-    Column("converged", "whether every interval is within the half width wanted", "?"),
-)
-OUTCOMES = ("ricochet", "embedded", "in_motion", "perforated")
-SUMMARY: Mapping[str, tuple[Column, ...]] = {
-    "trajectory": (
-        Column("outcome", "how the run ended", "S32"),
-        Column("maximum_depth_m", "greatest depth of the nose tip"),
-        Column("strength_factor", "in use, at this oblique angle"),
-        *(
-            Column(f"final_{column.name}", f"{column.description}; at the event that ended the run")
-            for column in MOTION
-        ),
-        *EXIT,
-    ),
-    "cra": (
-        Column("status", "how the search ended", "S32"),
-        Column("critical_angle_deg", "smallest oblique angle, from the normal, at which the projectile is turned away"),
-        Column("bracket_low_deg", "lower of the angles between which the change was last pinned down"),
-        Column("bracket_high_deg", "upper of these"),
-        Column("critical_angle_standard_error_deg", "of the angle, from the covariance of the strength factor"),
-        Column("strength_factor", "in use at the critical angle"),
-        Column("energy_fraction_below", "share of the kinetic energy left half a degree below the critical angle"),
-        Column("energy_fraction_above", "half a degree above it"),
-        *EXIT,
-    ),
-    "thickness": (
-        Column("status", "how the search ended", "S32"),
-        Column("least_thickness_m", "least thickness of a wall that is not perforated"),
-        Column("bracket_low_m", "lower of the thicknesses between which the outcome changes"),
-        Column("bracket_high_m", "upper of these"),
-        Column("trials", "number of thicknesses tried"),
-    ),
-    "limit-speed": (
-        Column("status", "how the search ended", "S32"),
-        Column("limit_speed_m_s", "least speed that perforates"),
-        Column("bracket_low_m_s", "lower of the speeds between which the outcome changes"),
-        Column("bracket_high_m_s", "upper of these"),
-        Column("trials", "number of speeds tried"),
-    ),
-    "calibration_depth": ESTIMATE,
-    "calibration_motion": (
-        *ESTIMATE,
-        Column("normalized_root_mean_square", "of the residuals, each quantity over its span"),
-        Column("best_decay_law", "that fits best", "S32"),
-    ),
-    "cra_uncertainty": (
-        Column("mean_deg", "mean of the critical angle"),
-        Column("standard_deviation_deg", "of the critical angle"),
-        Column("method", "surrogate or direct", "S32"),
-        *SAMPLED,
-    ),
-    "trajectory_uncertainty": (*(Column(name, f"probability of {name}") for name in OUTCOMES), *SAMPLED),
-}
-"""The answer in one row, by operation."""
 WARNINGS = Column("warnings", "codes of the warnings, with spaces between", "S512")
 NUMBERING = (
     Column("index", "of the case in the batch, from 0", "<i8"),
@@ -150,18 +63,6 @@ NUMBERING = (
 )
 """Further columns for the cases of a batch."""
 CASE = Column("case", "row of the summary it belongs to, from 0", "<i8")
-ENDED = Column("outcome", "how the trial ended", "S32")
-TRIALS: Mapping[str, tuple[Column, ...]] = {
-    "cra": (
-        Column("oblique_angle_deg", "angle tried, from the inward normal of the face to the velocity"),
-        Column("final_position_m", "depth of the nose tip at the end of the trial"),
-        ENDED,
-        Column("fine", "whether it was computed at the final resolution, or only to see where to look", "?"),
-    ),
-    "thickness": (Column("thickness_m", "thickness tried"), ENDED),
-    "limit-speed": (Column("velocity_m_s", "speed tried"), ENDED),
-}
-"""Columns of the trials of a search, by operation."""
 QUANTITIES = {
     "depth_displacement_m": "displacement of the centre of gravity along the inward normal of the face",
     "lateral_displacement_m": "displacement of the centre of gravity along the face",
@@ -201,11 +102,6 @@ RESIDUALS = (
 some of these."""
 
 
-def summary_columns(operation: str) -> tuple[Column, ...]:
-    """Return the columns of a summary of results of this operation."""
-    return (*IDENTITY, *SUMMARY.get(operation, ()), WARNINGS)
-
-
 def summarize(answer: Mapping[str, Any]) -> dict[str, Any]:
     """Return the row of an answer, by column; what the answer does not have is left out."""
     row = {name: value for name, value in answer.items() if isinstance(value, float | int | str)}
@@ -225,19 +121,29 @@ def summarize(answer: Mapping[str, Any]) -> dict[str, Any]:
     return row
 
 
-def batch_columns(operation: str, axes: tuple[str, ...] = ()) -> tuple[Column, ...]:
-    """Return the columns of the cases of a batch, as CSV and Parquet have them; those of a sweep behind the index."""
+def batch_columns(columns: Iterable[Column], axes: tuple[str, ...] = ()) -> tuple[Column, ...]:
+    """Return the columns of the cases of a batch, as CSV and Parquet have them; those of a sweep behind the index.
+
+    Parameters
+    ----------
+    columns
+        Those of the answers.
+    axes
+        Fields of a sweep.
+    """
     index, custom_id, problem = NUMBERING
     key, *_ = IDENTITY
     swept = tuple(Column(name, "value of the axis of the sweep") for name in axes)
-    return (index, *swept, custom_id, key, *SUMMARY[operation], WARNINGS, problem)
+    return (index, *swept, custom_id, key, *columns, WARNINGS, problem)
 
 
-def batch_row(operation: str, item: Mapping[str, Any], point: tuple[float, ...] = ()) -> list[Any]:
+def batch_row(columns: Iterable[Column], item: Mapping[str, Any], point: tuple[float, ...] = ()) -> list[Any]:
     """Return the row of one case, by `batch_columns`; what it does not have is None.
 
     Parameters
     ----------
+    columns
+        Those of the answers.
     item
         The case as in the JSON of the results of a batch: `index`, `custom_id` if any, `result` or `problem`.
     point
@@ -245,7 +151,7 @@ def batch_row(operation: str, item: Mapping[str, Any], point: tuple[float, ...] 
     """
     answer = item.get("result")
     row = summarize(answer) if answer else {}
-    middle = [row.get(column.name) for column in SUMMARY[operation]]
+    middle = [row.get(column.name) for column in columns]
     problem = None if answer else (item.get("problem") or {}).get("type")
     return [item["index"], *point, item.get("custom_id"), row.get("key"), *middle, row.get("warnings"), problem]
 

@@ -2,7 +2,8 @@
 
 import asyncio
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import AsyncIterator, Callable, Sequence
+from contextlib import asynccontextmanager
 from typing import Generic, TypeVar
 
 Item = TypeVar("Item")
@@ -24,18 +25,14 @@ class FairQueue(Generic[Item]):
     def __init__(self) -> None:
         self._queues: dict[str, deque[Item]] = {}
         """Items by owner; the owner whose turn is next comes first."""
-        self._added = asyncio.Event()
 
     def __len__(self) -> int:
         """Return how many items wait."""
         return sum(map(len, self._queues.values()))
 
-    def add(self, owner: str, item: Item, *, first: bool = False) -> None:
-        """Add the item after the others of its owner, or before them."""
-        queue = self._queues.setdefault(owner, deque())
-        if item not in queue:
-            (queue.appendleft if first else queue.append)(item)
-        self._added.set()
+    def add(self, owner: str, item: Item) -> None:
+        """Add the item after the others of its owner."""
+        self._queues.setdefault(owner, deque()).append(item)
 
     def remove(self, owner: str, item: Item) -> None:
         """Remove the item, if it is there."""
@@ -45,30 +42,19 @@ class FairQueue(Generic[Item]):
         if not queue:
             self._queues.pop(owner, None)
 
-    async def next(self) -> Item:
-        """First item of the owner whose turn it is, which stays first; wait until there is one."""
-        while not self._queues:
-            self._added.clear()
-            await self._added.wait()
-        return self._queues[self._turn()][0]
-
     def take(self) -> Item:
-        """Take out the first item of the owner whose turn it is; there must be one."""
-        owner = self._turn()
-        item = self._queues[owner][0]
-        self.remove(owner, item)
+        """Take out the first item of the owner whose turn it is, who comes last from now on; there must be one."""
+        owner, queue = next(iter(self._queues.items()))
+        item = queue.popleft()
+        del self._queues[owner]
+        if queue:
+            self._queues[owner] = queue
         return item
 
     def take_from_longest(self, owner: str) -> Item | None:
         """Take out the last item of the owner who has most, if another of this owner would still be fewer."""
         longest = max(self._queues.values(), key=len, default=deque[Item]())
         return longest.pop() if len(longest) > len(self._queues.get(owner, ())) + 1 else None
-
-    def _turn(self) -> str:
-        """Return the owner whose turn it is, who comes last from now on."""
-        owner = next(iter(self._queues))
-        self._queues[owner] = self._queues.pop(owner)
-        return owner
 
 
 class Permit:
@@ -95,8 +81,9 @@ class FairSemaphore:
     """
 
     def __init__(self, count: Callable[[], int]) -> None:
+        self.taken = 0
+        """Number of permits that have not been released."""
         self._count = count
-        self._taken = 0
         self._waiting: dict[bool, FairQueue[asyncio.Future[None]]] = {True: FairQueue(), False: FairQueue()}
 
     @property
@@ -104,10 +91,19 @@ class FairSemaphore:
         """Number of those who wait for a permit."""
         return sum(map(len, self._waiting.values()))
 
+    @asynccontextmanager
+    async def held(self, owner: str, *, urgent: bool = True) -> AsyncIterator[Permit]:
+        """Hold a permit, which may be released before the end of the context."""
+        permit = await self.acquire(owner, urgent=urgent)
+        try:
+            yield permit
+        finally:
+            permit.release()
+
     async def acquire(self, owner: str, *, urgent: bool = True) -> Permit:
         """Wait for a permit; urgent work goes first."""
-        if self._taken < self._count():
-            self._taken += 1
+        if self.taken < self._count():
+            self.taken += 1
             return Permit(self)
         turn = asyncio.get_running_loop().create_future()
         self._waiting[urgent].add(owner, turn)
@@ -135,12 +131,12 @@ class FairSemaphore:
 
     def release(self) -> None:
         """Pass a permit on; if there are more permits than before, several."""
-        self._taken -= 1
+        self.taken -= 1
         for waiting in (self._waiting[True], self._waiting[False]):
-            while waiting and self._taken < self._count():
+            while waiting and self.taken < self._count():
                 turn = waiting.take()
                 if not turn.done():
-                    self._taken += 1
+                    self.taken += 1
                     turn.set_result(None)
 
 

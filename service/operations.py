@@ -4,13 +4,14 @@ import hashlib
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, NamedTuple, Protocol, TypeAlias
 
 import orjson
 from pydantic import ValidationError
 
 import solver
-from service.columns import SUMMARY, Column
+from service.columns import Column
 from service.schemas import (
     CaseModels,
     CriticalAngleAnswer,
@@ -36,17 +37,14 @@ from service.schemas import (
     TrajectoryUncertaintyAnswer,
     TrajectoryUncertaintyRequest,
     critical_angle_answer,
-    critical_angle_uncertainty_answer,
     depth_answer,
     formulas_answer,
-    limit_speed_answer,
     motion_answer,
     obliquity_answer,
-    thickness_answer,
     trajectory_answer,
-    trajectory_uncertainty_answer,
 )
 from service.schemas.answers import FOUND, RUN, VERSIONED
+from service.schemas.fields import columns_of, walk
 from service.schemas.perforation import SPEED, THICKNESS, WALL
 from service.schemas.quantities import Part
 from service.schemas.requests import Case, TrajectoryFields, alternatives_in
@@ -178,8 +176,6 @@ class Operation:
         Models. `arguments` of a request raises ParameterError if values do not go together.
     route, description, tag
         Operation id of its route, what it does, and its group in the contract.
-    columns
-        The answer in one row.
     cases
         Returns what a request counts as against a quota, where that is not its work.
     weight
@@ -203,7 +199,6 @@ class Operation:
     route: str = ""
     description: str = ""
     tag: str = ""
-    columns: tuple[Column, ...] = ()
     cases: Callable[[Any], int] | None = None
     weight: int = 1
     runs: int = 1
@@ -211,6 +206,11 @@ class Operation:
     many: Many | None = None
     study: "StudyOperation | None" = None
     tool: ToolText | None = None
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        """Columns of the answer in one row."""
+        return columns_of(self.answer)
 
     @property
     def path(self) -> str:
@@ -303,12 +303,14 @@ def compute_formulas(request: bytes) -> Answer:
 
 def compute_thickness(request: bytes) -> Answer:
     """Find the least thickness that is not perforated."""
-    return thickness_answer(ThicknessRequest.model_validate_json(request)), None
+    case = ThicknessRequest.model_validate_json(request)
+    return walk(ThicknessAnswer, solver.least_thickness(**case.arguments()), formulas=case.formulas()), None
 
 
 def compute_limit_speed(request: bytes) -> Answer:
     """Find the least speed that perforates a wall."""
-    return limit_speed_answer(LimitSpeedRequest.model_validate_json(request)), None
+    case = LimitSpeedRequest.model_validate_json(request)
+    return walk(LimitSpeedAnswer, solver.limit_velocity(**case.arguments()), formulas=case.formulas()), None
 
 
 StudyReport: TypeAlias = Callable[[int, float | None], None]
@@ -447,7 +449,6 @@ CRITICAL_ANGLE = Operation(
     description="Find the smallest oblique angle, from the normal, at which a projectile is turned away.\n\n"
     "That there is none in the range is an answer too; its `status` says so.",
     tag="critical ricochet angle",
-    columns=SUMMARY["cra"],
     runs=SEARCH_RUNS,
     many=Many(
         CaseModels.of(
@@ -479,7 +480,6 @@ TRAJECTORY = Operation(
     route="compute_trajectory",
     description="Compute the motion of a projectile until it is turned away, through, at rest, or out of time.",
     tag="trajectory",
-    columns=SUMMARY["trajectory"],
     many=Many(
         CaseModels.of(
             "Trajectory",
@@ -517,7 +517,6 @@ CRITICAL_ANGLE_UNCERTAINTY = Operation(
     "respond-async` makes a job, which counts as `max_samples` cases until it ends, then as the samples it has taken. "
     "A\nsample outside the accepted range counts as not known and widens the intervals.",
     tag="critical ricochet angle",
-    columns=SUMMARY["cra_uncertainty"],
     cases=cases_of_a_study,
     study=StudyOperation(
         "cra",
@@ -525,7 +524,7 @@ CRITICAL_ANGLE_UNCERTAINTY = Operation(
         crossings_in,
         Crossings(problem="failed"),
         Crossings(problem="outside"),
-        critical_angle_uncertainty_answer,
+        partial(walk, CriticalAngleUncertaintyAnswer),
     ),
     tool=ToolText(*UNCERTAINTY_TOOL, field="critical_angle"),
 )
@@ -538,7 +537,6 @@ TRAJECTORY_UNCERTAINTY = Operation(
     description="Estimate the probability of each outcome of one strike, with quantiles of depth, exit speed and exit "
     "angle.\n\nWhat is answered at once and what becomes a job is as with critical angles.",
     tag="trajectory",
-    columns=SUMMARY["trajectory_uncertainty"],
     cases=cases_of_a_study,
     study=StudyOperation(
         "trajectory",
@@ -546,7 +544,7 @@ TRAJECTORY_UNCERTAINTY = Operation(
         ending_in,
         Ending(problem="failed"),
         Ending(problem="outside"),
-        trajectory_uncertainty_answer,
+        partial(walk, TrajectoryUncertaintyAnswer),
     ),
     tool=ToolText(*UNCERTAINTY_TOOL, field="trajectory"),
 )
@@ -559,7 +557,6 @@ DEPTH_CALIBRATION = Operation(
     description="Find the strength factor that fits depths of penetration best, by weighted least squares.\n\n"
     "The shots are along the normal, of one projectile into one target.",
     tag="calibration",
-    columns=SUMMARY["calibration_depth"],
     weight=FIT_CASES,
     long=True,
 )
@@ -573,7 +570,6 @@ MOTION_CALIBRATION = Operation(
     "elements.\n\nThe motion is that of one strike, or of several `runs` at any angles and speeds, which one strength "
     "factor is to fit\ntogether. The fit is made with every decay law.",
     tag="calibration",
-    columns=SUMMARY["calibration_motion"],
     cases=cases_of_motions,
     long=True,
 )
@@ -609,7 +605,6 @@ LEAST_THICKNESS = Operation(
     description="Find the least thickness of a wall that a strike does not perforate, beside what the empirical "
     "formulas say.",
     tag="walls",
-    columns=SUMMARY["thickness"],
     weight=WALL_CASES,
     runs=WALL_CASES,
     many=Many(
@@ -643,7 +638,6 @@ LIMIT_SPEED = Operation(
     route="find_limit_speed",
     description="Find the least speed at which a projectile perforates a wall.",
     tag="walls",
-    columns=SUMMARY["limit-speed"],
     weight=WALL_CASES,
     runs=WALL_CASES,
     many=Many(

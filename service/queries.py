@@ -6,11 +6,11 @@ import math
 import secrets
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
-from typing import Any, Literal, TypeAlias
+from typing import Any, Literal, NamedTuple, TypeAlias
 
+from anyio import CancelScope, current_time
 from anyio.to_thread import run_sync
 
 from service.cache.cache import ResultCache
@@ -115,7 +115,7 @@ QUEUE_SECONDS = 30.0
 
 
 class QueryService:
-    """Answers single queries, and begins chunks of cases.
+    """Answers single queries, and computes chunks of cases.
 
     Parameters
     ----------
@@ -208,27 +208,61 @@ class QueryService:
         """Return the record of this key, if there is one."""
         return self.cache.recall(key) or await run_sync(self.cache.get, key)
 
-    def begin(self, operation: str, cases: Sequence[KeyedRequest], computed: Callable[[], None]) -> "Chunk":
-        """Begin to compute a chunk of cases, no two alike, except those that are in flight already.
+    def in_flight(self, keys: Iterable[str]) -> dict[str, "asyncio.Future[Answered]"]:
+        """Return the answers with these keys that are being computed; to be waited for, never to be cancelled.
+
+        One that is given up raises `ComputationCancelled`.
+        """
+        return {key: self._in_flight[key] for key in keys if key in self._in_flight}
+
+    async def compute(
+        self,
+        operation: str,
+        cases: Sequence[KeyedRequest],
+        computed: Callable[[], None],
+        longest: float | None = None,
+    ) -> "Chunk":
+        """Compute and keep a chunk of cases, no two alike and none in flight; from the call on, others share them.
 
         Parameters
         ----------
         computed
             Called when the executor is done with the chunk, however it ended.
+        longest
+            Time after which it is given up. [s]
         """
-        shared = {case.key: self._in_flight[case.key] for case in cases if case.key in self._in_flight}
-        own = [case for case in cases if case.key not in shared]
         loop = asyncio.get_running_loop()
-        futures: dict[str, asyncio.Future[Answered]] = {case.key: loop.create_future() for case in own}
+        futures: dict[str, asyncio.Future[Answered]] = {case.key: loop.create_future() for case in cases}
+        outcomes: Sequence[Record | Exception] = [ComputationCancelled()] * len(cases)
+        results: Sequence[CallResult] | None = None
+        limit = CancelScope(deadline=math.inf if longest is None else current_time() + longest)
         compute, chunk = self.operations[operation].compute, secrets.token_hex(8)
-        calls: list[Call] = [(compute_case, (compute, operation, case.key, case.json, chunk)) for case in own]
-        if calls:
-            calls.append((close_chunk, (chunk,)))
-        running = asyncio.ensure_future(self.executor.run(calls))
-        running.add_done_callback(lambda _: computed())
+        calls: list[Call] = [(compute_case, (compute, operation, case.key, case.json, chunk)) for case in cases]
+        calls.append((close_chunk, (chunk,)))
         self._in_flight |= futures
-        kept = asyncio.create_task(self._keep(operation, own, futures, running))
-        return Chunk(futures, shared, running, kept)
+        try:
+            try:
+                with limit:
+                    results = await self.executor.run(calls)
+            finally:
+                computed()
+            if results is not None:
+                with CancelScope(shield=True):  # What has been computed is kept before anything that waits goes on.
+                    outcomes = await run_sync(self._put, operation, cases, results)
+        except Exception as error:  # noqa: BLE001 (raised where the cases are waited for)
+            outcomes = [error] * len(cases)
+        finally:
+            for key in futures:  # This comes first, as a key that stays here is never answered again.
+                del self._in_flight[key]
+            for future, outcome in zip(futures.values(), outcomes, strict=True):
+                if isinstance(outcome, Record):
+                    future.set_result((outcome, "miss"))
+                else:
+                    future.set_exception(outcome)
+                    future.exception()  # Retrieved, so that asyncio does not report it if nothing waits.
+        seconds = [result.seconds for result in (results or ())[: len(cases)]]
+        nbytes = sum(len(outcome.json) for outcome in outcomes if isinstance(outcome, Record))
+        return Chunk(futures, seconds, nbytes, limit.cancelled_caught)
 
     async def _wait_for(self, key: str, found: "asyncio.Future[Answered]") -> Answered:
         """Wait for an answer in flight; the last client to leave gives a single query up."""
@@ -275,50 +309,22 @@ class QueryService:
             self._work -= request.work
 
     async def _permit(self, owner: str) -> Permit:
-        busy = QueriesWaitingError(self.seconds_until_done())
-        if self._turns.waiting >= self._max_waiting and not self._turns.make_room(owner, busy):
-            raise busy
+        if self._turns.waiting >= self._max_waiting:
+            busy = QueriesWaitingError(self.seconds_until_done())
+            if not self._turns.make_room(owner, busy):
+                raise busy
         try:
             async with asyncio.timeout(self._queue_seconds):
                 return await self._turns.acquire(owner)
         except TimeoutError:
             raise QueriesWaitingError(self.seconds_until_done()) from None
 
-    async def _keep(
-        self,
-        operation: str,
-        own: Sequence[KeyedRequest],
-        futures: Mapping[str, asyncio.Future[Answered]],
-        running: "asyncio.Future[list[CallResult]]",
-    ) -> None:
-        """Wait for a chunk and keep its results, before anything that waits for them goes on."""
-        outcomes: Sequence[Record | Exception] = [ComputationCancelled()] * len(own)
-        try:
-            await asyncio.wait([running])
-            if not running.cancelled():
-                error = running.exception()
-                if isinstance(error, Exception):
-                    outcomes = [error] * len(own)
-                elif error is None:
-                    outcomes = await run_sync(self._put, operation, own, running.result())
-        except Exception as error:  # noqa: BLE001 (raised where the cases are waited for)
-            outcomes = [error] * len(own)
-        finally:
-            for key in futures:  # This comes first, as a key that stays here is never answered again.
-                del self._in_flight[key]
-            for future, outcome in zip(futures.values(), outcomes, strict=True):
-                if isinstance(outcome, Record):
-                    future.set_result((outcome, "miss"))
-                else:
-                    future.set_exception(outcome)
-                    future.exception()  # Retrieved, so that asyncio does not report it if nothing waits.
-
     def _put(
-        self, operation: str, own: Sequence[KeyedRequest], results: Sequence[CallResult]
+        self, operation: str, cases: Sequence[KeyedRequest], results: Sequence[CallResult]
     ) -> list[Record | Exception]:
         """Keep the results of a chunk, in one file."""
         outcomes: list[Record | Exception] = []
-        for case, result in zip(own, results[: len(own)], strict=True):
+        for case, result in zip(cases, results[: len(cases)], strict=True):
             if result.error is not None:
                 outcomes.append(result.error)
             else:
@@ -347,31 +353,22 @@ class QueryService:
             task.exception()  # Retrieved, so that asyncio does not report it if nothing waits.
 
 
-@dataclass(frozen=True, slots=True)
-class Chunk:
-    """A chunk of cases that is being computed.
+class Chunk(NamedTuple):
+    """A chunk of cases that has been computed, or given up.
 
     Parameters
     ----------
-    own, shared
-        Answers by key: those this chunk computes, and those of others it waits for. One that is given up raises
-        `ComputationCancelled`. To be waited for, never to be cancelled.
-    running
-        What the executor makes of the own ones.
-    kept
-        Ends when all own answers are there.
+    answers
+        Answers by key.
+    seconds
+        Time that each case took in its worker; empty if no worker has computed the chunk.
+    nbytes
+        Size of all answers.
+    late
+        Whether it was given up because it took too long.
     """
 
-    own: Mapping[str, "asyncio.Future[Answered]"]
-    shared: Mapping[str, "asyncio.Future[Answered]"]
-    running: "asyncio.Future[list[CallResult]]"
-    kept: "asyncio.Task[None]"
-
-    @property
-    def seconds(self) -> list[float]:
-        """Time that each own case took in its worker, once they are there."""
-        return [result.seconds for result in self.running.result()[: len(self.own)]]
-
-    def stop(self) -> None:
-        """Give up what the executor has not answered; what it has is kept."""
-        self.running.cancel()
+    answers: Mapping[str, "asyncio.Future[Answered]"]
+    seconds: Sequence[float]
+    nbytes: int
+    late: bool

@@ -370,6 +370,16 @@ class ExecutorSettings(BaseSettings):
         return self
 
 
+OTHER_VARIABLES = frozenset({"RICOCHET_URL", "RICOCHET_API_KEY"})
+"""Variables of the command as a client of a service."""
+
+
+def unknown_variables() -> list[str]:
+    """Return the variables of the environment that are named as settings are, and are not one: they may be misspelt."""
+    known = {f"RICOCHET_{name.upper()}" for name in Settings.model_fields} | OTHER_VARIABLES
+    return sorted(name for name in os.environ if name.upper().startswith("RICOCHET_") and name.upper() not in known)
+
+
 GROUPS: dict[str, type[BaseSettings]] = {
     "server": ServerSettings,
     "access": AccessSettings,

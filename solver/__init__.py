@@ -1,5 +1,6 @@
 """Oblique impact of rigid projectiles on concrete: motion and critical ricochet angle. SI units and radians."""
 
+from solver.checks import IntegrationError, ParameterError, RicochetError, StepLimitError
 from solver.formulas import FormulaResult, OutOfRange, cea_edf_limit_speed, formulas
 from solver.free_surface import ElasticPlastic, MohrCoulomb, NoFreeSurface, decay_factor
 from solver.many import (
@@ -19,6 +20,7 @@ from solver.perforation import (
 )
 from solver.prepared import Exit, Outcome
 from solver.projectile import (
+    BoatTail,
     Conical,
     Flat,
     MassProperties,
@@ -26,6 +28,7 @@ from solver.projectile import (
     Profile,
     Projectile,
     SolidProperties,
+    Sphere,
     Spherical,
     mass_properties,
     solid_properties,
@@ -49,7 +52,6 @@ from solver.strike import Impact, Numerics
 from solver.sweeps import Alternative, alternative_resistances, alternatives, critical_angle_sweep, simulate_sweep
 from solver.target import Crater, ShearPlug, Target, concrete_youngs_modulus
 from solver.trajectory import Motion, Trajectory, simulate
-from solver.validation import IntegrationError, ParameterError, RicochetError, StepLimitError
 from solver.warm_up import warm_up
 from solver.warnings import ModelWarning
 
@@ -59,6 +61,7 @@ ENGINE_VERSION = "12"
 __all__ = [
     "ENGINE_VERSION",
     "Alternative",
+    "BoatTail",
     "Conical",
     "ConstantStrengthFactor",
     "Crater",
@@ -95,6 +98,7 @@ __all__ = [
     "ShearPlug",
     "Shot",
     "SolidProperties",
+    "Sphere",
     "Spherical",
     "StepLimitError",
     "StrengthPosterior",

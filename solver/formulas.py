@@ -12,11 +12,11 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Literal, TypeAlias, get_args
 
+from solver.checks import ParameterError, require_positive
 from solver.projectile import Projectile
 from solver.resistance import StrengthPowerLaw, nose_factor
 from solver.strike import Impact
 from solver.target import Target
-from solver.validation import ParameterError, require_positive
 
 NoseClass: TypeAlias = Literal["flat", "blunt", "hemispherical", "sharp"]
 """In the order in which they penetrate."""

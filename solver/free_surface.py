@@ -22,9 +22,9 @@ from typing import ClassVar, NamedTuple, TypeAlias
 import numpy as np
 
 from solver.arrays import FloatArray, interpolation
+from solver.checks import require
 from solver.compilation import exact, lean
 from solver.target import Target
-from solver.validation import require
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

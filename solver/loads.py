@@ -12,6 +12,7 @@ once with the arcs that face the impact face, once with those that face the rear
 """
 
 import math
+from collections.abc import Callable
 from functools import cache
 from typing import NamedTuple
 
@@ -22,7 +23,9 @@ from solver.compilation import VECTOR_WIDTH, compiled, inlined, lean, vectorised
 from solver.free_surface import TINY, build_decay, decay_at
 from solver.resistance import Resistance
 from solver.surface import (
+    BOUNDED,
     MAX_CUTS,
+    TAPERED,
     Body,
     BodyMotion,
     Panels,
@@ -37,6 +40,7 @@ from solver.surface_integration import (
     ACROSS,
     ALONG,
     CAPACITY,
+    CAVITY,
     DEEP_BEGIN,
     DEEP_SPAN,
     EVEN,
@@ -191,7 +195,7 @@ def accelerate_by_gauss(
                 rule = quadrature.few_stations if short else quadrature.stations
                 if max(rings, fulls) + rule.table.shape[1] > ROOM:
                     scratch.ends[k, 0], scratch.ends[k, 1] = rings, FULL + fulls
-                    integrate_rings(rows, rings, fulls, quadrature.points, law, body.bounded)
+                    integrate_rings(rows, rings, fulls, quadrature.points, law, body.bounds & BOUNDED > 0)
                     _add_up(first, k, body, scratch, out)
                     first, rings, fulls = k, 0, 0
                 if law.decay.corner == 0.0 or is_full(piece, begin, end, middle, motion):
@@ -201,7 +205,7 @@ def accelerate_by_gauss(
                     add_rings(rows, rings, piece, begin, end, rule.table, motion)
                     rings += rule.size
         scratch.ends[k, 0], scratch.ends[k, 1] = rings, FULL + fulls
-    integrate_rings(rows, rings, fulls, quadrature.points, law, body.bounded)
+    integrate_rings(rows, rings, fulls, quadrature.points, law, body.bounds & BOUNDED > 0)
     _add_up(first, out.size // 3 - 1, body, scratch, out)
 
 
@@ -287,12 +291,12 @@ def accelerate_in_wall(
                 short = end - begin < SHORT * (scratch.cuts[stretches] - scratch.cuts[0])
                 rule = quadrature.few_stations if short else quadrature.stations
                 if count + rule.table.shape[1] > ROOM // 2:
-                    f, g, h = _integrate(scratch.rows, count, quadrature.points, law)
+                    f, g, h = _integrate(scratch.rows, count, quadrature.points, law, body.bounds & TAPERED > 0)
                     along, across, moment, count = along + f, across + g, moment + h, 0
                 add_rings(scratch.rows, count, piece, begin, end, rule.table, motion)
                 count += rule.size
         if count > 0:
-            f, g, h = _integrate(scratch.rows, count, quadrature.points, law)
+            f, g, h = _integrate(scratch.rows, count, quadrature.points, law, body.bounds & TAPERED > 0)
             along, across, moment = along + f, across + g, moment + h
         out[3 * k] = (along * c - across * s) / body.mass
         out[3 * k + 1] = mirror * (along * s + across * c) / body.mass
@@ -314,10 +318,13 @@ def _cut(piece: FloatArray, motion: BodyMotion, loaded: float, cuts: FloatArray)
 
 
 @lean
-def _integrate(rows: FloatArray, count: int, points: FloatArray, law: Law) -> tuple[float, float, float]:
+def _integrate(rows: FloatArray, count: int, points: FloatArray, law: Law, tapers: bool) -> Load:
     """Force along and across the axis, and moment, of the first `count` rings."""
     end, at_rear = whole(count), rows[REAR:]
-    _load_rings(rows, end, law)
+    if tapers:
+        _load_tapering_rings(rows, end, law)
+    else:
+        _load_rings(rows, end, law)
     add_arcs(rows, end, points, law)
     add_arcs(at_rear, end, points, law)
     f, g, h = sum_rings(rows, 0, count)
@@ -325,55 +332,68 @@ def _integrate(rows: FloatArray, count: int, points: FloatArray, law: Law) -> tu
     return along + f, across + g, moment + h
 
 
-@vectorised
-def _load_rings(rows: FloatArray, last: np.uint64, law: Law) -> None:
-    """Find the arcs of every ring up to a place, those that face the rear at `REAR`, and integrate those in full."""
-    beyond, endless = law.decay.corner - 1.0, law.decay.corner == 0.0
-    loaded = loaded_thickness(law)
-    for i in range(last):
-        j = i + REAR
-        depth, c, s, forward, sideways, spin = ring_motion(rows, i)
-        sine_, cosine, axial, radius = place_ring(rows, i)
-        inside, inside_slope = depth + axial * c, -radius * s
-        speed = forward * sine_
-        speed_slope = (sideways + spin * axial) * cosine - spin * radius * sine_
-        depth_scale, tilt_scale = cavity_scales(rows, i, cosine, radius)
-        outward, outward_slope = -tilt_scale * sine_ * c, tilt_scale * cosine * s
-        ahead, ahead_slope = depth_scale * (law.thickness - inside), -depth_scale * inside_slope
-        inward, inward_slope = depth_scale * inside, depth_scale * inside_slope
+def _ring_loader(name: str, *, tapers: bool) -> Callable[[FloatArray, np.uint64, Law], None]:
+    """Function for bodies with or without a cavity that is bounded towards the rear face only: those without save it.
 
-        low, high = loaded_range(inside, inside_slope, speed, speed_slope)
-        low = clamp((inside - loaded) / (TINY - inside_slope), low, high)
-        start = clamp(-outward / (outward_slope + TINY), low, high)
-        start = high if endless else start
-        full = start if endless else low  # up to here in full
-        rear = -(ahead + beyond * outward) / (ahead_slope + beyond * outward_slope + TINY)
-        rear = clamp(rear, full, start)
-        front = (inward - beyond * outward) / (beyond * outward_slope - inward_slope + TINY)
-        front = clamp(front, start, high)
-        at_front, at_rear = high > start, start > full  # elsewhere any finite decay, without weight
+    Compiled code is kept by the name.
+    """
 
-        static = ramped(speed + abs(speed_slope), law.static_stress, law.ramp_velocity, law.smooth_ramp)
-        angle_low, angle_full, angle_rear = arc_cosine(low), arc_cosine(full), arc_cosine(rear)
-        angle_start, angle_front, angle_high = arc_cosine(start), arc_cosine(front), arc_cosine(high)
-        turn = angle_low - angle_full
-        even, odd = integrate_full(low, full, turn, static, law.dynamic_density, speed, speed_slope)
+    def load_rings(rows: FloatArray, last: np.uint64, law: Law) -> None:
+        """Find the arcs of every ring up to a place, those that face the rear at `REAR`; integrate those in full."""
+        beyond, endless, loaded = law.decay.corner - 1.0, law.decay.corner == 0.0, loaded_thickness(law)
+        for i in range(last):
+            j = i + REAR
+            depth, c, s, forward, sideways, spin = ring_motion(rows, i)
+            sine_, cosine, axial, radius = place_ring(rows, i)
+            inside, inside_slope = depth + axial * c, -radius * s
+            speed = forward * sine_
+            speed_slope = (sideways + spin * axial) * cosine - spin * radius * sine_
+            depth_scale, tilt_scale = cavity_scales(rows[CAVITY + i], cosine, radius)
+            outward, outward_slope = -tilt_scale * sine_ * c, tilt_scale * cosine * s
+            inward, inward_slope = depth_scale * inside, depth_scale * inside_slope
+            rear_tilt, rear_tilt_slope = outward, outward_slope  # outward, with the cavity towards the rear
+            if tapers:
+                depth_scale, tilt_scale = cavity_scales(abs(rows[CAVITY + i]), cosine, radius)
+                rear_tilt, rear_tilt_slope = -tilt_scale * sine_ * c, tilt_scale * cosine * s
+            ahead, ahead_slope = depth_scale * (law.thickness - inside), -depth_scale * inside_slope
 
-        weight = 2.0 * rows[WEIGHT + i] * radius
-        along, across, turning = -weight * sine_, -weight * cosine, weight * (radius * sine_ - axial * cosine)
-        rows[ALONG + i], rows[ACROSS + i], rows[TURN + i] = along, across, turning
-        rows[ALONG + j], rows[ACROSS + j], rows[TURN + j] = along, across, turning
-        rows[EVEN + i], rows[ODD + i] = even, odd
-        rows[EVEN + j], rows[ODD + j] = 0.0, 0.0
-        rows[INWARD + i], rows[INWARD_SLOPE + i] = inward, inward_slope
-        rows[INWARD + j], rows[INWARD_SLOPE + j] = ahead, ahead_slope
-        rows[OUTWARD + i] = outward if at_front else 1.0
-        rows[OUTWARD + j] = -outward if at_rear else 1.0
-        rows[OUTWARD_SLOPE + i] = outward_slope if at_front else 0.0
-        rows[OUTWARD_SLOPE + j] = -outward_slope if at_rear else 0.0
-        rows[SPEED + i], rows[SPEED_SLOPE + i], rows[STATIC + i] = speed, speed_slope, static
-        rows[SPEED + j], rows[SPEED_SLOPE + j], rows[STATIC + j] = speed, speed_slope, static
-        rows[DEEP_BEGIN + i], rows[DEEP_SPAN + i] = angle_front - HALF_TURN, angle_start - angle_front
-        rows[NEAR_BEGIN + i], rows[NEAR_SPAN + i] = angle_high - HALF_TURN, angle_front - angle_high
-        rows[DEEP_BEGIN + j], rows[DEEP_SPAN + j] = angle_start - HALF_TURN, angle_rear - angle_start
-        rows[NEAR_BEGIN + j], rows[NEAR_SPAN + j] = angle_rear - HALF_TURN, angle_full - angle_rear
+            low, high = loaded_range(inside, inside_slope, speed, speed_slope)
+            low = clamp((inside - loaded) / (TINY - inside_slope), low, high)
+            start = clamp(-outward / (outward_slope + TINY), low, high)
+            start = high if endless else start
+            full = start if endless else low  # up to here in full
+            rear = -(ahead + beyond * rear_tilt) / (ahead_slope + beyond * rear_tilt_slope + TINY)
+            rear = clamp(rear, full, start)
+            front = (inward - beyond * outward) / (beyond * outward_slope - inward_slope + TINY)
+            front = clamp(front, start, high)
+            at_front, at_rear = high > start, start > full  # elsewhere any finite decay, without weight
+
+            static = ramped(speed + abs(speed_slope), law.static_stress, law.ramp_velocity, law.smooth_ramp)
+            angle_low, angle_full, angle_rear = arc_cosine(low), arc_cosine(full), arc_cosine(rear)
+            angle_start, angle_front, angle_high = arc_cosine(start), arc_cosine(front), arc_cosine(high)
+            turn = angle_low - angle_full
+            even, odd = integrate_full(low, full, turn, static, law.dynamic_density, speed, speed_slope)
+
+            weight = 2.0 * rows[WEIGHT + i] * radius
+            along, across, turning = -weight * sine_, -weight * cosine, weight * (radius * sine_ - axial * cosine)
+            rows[ALONG + i], rows[ACROSS + i], rows[TURN + i] = along, across, turning
+            rows[ALONG + j], rows[ACROSS + j], rows[TURN + j] = along, across, turning
+            rows[EVEN + i], rows[ODD + i] = even, odd
+            rows[EVEN + j], rows[ODD + j] = 0.0, 0.0
+            rows[INWARD + i], rows[INWARD_SLOPE + i] = inward, inward_slope
+            rows[INWARD + j], rows[INWARD_SLOPE + j] = ahead, ahead_slope
+            rows[OUTWARD + i], rows[OUTWARD_SLOPE + i] = (outward, outward_slope) if at_front else (1.0, 0.0)
+            rows[OUTWARD + j], rows[OUTWARD_SLOPE + j] = (-rear_tilt, -rear_tilt_slope) if at_rear else (1.0, 0.0)
+            rows[SPEED + i], rows[SPEED_SLOPE + i], rows[STATIC + i] = speed, speed_slope, static
+            rows[SPEED + j], rows[SPEED_SLOPE + j], rows[STATIC + j] = speed, speed_slope, static
+            rows[DEEP_BEGIN + i], rows[DEEP_SPAN + i] = angle_front - HALF_TURN, angle_start - angle_front
+            rows[NEAR_BEGIN + i], rows[NEAR_SPAN + i] = angle_high - HALF_TURN, angle_front - angle_high
+            rows[DEEP_BEGIN + j], rows[DEEP_SPAN + j] = angle_start - HALF_TURN, angle_rear - angle_start
+            rows[NEAR_BEGIN + j], rows[NEAR_SPAN + j] = angle_rear - HALF_TURN, angle_full - angle_rear
+
+    load_rings.__name__ = load_rings.__qualname__ = name
+    return vectorised(load_rings)
+
+
+_load_rings = _ring_loader("_load_rings", tapers=False)
+_load_tapering_rings = _ring_loader("_load_tapering_rings", tapers=True)

@@ -18,6 +18,7 @@ from typing import Any, TypeAlias, TypeVar
 import numpy as np
 
 from solver.arrays import FloatArray
+from solver.checks import ParameterError, RicochetError
 from solver.display import Columns, dataframe
 from solver.perforation import TOLERANCE, PerforationLimit, least_thickness, limit_velocity
 from solver.projectile import Projectile
@@ -27,7 +28,6 @@ from solver.search.types import CriticalAngle, Search
 from solver.strike import Impact, Numerics
 from solver.target import Target
 from solver.trajectory import Motion, Trajectory, simulate
-from solver.validation import ParameterError, RicochetError
 
 AHEAD = 64
 """Strikes for each thread that may be begun before the oldest is fetched: some take thirty times as long as most, and

@@ -7,6 +7,7 @@ from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
+from solver.checks import require, require_between
 from solver.display import Columns, card, dataframe, line, plot_perforation
 from solver.motion import Termination, Thresholds
 from solver.plausibility import check_walls
@@ -16,7 +17,6 @@ from solver.resistance import EQUATION_9, Resistance
 from solver.strike import USUAL, Impact, Numerics, usual_termination_time
 from solver.target import Target
 from solver.trajectory import run_warnings
-from solver.validation import require, require_between
 from solver.warnings import TUMBLING, UNDECIDED, ModelWarning, decided_by_time, undecided
 
 MOST_DIAMETERS = 1000.0

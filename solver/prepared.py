@@ -2,12 +2,13 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
 
 from solver.arrays import FloatArray
+from solver.checks import IntegrationError, StepLimitError, require, require_one
 from solver.loads import build_law, build_quadrature
 from solver.motion import (
     RAMP_FRACTION,
@@ -36,7 +37,6 @@ from solver.time_integration import (
     integrate_fixed,
     make_linearisation,
 )
-from solver.validation import BOUNDS, IntegrationError, StepLimitError, require, require_bounds, require_one
 
 LEAST_THICKNESS = 0.1
 """Least thickness of a wall over the diameter of the projectile. [1]"""
@@ -175,20 +175,15 @@ def prepare(
 
 
 def check_case(projectile: Projectile, target: Target) -> None:
-    """Refuse a projectile or a target with a number outside its bounds, and what is neither.
+    """Refuse what is not a projectile or a target, such as a list of them.
 
     Raises
     ------
     ParameterError
-        If there is one.
+        If one is not.
     """
     require_one("projectile", projectile, Projectile)
     require_one("target", target, Target)
-    for part, name in ((projectile, "projectile"), (projectile.nose, "projectile.nose"), (target, "target")):
-        for field in fields(part):
-            value, path = getattr(part, field.name), f"{name}.{field.name}"
-            if value is not None and path in BOUNDS:
-                require_bounds(path, value)
 
 
 def integrate(

@@ -10,7 +10,14 @@ from typing import Any, ClassVar, Protocol, TypeAlias
 import numpy as np
 
 from solver.arrays import FloatArray, gauss_rule
-from solver.validation import require, require_finite, require_kind, require_number, require_positive
+from solver.checks import (
+    ParameterError,
+    require,
+    require_bounds,
+    require_finite,
+    require_kind,
+    require_one,
+)
 
 GAUSS_POINTS = 48  # on one piece of the outline; exact for lines, near machine precision for arcs
 MATCH = 1e-6  # relative; how closely a profile must end at the radius of the shank: single precision suffices
@@ -102,7 +109,7 @@ class Ogive:
     caliber_radius_head: float
 
     def __post_init__(self) -> None:
-        _require_caliber_radius_head(self.caliber_radius_head)
+        require_bounds("projectile.nose.caliber_radius_head", self.caliber_radius_head)
 
     def length(self, radius: float) -> float:
         """``a sqrt(4 ψ - 1)``. [m]"""
@@ -129,7 +136,7 @@ class Conical:
     length_to_diameter: float
 
     def __post_init__(self) -> None:
-        require_positive("projectile.nose.length_to_diameter", self.length_to_diameter)
+        require_bounds("projectile.nose.length_to_diameter", self.length_to_diameter)
 
     def length(self, radius: float) -> float:
         """Height of the cone. [m]"""
@@ -154,7 +161,7 @@ class Spherical:
     caliber_radius_head: float
 
     def __post_init__(self) -> None:
-        _require_caliber_radius_head(self.caliber_radius_head)
+        require_bounds("projectile.nose.caliber_radius_head", self.caliber_radius_head)
 
     def length(self, radius: float) -> float:
         """Height of the cap. [m]"""
@@ -189,8 +196,9 @@ class Profile:
     Parameters
     ----------
     points
-        (x, r) pairs from the tip, x from 0, neither decreasing; the last r is the shank's. A list or an array of them
-        becomes a tuple. [m]
+        (x, r) pairs from the tip, x from 0 and not decreasing. Either r does not decrease, and its last value is that
+        of the shank; or it falls behind its widest point, and the profile is that of the whole body, up to its flat
+        base or to an end in a point. A list or an array of pairs becomes a tuple. [m]
 
     Notes
     -----
@@ -206,22 +214,94 @@ class Profile:
         require(self.points[0][0] == 0.0, f"{field}.0", "must start at x = 0")
         require(self.points[0][1] >= 0.0, f"{field}.0", "the radius must be at least 0")
         for index, ((x, r), (x_next, r_next)) in enumerate(pairwise(self.points), start=1):
-            grows = x_next >= x and r_next >= r and (x_next, r_next) != (x, r)
-            require(grows, f"{field}.{index}", "neither x nor r may decrease, nor a point repeat")
-        require(self.points[-1][1] > 0.0, f"{field}.{len(self.points) - 1}", "the radius must be greater than 0")
+            place = f"{field}.{index}"
+            require(x_next >= x and (x_next, r_next) != (x, r), place, "x may not decrease, nor a point repeat")
+            require(r_next >= 0.0, place, "the radius must be at least 0")
+            open_behind = x_next > x or r_next > r
+            require(open_behind, place, "the flat base closes the body behind: leave out points across it")
+        require(self.widest > 0.0, f"{field}.{len(self.points) - 1}", "the radius must be greater than 0")
         rise = _rise(self.points)
-        require(rise is None, f"{field}.{rise}", "the profile must be convex, but the line to this point is steeper")
+        if rise is not None:
+            slope = "steeper" if self.points[rise][1] > self.points[rise - 1][1] else "less steep"
+            text = f"the profile must be convex, but the line to this point is {slope}"
+            raise ParameterError(f"{field}.{rise}", text)
+
+    @property
+    def widest(self) -> float:
+        """Largest radius. [m]"""
+        return max(r for _, r in self.points)
+
+    @property
+    def falls(self) -> bool:
+        """Whether the radius falls behind the widest point, so that the profile is that of the whole body."""
+        return self.end_radius < self.widest
+
+    @property
+    def end_radius(self) -> float:
+        """Radius of the last point. [m]"""
+        return self.points[-1][1]
 
     def length(self, radius: float) -> float:
-        """x of the last point. [m]"""
-        return self.points[-1][0]
+        """x of the last point; of the first of the widest points where the radius falls behind them. [m]"""
+        widest = self.widest
+        return next(x for x, r in self.points if r == widest) if self.falls else self.points[-1][0]
 
     def outline(self, radius: float) -> tuple[OutlinePiece, ...]:
-        """The flat face, if any, then a line between each pair of the points that span it."""
+        """The flat face, if any, then a line between each pair of the points that span the nose."""
         blunt = self.points[0][1]
         face = (Line(0.0, 0.0, 0.0, blunt),) if blunt > 0.0 else ()
+        end = self.length(radius)
+        return face + tuple(line for line in self._lines() if line.x_end <= end)
+
+    def tail(self, radius: float) -> tuple[OutlinePiece, ...]:
+        """Lines behind the nose, where the radius falls behind the widest point."""
+        end = self.length(radius)
+        return tuple(line for line in self._lines() if line.x_end > end)
+
+    def _lines(self) -> tuple[Line, ...]:
         spanning = (self.points[place] for place in _spanning(self.points))
-        return face + tuple(Line(*start, *end) for start, end in pairwise(spanning))
+        return tuple(Line(*start, *end) for start, end in pairwise(spanning))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sphere:
+    """A ball: not a nose but a whole body, as long as it is wide."""
+
+    name: ClassVar[str] = "sphere"
+    falls: ClassVar[bool] = True
+    end_radius: ClassVar[float] = 0.0
+
+    def length(self, radius: float) -> float:
+        """Of the half ahead of the widest point. [m]"""
+        return radius
+
+    def outline(self, radius: float) -> tuple[OutlinePiece, ...]:
+        """Its front half."""
+        return (Arc(radius, 0.0, radius, math.pi / 2.0, 0.0),)
+
+    def tail(self, radius: float) -> tuple[OutlinePiece, ...]:
+        """Its rear half."""
+        return (Arc(radius, 0.0, radius, 0.0, -math.pi / 2.0),)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BoatTail:
+    """Cone behind the shank, narrower towards the base.
+
+    Parameters
+    ----------
+    length
+        Part of the length of the projectile that tapers. [m]
+    base_diameter
+        Diameter of the flat base, from 0 to that of the shank. [m]
+    """
+
+    length: float
+    base_diameter: float
+
+    def __post_init__(self) -> None:
+        require_bounds("projectile.boat_tail.length", self.length)
+        require_bounds("projectile.boat_tail.base_diameter", self.base_diameter)
 
 
 def _points(field: str, given: object) -> tuple[Point, ...]:
@@ -279,17 +359,7 @@ def _rise(points: Sequence[Point]) -> int | None:
     return None
 
 
-NoseShape: TypeAlias = Ogive | Conical | Spherical | Flat | Profile
-
-
-def _require_caliber_radius_head(value: float) -> None:
-    field = "projectile.nose.caliber_radius_head"
-    require_number(field, value)
-    require(
-        math.isfinite(value) and value >= 0.5,
-        field,
-        f"must be at least 0.5, got {value:g}",
-    )
+NoseShape: TypeAlias = Ogive | Conical | Spherical | Flat | Profile | Sphere
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -299,15 +369,18 @@ class Projectile:
     Parameters
     ----------
     nose
-        Shape of the nose.
+        Shape of the nose, or of the whole body: a sphere, or a profile that falls behind its widest point.
     diameter, length
-        Diameter of the shank, and distance from the tip to the flat base. [m]
+        Diameter of the shank, and distance from the tip to the flat base; of a whole body its largest diameter and its
+        length. [m]
     mass
         [kg]
     center_of_gravity
         Distance behind the nose tip; that of the homogeneous solid when not given. [m]
     moment_of_inertia
         About a transverse axis through the centre of gravity; that of the homogeneous solid when not given. [kg m²]
+    boat_tail
+        Taper behind the shank, if there is one.
 
     Raises
     ------
@@ -321,34 +394,75 @@ class Projectile:
     mass: float
     center_of_gravity: float | None = None
     moment_of_inertia: float | None = None
+    boat_tail: BoatTail | None = None
 
     def __post_init__(self) -> None:
         require_kind("projectile.nose", self.nose, NoseShape)
-        require_positive("projectile.diameter", self.diameter)
-        require_positive("projectile.length", self.length)
-        require_positive("projectile.mass", self.mass)
+        for name in ("diameter", "length", "mass"):
+            require_bounds(f"projectile.{name}", getattr(self, name))
         if isinstance(self.nose, Profile):
-            end = self.nose.points[-1][1]
+            self._check_profile(self.nose)
+        if isinstance(self.nose, Sphere):
             require(
-                math.isclose(end, self.radius, rel_tol=MATCH),
-                "projectile.nose.points",
-                f"must end at the radius of the shank, {self.radius:.9g} m, got {end:.9g} m",
+                math.isclose(self.length, self.diameter, rel_tol=MATCH),
+                "projectile.length",
+                f"must be the diameter of the sphere, {self.diameter:.9g} m, got {self.length:.9g} m",
             )
         require(
             self.length >= self.nose_length,
             "projectile.length",
             f"must be at least the length of the nose, {self.nose_length:.6g} m, got {self.length:g} m",
         )
+        if self.boat_tail is not None:
+            self._check_boat_tail(self.boat_tail)
         if self.center_of_gravity is not None:
-            require_number("projectile.center_of_gravity", self.center_of_gravity)
-            inside = math.isfinite(self.center_of_gravity) and 0.0 < self.center_of_gravity < self.length
+            require_bounds("projectile.center_of_gravity", self.center_of_gravity)
+            inside = 0.0 < self.center_of_gravity < self.length
             require(
                 inside,
                 "projectile.center_of_gravity",
                 f"must be between the tip and the base, 0 and {self.length:g} m, got {self.center_of_gravity:g} m",
             )
         if self.moment_of_inertia is not None:
-            require_positive("projectile.moment_of_inertia", self.moment_of_inertia)
+            require_bounds("projectile.moment_of_inertia", self.moment_of_inertia)
+
+    def _check_profile(self, nose: Profile) -> None:
+        """Refuse a profile that does not fit the diameter or, where it is that of the whole body, the length."""
+        field = "projectile.nose.points"
+        require(
+            math.isclose(nose.widest, self.radius, rel_tol=MATCH),
+            field,
+            f"must {'be as wide as' if nose.falls else 'end at the radius of'} the shank, {self.radius:.9g} m, "
+            f"got {nose.widest:.9g} m",
+        )
+        end = nose.points[-1][0]
+        require(
+            not nose.falls or math.isclose(end, self.length, rel_tol=MATCH),
+            field,
+            f"must reach to the base, {self.length:.9g} m behind the tip, as the radius falls behind its widest point, "
+            f"but end at {end:.9g} m",
+        )
+
+    def _check_boat_tail(self, boat_tail: BoatTail) -> None:
+        """Refuse a boat-tail that does not fit behind the nose, is wider than the shank, or has no shank before it."""
+        require_one("projectile.boat_tail", boat_tail, BoatTail)
+        field, room = "projectile.boat_tail", self.length - self.nose_length
+        require(self._whole is None, field, f"must be left out: the {self.nose.name} is the whole body")
+        require(
+            boat_tail.length <= room * (1.0 + MATCH),
+            f"{field}.length",
+            f"must be at most the length behind the nose, {room:.6g} m, got {boat_tail.length:g} m",
+        )
+        require(
+            boat_tail.base_diameter <= self.diameter,
+            f"{field}.base_diameter",
+            f"must be at most the diameter of the shank, {self.diameter:g} m, got {boat_tail.base_diameter:g} m",
+        )
+
+    @property
+    def _whole(self) -> Sphere | Profile | None:
+        """The nose where it is the whole body, without a shank."""
+        return self.nose if isinstance(self.nose, Sphere | Profile) and self.nose.falls else None
 
     @property
     def radius(self) -> float:
@@ -362,15 +476,27 @@ class Projectile:
 
     def outline(self) -> tuple[OutlinePiece, ...]:
         """Pieces from the tip to the rear edge; the flat base is not part of it."""
-        nose = self.nose.outline(self.radius)
-        if self.length <= self.nose_length:
-            return nose
-        return (*nose, Line(self.nose_length, self.radius, self.length, self.radius))
+        pieces, whole, end = self.nose.outline(self.radius), self._whole, self.length
+        if whole is not None:
+            return (*pieces, *whole.tail(self.radius))
+        if self.boat_tail is not None:
+            room = self.length - self.nose_length
+            end = self.length - self.boat_tail.length if self.boat_tail.length < room else self.nose_length
+        if end > self.nose_length:
+            pieces = (*pieces, Line(self.nose_length, self.radius, end, self.radius))
+        if self.boat_tail is not None:
+            pieces = (*pieces, Line(end, self.radius, self.length, self.boat_tail.base_diameter / 2.0))
+        return pieces
 
     @property
     def base(self) -> Line:
-        """The flat base, from the rear edge to the axis."""
-        return Line(self.length, self.radius, self.length, 0.0)
+        """The flat base, from the rear edge to the axis; without length where a body ends in a point."""
+        radius = self.radius
+        if self._whole is not None:
+            radius = self._whole.end_radius
+        elif self.boat_tail is not None:
+            radius = self.boat_tail.base_diameter / 2.0
+        return Line(self.length, radius, self.length, 0.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -378,7 +504,7 @@ class SolidProperties:
     """Geometry of the outer shape and of the homogeneous solid that fills it."""
 
     surface_area: float
-    """Nose and shank, without the base. [m²]"""
+    """Without the flat base. [m²]"""
     volume: float
     """[m³]"""
     centroid: float

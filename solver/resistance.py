@@ -14,10 +14,10 @@ from typing import ClassVar, Literal, TypeAlias, get_args
 import numpy as np
 
 from solver.arrays import FloatArray, gauss_rule
+from solver.checks import ParameterError, require, require_finite, require_kind, require_number, require_positive
 from solver.free_surface import ElasticPlastic, FreeSurface
 from solver.projectile import GAUSS_POINTS, Profile, Projectile
 from solver.target import Crater, ShearPlug, Target
-from solver.validation import ParameterError, require, require_finite, require_kind, require_number, require_positive
 
 FIELD = "resistance.strength_factor"
 ROUNDING = 1e-6

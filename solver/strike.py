@@ -5,10 +5,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, is_dataclass, replace
 from typing import Any, Literal, TypeAlias
 
+from solver.checks import require, require_angle, require_between, require_bounds, require_positive
 from solver.projectile import Ogive, Projectile
 from solver.resistance import EQUATION_9, Resistance
 from solver.target import Target
-from solver.validation import require, require_angle, require_between, require_bounds, require_positive
 
 Method: TypeAlias = Literal["adaptive", "panels"]
 

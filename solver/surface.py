@@ -12,12 +12,14 @@ from typing import NamedTuple
 import numpy as np
 
 from solver.arrays import FloatArray, arc_cosine, sine
+from solver.checks import require
 from solver.compilation import compiled, lean
 from solver.projectile import Arc, Line, MassProperties, OutlinePiece, Projectile
-from solver.validation import require
 
 LINE, ARC = 0.0, 1.0
 """First column of an outline row, the kind of the piece."""
+BOUNDED, TAPERED = 1, 2
+"""Whether the cavity is bounded towards both faces somewhere, and whether it is towards the rear face only."""
 
 BEHIND = 1e-100
 """Cosine of α that stands for that of the base: where the base faces the impact face, the channel that the body has cut
@@ -39,9 +41,10 @@ class Body(NamedTuple):
     """A projectile for the compiled code. The centre of gravity is the origin, positions ahead of it are positive."""
 
     outline: FloatArray
-    """(n, 8), the base last. A line: kind, axial position and radius at its start, its length, sine and cosine of α,
-    and α. An arc: kind, axial position and radius of its centre, its radius, smallest and largest α, and nothing. Last
-    in each row the radius of the cavity if it is bounded, as `Section` has it, else 0. [m, rad]"""
+    """(n, 8), the base last, without length where a body ends in a point. A line: kind, axial position and radius at
+    its start, its length, sine and cosine of α, and α. An arc: kind, axial position and radius of its centre, its
+    radius, smallest and largest α, and nothing. Last in each row the bound of the cavity, as `Section` has it.
+    [m, rad]"""
     corners: FloatArray
     """(m, 2) axial position and radius of the points between pieces, tip and rear edge included. [m]"""
     tip: float
@@ -50,8 +53,9 @@ class Body(NamedTuple):
     """[kg]"""
     moment_of_inertia: float
     """About a transverse axis through the centre of gravity. [kg m²]"""
-    bounded: bool
-    """Whether the cavity is bounded anywhere but on the base."""
+    bounds: int
+    """Whether the cavity is bounded anywhere but on the base: `BOUNDED`, `TAPERED`, both or 0. One number for both,
+    since this is handed over at every evaluation."""
 
 
 class Panels(NamedTuple):
@@ -69,11 +73,12 @@ class Panels(NamedTuple):
     normal_lateral: FloatArray
     """Component of the outward normal along u, cos α cos β. [1]"""
     cavity: FloatArray
-    """Radius of the cavity, r / cos α and at most that of the shank; without bound on the base. [m]"""
+    """Radius of the cavity, r / cos α and at most that of the shank; without bound where the normal points backwards,
+    as on the base. [m]"""
     area: FloatArray
     """Area of the element and its mirror image together. [m²]"""
     radius: float
-    """Radius of the shank, and of the cavity of a base that faces the rear of a wall. [m]"""
+    """Radius of the shank, which no cavity exceeds towards the rear face of a wall. [m]"""
 
 
 def _panels(columns: Iterable[FloatArray], radius: float) -> Panels:
@@ -89,7 +94,8 @@ class Section(NamedTuple):
 
     piece: OutlinePiece
     cavity: float
-    """The bound, the radius of the shank, where r / cos α is larger; 0 where the cavity is r / cos α. [m]"""
+    """0 where the cavity is r / cos α. Where that is larger than the radius of the shank, this radius, the bound; where
+    the normal points backwards its negative, as the bound holds towards the rear face of a wall only. [m]"""
 
 
 def sections(pieces: tuple[OutlinePiece, ...], radius: float) -> Iterator[Section]:
@@ -97,20 +103,24 @@ def sections(pieces: tuple[OutlinePiece, ...], radius: float) -> Iterator[Sectio
 
     The decay law takes that distance for the radius of a cavity. A blunt face would open one without bound, wider than
     the hole that the body makes, and feel a distant rear face as if it were near. So the cavity is no wider than the
-    shank. An ogive is nowhere beyond the bound, a cap everywhere: its normals meet in its centre.
+    shank. An ogive is nowhere beyond the bound, a cap everywhere: its normals meet in its centre. What looks backwards
+    and faces the impact face has the channel that the body has cut behind it: there the distance is not bounded, so
+    that the steeper a body tapers, the less its rear is resisted, down to the nothing of the flat base.
     """
     for piece in pieces:
         if isinstance(piece, Arc):
             yield Section(piece, radius if piece.r_center == 0.0 and piece.radius > radius else 0.0)
             continue
         reach = radius * (piece.x_end - piece.x_start) / piece.length
-        if not piece.r_start < reach < piece.r_end:
-            yield Section(piece, 0.0 if max(piece.r_start, piece.r_end) <= reach else radius)
+        falls = piece.r_end < piece.r_start
+        bound = -radius if falls else radius
+        if not min(piece.r_start, piece.r_end) < reach < max(piece.r_start, piece.r_end):
+            yield Section(piece, 0.0 if max(piece.r_start, piece.r_end) <= reach else bound)
             continue
         share = (reach - piece.r_start) / (piece.r_end - piece.r_start)
         x = piece.x_start + share * (piece.x_end - piece.x_start)
-        yield Section(Line(piece.x_start, piece.r_start, x, reach), 0.0)
-        yield Section(Line(x, reach, piece.x_end, piece.r_end), radius)
+        yield Section(Line(piece.x_start, piece.r_start, x, reach), bound if falls else 0.0)
+        yield Section(Line(x, reach, piece.x_end, piece.r_end), 0.0 if falls else bound)
 
 
 @lru_cache  # as for `mass_properties`
@@ -118,9 +128,11 @@ def build_body(projectile: Projectile, properties: MassProperties) -> Body:
     """Outline and mass properties of `projectile` for the compiled code."""
     center = properties.center_of_gravity
     rows, corners = [], []
-    for piece, cavity in sections((*projectile.outline(), projectile.base), projectile.radius):
+    outline = tuple(sections(projectile.outline(), projectile.radius))
+    for piece, cavity in (*outline, Section(projectile.base, projectile.radius)):
         if isinstance(piece, Line):
-            sine, cosine = (piece.r_end - piece.r_start) / piece.length, (piece.x_end - piece.x_start) / piece.length
+            size = piece.length or 1.0
+            sine, cosine = (piece.r_end - piece.r_start) / size, (piece.x_end - piece.x_start) / size
             alpha = math.atan2(sine, cosine)
             rows.append((LINE, center - piece.x_start, piece.r_start, piece.length, sine, cosine, alpha, cavity))
             corners += [(center - piece.x_start, piece.r_start), (center - piece.x_end, piece.r_end)]
@@ -131,8 +143,9 @@ def build_body(projectile: Projectile, properties: MassProperties) -> Body:
                 x, r = piece.x_center - piece.radius * math.sin(angle), piece.r_center + piece.radius * math.cos(angle)
                 corners.append((center - x, r))
     tip, mass, inertia = map(float, (center, properties.mass, properties.moment_of_inertia))  # 13 is another type
-    bounded = any(row[-1] > 0.0 for row in rows[:-1])
-    return Body(np.array(rows, float), np.array(corners, float), tip, mass, inertia, bounded)
+    bounded, tapered = (any(sign * cavity > 0.0 for _, cavity in outline) for sign in (1.0, -1.0))
+    bounds = BOUNDED * bounded + TAPERED * tapered
+    return Body(np.array(rows, float), np.array(corners, float), tip, mass, inertia, bounds)
 
 
 @compiled
@@ -163,15 +176,15 @@ def build_panels(projectile: Projectile, properties: MassProperties, count: int)
     outline = tuple(sections(projectile.outline(), projectile.radius))
     nose = len(tuple(sections(projectile.nose.outline(projectile.radius), projectile.radius)))
     lengths = np.array([piece.length for piece, _ in outline])
-    share = np.where(np.arange(len(outline)) < nose, lengths / lengths[:nose].sum(), 1.0)
-    if nose < len(outline):
-        share /= 2.0
+    groups = [part for part in (lengths[:nose], lengths[nose:]) if part.size]
+    share = np.concatenate([part / part.sum() for part in groups]) / len(groups)
     require(rings >= len(outline), "numerics.panels", f"too few for {len(outline)} pieces of outline, got {count}")
     azimuth = (np.arange(around // 2) + 0.5) * 2.0 * math.pi / around
-    shares = (*share, projectile.base.length / lengths.sum())
+    parts = [*zip(outline, share, strict=True)]
+    if projectile.base.length > 0.0:
+        parts.append((Section(projectile.base, math.inf), projectile.base.length / lengths.sum()))
     strips = [
-        _strip(section, max(1, round(rings * part)), properties.center_of_gravity, azimuth)
-        for section, part in zip((*outline, Section(projectile.base, math.inf)), shares, strict=True)
+        _strip(section, max(1, round(rings * part)), properties.center_of_gravity, azimuth) for section, part in parts
     ]
     return _panels((np.concatenate(columns) for columns in zip(*strips, strict=True)), projectile.radius)
 
@@ -306,5 +319,6 @@ def is_full(piece: FloatArray, begin: float, end: float, middle: Ring, motion: B
         return True
     if not (_faces_in(middle, motion) or _dips_in(middle, motion)):
         return False
-    first = ring_at(piece, begin)
-    return _faces_in(first, motion) or (_dips_in(first, motion) and _dips_in(ring_at(piece, end), motion))
+    nearest, farthest = (begin, end) if motion[1] >= 0.0 else (end, begin)  # of an arc, by how its α faces in
+    first = ring_at(piece, nearest)
+    return _faces_in(first, motion) or (_dips_in(first, motion) and _dips_in(ring_at(piece, farthest), motion))

@@ -37,7 +37,7 @@ VECTOR = np.uint64(VECTOR_WIDTH)
 """Where the rows begin. Unsigned, since an index that might be negative costs a test each time.
 
 What `add_rings` writes: α; axial position and radius of the centre of curvature; radius of curvature; the ring's share
-of the outline; the motion of its body; the radius of its cavity if it is bounded. On a straight piece the second and
+of the outline; the motion of its body; the bound of its cavity. On a straight piece the second and
 third are those of the ring itself, and the radius of curvature is zero. What `_load_rings` adds, as values and slopes
 in c: depth times cos α and outward tilt of the normal times the radius, which make up k, where the cavity is bounded
 depth and outward tilt times the bound; normal velocity. Then S f'c, ramped; what the integral of the stress adds
@@ -131,6 +131,7 @@ def add_rings(
     rows: FloatArray, place: int, piece: FloatArray, begin: float, end: float, stations: FloatArray, motion: BodyMotion
 ) -> None:
     """Write what makes up the rings at the stations of a stretch. What fills the last vector has no weight."""
+    # On an arc of the outline α runs along it, on a straight piece the position: the same loop does both.
     span, first = end - begin, np.uint64(place)
     depth, c, s, forward, sideways, spin = motion
     axial, radius, cavity = piece[1], piece[2], piece[7]
@@ -157,13 +158,12 @@ def place_ring(rows: FloatArray, i: int) -> tuple[float, float, float, float]:
 
 
 @exact
-def cavity_scales(rows: FloatArray, i: int, cosine: float, radius: float) -> tuple[float, float]:
+def cavity_scales(bound: float, cosine: float, radius: float) -> tuple[float, float]:
     """Factors of the depth and of the outward tilt of a ring, of which the ratio, plus one, is k.
 
     With a cavity of radius r / cos α they are cos α and r, so that a ring near the axis needs no division by zero; with
     a bounded one, 1 and the bound.
     """
-    bound = rows[CAVITY + i]
     return (1.0, bound) if bound > 0.0 else (cosine, radius)
 
 
@@ -181,12 +181,15 @@ def _load_full_rings(rows: FloatArray, end: np.uint64, law: Law) -> None:
     for i in range(np.uint64(FULL), end):
         depth, c, s, forward, sideways, spin = ring_motion(rows, i)
         sine_, cosine, axial, radius = place_ring(rows, i)
+        # The normal velocity is speed + speed_slope c, and the depth is linear too: their zeros bound what is loaded.
         speed = forward * sine_
         speed_slope = (sideways + spin * axial) * cosine - spin * radius * sine_
         low, high = loaded_range(depth + axial * c, -radius * s, speed, speed_slope)
+        # One static stress for the ring, by its fastest point, leaves a polynomial in c, which has a closed integral.
         static = ramped(speed + abs(speed_slope), law.static_stress, law.ramp_velocity, law.smooth_ramp)
         turn = arc_cosine(low) - arc_cosine(high)
         even, odd = integrate_full(low, high, turn, static, law.dynamic_density, speed, speed_slope)
+        # Both halves of the ring, to either side of the plane of motion, are loaded alike.
         weight = 2.0 * rows[WEIGHT + i] * radius
         rows[EVEN + i], rows[ODD + i] = even, odd
         rows[ALONG + i], rows[ACROSS + i] = -weight * sine_, -weight * cosine
@@ -210,10 +213,12 @@ def _ring_loader(name: str, *, bounded: bool) -> Callable[[FloatArray, np.uint64
             speed_slope = (sideways + spin * axial) * cosine - spin * radius * sine_
             depth_scale, tilt_scale = cosine, radius
             if bounded:
-                depth_scale, tilt_scale = cavity_scales(rows, i, cosine, radius)
+                depth_scale, tilt_scale = cavity_scales(rows[CAVITY + i], cosine, radius)
             inward, inward_slope = depth_scale * inside, depth_scale * inside_slope
             outward, outward_slope = -tilt_scale * sine_ * c, tilt_scale * cosine * s
 
+            # Above `tilted` the normal leans out of the target; above `plastic` k lies below the corner of the decay.
+            # Clamped one by one they leave arcs in order, and an arc that is not there has equal ends, for no branch.
             low, high = loaded_range(inside, inside_slope, speed, speed_slope)
             tilted = -outward / (outward_slope + TINY)
             plastic = (inward - beyond * outward) / (beyond * outward_slope - inward_slope + TINY)
@@ -233,6 +238,7 @@ def _ring_loader(name: str, *, bounded: bool) -> Callable[[FloatArray, np.uint64
             rows[INWARD + i], rows[INWARD_SLOPE + i] = inward, inward_slope
             rows[OUTWARD + i], rows[OUTWARD_SLOPE + i] = outward, outward_slope
             rows[SPEED + i], rows[SPEED_SLOPE + i], rows[STATIC + i] = speed, speed_slope, static
+            # From -π/2 on, the sine of the angle is -c: one polynomial, for the sine, serves all points of the arcs.
             rows[DEEP_BEGIN + i], rows[DEEP_SPAN + i] = angle_middle - HALF_TURN, angle_start - angle_middle
             rows[NEAR_BEGIN + i], rows[NEAR_SPAN + i] = angle_high - HALF_TURN, angle_middle - angle_high
 
@@ -258,6 +264,8 @@ def _point(rows: FloatArray, ring: int, begin: np.uint64, node: float) -> tuple[
 def _sum_arcs(rows: FloatArray, end: np.uint64, deep: bool, points: FloatArray, law: Law) -> None:
     """Load of the arcs on one side of the corner, of rings up to a place and a decay without inertia."""
     begin = DEEP_BEGIN if deep else NEAR_BEGIN
+    # Points outside, rings inside: an arc has a few points only, and the rings fill the vectors. The decay has its
+    # corner between the two sides, so each takes one smooth formula, and few points do.
     for j in range(points.shape[0]):
         node, weight = points[j, 0], points[j, 1]
         for i in range(end):

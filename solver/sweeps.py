@@ -12,6 +12,7 @@ from typing import Any, Generic, TypeVar
 
 import numpy as np
 
+from solver.checks import BOUNDS, ParameterError, RicochetError, require
 from solver.free_surface import ElasticPlastic, MohrCoulomb, NoFreeSurface
 from solver.many import columns, critical_angle_many, simulate_many
 from solver.projectile import Projectile
@@ -20,7 +21,6 @@ from solver.search.types import CriticalAngle, Search
 from solver.strike import Impact, Numerics, is_part, put, strike_parts
 from solver.target import Target
 from solver.trajectory import Trajectory
-from solver.validation import BOUNDS, ParameterError, RicochetError, require
 
 MOST_POINTS = 100_000
 ANY_VELOCITY = 1.0

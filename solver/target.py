@@ -4,9 +4,9 @@ A crater at the impact face, and the plug that shears out of the rear of a wall.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
-from solver.validation import require, require_between, require_positive
+from solver.checks import require, require_bounds
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,13 +39,10 @@ class Target:
     thickness: float | None = None
 
     def __post_init__(self) -> None:
-        require_positive("target.compressive_strength", self.compressive_strength)
-        require_positive("target.density", self.density)
-        if self.youngs_modulus is not None:
-            require_positive("target.youngs_modulus", self.youngs_modulus)
-        require_between("target.poissons_ratio", self.poissons_ratio, 0.0, 0.5)
-        if self.thickness is not None:
-            require_positive("target.thickness", self.thickness)
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if value is not None or field.default is not None:  # only what is None by default may be
+                require_bounds(f"target.{field.name}", value)
 
     @property
     def elastic_modulus(self) -> float:

@@ -324,6 +324,7 @@ def integrate_adaptive(
     body, initial_energy = model.body, kinetic_energy(start, model.body)
     energies = Thresholds(thresholds.retention * initial_energy, thresholds.rest * initial_energy)
     impact = math.hypot(start[3], start[4])
+    # Errors count over the size of the body and the velocity of impact, so that one tolerance serves all six numbers.
     scale = np.array([body.tip, body.tip, 1.0, impact, impact, impact / body.tip])
     event, state, time, step = np.full(7, -1.0), start.copy(), 0.0, FIRST_STEP * body.tip / impact
     deepest = tip_depth(state, body)
@@ -331,8 +332,10 @@ def integrate_adaptive(
     end_loaded = loaded
     evaluations, count = 1, 0
     for _ in range(accuracy.most_steps):
+        # The nose enters by a row of kinks, which a longer step would pass over however smooth its own estimate is.
         pace = math.hypot(state[3], state[4]) + abs(state[5]) * body.tip
         step = min(step, accuracy.largest_step * body.tip / pace, end_time - time)
+        # The Jacobian takes five of the eight evaluations of a step. It belongs to the state: a rejected step keeps it.
         if not fresh:
             linearise(state, model, work, linear)
             evaluations += DIFFERENCES
@@ -340,10 +343,13 @@ def integrate_adaptive(
         error = attempt_step(state, step, model, work, linear, scale) / accuracy.relative_tolerance
         evaluations += EVALUATIONS
         if error <= 1.0:
+            # No stage looks beyond 0.88 of the step, so a load that begins after that is only seen from the end. The
+            # accelerations there are also those that the next step starts from: the second estimate costs one solve.
             end_loaded = accelerate(work.trial, model, work.scratch, work.end)
             evaluations += 1
             error = max(error, end_error(state, step, work, linear, scale) / accuracy.relative_tolerance)
-        if not error <= 1.0:
+        if not error <= 1.0:  # NaN is refused too
+            # The error falls with the fourth power of the step.
             step *= max(0.2, 0.9 / math.sqrt(math.sqrt(error))) if math.isfinite(error) else 0.2
             if step < SMALLEST_STEP * body.tip / impact:
                 return Run(Termination.NOT_FINITE, time, state, deepest, count, evaluations, 0.0)
@@ -356,6 +362,7 @@ def integrate_adaptive(
             return Run(Termination.NOT_FINITE, time, state, deepest, count, evaluations, 0.0)
         last = time + step >= end_time * (1.0 - 1e-12)
         end = end_of_step(row, model, work, was_loaded, loaded, energies, start[2], last, event)
+        # An event lies on the cubic through both ends of the step, so that no step has to be cut short to meet it.
         until = time + step if end == Termination.NONE else event[0]
         if until > time:
             deepest = max(deepest, deepest_tip(row, until, body, work.point))
@@ -365,5 +372,6 @@ def integrate_adaptive(
         assign(work.trial, state)
         assign(work.end, work.start)
         fresh = False
+        # In free flight the error is zero and says nothing of the load ahead, so a step grows fivefold at most.
         step *= min(5.0, 0.9 / math.sqrt(math.sqrt(max(error, 1e-10))))
     return Run(Termination.STEP_LIMIT, time, state, deepest, count, evaluations, 0.0)

@@ -8,6 +8,7 @@ import numpy as np
 
 from solver import warnings as model_warnings
 from solver.arrays import FloatArray
+from solver.checks import ParameterError, require_one, require_positive
 from solver.display import Columns, card, dataframe, line, plot_motion
 from solver.motion import Model, Run, Termination, sample, sample_loads
 from solver.plausibility import check_depth, check_energy
@@ -17,7 +18,6 @@ from solver.resistance import EQUATION_9, Resistance, StrengthPosterior
 from solver.strength_scatter import known_strength
 from solver.strike import USUAL, Impact, Numerics, usual_termination_time
 from solver.target import Target
-from solver.validation import ParameterError, require_one, require_positive
 from solver.warnings import ModelWarning
 
 SAMPLE_INTERVAL = 1e-5

@@ -6,7 +6,7 @@ import sys
 from collections.abc import Callable
 from warnings import warn
 
-from solver.compilation import PORTABLE, Progress, can_keep, compilation_progress
+from solver.compilation import Progress, can_keep, compilation_progress
 from solver.search.critical_angle import critical_angle
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY, Numerics, paper_impact
 from solver.trajectory import simulate
@@ -54,19 +54,6 @@ def _compile_elsewhere(report: Report, progress: Progress) -> None:
             cause = (errors.strip().splitlines() or ["no message"])[-1]
             text = f"a process that compiles the solver ended with code {process.returncode}: {cause}"
             warn(text, RuntimeWarning, stacklevel=3)
-
-
-def compile_portable(folder: str) -> None:
-    """Compile for each of the processors of `solver.compilation` that this one can run, into a folder of its name.
-
-    Progress goes to standard output. There may be no such processor: the folder is not made then.
-    """
-    for each in PORTABLE:
-        if each.runs_here:
-            chosen = {"NUMBA_CPU_NAME": each.name, "NUMBA_CPU_FEATURES": each.features}
-            environment = os.environ | chosen | {"NUMBA_CACHE_DIR": os.path.join(folder, each.name)}  # noqa: PTH118 (a string)
-            script = f"import solver; solver.warm_up(lambda text: print('{each.name}:', text))"
-            subprocess.run([sys.executable, "-u", "-c", script], env=environment, check=True)  # noqa: S603 (our own)
 
 
 def run_trajectories() -> None:

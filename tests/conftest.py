@@ -48,6 +48,14 @@ def free_port() -> int:
     return port
 
 
+def until(claim: Callable[[], bool]) -> None:
+    """Wait until it holds; fail after a minute."""
+    deadline = time.monotonic() + 60.0
+    while not claim():
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+
+
 def wait_until_ready(service: "Service", verify: ssl.SSLContext | bool) -> None:
     deadline = time.monotonic() + START_LIMIT_S
     while time.monotonic() < deadline:

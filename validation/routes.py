@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from solver import (
+    BoatTail,
     Conical,
     ConstantStrengthFactor,
     Crater,
@@ -29,6 +30,7 @@ from solver import (
     Projectile,
     Resistance,
     ShearPlug,
+    Sphere,
     Spherical,
     Target,
     solid_properties,
@@ -38,7 +40,11 @@ from solver.prepared import OUTCOMES, exit_of, integrate, prepare
 from solver.projectile import NoseShape
 from solver.strike import RETENTION_ENERGY_FRACTION, USUAL, usual_termination_time
 
-NOSES = ("ogive", "cone", "cap", "flat", "pointed profile", "truncated profile")
+BODIES = (
+    "ogive", "cone", "cap", "flat", "pointed profile", "truncated profile",
+    "sphere", "boat-tail", "tapering profile",
+)  # fmt: skip
+"""By their noses, the last three by what is behind their widest point."""
 DECAYS: dict[str, FreeSurface] = {
     "elastic-plastic": ElasticPlastic(),
     "elastic-plastic, inertia": ElasticPlastic(inertia=True),
@@ -77,7 +83,7 @@ FINEST = Resolution(256_000, 640.0)
 class Combination(NamedTuple):
     """The choices of a strike."""
 
-    nose: str
+    body: str
     wall: bool
     decay: str
     crater: bool
@@ -86,8 +92,8 @@ class Combination(NamedTuple):
     spin: bool
 
 
-CELLS = tuple(itertools.product(NOSES, (False, True), DECAYS))
-"""Nose, target and decay: each comes in turn."""
+CELLS = tuple(itertools.product(BODIES, (False, True), DECAYS))
+"""Body, target and decay: each comes in turn."""
 EXTRAS = {
     wall: tuple(itertools.product((False, True), (False, True) if wall else (False,), (False, True), (False, True)))
     for wall in (False, True)
@@ -180,7 +186,7 @@ def random_strikes(count: int, seed: int) -> Iterator[Strike]:
 
 
 def _random_strike(chosen: Combination, random: np.random.Generator) -> Strike:
-    projectile = random_projectile(chosen.nose, random)
+    projectile = random_projectile(chosen.body, random)
     diameter, velocity = projectile.diameter, _log_uniform(random, 30.0, 900.0)
     target = Target(compressive_strength=random.uniform(10e6, 150e6), density=random.uniform(1900.0, 2600.0))
     thickness, oblique = _log_uniform(random, 0.2, 6.0) * diameter, math.radians(random.uniform(0.0, 85.0))
@@ -213,27 +219,37 @@ def _log_uniform(random: np.random.Generator, low: float, high: float) -> float:
 
 
 def random_projectile(shape: str, random: np.random.Generator) -> Projectile:
-    """A body with this nose, of any size and mean density as above."""
+    """A body of this shape, of any size and mean density as above."""
     diameter = _log_uniform(random, 0.005, 0.25)
     nose = _random_nose(shape, diameter / 2.0, random)
-    length = nose.length(diameter / 2.0) + diameter * _log_uniform(random, 1.0, 8.0)
-    volume = solid_properties(Projectile(nose=nose, diameter=diameter, length=length, mass=1.0)).volume
-    return Projectile(nose=nose, diameter=diameter, length=length, mass=random.uniform(3000.0, 12_000.0) * volume)
+    shank, tail = diameter * _log_uniform(random, 1.0, 8.0), None
+    length = nose.length(diameter / 2.0) + shank
+    if isinstance(nose, Sphere):
+        length = diameter
+    if isinstance(nose, Profile) and nose.falls:
+        length = nose.points[-1][0]
+    if shape == "boat-tail":
+        tail = BoatTail(length=random.uniform(0.05, 1.0) * shank, base_diameter=random.uniform(0.0, 1.0) * diameter)
+    body = Projectile(nose=nose, diameter=diameter, length=length, mass=1.0, boat_tail=tail)
+    return replace(body, mass=random.uniform(3000.0, 12_000.0) * solid_properties(body).volume)
 
 
 def _random_nose(shape: str, radius: float, random: np.random.Generator) -> NoseShape:
     slope, front, middle = _log_uniform(random, 0.02, 4.0), random.uniform(0.1, 0.9), random.uniform(0.2, 0.8)
     roundness = _log_uniform(random, 0.5, 10.0)
-    if shape == "ogive":
+    if shape in ("ogive", "boat-tail"):
         return Ogive(caliber_radius_head=roundness)
     if shape == "cone":
         return Conical(length_to_diameter=slope)
     if shape == "cap":
         return Spherical(caliber_radius_head=roundness)
-    if shape == "flat":
-        return Flat()
+    if shape in ("flat", "sphere"):
+        return Flat() if shape == "flat" else Sphere()
     height, begin = 2.0 * slope * radius, 0.0 if shape == "pointed profile" else front * radius
     bend = begin + (radius - begin) * (middle + 0.5 * (1.0 - middle))  # above the straight line, so convex
+    if shape == "tapering profile":
+        behind = ((height + front * radius, radius), (height + (front + roundness) * radius, (1.0 - middle) * radius))
+        return Profile(points=((0.0, begin), (height, radius), *behind))
     return Profile(points=((0.0, begin), (middle * height, bend), (height, radius)))
 
 

@@ -1,15 +1,12 @@
 """The application: settings in, routes, handlers and what lives as long as it runs out."""
 
 import asyncio
-import ctypes
 import logging
 from collections.abc import AsyncIterator
 from contextlib import AsyncExitStack, asynccontextmanager
-from functools import cache
 from typing import Any
 
 from anyio import CapacityLimiter
-from anyio.to_thread import run_sync
 from fastapi import FastAPI
 from starlette.datastructures import MutableHeaders
 from starlette.middleware.cors import CORSMiddleware
@@ -20,12 +17,13 @@ from service import telemetry
 from service.api import downloads, health, jobs, mcp, operations, page, results, studies, umbridge
 from service.api.body import KnownBodies
 from service.api.contract import declare_access, declare_bodies, declare_events, declare_problems
-from service.api.middleware import HeadMiddleware, RefusalMiddleware
+from service.api.job_models import JobChange
+from service.api.middleware import AuthMiddleware, HeadMiddleware, RefusalMiddleware
 from service.api.results import HDF5, PARQUET
 from service.api.services import READING_THREADS, Metrics, Services, executor_for
 from service.auth.api_keys import ApiKeyStore
+from service.auth.audit_log import AuditLog
 from service.auth.dependencies import ConcurrencyLimit, authorize_unrouted
-from service.auth.middleware import AuditLog, AuthMiddleware
 from service.auth.quotas import QuotaStore
 from service.cache.cache import ResultCache
 from service.errors import OwnerQueriesError, OwnerStreamsError, StreamsFullError
@@ -34,7 +32,7 @@ from service.jobs.store import JobStore
 from service.operations import OPERATIONS, SCHEMA_VERSION
 from service.problems import install_problem_handlers
 from service.queries import QueryService
-from service.schemas import JobChange, ReportRequest
+from service.schemas import ReportRequest
 from service.settings import Settings
 
 DESCRIPTION = """
@@ -185,7 +183,6 @@ async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         services.audit.open()
         stack.callback(services.audit.close)
         await stack.enter_async_context(services.quotas.saved_regularly())
-        await stack.enter_async_context(memory_kept_small())
         if services.traces is not None:
             stack.push_async_callback(telemetry.finish_traces, services.traces, TRACES_SECONDS)
         for_downloads = round(downloads.SHARE * settings.cache_bytes)
@@ -227,46 +224,3 @@ async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         services.mcp = tools.handle
         stack.push_async_callback(tools.stop)
         yield
-
-
-HEAP_SECONDS = 20.0
-"""Between two times that memory is given back, a few milliseconds of a thread each."""
-MOST_HEAPS = 2
-"""The library would have eight for each core."""
-M_ARENA_MAX = -8
-"""Name of that option in <malloc.h> of glibc."""
-
-
-@asynccontextmanager
-async def memory_kept_small() -> AsyncIterator[None]:
-    """Have few heaps, and give memory that is free in them, but kept by the C library, back every now and then.
-
-    Each thread takes memory from its own heap, where what lives long pins pages of what did not: left alone, a service
-    under a mixed load grows for hours, though it holds no more than before.
-    Measured under the load of `benchmarks/soak.py`: 131 to 143 MB from the sixth minute on without, 110 MB with it.
-    """
-    if library := _glibc():
-        library.mallopt(M_ARENA_MAX, MOST_HEAPS)
-    giving = asyncio.create_task(_give_back_regularly())
-    try:
-        yield
-    finally:
-        giving.cancel()
-
-
-def give_back_memory() -> None:
-    """Give back what is free now; nothing is done where the C library is not glibc."""
-    if library := _glibc():
-        library.malloc_trim(0)
-
-
-async def _give_back_regularly() -> None:
-    while True:
-        await asyncio.sleep(HEAP_SECONDS)
-        await run_sync(give_back_memory)
-
-
-@cache
-def _glibc() -> ctypes.CDLL | None:
-    library = ctypes.CDLL(None)
-    return library if hasattr(library, "malloc_trim") else None

@@ -2,12 +2,12 @@
 
 import asyncio
 import re
-from collections import OrderedDict
 from collections.abc import AsyncIterator, Iterable, Sequence
 from dataclasses import dataclass
 from http import HTTPStatus
 from typing import Any, NamedTuple
 
+from cachetools import LRUCache
 from fastapi import HTTPException, Request
 from pydantic_core import from_json
 from starlette.requests import ClientDisconnect
@@ -98,13 +98,14 @@ OVERHEAD = 300
 
 
 class KnownBody(NamedTuple):
-    """The result of a body, and the cases it counts as."""
+    """The result of a body, the cases it counts as, and its length."""
 
     key: str
     cases: int
+    length: int
 
 
-class KnownBodies:
+class KnownBodies(LRUCache[tuple[str, bytes], KnownBody]):
     """Which bodies have which results: the same bytes to the same path mean the same key.
 
     Parameters
@@ -114,26 +115,14 @@ class KnownBodies:
     """
 
     def __init__(self, memory_bytes: int) -> None:
-        self._limit = REMEMBERED_SHARE * memory_bytes
-        self._known: OrderedDict[tuple[str, bytes], KnownBody] = OrderedDict()
-        self._nbytes = 0
+        super().__init__(REMEMBERED_SHARE * memory_bytes, getsizeof=lambda known: known.length + OVERHEAD)
 
-    def find(self, path: str, body: bytes) -> KnownBody | None:
-        """Return what is known of this body."""
-        known = self._known.get((path, body))
-        if known is not None:
-            self._known.move_to_end((path, body))
+    def remember(self, path: str, body: bytes, key: str, cases: int) -> KnownBody:
+        """Note the result of this body, and the cases it counts as."""
+        known = KnownBody(key, cases, len(body))
+        if len(body) <= min(REMEMBERED_BYTES, self.maxsize - OVERHEAD):
+            self[path, body] = known
         return known
-
-    def remember(self, path: str, body: bytes, known: KnownBody) -> None:
-        """Note the result of this body."""
-        if len(body) > REMEMBERED_BYTES or (path, body) in self._known:
-            return
-        self._known[path, body] = known
-        self._nbytes += len(body) + OVERHEAD
-        while self._nbytes > self._limit:
-            (_, dropped), _ = self._known.popitem(last=False)
-            self._nbytes -= len(dropped) + OVERHEAD
 
 
 async def read_body(request: Request, limit: int) -> bytes:

@@ -6,8 +6,8 @@ from typing import Any, TypeAlias
 from pydantic import BaseModel
 from pydantic.json_schema import models_json_schema
 
+from service.api.job_models import Job
 from service.problems import MEDIA_TYPE
-from service.schemas import Job
 from service.schemas.problems import Problem
 
 Responses: TypeAlias = dict[int | str, dict[str, Any]]

@@ -16,6 +16,8 @@ from pydantic import ValidationError
 from service.api.batch_response import job_json, job_response, retry_after, root_of, to_job, until
 from service.api.body import JSON, JSONL, choose, parse_json, read_body, require_type
 from service.api.contract import RETRY_LATER, Responses, one_body, problems
+from service.api.job_models import Job, JobChange, JobResults, Jobs
+from service.api.middleware import client_of
 from service.api.results import (
     CSV,
     FILES,
@@ -30,11 +32,9 @@ from service.api.results import (
 )
 from service.api.services import services_of, unless_left
 from service.auth.dependencies import ReadContext, RunContext
-from service.auth.middleware import client_of
 from service.errors import InvalidBodyError, validation_errors
 from service.jobs.manager import JobManager
 from service.jobs.models import CaseResult, JobState
-from service.schemas import Job, JobChange, JobResults, Jobs
 from service.settings import missing_package
 
 router = APIRouter(tags=["jobs"])

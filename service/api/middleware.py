@@ -1,11 +1,29 @@
-"""Middleware between the server and the routes that no setting turns off."""
+"""Middleware between the server and the routes: drains refused bodies, refuses what no key permits, secures answers.
+
+Keys and scopes are checked by the routes, in `service.auth.dependencies`.
+"""
 
 import asyncio
+from collections.abc import Mapping
 from contextlib import suppress
+from functools import lru_cache
 from http import HTTPStatus
+from ipaddress import ip_address
+from typing import Any
+from urllib.parse import parse_qsl, urlsplit
 
+from fastapi import HTTPException, Request
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from service.auth.api_keys import PREFIX, ApiKeyStore
+from service.auth.audit_log import AuditLog
+from service.auth.dependencies import CONTEXT, RequestContext
+from service.auth.quotas import QuotaStore
+from service.errors import ProblemType
+from service.problems import problem_response
+from service.settings import Settings
+from service.telemetry import path_of
 
 DRAIN_BYTES = 64 * 1024 * 1024
 """Most that is read of the body of a refused request: half a second of work."""
@@ -85,3 +103,249 @@ class HeadMiddleware:
             return {"type": "http.disconnect"}
 
         await self._app(inner, receive_until_sent, send_head)
+
+
+PROBES = frozenset({"/livez", "/readyz"})
+"""Sent by monitors, which know neither names nor keys."""
+SAFE = frozenset({"GET", "HEAD", "OPTIONS"})
+"""Methods that change nothing."""
+OWN_SITES = frozenset({b"same-origin", b"none"})
+"""`Sec-Fetch-Site` of requests by a page of the service, or by the user."""
+KEY_FIELDS = frozenset({"access_token", "api_key", "api-key", "apikey", "auth", "authorization", "key", "token"})
+LOOPBACK_NAMES = frozenset({b"localhost", b"127.0.0.1", b"[::1]"})
+UNIQUE_HEADERS = frozenset(
+    {b"authorization", b"content-length", b"host", b"origin", b"sec-fetch-site", b"transfer-encoding"}
+)
+
+CHUNKED = b"chunked"
+"""The one transfer coding that is decoded."""
+
+Pairs = list[tuple[bytes, bytes]]
+POLICY = b"default-src 'none'; frame-ancestors 'none'"
+"""Content policy of answers that are no pages, if a browser shows one all the same. Pages have their own policy."""
+ALWAYS: Pairs = [
+    (b"x-content-type-options", b"nosniff"),
+    (b"referrer-policy", b"no-referrer"),
+    (b"cross-origin-resource-policy", b"same-origin"),
+    (b"content-security-policy", POLICY),
+]
+TRANSPORT: Pairs = [(b"strict-transport-security", b"max-age=31536000")]
+"""For a year; sent over TLS only."""
+NO_STORE: Pairs = [(b"cache-control", b"no-store")]
+"""Answers belong to one client: no proxy keeps them."""
+REVALIDATE: Pairs = [(b"cache-control", b"private, no-cache")]
+"""What has an entity tag may be kept, and is revalidated with it."""
+USUAL, USUAL_TLS = [*ALWAYS, *NO_STORE], [*ALWAYS, *NO_STORE, *TRANSPORT]
+DECIDING = frozenset({b"etag", *(name for name, _ in USUAL_TLS)})
+"""Headers that change what is added."""
+
+
+class AuthMiddleware:
+    """Middleware outside all that answers.
+
+    Parameters
+    ----------
+    app
+        What answers.
+    settings
+        Access, names, origins and TLS.
+    keys, quotas
+        Stores of the data folder.
+    audit
+        Records every POST, PATCH and DELETE when keys are required or an audit file is set.
+    """
+
+    def __init__(
+        self, app: ASGIApp, settings: Settings, keys: ApiKeyStore, quotas: QuotaStore, audit: AuditLog
+    ) -> None:
+        self._app = app
+        self._access = settings.access
+        self._metrics_open = settings.metrics_open
+        self._keys = keys
+        self._quotas = quotas
+        self._audit = audit
+        self._audited = settings.audit_log is not None
+        self._tls = settings.tls_certificate is not None
+        self._hosts = frozenset(name.lower().encode() for name in settings.allowed_hosts)
+        self._origins = frozenset(origin.encode() for origin in settings.cors_origins)
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer a request."""
+        if scope["type"] != "http":
+            if scope["type"] == "lifespan":
+                await self._app(scope, receive, send)
+            return
+        status, key_required = 0, self._requires_key(scope)
+        tls = self._tls or scope.get("scheme") == "https"  # at a trusted proxy
+        public = self._metrics_open and path_of(scope) == "/metrics"
+        context = RequestContext(
+            self._keys, self._quotas, key_required=key_required and not public, client=client_of(scope)
+        )
+        scope[CONTEXT] = context
+
+        async def send_secured(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                nonlocal status
+                status = message["status"]
+                message["headers"] = secured(message.get("headers", []), tls=tls)
+            await send(message)
+
+        try:
+            self._check(scope, key_required)
+        except HTTPException as refused:
+            content = ProblemType.of_status(refused.status_code).content(refused.detail)
+            if PREFIX in path_of(scope):  # nor does the answer repeat a key
+                content["instance"] = ""
+            await problem_response(Request(scope), content)(scope, receive, send_secured)
+        else:
+            await self._app(scope, receive, send_secured)
+        finally:
+            if (key_required or self._audited) and scope["method"] not in SAFE:
+                self._audit.record(scope, context, status or 500)
+
+    def _requires_key(self, scope: Scope) -> bool:
+        """Return whether a key is required: from other machines always, unless the service is set to be open.
+
+        A client of a trusted proxy is on another machine, although the proxy is on this one.
+        """
+        if self._access != "auto":
+            return self._access == "keys"
+        self._keys.reload()
+        return self._keys.required or is_loopback(address_of(scope)) is False or is_loopback(client_of(scope)) is False
+
+    def _check(self, scope: Scope, key_required: bool) -> None:
+        """Refuse what no key permits.
+
+        Raises
+        ------
+        HTTPException
+            400, 403, 421 or 501.
+        """
+        headers = read_headers(scope)
+        refuse_transfer_codings(headers.get(b"transfer-encoding", CHUNKED))
+        path = path_of(scope)
+        if scope["query_string"] or PREFIX in path:
+            refuse_key_in_address(scope)
+        if path not in PROBES:
+            if self._hosts:
+                refuse_other_hosts(headers.get(b"host", b""), self._hosts)
+            elif not key_required and is_loopback(address_of(scope)) is not None:
+                refuse_other_hosts(headers.get(b"host", b""), LOOPBACK_NAMES)
+        if scope["method"] not in SAFE:
+            refuse_other_sites(headers, self._origins)
+
+
+def address_of(scope: Scope) -> str | None:
+    """Return the address that the request came to."""
+    server = scope.get("server")
+    return server[0] if server else None
+
+
+def client_of(scope: Scope) -> str | None:
+    """Return the address of the client; behind a trusted proxy the one that the proxy names."""
+    client = scope.get("client")
+    return client[0] if client else None
+
+
+@lru_cache(maxsize=1024)
+def is_loopback(address: str | None) -> bool | None:
+    """Return whether a connection to this address comes from this machine; None if it is no network address."""
+    try:
+        return ip_address((address or "").partition("%")[0]).is_loopback
+    except ValueError:
+        return None
+
+
+def read_headers(scope: Mapping[str, Any]) -> dict[bytes, bytes]:
+    """Return the headers that decide about a request.
+
+    Raises
+    ------
+    HTTPException
+        400 if one is there twice: a proxy may have read the other.
+    """
+    found: dict[bytes, bytes] = {}
+    for name, value in scope["headers"]:
+        if name in UNIQUE_HEADERS:
+            if name in found:
+                raise HTTPException(HTTPStatus.BAD_REQUEST, f"the header {name.decode()} may be there once")
+            found[name] = value
+    return found
+
+
+def refuse_transfer_codings(codings: bytes) -> None:
+    """Refuse bodies in another transfer coding than `chunked`, also before it: the server would not decode it.
+
+    Raises
+    ------
+    HTTPException
+        501 (RFC 9112, section 6.1).
+    """
+    if codings.strip().lower() != CHUNKED:
+        raise HTTPException(HTTPStatus.NOT_IMPLEMENTED, "the one Transfer-Encoding that is decoded is `chunked`")
+
+
+def refuse_key_in_address(scope: Scope) -> None:
+    """Refuse addresses with a key in them, which every proxy on the way logs.
+
+    Raises
+    ------
+    HTTPException
+        400.
+    """
+    query: bytes = scope["query_string"]
+    fields = parse_qsl(query.decode("latin-1"), keep_blank_values=True) if query else ()
+    if PREFIX in path_of(scope) or any(name.lower() in KEY_FIELDS or PREFIX in name + value for name, value in fields):
+        raise HTTPException(
+            HTTPStatus.BAD_REQUEST,
+            "a key never goes into an address, where logs keep it: send it as `Authorization: Bearer ...`, and revoke "
+            "it if this was one",
+        )
+
+
+def refuse_other_hosts(host: bytes, allowed: frozenset[bytes]) -> None:
+    """Refuse requests for an unknown host.
+
+    Starlette's `TrustedHostMiddleware` would answer 400 as text, to the probes as well.
+
+    Raises
+    ------
+    HTTPException
+        421.
+    """
+    name = host.lower()
+    if not name.endswith(b"]"):  # of an IPv6 address
+        before, colon, port = name.rpartition(b":")
+        name = before if colon and port.isdigit() else name
+    if name not in allowed:
+        raise HTTPException(HTTPStatus.MISDIRECTED_REQUEST, "unknown Host header; see RICOCHET_ALLOWED_HOSTS")
+
+
+def refuse_other_sites(headers: Mapping[bytes, bytes], origins: frozenset[bytes]) -> None:
+    """Refuse changes that the page of another site has a browser send.
+
+    Raises
+    ------
+    HTTPException
+        403.
+    """
+    origin, site = headers.get(b"origin"), headers.get(b"sec-fetch-site")
+    if origin is None and site is None:
+        return
+    if site in OWN_SITES or origin in origins:
+        return
+    if site is None and origin is not None and urlsplit(origin).netloc == headers.get(b"host"):
+        return
+    raise HTTPException(HTTPStatus.FORBIDDEN, "requests by pages of other sites are refused; see RICOCHET_CORS_ORIGINS")
+
+
+def secured(headers: Pairs, *, tls: bool) -> Pairs:
+    """Return the headers of an answer with the security headers that they lack; those that are there stay."""
+    for name, _ in headers:
+        if name in DECIDING:
+            break
+    else:
+        return [*headers, *(USUAL_TLS if tls else USUAL)]
+    there = {name for name, _ in headers}
+    wanted = [*ALWAYS, *(REVALIDATE if b"etag" in there else NO_STORE), *(TRANSPORT if tls else [])]
+    return [*headers, *(pair for pair in wanted if pair[0] not in there)]

@@ -11,7 +11,7 @@ from anyio.to_thread import run_sync
 from fastapi import Request, Response
 from pydantic import BaseModel, ValidationError
 
-from service.api.body import JSON, KnownBody, next_turn, parse_json, read_body, require_type
+from service.api.body import JSON, next_turn, parse_json, read_body, require_type
 from service.api.services import Services, services_of, unless_left
 from service.auth.dependencies import RequestContext, context_in
 from service.cache.record import Record
@@ -44,7 +44,7 @@ def single_route(operation: Operation) -> Callable[[Request], Awaitable[Response
         require_type(request, JSON)
         settings, long = services.settings, operation.long
         body = await read_body(request, settings.max_batch_bytes if long else settings.max_body_bytes)
-        known = services.bodies.find(path, body)
+        known = services.bodies.get((path, body))
         record = None if known is None else services.cache.recall(known.key)
         if known is not None and record is not None:
             return recalled(request, operation, record, known.cases)
@@ -57,7 +57,7 @@ def single_route(operation: Operation) -> Callable[[Request], Awaitable[Response
         read = time.perf_counter()
         found = await resolve(request, operation, case, query)
         if not alternatives_in(case):
-            services.bodies.remember(path, body, KnownBody(query.key, operation.charge(case)))
+            services.bodies.remember(path, body, query.key, operation.charge(case))
         return reply(found.content, found.status, begun, read)
 
     return handle

@@ -26,15 +26,16 @@ from fastapi.responses import StreamingResponse
 from service.api.body import choose, matches
 from service.api.contract import Responses, problems
 from service.api.downloads import file_pieces
+from service.api.job_models import Result
 from service.api.services import services_of
 from service.auth.dependencies import READ
 from service.cache.hdf5 import BatchFile, to_hdf5
 from service.cache.record import Record
 from service.cache.tables import residuals_of
-from service.columns import Column, batch_columns, batch_row, csv_cells
+from service.columns import Column, batch_columns, batch_row, csv_cells, summarize
 from service.jobs.manager import JobManager
 from service.jobs.models import CaseResult, JobState, StoredSweep
-from service.schemas import Result
+from service.operations import OPERATIONS
 
 if TYPE_CHECKING:
     from pyarrow import DataType
@@ -174,7 +175,8 @@ GROUP_ROWS = 4096
 
 def csv_head(operation: str, sweep: StoredSweep | None) -> bytes:
     """Return the head of a table: the base of a sweep as a comment, and the names of the columns."""
-    names = _lines([[column.name for column in batch_columns(operation, sweep.fields if sweep else ())]])
+    columns = batch_columns(OPERATIONS[operation].columns, sweep.fields if sweep else ())
+    names = _lines([[column.name for column in columns]])
     return names if sweep is None else b"# base: %b\r\n" % orjson.dumps(sweep.request["base"]) + names
 
 
@@ -196,7 +198,7 @@ def _row(result: CaseResult, operation: str, sweep: StoredSweep | None) -> list[
     item: dict[str, Any] = {"index": result.number, "custom_id": result.custom_id, "problem": result.problem}
     if result.record is not None:
         item["result"] = {**result.record.answer, "key": result.record.key}
-    return batch_row(operation, item, sweep.point(result.number) if sweep else ())
+    return batch_row(OPERATIONS[operation].columns, item, sweep.point(result.number) if sweep else ())
 
 
 def _lines(rows: Iterable[list[Any]]) -> bytes:
@@ -243,7 +245,7 @@ class ParquetTable:
         if sweep is not None:
             metadata["base"] = orjson.dumps(sweep.request["base"]).decode()
             metadata["axes"] = orjson.dumps(sweep.fields).decode()
-        columns = batch_columns(job.operation, sweep.fields if sweep else ())
+        columns = batch_columns(OPERATIONS[job.operation].columns, sweep.fields if sweep else ())
         fields = [
             pa.field(
                 column.name, _arrow_type(column), metadata={"unit": column.unit, "description": column.description}
@@ -296,16 +298,21 @@ router = APIRouter(tags=["results"], dependencies=[READ])
 def to_csv(record: Record) -> bytes:
     """Return the table of a result.
 
-    The history of a run, or its end if it has none; the trials of a search; the residuals of a calibration.
+    The history of a run, or its end if it has none; the trials of a search; the residuals of a calibration; of any
+    other operation the answer in one row.
     """
     if record.operation == "trajectory" and record.history is not None:
         names, columns = list(record.history), [column.tolist() for column in record.history.values()]
     elif residuals := residuals_of(record):
         names, columns = list(residuals), list(residuals.values())
-    else:
+    elif record.operation == "trajectory" or "iterations" in record.answer:
         records = [record.answer["final"]] if record.operation == "trajectory" else record.answer["iterations"]
         names = [name for name in records[0] if name != "exit"]
         columns = [[each[name] for each in records] for name in names]
+    else:
+        summary = summarize(record.answer)
+        names = [column.name for column in OPERATIONS[record.operation].columns]
+        columns = [[summary.get(name)] for name in names]
     text = io.StringIO()
     writer = csv.writer(text)
     writer.writerow(names)

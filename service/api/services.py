@@ -16,8 +16,8 @@ from starlette.types import ASGIApp
 from service.api.body import KnownBodies
 from service.api.downloads import Downloads
 from service.auth.api_keys import ApiKeyStore
+from service.auth.audit_log import AuditLog
 from service.auth.dependencies import ConcurrencyLimit
-from service.auth.middleware import AuditLog
 from service.auth.quotas import QuotaStore
 from service.cache.cache import ResultCache
 from service.errors import PoolUnavailableError
@@ -27,7 +27,8 @@ from service.operations import SCHEMA_VERSION
 from service.queries import QueryService
 from service.settings import Settings
 from service.workers import Executor
-from service.workers.process_pool import InThreadExecutor, ProcessPool
+from service.workers.in_thread import InThreadExecutor
+from service.workers.process_pool import ProcessPool
 from solver import ENGINE_VERSION
 
 Result = TypeVar("Result")

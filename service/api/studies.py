@@ -17,7 +17,7 @@ from fastapi import APIRouter, Request, Response
 from fastapi.responses import HTMLResponse
 
 from service.api.batch_response import IdempotencyKey, JobResponse, WantedPreference
-from service.api.body import JSON, KnownBody, read_body, require_type
+from service.api.body import JSON, read_body, require_type
 from service.api.contract import one_body, problems
 from service.api.page import REPORT_POLICY
 from service.api.queries import read_content, read_request, recalled, reply, resolve, validated, validated_as
@@ -41,11 +41,10 @@ def study_route(operation: Operation) -> Callable[..., Awaitable[Response]]:
         services, path, begun = services_of(request), path_of(request.scope), request.scope[BEGUN]
         require_type(request, JSON)
         body = await read_body(request, services.settings.max_body_bytes)
-        known, case = services.bodies.find(path, body), None
+        known, case = services.bodies.get((path, body)), None
         if known is None:
             case = await read_request(services, body, operation)
-            known = KnownBody(KeyedRequest.of(operation.name, case).key, 1)
-            services.bodies.remember(path, body, known)
+            known = services.bodies.remember(path, body, KeyedRequest.of(operation.name, case).key, 1)
         read = time.perf_counter()
         record = None if preference.respond_async else await services.queries.result(known.key)
         if record is not None:
@@ -104,6 +103,7 @@ NEEDED = "cra"
 @router.post(
     "/verdict",
     response_model=VerdictAnswer,
+    response_description="The verdict, and the queries it rests on.",
     responses=problems(400, 413, 415, 422, 429, 500, 503),
     openapi_extra=one_body(ReportRequest),
     tags=["critical ricochet angle"],

@@ -7,7 +7,9 @@
 A folder belongs to one running service.
 """
 
+import fcntl
 import logging
+import os
 import re
 import sqlite3
 import threading
@@ -18,11 +20,13 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 
+from cachetools import LRUCache
+
 from service.cache.hdf5 import Segment, encode_segments, read_keys
 from service.cache.index import Index, Journal, Location, Statistics, discard_database
-from service.cache.record import RecentRecords, Record
-from service.cache.segments import FolderLock, Segments, discard, name_of
-from service.errors import DamagedFileError, FolderReplacedError
+from service.cache.record import Record
+from service.cache.segments import Segments, discard, name_of
+from service.errors import DamagedFileError, FolderInUseError, FolderReplacedError
 
 NOT_CACHED = "result_not_cached"
 KEY = re.compile(r"[0-9a-f]{64}")
@@ -36,6 +40,59 @@ EVICTED_AT_ONCE = 64
 """Segments; storing results waits for it."""
 
 log = logging.getLogger(__name__)
+
+
+class FolderLock:
+    """Keeps a data folder to one service; the kernel gives it up with the process, however that ends.
+
+    Parameters
+    ----------
+    folder
+        Made if it is not there.
+
+    Raises
+    ------
+    FolderInUseError
+        If another has it.
+    OSError
+        If there can be no such lock.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        folder.mkdir(parents=True, exist_ok=True)
+        self._path = folder / "lock"
+        self._file: int | None = os.open(self._path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+        try:
+            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            self.check()
+        except BlockingIOError:
+            self.release()
+            raise FolderInUseError(f"the data folder {folder} is in use by another service") from None
+        except (OSError, FolderReplacedError):
+            self.release()
+            raise
+
+    def check(self) -> None:
+        """See that the path still leads to the folder that is locked; another service can have what stands there now.
+
+        Raises
+        ------
+        FolderReplacedError
+            If it does not.
+        """
+        if self._file is not None:
+            try:
+                same = os.path.samestat(os.fstat(self._file), self._path.stat())
+            except FileNotFoundError:
+                same = False
+            if not same:
+                raise FolderReplacedError("the data folder has been removed or replaced; start the service again")
+
+    def release(self) -> None:
+        """Give the folder up."""
+        if self._file is not None:
+            os.close(self._file)
+        self._file = None
 
 
 class ResultCache:
@@ -65,7 +122,9 @@ class ResultCache:
         self.last_error: str | None = None
         self._folder = folder
         self._disk_bytes = disk_bytes
-        self._recent = RecentRecords(memory_bytes)
+        self._recent: LRUCache[str, Record] = LRUCache(memory_bytes, getsizeof=lambda record: record.nbytes)
+        self._remembering = threading.Lock()
+        """Held while `_recent` is used."""
         self._segments = Segments(folder)
         self._index_path = folder / "results" / "index.sqlite"
         self._changing = threading.Lock()
@@ -96,18 +155,19 @@ class ResultCache:
 
     def recall(self, key: str) -> Record | None:
         """Record of this key if it is in memory."""
-        return self._recent.get(key)
+        with self._remembering:
+            return self._recent.get(key)
 
     def get(self, key: str) -> Record | None:
         """Record of this key, from memory or from disk; in memory from then on."""
         record = self.get_many([key]).get(key)
         if record is not None:
-            self._recent.put(record)
+            self._remember(record)
         return record
 
     def get_many(self, keys: Sequence[str]) -> dict[str, Record]:
         """Records of these keys, as far as there are any. Memory keeps what it has: a batch would fill it."""
-        found = {key: record for key in keys if (record := self._recent.get(key) or self._pending.get(key))}
+        found = {key: record for key in keys if (record := self.recall(key) or self._pending.get(key))}
         wanted: dict[str, dict[str, int]] = defaultdict(dict)
         for key, place in self._find([key for key in keys if key not in found]).items():
             wanted[place.segment][key] = place.row
@@ -133,7 +193,7 @@ class ResultCache:
             [record] = self.put_many([record])
         elif not self._add_to_journal(self._journal, record):
             record = record.with_warning(NOT_CACHED, f"this result was not stored: {self.last_error}")
-        self._recent.put(record)
+        self._remember(record)
         if self._journal_is_full() and (self._flushed is None or self._flushed.done()):
             self._flushed = self._flusher.submit(self._flush_full_journal)
         return record
@@ -233,6 +293,12 @@ class ResultCache:
             self._index.close()
         if self._lock is not None:
             self._lock.release()
+
+    def _remember(self, record: Record) -> None:
+        """Keep the record in memory, if it fits at all."""
+        if record.nbytes <= self._recent.maxsize:
+            with self._remembering:
+                self._recent[record.key] = record
 
     def _open_index(self) -> Index:
         with self._noting():

@@ -15,7 +15,7 @@ from typing import Any
 
 import orjson
 
-from service.cache.database_files import set_aside, unread_commits
+from service.cache.damaged import set_aside
 from service.cache.record import Record
 
 LAYOUT = 1
@@ -316,7 +316,7 @@ def _opened(
     A damaged file that holds what nothing else has is kept in the folder `aside`.
     """
     try:
-        return _connected(path, tables, text, aside)
+        return _connected(path, tables, text)
     except sqlite3.OperationalError:
         raise
     except sqlite3.DatabaseError as error:  # it is no database, or no longer one
@@ -325,18 +325,16 @@ def _opened(
         if aside is not None:
             set_aside(path, aside, str(error))
         discard_database(path)
-        return _connected(path, tables, text, None)
+        return _connected(path, tables, text)
 
 
-def _connected(path: Path | None, tables: str, text: Callable[[bytes], str], aside: Path | None) -> sqlite3.Connection:
+def _connected(path: Path | None, tables: str, text: Callable[[bytes], str]) -> sqlite3.Connection:
     connection = sqlite3.connect(path or ":memory:", isolation_level=None, check_same_thread=False)
     connection.text_factory = text
     try:
         connection.execute("PRAGMA journal_mode = WAL")
         connection.execute("PRAGMA foreign_keys = ON")
         connection.execute("PRAGMA synchronous = NORMAL")  # a power cut may cost the last segments their entries
-        if path is not None and aside is not None and (lost := unread_commits(connection, path)):
-            set_aside(path, aside, f"damaged log, its last {lost} commits are lost", keep=True)
         [(layout,)] = connection.execute("PRAGMA user_version").fetchall()
         if layout == 0 and not connection.execute("SELECT 1 FROM sqlite_master").fetchall():
             connection.executescript(f"BEGIN; {tables} PRAGMA user_version = {LAYOUT}; COMMIT;")

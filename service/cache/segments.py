@@ -6,10 +6,8 @@ results/.partial/                          being written; what a crash leaves th
 damaged/<name>.h5                          files that were not what had been written, set aside
 """
 
-import fcntl
 import hashlib
 import itertools
-import logging
 import os
 import re
 import shutil
@@ -18,67 +16,12 @@ from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
 
+from service.cache.damaged import set_aside
 from service.cache.hdf5 import DecodedSegment, check
-from service.errors import FolderInUseError, FolderReplacedError
 
 FILE = re.compile(r"[0-9a-f]{32}\.h5")
 MOST_REMEMBERED = 100_000
 """Segments that are remembered to be whole, some 20 MB."""
-
-log = logging.getLogger(__name__)
-
-
-class FolderLock:
-    """Keeps a data folder to one service; the kernel gives it up with the process, however that ends.
-
-    Parameters
-    ----------
-    folder
-        Made if it is not there.
-
-    Raises
-    ------
-    FolderInUseError
-        If another has it.
-    OSError
-        If there can be no such lock.
-    """
-
-    def __init__(self, folder: Path) -> None:
-        folder.mkdir(parents=True, exist_ok=True)
-        self._path = folder / "lock"
-        self._file: int | None = os.open(self._path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
-        try:
-            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            self.check()
-        except BlockingIOError:
-            self.release()
-            raise FolderInUseError(f"the data folder {folder} is in use by another service") from None
-        except (OSError, FolderReplacedError):
-            self.release()
-            raise
-
-    def check(self) -> None:
-        """See that the path still leads to the folder that is locked; another service can have what stands there now.
-
-        Raises
-        ------
-        FolderReplacedError
-            If it does not.
-        """
-        if self._file is not None:
-            try:
-                same = os.path.samestat(os.fstat(self._file), self._path.stat())
-            except FileNotFoundError:
-                same = False
-            if not same:
-                raise FolderReplacedError("the data folder has been removed or replaced; start the service again")
-
-    def release(self) -> None:
-        """Give the folder up."""
-        if self._file is not None:
-            os.close(self._file)
-        self._file = None
 
 
 def name_of(keys: Iterable[str]) -> str:
@@ -211,10 +154,8 @@ class Segments:
         OSError
             If it cannot be moved.
         """
-        log.warning("%s set aside: %s", self.path(name), reason)
         self._whole.pop(name, None)
-        self._damaged.mkdir(parents=True, exist_ok=True)
-        self.path(name).replace(self._damaged / f"{name}.h5")
+        set_aside(self.path(name), self._damaged, reason)
 
     def _remember(self, name: str, signature: tuple[int, int]) -> None:
         if len(self._whole) >= MOST_REMEMBERED:

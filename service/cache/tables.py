@@ -16,14 +16,16 @@ from service.cache.record import Record
 from service.columns import (
     CASE,
     IDENTITY,
-    MOTION,
     RESIDUALS,
     RUN,
-    TRIALS,
+    WARNINGS,
     Column,
     summarize,
-    summary_columns,
 )
+from service.operations import OPERATIONS
+from service.schemas.answers import MotionState
+from service.schemas.fields import columns_of, part_of
+from service.schemas.quantities import Part
 
 Rows = npt.NDArray[Any]
 
@@ -53,6 +55,12 @@ def summary_of(record: Record) -> dict[str, Any]:
 def table_of(columns: Iterable[Column], rows: Sequence[Mapping[str, Any]]) -> Rows:
     """Rows as a table with these columns."""
     return _joined(_filled(columns, rows), len(rows))
+
+
+def trial_columns(answer: type[Part]) -> tuple[Column, ...]:
+    """Return the columns of the trials of a search, from the model of its answer."""
+    trial = part_of(answer, "iterations") if "iterations" in answer.model_fields else None
+    return columns_of(trial) if trial else ()
 
 
 def trials_of(columns: Iterable[Column], records: Sequence[Record | None], first: int) -> Rows:
@@ -314,17 +322,18 @@ class Contents:
         root = h5py.h5g.open(file.id, b"/")
         for name, text in {"title": "ricochet results", "layout": LAYOUT}.items():
             write_attribute(root, name, text)
-        self._summary = (*more, *summary_columns(operation))
-        self._trials = TRIALS.get(operation, ())
+        known = OPERATIONS.get(operation)
+        self._summary = (*more, *IDENTITY, *(known.columns if known else ()), WARNINGS)
+        self._trials = trial_columns(known.answer) if known else ()
         self._rows = 0
-        known = {
+        columns = {
             "summary": self._summary,
             "iterations": (CASE, *self._trials),
-            "history": (CASE, *MOTION),
+            "history": (CASE, *columns_of(MotionState)),
             "residuals": (CASE, *RESIDUALS),
         }
         self._streams = {
-            name: Stream(file, name, description, columns=known.get(name, ()), chunk_bytes=chunk_bytes)
+            name: Stream(file, name, description, columns=columns.get(name, ()), chunk_bytes=chunk_bytes)
             for name, description in DESCRIPTIONS.items()
         }
 

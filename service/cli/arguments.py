@@ -140,7 +140,7 @@ NOSE, STRENGTH, FREE_SURFACE = ("projectile", "nose"), ("resistance", "strength_
 """Parts of several models."""
 MODEL_NAMES: Mapping[tuple[str, ...], str] = {NOSE: "shape", STRENGTH: "model", FREE_SURFACE: "model"}
 """Field that names the model, by part."""
-SHAPES = ("ogive", "conical", "spherical", "flat", "profile")
+SHAPES = ("ogive", "conical", "spherical", "flat", "profile", "sphere")
 LAWS = ("constant", "obliquity_polynomial", "published_tests", "own_tests", "strength_power_law")
 DECAYS = ("elastic_plastic", "mohr_coulomb", "none")
 BODY = (
@@ -163,11 +163,13 @@ BODY = (
     Flag(
         "--profile",
         ("projectile", "nose", "points"),
-        "points of a convex nose from the tip, distances behind it and from the axis [m]",
+        "points of a convex nose or body from the tip, distances behind it and from the axis [m]",
         read=read_points,
         metavar="X,R:X,R...",
         implies=("profile",),
     ),
+    Flag("--boat-tail-length", ("projectile", "boat_tail", "length_m"), "length of the taper before the base [m]"),
+    Flag("--base-diameter", ("projectile", "boat_tail", "base_diameter_m"), "diameter of the base behind a taper [m]"),
     Flag(
         "--center-of-gravity",
         ("projectile", "center_of_gravity_m"),

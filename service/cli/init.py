@@ -17,6 +17,7 @@ mass_kg = 13.0
 nose = { shape = "ogive", caliber_radius_head = 3.0 }  # radius of the ogive over the diameter, 0.5 or more
 # nose = { shape = "conical", length_to_diameter = 1.5 }
 # nose = { shape = "spherical", caliber_radius_head = 0.5 }
+# nose = { shape = "sphere" }  # the whole body: length_m is diameter_m
 # nose = { shape = "flat" }
 # nose = { shape = "profile", points = [[0.0, 0.01], [0.06, 0.03], [0.12, 0.04]] }  # [m] from the tip: x, radius
 # center_of_gravity_m = 0.3  # behind the nose tip; that of a homogeneous body unless given

@@ -117,7 +117,7 @@ def explained(pointer: str, detail: str, *values: Any) -> str:
 def _bound_error(pointer: str, values: Iterable[Any]) -> str | None:
     """Return the solver's error for the first of these values of a field that is outside its bounds, if any."""
     from solver import ParameterError
-    from solver.validation import BOUNDS, require_bounds
+    from solver.checks import BOUNDS, require_bounds
 
     suffix = next((suffix for suffix in UNITS if pointer.endswith(suffix)), "")
     field = pointer.strip("/").replace("/", ".").removesuffix(suffix)
@@ -179,6 +179,8 @@ def without_sought(body: RequestBody, operation: str) -> RequestBody:
 def _put_number(body: dict[str, Any], flag: Flag, value: float | None) -> None:
     """Set the field of a flag. Without a value, only add the objects around it, so that validation names the field."""
     parent: Any = body
+    if value is None and len(flag.steps) > 2:
+        return  # A part within a part, as a boat-tail of a projectile, may be left out.
     for step in flag.steps[:-1]:
         parent = parent.setdefault(step, {}) if isinstance(parent, dict) else None
     if value is not None and isinstance(parent, dict):

@@ -60,9 +60,12 @@ def run_serve(_: argparse.Namespace) -> int:
     from service.auth.api_keys import KeysUnreadableError
     from service.cli.server import Server
     from service.errors import ExecutorError, FolderInUseError, MissingExtraError
+    from service.settings import unknown_variables
     from service.telemetry import configure_log
 
     configure_log(settings.log_level)
+    if unknown := unknown_variables():
+        log.warning("the environment has variables that are not settings: %s", ", ".join(unknown))
     try:
         app = create_app(settings)
     except MissingExtraError as error:

@@ -82,13 +82,16 @@ class SweepTable:
 
     def write(self, items: Sequence[Item]) -> None:
         """Write a row for each result, the first time with the header above."""
+        from service.operations import OPERATIONS
+
+        columns = OPERATIONS[self._operation].columns
         if not self._begun:
             self._stream.write(f"# base: {orjson.dumps(self._base).decode()}\n")
-            self._rows.writerow([column.name for column in batch_columns(self._operation, self._fields)])
+            self._rows.writerow([column.name for column in batch_columns(columns, self._fields)])
             self._begun = True
         for item in items:
             point = tuple(item["point"][field] for field in self._fields)
-            self._rows.writerow(csv_cells(batch_row(self._operation, item, point)))
+            self._rows.writerow(csv_cells(batch_row(columns, item, point)))
         self._stream.flush()
 
     def close(self) -> None:

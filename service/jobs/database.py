@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from service.cache.database_files import set_aside, unread_commits
+from service.cache.damaged import set_aside
 from service.errors import FolderReplacedError, StorageError
 
 LAYOUT = 2
@@ -114,9 +114,8 @@ class Database:
         self._check = check
         self._opened: os.stat_result | None = None
         self._checked = False
-        self._taken_over = False
-        self._written = False
-        """Whether the log may hold anything."""
+        self._written = True
+        """Whether the log may hold anything: at first what an earlier process has left."""
         self._opening = threading.Lock()
         self._locks = {"write": threading.Lock(), "read": threading.Lock()}
         self._connections: dict[str, sqlite3.Connection] = {}
@@ -223,7 +222,7 @@ class Database:
         except sqlite3.OperationalError:
             raise
         except sqlite3.DatabaseError as error:  # The file is damaged, or not a database.
-            self._set_aside(str(error))
+            set_aside(self._path, self._path.parent / "damaged", str(error))
             return self._connect()
 
     def _connect(self) -> sqlite3.Connection:
@@ -235,8 +234,6 @@ class Database:
             connection.execute("PRAGMA synchronous = FULL")
             connection.execute("PRAGMA foreign_keys = ON")
             connection.execute("PRAGMA wal_autocheckpoint = 0")  # An automatic one would copy only a part of the log.
-            if not self._taken_over:
-                self._take_over_log(connection)
             layout = connection.execute("PRAGMA user_version").fetchone()[0]
             if layout == 0:
                 connection.executescript(f"BEGIN IMMEDIATE; {TABLES} PRAGMA user_version = {LAYOUT}; COMMIT;")
@@ -251,17 +248,6 @@ class Database:
             connection.close()
             raise
         return connection
-
-    def _take_over_log(self, connection: sqlite3.Connection) -> None:
-        """Say what is lost of the log that an earlier process has left, and move the rest into the file."""
-        if lost := unread_commits(connection, self._path):
-            self._set_aside(f"damaged log, the jobs are as before its last {lost} commits", keep=True)
-        self._taken_over = self._written = True
-        with suppress(sqlite3.OperationalError):  # The disk may be full; the next checkpoint does it.
-            connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")
-
-    def _set_aside(self, reason: str, *, keep: bool = False) -> None:
-        set_aside(self._path, self._path.parent / "damaged", reason, keep=keep)
 
 
 def _fold_side_tables(connection: sqlite3.Connection) -> None:

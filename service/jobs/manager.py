@@ -86,7 +86,7 @@ class JobManager:
         self._runner = CaseRunner(queries, self._rate)
         self._studies = StudyService(queries)
         self._scheduler = Scheduler(
-            queries, jobs, self._runner, self._rate, self._count, self._studies, self._run_samples, give_back, tracer
+            queries, jobs, self._runner, self._count, self._studies, self._run_samples, give_back, tracer
         )
         self._reader = ResultReader(queries, jobs, self._runner, self._studies)
         self._accepting: set[tuple[str, str]] = set()
@@ -107,7 +107,7 @@ class JobManager:
     @property
     def running_chunks(self) -> int:
         """Number of chunks of jobs that are being prepared, computed or kept."""
-        return sum(len(job.work) for job in self._scheduler.active.values())
+        return self._runner.job_chunks
 
     @property
     def rate(self) -> float:
@@ -120,9 +120,7 @@ class JobManager:
             await self._go_on()
         except StorageError as error:
             log.warning("%s", error)
-        self._tasks = [
-            asyncio.create_task(work) for work in (self._scheduler.run(), self._expire(), self._checkpoint())
-        ]
+        self._tasks = [asyncio.create_task(work) for work in (self._expire(), self._checkpoint())]
 
     async def check(self) -> None:
         """See that jobs can be accepted as far as their file goes.
@@ -154,7 +152,7 @@ class JobManager:
             While it runs, if no worker can take the cases.
         """
         self._admit(owner, len(cases))
-        return self._counted(operation, self._runner.run(operation, cases, owner=owner))
+        return self._counted(operation, self._runner.results(operation, cases, owner=owner))
 
     async def answer_study(
         self,
@@ -355,7 +353,7 @@ class JobManager:
 
     def _run_samples(self, operation: str, cases: Sequence[JobCase], *, owner: str) -> AsyncGenerator[CaseResult, None]:
         """Yield the results of samples of a study that is a job."""
-        return self._counted(operation, self._runner.run(operation, cases, owner=owner, urgent=False))
+        return self._counted(operation, self._runner.results(operation, cases, owner=owner, urgent=False))
 
     @property
     def _queued(self) -> Counter[str]:

@@ -4,7 +4,6 @@ import itertools
 import math
 import zlib
 from collections.abc import Callable, Iterable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field
 from datetime import datetime
 from enum import IntEnum
@@ -33,10 +32,6 @@ class CaseState(IntEnum):
     DONE = 1
     CACHED = 2
     FAILED = 3
-
-
-SOUND_STATES = bytes(byte if byte in set(CaseState) else CaseState.WAITING for byte in range(256))
-"""Table that makes damaged states those of cases without a result."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -225,12 +220,6 @@ class CaseBlock:
         return len(self.keys) // KEY_BYTES
 
 
-def block_of(case: int, total: int) -> tuple[int, int]:
-    """Return the first and the last case that are stored together with this one, of so many."""
-    first = case - case % BLOCK_SIZE
-    return first, min(first + BLOCK_SIZE, total) - 1
-
-
 def join_keys(keys: Iterable[str]) -> bytes:
     """Return keys as they are stored."""
     return b"".join(map(bytes.fromhex, keys))
@@ -239,33 +228,6 @@ def join_keys(keys: Iterable[str]) -> bytes:
 def split_keys(keys: bytes) -> list[str]:
     """Return the keys that were stored."""
     return [keys[i : i + KEY_BYTES].hex() for i in range(0, len(keys), KEY_BYTES)]
-
-
-def sound_keys(keys: bytes | None, first: int, count: int) -> list[str]:
-    """Return the keys that were stored of a block, or keys of no result if they are lost."""
-    found = split_keys(keys or b"")
-    return found if len(found) == count else [f"{first + i:0{2 * KEY_BYTES}x}" for i in range(count)]
-
-
-def sound_states(states: bytes | None, count: int) -> bytes:
-    """Return the states that were stored of a block; cases whose state is damaged have no result."""
-    return states.translate(SOUND_STATES) if states is not None and len(states) == count else bytes(count)
-
-
-def sound_custom_ids(custom_ids: bytes | None, count: int) -> list[str | None]:
-    """Return the names that were stored of a block; none if they are damaged."""
-    with suppress(zlib.error, orjson.JSONDecodeError):
-        names = split_custom_ids(custom_ids, count)
-        if len(names) == count:
-            return names
-    return [None] * count
-
-
-def sound_requests(requests: bytes | None) -> tuple[bytes, ...]:
-    """Return the canonical requests that were stored of a block; none if they are damaged."""
-    with suppress(zlib.error):
-        return split_requests(requests) if requests is not None else ()
-    return ()
 
 
 @lru_cache(maxsize=16)

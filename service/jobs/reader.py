@@ -12,8 +12,7 @@ import orjson
 from anyio import CapacityLimiter
 from anyio.to_thread import run_sync
 
-from service.errors import DamagedCasesError, case_problem
-from service.jobs.models import CaseResult, CaseRow, CaseState, JobCase, JobState, block_of
+from service.jobs.models import CaseResult, CaseRow, CaseState, JobCase, JobState
 from service.jobs.runner import CaseRunner
 from service.jobs.store import VERSIONS, JobStore
 from service.jobs.studies import StudyService
@@ -120,27 +119,19 @@ class ResultReader:
             return [JobCase(KeyedRequest(key, requests[row.number]), row.custom_id) for row, key in found]
 
         requests = await run_sync(self._jobs.requests, state.number, [row.number for row in rows])
-        lost = {row.number: self._lost(state, row) for row in rows if row.number not in requests}
-        rows = [row for row in rows if row.number in requests]
         cases = await run_sync(load)
         if is_study(state.operation):
-            found = {row.number: await self._study(state, row, case) for row, case in zip(rows, cases, strict=True)}
-            return found | lost
-        found = lost
-        async with aclosing(self._runner.run(state.operation, cases, owner=state.owner)) as results:
+            return {row.number: await self._study(state, row, case) for row, case in zip(rows, cases, strict=True)}
+        found = {}
+        async with aclosing(self._runner.results(state.operation, cases, owner=state.owner)) as results:
             async for result in results:
                 row = rows[result.number]
                 found[row.number] = replace(result, number=row.number, cached=row.state == CaseState.CACHED)
         return found
 
-    def _lost(self, state: JobState, row: CaseRow) -> CaseResult:
-        """Result of a case that neither the cache nor the jobs have any more."""
-        problem = case_problem(DamagedCasesError(*block_of(row.number, state.total)))
-        return CaseResult(row.number, row.custom_id, None, problem, cached=False)
-
     async def _study(self, state: JobState, row: CaseRow, case: JobCase) -> CaseResult:
         """Compute a study again, of whose samples most may still be there."""
-        run = partial(self._runner.run, owner=state.owner)
+        run = partial(self._runner.results, owner=state.owner)
         record, _ = await self._studies.answer(state.operation, case.request, run)
         return CaseResult(row.number, row.custom_id, record, None, row.state == CaseState.CACHED)
 

@@ -2,81 +2,93 @@
 
 import asyncio
 import math
-from collections import Counter, defaultdict
+from collections import Counter, defaultdict, deque
 from collections.abc import AsyncGenerator, Awaitable, Callable, Mapping, Sequence
-from contextlib import aclosing
+from contextlib import AbstractAsyncContextManager, AbstractContextManager, aclosing, nullcontext
 from dataclasses import dataclass, field
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
+from anyio import CancelScope, create_task_group
+from anyio.abc import TaskGroup
 from anyio.to_thread import run_sync
 
 from service.cache.record import Record
 from service.errors import ComputationCancelled, PoolUnavailableError, QueueFullError, case_problem
 from service.fairness import ChunkSizer, FairSemaphore, Permit
 from service.jobs.models import CaseResult, JobCase
-from service.operations import KeyedRequest
 from service.queries import Answered, QueryService, Rate
 
-CHUNK_SECONDS = 0.1
-"""Time that one chunk takes: short, so that a client sees the first results soon."""
-RETRY_SECONDS = 0.1
-"""Pause before a case that other work was computing and gave up is tried again."""
+URGENT_SECONDS = 0.1
+"""Work in a chunk that a client waits for: short, so that the first results are there soon."""
+CHUNK_SECONDS = 0.25
+"""Work in a chunk of a job: what a crash costs at most, and a hundred times what handing it over does."""
+CHUNKS_KEPT = 2
+"""Chunks of jobs beside those in the executor, being prepared or kept."""
+RETRY_SECONDS = 1.0
+"""Pause before cases of a job that no worker could take are tried again."""
+OVERLONG_SECONDS = 10.0
+"""Time after which a chunk is given up: cases that take far longer than those before are handed out again in smaller
+chunks, so that all workers share them and other work gets in between."""
 TEMPORARY = (ComputationCancelled, PoolUnavailableError, QueueFullError)
 """Errors that do not come from the case itself: it is tried again."""
 
-
-@dataclass(frozen=True, slots=True)
-class CaseAnswer:
-    """Answer to all cases with one key: a record or a problem.
-
-    `own` says whether it was computed here rather than by other work in flight.
-    """
-
-    key: str
-    record: Record | None
-    problem: dict[str, Any] | None
-    own: bool
+Blocks: TypeAlias = AsyncGenerator[Mapping[int, JobCase], None]
+"""Cases by their numbers, read when there is a turn to compute some."""
+Take: TypeAlias = Callable[[list[CaseResult]], Awaitable[None]]
+"""Takes results as they finish; the next chunk of a job may wait for it."""
 
 
-@dataclass(slots=True)
-class ChunkAnswers:
-    """What a chunk has brought so far."""
+@dataclass(eq=False)
+class Run:
+    """Cases that are being run. The parameters are those of `CaseRunner.run`."""
 
-    found: list[CaseAnswer] = field(default_factory=list)
-    again: list[str] = field(default_factory=list)
-    """Keys of cases without an answer for a reason that is not their own: they are tried again."""
-    refused: Exception | None = None
-    """Why no worker took some of them, if that is the reason."""
+    operation: str
+    blocks: Blocks
+    take: Take
+    owner: str
+    urgent: bool
+    traced: Callable[[int], AbstractContextManager[object]]
+    group: TaskGroup
+    capacity: int
+    """Number of chunks that can run at the same time."""
+    sizer: ChunkSizer = field(init=False)
+    cases: dict[str, dict[int, JobCase]] = field(default_factory=dict)
+    """Cases without a result, by key: only the first with a key is computed."""
+    waiting: deque[str] = field(default_factory=deque)
+    """Keys of cases to be computed next."""
+    read: bool = False
+    """Whether all blocks have been read."""
+    share: int = 1
+    """Largest chunk from then on, so that all workers have a share of the last cases."""
+    pending: bool = False
+    """Whether a chunk waits for its turn."""
 
-    @classmethod
-    def of(cls, futures: Mapping[str, "asyncio.Future[Answered]"], *, own: bool) -> "ChunkAnswers":
-        """Sort the answers of a chunk; one that is not there yet counts as given up."""
-        answers = cls()
-        for key, future in futures.items():
-            error = future.exception() if future.done() and not future.cancelled() else ComputationCancelled()
-            if error is None:
-                answers.found.append(CaseAnswer(key, future.result()[0], None, own))
-            elif isinstance(error, TEMPORARY) or not isinstance(error, Exception):
-                answers.again.append(key)
-                if isinstance(error, PoolUnavailableError | QueueFullError):
-                    answers.refused = error
-            else:
-                answers.found.append(CaseAnswer(key, None, case_problem(error), own))
-        return answers
+    def __post_init__(self) -> None:
+        self.sizer = ChunkSizer(URGENT_SECONDS if self.urgent else CHUNK_SECONDS)
 
+    async def next_chunk(self) -> list[JobCase]:
+        """Take out the cases of the next chunk, no two alike; there are none when all are done or underway."""
+        while not self.read and len(self.waiting) < self.sizer.cases:
+            block = await anext(self.blocks, None)
+            self.read = block is None
+            for number, case in (block or {}).items():
+                key = case.request.key
+                if key not in self.cases:
+                    self.waiting.append(key)
+                self.cases.setdefault(key, {})[number] = case
+        size = min(self.sizer.cases, len(self.waiting))
+        if self.read:
+            self.share = max(self.share, math.ceil(len(self.waiting) / self.capacity))
+            size = min(size, self.share)
+        return [next(iter(self.cases[self.waiting.popleft()].values())) for _ in range(size)]
 
-Wait: TypeAlias = Callable[["asyncio.Future[Any]", Callable[[], object], float | None], Awaitable[bool]]
-"""Waits for work, which its second argument gives up; returns whether it ended within so many seconds, if limited."""
-
-
-async def wait_for(work: "asyncio.Future[Any]", stop: Callable[[], object], seconds: float | None) -> bool:
-    """Wait for the work of a chunk, and give it up when cancelled."""
-    try:
-        done, _ = await asyncio.wait([work], timeout=seconds)
-    except asyncio.CancelledError:
-        stop()
-        raise
-    return bool(done)
+    def results(self, key: str, record: Record | None, error: Exception | None, *, own: bool) -> list[CaseResult]:
+        """Return the results of all cases with a key; `own` says whether the first was computed for it."""
+        problem = None if error is None else case_problem(error)
+        return [
+            CaseResult(number, case.custom_id, record, problem, cached=not own or place > 0)
+            for place, (number, case) in enumerate(self.cases.pop(key).items())
+        ]
 
 
 class CaseRunner:
@@ -87,122 +99,167 @@ class CaseRunner:
     queries
         Computes the cases.
     rate
-        Counts every case of `run` that is done.
+        Counts every case that is done.
     """
 
     def __init__(self, queries: QueryService, rate: Rate) -> None:
         self.queued: Counter[str] = Counter()
-        """Cases of `run` that wait or are being computed, by owner."""
-        self.permits = FairSemaphore(lambda: queries.chunk_limit)
-        """For chunks in the executor: what a client waits for goes before jobs."""
+        """Cases of `results` that wait or are being computed, by owner."""
         self._queries = queries
         self._rate = rate
-        self._sizers: dict[str, ChunkSizer] = defaultdict(lambda: ChunkSizer(CHUNK_SECONDS))
+        self._turns = FairSemaphore(lambda: queries.chunk_limit)
+        """For chunks in the executor: what a client waits for goes before jobs."""
+        self._job_chunks = FairSemaphore(lambda: queries.chunk_limit + CHUNKS_KEPT)
+        """For chunks of jobs that are being prepared, computed or kept: their number bounds the memory they take."""
 
-    async def run(
+    @property
+    def job_chunks(self) -> int:
+        """Number of chunks of jobs that are being prepared, computed or kept."""
+        return self._job_chunks.taken
+
+    async def results(
         self, operation: str, cases: Sequence[JobCase], *, owner: str, urgent: bool = True
     ) -> AsyncGenerator[CaseResult, None]:
         """Yield the result of every case as it finishes; closed, it stops the work.
 
-        Owners take turns; what is urgent goes before jobs.
+        Raises
+        ------
+        PoolUnavailableError
+            If no worker can take the cases and they are urgent.
+        """
+        left, finished = len(cases), asyncio.Queue[list[CaseResult] | None]()
+
+        async def work() -> None:
+            try:
+                numbers: dict[str, list[int]] = defaultdict(list)
+                for number, case in enumerate(cases):
+                    numbers[case.request.key].append(number)
+                known: Mapping[str, Record] = await run_sync(self._queries.cache.get_many, list(numbers))
+                found = [(number, record) for key, record in known.items() for number in numbers[key]]
+                finished.put_nowait(
+                    [CaseResult(i, cases[i].custom_id, record, None, cached=True) for i, record in found]
+                )
+                missing = {number: case for number, case in enumerate(cases) if case.request.key not in known}
+                if missing:
+                    await self.run(operation, only(missing), finished.put, owner=owner, urgent=urgent)
+            finally:
+                finished.put_nowait(None)
+
+        self.queued[owner] += left
+        working = asyncio.create_task(work())
+        try:
+            while (results := await finished.get()) is not None:
+                for result in results:
+                    left -= 1
+                    self.queued[owner] -= 1
+                    yield result
+            await working
+        finally:
+            self.queued -= Counter({owner: left})  # The subtraction also forgets owners who have nothing queued.
+            working.cancel()
+            with CancelScope(shield=True):
+                await asyncio.wait([working])
+
+    async def run(
+        self,
+        operation: str,
+        blocks: Blocks,
+        take: Take,
+        *,
+        owner: str,
+        urgent: bool = True,
+        traced: Callable[[int], AbstractContextManager[object]] = nullcontext,
+    ) -> None:
+        """Compute all cases of these blocks, except those that have been kept meanwhile; cancelled, it stops the work.
+
+        Parameters
+        ----------
+        take
+            Takes the results, after they have been kept.
+        owner
+            In whose turn they are computed.
+        urgent
+            Whether somebody waits for them: they go before others, and have no retries when no worker can take them.
+        traced
+            Called with the number of cases of each chunk; its context lasts as long as the chunk.
 
         Raises
         ------
         PoolUnavailableError
-            If no worker can take the cases.
+            If no worker can take the cases and they are urgent.
+        Exception
+            Out of `blocks` and `take`.
         """
-        left, work = len(cases), set[asyncio.Task[list[CaseAnswer]]]()
-        self.queued[owner] += left
         try:
-            numbers: dict[str, list[int]] = defaultdict(list)
-            for number, case in enumerate(cases):
-                numbers[case.request.key].append(number)
-            known: Mapping[str, Record] = await run_sync(self._queries.cache.get_many, list(numbers))
-            finished = [CaseAnswer(key, record, None, own=False) for key, record in known.items()]
-            missing = [cases[same[0]].request for key, same in numbers.items() if key not in known]
-            work |= self._begin(operation, missing, owner, urgent=urgent)
-            while True:
-                for answer in finished:
-                    for number in numbers[answer.key]:
-                        left -= 1
-                        self.queued[owner] -= 1
-                        cached = not answer.own or number != numbers[answer.key][0]
-                        yield CaseResult(number, cases[number].custom_id, answer.record, answer.problem, cached)
-                if not work:
-                    return
-                done, work = await asyncio.wait(work, return_when=asyncio.FIRST_COMPLETED)
-                finished = [answer for chunk in done for answer in chunk.result()]
-                self._rate.add(sum(len(numbers[answer.key]) for answer in finished))
-        finally:
-            self.queued -= Counter({owner: left})  # The subtraction also forgets owners who have nothing queued.
-            for chunk in work:
-                chunk.cancel()
-            if work:
-                await asyncio.wait(work)
+            async with aclosing(blocks), create_task_group() as group:
+                run = Run(operation, blocks, take, owner, urgent, traced, group, self._queries.executor.capacity)
+                self._begin_chunk(run)
+        except ExceptionGroup as errors:  # The first one has cancelled the other chunks.
+            raise errors.exceptions[0] from None
 
-    def _begin(
-        self, operation: str, missing: Sequence[KeyedRequest], owner: str, *, urgent: bool
-    ) -> set["asyncio.Task[list[CaseAnswer]]"]:
-        share = math.ceil(len(missing) / self._queries.executor.capacity)
-        size = max(1, min(self._sizers[operation].cases, share))
-        chunks = [missing[i : i + size] for i in range(0, len(missing), size)]
-        work = {asyncio.create_task(self._compute(operation, chunk, owner, urgent=urgent)) for chunk in chunks}
-        for task in work:  # Errors are retrieved, so that asyncio does not report them if nothing waits.
-            task.add_done_callback(lambda done: done.cancelled() or done.exception())
-        return work
+    def _begin_chunk(self, run: Run) -> None:
+        if not run.pending:
+            run.pending = True
+            run.group.start_soon(self._run_chunk, run)
 
-    async def _compute(
-        self, operation: str, chunk: Sequence[KeyedRequest], owner: str, *, urgent: bool
-    ) -> list[CaseAnswer]:
-        """Compute these cases; those that were in flight elsewhere and given up there are tried again."""
-        found: list[CaseAnswer] = []
-        left = {case.key: case for case in chunk}
-        while True:
-            permit = await self.permits.acquire(owner, urgent=urgent)
-            cases, sizer = list(left.values()), self._sizers[operation]
-            async with aclosing(self.run_chunk(operation, cases, permit, sizer)) as parts:
-                async for answers in parts:
-                    if isinstance(answers.refused, PoolUnavailableError):
-                        raise answers.refused
-                    found += answers.found
-                    for answer in answers.found:
-                        del left[answer.key]
-            if not left:
-                return found
+    async def _run_chunk(self, run: Run) -> None:
+        """Compute the next cases when it is the turn of their owner, and begin the chunk after them meanwhile."""
+        room: AbstractAsyncContextManager[object] = nullcontext() if run.urgent else self._job_chunks.held(run.owner)
+        async with self._turns.held(run.owner, urgent=run.urgent) as permit, room:
+            cases = await run.next_chunk()
+            run.pending = False
+            if cases:
+                self._begin_chunk(run)
+                with run.traced(len(cases)):
+                    await self._compute(run, cases, permit)
+
+    async def _compute(self, run: Run, cases: Sequence[JobCase], permit: Permit) -> None:
+        """Compute these cases, except those that have been kept since, or are in flight elsewhere."""
+        known = await run_sync(self._queries.cache.get_many, [case.request.key for case in cases])
+        found = [result for key, record in known.items() for result in run.results(key, record, None, own=False)]
+        if found:
+            await run.take(found)
+        unknown = {case.request.key: case.request for case in cases if case.request.key not in known}
+        shared = self._queries.in_flight(unknown)
+        if shared:
+            run.group.start_soon(self._take_answers, run, shared)
+        if own := [request for key, request in unknown.items() if key not in shared]:
+            longest = OVERLONG_SECONDS if len(own) > 1 else None
+            chunk = await self._queries.compute(run.operation, own, permit.release, longest)
+            if chunk.late:
+                run.sizer.shrink(len(own))
+            run.sizer.note(chunk.seconds, chunk.nbytes)
+            await self._take_answers(run, chunk.answers, own=True)
+
+    async def _take_answers(
+        self, run: Run, futures: Mapping[str, "asyncio.Future[Answered]"], *, own: bool = False
+    ) -> None:
+        """Take answers when they are there; cases without one for a reason that is not their own are tried again."""
+        await asyncio.wait(futures.values())
+        results: list[CaseResult] = []
+        again: list[str] = []
+        unavailable: Exception | None = None
+        for key, future in futures.items():
+            error = ComputationCancelled() if future.cancelled() else future.exception()
+            if error is None:
+                results += run.results(key, future.result()[0], None, own=own)
+            elif isinstance(error, TEMPORARY) or not isinstance(error, Exception):
+                again.append(key)
+                unavailable = error if isinstance(error, PoolUnavailableError) else unavailable
+            else:
+                results += run.results(key, None, error, own=own)
+        if results:
+            self._rate.add(len(results))
+            await run.take(results)
+        if unavailable is not None:
+            if run.urgent:
+                raise unavailable
             await asyncio.sleep(RETRY_SECONDS)
+        if again:
+            run.waiting.extendleft(reversed(again))
+            self._begin_chunk(run)
 
-    async def run_chunk(
-        self,
-        operation: str,
-        cases: Sequence[KeyedRequest],
-        permit: Permit,
-        sizer: ChunkSizer,
-        wait: Wait = wait_for,
-        longest: float | None = None,
-    ) -> AsyncGenerator[ChunkAnswers, None]:
-        """Compute a chunk; yield the answers of the cases it computes, then those from other work in flight.
 
-        Parameters
-        ----------
-        permit
-            Released when the executor is done with the chunk.
-        sizer
-            Notes how long the cases took and how large their answers are.
-        wait
-            Waits for the work.
-        longest
-            A chunk of several cases that takes longer is given up, and the next ones are smaller. [s]
-        """
-        chunk = self._queries.begin(operation, cases, permit.release)
-        if not await wait(chunk.kept, chunk.stop, longest if len(cases) > 1 else None):
-            chunk.stop()
-            sizer.shrink(len(cases))
-            await asyncio.wait([chunk.kept])
-        answers = ChunkAnswers.of(chunk.own, own=True)
-        if not chunk.running.cancelled() and chunk.running.exception() is None:
-            sizer.note(chunk.seconds, sum(len(answer.record.json) for answer in answers.found if answer.record))
-        yield answers
-        if chunk.shared:
-            others = asyncio.ensure_future(asyncio.wait(chunk.shared.values()))
-            await wait(others, others.cancel, None)
-            yield ChunkAnswers.of(chunk.shared, own=False)
+async def only(block: Mapping[int, JobCase]) -> Blocks:
+    """Yield this block of cases."""
+    yield block

@@ -18,11 +18,12 @@ from typing import Any
 
 import orjson
 
-from service.errors import JobGoneError, JobsTooLargeError
+from service.errors import DamagedCasesError, JobGoneError, JobsTooLargeError
 from service.jobs.database import Database
 from service.jobs.models import (
     BLOCK_SIZE,
     FASTEST,
+    KEY_BYTES,
     CaseBlock,
     CaseRow,
     CaseState,
@@ -32,10 +33,9 @@ from service.jobs.models import (
     Status,
     StoredSweep,
     join_keys,
-    sound_custom_ids,
-    sound_keys,
-    sound_requests,
-    sound_states,
+    split_custom_ids,
+    split_keys,
+    split_requests,
 )
 from service.jobs.titles import title_of
 from service.operations import SCHEMA_VERSION, result_key
@@ -170,13 +170,12 @@ class JobStore:
         """Note results of cases, by their number; the job ends with the last of them."""
         counts = dict.fromkeys(CaseState, 0)
         with self._database.writing() as database:
-            sizes = _block_sizes(database, job)
-            if not sizes:
-                raise JobGoneError("the job has been deleted")
             for number, cases in itertools.groupby(sorted(states), key=lambda case: case // BLOCK_SIZE):
                 place = (job, number)
                 found = database.execute("SELECT states FROM states WHERE job = ? AND slice = ?", place).fetchone()
-                stored = bytearray(sound_states(found[0] if found else None, sizes[number]))
+                if found is None:
+                    raise JobGoneError("the job has been deleted")
+                stored = bytearray(found[0])
                 for case in cases:
                     if stored[case % BLOCK_SIZE] == CaseState.WAITING:
                         stored[case % BLOCK_SIZE] = states[case]
@@ -189,30 +188,6 @@ class JobStore:
             state = _changed(database, job, changes, added)
             finished = state.done == state.total and not state.final
             return self._end(database, job, "successful", None) if finished else state
-
-    def repair(self, job: int) -> JobState | None:
-        """Make the counts of an unfinished job those of its cases; return it if they were others.
-
-        Cases whose state is damaged are without a result again.
-        """
-        with self._database.writing() as database:
-            stored = dict(database.execute("SELECT slice, states FROM states WHERE job = ?", (job,)))
-            sizes = _block_sizes(database, job)
-            sound = {number: sound_states(stored.get(number), size) for number, size in sizes.items()}
-            states = b"".join(sound.values())
-            counts = (
-                len(states) - states.count(CaseState.WAITING),
-                states.count(CaseState.CACHED),
-                states.count(CaseState.FAILED),
-            )
-            statement = "SELECT done, cached, failed FROM jobs WHERE number = ?"
-            if sound == stored and counts == database.execute(statement, (job,)).fetchone():
-                return None
-            rows = [(job, number, states) for number, states in sound.items()]
-            database.executemany("INSERT OR REPLACE INTO states VALUES (?, ?, ?)", rows)
-            changes = "done = ?, cached = ?, failed = ?, revision = revision + 1"
-            state = _changed(database, job, changes, counts)
-            return self._end(database, job, "successful", None) if state.done == state.total else state
 
     def report(self, job: int, progress: dict[str, Any], partial: dict[str, Any] | None = None) -> JobState:
         """Note how far a study is; without another partial answer, that of before stays."""
@@ -287,7 +262,7 @@ class JobStore:
             (number * BLOCK_SIZE + i, key)
             for number, states, keys in blocks
             if CaseState.WAITING in states
-            for i, key in enumerate(sound_keys(keys, number * BLOCK_SIZE, len(states)))
+            for i, key in enumerate(split_keys(keys))
             if states[i] == CaseState.WAITING
         ]
 
@@ -305,27 +280,33 @@ class JobStore:
                 max(0, start - number * BLOCK_SIZE),
                 min(len(states), end - number * BLOCK_SIZE),
             )
-            split, names = sound_keys(keys, first, len(states)), sound_custom_ids(custom_ids, len(states))
+            split, names = split_keys(keys), split_custom_ids(custom_ids, len(states))
             for i in range(skipped, taken):
                 problem = orjson.loads(problems[first + i]) if first + i in problems else None
                 rows.append(CaseRow(first + i, CaseState(states[i]), split[i], names[i], problem))
         return rows
 
     def requests(self, job: int, cases: Collection[int]) -> dict[int, bytes]:
-        """Canonical requests of these cases, as JSON; those that are damaged are left out."""
+        """Canonical requests of these cases, as JSON.
+
+        Raises
+        ------
+        DamagedCasesError
+            If what is stored of a block of them cannot be read.
+        """
         found: dict[int, bytes] = {}
         with self._database.reading() as database:
             for number, group in itertools.groupby(sorted(cases), key=lambda case: case // BLOCK_SIZE):
                 lines = _requests_of(database, job, number)
-                found |= {case: lines[case % BLOCK_SIZE] for case in group if case % BLOCK_SIZE < len(lines)}
+                found |= {case: lines[case % BLOCK_SIZE] for case in group}
         return found
 
     def renew_keys(self, job: int) -> None:
         """Make the keys of a job that an earlier engine has accepted anew: its cases are now another's results."""
         operation = self._jobs("number = ?", job)[0].operation
         with self._database.reading() as database:
-            sizes = _block_sizes(database, job)
-        for number in sizes:
+            numbers = database.execute("SELECT slice FROM slices WHERE job = ?", (job,)).fetchall()
+        for (number,) in numbers:
             with self._database.reading() as database:
                 requests = _requests_of(database, job, number)
             keys = join_keys(result_key(operation, orjson.loads(line)) for line in requests)
@@ -371,32 +352,24 @@ class JobStore:
             return [_state(row) for row in database.execute(statement, values)]
 
 
-def _block_sizes(database: sqlite3.Connection, job: int) -> dict[int, int]:
-    """Number of cases in each block of an accepted job, also of those that are damaged or lost."""
-    found = database.execute("SELECT total FROM jobs WHERE number = ?", (job,)).fetchone()
-    total = found[0] if found else 0
-    return {first // BLOCK_SIZE: min(BLOCK_SIZE, total - first) for first in range(0, total, BLOCK_SIZE)}
-
-
 def _blocks(database: sqlite3.Connection, job: int, columns: str, first: int, last: int) -> list[tuple[Any, ...]]:
-    """Number and states of these blocks, and columns of theirs, which may be lost."""
-    within = "WHERE job = ? AND slice BETWEEN ? AND ?"
-    place = (job, first, last)
-    states = dict(database.execute(f"SELECT slice, states FROM states {within}", place))  # noqa: S608 (of this file)
-    rows = {row[0]: row[1:] for row in database.execute(f"SELECT slice, {columns} FROM slices {within}", place)}  # noqa: S608
-    lost = (None,) * len(columns.split(","))
-    return [
-        (number, sound_states(states.get(number), size), *rows.get(number, lost))
-        for number, size in _block_sizes(database, job).items()
-        if first <= number <= last
-    ]
+    """Number, states and these columns of some blocks."""
+    statement = (
+        f"SELECT slice, states, {columns} FROM slices JOIN states USING (job, slice) "  # noqa: S608 (of this file)
+        "WHERE job = ? AND slice BETWEEN ? AND ? ORDER BY slice"
+    )
+    return database.execute(statement, (job, first, last)).fetchall()
 
 
 def _requests_of(database: sqlite3.Connection, job: int, number: int) -> tuple[bytes, ...]:
-    """Canonical requests of a block; none if they are damaged."""
-    statement = "SELECT requests FROM slices WHERE job = ? AND slice = ?"
-    found = database.execute(statement, (job, number)).fetchone()
-    return sound_requests(found[0] if found else None)
+    """Canonical requests of a block."""
+    statement = "SELECT requests, length(keys) FROM slices WHERE job = ? AND slice = ?"
+    stored, length = database.execute(statement, (job, number)).fetchone() or (b"", BLOCK_SIZE * KEY_BYTES)
+    try:
+        return split_requests(stored)
+    except zlib.error:
+        first = number * BLOCK_SIZE
+        raise DamagedCasesError(first, first + length // KEY_BYTES - 1) from None
 
 
 def _changed(

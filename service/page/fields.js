@@ -31,7 +31,14 @@ export const GROUPS = [
     fields: [
       field("choice", "projectile.nose.shape", "Nose", "", {
         variant: true,
-        choices: { ogive: "Ogive", conical: "Cone", spherical: "Spherical cap", flat: "Flat", profile: "Profile" },
+        choices: {
+          ogive: "Ogive",
+          conical: "Cone",
+          spherical: "Spherical cap",
+          flat: "Flat",
+          profile: "Profile",
+          sphere: "Sphere",
+        },
       }),
       number("projectile.nose.caliber_radius_head", "Caliber radius head ψ", ""),
       number("projectile.nose.length_to_diameter", "Cone height over diameter", ""),

@@ -1,6 +1,7 @@
 // The outline of the projectile in a meridian plane, from its fields; as solver/projectile.py defines the noses.
 
 const ARC_POINTS = 24;
+const MATCH = 1e-5; // relative; how closely a profile ends at the radius of the shank
 
 /**
  * Return the upper half of the outline, from the nose tip to the rear edge.
@@ -8,9 +9,12 @@ const ARC_POINTS = 24;
  * @param {object} projectile as in a request
  * @returns {[number, number][]} distance behind the tip and from the axis. [m]
  */
-export function upperOutline({ nose, diameter_m: diameter, length_m: length }) {
+export function upperOutline({ nose, diameter_m: diameter, length_m: length, boat_tail: tail }) {
   const radius = diameter / 2;
-  return [...NOSES[nose.shape](nose, radius), [length, radius]];
+  const ahead = NOSES[nose.shape](nose, radius);
+  if (ahead.at(-1)[1] < radius * (1 - MATCH)) return ahead; // the nose is the whole body
+  if (!tail) return [...ahead, [length, radius]];
+  return [...ahead, [length - tail.length_m, radius], [length, tail.base_diameter_m / 2]];
 }
 
 /** Return the outline once around, closed. [m] */
@@ -63,6 +67,7 @@ const NOSES = {
     [0, 0],
     [0, radius],
   ],
+  sphere: (_, radius) => fractions((t) => [radius * (1 - Math.cos(Math.PI * t)), radius * Math.sin(Math.PI * t)]),
   profile: ({ points }) => (points[0][1] > 0 ? [[0, 0], ...points] : points),
 };
 

@@ -1,8 +1,7 @@
 """Requests and answers as the contract has them; the only place that converts degrees."""
 
-from service.schemas.answers import CriticalAngleAnswer, TrajectoryAnswer
+from service.schemas.answers import CriticalAngleAnswer, TrajectoryAnswer, critical_angle_answer, trajectory_answer
 from service.schemas.batches import TrajectoryBase
-from service.schemas.building import critical_angle_answer, trajectory_answer
 from service.schemas.calibration_depth import (
     DepthCalibrationAnswer,
     DepthCalibrationRequest,
@@ -14,14 +13,11 @@ from service.schemas.calibration_depth import (
 from service.schemas.calibration_motion import MotionCalibrationRequest
 from service.schemas.calibration_motion_answer import MotionCalibrationAnswer, motion_answer
 from service.schemas.formulas import FormulasAnswer, FormulasRequest, formulas_answer
-from service.schemas.jobs import Job, JobChange, JobResults, Jobs, Result
 from service.schemas.perforation import (
     LimitSpeedAnswer,
     LimitSpeedRequest,
     ThicknessAnswer,
     ThicknessRequest,
-    limit_speed_answer,
-    thickness_answer,
 )
 from service.schemas.requests import CriticalAngleBase, CriticalAngleRequest, ReportRequest, TrajectoryRequest
 from service.schemas.sweeps import CaseModels
@@ -29,8 +25,6 @@ from service.schemas.uncertainty import CriticalAngleUncertaintyRequest, Traject
 from service.schemas.uncertainty_answers import (
     CriticalAngleUncertaintyAnswer,
     TrajectoryUncertaintyAnswer,
-    critical_angle_uncertainty_answer,
-    trajectory_uncertainty_answer,
 )
 from service.schemas.verdict import VerdictAnswer, usual_inputs, verdict_answer
 
@@ -45,10 +39,6 @@ __all__ = [
     "DepthCalibrationRequest",
     "FormulasAnswer",
     "FormulasRequest",
-    "Job",
-    "JobChange",
-    "JobResults",
-    "Jobs",
     "LimitSpeedAnswer",
     "LimitSpeedRequest",
     "MotionCalibrationAnswer",
@@ -56,7 +46,6 @@ __all__ = [
     "ObliquityCalibrationAnswer",
     "ObliquityCalibrationRequest",
     "ReportRequest",
-    "Result",
     "ThicknessAnswer",
     "ThicknessRequest",
     "TrajectoryAnswer",
@@ -66,15 +55,11 @@ __all__ = [
     "TrajectoryUncertaintyRequest",
     "VerdictAnswer",
     "critical_angle_answer",
-    "critical_angle_uncertainty_answer",
     "depth_answer",
     "formulas_answer",
-    "limit_speed_answer",
     "motion_answer",
     "obliquity_answer",
-    "thickness_answer",
     "trajectory_answer",
-    "trajectory_uncertainty_answer",
     "usual_inputs",
     "verdict_answer",
 ]

@@ -1,13 +1,17 @@
 """The answers as the contract has them."""
 
-from typing import Annotated, Generic, TypeVar
+from typing import Annotated, Any, Generic, TypeVar
 
 from pydantic import MISSING, Field
 
+import solver
+from service.columns import Column
+from service.schemas.fields import GIVEN, NOT_TABLED, Behind, Described, Of, columns_of, history_columns, walk
 from service.schemas.problems import Problem
 from service.schemas.quantities import Count, Num, Part, with_examples
 from service.schemas.resistance import FreeSurfaceModel, StrengthLaw
 from solver import Outcome, SearchStatus
+from solver.arrays import FloatArray
 
 Value = TypeVar("Value")
 
@@ -76,8 +80,9 @@ VERSIONED = {"key": "0" * 64, "engine_version": "10"}
 Key = Annotated[
     str,
     Field(pattern="^[0-9a-f]{64}$", description="Key of this result, which `/results/{key}` answers again."),
+    GIVEN,
 ]
-EngineVersion = Annotated[str, Field(description="Raised whenever results change.")]
+EngineVersion = Annotated[str, Field(description="Raised whenever results change."), GIVEN]
 Bracket = Annotated[
     list[Num],
     Field(
@@ -114,7 +119,7 @@ class OwnTestsAnswer(Part):
 
     model_config = with_examples(OWN_TESTS)
 
-    shots: Count
+    shots: Annotated[Count, Of(lambda tests: len(tests.factors))]
     median: Num
     """S of a next shot, with the shots. [1]"""
     dispersion: Num
@@ -128,29 +133,33 @@ class OwnTestsAnswer(Part):
 class Motion(Part, Generic[Value]):
     """Quantities of a motion. Depth is positive inside the target; lateral, the way the projectile travels."""
 
-    time_s: Value
+    time_s: Annotated[Value, Described("since first contact")]
     """Since first contact. [s]"""
-    center_of_gravity_depth_m: Value
+    center_of_gravity_depth_m: Annotated[Value, Described("depth of the centre of gravity, positive inside the target")]
     """[m]"""
-    center_of_gravity_lateral_m: Value
+    center_of_gravity_lateral_m: Annotated[
+        Value, Described("way of the centre of gravity along the face since first contact")
+    ]
     """Along the face, from where it was at first contact. [m]"""
-    nose_tip_depth_m: Value
+    nose_tip_depth_m: Annotated[Value, Described("depth of the nose tip, positive inside the target")]
     """[m]"""
-    axis_angle_deg: Value
+    axis_angle_deg: Annotated[
+        Value, Described("from the inward normal of the face to the axis; grows as the nose turns to the face")
+    ]
     """From the inward normal to the axis; grows as the nose turns toward the face. [°]"""
-    depth_velocity_m_s: Value
+    depth_velocity_m_s: Annotated[Value, Described("of the centre of gravity, along the inward normal")]
     """Velocity of the centre of gravity. [m/s]"""
-    lateral_velocity_m_s: Value
+    lateral_velocity_m_s: Annotated[Value, Described("of the centre of gravity, along the face")]
     """Velocity of the centre of gravity. [m/s]"""
-    angular_velocity_rad_s: Value
+    angular_velocity_rad_s: Annotated[Value, Described("rate of the axis angle")]
     """Rate of the axis angle. [rad/s]"""
-    depth_force_n: Value
+    depth_force_n: Annotated[Value, Described("resistance along the inward normal")]
     """Resistance along the inward normal. [N]"""
-    lateral_force_n: Value
+    lateral_force_n: Annotated[Value, Described("resistance along the face")]
     """Resistance along the face. [N]"""
-    moment_n_m: Value
+    moment_n_m: Annotated[Value, Described("moment of the resistance about the centre of gravity")]
     """Resistance, about the centre of gravity. [N m]"""
-    kinetic_energy_j: Value
+    kinetic_energy_j: Annotated[Value, Described("of translation and rotation")]
     """Energy of translation and rotation. [J]"""
 
 
@@ -171,20 +180,20 @@ class Exit(Part):
 
     model_config = with_examples(EXIT)
 
-    speed_m_s: Num
+    speed_m_s: Annotated[Num, Described("of the centre of gravity as the projectile leaves; empty if it stays")]
     """Speed of the centre of gravity. [m/s]"""
-    direction_deg: Num
+    direction_deg: Annotated[Num, Described("of that velocity, from the outward normal of the face left through")]
     """Angle of that velocity, from the outward normal of the face left through; positive the way the projectile
     travelled along the face. [°]"""
-    elevation_deg: Num
+    elevation_deg: Annotated[Num, Described("of that velocity, above that face")]
     """Angle of that velocity above that face. [°]"""
-    axis_angle_deg: Num
+    axis_angle_deg: Annotated[Num, Described("axis angle as the projectile leaves")]
     """From the inward normal of the impact face to the axis. [°]"""
-    angular_velocity_rad_s: Num
+    angular_velocity_rad_s: Annotated[Num, Described("rate of the axis angle as the projectile leaves")]
     """Rate of the axis angle. [rad/s]"""
-    kinetic_energy_j: Num
+    kinetic_energy_j: Annotated[Num, Described("as the projectile leaves")]
     """Energy of translation and rotation. [J]"""
-    lateral_m: Num
+    lateral_m: Annotated[Num, Described("way of the centre of gravity along the face since first contact")]
     """Way of the centre of gravity along the face, from where it was at first contact. [m]"""
 
 
@@ -193,19 +202,21 @@ class Trajectory(Part):
 
     model_config = with_examples(RUN)
 
-    outcome: Outcome
-    final: MotionState
+    outcome: Annotated[Outcome, Described("how the run ended")]
+    final: Annotated[
+        MotionState, columns_of(MotionState, "final_", "; at the event that ended the run"), Behind("strength_factor")
+    ]
     """At the event that ended the run."""
-    exit: Exit | MISSING = MISSING
+    exit: Annotated[Exit | MISSING, columns_of(Exit, "exit_"), Behind("strength_factor")] = MISSING
     """If the projectile left."""
     maximum_depth_m: Num
     """Greatest depth of the nose tip. [m]"""
-    strength_factor: Num
+    strength_factor: Annotated[Num, Described("in use, at this oblique angle")]
     """Strength factor in use, at this oblique angle. [1]"""
-    strength_factor_dispersion: StrengthDispersion
+    strength_factor_dispersion: Annotated[StrengthDispersion, NOT_TABLED]
     own_tests: OwnTestsAnswer | MISSING = MISSING
     """If S rests on shots into the very concrete, the paper's with eq. 9 in its concrete among them."""
-    history: MotionHistory | MISSING = MISSING
+    history: Annotated[MotionHistory | MISSING, GIVEN] = MISSING
     """If requested."""
     warnings: list[ModelWarning]
 
@@ -244,7 +255,7 @@ class TrajectoryAnswer(Trajectory):
 
     model_config = with_examples(RUN | VERSIONED, RUN | VERSIONED | {"alternatives": [OTHER_OUTCOME]})
 
-    alternatives: list[TrajectoryAlternative] | MISSING = MISSING
+    alternatives: Annotated[list[TrajectoryAlternative] | MISSING, GIVEN] = MISSING
     """If wanted."""
     key: Key
     engine_version: EngineVersion
@@ -255,14 +266,16 @@ class Trial(Part):
 
     model_config = with_examples(TRIAL)
 
-    oblique_angle_deg: Num
+    oblique_angle_deg: Annotated[Num, Described("angle tried, from the inward normal of the face to the velocity")]
     """From the normal. [°]"""
-    final_position_m: Num
+    final_position_m: Annotated[Num, Described("depth of the nose tip at the end of the trial")]
     """Depth of the nose tip at the end, or at the termination time in the paper's searches. [m]"""
-    outcome: Outcome
-    fine: bool
+    outcome: Annotated[Outcome, Described("how the trial ended")]
+    fine: Annotated[
+        bool, Column("fine", "whether it was computed at the final resolution, or only to see where to look", "?")
+    ]
     """False for a trial that only showed where to look: it was computed more roughly."""
-    exit: Exit | MISSING = MISSING
+    exit: Annotated[Exit | MISSING, Of(lambda trial: trial.exit if trial.fine else None)] = MISSING
     """If the projectile left, of a fine trial."""
 
 
@@ -285,23 +298,41 @@ class CriticalAngleAnswer(Part):
         FOUND | VERSIONED, NONE_FOUND | VERSIONED, FOUND | VERSIONED | {"alternatives": [OTHER_ANGLE]}
     )
 
-    status: SearchStatus
-    critical_angle_deg: Num | MISSING = MISSING
+    status: Annotated[SearchStatus, Described("how the search ended")]
+    critical_angle_deg: Annotated[
+        Num | MISSING,
+        Of("angle"),
+        Described("smallest oblique angle, from the normal, at which the projectile is turned away"),
+    ] = MISSING
     """Smallest oblique angle, from the normal, that ends in ricochet; if there is one. [°]"""
-    critical_angle_standard_error_deg: Annotated[Num, Field(ge=0.0)] | MISSING = MISSING
+    critical_angle_standard_error_deg: Annotated[
+        Annotated[Num, Field(ge=0.0)] | MISSING,
+        Of("standard_error"),
+        Described("of the angle, from the covariance of the strength factor"),
+        Behind("bracket_deg"),
+    ] = MISSING
     """From the covariance of the strength factor, if that was given. [°]"""
-    bracket_deg: Bracket | MISSING = MISSING
-    strength_factor: Num | MISSING = MISSING
+    bracket_deg: Annotated[
+        Bracket | MISSING,
+        Column("bracket_low_deg", "lower of the angles between which the change was last pinned down"),
+        Column("bracket_high_deg", "upper of these"),
+    ] = MISSING
+    strength_factor: Annotated[Num | MISSING, Described("in use at the critical angle")] = MISSING
     """Strength factor in use at the critical angle, if there is one. [1]"""
-    strength_factor_dispersion: StrengthDispersion | MISSING = MISSING
+    strength_factor_dispersion: Annotated[StrengthDispersion | MISSING, NOT_TABLED] = MISSING
     own_tests: OwnTestsAnswer | MISSING = MISSING
     """If S rests on shots into the very concrete, the paper's with eq. 9 in its concrete among them."""
-    energy_fraction_below: Annotated[Num, Field(ge=0.0)] | MISSING = MISSING
+    energy_fraction_below: Annotated[
+        Annotated[Num, Field(ge=0.0)] | MISSING,
+        Described("share of the kinetic energy left half a degree below the critical angle"),
+    ] = MISSING
     """Share of the initial kinetic energy left half a degree below the critical angle, 0 if it is less than a tenth of
     `numerics.retention_energy_fraction`. [1]"""
-    energy_fraction_above: Annotated[Num, Field(ge=0.0)] | MISSING = MISSING
+    energy_fraction_above: Annotated[Annotated[Num, Field(ge=0.0)] | MISSING, Described("half a degree above it")] = (
+        MISSING
+    )
     """That half a degree above: the less it is, the more the threshold decides. [1]"""
-    exit: Exit | MISSING = MISSING
+    exit: Annotated[Exit | MISSING, columns_of(Exit, "exit_")] = MISSING
     """At the critical angle, if there is one."""
     iterations: list[Trial]
     """Every angle tried, in order."""
@@ -310,10 +341,28 @@ class CriticalAngleAnswer(Part):
     outcomes: list[OutcomeInterval] | MISSING = MISSING
     """Over the whole range in order, each end to the tolerance; for a target with a thickness in a search by
     outcome."""
-    trajectory: Trajectory | MISSING = MISSING
+    trajectory: Annotated[Trajectory | MISSING, GIVEN] = MISSING
     """At the critical angle, if requested."""
-    alternatives: list[CriticalAngleAlternative] | MISSING = MISSING
+    alternatives: Annotated[list[CriticalAngleAlternative] | MISSING, GIVEN] = MISSING
     """If wanted."""
     warnings: list[ModelWarning]
     key: Key
     engine_version: EngineVersion
+
+
+Columns = dict[str, FloatArray]
+"""Columns of a history, by their names in the contract."""
+
+
+def trajectory_answer(found: solver.Trajectory) -> tuple[dict[str, Any], Columns | None]:
+    """Return the answer without its history, and the columns of the history if there is one."""
+    history = None if found.history is None else history_columns(MotionHistory, found.history)
+    return walk(TrajectoryAnswer, found), history
+
+
+def critical_angle_answer(
+    found: solver.CriticalAngle, trajectory: solver.Trajectory | None
+) -> tuple[dict[str, Any], Columns | None]:
+    """Return the answer without the history of its trajectory, and the columns of that if there is one."""
+    run, history = (None, None) if trajectory is None else trajectory_answer(trajectory)
+    return walk(CriticalAngleAnswer, found, trajectory=run), history

@@ -9,14 +9,13 @@ import numpy as np
 from pydantic import MISSING, Field, StringConstraints
 
 from service.schemas.answers import VERSIONED, EngineVersion, Key, ModelWarning
-from service.schemas.building import warning_texts
 from service.schemas.calibration_motion import (
     Calibration,
     FittedStrength,
     Residuals,
     StrengthFactorValue,
-    estimate_answer,
 )
+from service.schemas.fields import GIVEN, NOT_TABLED, Of, walk
 from service.schemas.numerics import Obliquity
 from service.schemas.quantities import WHOLE, Count, Num, Part, with_examples
 from service.schemas.resistance import (
@@ -30,7 +29,7 @@ from solver.arrays import FloatArray
 from solver.calibration import DepthFit, ObliquityFit
 from solver.calibration import DepthTest as SolverTest
 from solver.calibration import ObliquityPoint as SolverPoint
-from solver.validation import ParameterError
+from solver.checks import ParameterError
 
 MOST_TESTS = 1000
 CURVE_POINTS = 21
@@ -151,7 +150,7 @@ class Posterior(Part):
 
     model_config = with_examples(POSTERIOR)
 
-    type: Literal["lognormal"]
+    type: Annotated[Literal["lognormal"], Of("name")]
     median: Num
     """[1]"""
     dispersion: Num
@@ -177,13 +176,13 @@ class DepthCalibrationAnswer(FittedStrength):
 
     residuals: Residuals
     """Measured minus predicted depth of each test. [m]"""
-    predicted_depth_m: list[Num]
+    predicted_depth_m: Annotated[list[Num], Of("predicted")]
     """Depth of each test. [m]"""
-    root_mean_square_m: Annotated[Num, Field(ge=0.0)]
+    root_mean_square_m: Annotated[Num, Field(ge=0.0), Of("root_mean_square"), NOT_TABLED]
     """Weighted mean of the residuals. [m]"""
-    groups: list[DepthGroup] | MISSING = MISSING
+    groups: Annotated[list[DepthGroup] | MISSING, GIVEN] = MISSING
     """If the tests name groups."""
-    curves: list[DepthCurve] | MISSING = MISSING
+    curves: Annotated[list[DepthCurve] | MISSING, GIVEN] = MISSING
     """If strength factors to compare are given."""
     posterior: Posterior
     warnings: list[ModelWarning]
@@ -193,20 +192,12 @@ class DepthCalibrationAnswer(FittedStrength):
 
 def depth_answer(fit: DepthFit, curves: Sequence[tuple[float, FloatArray, FloatArray]]) -> dict[str, Any]:
     """Return the answer from a fit and the curves: strength factor, velocities and depths of each."""
-    answer = estimate_answer(fit.estimate) | {
-        "residuals": fit.residuals.tolist(),
-        "predicted_depth_m": fit.predicted.tolist(),
-        "root_mean_square_m": fit.root_mean_square,
-    }
-    if fit.groups:
-        answer["groups"] = [{"group": name} | estimate_answer(group.estimate) for name, group in fit.groups.items()]
-    if curves:
-        answer["curves"] = [
-            {"strength_factor": factor, "velocity_m_s": velocities.tolist(), "depth_m": depths.tolist()}
-            for factor, velocities, depths in curves
-        ]
-    posterior = {"type": fit.posterior.name, "median": fit.posterior.median, "dispersion": fit.posterior.dispersion}
-    return answer | {"posterior": posterior, "warnings": warning_texts(fit.warnings)}
+    groups = [{"group": name} | walk(FittedStrength, group) for name, group in fit.groups.items()]
+    compared = [
+        {"strength_factor": factor, "velocity_m_s": velocities.tolist(), "depth_m": depths.tolist()}
+        for factor, velocities, depths in curves
+    ]
+    return walk(DepthCalibrationAnswer, fit, groups=groups, curves=compared)
 
 
 MOST_POINTS = 1000
@@ -276,7 +267,7 @@ class ObliquityCalibrationAnswer(Part):
     covariance: CovarianceMatrix | MISSING = MISSING
     residuals: Residuals
     """Given minus fitted strength factor of each point. [1]"""
-    strength_factor_model: ObliquityPolynomial
+    strength_factor_model: Annotated[ObliquityPolynomial, GIVEN]
     """The same as the `strength_factor` of a `resistance`."""
     warnings: list[ModelWarning]
     key: Key
@@ -291,17 +282,11 @@ def obliquity_answer(fit: ObliquityFit) -> dict[str, Any]:
     ParameterError
         If the points are so close together that the polynomial is beyond what a request takes.
     """
-    polynomial: dict[str, Any] = {"coefficients": list(fit.coefficients)}
-    if fit.covariance is not None:
-        polynomial["covariance"] = [list(row) for row in fit.covariance]
     numbers = [*fit.coefficients, *itertools.chain.from_iterable(fit.covariance or ())]
     if not all(abs(number) <= LARGEST_COEFFICIENT for number in numbers):
         raise ParameterError(
             "points",
             f"are too close together for a polynomial of this order: it has numbers above {LARGEST_COEFFICIENT:g}",
         )
-    return polynomial | {
-        "residuals": fit.residuals.tolist(),
-        "strength_factor_model": {"model": "obliquity_polynomial"} | polynomial,
-        "warnings": warning_texts(fit.warnings),
-    }
+    model = walk(ObliquityPolynomial, fit, model="obliquity_polynomial")
+    return walk(ObliquityCalibrationAnswer, fit, strength_factor_model=model)

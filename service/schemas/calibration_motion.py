@@ -6,13 +6,15 @@ import numpy as np
 from pydantic import MISSING, ConfigDict, Field
 
 import solver
+from service.columns import Column
+from service.schemas.fields import Described, Of
 from service.schemas.quantities import Flag, Num, Part, with_examples
 from service.schemas.requests import MOST_ROWS
 from service.schemas.resistance import MOHR_COULOMB, Decay, InertiaFactor
 from service.schemas.strike import PROJECTILE, STRIKE, TARGET, Impact, Projectile, Target
 from solver.arrays import FloatArray
-from solver.calibration import Estimate, MotionHistory, MotionRun, Weights
-from solver.validation import ParameterError
+from solver.calibration import MotionHistory, MotionRun, Weights
+from solver.checks import ParameterError
 
 MOST_COMPARED = 20
 
@@ -77,19 +79,15 @@ class Calibration(Part):
 class FittedStrength(Part):
     """A strength factor and how well it is known."""
 
-    strength_factor: Annotated[Num, Field(gt=0.0)]
+    strength_factor: Annotated[Num, Field(gt=0.0), Of("estimate.strength_factor"), Described("that fits best")]
     """The one that fits best. [1]"""
-    standard_error: StandardError
-    confidence_interval: ConfidenceInterval
-
-
-def estimate_answer(estimate: Estimate) -> dict[str, Any]:
-    """Return an estimate as the contract has it."""
-    return {
-        "strength_factor": estimate.strength_factor,
-        "standard_error": estimate.standard_error,
-        "confidence_interval": list(estimate.confidence_interval),
-    }
+    standard_error: Annotated[StandardError, Of("estimate.standard_error"), Described("of the strength factor")]
+    confidence_interval: Annotated[
+        ConfidenceInterval,
+        Of("estimate.confidence_interval"),
+        Column("confidence_low", "lower end of the confidence interval of the strength factor"),
+        Column("confidence_high", "upper end of it"),
+    ]
 
 
 COMPARED_ROWS = 1000

@@ -1,13 +1,12 @@
 """Strength factor from the motion of a projectile: the answer."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Sequence
 from typing import Annotated, Any
 
 import numpy as np
 from pydantic import MISSING, Field
 
 from service.schemas.answers import VERSIONED, WARNING, EngineVersion, Key, ModelWarning
-from service.schemas.building import warning_texts
 from service.schemas.calibration_motion import (
     AT_30,
     COMPARED_ROWS,
@@ -15,18 +14,11 @@ from service.schemas.calibration_motion import (
     FittedStrength,
     StandardError,
     StrengthFactorValue,
-    estimate_answer,
 )
-from service.schemas.quantities import Num, Part, with_examples
+from service.schemas.fields import GIVEN, Described, Of, in_unit, walk
+from service.schemas.quantities import Num, Part, unit_end, with_examples
 from service.schemas.resistance import FreeSurfaceModel
 from solver.calibration import DecayLawFits, MotionFit, MotionHistory, MotionsFit
-
-NAMES = {
-    "depth_displacement": "depth_displacement_m",
-    "lateral_displacement": "lateral_displacement_m",
-    "rotation": "rotation_deg",
-}
-"""The quantities of a motion in the solver and in the contract."""
 
 RESIDUALS: dict[str, Any] = {
     "time_s": AT_30["time_s"],
@@ -90,6 +82,8 @@ class ComparedMotion(Part):
     ]
 
 
+NAMES = {name.removesuffix(unit_end(name)): name for name in MotionMeasures.model_fields}
+"""The quantities of a motion in the solver and in the contract."""
 FittedResiduals = Annotated[FittedMotion, Field(description="Given minus predicted, of the rows that were used.")]
 Predicted = Annotated[FittedMotion, Field(description="With the strength factor that fits best.")]
 RootMeanSquare = Annotated[MotionMeasures, Field(description="Mean of the residuals, in the unit of the quantity.")]
@@ -113,11 +107,11 @@ class FittedRun(Part):
     model_config = with_examples(MOTION | {"normalized_root_mean_square": 0.0019})
 
     residuals: FittedResiduals
-    predicted: Predicted
-    root_mean_square: RootMeanSquare
-    r_squared: RSquared
+    predicted: Annotated[Predicted, GIVEN]
+    root_mean_square: Annotated[RootMeanSquare, GIVEN]
+    r_squared: Annotated[RSquared, GIVEN]
     normalized_root_mean_square: NormalizedRootMeanSquare
-    compared: Compared | MISSING = MISSING
+    compared: Annotated[Compared | MISSING, GIVEN] = MISSING
 
 
 class RunAlone(FittedStrength):
@@ -137,7 +131,7 @@ class DecayLawRun(Part):
 
     normalized_root_mean_square: NormalizedRootMeanSquare
     """With the common strength factor. [1]"""
-    alone: RunAlone | MISSING = MISSING
+    alone: Annotated[RunAlone | MISSING, GIVEN] = MISSING
     """Fit of this run by itself; absent if it leaves the strength factor open."""
 
 
@@ -149,13 +143,13 @@ class DecayLawFit(Part):
         {"free_surface": "none"},
     )
 
-    free_surface: FreeSurfaceModel
-    strength_factor: Annotated[Num, Field(gt=0.0)] | MISSING = MISSING
+    free_surface: Annotated[FreeSurfaceModel, Of("free_surface.name")]
+    strength_factor: Annotated[Annotated[Num, Field(gt=0.0)] | MISSING, Of("estimate.strength_factor")] = MISSING
     """Strength factor of all runs. [1]"""
-    standard_error: StandardError | MISSING = MISSING
-    confidence_interval: ConfidenceInterval | MISSING = MISSING
+    standard_error: Annotated[StandardError | MISSING, Of("estimate.standard_error")] = MISSING
+    confidence_interval: Annotated[ConfidenceInterval | MISSING, Of("estimate.confidence_interval")] = MISSING
     normalized_root_mean_square: NormalizedRootMeanSquare | MISSING = MISSING
-    runs: list[DecayLawRun] | MISSING = MISSING
+    runs: Annotated[list[DecayLawRun] | MISSING, GIVEN] = MISSING
     """If the request has runs, in its order."""
 
 
@@ -182,19 +176,21 @@ class MotionCalibrationAnswer(FittedStrength):
         | VERSIONED
     )
 
-    residuals: FittedResiduals | MISSING = MISSING
-    predicted: Predicted | MISSING = MISSING
-    root_mean_square: RootMeanSquare | MISSING = MISSING
-    r_squared: RSquared | MISSING = MISSING
-    compared: Compared | MISSING = MISSING
-    normalized_root_mean_square: NormalizedRootMeanSquare
-    runs: list[FittedRun] | MISSING = MISSING
+    residuals: Annotated[FittedResiduals | MISSING, GIVEN] = MISSING
+    predicted: Annotated[Predicted | MISSING, GIVEN] = MISSING
+    root_mean_square: Annotated[RootMeanSquare | MISSING, GIVEN] = MISSING
+    r_squared: Annotated[RSquared | MISSING, GIVEN] = MISSING
+    compared: Annotated[Compared | MISSING, GIVEN] = MISSING
+    normalized_root_mean_square: Annotated[
+        NormalizedRootMeanSquare, Described("of the residuals, each quantity over its span")
+    ]
+    runs: Annotated[list[FittedRun] | MISSING, GIVEN] = MISSING
     """If the request has runs, in its order."""
-    decay_laws: list[DecayLawFit]
+    decay_laws: Annotated[list[DecayLawFit], GIVEN]
     """The same with every decay law, the requested one included."""
-    best_decay_law: FreeSurfaceModel
+    best_decay_law: Annotated[FreeSurfaceModel, GIVEN, Described("that fits best")]
     """The law with the least normalised root mean square."""
-    warnings: list[ModelWarning]
+    warnings: Annotated[list[ModelWarning], GIVEN]
     key: Key
     engine_version: EngineVersion
 
@@ -208,56 +204,30 @@ def motion_answer(
     """
     requested = fits.requested
     runs = [_run(fit, motions) for fit, motions in zip(requested.runs, compared, strict=True)]
-    answer = estimate_answer(requested.estimate) | ({"runs": runs} if several else runs[0])
-    return answer | {
-        "normalized_root_mean_square": requested.normalized_root_mean_square,
-        "decay_laws": [_decay_law(name, fit, several=several) for name, fit in fits.laws.items()],
-        "best_decay_law": fits.best,
-        "warnings": warning_texts(fits.warnings),
-    }
+    laws = [_decay_law(name, fit, several=several) for name, fit in fits.laws.items()]
+    rest = walk(MotionCalibrationAnswer, requested, decay_laws=laws, best_decay_law=fits.best, warnings=fits.warnings)
+    return walk(FittedStrength, requested) | ({"runs": runs} if several else runs[0]) | rest
 
 
 def _run(fit: MotionFit, compared: Sequence[tuple[float, MotionHistory]]) -> dict[str, Any]:
-    given = [name for name in NAMES if getattr(fit.residuals, name) is not None]
-    run: dict[str, Any] = {
-        "residuals": _columns(fit.residuals, given),
-        "predicted": _columns(fit.predicted, given),
-        "root_mean_square": _measures(_in_degrees(fit.root_mean_square)),
-        "r_squared": _measures(fit.r_squared),
-        "normalized_root_mean_square": fit.normalized_root_mean_square,
-    }
-    if compared:
-        run["compared"] = [
-            {"strength_factor": factor, "history": _columns(motion, given)} for factor, motion in compared
-        ]
-    return run
+    given, measures = fit.residuals.columns, fit.root_mean_square
+    return walk(
+        FittedRun,
+        fit,
+        predicted=_motion(fit.predicted, given),
+        root_mean_square={NAMES[name]: float(in_unit(NAMES[name], value)) for name, value in measures.items()},
+        r_squared={NAMES[name]: float(value) for name, value in fit.r_squared.items() if np.isfinite(value)},
+        compared=[{"strength_factor": factor, "history": _motion(motion, given)} for factor, motion in compared],
+    )
+
+
+def _motion(motion: MotionHistory, quantities: Collection[str]) -> dict[str, Any]:
+    """Return these quantities of a motion."""
+    return walk(FittedMotion, MotionHistory(time=motion.time, **{name: motion.columns[name] for name in quantities}))
 
 
 def _decay_law(name: str, fit: MotionsFit | None, *, several: bool) -> dict[str, Any]:
     if fit is None:
         return {"free_surface": name}
-    law = {"free_surface": name} | _estimate(fit)
-    if several:
-        law["runs"] = [
-            {"normalized_root_mean_square": run.normalized_root_mean_square}
-            | ({} if alone is None else {"alone": _estimate(alone)})
-            for run, alone in zip(fit.runs, fit.alone, strict=True)
-        ]
-    return law
-
-
-def _estimate(fit: MotionFit | MotionsFit) -> dict[str, Any]:
-    return estimate_answer(fit.estimate) | {"normalized_root_mean_square": fit.normalized_root_mean_square}
-
-
-def _columns(motion: MotionHistory, quantities: Sequence[str]) -> dict[str, list[float]]:
-    columns = _in_degrees({name: getattr(motion, name) for name in quantities})
-    return {"time_s": motion.time.tolist()} | {NAMES[name]: column.tolist() for name, column in columns.items()}
-
-
-def _in_degrees(values: Mapping[str, Any]) -> dict[str, Any]:
-    return {name: np.degrees(value) if name == "rotation" else value for name, value in values.items()}
-
-
-def _measures(values: Mapping[str, float]) -> dict[str, float]:
-    return {NAMES[name]: float(value) for name, value in values.items() if np.isfinite(value)}
+    runs = [walk(DecayLawRun, run, alone=alone) for run, alone in zip(fit.runs, fit.alone, strict=True)]
+    return walk(DecayLawFit, fit, runs=runs if several else ())

@@ -1,16 +1,16 @@
 """The empirical formulas of the field: request and answer as the contract has them."""
 
+from functools import partial
 from typing import Annotated, Any
 
 from pydantic import MISSING, Field
 
-import solver
 from service.schemas.answers import VERSIONED, EngineVersion, Key, ModelWarning
-from service.schemas.building import warning_texts
+from service.schemas.fields import GIVEN, NOT_TABLED, Of, walk
 from service.schemas.problems import pointer_of_parameter
 from service.schemas.quantities import Num, Part, with_examples
 from service.schemas.strike import PAPER, STRIKE, Impact, Projectile, Target
-from solver.formulas import LIMITS, PERFORATION_MARGIN, SCABBING_MARGIN, formulas, nose_class, spread
+from solver.formulas import PERFORATION_MARGIN, SCABBING_MARGIN, Limit, formulas, nose_class, spread
 from solver.warnings import NORMAL_COMPONENT_ONLY, body_warnings
 
 REQUEST = {name: PAPER[name] for name in ("projectile", "target")} | {"impact": STRIKE}
@@ -67,7 +67,7 @@ class NotFitted(Part):
 
     model_config = with_examples(NOT_FITTED)
 
-    pointer: str
+    pointer: Annotated[str, Of(lambda outside: pointer_of_parameter(outside.field))]
     """JSON pointer of the input in the request, or of the result in the row."""
     detail: str
     """The range, and the value here."""
@@ -111,9 +111,14 @@ class FormulaSpread(Part):
     """[m]"""
     highest: Num
     """[m]"""
-    formulas: int
+    formulas: Annotated[int, Of("count")]
     """In range, with an answer. One that a formula takes from another, as Kar's for steel takes that of modified NDRC,
     counts once."""
+
+
+def spread_of(limit: Limit) -> Of:
+    """Return the source of the spread of a limit."""
+    return Of(partial(spread, limit=limit))
 
 
 class FormulasAnswer(Part):
@@ -131,17 +136,17 @@ class FormulasAnswer(Part):
         | VERSIONED
     )
 
-    formulas: list[FormulaRow]
-    penetration_depth_spread: FormulaSpread | MISSING = MISSING
-    scabbing_thickness_spread: FormulaSpread | MISSING = MISSING
-    perforation_thickness_spread: FormulaSpread | MISSING = MISSING
-    nose_class: str
+    formulas: Annotated[list[FormulaRow], Of(tuple)]
+    penetration_depth_spread: Annotated[FormulaSpread | MISSING, spread_of("penetration_depth")] = MISSING
+    scabbing_thickness_spread: Annotated[FormulaSpread | MISSING, spread_of("scabbing_thickness")] = MISSING
+    perforation_thickness_spread: Annotated[FormulaSpread | MISSING, spread_of("perforation_thickness")] = MISSING
+    nose_class: Annotated[str, GIVEN, NOT_TABLED]
     """In the sense of the formulas, from the length of the nose: flat to sharp."""
-    scabbing_margin: Num
+    scabbing_margin: Annotated[Num, Of(lambda _: SCABBING_MARGIN), NOT_TABLED]
     """Factor on a scabbing thickness that DOE-STD-3014-2006 requires in a design. [1]"""
-    perforation_margin: Num
+    perforation_margin: Annotated[Num, Of(lambda _: PERFORATION_MARGIN), NOT_TABLED]
     """Factor on a perforation thickness that DOE-STD-3014-2006 requires in a design. [1]"""
-    warnings: list[ModelWarning]
+    warnings: Annotated[list[ModelWarning], GIVEN]
     """`normal_component_only` for an oblique strike, and `mean_density_unusual`."""
     key: Key
     engine_version: EngineVersion
@@ -156,37 +161,6 @@ def formulas_answer(request: FormulasRequest) -> dict[str, Any]:
         If the strike has no velocity along the normal.
     """
     arguments = request.arguments()
-    projectile = arguments["projectile"]
-    found = formulas(**arguments)
-    spreads = {f"{name}_spread": each for name in LIMITS if (each := spread(found, name))}
-    oblique = arguments["impact"].oblique_angle != 0.0
-    return {
-        "formulas": [formula_row(result) for result in found],
-        **{
-            name: {"lowest": each.lowest, "highest": each.highest, "formulas": each.count}
-            for name, each in spreads.items()
-        },
-        "nose_class": nose_class(projectile),
-        "scabbing_margin": SCABBING_MARGIN,
-        "perforation_margin": PERFORATION_MARGIN,
-        "warnings": warning_texts(((NORMAL_COMPONENT_ONLY,) if oblique else ()) + body_warnings(projectile)),
-    }
-
-
-def formula_row(result: solver.FormulaResult) -> dict[str, Any]:
-    """Return the answer of one formula as the contract has it."""
-    values = {f"{name}_m": value for name in LIMITS if (value := getattr(result, name)) is not None}
-    if result.limit_speed is not None:
-        values["limit_speed_m_s"] = result.limit_speed
-    note = {"note": result.note} if result.note else {}
-    outside = [{"pointer": pointer_of_parameter(each.field), "detail": each.detail} for each in result.out_of_range]
-    return {
-        "formula": result.formula,
-        **values,
-        "in_range": result.in_range,
-        "range_known": result.range_known,
-        "out_of_range": outside,
-        **note,
-        "verified": result.verified,
-        "source": result.source,
-    }
+    projectile, oblique = arguments["projectile"], arguments["impact"].oblique_angle != 0.0
+    warnings = ((NORMAL_COMPONENT_ONLY,) if oblique else ()) + body_warnings(projectile)
+    return walk(FormulasAnswer, formulas(**arguments), nose_class=nose_class(projectile), warnings=warnings)

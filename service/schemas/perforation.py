@@ -1,13 +1,14 @@
 """Least thickness of a wall and limit speed: requests and answers as the contract has them."""
 
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, ClassVar, Self
 
 from pydantic import MISSING, Field
 
 import solver
+from service.columns import Column
 from service.schemas.answers import EXIT, VERSIONED, WARNING, EngineVersion, Exit, Key, ModelWarning
-from service.schemas.building import exit_answer, warning_texts
-from service.schemas.formulas import ROW, FormulaRow, FormulasRequest, formula_row, formulas_answer
+from service.schemas.fields import GIVEN, Described, Of, walk
+from service.schemas.formulas import ROW, FormulaRow, FormulasRequest, formulas_answer
 from service.schemas.numerics import Method
 from service.schemas.quantities import Num, Part, with_examples
 from service.schemas.requests import Case, filled
@@ -143,13 +144,15 @@ class LimitSpeedRequest(Case):
             found = solver.cea_edf_limit_speed(**strike, thickness=arguments["target"].thickness)
         except ParameterError:
             return []
-        return [formula_row(found)]
+        return [walk(FormulaRow, found)]
 
 
 class PerforationTrial(Part):
     """How one run of a search for perforation ended."""
 
-    outcome: Outcome
+    answered_last: ClassVar = ("outcome", "exit")
+
+    outcome: Annotated[Outcome, Described("how the trial ended")]
     exit: Exit | MISSING = MISSING
     """If the projectile left."""
 
@@ -159,7 +162,7 @@ class ThicknessTrial(PerforationTrial):
 
     model_config = with_examples(THICKNESS_TRIAL)
 
-    thickness_m: Num
+    thickness_m: Annotated[Num, Of("value"), Described("thickness tried")]
     """[m]"""
 
 
@@ -168,7 +171,7 @@ class SpeedTrial(PerforationTrial):
 
     model_config = with_examples(SPEED_TRIAL)
 
-    velocity_m_s: Num
+    velocity_m_s: Annotated[Num, Of("value"), Described("speed tried")]
     """[m/s]"""
 
 
@@ -177,15 +180,21 @@ class ThicknessAnswer(Part):
 
     model_config = with_examples(THICKNESS | VERSIONED)
 
-    status: PerforationStatus
-    least_thickness_m: Num | MISSING = MISSING
+    status: Annotated[PerforationStatus, Described("how the search ended")]
+    least_thickness_m: Annotated[
+        Num | MISSING, Of("value"), Described("least thickness of a wall that is not perforated")
+    ] = MISSING
     """Least thickness seen to stop the projectile, if there is one from a tenth to a thousand diameters. Unless
     `resistance` has a `rear_plug` and a `crater`, the wall has neither, and a real one has to be thicker. [m]"""
-    bracket_m: Annotated[list[Num], Field(min_length=2, max_length=2)] | MISSING = MISSING
+    bracket_m: Annotated[
+        Annotated[list[Num], Field(min_length=2, max_length=2)] | MISSING,
+        Column("bracket_low_m", "lower of the thicknesses between which the outcome changes"),
+        Column("bracket_high_m", "upper of these"),
+    ] = MISSING
     """Thicknesses between which the outcome changes. [m]"""
-    iterations: list[ThicknessTrial]
+    iterations: Annotated[list[ThicknessTrial], Column("trials", "number of thicknesses tried")]
     """Every thickness tried, in order."""
-    formulas: list[FormulaRow]
+    formulas: Annotated[list[FormulaRow], GIVEN]
     """Empirical formulas with a perforation thickness for the same strike."""
     warnings: list[ModelWarning]
     key: Key
@@ -197,40 +206,20 @@ class LimitSpeedAnswer(Part):
 
     model_config = with_examples(SPEED | VERSIONED)
 
-    status: PerforationStatus
-    limit_speed_m_s: Num | MISSING = MISSING
+    status: Annotated[PerforationStatus, Described("how the search ended")]
+    limit_speed_m_s: Annotated[Num | MISSING, Of("value"), Described("least speed that perforates")] = MISSING
     """Least speed seen to perforate, if there is one from 1 to 2,000 m/s. Unless `resistance` has a `rear_plug` and a
     `crater`, the wall has neither, and slower projectiles perforate real ones. [m/s]"""
-    bracket_m_s: Annotated[list[Num], Field(min_length=2, max_length=2)] | MISSING = MISSING
+    bracket_m_s: Annotated[
+        Annotated[list[Num], Field(min_length=2, max_length=2)] | MISSING,
+        Column("bracket_low_m_s", "lower of the speeds between which the outcome changes"),
+        Column("bracket_high_m_s", "upper of these"),
+    ] = MISSING
     """Speeds between which the outcome changes. [m/s]"""
-    iterations: list[SpeedTrial]
+    iterations: Annotated[list[SpeedTrial], Column("trials", "number of speeds tried")]
     """Every speed tried, in order."""
-    formulas: list[FormulaRow]
+    formulas: Annotated[list[FormulaRow], GIVEN]
     """Empirical formulas with a limit speed for the same wall and angle."""
     warnings: list[ModelWarning]
     key: Key
     engine_version: EngineVersion
-
-
-def thickness_answer(request: ThicknessRequest) -> dict[str, Any]:
-    """Search, and return the answer without its key and version."""
-    found = solver.least_thickness(**request.arguments())
-    answer = _answer(found, "thickness_m", "least_thickness_m", "bracket_m")
-    return answer | {"formulas": request.formulas(), "warnings": warning_texts(found.warnings)}
-
-
-def limit_speed_answer(request: LimitSpeedRequest) -> dict[str, Any]:
-    """Search, and return the answer without its key and version."""
-    found = solver.limit_velocity(**request.arguments())
-    answer = _answer(found, "velocity_m_s", "limit_speed_m_s", "bracket_m_s")
-    return answer | {"formulas": request.formulas(), "warnings": warning_texts(found.warnings)}
-
-
-def _answer(found: solver.PerforationLimit, tried: str, value: str, bracket: str) -> dict[str, Any]:
-    answer: dict[str, Any] = {"status": found.status.value}
-    if found.value is not None and found.bracket is not None:
-        answer |= {value: found.value, bracket: list(found.bracket)}
-    answer["iterations"] = [
-        {tried: trial.value, "outcome": trial.outcome.value, **exit_answer(trial.exit)} for trial in found.iterations
-    ]
-    return answer

@@ -1,52 +1,18 @@
 """Problems as the contract has them (RFC 9457), and JSON pointers into requests (RFC 6901)."""
 
 from collections.abc import Iterable
+from functools import cache
 from typing import Annotated
 
 from pydantic import Field
 
-from service.schemas.quantities import Part, with_examples
+from service.schemas.quantities import Part, unit_end, with_examples
 
 TAGGED = frozenset({"distribution", "nose", "strength_factor"})
 """Fields of several shapes. In a place inside one of them, pydantic names the shape after the field."""
 
 PLACES = {"velocity": "impact.velocity", "sample_interval": "output.sample_interval"}
 """Arguments of the solver that are elsewhere in a request."""
-
-UNITS = {
-    "diameter": "m",
-    "length": "m",
-    "mass": "kg",
-    "center_of_gravity": "m",
-    "moment_of_inertia": "kg_m2",
-    "compressive_strength": "pa",
-    "density": "kg_m3",
-    "youngs_modulus": "pa",
-    "thickness": "m",
-    "reference_strength": "pa",
-    "reference_diameter": "m",
-    "velocity": "m_s",
-    "oblique_angle": "deg",
-    "angle_of_attack": "deg",
-    "angular_velocity": "rad_s",
-    "termination_time": "s",
-    "time_step": "s",
-    "lower": "deg",
-    "upper": "deg",
-    "tolerance": "deg",
-    "sample_interval": "s",
-    "time": "s",
-    "until": "s",
-    "depth": "m",
-    "depth_displacement": "m",
-    "lateral_displacement": "m",
-    "rotation": "deg",
-    "cone_angle": "deg",
-    "penetration_depth": "m",
-    "scabbing_thickness": "m",
-    "perforation_thickness": "m",
-}
-"""What the contract adds to the names of the solver."""
 
 UNITLESS = frozenset({"distribution", "weights"})
 """Parts whose numbers are named after quantities, but have no units."""
@@ -73,8 +39,27 @@ def pointer_of_location(location: Iterable[str | int]) -> str:
 def pointer_of_parameter(field: str) -> str:
     """Pointer of an input as the solver names it, such as ``projectile.length``."""
     names = PLACES.get(field, field).split(".")
-    units = {} if UNITLESS & set(names) else UNITS
-    return json_pointer(f"{name}_{units[name]}" if name in units else name for name in names)
+    ends = {} if UNITLESS & set(names) else unit_ends()
+    return json_pointer(f"{name}{ends.get(name, '')}" for name in names)
+
+
+def unit_ends() -> dict[str, str]:
+    """Return what the contract adds to the names of the solver: the units with which the models name quantities.
+
+    Collected anew each time, because not every command has imported all models yet.
+    """
+    ends: dict[str, str] = {}
+    models = [Part]
+    for model in models:  # It grows on the way.
+        models += model.__subclasses__()
+        ends |= ends_in(model)
+    return ends
+
+
+@cache
+def ends_in(model: type[Part]) -> dict[str, str]:
+    """Return the units in the names of the fields of a model, by the names without them."""
+    return {name.removesuffix(end): end for name in model.model_fields if (end := unit_end(name))}
 
 
 TOO_SHORT = {

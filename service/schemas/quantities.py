@@ -7,12 +7,13 @@ from collections.abc import Mapping
 from functools import cache
 from inspect import cleandoc, getsource
 from itertools import pairwise
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, FiniteFloat, GetJsonSchemaHandler, Strict
 from pydantic_core import CoreSchema
 
-from solver.validation import BOUNDS
+from service.columns import UNITS
+from solver.checks import BOUNDS
 
 Num = Annotated[FiniteFloat, Strict()]
 """A JSON number, 13 as good as 13.0. No text, no truth value, nothing infinite."""
@@ -48,14 +49,25 @@ def _field_docstrings(module: str) -> Mapping[str, Mapping[str, str]]:
     }
 
 
+def short_description(model: type[BaseModel], field: str) -> str:
+    """Return the first sentence of the description of a field, without its unit."""
+    texts = [_field_docstrings(base.__module__).get(base.__name__, {}).get(field) for base in model.__mro__[:-2]]
+    text = next(filter(None, texts), model.model_fields[field].description or "")
+    sentence = text.partition(". ")[0].partition(" [")[0].rstrip(".")
+    return sentence[:1].lower() + sentence[1:]
+
+
 class Part(BaseModel):
     """Base of all models: unknown fields are refused, a field that is not given is absent, never null.
 
     The docstring of a field is its description in the contract. It is read when a schema is made: pydantic's
-    `use_attribute_docstrings` reads it when the class is made, which adds a fifth of a second to every start.
+    `use_attribute_docstrings` reads it when the class is made, which adds a fifth of a second to every start. Fields
+    named in `answered_last` come behind the others in an answer, whose order is otherwise that of the model.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    answered_last: ClassVar[tuple[str, ...]] = ()
 
     @classmethod
     def __get_pydantic_json_schema__(cls, core_schema: CoreSchema, handler: GetJsonSchemaHandler, /) -> dict[str, Any]:
@@ -78,6 +90,11 @@ def within(field: str) -> dict[str, Any]:
     """Return the bounds of a field of the solver, as arguments of `Field`."""
     bound = BOUNDS[field]
     return {"gt" if bound.above else "ge": bound.lower, "lt" if bound.below else "le": bound.upper}
+
+
+def unit_end(name: str) -> str:
+    """Return the end of a name that says its unit."""
+    return next((end for end in UNITS if name.endswith(end)), "")
 
 
 def degrees(angle: float) -> float:

@@ -25,11 +25,11 @@ from service.schemas.strike import (
     Target,
 )
 from solver import alternative_resistances
+from solver.checks import ParameterError
 from solver.search.critical_angle import PAPER_TERMINATION_TIME
 from solver.strike import SEARCH_TOLERANCE, TRAJECTORY_TOLERANCE, usual_termination_time
 from solver.sweeps import fitted_to
 from solver.trajectory import SAMPLE_INTERVAL
-from solver.validation import ParameterError
 
 MOST_ROWS = 20_000
 """Rows of a history: some 4 MB of JSON, far finer than any plot shows."""

@@ -15,8 +15,11 @@ OGIVE = {"shape": "ogive", "caliber_radius_head": 3.0}
 CONICAL = {"shape": "conical", "length_to_diameter": 1.5}
 SPHERICAL = {"shape": "spherical", "caliber_radius_head": 0.5}
 FLAT = {"shape": "flat"}
+SPHERE = {"shape": "sphere"}
 PROFILE = {"shape": "profile", "points": [[0.0, 0.01], [0.06, 0.03], [0.12, 0.04]]}
 """A truncated cone and a second, more slender one, for a shank of 80 mm."""
+
+BOAT_TAIL = {"length_m": 0.08, "base_diameter_m": 0.06}
 
 PROJECTILE = {
     "nose": OGIVE,
@@ -97,26 +100,54 @@ class ProfileNose(Part):
     shape: Literal["profile"]
     points: Annotated[list[ProfilePoint], Field(min_length=2, max_length=1000)]
     """[x, r] from the tip: x, the distance behind it, from 0; r, the distance from the axis, up to the radius of the
-    shank. Neither may decrease, and the slope may not increase. [m]"""
+    shank. x may not decrease, and the slope may not increase. Where r falls behind its largest value, the points are
+    the outline of the whole body, up to its length. [m]"""
 
     def to_solver(self) -> solver.Profile:
         """Return the solver's profile."""
         return solver.Profile(points=tuple((x, r) for x, r in self.points))
 
 
+class SphereNose(Part):
+    """A ball: the whole body, whose length is its diameter."""
+
+    model_config = with_examples(SPHERE)
+
+    shape: Literal["sphere"]
+
+    def to_solver(self) -> solver.Sphere:
+        """Return the solver's sphere."""
+        return solver.Sphere()
+
+
+class BoatTail(Part):
+    """Cone behind the shank, narrower towards the base."""
+
+    model_config = with_examples(BOAT_TAIL)
+
+    length_m: Annotated[Num, Field(**within("projectile.boat_tail.length"))]
+    """Part of the length of the projectile that tapers, at most what is behind the nose. [m]"""
+    base_diameter_m: Annotated[Num, Field(**within("projectile.boat_tail.base_diameter"))]
+    """Diameter of the flat base, at most that of the shank. [m]"""
+
+    def to_solver(self) -> solver.BoatTail:
+        """Return the solver's boat-tail."""
+        return solver.BoatTail(length=self.length_m, base_diameter=self.base_diameter_m)
+
+
 Nose = TypeAliasType(
     "Nose",
     Annotated[
-        OgiveNose | ConicalNose | SphericalNose | FlatNose | ProfileNose,
-        Field(discriminator="shape", description="Shape of the nose."),
+        OgiveNose | ConicalNose | SphericalNose | FlatNose | ProfileNose | SphereNose,
+        Field(discriminator="shape", description="Shape of the nose, or of the whole body."),
     ],
 )
 
 
 class Projectile(Part):
-    """A rigid body of revolution: a nose and a cylindrical shank with a flat base."""
+    """A rigid body of revolution: a nose and a cylindrical shank with a flat base, or a body that tapers behind."""
 
-    model_config = with_examples(PROJECTILE, PROJECTILE | {"nose": PROFILE})
+    model_config = with_examples(PROJECTILE, PROJECTILE | {"nose": PROFILE}, PROJECTILE | {"boat_tail": BOAT_TAIL})
 
     nose: Nose
     diameter_m: Annotated[Num, Field(**within("projectile.diameter"))]
@@ -131,6 +162,8 @@ class Projectile(Part):
     moment_of_inertia_kg_m2: Annotated[Num, Field(**within("projectile.moment_of_inertia"))] | MISSING = MISSING
     """About a transverse axis through the centre of gravity; that of the homogeneous solid of the outer shape when not
     given. [kg m²]"""
+    boat_tail: BoatTail | MISSING = MISSING
+    """Taper behind the shank; a cylinder up to the base when not given."""
 
     def to_solver(self) -> solver.Projectile:
         """Return the solver's projectile."""
@@ -142,6 +175,7 @@ class Projectile(Part):
             mass=self.mass_kg,
             center_of_gravity=None if center is MISSING else center,
             moment_of_inertia=None if inertia is MISSING else inertia,
+            boat_tail=None if self.boat_tail is MISSING else self.boat_tail.to_solver(),
         )
 
 

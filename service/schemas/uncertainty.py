@@ -10,12 +10,13 @@ import numpy as np
 from pydantic import Field, model_validator
 from pydantic_core import PydanticCustomError
 
-from service.schemas.building import exit_in
+from service.schemas.fields import in_solver_units
 from service.schemas.numerics import Search
 from service.schemas.quantities import WHOLE, Count, Flag, Num, Part, with_examples
 from service.schemas.requests import Case, CriticalAngleBase, TrajectoryFields
 from service.schemas.strike import PAPER, PAPER_AT_45, Impact, Strike
 from service.schemas.uncertain_inputs import SCATTER, UncertainInput, accepts, inputs_of, without_shots
+from solver import Exit
 from solver.arrays import FloatArray
 from solver.uncertainty import (
     AngleStudy,
@@ -178,4 +179,4 @@ def crossings_in(answer: Mapping[str, Any]) -> Crossings:
 def ending_in(answer: Mapping[str, Any]) -> Ending:
     """Return what a study keeps of the answer to a trajectory."""
     left = answer.get("exit")
-    return Ending(answer["outcome"], answer["maximum_depth_m"], None if left is None else exit_in(left))
+    return Ending(answer["outcome"], answer["maximum_depth_m"], None if left is None else Exit(**in_solver_units(left)))

@@ -1,27 +1,37 @@
 """Answers of how sure an angle or an outcome is."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from enum import StrEnum
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 from pydantic import MISSING, Field
 from typing_extensions import TypeAliasType
 
-from service.schemas.answers import VERSIONED, WARNING, EngineVersion, Key, ModelWarning
-from service.schemas.building import EXIT_NAMES, warning_texts
-from service.schemas.quantities import Count, Num, Part, degrees, with_examples
+from service.columns import Column
+from service.schemas.answers import EXIT, VERSIONED, WARNING, EngineVersion, Key, ModelWarning
+from service.schemas.fields import NOT_TABLED, WHOLE_ANSWER, Behind, Described, Of, walk
+from service.schemas.quantities import Count, Num, Part, degrees, unit_end, with_examples
 from solver import Outcome
 from solver.uncertainty import (
-    AngleUncertainty,
     Estimate,
-    TrajectoryUncertainty,
 )
 
 ESTIMATE = {"value": 0.22, "lower": 0.21, "upper": 0.23}
+SAMPLED = {
+    "convergence": {"samples": [266], "half_width": [0.013]},
+    "converged": True,
+    "samples": 266,
+    "samples_failed": 0,
+    "samples_outside": 0,
+    "seed": 7,
+    "warnings": [WARNING],
+}
 
 
 class EstimateAnswer(Part):
     """A number with its interval."""
+
+    answered_last: ClassVar = ("value", "lower", "upper")
 
     model_config = with_examples(ESTIMATE)
 
@@ -39,6 +49,19 @@ class QuantileAnswer(EstimateAnswer):
     """Share of the samples below it."""
 
 
+def in_degrees(estimate: Estimate | None) -> Estimate | None:
+    """Return the estimate of an angle in degrees."""
+    return estimate and Estimate(*map(degrees, (estimate.value, estimate.lower, estimate.upper)))
+
+
+def quantile_answers(found: Sequence[tuple[float, Estimate]], *, angle: bool = False) -> list[dict[str, Any]]:
+    """Return quantiles with their levels; those of an angle in degrees."""
+    return [
+        {"level": level} | walk(EstimateAnswer, in_degrees(estimate) if angle else estimate)
+        for level, estimate in found
+    ]
+
+
 class ProbabilityCurve(Part):
     """Probability of ricochet over the oblique angle, columns of equal length."""
 
@@ -46,8 +69,8 @@ class ProbabilityCurve(Part):
         {"oblique_angle_deg": [48.0], "ricochet_probability": [0.31], "lower": [0.30], "upper": [0.32]}
     )
 
-    oblique_angle_deg: list[Num]
-    ricochet_probability: list[Num]
+    oblique_angle_deg: Annotated[list[Num], Of(lambda found: found.oblique_angles.tolist())]
+    ricochet_probability: Annotated[list[Num], Of("probability")]
     lower: list[Num]
     upper: list[Num]
 
@@ -57,11 +80,13 @@ class CriticalAngleDistribution(Part):
 
     model_config = with_examples({"share_without_angle": {"value": 1.0, "lower": 0.98, "upper": 1.0}, "quantiles": []})
 
-    mean_deg: EstimateAnswer | MISSING = MISSING
-    standard_deviation_deg: EstimateAnswer | MISSING = MISSING
-    quantiles: list[QuantileAnswer]
+    mean_deg: Annotated[EstimateAnswer | MISSING, Of(lambda found: in_degrees(found.mean))] = MISSING
+    standard_deviation_deg: Annotated[
+        EstimateAnswer | MISSING, Of(lambda found: in_degrees(found.standard_deviation))
+    ] = MISSING
+    quantiles: Annotated[list[QuantileAnswer], Of(lambda found: quantile_answers(found.quantiles, angle=True))]
     """[°]"""
-    share_without_angle: EstimateAnswer
+    share_without_angle: Annotated[EstimateAnswer, Of("share_without")]
     """Share of all samples with an outcome."""
 
 
@@ -76,7 +101,7 @@ class SwingAnswer(Part):
 
     value: InputValue
     """Value of the input: its 5 % and 95 % quantiles, or each discrete value."""
-    critical_angle_deg: Num | MISSING = MISSING
+    critical_angle_deg: Annotated[Num | MISSING, Of("angle")] = MISSING
     """If there is one. [°]"""
 
 
@@ -100,24 +125,34 @@ class ConvergenceAnswer(Part):
 
     model_config = with_examples({"samples": [266], "half_width": [0.013]})
 
-    samples: list[Count]
-    half_width: list[Num]
+    samples: Annotated[list[Count], Of(lambda found: [each.samples for each in found.convergence])]
+    half_width: Annotated[list[Num], Of(lambda found: [each.half_width for each in found.convergence])]
     """Largest of all intervals of a probability. [1]"""
 
 
 class UncertaintyAnswer(Part):
     """What both answers have in common."""
 
-    convergence: ConvergenceAnswer
-    converged: bool
+    answered_last: ClassVar = tuple(SAMPLED)
+
+    convergence: Annotated[ConvergenceAnswer, WHOLE_ANSWER]
+    converged: Annotated[
+        bool,
+        Column("converged", "whether every interval is within the half width wanted", "?"),
+        Behind("samples_outside"),
+    ]
     """Whether every interval is within the half width wanted."""
-    samples: Count
+    samples: Annotated[Count, Column("samples", "searches or runs", "<i8")]
     """Searches or runs."""
-    samples_failed: Count
+    samples_failed: Annotated[
+        Count, Of("failed"), Column("samples_failed", "samples that could not be computed", "<i8")
+    ]
     """Those that could not be computed."""
-    samples_outside: Count
+    samples_outside: Annotated[
+        Count, Of("outside"), Column("samples_outside", "samples outside the accepted range", "<i8")
+    ]
     """Those outside the accepted range: they count as not known, as failed ones do."""
-    seed: Count
+    seed: Annotated[Count, NOT_TABLED]
     warnings: list[ModelWarning]
     key: Key
     engine_version: EngineVersion
@@ -138,17 +173,6 @@ class StudyProgress(Part):
     """Reached: largest of all intervals of a probability. [1]"""
     requested_half_width: Num
     """At which it ends. [1]"""
-
-
-SAMPLED = {
-    "convergence": {"samples": [266], "half_width": [0.013]},
-    "converged": True,
-    "samples": 266,
-    "samples_failed": 0,
-    "samples_outside": 0,
-    "seed": 7,
-    "warnings": [WARNING],
-}
 
 
 class UncertaintyMethod(StrEnum):
@@ -178,15 +202,22 @@ class CriticalAngleUncertaintyAnswer(UncertaintyAnswer):
         | VERSIONED
     )
 
-    probability: ProbabilityCurve
-    critical_angle: CriticalAngleDistribution
+    answered_last: ClassVar = ("sensitivity", *SAMPLED)
+
+    probability: Annotated[ProbabilityCurve, WHOLE_ANSWER]
+    critical_angle: Annotated[
+        CriticalAngleDistribution,
+        WHOLE_ANSWER,
+        Column("mean_deg", "mean of the critical angle"),
+        Column("standard_deviation_deg", "of the critical angle"),
+    ]
     sensitivity: list[SensitivityAnswer] | MISSING = MISSING
     """If wanted."""
-    method: UncertaintyMethod
+    method: Annotated[UncertaintyMethod, Described("surrogate or direct")]
     """`surrogate`: a polynomial chaos of the angle; `direct`: outcomes of randomised Sobol points."""
-    polynomial_order: Count | MISSING = MISSING
+    polynomial_order: Annotated[Count | MISSING, Of("order"), NOT_TABLED] = MISSING
     """Order of the surrogate."""
-    surrogate_error_deg: Num | MISSING = MISSING
+    surrogate_error_deg: Annotated[Num | MISSING, NOT_TABLED] = MISSING
     """Root mean square at held-out points, also where it was too large. [°]"""
 
 
@@ -198,13 +229,10 @@ class OutcomeProbability(EstimateAnswer):
     outcome: Outcome
 
 
-EXIT_QUANTILES: dict[str, Any] = {name: [] for name in EXIT_NAMES.values()}
-
-
 class ExitQuantilesAnswer(Part):
     """Quantiles of how projectiles leave the target, each quantity as in the `exit` of a trajectory."""
 
-    model_config = with_examples(EXIT_QUANTILES)
+    model_config = with_examples({name: [] for name in EXIT})
 
     speed_m_s: list[QuantileAnswer]
     direction_deg: list[QuantileAnswer]
@@ -215,6 +243,12 @@ class ExitQuantilesAnswer(Part):
     lateral_m: list[QuantileAnswer]
 
 
+def exit_answer(found: Mapping[str, Sequence[tuple[float, Estimate]]]) -> dict[str, Any]:
+    """Return the quantiles of exits by their names in the contract; nothing if no projectile left."""
+    names = {name: name.removesuffix(unit_end(name)) for name in ExitQuantilesAnswer.model_fields if found}
+    return {name: quantile_answers(found[own], angle=name.endswith("_deg")) for name, own in names.items()}
+
+
 class TrajectoryUncertaintyAnswer(UncertaintyAnswer):
     """How sure the outcome of one strike is."""
 
@@ -222,18 +256,32 @@ class TrajectoryUncertaintyAnswer(UncertaintyAnswer):
         {"outcomes": [{"outcome": "ricochet"} | ESTIMATE], "maximum_depth_m": []} | SAMPLED | VERSIONED
     )
 
-    outcomes: list[OutcomeProbability]
-    maximum_depth_m: list[QuantileAnswer]
+    outcomes: Annotated[
+        list[OutcomeProbability],
+        Of(lambda found: [{"outcome": name} | walk(EstimateAnswer, share) for name, share in found.outcomes]),
+        tuple(Column(each.value, f"probability of {each.value}") for each in Outcome),
+    ]
+    maximum_depth_m: Annotated[list[QuantileAnswer], Of(lambda found: quantile_answers(found.maximum_depth))]
     """Quantiles over all runs. [m]"""
-    ricochet_exit: ExitQuantilesAnswer | MISSING = MISSING
+    ricochet_exit: Annotated[ExitQuantilesAnswer | MISSING, Of(lambda found: exit_answer(found.ricochet_exit))] = (
+        MISSING
+    )
     """Exit of those turned away, if any."""
-    perforation_exit: ExitQuantilesAnswer | MISSING = MISSING
+    perforation_exit: Annotated[
+        ExitQuantilesAnswer | MISSING, Of(lambda found: exit_answer(found.perforation_exit))
+    ] = MISSING
     """Exit of those that perforated, if any."""
-    exit_speed_m_s: list[QuantileAnswer] | MISSING = MISSING
+    exit_speed_m_s: Annotated[
+        list[QuantileAnswer] | MISSING, Of(lambda found: exit_answer(found.ricochet_exit).get("speed_m_s"))
+    ] = MISSING
     """`speed_m_s` of `ricochet_exit`. [m/s]"""
-    exit_angle_deg: list[QuantileAnswer] | MISSING = MISSING
+    exit_angle_deg: Annotated[
+        list[QuantileAnswer] | MISSING, Of(lambda found: exit_answer(found.ricochet_exit).get("direction_deg"))
+    ] = MISSING
     """`direction_deg` of `ricochet_exit`. [°]"""
-    residual_speed_m_s: list[QuantileAnswer] | MISSING = MISSING
+    residual_speed_m_s: Annotated[
+        list[QuantileAnswer] | MISSING, Of(lambda found: exit_answer(found.perforation_exit).get("speed_m_s"))
+    ] = MISSING
     """`speed_m_s` of `perforation_exit`. [m/s]"""
 
 
@@ -252,88 +300,3 @@ class PartialUncertainty(Part):
     outcomes: list[OutcomeProbability] | MISSING = MISSING
     """Outcomes of a study of one strike."""
     convergence: ConvergenceAnswer
-
-
-def _estimate(estimate: Estimate, *, angle: bool = False) -> dict[str, float]:
-    turn = degrees if angle else float
-    return {"value": turn(estimate.value), "lower": turn(estimate.lower), "upper": turn(estimate.upper)}
-
-
-def _quantiles(found: Sequence[tuple[float, Estimate]], *, angle: bool = False) -> list[dict[str, float]]:
-    return [{"level": level} | _estimate(estimate, angle=angle) for level, estimate in found]
-
-
-def _sampled(found: AngleUncertainty | TrajectoryUncertainty) -> dict[str, Any]:
-    return {
-        "convergence": {
-            "samples": [each.samples for each in found.convergence],
-            "half_width": [each.half_width for each in found.convergence],
-        },
-        "converged": found.converged,
-        "samples": found.samples,
-        "samples_failed": found.failed,
-        "samples_outside": found.outside,
-        "seed": found.seed,
-        "warnings": warning_texts(found.warnings),
-    }
-
-
-def critical_angle_uncertainty_answer(found: AngleUncertainty) -> dict[str, Any]:
-    """Return the answer without key and version."""
-    angle: dict[str, Any] = {}
-    for name, estimate in (("mean_deg", found.mean), ("standard_deviation_deg", found.standard_deviation)):
-        if estimate is not None:
-            angle[name] = _estimate(estimate, angle=True)
-    answer: dict[str, Any] = {
-        "probability": {
-            "oblique_angle_deg": [degrees(each) for each in found.oblique_angles.tolist()],
-            "ricochet_probability": found.probability.tolist(),
-            "lower": found.lower.tolist(),
-            "upper": found.upper.tolist(),
-        },
-        "critical_angle": angle
-        | {
-            "quantiles": _quantiles(found.quantiles, angle=True),
-            "share_without_angle": _estimate(found.share_without),
-        },
-        "method": found.method,
-    }
-    if found.order is not None:
-        answer["polynomial_order"] = found.order
-    if found.surrogate_error is not None:
-        answer["surrogate_error_deg"] = degrees(found.surrogate_error)
-    if found.sensitivity:
-        answer["sensitivity"] = [
-            {
-                "field": each.field,
-                **{
-                    name: _estimate(estimate)
-                    for name, estimate in (("first_order", each.first_order), ("total", each.total))
-                    if estimate is not None
-                },
-                "swing": [
-                    {"value": change.value}
-                    | ({} if change.angle is None else {"critical_angle_deg": degrees(change.angle)})
-                    for change in each.swing
-                ],
-            }
-            for each in found.sensitivity
-        ]
-    return answer | _sampled(found)
-
-
-def trajectory_uncertainty_answer(found: TrajectoryUncertainty) -> dict[str, Any]:
-    """Return the answer without key and version."""
-    answer: dict[str, Any] = {
-        "outcomes": [{"outcome": name} | _estimate(estimate) for name, estimate in found.outcomes],
-        "maximum_depth_m": _quantiles(found.maximum_depth),
-    }
-    for name, exits in (("ricochet_exit", found.ricochet_exit), ("perforation_exit", found.perforation_exit)):
-        if exits:
-            answer[name] = {to: _quantiles(exits[own], angle=to.endswith("_deg")) for own, to in EXIT_NAMES.items()}
-    if found.ricochet_exit:
-        answer["exit_speed_m_s"] = answer["ricochet_exit"]["speed_m_s"]
-        answer["exit_angle_deg"] = answer["ricochet_exit"]["direction_deg"]
-    if found.perforation_exit:
-        answer["residual_speed_m_s"] = answer["perforation_exit"]["speed_m_s"]
-    return answer | _sampled(found)

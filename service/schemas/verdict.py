@@ -109,7 +109,7 @@ VERDICT = {
 }
 
 
-class AngleRange90(Part):
+class LikelyAngles(Part):
     """Angles between which the critical angle lies with a probability of 90 %."""
 
     model_config = with_examples(VERDICT["range"])
@@ -151,7 +151,7 @@ class VerdictAnswer(Part):
     status: SearchStatus
     critical_angle_deg: Num | MISSING = MISSING
     """With the inputs as given, if there is one. [°]"""
-    range: AngleRange90 | MISSING = MISSING
+    range: LikelyAngles | MISSING = MISSING
     """With the usual scatter, of the samples that have an angle."""
     share_without_angle: Annotated[Num, Field(ge=0.0, le=1.0)]
     """Share of the samples that have none in the range searched."""

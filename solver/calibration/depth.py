@@ -18,6 +18,7 @@ from solver.calibration.strength_factor import (
     require_confidence_level,
     valleys,
 )
+from solver.checks import require, require_positive
 from solver.motion import Run, Termination
 from solver.prepared import PreparedCase, integrate, prepare
 from solver.projectile import Projectile
@@ -25,7 +26,6 @@ from solver.resistance import ConstantStrengthFactor, OwnTests, Resistance, Shot
 from solver.strike import Impact, Numerics
 from solver.target import Target
 from solver.uncertainty.distributions import Lognormal
-from solver.validation import require, require_positive
 from solver.warnings import ModelWarning
 
 FIRST_LOOK = 9

@@ -10,12 +10,12 @@ from typing import Final
 import numpy as np
 
 from solver.arrays import FloatArray
+from solver.checks import ParameterError, require, require_positive
 from solver.prepared import initial_state, integrate, positions_at, prepare
 from solver.projectile import Projectile, mass_properties
 from solver.resistance import ConstantStrengthFactor, Resistance
 from solver.strike import Impact, Numerics, ResolvedNumerics
 from solver.target import Target
-from solver.validation import ParameterError, require, require_positive
 
 QUANTITIES: Final = ("depth_displacement", "lateral_displacement", "rotation")
 REACH, SLACK = 1.1, 0.1

@@ -21,12 +21,12 @@ from solver.calibration.strength_factor import (
     require_confidence_level,
     valleys,
 )
+from solver.checks import ParameterError, require
 from solver.free_surface import FreeSurface
 from solver.projectile import Projectile
 from solver.resistance import Resistance
 from solver.strike import Impact, Numerics
 from solver.target import Target
-from solver.validation import ParameterError, require
 from solver.warnings import ModelWarning
 
 FIT_TOLERANCE = 1e-6

@@ -8,8 +8,8 @@ from typing import TypeAlias
 import numpy as np
 
 from solver.arrays import FloatArray
+from solver.checks import ParameterError, require, require_between, require_positive
 from solver.resistance import ObliquityPolynomial
-from solver.validation import ParameterError, require, require_between, require_positive
 from solver.warnings import ModelWarning
 
 LOWEST, HIGHEST = 0.5, 50.0

@@ -9,6 +9,7 @@ import numpy as np
 
 from solver import warnings as model_warnings
 from solver.arrays import FloatArray
+from solver.checks import ParameterError, RicochetError, require_bounds, require_one
 from solver.motion import MOST_TURN, REST_FRACTION, Termination, Thresholds
 from solver.plausibility import check_energy
 from solver.prepared import (
@@ -38,7 +39,6 @@ from solver.strike import (
     usual_termination_time,
 )
 from solver.target import Target
-from solver.validation import ParameterError, RicochetError, require_bounds, require_one
 from solver.warnings import ModelWarning
 
 PAPER_TERMINATION_TIME = 5e-3

@@ -66,6 +66,8 @@ def _bracket(left: int, right: int, level: Level, search: SearchState) -> tuple[
         The trials on its two sides; the same one if it is not in the range.
     """
     trials, count = search.table.rows, search.table.filled[0]
+    # The margin is nearly linear near a change. The first trial is where the rougher level puts the change, the second
+    # a stride beyond: most often these two are the bracket.
     rising, longest = turned_away(trials[right]), level.stride
     lowest, highest = math.inf, -math.inf
     for k in range(count):
@@ -80,6 +82,7 @@ def _bracket(left: int, right: int, level: Level, search: SearchState) -> tuple[
         last, new = new, attempt(angle, level, search)
         if (turned_away(trials[new]) == rising) != beyond:
             return (new, last) if beyond else (last, new)
+        # Two trials on one side correct the slope; one of the wrong sign has met noise, and lengthens the next stride.
         secant = (trials[new, MARGIN] - trials[last, MARGIN]) / (trials[new, ANGLE] - trials[last, ANGLE])
         slope = secant if secant * slope > 0.0 else 0.25 * slope
         longest = GROWTH * stride
@@ -132,6 +135,8 @@ def refine(left: int, right: int, first: int, search: SearchState) -> tuple[int,
     begun = count = search.table.filled[0]
     for k in range(first, LAST + 1):
         if k == LAST:
+            # Levels that err alike agree on a wrong place. An error of the margin moves a change the further, the less
+            # the margin grows with the angle, so a slow growth is a doubt even where they agree.
             decided_by_time = undecided(trials[left]) or undecided(trials[right])
             sure = shift <= DOUBT and margin_growth(left, right, trials[:count]) >= STEEP  # false if one level has none
             if (sure and not decided_by_time) or not is_finer(levels[LAST], levels[REQUESTED]):
@@ -139,6 +144,7 @@ def refine(left: int, right: int, first: int, search: SearchState) -> tuple[int,
             for i in range(begun, count):
                 trials[i, FINE] = 0.0  # these only showed where to look
         begun = count
+        # The bracket of a rougher level need not hold the change of a finer one, which is bracketed anew.
         if k > first:
             left, right = _bracket(left, right, levels[k], search)
         if left == right:
@@ -219,6 +225,7 @@ def _scan(angles: FloatArray, level: Level, search: SearchState, numbers: IntArr
     trials, last = search.table.rows, angles.size - 1
     for i in range(angles.size):
         numbers[i] = -1
+    # From wide to narrow: a few angles far apart settle most strikes, and only gaps that leave a doubt are filled.
     for stride in (16, 8, 4, 2, 1):
         for i in range(angles.size):
             if numbers[i] >= 0 or (i % stride != 0 and i != last):
@@ -233,6 +240,7 @@ def _scan(angles: FloatArray, level: Level, search: SearchState, numbers: IntArr
                 if _is_smooth(left, right, search.inputs.strength):
                     continue
             numbers[i] = attempt(angles[i], level, search)
+            # A rough trial that ends near the retention energy may err in its outcome, which says where to look next.
             if not level.fine and abs(trials[numbers[i], MARGIN]) < UNSURE * search.inputs.retention:
                 numbers[i] = attempt(angles[i], search.levels[REQUESTED], search)
             if has_failed(search):
@@ -279,7 +287,7 @@ def _look_nearby(angle: float, level: Level, search: SearchState, nearby: FloatA
         nearby[0] = _energy_left(below, level, search)
     if inputs.vary_inertia:
         body, inertia = model.body, MORE_INERTIA * model.body.moment_of_inertia
-        heavier = Body(body.outline, body.corners, body.tip, body.mass, inertia, body.bounded)
+        heavier = Body(body.outline, body.corners, body.tip, body.mass, inertia, body.bounds)
         varied = Model(heavier, model.law, model.quadrature, model.panels, model.right_hand_side)
         nearby[2] = _energy_left(
             above, level, SearchState(inputs, varied, search.levels, search.table, search.run_trial)
@@ -375,6 +383,8 @@ def _find_changes(angles: FloatArray, search: SearchState, numbers: IntArray, br
             return 0
     panels = search.model.panels.area.size > 0  # as many at every level
     first, changes, earlier = REQUESTED if panels else ROUGH, 0, 0
+    # Every change is narrowed by itself. If together they do not lead from one end of the range to the other, a rough
+    # trial has hidden one.
     for scan in range(2):  # without a change, or if one is missing, the scan is repeated, more finely
         count = _scan(angles, levels[first], search, numbers)
         for i in range(count - 1):

@@ -7,10 +7,10 @@ from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
+from solver.checks import require, require_angle, require_between
 from solver.display import Columns, card, dataframe, line, plot_search
 from solver.prepared import Exit, Outcome
 from solver.resistance import StrengthPosterior
-from solver.validation import require, require_angle, require_between
 from solver.warnings import ModelWarning
 
 SearchMethod: TypeAlias = Literal["outcome", "bisection", "secant"]

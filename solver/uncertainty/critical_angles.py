@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from solver.arrays import FloatArray
+from solver.checks import require
 from solver.uncertainty.results import LEVELS, AngleUncertainty, Change, Crossings, Round, Sensitivity, Tables
 from solver.uncertainty.sampling import (
     FIRST_POINTS,
@@ -28,7 +29,6 @@ from solver.uncertainty.sampling import (
     share_half_width,
 )
 from solver.uncertainty.surrogate import Expansion, Moments, direct_indices, expansion_moments, fit_expansion
-from solver.validation import require
 from solver.warnings import ModelWarning
 
 SURROGATE_ERROR = math.radians(0.1)
@@ -236,7 +236,8 @@ class AngleStudy:
     def _shares(self, values: FloatArray) -> FloatArray:
         """Return (scramblings, angles) shares of (scramblings, n, alternatives) critical angles up to each angle."""
         places = [[np.searchsorted(np.sort(column), self.angles, side="right") for column in part.T] for part in values]
-        return np.asarray(np.einsum("k,rka->ra", self.design.weights, np.array(places) / values.shape[1]), float)
+        shares: FloatArray = np.einsum("k,rka->ra", self.design.weights, np.array(places) / values.shape[1])
+        return shares
 
     def _turned(self, values: FloatArray) -> FloatArray:
         """Return (points, angles) shares of the alternatives whose critical angle is up to each angle."""

@@ -12,7 +12,7 @@ from numpy.polynomial.hermite_e import hermegauss
 from numpy.polynomial.legendre import leggauss
 
 from solver.arrays import FloatArray
-from solver.validation import require, require_finite, require_positive
+from solver.checks import require, require_finite, require_positive
 
 FIELD = "distribution"
 NODES = 48

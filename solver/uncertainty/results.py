@@ -9,11 +9,11 @@ import numpy as np
 import numpy.typing as npt
 
 from solver.arrays import FloatArray
+from solver.checks import ParameterError, RicochetError
 from solver.display import Columns, card, dataframe, line, plot_endings, plot_probability
 from solver.prepared import Exit, Outcome
 from solver.search.types import CriticalAngle, SearchStatus
 from solver.uncertainty.sampling import SCRAMBLINGS, Design, Estimate
-from solver.validation import ParameterError, RicochetError
 from solver.warnings import ModelWarning
 
 LEVELS = (0.025, 0.05, 0.25, 0.5, 0.75, 0.95, 0.975)

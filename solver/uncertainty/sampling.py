@@ -15,8 +15,8 @@ import numpy as np
 import numpy.typing as npt
 
 from solver.arrays import FloatArray
+from solver.checks import ParameterError, require, require_between
 from solver.uncertainty.distributions import Continuous, Discrete, Distribution, stated_values
-from solver.validation import ParameterError, require, require_between
 
 MOST_INPUTS = 24
 SCRAMBLINGS = 16

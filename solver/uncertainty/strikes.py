@@ -9,6 +9,7 @@ from typing import Any, Protocol, TypeVar
 import numpy as np
 
 from solver.arrays import FloatArray
+from solver.checks import ParameterError, RicochetError, require, require_positive
 from solver.prepared import check_case
 from solver.projectile import Projectile
 from solver.resistance import (
@@ -29,7 +30,6 @@ from solver.uncertainty.distributions import Discrete
 from solver.uncertainty.results import AngleUncertainty, Crossings, TrajectoryUncertainty
 from solver.uncertainty.sampling import Point, Sampling, Uncertain, check_inputs, check_values
 from solver.uncertainty.trajectories import Ending, TrajectoryStudy
-from solver.validation import ParameterError, RicochetError, require, require_positive
 from solver.warnings import body_warnings
 
 RESIDUAL = "resistance.strength_residual"

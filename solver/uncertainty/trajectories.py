@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from solver.arrays import FloatArray
+from solver.checks import ParameterError, RicochetError
 from solver.prepared import Exit, Outcome
 from solver.trajectory import Trajectory
 from solver.uncertainty.results import (
@@ -30,7 +31,6 @@ from solver.uncertainty.sampling import (
     quantile_estimate,
     share_half_width,
 )
-from solver.validation import ParameterError, RicochetError
 from solver.warnings import ModelWarning
 
 

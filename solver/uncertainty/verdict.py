@@ -182,7 +182,7 @@ def verdict(
     Returns
     -------
     Verdict
-        ``str`` of it is the sentence that the page, the report, the service and the command line print.
+        ``str`` of it is the sentence that the report, the service and the command line print.
 
     Raises
     ------

@@ -6,7 +6,7 @@ from typing import Any
 import httpx
 import pytest
 
-from service.schemas import Job
+from service.api.job_models import Job
 from service.schemas.problems import Problem
 from service.schemas.strike import PAPER, PAPER_AT_45
 

@@ -67,6 +67,54 @@ def test_points_on_a_straight_line_are_a_cone(client: httpx.Client) -> None:
     assert (study["samples_failed"], study["samples_outside"]) == (0, 0)
 
 
+SPHERE = {"nose": {"shape": "sphere"}, "diameter_m": 0.08, "length_m": 0.08, "mass_kg": 2.1}
+BOAT_TAIL = {"length_m": 0.1, "base_diameter_m": 0.06}
+
+
+def test_bodies_that_taper_are_answered_and_kept_apart(client: httpx.Client) -> None:
+    """By a search, a trajectory and a sweep over the base; the report draws them."""
+    plain = PAPER["projectile"]
+    closed = {"shape": "profile", "points": [[0.0, 0.0], [0.2, 0.04], [0.53, 0.0]]}
+    bodies = [plain, SPHERE, plain | {"boat_tail": BOAT_TAIL}, plain | {"nose": closed}]
+    angles = [answered(client, "/cra", PAPER | {"projectile": body})["critical_angle_deg"] for body in bodies]
+    assert len(set(angles)) == 4
+    sweep = {
+        "base": PAPER | {"projectile": bodies[2], "search": ROUGH},
+        "axes": [{"field": "projectile.boat_tail.base_diameter_m", "values": [0.02, 0.08]}],
+    }
+    _, level = (item["result"] for item in answered(client, "/cra/sweep", sweep)["results"])
+    whole = answered(client, "/cra", PAPER | {"search": ROUGH})
+    assert level["critical_angle_deg"] == pytest.approx(whole["critical_angle_deg"], abs=0.01)
+    for body in bodies[1:]:
+        strike = {
+            "projectile": body,
+            "target": PAPER["target"],
+            "impact": PAPER["impact"] | {"oblique_angle_deg": 30.0},
+        }
+        assert answered(client, "/trajectory", strike)["outcome"] == "embedded"
+
+
+@pytest.mark.parametrize(
+    ("projectile", "pointer"),
+    [
+        ({"nose": {"shape": "sphere"}}, "/projectile/length_m"),
+        (SPHERE | {"boat_tail": BOAT_TAIL}, "/projectile/boat_tail"),
+        ({"boat_tail": BOAT_TAIL | {"length_m": 0.5}}, "/projectile/boat_tail/length_m"),
+        ({"boat_tail": BOAT_TAIL | {"base_diameter_m": 0.09}}, "/projectile/boat_tail/base_diameter_m"),
+        ({"boat_tail": {"length_m": 0.1}}, "/projectile/boat_tail/base_diameter_m"),
+        ({"boat_tail": 0.1}, "/projectile/boat_tail"),
+        ({"nose": {"shape": "profile", "points": [[0.0, 0.0], [0.1, 0.04], [0.2, 0.03]]}}, "/projectile/nose/points"),
+        ({"nose": {"shape": "profile", "points": [[0.0, 0.0], [0.1, 0.04], [0.1, 0.0]]}}, "/projectile/nose/points/2"),
+    ],
+)
+def test_body_that_does_not_close_is_refused_by_its_field(
+    client: httpx.Client, projectile: dict[str, Any], pointer: str
+) -> None:
+    response = client.post("/cra", json=PAPER | {"projectile": PAPER["projectile"] | projectile})
+    assert response.status_code == 422
+    assert [error["pointer"] for error in response.json()["errors"]] == [pointer]
+
+
 @pytest.mark.parametrize(
     ("points", "place"),
     [

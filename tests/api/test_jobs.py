@@ -13,7 +13,7 @@ import h5py
 import httpx
 import pytest
 
-from service.schemas import Job, JobResults, Jobs
+from service.api.job_models import Job, JobResults, Jobs
 from service.schemas.strike import PAPER
 
 from .many import ASYNC, JSONL, LINES, finished, items_of, lines, searches, slow_strikes, strikes

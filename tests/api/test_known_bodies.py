@@ -102,5 +102,5 @@ async def test_memory_for_bodies_is_bounded(app: FastAPI) -> None:
     bodies = app.state.services.bodies = KnownBodies(40_000)
     for case in searches(20):
         assert (await call(app, "/cra", orjson.dumps(case), JSON))[0] == 200
-    assert 1 < len(bodies._known) < 10
-    assert bodies._nbytes <= 5_000
+    assert 1 < len(bodies) < 10
+    assert bodies.currsize <= 5_000

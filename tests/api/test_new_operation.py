@@ -1,9 +1,13 @@
 """A new operation is its models and a row of the table: routes, jobs, tools and the local command have it then."""
 
+import csv
+import io
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import h5py
 import orjson
 import pytest
 from fastapi.testclient import TestClient
@@ -31,6 +35,7 @@ class EnergyAnswer(Part):
     model_config = with_examples({"kinetic_energy_j": 368186.0})
 
     kinetic_energy_j: Num
+    """At first contact. [J]"""
 
 
 def compute_energy(request: bytes) -> tuple[dict[str, Any], None]:
@@ -95,3 +100,26 @@ def test_new_operation_is_answered_by_every_door(
     assert orjson.loads(capfdbinary.readouterr().out) == single.json()
     assert next(compute_sweep("energy", {"base": PAPER, "axes": axes}))["result"] == single.json()
     assert {"/energy", "/energy/batch", "/energy/sweep"} <= client.get("/openapi.json").json()["paths"].keys()
+
+
+def test_tables_of_a_new_operation_have_the_fields_of_its_answer(client: TestClient) -> None:
+    key = client.post("/energy", json=PAPER).json()["key"]
+    single = client.get(f"/results/{key}", headers={"Accept": "text/csv"}).text
+    assert [float(row["kinetic_energy_j"]) for row in csv.DictReader(single.splitlines())] == [pytest.approx(JOULES)]
+    axes = [{"field": "impact.velocity_m_s", "values": [119.0, 238.0]}]
+    job = client.post("/energy/sweep", json={"base": PAPER, "axes": axes}, headers={"Prefer": "respond-async"}).json()
+    while client.get(job["links"]["self"]).json()["status"] in {"accepted", "running"}:
+        time.sleep(0.01)
+    base, *lines = client.get(job["links"]["results"], headers={"Accept": "text/csv"}).text.splitlines()
+    assert base.startswith("# base: ")
+    energies = [pytest.approx(JOULES / 4.0), pytest.approx(JOULES)]
+    assert [float(row["kinetic_energy_j"]) for row in csv.DictReader(lines)] == energies
+    content = client.get(job["links"]["results"], headers={"Accept": "application/x-hdf5"}).content
+    with h5py.File(io.BytesIO(content)) as file:
+        summary = file["summary"]
+        assert summary["kinetic_energy_j"].tolist() == energies
+        place = summary.dtype.names.index("kinetic_energy_j")
+        assert [summary.attrs[f"column_{kind}"][place] for kind in ("units", "descriptions")] == [
+            b"J",
+            b"at first contact",
+        ]

@@ -94,6 +94,7 @@ def test_operation_ids_are_the_names_of_the_routes() -> None:
         "get_job",
         "get_job_results",
         "get_result",
+        "judge_strike",
         "list_jobs",
         "livez",
         "make_report",

@@ -12,7 +12,7 @@ from pydantic import ValidationError
 
 from service.schemas.strike import PAPER
 from service.settings import Settings
-from tests.conftest import Service
+from tests.conftest import Service, until
 
 PROXY, OTHER, CLIENT = "127.0.0.2", "127.0.0.1", "203.0.113.9"
 
@@ -28,8 +28,13 @@ class Behind(NamedTuple):
         transport = httpx.HTTPTransport(local_address=address)
         named = {name.replace("_", "-"): value for name, value in headers.items()}
         with httpx.Client(base_url=self.url, transport=transport, timeout=180.0) as client:
+            known = len(self._entries())
             answer = client.post("/cra", json=PAPER, headers=named)
-        return answer, json.loads(self.audit_log.read_text().splitlines()[-1])
+        until(lambda: len(self._entries()) > known)  # The entry is written when the answer has been sent.
+        return answer, json.loads(self._entries()[-1])
+
+    def _entries(self) -> list[str]:
+        return self.audit_log.read_text().splitlines() if self.audit_log.exists() else []
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,7 @@ from typing import Any
 import h5py
 import httpx
 
-from service.schemas import Job
+from service.api.job_models import Job
 
 from .many import finished
 from .test_uncertainty import ATTACK, BODY, SPEED, STRIKE

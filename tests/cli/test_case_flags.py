@@ -69,6 +69,11 @@ def answer_of(arguments: str, capsys: pytest.CaptureFixture[str]) -> dict[str, A
         ),
         ("--caliber-radius-head 2", "projectile.nose", {"shape": "ogive", "caliber_radius_head": 2.0}),
         ("--length-to-diameter 1.5", "projectile.nose", {"shape": "conical", "length_to_diameter": 1.5}),
+        (
+            "--boat-tail-length 0.1 --base-diameter 0.06",
+            "projectile.boat_tail",
+            {"length_m": 0.1, "base_diameter_m": 0.06},
+        ),
         ("--profile 0,0.01:0.1,0.04", "projectile.nose", {"shape": "profile", "points": [[0.0, 0.01], [0.1, 0.04]]}),
         ("--strength-law published_tests", LAW, {"model": "published_tests"}),
         (
@@ -166,7 +171,14 @@ def completed(here: Path, words: str, capsys: pytest.CaptureFixture[str]) -> set
 def test_bash_completes_commands_flags_choices_and_files(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert completed(here, "ricochet c", capsys) == {"cra", "cache", "calibrate", "completion"}
     assert completed(here, "ricochet cra --vel", capsys) == {"--velocity"}
-    assert completed(here, "ricochet cra --nose ", capsys) == {"ogive", "conical", "spherical", "flat", "profile"}
+    assert completed(here, "ricochet cra --nose ", capsys) == {
+        "ogive",
+        "conical",
+        "spherical",
+        "flat",
+        "profile",
+        "sphere",
+    }
     assert completed(here, "ricochet jobs re", capsys) == {"results"}
     assert completed(here, "ricochet cra stri", capsys) == {"strike.toml"}
 

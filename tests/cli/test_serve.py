@@ -6,9 +6,11 @@ import signal
 import subprocess
 import threading
 import time
+from collections.abc import Callable
+from contextlib import AbstractContextManager
 from importlib.metadata import version
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, TypeAlias
 
 import httpx
 import pytest
@@ -20,6 +22,8 @@ from service.settings import Settings
 from solver import ENGINE_VERSION
 from tests.cli.commands import COMMAND, LIMIT_S, environment, run
 from tests.conftest import free_port
+
+RunService: TypeAlias = Callable[..., AbstractContextManager["Service"]]
 
 
 class Service(Protocol):
@@ -65,6 +69,14 @@ def test_service_that_others_reach_without_a_proxy_says_so(
 ) -> None:
     check_proxy(Settings(host=host, trusted_proxies=proxies))
     assert ("does not limit slow clients" in caplog.text) == warned
+
+
+def test_variable_that_is_not_a_setting_is_named_once_at_the_start(service_on: RunService, tmp_path: Path) -> None:
+    with service_on(tmp_path, worker="3") as service:
+        assert httpx.get(f"{service.url}/livez", trust_env=False).is_success
+    named = [line for line in (tmp_path / "log").read_text().splitlines() if "RICOCHET_WORKER" in line]
+    assert len(named) == 1
+    assert "not settings" in named[0]
 
 
 @pytest.mark.parametrize("stop", [signal.SIGTERM, signal.SIGINT])

@@ -7,7 +7,21 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
-KNOWN = {"FROM", "ARG", "ENV", "WORKDIR", "RUN", "COPY", "USER", "VOLUME", "EXPOSE", "HEALTHCHECK", "LABEL", "CMD"}
+KNOWN = {
+    "FROM",
+    "ARG",
+    "ENV",
+    "WORKDIR",
+    "RUN",
+    "COPY",
+    "USER",
+    "VOLUME",
+    "EXPOSE",
+    "HEALTHCHECK",
+    "LABEL",
+    "ENTRYPOINT",
+    "CMD",
+}
 
 
 @dataclass(frozen=True)

@@ -97,7 +97,7 @@ def test_scheduler_and_workers_are_in_a_network_that_leads_nowhere() -> None:
 @pytest.mark.parametrize("name", services())
 def test_container_writes_to_its_volume_and_temporary_folders_alone_and_has_no_rights_and_limits(name: str) -> None:
     service, image = services()[name], read()[-1]
-    compiled_code, user = image.environment()["NUMBA_CACHE_DIR"], image.last("USER").text
+    compiled_code, user = image.environment()["XDG_CACHE_HOME"], image.last("USER").text
     assert service["read_only"] is True
     assert service["cap_drop"] == ["ALL"]
     assert service["security_opt"] == ["no-new-privileges:true"]

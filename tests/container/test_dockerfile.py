@@ -1,7 +1,9 @@
 """What the Dockerfile says, against what the service and the Makefile say."""
 
+import os
 import re
 import subprocess
+import sys
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
@@ -102,3 +104,26 @@ def test_its_health_check_distinguishes_a_service_that_lives_from_one_that_does_
         port = httpx.URL(service.url).port
         assert check(port) == 0
     assert check(port) != 0
+
+
+AVX2 = "avx2 bmi1 bmi2 f16c fma abm movbe"
+AVX512 = f"{AVX2} avx512f avx512bw avx512cd avx512dq avx512vl"
+
+
+@pytest.mark.parametrize(
+    ("flags", "vendor", "chosen"),
+    [
+        ("sse4_2", "GenuineIntel", "None"),
+        (AVX2, "AuthenticAMD", "x86-64-v3"),
+        (AVX512, "AuthenticAMD", "znver4"),
+        (AVX512, "GenuineIntel", "skylake-avx512"),
+    ],
+)
+def test_entry_point_chooses_the_code_of_the_processor(tmp_path: Path, flags: str, vendor: str, chosen: str) -> None:
+    cpu = tmp_path / "cpuinfo"
+    cpu.write_text(f"vendor_id\t: {vendor}\nflags\t\t: {flags}\n")
+    program = [str(ROOT / "entry-point.sh"), sys.executable, "-c"]
+    script = "import os; print(os.environ.get('NUMBA_CPU_NAME'))"
+    environment = {"PATH": os.environ["PATH"], "CPUINFO": str(cpu)}
+    done = subprocess.run([*program, script], env=environment, capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == chosen

@@ -25,6 +25,7 @@ from .dockerfile import ROOT, read
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(1800)]
 STAGES = read()
+ENTRY_POINT = STAGES[-1].last("ENTRYPOINT").command()
 
 
 @pytest.fixture(scope="module")
@@ -57,7 +58,7 @@ def image(tmp_path_factory: pytest.TempPathFactory, wheels: Path) -> Iterator[Co
 def started(image: Container, log: Path) -> Iterator[tuple[str, int]]:
     """The image's own command with its own variables, on a port of this machine alone; its address and process."""
     settings = {"RICOCHET_HOST": "127.0.0.1", "RICOCHET_PORT": str(free_port()), "RICOCHET_WORKERS": "2"}
-    command, environment = image.entered(STAGES[-1].last("CMD").command(), **settings)
+    command, environment = image.entered([*ENTRY_POINT, *STAGES[-1].last("CMD").command()], **settings)
     with log.open("wb") as output, subprocess.Popen(command, env=environment, stderr=output) as process:
         url, deadline = f"http://127.0.0.1:{settings['RICOCHET_PORT']}", time.monotonic() + START_LIMIT_S
         try:
@@ -103,9 +104,9 @@ def test_nothing_but_the_service_and_what_is_locked_for_it_is_installed(image: C
 
 
 def test_solver_was_compiled_when_the_image_was_made(image: Container) -> None:
-    assert list(image.inside("/opt/ricochet").rglob("compiled/*/compiled-*/*.nbc"))
-    image.run(["python", "-c", "import solver; solver.warm_up()"])
-    assert not list(image.inside(image.environment["NUMBA_CACHE_DIR"]).rglob("*.nbc"))
+    assert list(image.inside(image.environment["NUMBA_CACHE_DIR"]).rglob("*.nbc"))
+    image.run([*ENTRY_POINT, "python", "-c", "import solver; solver.warm_up()"])
+    assert not list(image.inside(image.environment["XDG_CACHE_HOME"]).rglob("*.nbc"))
 
 
 def test_traces_without_the_extra_are_refused_with_what_to_install(image: Container) -> None:

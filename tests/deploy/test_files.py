@@ -133,7 +133,7 @@ def test_deployment_has_settings_probes_and_one_pod_that_leaves_before_the_next(
     assert container["readinessProbe"]["timeoutSeconds"] > settings.probe_seconds
     assert pod["terminationGracePeriodSeconds"] > settings.grace_seconds
     mounts = {mount["mountPath"]: mount["name"] for mount in container["volumeMounts"]}
-    compiled_code = mounts[IMAGE.environment()["NUMBA_CACHE_DIR"]]
+    compiled_code = mounts[IMAGE.environment()["XDG_CACHE_HOME"]]
     assert {"name": compiled_code, "emptyDir": {"sizeLimit": "256Mi"}} in pod["volumes"]  # the root is read-only
     claims = [volume["persistentVolumeClaim"]["claimName"] for volume in pod["volumes"] if "emptyDir" not in volume]
     assert claims == [KINDS["PersistentVolumeClaim"]["metadata"]["name"]]

@@ -3,7 +3,6 @@
 import os
 import random
 import shutil
-import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -18,8 +17,6 @@ pytestmark = [
     pytest.mark.skipif(not Path("/proc/self/environ").exists(), reason="finds processes in /proc"),
 ]
 CASES = 200
-CHECKPOINT_SECONDS = 20.0
-"""For what is in the log of the jobs to go into their file, which it does within seconds."""
 Loss = Callable[[RestartableServer, random.Random], int]
 """Loses or damages a file; returns how many results are lost by it."""
 
@@ -115,28 +112,6 @@ def test_lost_files_cost_exactly_what_was_in_them(rounds: int, tmp_path: Path) -
             assert server.folder_faults() == [], lose
             job = again
         assert server.logged_errors() == []
-
-
-def test_flipped_bit_in_the_log_of_the_jobs_costs_the_latest_at_most_and_is_said(tmp_path: Path) -> None:
-    with RestartableServer(tmp_path) as server:
-        server.start()
-        job = server.finished(server.submit(jsonl(searches(5))))
-        deadline = time.monotonic() + CHECKPOINT_SECONDS
-        while (server.data / f"{JOBS}-wal").stat().st_size and time.monotonic() < deadline:
-            time.sleep(0.1)
-        latest = server.finished(server.submit(jsonl(searches(5))))
-        server.kill()
-        content = bytearray((server.data / f"{JOBS}-wal").read_bytes())
-        content[len(content) // 100] ^= 1
-        (server.data / f"{JOBS}-wal").write_bytes(content)
-        server.start()
-        assert [each["id"] for each in server.jobs()][-1] == job["id"] != latest["id"]
-        [warning] = server.client.get("/readyz").json()["warnings"]
-        assert "jobs-" in warning
-        assert "jobs.sqlite set aside" in server.log.read_text()
-        assert sorted(path.suffix for path in (server.data / "damaged").iterdir()) == [".sqlite", ".sqlite-wal"]
-        shutil.rmtree(server.data / "damaged")
-        assert server.client.get("/readyz").json() == {"status": "ok"}
 
 
 def _any_segment(server: RestartableServer, choice: random.Random) -> Segment:

@@ -1,12 +1,14 @@
 """Noses, decay models and random strikes that several tests share."""
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from hypothesis import strategies as st
 
 from solver import (
+    BoatTail,
     Conical,
     ConstantStrengthFactor,
     ElasticPlastic,
@@ -18,6 +20,7 @@ from solver import (
     Profile,
     Projectile,
     Resistance,
+    Sphere,
     Spherical,
     Target,
     solid_properties,
@@ -54,10 +57,22 @@ DECAYS: dict[str, FreeSurface] = {
 }
 
 
-def steel(nose: NoseShape, *, diameter: float = DIAMETER, length: float = 0.53) -> Projectile:
+def steel(
+    nose: NoseShape, *, diameter: float = DIAMETER, length: float = 0.53, boat_tail: BoatTail | None = None
+) -> Projectile:
     """A projectile of homogeneous steel."""
-    shape = Projectile(nose=nose, diameter=diameter, length=length, mass=1.0)
-    return Projectile(nose=nose, diameter=diameter, length=length, mass=STEEL * solid_properties(shape).volume)
+    shape = Projectile(nose=nose, diameter=diameter, length=length, mass=1.0, boat_tail=boat_tail)
+    return replace(shape, mass=STEEL * solid_properties(shape).volume)
+
+
+TAPERING: dict[str, Projectile] = {
+    "sphere": steel(Sphere(), length=DIAMETER),
+    "boat-tail": steel(NOSES["ogive"], boat_tail=BoatTail(length=0.1, base_diameter=0.05)),
+    "stubby boat-tail": steel(Flat(), length=0.12, boat_tail=BoatTail(length=0.02, base_diameter=0.01)),
+    "double cone": steel(Profile(points=((0.0, 0.0), (0.1, 0.04), (0.13, 0.0))), length=0.13),
+    "barrel": steel(Profile(points=((0.0, 0.02), (0.03, 0.04), (0.1, 0.04), (0.15, 0.02))), length=0.15),
+}
+"""Bodies that are narrower behind their widest point."""
 
 
 @st.composite

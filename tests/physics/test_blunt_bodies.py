@@ -29,7 +29,7 @@ from solver import (
 )
 from solver.projectile import NoseShape
 from solver.strike import PAPER_TARGET
-from validation.routes import NOSES, random_projectile
+from validation.routes import BODIES, random_projectile
 
 HEAD_ON = Impact(velocity=238.0, oblique_angle=0.0)
 WALL = replace(PAPER_TARGET, thickness=0.2)
@@ -144,10 +144,10 @@ def test_flat_body_needs_a_thicker_wall_than_a_short_cone() -> None:
 
 
 def steel_strikes(count: int, seed: int) -> Iterator[tuple[Projectile, Target, Impact]]:
-    """Steel bodies of every nose and size at 30 to 900 m/s, every other one head on."""
+    """Steel bodies of every shape and size at 30 to 900 m/s, every other one head on."""
     random = np.random.default_rng(seed)
     for number in range(count):
-        shape = random_projectile(NOSES[number % len(NOSES)], random)
+        shape = random_projectile(BODIES[number % len(BODIES)], random)
         projectile = replace(shape, mass=STEEL * solid_properties(shape).volume)
         target = Target(compressive_strength=random.uniform(10e6, 150e6), density=random.uniform(1900.0, 2600.0))
         oblique = math.radians(random.uniform(0.0, 60.0)) if number % 2 else 0.0

@@ -7,11 +7,22 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from solver import Conical, Flat, Ogive, Profile, Projectile, Spherical, mass_properties, solid_properties
+from solver import (
+    BoatTail,
+    Conical,
+    Flat,
+    Ogive,
+    Profile,
+    Projectile,
+    Sphere,
+    Spherical,
+    mass_properties,
+    solid_properties,
+)
 from solver.projectile import Line, NoseShape
 from solver.surface import build_body, build_panels, deepest_offset
 
-from .strikes import NOSES, steel
+from .strikes import NOSES, TAPERING, steel
 
 A, LENGTH = 0.04, 0.53
 """Radius and length of the paper's projectile. [m]"""
@@ -127,8 +138,55 @@ def test_nose_and_shank_equal_their_closed_forms(nose: tuple[NoseShape, Solid]) 
 
 def test_nose_without_a_shank_equals_its_closed_form(nose: tuple[NoseShape, Solid]) -> None:
     shape, solid = nose
-    if solid.squares > 0.0:
+    if solid.length >= 1e-3:  # the shortest body that is accepted
         assert_properties_equal(Projectile(nose=shape, diameter=2 * A, length=shape.length(A), mass=1.0), solid)
+
+
+BODY_SOLIDS: dict[str, tuple[Projectile, Solid]] = {
+    "sphere": (TAPERING["sphere"], cap(A, 2 * A)),
+    "fragment": (Projectile(nose=Sphere(), diameter=0.0206, length=0.0206, mass=0.0359), cap(0.0103, 0.0206)),
+    "boat-tail": (
+        TAPERING["boat-tail"],
+        ogive(A, 3.0).followed_by(cylinder(A, 0.43 - A * math.sqrt(11.0))).followed_by(frustum(A, 0.025, 0.1)),
+    ),
+    "boat-tail to a point, right behind the nose": (
+        Projectile(
+            nose=Conical(length_to_diameter=1.0),
+            diameter=2 * A,
+            length=0.2,
+            mass=1.0,
+            boat_tail=BoatTail(length=0.2 - 2 * A, base_diameter=0.0),
+        ),
+        frustum(0.0, A, 2 * A).followed_by(frustum(A, 0.0, 0.2 - 2 * A)),
+    ),
+    "double cone": (TAPERING["double cone"], frustum(0.0, A, 0.1).followed_by(frustum(A, 0.0, 0.03))),
+    "barrel": (
+        TAPERING["barrel"],
+        disc(0.02)
+        .followed_by(frustum(0.02, A, 0.03))
+        .followed_by(cylinder(A, 0.07))
+        .followed_by(frustum(A, 0.02, 0.05)),
+    ),
+}
+
+
+@pytest.mark.parametrize("name", BODY_SOLIDS)
+def test_bodies_that_taper_equal_their_closed_forms(name: str) -> None:
+    projectile, solid = BODY_SOLIDS[name]
+    assert_properties_equal(projectile, solid)
+    base = math.pi * projectile.base.r_start**2
+    panels = build_panels(projectile, mass_properties(projectile), 20_000)
+    assert panels.area.sum() == pytest.approx(solid.area + base, rel=1e-3)
+
+
+def test_sphere_has_the_properties_of_a_sphere() -> None:
+    """A = 4πR², V = 4πR³/3, centroid R, I = 2mR²/5: of the fragments of Erkander and Pettersson."""
+    (sphere, _), radius = BODY_SOLIDS["fragment"], 0.0103
+    found, properties = solid_properties(sphere), mass_properties(sphere)
+    assert found.surface_area == pytest.approx(4.0 * math.pi * radius**2, rel=1e-12)
+    assert found.volume == pytest.approx(4.0 / 3.0 * math.pi * radius**3, rel=1e-12)
+    assert properties.center_of_gravity == pytest.approx(radius, rel=1e-12)
+    assert properties.moment_of_inertia == pytest.approx(0.4 * 0.0359 * radius**2, rel=1e-12)
 
 
 def test_textbook_solids_come_out_of_the_closed_forms_above() -> None:
@@ -174,10 +232,10 @@ def brute_force_reach(projectile: Projectile, center: float, axis_angle: float) 
     return reach
 
 
-@pytest.mark.parametrize("name", NOSES)
+@pytest.mark.parametrize("name", [*NOSES, *TAPERING])
 def test_first_contact_is_the_deepest_point_of_the_surface(name: str) -> None:
     """Tip, flank or rear edge, whichever it is: 10⁻⁸ of the length is what the brute force resolves."""
-    projectile = steel(NOSES[name])
+    projectile = TAPERING[name] if name in TAPERING else steel(NOSES[name])
     properties = mass_properties(projectile)
     body = build_body(projectile, properties)
     for degrees in (0, 1e-6, 3, 20, 45, 60, 75, 80.4, 85, 89.9, 90, 90.1, 100, 135, 170, 179, 180):

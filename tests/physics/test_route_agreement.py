@@ -65,7 +65,7 @@ def test_table_has_a_place_for_every_choice_of_the_model() -> None:
     assert {type(strike.projectile.nose) for strike in strikes} == set(get_args(NoseShape))
     assert {type(decay) for decay in DECAYS.values()} == set(get_args(FreeSurface))
     varied = {
-        Projectile: {"nose", "diameter", "length", "mass"},
+        Projectile: {"nose", "diameter", "length", "mass", "boat_tail"},
         Target: {"compressive_strength", "density", "thickness"},
         Impact: {"velocity", "oblique_angle", "angle_of_attack", "angular_velocity"},
         Resistance: {"strength_factor", "inertia_factor", "free_surface", "crater", "rear_plug"},

@@ -1,6 +1,7 @@
 """Two routes, one answer: the panels of the paper and the Gauss points of this package, for every nose."""
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -31,7 +32,7 @@ from solver.strike import PAPER_TARGET
 from solver.surface import build_panels
 from solver.time_integration import LARGEST_STEP, Accuracy, integrate_adaptive, integrate_fixed, make_linearisation
 
-from .strikes import DECAYS, NOSES, steel
+from .strikes import DECAYS, DIAMETER, NOSES, TAPERING, steel
 
 REST = 1e-2
 """Kinetic energy, over its initial value, from which on a fixed step is no judge."""
@@ -161,22 +162,28 @@ def test_panels_converge_with_the_square_of_their_size_to_the_gauss_points() -> 
 
 
 @pytest.mark.parametrize("decay", DECAYS)
-@pytest.mark.parametrize("nose", ["ogive", "cone", "blunt cone", "hemisphere", "truncated cone"])
-def test_load_is_that_on_panels_however_a_projectile_lies_and_moves(nose: str, decay: str) -> None:
-    """Tip down to tail first, sliding, falling over: within three thousandths of the largest load of all.
+@pytest.mark.parametrize("thickness", [None, 0.4])
+@pytest.mark.parametrize("body", ["ogive", "cone", "blunt cone", "hemisphere", "truncated cone", *TAPERING])
+def test_load_is_that_on_panels_however_a_projectile_lies_and_moves(
+    body: str, thickness: float | None, decay: str
+) -> None:
+    """Tip down to tail first, sliding, falling over: within three thousandths of the largest load of all, four
+    if a body tapers.
 
     Where the face or the line of separation cuts panels, that is how well so many of them do.
     """
-    projectile = steel(NOSES[nose])
+    projectile = TAPERING[body] if body in TAPERING else steel(NOSES[body])
     numerics = Numerics(stations=24, points=8).resolved()
-    resistance = Resistance(free_surface=DECAYS[decay])
-    gauss = prepare(projectile=projectile, target=PAPER_TARGET, resistance=resistance, numerics=numerics).model
+    target, resistance = replace(PAPER_TARGET, thickness=thickness), Resistance(free_surface=DECAYS[decay])
+    gauss = prepare(projectile=projectile, target=target, resistance=resistance, numerics=numerics).model
     gauss = gauss._replace(law=gauss.law._replace(static_stress=3e8, ramp_velocity=1e-9))
     panels = gauss._replace(panels=build_panels(projectile, mass_properties(projectile), 200_000))
     states = tumbling(60, gauss)
     expected = sample_loads(states, panels)
     largest = abs(expected).max(axis=0)
-    np.testing.assert_allclose(sample_loads(states, gauss) / largest, expected / largest, atol=3e-3)
+    largest[2] = max(largest[2], 0.1 * DIAMETER * largest[0])  # nothing turns a sphere but rounding
+    tolerance = 4e-3 if body in TAPERING else 3e-3
+    np.testing.assert_allclose(sample_loads(states, gauss) / largest, expected / largest, atol=tolerance)
 
 
 def call_accelerate(states: FloatArray, model: Model, scratch: Scratch, out: FloatArray) -> None:
@@ -225,10 +232,12 @@ def test_profile_of_cones_approaches_the_ogive_it_is_inscribed_in() -> None:
         points = [(float(p), float(q)) for p, q in zip(x, r, strict=True)]
         return Profile(points=((0.0, 0.0), *points[1:-1], (points[-1][0], a)))
 
-    mass = {"diameter": 2 * a, "length": 0.53, "mass": 13.0, "center_of_gravity": 0.294, "moment_of_inertia": 0.25}
-    exact = depth(Projectile(nose=NOSES["ogive"], **mass))
+    body = Projectile(
+        nose=NOSES["ogive"], diameter=2 * a, length=0.53, mass=13.0, center_of_gravity=0.294, moment_of_inertia=0.25
+    )
+    exact = depth(body)
     counts = np.array([4, 8, 16])
-    errors = np.array([abs(depth(Projectile(nose=inscribed(int(n)), **mass)) - exact) for n in counts])
+    errors = np.array([abs(depth(replace(body, nose=inscribed(int(n)))) - exact) for n in counts])
     assert slope(1.0 / counts, errors) == pytest.approx(2.0, abs=0.5)
     assert errors[-1] < 1e-3
 

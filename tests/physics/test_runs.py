@@ -13,7 +13,6 @@ from solver import (
     Motion,
     Numerics,
     Outcome,
-    Projectile,
     Resistance,
     Trajectory,
     simulate,
@@ -124,8 +123,7 @@ def test_maximum_depth_is_the_greatest_tip_depth_up_to_the_end(degrees: float) -
 
 
 STEEP_FIT = {"impact": paper_impact(oblique_angle_degrees=50.0)}
-GIVEN = {"center_of_gravity": 0.294, "moment_of_inertia": 0.25}
-PLAIN = Projectile(nose=PAPER_PROJECTILE.nose, diameter=0.08, length=0.53, mass=13.0, **GIVEN)
+PLAIN = replace(PAPER_PROJECTILE, center_of_gravity=0.294, moment_of_inertia=0.25)
 FIXED = {"resistance": Resistance(strength_factor=ConstantStrengthFactor(value=8.0))}
 
 

@@ -220,7 +220,7 @@ def test_thicker_wall_is_not_perforated_where_a_thinner_one_is_not(
 
 @pytest.mark.parametrize("thickness", [0.0, -0.2, math.nan, math.inf])
 def test_thickness_must_be_a_length(thickness: float) -> None:
-    with pytest.raises(ParameterError, match=r"target\.thickness.* must be greater than 0"):
+    with pytest.raises(ParameterError, match=r"target\.thickness.* must be more than 0"):
         replace(WALL, thickness=thickness)
 
 

@@ -7,9 +7,9 @@ import numpy as np
 import orjson
 
 from service.cache.record import FloatColumns, Record
-from service.columns import MOTION
+from service.schemas.answers import MotionState
 
-COLUMNS = [column.name for column in MOTION]
+COLUMNS = list(MotionState.model_fields)
 
 
 def key_of(number: int) -> str:

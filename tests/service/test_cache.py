@@ -149,7 +149,7 @@ def test_any_damage_is_a_miss_set_aside_and_written_anew(tmp_path: Path) -> None
         with cache_in(tmp_path) as cache:
             assert cache.get(record.key) is None
             assert not path.exists()
-            assert (tmp_path / "damaged" / path.name).read_bytes() == bad
+            assert bad in {aside.read_bytes() for aside in (tmp_path / "damaged").iterdir()}
             cache.put_many([record])
         with cache_in(tmp_path) as cache:
             assert same(cache.get(record.key), record)

@@ -2,8 +2,10 @@
 
 import pytest
 
-from service.columns import EXIT, MOTION, Column
+from service.columns import Column
+from service.operations import OPERATIONS, Operation
 from service.schemas.answers import Exit, MotionState
+from service.schemas.fields import columns_of
 from service.schemas.quantities import Part
 
 SYMBOLS = {"deg": "°"}
@@ -11,11 +13,17 @@ SYMBOLS = {"deg": "°"}
 
 
 @pytest.mark.parametrize(
-    ("column", "model", "prefix"),
-    [*((column, MotionState, "") for column in MOTION), *((column, Exit, "exit_") for column in EXIT)],
+    ("column", "model"),
+    [(column, model) for model in (MotionState, Exit) for column in columns_of(model)],
     ids=lambda value: value.name if isinstance(value, Column) else "",
 )
-def test_column_has_the_unit_of_the_field(column: Column, model: type[Part], prefix: str) -> None:
-    field = model.model_json_schema()["properties"][column.name.removeprefix(prefix)]
-    assert column.description
+def test_column_has_the_unit_of_the_field(column: Column, model: type[Part]) -> None:
+    field = model.model_json_schema()["properties"][column.name]
     assert field["description"].endswith(f"[{SYMBOLS.get(column.unit, column.unit)}]")
+
+
+@pytest.mark.parametrize("operation", OPERATIONS.values(), ids=lambda each: each.name)
+def test_columns_of_an_operation_are_described_and_differ(operation: Operation) -> None:
+    names = [column.name for column in operation.columns]
+    assert len(set(names)) == len(names)
+    assert all(column.description for column in operation.columns)

@@ -335,7 +335,10 @@ async def test_start_that_is_cancelled_leaves_no_worker_and_no_failed_thread(mon
     monkeypatch.setattr(threading, "excepthook", failures.append)
     pool = ProcessPool(workers=2, task_seconds=60.0)
     starting = asyncio.create_task(pool.start())
-    assert await until(lambda: bool(pool.worker_pids))
+    async with asyncio.timeout(60.0):
+        # Without a pause: forked workers are ready a few milliseconds after they exist.
+        while not pool.worker_pids:  # noqa: ASYNC110
+            await asyncio.sleep(0)
     starting.cancel()
     with pytest.raises(asyncio.CancelledError):
         await starting

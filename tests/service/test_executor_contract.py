@@ -21,7 +21,8 @@ from service.schemas import CriticalAngleRequest, TrajectoryRequest
 from service.schemas.strike import PAPER, PAPER_AT_45
 from service.workers import Call, Executor
 from service.workers.dask_executor import DaskExecutor
-from service.workers.process_pool import InThreadExecutor, ProcessPool
+from service.workers.in_thread import InThreadExecutor
+from service.workers.process_pool import ProcessPool
 from service.workers.worker import answer, compute_case, compute_single, dumps, loads
 from tests.service.dask_cluster import DaskCluster, dask_cluster
 

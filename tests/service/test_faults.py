@@ -48,7 +48,7 @@ async def test_jobs_damaged_anywhere_are_set_aside_and_their_results_stay(pool: 
         again = await ended(manager, await accepted(manager, cases(range(400), seconds=0.005)))
         assert (again.status, again.done) == ("successful", 400)
         assert again.cached >= 20
-    assert any(path.name.startswith("jobs-") for path in (tmp_path / "data" / "damaged").iterdir())
+    assert any(path.name == "jobs.sqlite" for path in (tmp_path / "data" / "damaged").iterdir())
 
 
 @pytest.mark.anyio

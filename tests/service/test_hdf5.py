@@ -15,8 +15,9 @@ import pytest
 
 from service.cache.hdf5 import BLOCK, BatchFile, check, read_keys, read_records, to_hdf5
 from service.cache.record import Record
-from service.columns import MOTION, SUMMARY, TRIALS
+from service.cache.tables import trial_columns
 from service.errors import DamagedFileError
+from service.operations import OPERATIONS
 from service.schemas.answers import Exit, MotionState, Trial
 from service.schemas.perforation import SpeedTrial, ThicknessTrial
 from tests.service.records import (
@@ -118,15 +119,16 @@ def test_file_explains_itself_to_someone_who_opens_it() -> None:
 def test_tables_have_the_columns_of_the_contract() -> None:
     assert list(MotionState.model_fields) == COLUMNS
     for operation, model in (("cra", Trial), ("thickness", ThicknessTrial), ("limit-speed", SpeedTrial)):
-        assert {column.name for column in TRIALS[operation]} == model.model_fields.keys() - {"exit"}
-    assert {column.name for column in SUMMARY["trajectory"]} == {
+        trials = trial_columns(OPERATIONS[operation].answer)
+        assert {column.name for column in trials} == model.model_fields.keys() - {"exit"}
+        assert all(column.description for column in trials)
+    assert {column.name for column in OPERATIONS["trajectory"].columns} == {
         "outcome",
         "maximum_depth_m",
         "strength_factor",
         *(f"final_{name}" for name in MotionState.model_fields),
         *(f"exit_{name}" for name in Exit.model_fields),
     }
-    assert all(column.description for columns in (MOTION, *TRIALS.values(), *SUMMARY.values()) for column in columns)
 
 
 def test_any_damage_is_found() -> None:

@@ -10,7 +10,7 @@ from opentelemetry.sdk.trace.export.in_memory_span_exporter import InMemorySpanE
 from opentelemetry.trace import Tracer
 
 from service.jobs.models import JobState
-from service.workers.process_pool import InThreadExecutor
+from service.workers.in_thread import InThreadExecutor
 from tests.service.squares import accepted, cases, ended, running, until_done
 
 pytestmark = pytest.mark.anyio

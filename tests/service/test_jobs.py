@@ -1,6 +1,7 @@
 """Jobs in their SQLite file, with real crashes and a disk that is really full."""
 
 import resource
+import shutil
 import sqlite3
 import subprocess
 import sys
@@ -238,62 +239,6 @@ def test_marks_from_many_threads_are_all_there(tmp_path: Path) -> None:
     assert (state.status, state.done) == ("successful", 400)
 
 
-def change(folder: Path, statement: str) -> None:
-    with sqlite3.connect(folder / "jobs.sqlite") as database:
-        assert database.execute(statement).rowcount == 1
-    database.close()
-
-
-@pytest.mark.parametrize(
-    "damage",
-    [
-        "UPDATE slices SET requests = substr(requests, 9) WHERE slice = 1",
-        "UPDATE slices SET custom_ids = x'00' WHERE slice = 1",
-        "UPDATE slices SET keys = substr(keys, 9) WHERE slice = 1",
-        "DELETE FROM slices WHERE slice = 1",
-    ],
-)
-def test_damaged_block_costs_no_case_of_another_its_place(damage: str, tmp_path: Path) -> None:
-    job = stored_job(store_in(tmp_path)).number
-    change(tmp_path, damage)
-    store = store_in(tmp_path)
-    rows, others = store.rows(job, 150, 300), [*range(150, 200), *range(400, 450)]
-    assert [row.number for row in rows] == list(range(150, 450))
-    assert {row.number: row.key for row in rows}.items() >= {
-        (i, result_key("square", Question(i).canonical())) for i in others
-    }
-    assert len({row.key for row in rows}) == 300
-    assert [number for number, _ in store.waiting(job, 0, 3)] == list(range(450))
-    requests = store.requests(job, range(450))
-    assert requests.keys() >= {*range(200), *range(400, 450)}
-    assert all(request == orjson.dumps(Question(i).canonical()) for i, request in requests.items())
-
-
-@pytest.mark.parametrize(
-    ("damage", "left"),
-    [
-        ("UPDATE states SET states = x'0101' WHERE slice = 1", 250),
-        ("UPDATE states SET states = zeroblob(200) WHERE slice = 1", 250),
-        ("DELETE FROM states WHERE slice = 1", 250),
-        ("UPDATE states SET states = CAST(x'ff' || substr(states, 2) AS BLOB) WHERE slice = 0", 449),
-        ("UPDATE jobs SET done = 7, failed = 300", 450),
-    ],
-)
-def test_damaged_states_are_without_a_result_again_and_counts_follow(damage: str, left: int, tmp_path: Path) -> None:
-    store = store_in(tmp_path)
-    job = stored_job(store, 451).number
-    store.mark(job, dict.fromkeys(range(450), CaseState.DONE) | {449: CaseState.FAILED}, {449: PROBLEM})
-    assert store.repair(job) is None
-    change(tmp_path, damage)
-    store = store_in(tmp_path)
-    repaired = store.repair(job)
-    assert repaired is not None
-    assert (repaired.done, repaired.failed) == (left, 1)
-    assert len(store.waiting(job, 0, 3)) == 451 - left
-    assert store.repair(job) is None
-    assert store.mark(job, dict.fromkeys(range(451), CaseState.DONE)).status == "successful"
-
-
 def test_expired_jobs_go_with_all_they_had(tmp_path: Path) -> None:
     store = store_in(tmp_path, job_days=0.0)
     stays, goes = (stored_job(store, 300, token=Idempotency(name, "digest")) for name in "ab")
@@ -347,6 +292,22 @@ def test_file_that_is_no_database_is_set_aside(content: bytes, tmp_path: Path) -
     state = stored_job(store)
     assert [path.read_bytes() for path in (tmp_path / "damaged").iterdir()] == [content]
     assert store_in(tmp_path).jobs("local") == [state]
+
+
+@pytest.mark.parametrize("damaged", range(4))
+def test_flipped_bit_in_the_log_costs_no_job_before_it(damaged: int, tmp_path: Path) -> None:
+    log, ends, jobs = tmp_path / "data" / "jobs.sqlite-wal", [], []
+    store = store_in(tmp_path / "data")
+    store.jobs("local")  # makes the tables
+    for _ in range(4):
+        ends.append(log.stat().st_size)
+        jobs.append(stored_job(store, 20).id)
+    shutil.copytree(tmp_path / "data", tmp_path / "killed")
+    store.close()
+    content = bytearray((tmp_path / "killed" / log.name).read_bytes())
+    content[(ends[damaged] + [*ends, len(content)][damaged + 1]) // 2] ^= 4
+    (tmp_path / "killed" / log.name).write_bytes(content)
+    assert [job.id for job in reversed(store_in(tmp_path / "killed").jobs("local"))] == jobs[:damaged]
 
 
 def test_file_of_a_later_version_is_left_alone(tmp_path: Path) -> None:

@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 
 from service.jobs import store
-from service.workers.process_pool import InThreadExecutor, ProcessPool
+from service.workers.in_thread import InThreadExecutor
+from service.workers.process_pool import ProcessPool
 from solver import ENGINE_VERSION
 from tests.service.questions import runs
 from tests.service.squares import accepted, all_results, cases, collect, ended, running, squares, until_done

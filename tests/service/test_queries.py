@@ -173,31 +173,32 @@ async def test_chunk_computes_what_is_not_underway_and_shares_the_rest(service: 
     single = asyncio.ensure_future(service.answer("once", KeyedRequest.of("once", Question(tmp_path))))
     await asyncio.sleep(0)
     left: list[int] = []
-    chunk = service.begin("once", keyed("once", [Question(tmp_path), failing]), lambda: left.append(1))
-    other = service.begin("once", keyed("once", [failing]), lambda: left.append(2))
-    assert [len(part) for part in (chunk.own, chunk.shared, other.own, other.shared)] == [1, 1, 0, 1]
+    known, new = keyed("once", [Question(tmp_path), failing])
+    assert set(service.in_flight([known.key, new.key])) == {known.key}
+    chunk = asyncio.ensure_future(service.compute("once", [new], lambda: left.append(1)))
+    await asyncio.sleep(0)
+    shared = service.in_flight([known.key, new.key])
     record, _ = await single
-    assert (await chunk.shared[record.key])[0] is record
-    [failed] = chunk.own
-    for future in (chunk.own[failed], other.shared[failed]):
+    assert (await shared[record.key])[0] is record
+    for future in (shared[new.key], (await chunk).answers[new.key]):
         with pytest.raises(FileExistsError):
             await future
-    await chunk.kept
-    assert sorted(left) == [1, 2]
-    assert service.cache.known([record.key, failed]) == {record.key}
+    assert left == [1]
+    assert service.cache.known([record.key, new.key]) == {record.key}
 
 
 async def test_single_query_outlives_the_chunk_it_waited_for(service: QueryService, tmp_path: Path) -> None:
-    chunk = service.begin("slow", keyed("slow", [Question(tmp_path, i) for i in range(8)]), lambda: None)
+    requests = keyed("slow", [Question(tmp_path, i) for i in range(8)])
+    chunk = asyncio.ensure_future(service.compute("slow", requests, lambda: None))
     await asyncio.sleep(0.1)
+    [given_up] = service.in_flight([requests[7].key]).values()
     single = asyncio.ensure_future(service.answer("slow", KeyedRequest.of("slow", Question(tmp_path, 7))))
     await asyncio.sleep(0.05)
-    chunk.stop()
+    chunk.cancel()
     record, status = await single
     assert (record.answer["number"], status) == (7, "miss")
-    await chunk.kept
     with pytest.raises(ComputationCancelled):
-        await chunk.own[record.key]
+        await given_up
 
 
 async def test_no_more_single_queries_wait_than_may(pool: ProcessPool, tmp_path: Path) -> None:
@@ -273,10 +274,9 @@ async def test_result_that_another_kept_after_the_look_up_is_not_kept_twice(
     service: QueryService, tmp_path: Path
 ) -> None:
     wanted = keyed("trajectory", [Question(tmp_path, number) for number in range(3)])
-    await service.begin("trajectory", wanted[:2], lambda: None).kept
-    late = service.begin("trajectory", wanted[1:], lambda: None)
-    await late.kept
-    answers = {key: future.result()[0].answer["number"] for key, future in late.own.items()}
+    await service.compute("trajectory", wanted[:2], lambda: None)
+    late = await service.compute("trajectory", wanted[1:], lambda: None)
+    answers = {key: future.result()[0].answer["number"] for key, future in late.answers.items()}
     assert answers == {case.key: number for number, case in enumerate(wanted) if number}
     assert keys_of(segments(tmp_path / "data")) == {case.key: 1 for case in wanted}
 
@@ -300,12 +300,10 @@ async def test_cases_whose_chunk_comes_back_without_answers_fail_and_are_answere
     try:
         service = queries_on(tmp_path, pool)
         requests = keyed("slow", [Question(tmp_path, number) for number in range(3)])
-        lost = service.begin("slow", requests, lambda: None)
-        await asyncio.wait([lost.kept])
-        assert [type(future.exception()) for future in lost.own.values()] == [ValueError] * 3
-        again = service.begin("slow", requests, lambda: None)
-        await asyncio.wait([again.kept])
-        assert [future.result()[0].answer["number"] for future in again.own.values()] == [0, 1, 2]
+        lost = await service.compute("slow", requests, lambda: None)
+        assert [type(future.exception()) for future in lost.answers.values()] == [ValueError] * 3
+        again = await service.compute("slow", requests, lambda: None)
+        assert [future.result()[0].answer["number"] for future in again.answers.values()] == [0, 1, 2]
         assert (await service.answer("slow", requests[0]))[1] == "hit"
     finally:
         await pool.stop(2.0)
@@ -318,7 +316,7 @@ async def test_implausible_answers_are_logged_and_counted(
     single, *chunk = keyed("implausible", [Question(tmp_path, number) for number in range(3)])
     await service.answer("implausible", single)
     await service.answer("implausible", single)
-    await service.begin("implausible", chunk, lambda: None).kept
+    await service.compute("implausible", chunk, lambda: None)
     await service.answer("slow", keyed("slow", [Question(tmp_path)])[0])
     assert service.implausible == 3
     logged = [each.getMessage() for each in caplog.records if "implausible answer" in each.getMessage()]

@@ -23,7 +23,8 @@ from service.queries import QueryService
 from service.schemas.strike import PAPER
 from service.workers import Executor
 from service.workers.dask_executor import DaskExecutor
-from service.workers.process_pool import InThreadExecutor, ProcessPool
+from service.workers.in_thread import InThreadExecutor
+from service.workers.process_pool import ProcessPool
 from tests.service.dask_cluster import DaskCluster, dask_cluster
 from tests.service.squares import ended
 

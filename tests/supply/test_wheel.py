@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-SOURCES = ("pyproject.toml", "hatch_build.py", "README.md", "LICENSE", "service", "solver")
+SOURCES = ("pyproject.toml", "README.md", "LICENSE", "service", "solver")
 """What the Dockerfile copies."""
 
 

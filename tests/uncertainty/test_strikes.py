@@ -16,6 +16,7 @@ from solver import (
     simulate,
     strength_factor,
 )
+from solver.checks import BOUNDS
 from solver.resistance import EQUATION_9
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY, paper_impact
 from solver.uncertainty import (
@@ -31,7 +32,6 @@ from solver.uncertainty import (
     scaled,
     trajectory_uncertainty,
 )
-from solver.validation import BOUNDS
 from tests.uncertainty.functions import known
 
 PAPER: dict[str, Any] = {"projectile": PAPER_PROJECTILE, "target": PAPER_TARGET, "velocity": PAPER_VELOCITY}
@@ -129,7 +129,7 @@ def test_samples_outside_the_model_are_counted() -> None:
 @pytest.mark.parametrize(
     ("field", "distribution", "parameter", "requirement"),
     [
-        ("target.density", Uniform(lower=-500.0, upper=-100.0), "lower", "greater than 0, got -500"),
+        ("target.density", Uniform(lower=-500.0, upper=-100.0), "lower", "must be 100 to 20000 kg/m³, got -500"),
         ("target.density", Normal(mean=-1.0, standard_deviation=1.0), "mean", "got -1"),
         ("target.density", TruncatedNormal(mean=2e3, standard_deviation=9.0, upper=3e4), "upper", "got 30000"),
         ("impact.velocity", Lognormal(median=1e5, dispersion=0.1), "median", "got 100000"),

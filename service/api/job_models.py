@@ -1,29 +1,21 @@
 """Jobs and results of any operation, as the contract has them."""
 
 import re
+from collections.abc import Iterable
 from enum import StrEnum
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias, Union
 
 from pydantic import MISSING, AwareDatetime, BeforeValidator, Field, StringConstraints
 from typing_extensions import TypeAliasType
 
-from service.schemas.answers import FOUND, VERSIONED, CriticalAngleAnswer, TrajectoryAnswer
+from service.operations import OPERATIONS, Operation
+from service.schemas.answers import FOUND, VERSIONED
 from service.schemas.batches import Item
-from service.schemas.calibration_depth import DepthCalibrationAnswer, ObliquityCalibrationAnswer
-from service.schemas.calibration_motion_answer import MotionCalibrationAnswer
-from service.schemas.formulas import FormulasAnswer
-from service.schemas.perforation import LimitSpeedAnswer, ThicknessAnswer
 from service.schemas.problems import Problem
 from service.schemas.quantities import Count, Part, with_examples
 from service.schemas.strike import PAPER
 from service.schemas.sweeps import EVEN, LISTED, Axis
-from service.schemas.uncertainty import CriticalAngleUncertaintyRequest, TrajectoryUncertaintyRequest
-from service.schemas.uncertainty_answers import (
-    CriticalAngleUncertaintyAnswer,
-    PartialUncertainty,
-    StudyProgress,
-    TrajectoryUncertaintyAnswer,
-)
+from service.schemas.uncertainty_answers import PartialUncertainty, StudyProgress
 
 ID = "0123456789abcdef0123456789abcdef"
 COUNTS = {"total": 200, "done": 120, "cached": 20, "failed": 1}
@@ -45,36 +37,54 @@ RUNNING = {
     "links": LINKS,
 }
 
-Result = TypeAliasType(
-    "Result",
-    Annotated[
-        TrajectoryAnswer
-        | CriticalAngleAnswer
-        | DepthCalibrationAnswer
-        | MotionCalibrationAnswer
-        | ObliquityCalibrationAnswer
-        | FormulasAnswer
-        | ThicknessAnswer
-        | LimitSpeedAnswer
-        | CriticalAngleUncertaintyAnswer
-        | TrajectoryUncertaintyAnswer,
-        Field(description="Any answer."),
-    ],
-)
-"""What a key may stand for."""
+
+class SweepRequest(Part):
+    """A sweep as it was sent."""
+
+    model_config = with_examples({"base": PAPER, "axes": [EVEN, LISTED]})
+
+    base: Annotated[dict[str, Any], Field(description="A request, in which the axes set their fields anew.")]
+    axes: list[Axis]
+
+
+LISTED_OPERATIONS = sorted(OPERATIONS.values(), key=lambda each: (each.study is not None, each.name != "trajectory"))
+"""All operations in the order of the contract, which generated clients keep."""
+
+
+def union_of(name: str, models: Iterable[type[Part]], description: str) -> Any:
+    """Return the type of what is one of these."""
+    union: Any = Union.__getitem__(tuple(models))
+    return TypeAliasType(name, Annotated[union, Field(description=description)])
+
+
+if TYPE_CHECKING:
+    Result: TypeAlias = Part
+    JobRequest: TypeAlias = Part
+else:
+    Result = union_of("Result", (each.answer for each in LISTED_OPERATIONS), "Any answer.")
+    """What a key may stand for."""
+    JobRequest = union_of(
+        "JobRequest",
+        (SweepRequest, *(each.request for each in LISTED_OPERATIONS if each.study is not None)),
+        "What a job computes, not in lists of jobs: a sweep as it was sent, or a study of uncertainty with every "
+        "default filled in.",
+    )
+    """Body that made a job."""
+
 Number = Annotated[Count, Field(ge=0)]
 Path = Annotated[str, Field(description="Path at this service.")]
 
 
-class JobOperation(StrEnum):
-    """What every case of a job computes. A study of uncertainty is one case."""
+def in_jobs(operation: Operation) -> bool:
+    """Return whether there are jobs of an operation."""
+    return operation.many is not None or operation.study is not None
 
-    TRAJECTORY = "trajectory"
-    CRA = "cra"
-    THICKNESS = "thickness"
-    LIMIT_SPEED = "limit-speed"
-    CRA_UNCERTAINTY = "cra_uncertainty"
-    TRAJECTORY_UNCERTAINTY = "trajectory_uncertainty"
+
+JobOperation = StrEnum(  # type: ignore[misc] # mypy wants the names here
+    "JobOperation",
+    {re.sub("[^A-Z]", "_", each.name.upper()): each.name for each in LISTED_OPERATIONS if in_jobs(each)},
+)
+JobOperation.__doc__ = "What every case of a job computes. A study of uncertainty is one case."
 
 
 class JobStatus(StrEnum):
@@ -109,15 +119,6 @@ class JobLinks(Part):
     cancel: Path
 
 
-class SweepRequest(Part):
-    """A sweep as it was sent."""
-
-    model_config = with_examples({"base": PAPER, "axes": [EVEN, LISTED]})
-
-    base: Annotated[dict[str, Any], Field(description="A request, in which the axes set their fields anew.")]
-    axes: list[Axis]
-
-
 UNSHOWN = re.compile("[\x00-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069]")
 """Control characters, and those that end a line or turn the direction of what follows them."""
 Title = Annotated[
@@ -133,19 +134,6 @@ class JobChange(Part):
     model_config = with_examples({"title": TITLE})
 
     title: Annotated[Title, Field(description="In place of the one it has.")]
-
-
-JobRequest = TypeAliasType(
-    "JobRequest",
-    Annotated[
-        SweepRequest | CriticalAngleUncertaintyRequest | TrajectoryUncertaintyRequest,
-        Field(
-            description="What a job computes, not in lists of jobs: a sweep as it was sent, or a study of uncertainty "
-            "with every default filled in."
-        ),
-    ],
-)
-"""Body that made a job."""
 
 
 class Job(Part):

@@ -1,0 +1,204 @@
+"""Fields of the models of answers: where each has its value in what the solver returns, and its columns."""
+
+import math
+from collections.abc import Callable, Mapping, Sized
+from dataclasses import dataclass
+from enum import Enum
+from functools import cache
+from operator import attrgetter
+from types import UnionType
+from typing import Annotated, Any, NamedTuple, Union, get_args, get_origin
+
+import numpy as np
+from pydantic import MISSING
+from typing_extensions import TypeAliasType
+
+from service.columns import IDENTITY, Column
+from service.schemas.quantities import Part, degrees, short_description, unit_end
+from solver.arrays import FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Of:
+    """Where the solver has the value of a field, if not in an attribute with the name of the field without its unit.
+
+    Parameters
+    ----------
+    source
+        Path of attributes, or a function of what the solver returns; None if the value is not from there.
+    """
+
+    source: str | Callable[[Any], Any] | None
+
+
+WHOLE_ANSWER = Of(lambda found: found)
+"""Marks a part of an answer that is made of the same object as the answer."""
+GIVEN = Of(None)
+"""Marks a field that is given to `walk`, or added to the answer later."""
+
+
+@dataclass(frozen=True, slots=True)
+class Described:
+    """Description of the column of a field, without the unit, in place of the docstring of the field."""
+
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Behind:
+    """The field behind whose columns those of this one stand, where that is not the order of the answer."""
+
+    field: str
+
+
+NOT_TABLED = ()
+"""Marks a number or a text that is not a column of tables."""
+
+
+IDENTIFYING = {column.name for column in IDENTITY}
+"""Fields that are columns of the tables of every operation."""
+
+
+class AnswerField(NamedTuple):
+    """How a field of an answer gets its value."""
+
+    name: str
+    get: Callable[[Any], Any] | None
+    """From what the solver returns."""
+    part: type[Part] | None
+    """Model of its value, of an item if it is a list."""
+    optional: bool
+    """Whether it is left out where there is nothing to say."""
+
+
+@cache
+def fields_of(model: type[Part]) -> tuple[AnswerField, ...]:
+    """Return the fields of a model in the order of an answer."""
+    names = [name for name in model.model_fields if name not in model.answered_last]
+    return tuple(_field(model, name) for name in (*names, *model.answered_last))
+
+
+def _field(model: type[Part], name: str) -> AnswerField:
+    info = model.model_fields[name]
+    marks = [mark for mark in info.metadata if isinstance(mark, Of)]
+    source = marks[-1].source if marks else name.removesuffix(unit_end(name))
+    get = attrgetter(source) if isinstance(source, str) else source
+    return AnswerField(name, get, part_of(model, name), info.default is MISSING)
+
+
+def kind_of(annotation: Any) -> Any:
+    """Return the type in an annotation; `object` for a union of several."""
+    origin, inner = get_origin(annotation), get_args(annotation)
+    if origin is Annotated:
+        return kind_of(inner[0])
+    if origin is Union or origin is UnionType:
+        kinds = [kind for kind in inner if kind is not MISSING]
+        return kind_of(kinds[0]) if len(kinds) == 1 else object
+    return kind_of(annotation.__value__) if isinstance(annotation, TypeAliasType) else annotation
+
+
+def part_of(model: type[Part], name: str) -> type[Part] | None:
+    """Return the model of a field or, if it is a list, of its items; None if these are not parts."""
+    kind = kind_of(model.model_fields[name].annotation)
+    while get_origin(kind) is list:
+        kind = kind_of(get_args(kind)[0])
+    return kind if isinstance(kind, type) and issubclass(kind, Part) else None
+
+
+def walk(model: type[Part], found: Any, /, **given: Any) -> dict[str, Any]:
+    """Return an answer as JSON data: the fields of its model, from what the solver returns.
+
+    Angles become degrees in fields whose name says so, parts are walked in turn, and an optional field without a value
+    or without items is left out.
+
+    Parameters
+    ----------
+    model
+        Of the answer.
+    found
+        What the solver returns.
+    given
+        Values of fields that are not in it.
+    """
+    answer = {}
+    for field in fields_of(model):
+        if field.name in given:
+            value = given[field.name]
+        elif field.get is not None:
+            value = field.get(found)
+        else:
+            continue
+        if field.optional and (value is None or (isinstance(value, Sized) and not len(value))):
+            continue
+        answer[field.name] = _plain(field, value)
+    return answer
+
+
+def _plain(field: AnswerField, value: Any) -> Any:
+    """Return a value as JSON data; what is so already stays."""
+    if isinstance(value, float):
+        return degrees(value) if field.name.endswith("_deg") else float(value)
+    if isinstance(value, list | tuple):
+        return [_plain(field, item) for item in value]
+    if isinstance(value, Enum):
+        return value.value
+    if isinstance(value, np.ndarray):
+        return in_unit(field.name, value).tolist()
+    return value if field.part is None or isinstance(value, dict) else walk(field.part, value)
+
+
+@cache
+def columns_of(model: type[Part], prefix: str = "", suffix: str = "") -> tuple[Column, ...]:
+    """Return the columns of an answer or of a part of one in a table.
+
+    Parameters
+    ----------
+    model
+        Of the answer.
+    prefix, suffix
+        Go before every name and behind every description.
+    """
+    order = [field.name for field in fields_of(model)]
+
+    def place(name: str) -> tuple[int, bool]:
+        behind = [mark.field for mark in model.model_fields[name].metadata if isinstance(mark, Behind)]
+        return order.index(behind[0] if behind else name), bool(behind)
+
+    return tuple(
+        Column(f"{prefix}{each.name}", f"{each.description}{suffix}", each.dtype)
+        for name in sorted(order, key=place)
+        for each in _columns_of(model, name)
+    )
+
+
+def _columns_of(model: type[Part], name: str) -> tuple[Column, ...]:
+    """Return the columns of a field: those among its annotations, else its own if it is a number or a text."""
+    info = model.model_fields[name]
+    given = [mark for mark in info.metadata if isinstance(mark, Column | tuple)]
+    if given or name in IDENTIFYING:
+        return tuple(each for mark in given for each in ((mark,) if isinstance(mark, Column) else mark))
+    kind = kind_of(info.annotation)
+    if not (isinstance(kind, type) and issubclass(kind, float | int | str)):
+        return ()
+    texts = [mark.text for mark in info.metadata if isinstance(mark, Described)] or [short_description(model, name)]
+    dtype = "S32" if issubclass(kind, Enum) else "S512" if issubclass(kind, str) else "<f8"
+    return (Column(name, texts[0], dtype),)
+
+
+def history_columns(model: type[Part], found: Any) -> dict[str, FloatArray]:
+    """Return the columns of a motion over time, by their names in the contract."""
+    return {field.name: in_unit(field.name, field.get(found)) for field in fields_of(model) if field.get}
+
+
+def in_unit(name: str, values: Any) -> Any:
+    """Return a number or an array in the unit of its name."""
+    return np.degrees(values) if name.endswith("_deg") else values
+
+
+def in_solver_units(answer: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a part of an answer as the solver names its values, in the solver's units."""
+    ends = {name: unit_end(name) for name in answer}
+    return {
+        name.removesuffix(ends[name]): math.radians(value) if ends[name] == "_deg" else value
+        for name, value in answer.items()
+    }

@@ -1,0 +1,176 @@
+"""Bodies that are narrower behind their widest point: what a sphere must do, and the limits of a taper."""
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from solver import (
+    BoatTail,
+    Flat,
+    Impact,
+    NoFreeSurface,
+    Numerics,
+    Ogive,
+    Outcome,
+    Profile,
+    Projectile,
+    Resistance,
+    Sphere,
+    Spherical,
+    Trajectory,
+    critical_angle,
+    simulate,
+)
+from solver.strike import PAPER_PROJECTILE, PAPER_TARGET
+
+from .strikes import DECAYS, DIAMETER, TAPERING, steel
+
+BALL = TAPERING["sphere"]
+PANELS = Numerics(method="panels", panels=16_000, time_step=2e-6, termination_time=0.01)
+ROUTES = pytest.mark.parametrize("numerics", [None, PANELS], ids=["adaptive", "panels"])
+
+
+def run(projectile: Projectile, degrees: float, *, thickness: float | None = None, **given: Any) -> Trajectory:
+    """Of a strike at 400 m/s on the paper's concrete."""
+    impact = {name: given.pop(name) for name in ("angle_of_attack", "angular_velocity") if name in given}
+    return simulate(
+        projectile=projectile,
+        target=replace(PAPER_TARGET, thickness=thickness),
+        impact=Impact(velocity=400.0, oblique_angle=math.radians(degrees), **impact),
+        sample_interval=None,
+        **given,
+    )
+
+
+def center_depth(found: Trajectory) -> float:
+    """At the end. [m]"""
+    return found.final.center_of_gravity_depth
+
+
+@ROUTES
+@pytest.mark.parametrize("thickness", [None, 0.06])
+@pytest.mark.parametrize("decay", DECAYS)
+def test_a_sphere_does_not_feel_where_its_axis_points(
+    decay: str, thickness: float | None, numerics: Numerics | None
+) -> None:
+    """Nor how it spins: no normal stress turns it, and it has no front."""
+    resistance = Resistance(free_surface=DECAYS[decay])
+    turned: dict[str, float] = {"angle_of_attack": math.radians(-70.0)}
+    spun = {"angle_of_attack": math.radians(40.0), "angular_velocity": 100.0}
+    for degrees in (25.0, 50.0, 78.0):
+        given: dict[str, Any] = {"thickness": thickness, "resistance": resistance, "numerics": numerics}
+        plain = run(BALL, degrees, **given)
+        for impact in (turned, spun):
+            other = run(BALL, degrees, **given, **impact)
+            assert other.outcome is plain.outcome
+            assert other.final.angular_velocity == pytest.approx(impact.get("angular_velocity", 0.0), abs=1.0)
+            if plain.exit is None or other.exit is None:
+                assert center_depth(other) == pytest.approx(center_depth(plain), abs=5e-3 * DIAMETER)
+            else:
+                assert other.exit.speed == pytest.approx(plain.exit.speed, abs=2e-3 * 400.0)
+                assert other.exit.direction == pytest.approx(plain.exit.direction, abs=math.radians(0.6))
+
+
+@ROUTES
+@pytest.mark.parametrize("thickness", [None, 0.06])
+def test_rear_of_a_body_that_moves_straight_on_is_not_loaded(
+    thickness: float | None, numerics: Numerics | None
+) -> None:
+    """What looks backwards moves away from the concrete: the nose alone decides, with the same mass behind it."""
+    long = replace(BALL, nose=Spherical(caliber_radius_head=0.5), length=0.3)
+    boat = TAPERING["boat-tail"]
+    for tapering, plain in ((BALL, long), (boat, replace(boat, boat_tail=None))):
+        found, other = (run(body, 0.0, thickness=thickness, numerics=numerics) for body in (tapering, plain))
+        assert other.outcome is found.outcome
+        if found.exit is None or other.exit is None:
+            assert found.maximum_depth == pytest.approx(other.maximum_depth, rel=1e-4)
+        else:
+            assert found.exit.speed == pytest.approx(other.exit.speed, rel=1e-4)
+
+
+def angle(projectile: Projectile, **given: Any) -> float:
+    """Critical angle of the paper's strike. [°]"""
+    found = critical_angle(projectile=projectile, target=PAPER_TARGET, velocity=238.0, **given).angle
+    assert found is not None
+    return math.degrees(found)
+
+
+PLAIN = replace(PAPER_PROJECTILE, center_of_gravity=0.29413, moment_of_inertia=0.24981)
+
+
+def with_tail(length: float, base: float) -> Projectile:
+    """The paper's body, with the mass properties it has without a taper."""
+    return replace(PLAIN, boat_tail=BoatTail(length=length, base_diameter=base))
+
+
+@pytest.mark.parametrize(
+    ("tail", "agreement"),
+    [((0.1, DIAMETER), 0.001), ((0.1, 0.9999 * DIAMETER), 0.01), ((1e-6, 0.02), 0.01), ((1e-6, 0.0), 0.01)],
+    ids=["no taper", "hardly any", "a short one", "a short one to a point"],
+)
+def test_a_taper_that_vanishes_leaves_the_plain_body(tail: tuple[float, float], agreement: float) -> None:
+    """In degrees of the critical angle; the steepest is the flat base that it stands in for."""
+    assert angle(with_tail(*tail)) == pytest.approx(angle(PLAIN), abs=agreement)
+
+
+@pytest.mark.parametrize("thickness", [None, 0.15])
+def test_a_steep_taper_is_a_flat_base_tail_first_too(thickness: float | None) -> None:
+    """Tumbling out backwards, in a wall or a half-space: continuous in the angle of the taper."""
+    for degrees, attack in ((0.0, 90.0), (30.0, 90.0), (60.0, 88.0), (80.0, -60.0)):
+        given = {"thickness": thickness, "angle_of_attack": math.radians(attack), "angular_velocity": 300.0}
+        plain, steep = run(PLAIN, degrees, **given), run(with_tail(1e-6, 0.0), degrees, **given)
+        assert steep.outcome is plain.outcome
+        if plain.exit is not None and steep.exit is not None:
+            assert steep.exit.speed == pytest.approx(plain.exit.speed, abs=1.0)
+        assert steep.maximum_depth == pytest.approx(plain.maximum_depth, abs=2e-3)
+
+
+def test_a_boat_tail_takes_away_what_the_rear_of_the_shank_does() -> None:
+    """The rear half of the shank puts the angle from 48.1° to 48.6°: a taper undoes some of that, more if longer."""
+    angles = [angle(PLAIN), *(angle(with_tail(*tail)) for tail in ((0.1, 0.072), (0.1, 0.048), (0.25, 0.02)))]
+    assert np.all(np.diff(angles) < 0.0)
+    assert 48.1 < angles[-1] < angles[0] - 0.3
+
+
+@pytest.mark.parametrize("degrees", [0.0, 40.0])
+def test_profile_through_points_of_a_sphere_approaches_it(degrees: float) -> None:
+    """With the square of the number of cones."""
+    radius = DIAMETER / 2.0
+
+    def inscribed(cones: int) -> Projectile:
+        turns = np.linspace(0.0, math.pi, cones + 1)[1:-1]
+        ring = np.column_stack((radius * (1.0 - np.cos(turns)), radius * np.sin(turns)))
+        ring[cones // 2 - 1] = radius, radius
+        points = ((0.0, 0.0), *map(tuple, ring.tolist()), (DIAMETER, 0.0))
+        return replace(BALL, nose=Profile(points=points), center_of_gravity=radius, moment_of_inertia=1e-3)
+
+    exact = run(BALL, degrees)
+    counts = np.array([8, 16, 32])
+    errors = np.array([abs(center_depth(run(inscribed(int(n)), degrees)) - center_depth(exact)) for n in counts])
+    assert float(np.polyfit(np.log(1.0 / counts), np.log(errors), 1)[0]) == pytest.approx(2.0, abs=0.7)
+    assert errors[-1] < 2e-4
+
+
+def test_a_body_without_a_base_is_loaded_wherever_it_is_without_decay() -> None:
+    """With no decay the base is loaded as all else is: a sphere has none, a pointed tail none either."""
+    resistance = Resistance(free_surface=NoFreeSurface())
+    for projectile in (BALL, TAPERING["double cone"], steel(Flat(), length=0.1)):
+        found = run(projectile, 30.0, resistance=resistance)
+        assert found.final.kinetic_energy < 0.01 * 0.5 * projectile.mass * 400.0**2
+
+
+def test_a_shank_need_not_be_left_between_nose_and_boat_tail() -> None:
+    nose = Ogive(caliber_radius_head=2.0)
+    length = nose.length(DIAMETER / 2.0) + 0.1
+    body = steel(nose, length=length, boat_tail=BoatTail(length=0.1, base_diameter=0.05))
+    assert len(body.outline()) == 2
+    assert body.outline()[-1].length == pytest.approx(math.hypot(0.1, 0.015), rel=1e-12)
+    assert run(body, 20.0).outcome is Outcome.EMBEDDED
+
+
+def test_a_sphere_is_as_wide_as_long() -> None:
+    assert BALL.base.length == 0.0
+    assert Projectile(nose=Sphere(), diameter=0.0206, length=0.0206, mass=0.0359).nose_length == 0.0103
