@@ -23,7 +23,7 @@ from solver.uncertainty.sampling import (
     Uncertain,
     check_inputs,
     moment_estimates,
-    quantile_estimate,
+    quantile_estimates,
     scrambled,
     share_estimate,
     share_half_width,
@@ -227,7 +227,7 @@ class AngleStudy:
             tables,
             curve=(middle, np.clip(middle - half, 0.0, 1.0), np.clip(middle + half + beyond, 0.0, 1.0)),
             moments=(moments.mean, moments.standard_deviation),
-            quantiles=tuple((level, quantile_estimate(flat, weights, level, sampling, shifts)) for level in LEVELS),
+            quantiles=quantile_estimates(flat, weights, LEVELS, sampling, shifts),
             without=unseen,
             order=expansion.basis.order,
             indices=self._surrogate_indices(moments),
@@ -257,7 +257,7 @@ class AngleStudy:
             values = np.where(found, angles, 0.0).reshape(SCRAMBLINGS, -1)
             shared = np.where(found, weights, 0.0).reshape(SCRAMBLINGS, -1)
             moments = moment_estimates(values, shared, sampling)
-            quantiles = tuple((level, quantile_estimate(values, shared, level, sampling)) for level in LEVELS)
+            quantiles = quantile_estimates(values, shared, LEVELS, sampling)
         without = np.where(found, 0.0, weights).reshape(SCRAMBLINGS, -1).sum(axis=1)
         return self._assemble(
             tables,

@@ -206,28 +206,43 @@ def moment_estimates(
     return jackknifed(float(mean), means, sampling), jackknifed(float(deviation), deviations, sampling)
 
 
-def quantile_estimate(
-    values: FloatArray, weights: FloatArray, level: float, sampling: Sampling, shift: FloatArray | float = 0.0
-) -> Estimate:
-    """Return a quantile with its interval, after Woodruff (1952): the quantiles at the ends of the share's interval.
+def quantile_estimates(
+    values: FloatArray,
+    weights: FloatArray,
+    levels: Sequence[float],
+    sampling: Sampling,
+    shift: FloatArray | float = 0.0,
+) -> tuple[tuple[float, Estimate], ...]:
+    """Return levels with the quantiles there and their intervals.
+
+    The interval is Woodruff's (1952): between the quantiles at the ends of the interval of the share.
 
     Parameters
     ----------
     values, weights
         (scramblings, n) of samples; those without a value have no weight.
+    levels
+        Shares. [1]
     shift
         Error of the values themselves, by which the interval grows.
     """
     flat, shared = values.ravel(), weights.ravel()
-    value = float(np.quantile(flat, level, weights=shared, method="inverted_cdf"))
     totals = weights.sum(axis=1)
-    below = np.where(values <= value, weights, 0.0).sum(axis=1) / np.where(totals > 0.0, totals, 1.0)
-    half = float(share_half_width(below, sampling, flat.size))
-    ends = [min(max(level + sign * half, 0.0), 1.0) for sign in (-1.0, 1.0)]
+    totals = np.where(totals > 0.0, totals, 1.0)
+
+    def quantiles(of: FloatArray, at: FloatArray) -> list[float]:  # of all levels at once, as each call sorts
+        return [float(each) for each in np.quantile(of, at, weights=shared, method="inverted_cdf")]
+
+    found = quantiles(flat, np.array(levels))
+    below = np.stack([np.where(values <= value, weights, 0.0).sum(axis=1) / totals for value in found], axis=1)
+    half = share_half_width(below, sampling, flat.size)
     shifts = np.broadcast_to(shift, values.shape).ravel()
-    lower = float(np.quantile(flat - shifts, ends[0], weights=shared, method="inverted_cdf"))
-    upper = float(np.quantile(flat + shifts, ends[1], weights=shared, method="inverted_cdf"))
-    return Estimate(value, min(lower, value), max(upper, value))
+    lower = quantiles(flat - shifts, np.clip(levels - half, 0.0, 1.0))
+    upper = quantiles(flat + shifts, np.clip(levels + half, 0.0, 1.0))
+    return tuple(
+        (level, Estimate(value, min(low, value), max(high, value)))
+        for level, value, low, high in zip(levels, found, lower, upper, strict=True)
+    )
 
 
 class Design:
