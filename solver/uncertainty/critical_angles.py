@@ -13,7 +13,6 @@ from solver.arrays import FloatArray
 from solver.checks import require
 from solver.uncertainty.results import LEVELS, AngleUncertainty, Change, Crossings, Round, Sensitivity, Tables
 from solver.uncertainty.sampling import (
-    FIRST_POINTS,
     SCRAMBLINGS,
     Accepts,
     Design,
@@ -140,9 +139,8 @@ class AngleStudy:
         tables = Tables(design, self.angles)
         history: list[Round] = []
         answer: AngleUncertainty | None = None
-        count, points = 0, FIRST_POINTS
+        count, points = 0, sampling.first_points
         extra = [point for _, point in design.swings]
-        reserve = self._reserve()
         while True:
             new = design.unit(points)[:, count:points, : len(design.uncertain)]
             wanted = design.points(new.reshape(-1, new.shape[-1]))
@@ -157,19 +155,12 @@ class AngleStudy:
             answer = self._answer(tables, history)
             history = list(answer.convergence)
             following = tables.samples + SCRAMBLINGS * count * design.alternatives
-            if answer.converged or following + reserve > sampling.max_samples:
+            if answer.converged or following > sampling.max_samples:
                 break
             points = 2 * count
         if self.sensitivity and answer.method == "direct":
             answer = yield from self._indices(tables, answer)
         return answer
-
-    def _reserve(self) -> int:
-        """Samples kept for indices by the direct method."""
-        if not self.sensitivity:
-            return 0
-        wanted = 4 * FEWEST_BASE_SAMPLES * (len(self.design.uncertain) + 1)
-        return min(wanted, self.sampling.max_samples // 2)
 
     def _answer(self, tables: Tables, history: Sequence[Round]) -> AngleUncertainty:
         expansion = None if self.sampling.method == "direct" else self._expansion(tables)

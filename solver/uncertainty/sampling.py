@@ -21,8 +21,9 @@ from solver.uncertainty.distributions import Continuous, Discrete, Distribution,
 MOST_INPUTS = 24
 SCRAMBLINGS = 16
 """Independent randomisations of one Sobol sequence: their scatter is the error of their mean."""
-FIRST_POINTS = 16
-"""Points of each scrambling in the first round; every round doubles them."""
+FIRST_POINTS, FEWEST_POINTS = 16, 4
+"""Points of each scrambling in the first round, and those of it where wide intervals will do; every round doubles
+them."""
 MOST_SAMPLES = 1_048_576
 HALF_BIN = 2.0**-31
 """SciPy's Sobol points have 30 bits: the middle of the cell keeps 0 away."""
@@ -123,6 +124,15 @@ class Sampling:
         from scipy.special import ndtri  # noqa: PLC0415 (takes long to import, also where nothing is sampled)
 
         return float(ndtri(0.5 + 0.5 * self.confidence))
+
+    @property
+    def first_points(self) -> int:
+        """Points of each scrambling in the first round of a study of angles.
+
+        No fewer than it takes for what no sample shows to be within the half width: 16 for the usual one.
+        """
+        least = self.student_quantile * UNSEEN / (SCRAMBLINGS * self.half_width)
+        return next(count for count in (FEWEST_POINTS, 8, FIRST_POINTS) if count >= min(least, FIRST_POINTS))
 
     @property
     def student_quantile(self) -> float:
