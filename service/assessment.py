@@ -16,7 +16,7 @@ from service.schemas.requests import ReportRequest
 from service.schemas.verdict import next_shot_advice_in, usual_inputs, verdict_in
 from solver import ENGINE_VERSION, mass_properties
 from solver.strength_scatter import strength_scatter
-from solver.uncertainty.verdict import SAMPLES, probability_angles
+from solver.uncertainty.verdict import HALF_WIDTH, SAMPLES, probability_angles
 
 EXTRA = ("jinja2", "markupsafe", "matplotlib")
 """Packages of the extra `reports`."""
@@ -61,7 +61,7 @@ def verdict_queries(request: ReportRequest) -> dict[str, Query]:
     study = {
         "uncertain": usual_inputs(request),
         "oblique_angles_deg": {"start": start, "stop": stop, "count": count},
-        "sampling": {"max_samples": SAMPLES},
+        "sampling": {"max_samples": SAMPLES, "half_width": HALF_WIDTH},
     }
     queries = {"cra": Query("cra", case)}
     if not request.by_panels:

@@ -122,7 +122,7 @@ def run_cra(args: argparse.Namespace) -> int:
         columns = {name: [trial[name] for trial in trials] for name in trials[0]}
         print_csv(alternatives_of(answer) if args.alternatives else columns)
     else:
-        print_search(answer, verdict_on(body, args.url)["sentence"], verbose=args.verbose)
+        print_search(answer, verdict_on(body, answer, args.url)["sentence"], verbose=args.verbose)
     return 0
 
 
@@ -237,8 +237,10 @@ def print_search(answer: Mapping[str, Any], sentence: str, *, verbose: bool) -> 
         print_warning_codes(answer["warnings"])
 
 
-def verdict_on(body: RequestBody, url: str | None) -> dict[str, Any]:
+def verdict_on(body: RequestBody, answer: Mapping[str, Any], url: str | None) -> dict[str, Any]:
     """Return the verdict on a strike, of the service at this address or computed in this process.
+
+    A terminal shows the critical angle of the search while its range is sampled.
 
     Raises
     ------
@@ -251,8 +253,10 @@ def verdict_on(body: RequestBody, url: str | None) -> dict[str, Any]:
     from service.cli.local import judge
     from solver.uncertainty.verdict import SAMPLES
 
+    angle = answer.get("critical_angle_deg")
+    description = "sampling" if angle is None else f"critical angle {angle:.2f}°, sampling its range"
     try:
-        with progress("sampling") as report:
+        with progress(description) as report:
             return judge(body.content, lambda samples, _: report(samples, SAMPLES))
     except RefusedError as error:
         raise body.explain(error) from None

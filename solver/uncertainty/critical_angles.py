@@ -24,7 +24,6 @@ from solver.uncertainty.results import (
     Tables,
 )
 from solver.uncertainty.sampling import (
-    FIRST_POINTS,
     SCRAMBLINGS,
     Accepts,
     Design,
@@ -34,7 +33,7 @@ from solver.uncertainty.sampling import (
     Uncertain,
     check_inputs,
     moment_estimates,
-    quantile_estimate,
+    quantile_estimates,
     scrambled,
     share_estimate,
     share_half_width,
@@ -155,9 +154,8 @@ class AngleStudy:
         tables = Tables(design, self.angles)
         history: list[Round] = []
         answer: AngleUncertainty | None = None
-        count, points = 0, FIRST_POINTS
+        count, points = 0, sampling.first_points
         extra = [point for _, point in design.swings]
-        reserve = self._reserve()
         while True:
             new = design.unit(points)[:, count:points, : len(design.uncertain)]
             wanted = design.points(new.reshape(-1, new.shape[-1]))
@@ -172,28 +170,21 @@ class AngleStudy:
             answer = self._answer(tables, history)
             history = list(answer.convergence)
             following = tables.samples + SCRAMBLINGS * count * design.alternatives
-            if answer.converged or following + reserve > sampling.max_samples:
+            if answer.converged or following > sampling.max_samples:
                 break
             points = 2 * count
         if self.sensitivity and answer.method == "direct":
             answer = yield from self._indices(tables, answer)
         return answer
 
-    def _reserve(self) -> int:
-        """Samples kept for indices by the direct method."""
-        if not self.sensitivity:
-            return 0
-        wanted = 4 * FEWEST_BASE_SAMPLES * (len(self.design.uncertain) + 1)
-        return min(wanted, self.sampling.max_samples // 2)
-
     def _answer(self, tables: Tables, history: Sequence[Round]) -> AngleUncertainty:
         expansion = None if self.sampling.method == "direct" else self._expansion(tables)
         answer = self._direct(tables)
-        if expansion is not None and float(expansion.errors.max()) <= SURROGATE_ERROR:
+        error = None if expansion is None else math.sqrt(float(self.design.weights @ expansion.errors**2))
+        if expansion is not None and error is not None and error <= SURROGATE_ERROR:
             by_surrogate = self._by_surrogate(tables, expansion)
             # Its error stays however many samples there are: at some number of them the others know more.
             answer = min(by_surrogate, answer, key=_half_width)
-        error = None if expansion is None else float(expansion.errors.max())
         half = _half_width(answer)
         return replace(
             answer,
@@ -218,8 +209,8 @@ class AngleStudy:
         """Return the answer of the surrogate.
 
         Its shares are those of the many points at which it is evaluated, plus what the samples say of its error: the
-        share of the samples less that of the predictions of them by fits without each. Their interval is that of shares
-        of the samples: a kind of outcome that none of those shows may have that share.
+        share of the samples less that of the predictions of them by fits without each, and the interval is that of
+        this difference and of what no sample shows: a kind of outcome that none of them has may have that share.
         """
         design, sampling = self.design, self.sampling
         predicted = np.stack([expansion.at(design.standard(each)) for each in self._unit])
@@ -227,9 +218,11 @@ class AngleStudy:
         shift = sampling.normal_quantile * expansion.errors
         unseen_by_fit = tables.critical - expansion.held_out.reshape(tables.critical.shape)
         shares = self._shares(np.where(known, predicted, np.inf))
-        shares += self._shares(tables.critical) - self._shares(unseen_by_fit)
-        middle = np.clip(np.maximum.accumulate(shares.mean(axis=0)), 0.0, 1.0)
-        half = share_half_width(shares, sampling, tables.base_samples)
+        correction = self._turned(tables.critical) - self._turned(unseen_by_fit)
+        middle = np.clip(np.maximum.accumulate(shares.mean(axis=0) + correction.mean(axis=0)), 0.0, 1.0)
+        # Points of a sequence scatter less than independent ones, so the interval of the correction is not too narrow.
+        error = sampling.normal_quantile * correction.std(axis=0, ddof=1) / math.sqrt(len(correction))
+        half = np.hypot(share_half_width(shares, sampling, tables.base_samples), error)
         beyond = self._beyond.mean()
         moments = expansion_moments(expansion, design.choice_weights, sampling)
         weights = np.broadcast_to(design.weights / SURROGATE_POINTS, predicted.shape) * known
@@ -240,7 +233,7 @@ class AngleStudy:
             tables,
             curve=(middle, np.clip(middle - half, 0.0, 1.0), np.clip(middle + half + beyond, 0.0, 1.0)),
             moments=(moments.mean, moments.standard_deviation),
-            quantiles=tuple((level, quantile_estimate(flat, weights, level, sampling, shifts)) for level in LEVELS),
+            quantiles=quantile_estimates(flat, weights, LEVELS, sampling, shifts),
             after_shots=self._after_shots(self._unit, predicted, weights.reshape(predicted.shape)),
             without=unseen,
             order=expansion.basis.order,
@@ -252,6 +245,11 @@ class AngleStudy:
         places = [[np.searchsorted(np.sort(column), self.angles, side="right") for column in part.T] for part in values]
         shares: FloatArray = np.einsum("k,rka->ra", self.design.weights, np.array(places) / values.shape[1])
         return shares
+
+    def _turned(self, values: FloatArray) -> FloatArray:
+        """Return (points, angles) shares of the alternatives whose critical angle is up to each angle."""
+        found = values.reshape(-1, self.design.alternatives)
+        return np.stack([(found <= angle) @ self.design.weights for angle in self.angles], axis=-1)
 
     def _direct(self, tables: Tables) -> AngleUncertainty:
         sampling = self.sampling
@@ -267,7 +265,7 @@ class AngleStudy:
             values = np.where(found, angles, 0.0).reshape(SCRAMBLINGS, -1)
             shared = np.where(found, weights, 0.0).reshape(SCRAMBLINGS, -1)
             moments = moment_estimates(values, shared, sampling)
-            quantiles = tuple((level, quantile_estimate(values, shared, level, sampling)) for level in LEVELS)
+            quantiles = quantile_estimates(values, shared, LEVELS, sampling)
             unit = self.design.unit(tables.count)[:, : tables.count]
             after_shots = self._after_shots(unit, values.reshape(angles.shape), shared.reshape(angles.shape))
         without = np.where(found, 0.0, weights).reshape(SCRAMBLINGS, -1).sum(axis=1)

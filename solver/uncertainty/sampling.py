@@ -21,8 +21,9 @@ from solver.uncertainty.distributions import Continuous, Discrete, Distribution,
 MOST_INPUTS = 24
 SCRAMBLINGS = 16
 """Independent randomisations of one Sobol sequence: their scatter is the error of their mean."""
-FIRST_POINTS = 16
-"""Points of each scrambling in the first round; every round doubles them."""
+FIRST_POINTS, FEWEST_POINTS = 16, 4
+"""Points of each scrambling in the first round, and those of it where wide intervals will do; every round doubles
+them."""
 MOST_SAMPLES = 1_048_576
 HALF_BIN = 2.0**-31
 """SciPy's Sobol points have 30 bits: the middle of the cell keeps 0 away."""
@@ -125,6 +126,15 @@ class Sampling:
         return float(ndtri(0.5 + 0.5 * self.confidence))
 
     @property
+    def first_points(self) -> int:
+        """Points of each scrambling in the first round of a study of angles.
+
+        No fewer than it takes for what no sample shows to be within the half width: 16 for the usual one.
+        """
+        least = self.student_quantile * UNSEEN / (SCRAMBLINGS * self.half_width)
+        return next(count for count in (FEWEST_POINTS, 8, FIRST_POINTS) if count >= min(least, FIRST_POINTS))
+
+    @property
     def student_quantile(self) -> float:
         """Standard errors of the half width where the standard error comes from the scramblings.
 
@@ -206,28 +216,43 @@ def moment_estimates(
     return jackknifed(float(mean), means, sampling), jackknifed(float(deviation), deviations, sampling)
 
 
-def quantile_estimate(
-    values: FloatArray, weights: FloatArray, level: float, sampling: Sampling, shift: FloatArray | float = 0.0
-) -> Estimate:
-    """Return a quantile with its interval, after Woodruff (1952): the quantiles at the ends of the share's interval.
+def quantile_estimates(
+    values: FloatArray,
+    weights: FloatArray,
+    levels: Sequence[float],
+    sampling: Sampling,
+    shift: FloatArray | float = 0.0,
+) -> tuple[tuple[float, Estimate], ...]:
+    """Return levels with the quantiles there and their intervals.
+
+    The interval is Woodruff's (1952): between the quantiles at the ends of the interval of the share.
 
     Parameters
     ----------
     values, weights
         (scramblings, n) of samples; those without a value have no weight.
+    levels
+        Shares. [1]
     shift
         Error of the values themselves, by which the interval grows.
     """
     flat, shared = values.ravel(), weights.ravel()
-    value = float(np.quantile(flat, level, weights=shared, method="inverted_cdf"))
     totals = weights.sum(axis=1)
-    below = np.where(values <= value, weights, 0.0).sum(axis=1) / np.where(totals > 0.0, totals, 1.0)
-    half = float(share_half_width(below, sampling, flat.size))
-    ends = [min(max(level + sign * half, 0.0), 1.0) for sign in (-1.0, 1.0)]
+    totals = np.where(totals > 0.0, totals, 1.0)
+
+    def quantiles(of: FloatArray, at: FloatArray) -> list[float]:  # of all levels at once, as each call sorts
+        return [float(each) for each in np.quantile(of, at, weights=shared, method="inverted_cdf")]
+
+    found = quantiles(flat, np.array(levels))
+    below = np.stack([np.where(values <= value, weights, 0.0).sum(axis=1) / totals for value in found], axis=1)
+    half = share_half_width(below, sampling, flat.size)
     shifts = np.broadcast_to(shift, values.shape).ravel()
-    lower = float(np.quantile(flat - shifts, ends[0], weights=shared, method="inverted_cdf"))
-    upper = float(np.quantile(flat + shifts, ends[1], weights=shared, method="inverted_cdf"))
-    return Estimate(value, min(lower, value), max(upper, value))
+    lower = quantiles(flat - shifts, np.clip(levels - half, 0.0, 1.0))
+    upper = quantiles(flat + shifts, np.clip(levels + half, 0.0, 1.0))
+    return tuple(
+        (level, Estimate(value, min(low, value), max(high, value)))
+        for level, value, low, high in zip(levels, found, lower, upper, strict=True)
+    )
 
 
 class Design:

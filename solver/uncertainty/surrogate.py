@@ -8,19 +8,57 @@ Reliab. Eng. Syst. Saf. 93, 964-979.
 
 import itertools
 import math
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from solver.arrays import FloatArray
+from solver.arrays import FloatArray, IntArray
 from solver.uncertainty.distributions import Continuous, Lognormal
 from solver.uncertainty.sampling import Estimate, Sampling
 
-ORDERS = (1, 2, 3, 4, 5)
-HIGHER_ALONE, HIGHER_WITH_ONE = 4, 3
-"""Orders beyond the total one of a wide input alone, and of its products with one other input."""
+
+class Shape(NamedTuple):
+    """Which products of polynomials a basis has."""
+
+    order: int
+    """Highest total order of all products."""
+    narrow: int = 0
+    """Highest order of an input alone, if higher."""
+    wide: int = 0
+    """As before, of an input that spans a large factor."""
+    wide_with_one: int = 0
+    """Highest order of such an input in products with the first order of one other, if higher."""
+
+    def terms(self, inputs: int, wide: Sequence[int]) -> IntArray:
+        """Return (terms, inputs) orders; `wide` are the places of the inputs that span a large factor."""
+        found = [
+            Counter(chosen)
+            for order in range(self.order + 1)
+            for chosen in itertools.combinations_with_replacement(range(inputs), order)
+        ]
+        for place in range(inputs):
+            alone, with_one = (self.wide, self.wide_with_one) if place in wide else (self.narrow, 0)
+            found += [Counter({place: power}) for power in range(self.order + 1, alone + 1)]
+            found += [
+                Counter({place: power, other: 1})
+                for other in range(inputs)
+                if other != place
+                for power in range(self.order, with_one + 1)
+            ]
+        rows = [tuple(each[place] for place in range(inputs)) for each in found]
+        return np.array(list(dict.fromkeys(rows)), dtype=np.int64).reshape(-1, inputs)
+
+
+SHAPES = tuple(Shape(order) for order in range(1, 6))
+WIDE_SHAPES = (
+    *(Shape(1, narrow, wide, with_one) for narrow in (1, 2) for wide, with_one in ((4, 2), (6, 3), (8, 4))),
+    *(Shape(order, order, wide, with_one) for order in (2, 3) for wide, with_one in ((4, 2), (6, 3), (8, 4))),
+)
+"""Shapes tried besides where an input spans a large factor: its effect levels off, that of the others hardly bends."""
 POINTS_PER_TERM = 2
 """Points of a fit, at least: three inputs more would otherwise be fitted through every point."""
 DRAWS = 400
@@ -31,24 +69,19 @@ ROUNDING = 1e-12
 
 
 class Basis:
-    """Products of orthonormal polynomials, one for each input, up to a total order.
+    """Products of orthonormal polynomials, one for each input.
 
     Parameters
     ----------
     inputs
         Their distributions.
-    order
-        Highest total order.
-    wide
-        Places of the inputs that are so wide that they get higher orders, alone and with one other input.
+    terms
+        (terms, inputs) order of each polynomial.
     """
 
-    def __init__(self, inputs: Sequence[Continuous], order: int, wide: Sequence[int] = ()) -> None:
-        count = len(inputs)
-        powers = [each for each in itertools.product(range(order + 1), repeat=count) if sum(each) <= order]
-        powers += [each for place in wide for each in _higher(place, count, order)]
-        self.terms = np.array(list(dict.fromkeys(powers)), dtype=np.int64).reshape(-1, count)
-        self.order = int(self.terms.max(initial=0))
+    def __init__(self, inputs: Sequence[Continuous], terms: IntArray) -> None:
+        self.terms = terms
+        self.order = int(terms.max(initial=0))
         self._polynomials = [_orthonormal(*each.quadrature(), self.order) for each in inputs]
 
     def at(self, z: FloatArray) -> FloatArray:
@@ -58,26 +91,6 @@ class Basis:
             powers = np.vander(z[:, column], self.order + 1, increasing=True) @ polynomials
             values *= powers[:, self.terms[:, column]]
         return values
-
-
-def _higher(place: int, count: int, order: int) -> list[tuple[int, ...]]:
-    """Return powers of one of so many inputs beyond a total order, alone and with each of the others."""
-    alone = [tuple(power if i == place else 0 for i in range(count)) for power in _beyond(order, HIGHER_ALONE)]
-    return alone + [
-        tuple(power - 1 if i == place else int(i == other) for i in range(count))
-        for other in range(count)
-        if other != place
-        for power in _beyond(order, HIGHER_WITH_ONE)
-    ]
-
-
-def _beyond(order: int, more: int) -> range:
-    return range(order + 1, order + more + 1)
-
-
-def term_count(inputs: int, order: int, wide: int = 0) -> int:
-    """Return the number of terms of a basis in which so many inputs are wide."""
-    return math.comb(inputs + order, order) + wide * (HIGHER_ALONE + (inputs - 1) * HIGHER_WITH_ONE)
 
 
 def _orthonormal(nodes: FloatArray, weights: FloatArray, order: int) -> FloatArray:
@@ -129,13 +142,11 @@ def fit_expansion(inputs: Sequence[Continuous], z: FloatArray, values: FloatArra
     values
         (n, alternatives).
     """
+    count, most = len(inputs), len(z) // POINTS_PER_TERM
     wide = [place for place, each in enumerate(inputs) if isinstance(each, Lognormal) and each.wide]
-    fits = [
-        _fit(Basis(inputs, order, raised), z, values)
-        for raised in ([], wide)[: 1 + bool(wide)]
-        for order in ORDERS
-        if POINTS_PER_TERM * term_count(len(inputs), order, len(raised)) <= len(z)
-    ]
+    shapes = [each for each in SHAPES + WIDE_SHAPES * bool(wide) if math.comb(count + each.order, count) <= most]
+    terms = [each for each in (shape.terms(count, wide) for shape in shapes) if len(each) <= most]
+    fits = [_fit(Basis(inputs, each), z, values) for each in terms]
     return min(fits, key=lambda fit: float(fit.errors.max()), default=None)
 
 

@@ -28,7 +28,7 @@ from solver.uncertainty.sampling import (
     Sampling,
     Uncertain,
     check_inputs,
-    quantile_estimate,
+    quantile_estimates,
     share_half_width,
 )
 from solver.warnings import ModelWarning
@@ -158,7 +158,7 @@ class TrajectoryStudy:
         if not known.any():
             return ()
         values, shared = np.where(known, values, 0.0), np.where(known, weights, 0.0)
-        return tuple((level, quantile_estimate(values, shared, level, self.sampling)) for level in LEVELS)
+        return quantile_estimates(values, shared, LEVELS, self.sampling)
 
 
 def _warnings(samples: int, failed: int, outside: int) -> tuple[ModelWarning, ...]:

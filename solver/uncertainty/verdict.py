@@ -20,8 +20,9 @@ from solver.uncertainty.sampling import Sampling
 from solver.uncertainty.strikes import critical_angle_uncertainty
 from solver.uncertainty.usual import THEORIES, usual_scatter
 
-SAMPLES = 1024
-"""Samples at most: those that give each theory a surrogate."""
+SAMPLES, HALF_WIDTH = 1024, 0.05
+"""Samples at most, and half width of the interval of each probability at which they end: half of those that may be
+needed to give each theory a surrogate are enough for most strikes. [1, 1]"""
 STEP_DEG = 0.5
 """Distance of the angles at which the probability is computed. [°]"""
 SAME_ANGLE = 1e-9
@@ -253,7 +254,7 @@ def verdict(
             resistance=resistance,
         ),
         oblique_angles=np.radians(np.linspace(start, stop, count)),
-        sampling=Sampling(max_samples=SAMPLES),
+        sampling=Sampling(max_samples=SAMPLES, half_width=HALF_WIDTH),
         threads=threads,
     )
     found = critical_angle(**case, **motion, search=search)

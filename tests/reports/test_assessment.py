@@ -152,7 +152,7 @@ def test_a_wall_has_its_outcomes_by_angle_and_the_thickness_that_stops_it(client
 
 def test_without_a_critical_angle_the_report_says_so(client: httpx.Client) -> None:
     page = text_of(report_of(client, NEVER))
-    assert "No critical angle: nothing from" in page
+    assert "No critical angle: nothing from 20° to 25° is turned away" in page
     assert "Without a critical angle: 100.0 % of them" in page
 
 

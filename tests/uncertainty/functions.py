@@ -18,7 +18,7 @@ class Linear:
     """A sum of normal inputs."""
 
     slopes = np.array([1.0, 2.0, 3.0])
-    distributions = (Normal(mean=0.0, standard_deviation=1.0),) * 3
+    distributions: tuple[Any, ...] = (Normal(mean=0.0, standard_deviation=1.0),) * 3
     grid = np.linspace(-6.0, 16.0, 23)
     mean = 5.0
     deviation = float(np.sqrt((slopes**2).sum()))

@@ -67,6 +67,24 @@ def test_samples_correct_a_surrogate_whose_error_does_not_go_away(half_width: fl
     assert inside.mean() >= 0.95
 
 
+def test_surrogate_gives_way_once_counting_is_more_exact() -> None:
+    """Steps in one input: points of a sequence count them more exactly than they bound the error of the surrogate."""
+
+    class Stairs(Linear):
+        distributions = (Uniform(lower=-1.0, upper=1.0),)
+        grid = np.linspace(-0.05, 0.05, 21)
+
+        def __call__(self, x: FloatArray) -> FloatArray:
+            return np.asarray(0.05 * x[:, 0] + 0.0015 * np.sign(np.sin(40.0 * x[:, 0])), float)
+
+    coarse, fine = (run(Stairs(), half_width=half_width, sensitivity=False) for half_width in (0.1, 0.01))
+    assert (coarse.method, fine.method) == ("surrogate", "direct")
+    assert fine.converged
+    assert fine.surrogate_error is not None
+    assert fine.surrogate_error < math.radians(0.1)
+    assert coarse.samples < fine.samples
+
+
 def test_rough_function_is_sampled_directly() -> None:
     function = Ishigami()
     answer = run(function, seed=1)
