@@ -317,7 +317,6 @@ class OwnTests:
         count = len(self.shots)
         require(1 <= count <= MOST_SHOTS, f"{FIELD}.shots", f"must hold 1 to {MOST_SHOTS:,} shots, got {count:,}")
         for index, shot in enumerate(self.shots):
-            require(isinstance(shot, Shot), f"{FIELD}.shots.{index}", "must be a Shot")
             for like in ("impact.velocity", "shot.depth", "projectile.mass", "projectile.diameter"):
                 name = like.split(".")[1]
                 if (value := getattr(shot, name)) is not None:
