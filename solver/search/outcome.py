@@ -50,10 +50,15 @@ PATIENCE = 3
 """Trials after which a bracket that they did not halve is bisected."""
 GROWTH = 4.0
 """Largest ratio of two strides towards a change."""
-STEEP = 7.0
-"""Growth of the margin below which the last level decides: small errors then move a change far. [1/rad]"""
-DOUBT = math.radians(0.006)
-"""Distance of the places that two levels find for a change above which it does, too. [rad]"""
+SHIFTED = 0.12
+"""Error of the place of a change, over its distance from where the level before has it. [1]"""
+MARGIN_ERROR = 9e-4
+"""Error of the margin that both levels may have alike. It moves a change by this over the growth of the margin. [1]"""
+LEAST_GROWTH = 1e-3
+"""Growth of the margin that is taken for none. [1/rad]"""
+DOUBT = math.radians(0.008)
+"""Estimate of the error of a place above which the last level decides. Of 1,800 usual strikes without that level, all
+that were off by more than 0.018° had an estimate above 0.0083°, and so had 45 % of them all. [rad]"""
 
 
 @lean
@@ -128,17 +133,18 @@ def _narrow(left: int, right: int, level: Level, search: SearchState) -> tuple[i
 def refine(left: int, right: int, first: int, search: SearchState) -> tuple[int, int]:
     """Narrow a change that the first of these levels has found, level by level; return as above.
 
-    The last level is for a change that the two before do not place alike, or where the margin grows slowly, and for one
-    beside a trial that was in motion at the termination time.
+    The last level is for a change whose place may be off by more than `DOUBT`, by the distance of the two before and by
+    the growth of the margin, and for one beside a trial that was in motion at the termination time.
     """
     trials, levels, place, shift = search.table.rows, search.levels, math.nan, math.nan
     begun = count = search.table.filled[0]
     for k in range(first, LAST + 1):
         if k == LAST:
             # Levels that err alike agree on a wrong place. An error of the margin moves a change the further, the less
-            # the margin grows with the angle, so a slow growth is a doubt even where they agree.
+            # the margin grows with the angle, so a slow growth is a doubt even where they agree. Both cost no trial.
             decided_by_time = undecided(trials[left]) or undecided(trials[right])
-            sure = shift <= DOUBT and margin_growth(left, right, trials[:count]) >= STEEP  # false if one level has none
+            growth = max(margin_growth(left, right, trials[:count]), LEAST_GROWTH)
+            sure = SHIFTED * shift + MARGIN_ERROR / growth <= DOUBT  # false if one level has no place
             if (sure and not decided_by_time) or not is_finer(levels[LAST], levels[REQUESTED]):
                 break
             for i in range(begun, count):
