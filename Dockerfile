@@ -1,7 +1,7 @@
 # The service and nothing else: no tests, no developers' tools, no compiler.
 #   docker build --tag ricochet .
 #   docker build --build-arg REQUIREMENTS=cluster --tag ricochet:cluster .    # with Dask, see compose.yaml
-#   docker build --build-arg REQUIREMENTS=full --tag ricochet:full .    # with every extra: reports, Parquet, /mcp, traces, Dask
+#   docker build --build-arg REQUIREMENTS=full --tag ricochet:full .    # with every extra: Parquet, /mcp, traces, Dask
 #   docker run --rm --volume ricochet:/data ricochet ricochet keys add --owner NAME
 #   docker run --init --publish 127.0.0.1:8000:8000 --volume ricochet:/data ricochet
 # It listens on all addresses and so takes a key; RICOCHET_ACCESS=open lets everybody in (docs/access.md).

@@ -9,6 +9,8 @@ COMPILE := $(BIN)/uv pip compile --universal --python-version 3.11 --fork-strate
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile --no-deps --require-hashes --only-binary :all:
 # In the order of the files: the default begins with those of many tests, and ends with one that takes a minute.
 PYTEST := $(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder
+REDOCLY := npx --yes @redocly/cli@2.77.0
+SPECTRAL := npx --yes @stoplight/spectral-cli@6.16.3
 # Else all that the tests start would compile it at the same time.
 WARM_UP = $(BIN)/python -u -c "import solver; solver.warm_up(print)"
 
@@ -59,7 +61,7 @@ test-all: setup ## run the tests that take minutes as well
 	@$(WARM_UP)
 	@$(PYTEST) -m "slow or not slow" $(ARGS)
 
-check: setup ## lint, format, types, layers, committed contract and tables, Dockerfile, known vulnerabilities
+check: setup ## lint, format, types, layers, committed contract and tables, Dockerfile, known vulnerabilities; with npm the contract's rules
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
@@ -68,6 +70,9 @@ check: setup ## lint, format, types, layers, committed contract and tables, Dock
 	$(BIN)/python docs/tables.py --check
 	$(BIN)/hadolint Dockerfile
 	$(BIN)/python requirements/audit.py
+	@if $(REDOCLY) --version >/dev/null 2>&1; then \
+		$(REDOCLY) lint openapi/openapi.json && $(SPECTRAL) lint --ruleset openapi/spectral.json openapi/openapi.json; \
+	else echo "npm is not here, or cannot reach its registry: the contract is not linted"; fi
 
 audit: setup ## look for known vulnerabilities in what the service can run on; fails if it cannot look
 	@$(BIN)/python requirements/audit.py --strict

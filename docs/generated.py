@@ -140,8 +140,8 @@ def kind(schema: dict[str, Any]) -> str:
 def limits(schema: dict[str, Any]) -> str:
     """Return the bounds and the default of a value in words."""
     found = [text.format(f"{schema[name]:g}") for name, text in BOUNDS.items() if name in schema]
-    if "default" in schema:
-        found.append(f"default `{json.dumps(schema['default'])}`")
+    if "x-default" in schema:
+        found.append(f"default `{json.dumps(schema['x-default'])}`")
     return cell(", ".join(found))
 
 

@@ -3,8 +3,9 @@
 Nothing is imported that takes time: the command line reads these too.
 """
 
+import json
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -135,6 +136,18 @@ def batch_columns(columns: Iterable[Column], axes: tuple[str, ...] = ()) -> tupl
     key, *_ = IDENTITY
     swept = tuple(Column(name, "value of the axis of the sweep") for name in axes)
     return (index, *swept, custom_id, key, *columns, WARNINGS, problem)
+
+
+def base_of(base: Mapping[str, Any], axes: Sequence[str], before: str = "") -> dict[str, Any]:
+    """Return the fields of the base of a sweep that no axis replaces, by their names in axes; a list is JSON."""
+    found: dict[str, Any] = {}
+    for name, value in base.items():
+        field = f"{before}{name}"
+        if isinstance(value, Mapping):
+            found |= base_of(value, axes, f"{field}.")
+        elif field not in axes and value is not None:
+            found[field] = value if isinstance(value, str | int | float) else json.dumps(value)
+    return found
 
 
 def batch_row(columns: Iterable[Column], item: Mapping[str, Any], point: tuple[float, ...] = ()) -> list[Any]:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from http import HTTPStatus
 from typing import Any, ClassVar, Self
 
+from service.schemas.explanations import explained
 from service.schemas.problems import pointer_of_location, pointer_of_parameter
 from solver import IntegrationError, ParameterError, StepLimitError
 
@@ -308,8 +309,10 @@ def field_errors(exception: BaseException) -> list[dict[str, str]]:
 
 def validation_errors(errors: Sequence[Any], before: str = "") -> list[dict[str, str]]:
     """Return pydantic's errors as pointers, behind this one, and details."""
+    pointers = [pointer_of_location(error["loc"]) for error in errors[:MAX_ERRORS]]
     return [
-        {"pointer": before + pointer_of_location(error["loc"]), "detail": error["msg"]} for error in errors[:MAX_ERRORS]
+        {"pointer": before + pointer, "detail": explained(pointer, error)}
+        for pointer, error in zip(pointers, errors, strict=False)
     ]
 
 

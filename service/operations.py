@@ -44,6 +44,7 @@ from service.schemas import (
     trajectory_answer,
 )
 from service.schemas.answers import FOUND, RUN, VERSIONED
+from service.schemas.calibration_motion import Calibration
 from service.schemas.fields import columns_of, walk
 from service.schemas.perforation import SPEED, THICKNESS, WALL
 from service.schemas.quantities import Part
@@ -261,10 +262,14 @@ def compute_critical_angle(request: bytes) -> Answer:
     return critical_angle_answer(found, trajectory)
 
 
+MODEL_ARGUMENTS = ("projectile", "target", "resistance", "numerics")
+"""Arguments of a fit that its predictions take too."""
+
+
 def compute_depth_calibration(request: bytes) -> Answer:
     """Fit a strength factor to depths; predict them with each strength factor to compare."""
     arguments, strength_factors, velocities = DepthCalibrationRequest.model_validate_json(request).arguments()
-    model = {name: arguments[name] for name in ("projectile", "target", "resistance")}
+    model = {name: arguments[name] for name in MODEL_ARGUMENTS}
     curves = [
         (factor, velocities, penetration_depths(**model, velocities=velocities, strength_factor=factor))
         for factor in strength_factors
@@ -280,7 +285,7 @@ def compute_motion_calibration(request: bytes) -> Answer:
         fits = fit_decay_laws(**arguments)
     except solver.ParameterError as error:
         raise calibration.located(error) from None
-    model = {name: arguments[name] for name in ("projectile", "target", "resistance")}
+    model = {name: arguments[name] for name in MODEL_ARGUMENTS}
     compared = [
         [
             (factor, predict_motion(**model, impact=run.impact, times=rows, strength_factor=factor))
@@ -420,9 +425,14 @@ FIT_CASES = 20
 """What a calibration counts as: it takes as long as so many cases."""
 
 
+def cases_of_a_fit(request: Calibration) -> int:
+    """Return what the fit of one strength factor counts as; by panels, as all the time steps that its runs may take."""
+    return math.ceil(FIT_CASES * max(1.0, request.panel_steps() / PANEL_STEPS))
+
+
 def cases_of_motions(request: MotionCalibrationRequest) -> int:
     """Return what a calibration by motion counts as: a fit of each run with each of three decay laws."""
-    return 3 * request.run_count * FIT_CASES
+    return 3 * request.run_count * cases_of_a_fit(request)
 
 
 def cases_of_a_study(request: UncertainCase) -> int:
@@ -557,7 +567,7 @@ DEPTH_CALIBRATION = Operation(
     description="Find the strength factor that fits depths of penetration best, by weighted least squares.\n\n"
     "The shots are along the normal, of one projectile into one target.",
     tag="calibration",
-    weight=FIT_CASES,
+    cases=cases_of_a_fit,
     long=True,
 )
 MOTION_CALIBRATION = Operation(

@@ -19,6 +19,7 @@ from service.cache.record import Record
 from service.errors import ComputationCancelled, QueriesWaitingError
 from service.fairness import FairSemaphore, Permit
 from service.operations import KeyedRequest, Operation
+from service.schemas.calibration_motion import Calibration
 from service.schemas.requests import Case
 from service.workers import Call, CallResult, Executor
 from service.workers.worker import close_chunk, compute_case, compute_single
@@ -45,7 +46,7 @@ def check_work(case: Any, most: float) -> None:
     ParameterError
         If the product of panels and time steps is above `most`.
     """
-    work = case.panel_steps() if isinstance(case, Case) else 0.0
+    work = case.panel_steps() if isinstance(case, Case | Calibration) else 0.0
     if work > most:
         raise ParameterError(
             "numerics.panels",

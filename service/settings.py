@@ -1,15 +1,15 @@
 """Settings of the service, from the environment (`RICOCHET_*`); each limit with its reason."""
 
-import math
 import os
-from contextlib import suppress
 from importlib.util import find_spec
 from ipaddress import ip_network
 from pathlib import Path
-from typing import Annotated, Literal, Self, TypeAlias
+from typing import Annotated, Any, Literal, Self, TypeAlias
 
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 from pydantic_settings import BaseSettings, NoDecode, SettingsConfigDict
+
+from service.cores import available_cores
 
 LOOPBACK = frozenset({"127.0.0.1", "::1", "localhost"})
 """Addresses that only this machine reaches."""
@@ -21,36 +21,11 @@ Names: TypeAlias = Annotated[
 """Separated by commas."""
 
 
-CONTROL_GROUPS = Path("/sys/fs/cgroup")
-"""Control groups, of version 2 or, in `cpu`, of version 1."""
-MEMBERSHIP = Path("/proc/self/cgroup")
-"""Control group of this process; the topmost one as seen in a container."""
-
-
-def available_cores(control_groups: Path = CONTROL_GROUPS, membership: Path = MEMBERSHIP) -> int:
-    """Cores this process may use, within the quota of its container or unit of systemd."""
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    groups = {"": "", "cpu": ""}
-    with suppress(OSError, ValueError):
-        for line in membership.read_text().splitlines():
-            _, controllers, path = line.split(":", 2)
-            groups |= dict.fromkeys(controllers.split(","), path.strip("/"))
-    for controller, names in (("", ("cpu.max",)), ("cpu", ("cpu.cfs_quota_us", "cpu.cfs_period_us"))):
-        inside = Path(groups[controller])
-        for group in (inside, *inside.parents):  # each is within the quotas of those above it
-            with suppress(OSError, ValueError):
-                folder = control_groups / controller / group
-                quota, period = " ".join((folder / name).read_text() for name in names).split()
-                if int(quota) > 0:  # -1 in version 1 and "max" in version 2 are no quota
-                    cores = min(cores, math.ceil(int(quota) / int(period)))
-    return cores
-
-
 def missing_package(feature: str, package: str, extra: str) -> str:
     """Return what to do about a feature whose package is not installed; the package index has another ricochet."""
     return (
         f"{feature} needs {package}, which is not installed: install the extra {extra} from the wheel or from the "
-        f'repository, pip install ".[{extra}]"'
+        f'repository, pip install -e ".[{extra}]"'
     )
 
 
@@ -95,10 +70,10 @@ class ServerSettings(BaseSettings):
     gzip: Annotated[
         bool,
         Field(
-            description="Whether answers of 8 KiB and more are compressed for clients that accept gzip: a history of "
-            "72 kB becomes 35 kB in a millisecond, which pays over slow networks only."
+            description="Whether answers of 1 kB and more are compressed, with zstd or gzip, for clients that accept "
+            "it; streams of events never are."
         ),
-    ] = False
+    ] = True
     log_level: Annotated[
         Literal["debug", "info", "warning", "error"],
         Field(description="Least weight of what is logged; `warning` leaves out the line for each request."),
@@ -395,3 +370,12 @@ class Settings(ServerSettings, AccessSettings, LimitSettings, CacheSettings, Job
     """What can be set. `RICOCHET_PORT=9000` sets `port`."""
 
     model_config = SettingsConfigDict(env_prefix="RICOCHET_", frozen=True)
+
+    @field_validator("*", mode="before")
+    @classmethod
+    def check_text(cls, value: Any) -> Any:
+        """Refuse quotes around a value, as from a file of variables that no shell has read; expand ~ in a path."""
+        text = str(value) if isinstance(value, Path) else value
+        if isinstance(text, str) and len(text) > 1 and text[0] == text[-1] and text[0] in "\"'":
+            raise ValueError(f"has quotes around it: {text}; leave them out")
+        return Path(text).expanduser() if isinstance(text, str) and text.startswith("~") else value

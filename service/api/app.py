@@ -8,18 +8,16 @@ from typing import Any
 
 from anyio import CapacityLimiter
 from fastapi import FastAPI
-from starlette.datastructures import MutableHeaders
 from starlette.middleware.cors import CORSMiddleware
-from starlette.middleware.gzip import DEFAULT_EXCLUDED_CONTENT_TYPES, GZipMiddleware
-from starlette.types import ASGIApp, Message, Receive, Scope, Send
+from starlette.types import ASGIApp
 
 from service import telemetry
 from service.api import downloads, health, jobs, mcp, operations, page, results, studies, umbridge
 from service.api.body import KnownBodies
-from service.api.contract import declare_access, declare_bodies, declare_events, declare_problems
+from service.api.compression import CompressionMiddleware
+from service.api.contract import declare_access, declare_bodies, declare_defaults, declare_events, declare_problems
 from service.api.job_models import JobChange
 from service.api.middleware import AuthMiddleware, HeadMiddleware, RefusalMiddleware
-from service.api.results import HDF5, PARQUET
 from service.api.services import READING_THREADS, Metrics, Services, executor_for
 from service.auth.api_keys import ApiKeyStore
 from service.auth.audit_log import AuditLog
@@ -41,6 +39,16 @@ Critical ricochet angles of rigid projectiles on concrete.
 Angles are in degrees from the inward normal of the face: 0° is normal impact. Depth is positive inside the target.
 Fields are named with their units and never null: what is not given is absent.
 """
+TAGS = [
+    {"name": "critical ricochet angle", "description": "Smallest oblique angles at which a projectile ricochets."},
+    {"name": "trajectory", "description": "Motions of single strikes, and how sure their outcomes are."},
+    {"name": "walls", "description": "Walls that are just not perforated, and speeds at which they just are not."},
+    {"name": "formulas", "description": "Empirical formulas of penetration, scabbing and perforation."},
+    {"name": "calibration", "description": "Strength factors that fit tests and finite element runs."},
+    {"name": "results", "description": "Answers that are kept, by their keys."},
+    {"name": "jobs", "description": "Batches, sweeps and studies that take longer than a client waits."},
+    {"name": "health", "description": "The state of the service."},
+]
 POOL_SECONDS = 1
 """For the workers to end after the last request."""
 TRACES_SECONDS = 0.5
@@ -49,8 +57,6 @@ STOP_SECONDS = POOL_SECONDS + 1
 """Part of the grace time for jobs and workers to end after the last request has been answered or given up."""
 REFUSAL_SECONDS = 1
 """Part of it, before that, for what cannot be finished to be refused."""
-GZIP_BYTES, GZIP_LEVEL = 8 * 1024, 1
-"""Least answer that is compressed, and how hard: level 6 takes four times as long and saves 3 % more."""
 RESOURCES = (studies, umbridge, results, jobs, health, page)
 """Routers behind those of the operations, in the order in which they are searched."""
 CORS: dict[str, Any] = {
@@ -72,6 +78,7 @@ class Application(FastAPI):
             contract = super().openapi()
             bodies = operations.bodies_of(OPERATIONS.values())
             declare_bodies(contract["components"]["schemas"], [*bodies, ReportRequest, JobChange])
+            declare_defaults(contract["components"]["schemas"])
             for methods in contract["paths"].values():
                 for operation in methods.values():
                     declare_access(operation)
@@ -83,7 +90,7 @@ class Application(FastAPI):
         """Return the application with its middleware; all of it outside of FastAPI's, to see answers to failures."""
         services: Services = self.state.services
         settings = services.settings
-        inner: ASGIApp = HeadMiddleware(super().build_middleware_stack())
+        inner: ASGIApp = super().build_middleware_stack()
         if services.traces is not None:
             inner = telemetry.LinkedTrace(inner)
         inner = AuthMiddleware(inner, settings, services.keys, services.quotas, services.audit)
@@ -91,35 +98,8 @@ class Application(FastAPI):
             inner = CORSMiddleware(inner, settings.cors_origins, **CORS)
         if settings.gzip:
             inner = CompressionMiddleware(inner)
+        inner = HeadMiddleware(inner)  # Outside of the compression, so that the headers are those of `GET`.
         return telemetry.RequestLog(RefusalMiddleware(inner), services.metrics.observe, settings.log_level)
-
-
-class CompressionMiddleware:
-    """Compresses large answers, in threads.
-
-    A strong ETag becomes a weak one: these bytes are others (RFC 9110, section 8.8.1).
-    """
-
-    def __init__(self, app: ASGIApp) -> None:
-        self._app = GZipMiddleware(
-            app,
-            minimum_size=GZIP_BYTES,
-            compresslevel=GZIP_LEVEL,
-            thread_minimum_size=GZIP_BYTES,
-            exclude_content_types=(*DEFAULT_EXCLUDED_CONTENT_TYPES, HDF5, PARQUET),
-        )
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Pass a request on."""
-
-        async def send_weak(message: Message) -> None:
-            if message["type"] == "http.response.start":
-                headers = MutableHeaders(raw=message["headers"])
-                if "content-encoding" in headers and headers.get("etag", "").startswith('"'):
-                    headers["etag"] = "W/" + headers["etag"]
-            await send(message)
-
-        await self._app(scope, receive, send_weak)
 
 
 def create_app(settings: Settings | None = None) -> FastAPI:
@@ -137,6 +117,9 @@ def create_app(settings: Settings | None = None) -> FastAPI:
         version=SCHEMA_VERSION,
         summary="Critical ricochet angles of rigid projectiles on concrete",
         description=DESCRIPTION,
+        contact={"name": "The ricochet authors"},
+        servers=[{"url": settings.root_path or "/"}],
+        openapi_tags=TAGS,
         license_info={"name": "BSD-3-Clause", "identifier": "BSD-3-Clause"},
         lifespan=lifespan,
         docs_url=None,

@@ -22,8 +22,9 @@ from service.operations import KeyedRequest
 from service.queries import check_work
 from service.schemas.batches import MOST_LINES, Cases
 from service.schemas.quantities import Part
-from service.schemas.sweeps import AxisError, Grid, Outline
+from service.schemas.sweeps import Grid, Outline
 from service.telemetry import path_of
+from service.validation import errors_of_point, grid_of, validated_as
 from service.workers.worker import check_requests
 from solver import ParameterError
 
@@ -208,20 +209,11 @@ class BatchReader:
 
     def _lay_grid(self, body: bytes) -> tuple[Outline, Grid]:
         """Return the grid of a sweep."""
-        try:
-            outline = Outline.model_validate(few_fields(parse_json(body, self._limits.max_body_depth)))
-        except ValidationError as error:
-            raise InvalidBodyError(validation_errors(error.errors())) from error
+        outline = validated_as(Outline, few_fields(parse_json(body, self._limits.max_body_depth)))
         if len(to_json(outline.base)) > self._limits.max_body_bytes:
             detail = f"may be {self._limits.max_body_bytes} bytes long at most"
             raise InvalidBodyError([{"pointer": "/base", "detail": detail}])
-        try:
-            self._model.model_validate(outline.base)
-            return outline, Grid(self._model, outline)
-        except ValidationError as error:
-            raise InvalidBodyError(validation_errors(error.errors(), "/base")) from error
-        except AxisError as error:
-            raise InvalidBodyError([{"pointer": error.pointer, "detail": error.detail}]) from error
+        return outline, grid_of(self._model, outline)
 
     async def _read_points(self, grid: Grid) -> AsyncIterator[list[JobCase]]:
         """Yield the cases of a sweep."""
@@ -234,13 +226,8 @@ class BatchReader:
         return [self._validate_point(grid, *numbered) for numbered in itertools.islice(points, CASES_AT_ONCE)]
 
     def _validate_point(self, grid: Grid, number: int, point: tuple[float, ...]) -> JobCase:
-        try:
+        with errors_of_point(grid, number, point):
             return self._case(grid.request(point))
-        except (ValidationError, ParameterError) as error:
-            found = field_errors(error) if isinstance(error, ParameterError) else validation_errors(error.errors())
-            place = "at " + ", ".join(f"{field} = {value:g}" for field, value in zip(grid.fields, point, strict=True))
-            errors = [{**each, "pointer": grid.pointer(number, each["pointer"])} for each in found]
-            raise InvalidBodyError(errors, place) from error
 
 
 async def in_blocks(cases: Sequence[JobCase]) -> AsyncIterator[list[JobCase]]:
@@ -251,10 +238,7 @@ async def in_blocks(cases: Sequence[JobCase]) -> AsyncIterator[list[JobCase]]:
 
 def unwrap(body: bytes, max_depth: int) -> Cases:
     """Return a batch, its cases not yet validated."""
-    try:
-        return Cases.model_validate(few_fields(parse_json(body, max_depth)))
-    except ValidationError as error:
-        raise InvalidBodyError(validation_errors(error.errors())) from error
+    return validated_as(Cases, few_fields(parse_json(body, max_depth)))
 
 
 def few_fields(content: Any) -> Any:

@@ -13,7 +13,8 @@ from fastapi import Depends, Header, HTTPException, Request, Response
 from fastapi.responses import StreamingResponse
 
 from service.api.batch_body import BatchBody
-from service.api.body import JSON, JSONL, Preference, choose, read_preference
+from service.api.body import JSON, JSONL
+from service.api.negotiation import Preference, choose, read_preference
 from service.api.results import CSV, ReadyResults, as_array, as_csv, as_lines, csv_head, csv_rows, to_item, to_lines
 from service.api.services import services_of, unless_left
 from service.auth.dependencies import context_in

@@ -1,9 +1,7 @@
-"""Requests as they arrive: their bodies, `Accept`, conditional requests (RFC 9110) and `Prefer` (RFC 7240)."""
+"""Bodies of requests: reading them within a limit, JSON, and which bodies have which results."""
 
 import asyncio
-import re
-from collections.abc import AsyncIterator, Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import AsyncIterator
 from http import HTTPStatus
 from typing import Any, NamedTuple
 
@@ -11,81 +9,6 @@ from cachetools import LRUCache
 from fastapi import HTTPException, Request
 from pydantic_core import from_json
 from starlette.requests import ClientDisconnect
-
-PREFERENCE = re.compile(
-    r'\s*([!#$%&\'*+.^_`|~0-9a-z-]+)\s*(?:=\s*("(?:[^"\\]|\\.)*"|[^\s;,"]*))?[^,"]*(?:"[^"]*"[^,"]*)*'
-)
-"""A token, its value, and parameters, which none of ours has. Of what is said twice the first counts."""
-MOST_DIGITS = 9
-
-
-def choose(accept: str, offered: Sequence[str]) -> str | None:
-    """Return the media type the client likes best, the first of several; None if it takes none of those offered."""
-    ranges = [_parse(part) for part in accept.split(",") if part.strip()]
-    qualities = [_quality(media_type, ranges) for media_type in offered]
-    best = max(qualities)
-    return offered[qualities.index(best)] if best > 0.0 else None
-
-
-def matches(if_none_match: str, etag: str) -> bool:
-    """Return whether the client has this representation already."""
-    tags = [tag.strip().removeprefix("W/") for tag in if_none_match.split(",")]
-    return "*" in tags or etag in tags
-
-
-def _parse(part: str) -> tuple[str, float]:
-    media_range, *parameters = (piece.strip().lower() for piece in part.split(";"))
-    for parameter in parameters:
-        name, _, value = parameter.partition("=")
-        if name.strip() == "q":
-            try:
-                return media_range, float(value)
-            except ValueError:
-                return media_range, 0.0
-    return media_range, 1.0
-
-
-def _quality(media_type: str, ranges: list[tuple[str, float]]) -> float:
-    """Quality of the most specific range that holds the media type."""
-    qualities = dict(ranges) if ranges else {"*/*": 1.0}
-    for media_range in (media_type, f"{media_type.partition('/')[0]}/*", "*/*"):
-        if media_range in qualities:
-            return qualities[media_range]
-    return 0.0
-
-
-@dataclass(frozen=True, slots=True)
-class Preference:
-    """How long a client will wait, and whether it would rather not wait at all.
-
-    Parameters
-    ----------
-    respond_async
-        Whether it wants a job whatever the size of the work.
-    wait
-        Time to wait for the answer; None if it does not say. [s]
-    """
-
-    respond_async: bool = False
-    wait: int | None = None
-
-    def applied(self, waited: float | None) -> dict[str, str]:
-        """Return the header that says which preferences were obeyed in making a job, if any was."""
-        applied = ["respond-async"] * self.respond_async
-        if self.wait is not None and waited is not None:
-            applied.append(f"wait={min(self.wait, int(waited))}")
-        return {"Preference-Applied": ", ".join(applied)} if applied else {}
-
-
-def read_preference(headers: Iterable[str]) -> Preference:
-    """Return what these headers say; what they say of other matters, or wrongly, is passed over."""
-    found: dict[str, str] = {}
-    for match in PREFERENCE.finditer(",".join(headers).lower()):
-        found.setdefault(match[1], (match[2] or "").strip('"'))
-    wait = found.get("wait", "")
-    seconds = int(wait[:MOST_DIGITS]) if wait.isascii() and wait.isdigit() else None
-    return Preference("respond-async" in found, seconds)
-
 
 JSON = "application/json"
 JSONL = "application/jsonl"
@@ -95,6 +18,15 @@ REMEMBERED_SHARE = 1 / 8
 """Memory for remembered bodies over that for results: some 20,000 of the usual bodies by default."""
 OVERHEAD = 300
 """Memory of an entry beside its body, about. [bytes]"""
+
+
+MARKS = {
+    b"\xef\xbb\xbf": "begins with a byte order mark",
+    b"\xff\xfe": "is in UTF-16 or UTF-32, with a byte order mark",
+    b"\xfe\xff": "is in UTF-16, with a byte order mark",
+    b"\x00\x00\xfe\xff": "is in UTF-32, with a byte order mark",
+}
+"""What a body may begin with that JSON does not (RFC 8259, section 8.1)."""
 
 
 class KnownBody(NamedTuple):
@@ -187,8 +119,13 @@ def parse_json(text: bytes, max_depth: int) -> Any:
     Raises
     ------
     HTTPException
-        400 if it is no JSON, or has more objects and lists in one another than `max_depth`.
+        400 if it is not JSON in UTF-8, or has more objects and lists in one another than `max_depth`.
     """
+    if text.startswith(tuple(MARKS)):
+        named = next(name for mark, name in MARKS.items() if text.startswith(mark))
+        raise HTTPException(HTTPStatus.BAD_REQUEST, f"the body {named}; send UTF-8 without one")
+    if text[1:2] == b"\x00" or text[:1] == b"\x00":
+        raise HTTPException(HTTPStatus.BAD_REQUEST, "the body is in UTF-16 or UTF-32; send UTF-8")
     try:
         content = from_json(text)
     except ValueError as error:

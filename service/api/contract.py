@@ -76,8 +76,13 @@ def problems(*statuses: int) -> Responses:
 
 
 COMPUTED: Responses = {
-    200: {"description": "The answer.", "headers": CACHE_STATUS, "links": RESULT_LINK},
-    **problems(400, 413, 415, 422, 429, 500, 503),
+    200: {
+        # Declared as media types too, they would make the answers of generated clients unions with text.
+        "description": "The answer; CSV or HDF5 where `Accept` names them, as of `/results/{key}`.",
+        "headers": CACHE_STATUS,
+        "links": RESULT_LINK,
+    },
+    **problems(400, 406, 413, 415, 422, 429, 500, 503),
 }
 
 
@@ -161,14 +166,27 @@ def declare_bodies(schemas: dict[str, Any], models: Sequence[type[BaseModel]]) -
 def declare_access(operation: dict[str, Any]) -> None:
     """Declare that a key is optional, as a service may be open, and how an operation is refused without one."""
     if "security" not in operation:
+        operation["security"] = []
         return
-    operation["security"].insert(0, {})
+    ((scheme, (scope,)),) = operation["security"][0].items()
+    operation["security"] = [{}, {scheme: []}]  # A scheme other than OAuth has no scopes to list.
     refused = problems(400, 401, 403, *([408] if "requestBody" in operation else []))
+    refused[403]["description"] = (
+        f"The key lacks the scope `{scope}`, or the request comes from the page of another site."
+    )
     for status, response in refused.items():
         declared = {name: value for name, value in response.items() if name != "model"}
         content = {"application/json": {"schema": {"$ref": "#/components/schemas/Problem"}}}
         operation["responses"].setdefault(str(status), {**declared, "content": content})
     operation["responses"] = dict(sorted(operation["responses"].items()))
+
+
+def declare_defaults(schemas: dict[str, Any]) -> None:
+    """Rename `default` to `x-default`: openapi-typescript makes a field with a default one that has to be given."""
+    for schema in schemas.values():
+        for field in schema.get("properties", {}).values():
+            if "default" in field:
+                field["x-default"] = field.pop("default")
 
 
 def declare_events(responses: dict[str, Any]) -> None:

@@ -34,12 +34,20 @@ class HealthStatus(StrEnum):
     BUSY = "busy"
 
 
+class ChunkPlace(StrEnum):
+    """Where the chunks of batches and jobs run: on this machine, or on the Dask cluster."""
+
+    POOL = "pool"
+    CLUSTER = "cluster"
+
+
 class Health(Part):
     """How the service is."""
 
-    model_config = with_examples({"status": "ok"})
+    model_config = with_examples({"status": "ok", "chunks_on": "pool"})
 
     status: HealthStatus
+    chunks_on: ChunkPlace | MISSING = MISSING
     warnings: (
         Annotated[list[str], Field(description="What somebody should look at, though the service works.")] | MISSING
     ) = MISSING
@@ -75,10 +83,11 @@ async def readyz(request: Request) -> Health:
     except StorageError as error:
         raise HTTPException(HTTPStatus.SERVICE_UNAVAILABLE, f"jobs cannot be stored: {error}") from error
     status = HealthStatus.OK if idle else HealthStatus.BUSY
+    place = ChunkPlace.CLUSTER if services.executor.on_cluster else ChunkPlace.POOL
     if damaged := await run_sync(services.cache.set_aside):
         text = f"{', '.join(damaged[-MOST_NAMES:])}: damaged, {len(damaged)} in all; see the log and the folder damaged"
-        return Health(status=status, warnings=[text])
-    return Health(status=status)
+        return Health(status=status, chunks_on=place, warnings=[text])
+    return Health(status=status, chunks_on=place)
 
 
 @router.get("/version", response_description="The versions.", responses=problems(500))

@@ -11,13 +11,13 @@ import orjson
 from fastapi import APIRouter, Depends, Header, HTTPException, Path, Query, Request, Response
 from fastapi.responses import StreamingResponse
 from fastapi.sse import EventSourceResponse, ServerSentEvent
-from pydantic import ValidationError
 
 from service.api.batch_response import job_json, job_response, retry_after, root_of, to_job, until
-from service.api.body import JSON, JSONL, choose, parse_json, read_body, require_type
+from service.api.body import JSON, JSONL, parse_json, read_body, require_type
 from service.api.contract import RETRY_LATER, Responses, one_body, problems
 from service.api.job_models import Job, JobChange, JobResults, Jobs
 from service.api.middleware import client_of
+from service.api.negotiation import choose
 from service.api.results import (
     CSV,
     FILES,
@@ -32,10 +32,10 @@ from service.api.results import (
 )
 from service.api.services import services_of, unless_left
 from service.auth.dependencies import ReadContext, RunContext
-from service.errors import InvalidBodyError, validation_errors
 from service.jobs.manager import JobManager
 from service.jobs.models import CaseResult, JobState
 from service.settings import missing_package
+from service.validation import validated_as
 
 router = APIRouter(tags=["jobs"])
 
@@ -275,10 +275,7 @@ async def change_job(request: Request, job_id: JobId, jobs: CurrentManager, cont
     settings = services_of(request).settings
     require_type(request, JSON)
     content = parse_json(await read_body(request, settings.max_body_bytes), settings.max_body_depth)
-    try:
-        change = JobChange.model_validate(content)
-    except ValidationError as error:
-        raise InvalidBodyError(validation_errors(error.errors())) from error
+    change = validated_as(JobChange, content)
     state = known(await jobs.rename(job_id, change.title, context.principal.visible_owner))
     context.job = state.id
     return job_response(root_of(request), state)

@@ -22,6 +22,7 @@ from starlette.exceptions import HTTPException
 from starlette.responses import FileResponse, RedirectResponse
 from starlette.types import Scope
 
+from service.api.negotiation import coding_of
 from service.schemas.verdict import USUAL_SCATTER
 
 router = APIRouter(include_in_schema=False)
@@ -61,8 +62,8 @@ class Assets(StaticFiles):
         """Answer with a file, or that the browser has it."""
         response = await super().get_response(path, scope)
         response.headers.update(HEADERS | {"Vary": "Accept-Encoding"})
-        accepted = Headers(scope=scope).get("Accept-Encoding", "")
-        if not isinstance(response, FileResponse) or scope["method"] != "GET" or "gzip" not in accepted:
+        plain = coding_of(Headers(scope=scope).get("Accept-Encoding", ""), ("gzip",)) != "gzip"
+        if not isinstance(response, FileResponse) or scope["method"] != "GET" or plain:
             return response
         content = await run_sync(compressed, Path(response.path))
         kept = {name: value for name, value in response.headers.items() if name != "content-length"}
@@ -125,7 +126,7 @@ async def contract(request: Request) -> Response:
 def contract_content(app: FastAPI) -> tuple[bytes, str]:
     """Return the schemas and the usual scatter as compressed JSON, and their ETag."""
     parts = {"schemas": app.openapi()["components"]["schemas"], "usual_scatter": USUAL_SCATTER}
-    content = json.dumps(parts, separators=(",", ":")).encode()
+    content = json.dumps(parts, separators=(",", ":")).replace('"x-default":', '"default":').encode()
     return gzip.compress(content, mtime=0), f'W/"{sha256(content).hexdigest()[:32]}"'
 
 

@@ -5,33 +5,33 @@ import time
 from collections.abc import Awaitable, Callable
 from contextlib import nullcontext
 from http import HTTPStatus
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 from anyio.to_thread import run_sync
 from fastapi import Request, Response
-from pydantic import BaseModel, ValidationError
 
 from service.api.body import JSON, next_turn, parse_json, read_body, require_type
+from service.api.results import REPRESENTATIONS, form_of
 from service.api.services import Services, services_of, unless_left
 from service.auth.dependencies import RequestContext, context_in
 from service.cache.record import Record
-from service.errors import InvalidBodyError, ProblemType, problem_of, validation_errors
+from service.errors import InvalidBodyError, ProblemType, problem_of
 from service.jobs.scheduler import problem_name
 from service.operations import KeyedRequest, Operation, study_of
 from service.queries import Answered, CacheStatus, check_work
 from service.schemas.problems import json_pointer
 from service.schemas.requests import alternatives_in, answered_alternative, with_alternatives
 from service.telemetry import BEGUN
+from service.validation import validated_as
 
 MAX_FIELDS = 20
 """Fields of an object of a calibration, which has half as many: listing a million errors would take a second."""
 
-Model = TypeVar("Model", bound=BaseModel)
-
 
 class Resolved(NamedTuple):
-    """An answer as JSON, and whether it was there."""
+    """An answer, its JSON with the alternatives, and whether it was there."""
 
+    record: Record
     content: bytes
     status: CacheStatus
 
@@ -42,12 +42,13 @@ def single_route(operation: Operation) -> Callable[[Request], Awaitable[Response
     async def handle(request: Request) -> Response:
         services, path, begun = services_of(request), request.scope["path"], request.scope[BEGUN]
         require_type(request, JSON)
+        form = form_of(request)
         settings, long = services.settings, operation.long
         body = await read_body(request, settings.max_batch_bytes if long else settings.max_body_bytes)
         known = services.bodies.get((path, body))
         record = None if known is None else services.cache.recall(known.key)
         if known is not None and record is not None:
-            return recalled(request, operation, record, known.cases)
+            return await recalled(request, operation, record, known.cases)
         if long:
             case = await run_sync(validated_long, body, operation, services, limiter=services.reading)
             query = await run_sync(KeyedRequest.of, operation.name, case)
@@ -58,7 +59,7 @@ def single_route(operation: Operation) -> Callable[[Request], Awaitable[Response
         found = await resolve(request, operation, case, query)
         if not alternatives_in(case):
             services.bodies.remember(path, body, query.key, operation.charge(case))
-        return reply(found.content, found.status, begun, read)
+        return await reply(form, found.record, found.status, begun, read, found.content)
 
     return handle
 
@@ -102,12 +103,13 @@ async def _answer_query(request: Request, operation: Operation, case: Any, query
     others = alternatives_in(case)
     if not others:
         record, status = await computed(services, context, name, query)
-        return Resolved(record.json, status)
+        return Resolved(record, record.json, status)
     (record, status), *found = await asyncio.gather(
         computed(services, context, name, query), *(attempt(laws, other) for laws, other in others)
     )
     content = with_alternatives(record.json, [alternative for alternative, _ in found])
-    return Resolved(content, "hit" if all(each == "hit" for each in (status, *(each for _, each in found))) else "miss")
+    hit = all(each == "hit" for each in (status, *(each for _, each in found)))
+    return Resolved(record, content, "hit" if hit else "miss")
 
 
 async def _answer_study(request: Request, operation: Operation, case: Any, query: KeyedRequest) -> Resolved:
@@ -124,7 +126,7 @@ async def _answer_study(request: Request, operation: Operation, case: Any, query
     if status == "hit":
         context.take(1)
     services.metrics.count(operation.name, record.outcome, status, 1)
-    return Resolved(record.json, status)
+    return Resolved(record, record.json, status)
 
 
 async def computed(services: Services, context: RequestContext, operation: str, query: KeyedRequest) -> Answered:
@@ -137,20 +139,39 @@ async def computed(services: Services, context: RequestContext, operation: str, 
         raise
 
 
-def recalled(request: Request, operation: Operation, record: Record, cases: int) -> Response:
+async def recalled(request: Request, operation: Operation, record: Record, cases: int) -> Response:
     """Return a result that is there as the answer; charge and count it."""
     context_in(request.scope).take(cases)
     services_of(request).metrics.count(operation.name, record.outcome, "hit", 1)
-    return reply(record.json, "hit", request.scope[BEGUN])
+    return await reply(form_of(request), record, "hit", request.scope[BEGUN])
 
 
-def reply(content: bytes, status: CacheStatus, begun: float, read: float | None = None) -> Response:
-    """Return a result as the answer, with how it came about; `read` is when the request was."""
+async def reply(
+    form: str,
+    record: Record,
+    status: CacheStatus,
+    begun: float,
+    read: float | None = None,
+    content: bytes | None = None,
+) -> Response:
+    """Return a result as the answer, with how it came about.
+
+    Parameters
+    ----------
+    form
+        Its media type.
+    read
+        When the request was read.
+    content
+        The JSON, if it has more than the result.
+    """
+    if form != JSON or content is None:
+        content = record.json if form == JSON else await run_sync(REPRESENTATIONS[form], record)
     now = time.perf_counter()
     parts = [] if read is None else [("validate", read - begun), ("compute", now - read)]
     timing = ", ".join(f"{name};dur={1e3 * seconds:.2f}" for name, seconds in (*parts, ("total", now - begun)))
     headers = {"Cache-Status": "ricochet; hit" if status == "hit" else "ricochet; fwd=miss", "Server-Timing": timing}
-    return Response(content, headers=headers, media_type=JSON)
+    return Response(content, headers={**headers, "Vary": "Accept"}, media_type=form)
 
 
 async def read_request(services: Services, body: bytes, operation: Operation) -> Any:
@@ -184,20 +205,6 @@ def validated(content: Any, operation: Operation, services: Services) -> Any:
     case = validated_as(operation.request, content)
     check_work(case, services.settings.max_panel_steps)
     return case
-
-
-def validated_as(model: type[Model], content: Any) -> Model:
-    """Return the content of a body as this model.
-
-    Raises
-    ------
-    InvalidBodyError
-        If it is not valid.
-    """
-    try:
-        return model.model_validate(content)
-    except ValidationError as error:
-        raise InvalidBodyError(validation_errors(error.errors())) from error
 
 
 def refuse_crowds(content: Any, steps: tuple[str | int, ...] = ()) -> None:

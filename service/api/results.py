@@ -23,16 +23,16 @@ from fastapi import APIRouter, Header, HTTPException, Request, Response
 from fastapi import Path as PathParameter
 from fastapi.responses import StreamingResponse
 
-from service.api.body import choose, matches
 from service.api.contract import Responses, problems
 from service.api.downloads import file_pieces
 from service.api.job_models import Result
+from service.api.negotiation import choose, matches
 from service.api.services import services_of
 from service.auth.dependencies import READ
 from service.cache.hdf5 import BatchFile, to_hdf5
 from service.cache.record import Record
 from service.cache.tables import residuals_of
-from service.columns import Column, batch_columns, batch_row, csv_cells, summarize
+from service.columns import Column, base_of, batch_columns, batch_row, csv_cells, summarize
 from service.jobs.manager import JobManager
 from service.jobs.models import CaseResult, JobState, StoredSweep
 from service.operations import OPERATIONS
@@ -174,15 +174,19 @@ GROUP_ROWS = 4096
 
 
 def csv_head(operation: str, sweep: StoredSweep | None) -> bytes:
-    """Return the head of a table: the base of a sweep as a comment, and the names of the columns."""
-    columns = batch_columns(OPERATIONS[operation].columns, sweep.fields if sweep else ())
-    names = _lines([[column.name for column in columns]])
-    return names if sweep is None else b"# base: %b\r\n" % orjson.dumps(sweep.request["base"]) + names
+    """Return the names of the columns of a table; the last ones are the base of a sweep, the same in each row."""
+    names = [column.name for column in batch_columns(OPERATIONS[operation].columns, sweep.fields if sweep else ())]
+    return _lines([[*names, *_base(sweep)]])
 
 
 def csv_rows(results: Iterable[CaseResult], operation: str, sweep: StoredSweep | None) -> bytes:
     """Return the rows of these results."""
-    return _lines(_row(result, operation, sweep) for result in results)
+    base = _base(sweep).values()
+    return _lines([*_row(result, operation, sweep), *base] for result in results)
+
+
+def _base(sweep: StoredSweep | None) -> dict[str, Any]:
+    return base_of(sweep.request["base"], sweep.fields) if sweep else {}
 
 
 async def as_csv(ready: ReadyResults) -> AsyncIterator[bytes]:
@@ -330,6 +334,21 @@ REPRESENTATIONS: dict[str, Callable[[Record], bytes]] = {
 }
 """Every form in which a result is given, the usual one first."""
 
+
+def form_of(request: Request) -> str:
+    """Return the media type in which a client takes a result.
+
+    Raises
+    ------
+    HTTPException
+        406 if it takes none of them.
+    """
+    media_type = choose(request.headers.get("accept", "*/*"), list(REPRESENTATIONS))
+    if media_type is None:
+        raise HTTPException(HTTPStatus.NOT_ACCEPTABLE, f"a result is given as {', '.join(REPRESENTATIONS)}")
+    return media_type
+
+
 DECLARED: Responses = {
     200: {
         "description": "The result, in the form that `Accept` names.",
@@ -352,9 +371,7 @@ async def get_result(
 
     CSV is the history of a run, the trials of a search, the residuals of a calibration.
     """
-    media_type = choose(request.headers.get("accept", "*/*"), list(REPRESENTATIONS))
-    if media_type is None:
-        raise HTTPException(HTTPStatus.NOT_ACCEPTABLE, f"a result is given as {', '.join(REPRESENTATIONS)}")
+    media_type = form_of(request)
     record = await services_of(request).queries.result(key)
     if record is None:
         raise HTTPException(HTTPStatus.NOT_FOUND, "no result is kept under this key")

@@ -60,13 +60,18 @@ class Metrics:
                 "queued_queries": "Single queries that wait for a worker",
                 "queued_cases": "Cases of batches and jobs that wait or run",
                 "running_chunks": "Chunks of jobs being made, computed or kept",
-                "chunk_width": "Chunks that can be computed at once, here or on the cluster",
                 "workers": "Worker processes that are up",
                 "cache_bytes": "Size of the results on the disk",
                 "cache_segments": "Files of results",
                 "cache_cases": "Results on the disk",
             }.items()
         }
+        self._width = Gauge(
+            "ricochet_chunk_width",
+            "Chunks that can be computed at once, in the pool or, while there is one, on the cluster",
+            ("place",),
+            registry=registry,
+        )
         self._restarts = Counter(
             "ricochet_worker_restarts", "Worker processes replaced since the start", registry=registry
         )
@@ -96,7 +101,6 @@ class Metrics:
             "queued_queries": queries.queued,
             "queued_cases": manager.queued_cases,
             "running_chunks": manager.running_chunks,
-            "chunk_width": executor.capacity,
             "workers": len(executor.worker_pids),
             "cache_bytes": stored.bytes,
             "cache_segments": stored.segments,
@@ -104,6 +108,8 @@ class Metrics:
         }
         for name, value in values.items():
             self._gauges[name].set(value)
+        for place, used in (("pool", not executor.on_cluster), ("cluster", executor.on_cluster)):
+            self._width.labels(place).set(executor.capacity if used else 0)
         self._restarts.inc(executor.restarts - self._restarts_counted)
         self._restarts_counted = executor.restarts
         self._implausible.inc(queries.implausible - self._implausible_counted)

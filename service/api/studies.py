@@ -20,7 +20,8 @@ from service.api.batch_response import IdempotencyKey, JobResponse, WantedPrefer
 from service.api.body import JSON, read_body, require_type
 from service.api.contract import one_body, problems
 from service.api.page import REPORT_POLICY
-from service.api.queries import read_content, read_request, recalled, reply, resolve, validated, validated_as
+from service.api.queries import read_content, read_request, recalled, reply, resolve, validated
+from service.api.results import form_of
 from service.api.services import services_of, unless_left
 from service.assessment import Query, first_queries, require_extra, strike_queries, verdict_queries, write_page
 from service.auth.dependencies import RUN, context_in
@@ -30,6 +31,7 @@ from service.operations import OPERATIONS, KeyedRequest, Operation, study_of
 from service.queries import check_work
 from service.schemas import ReportRequest, VerdictAnswer, verdict_answer
 from service.telemetry import BEGUN, path_of
+from service.validation import validated_as
 
 router = APIRouter(dependencies=[RUN])
 
@@ -40,6 +42,7 @@ def study_route(operation: Operation) -> Callable[..., Awaitable[Response]]:
     async def handle(request: Request, preference: WantedPreference, idempotency_key: IdempotencyKey = "") -> Response:
         services, path, begun = services_of(request), path_of(request.scope), request.scope[BEGUN]
         require_type(request, JSON)
+        form = form_of(request)
         body = await read_body(request, services.settings.max_body_bytes)
         known, case = services.bodies.get((path, body)), None
         if known is None:
@@ -48,7 +51,7 @@ def study_route(operation: Operation) -> Callable[..., Awaitable[Response]]:
         read = time.perf_counter()
         record = None if preference.respond_async else await services.queries.result(known.key)
         if record is not None:
-            return recalled(request, operation, record, known.cases)
+            return await recalled(request, operation, record, known.cases)
         case = case or await read_request(services, body, operation)
         most = case.sampling.max_samples
         if preference.respond_async or most > services.settings.small_samples:
@@ -61,7 +64,7 @@ def study_route(operation: Operation) -> Callable[..., Awaitable[Response]]:
                 job, request, operation, case, digest, most * OPERATIONS[study.sample].work(base)
             )
         found = await resolve(request, operation, case)
-        return reply(found.content, found.status, begun, read)
+        return await reply(form, found.record, found.status, begun, read)
 
     return handle
 
@@ -86,7 +89,7 @@ async def answer_with_job(
     record = await services.queries.result(query.key) if answered else None
     if record is None:
         return response.accepted(state, headers)
-    answer = reply(record.json, "hit" if state.cached else "miss", request.scope[BEGUN])
+    answer = await reply(form_of(request), record, "hit" if state.cached else "miss", request.scope[BEGUN])
     answer.headers.update(headers | {"Content-Location": f"{response.root}/results/{query.key}"})
     return answer
 

@@ -6,12 +6,29 @@ solver and the service inside `run`: `ricochet --help` would otherwise take seco
 """
 
 import argparse
+import codecs
+import io
 import os
 import sys
+import unicodedata
 from importlib import import_module
 from typing import Any, NamedTuple
 
-from service.cli.arguments import EXIT_STATUSES, FAILED, INTERRUPTED, CommandError, Formatter, UsageError, examples
+from service.cli.arguments import (
+    EXIT_STATUSES,
+    FAILED,
+    INTERRUPTED,
+    CommandError,
+    Parser,
+    UsageError,
+    choose_format,
+    examples,
+    one_answer,
+    reason_of,
+)
+
+PLAIN = {"°": "deg", "±": "+/-", "×": "x", "–": "-", "…": "..."}
+"""What stands for a character that the encoding of a terminal lacks, where Unicode does not know it."""
 
 
 class Command(NamedTuple):
@@ -79,6 +96,8 @@ def package_version() -> str:
 def main(arguments: list[str] | None = None) -> int:
     """Run a command; return its exit status."""
     arguments = sys.argv[1:] if arguments is None else arguments
+    prepare_streams()
+    os.environ.pop("MPLBACKEND", None)  # Plots go to files; a backend that a notebook has set may not be here.
     name = next((argument for argument in arguments if not argument.startswith("-")), "")
     try:
         return run(name, arguments)
@@ -88,12 +107,34 @@ def main(arguments: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
         return INTERRUPTED
-    except BrokenPipeError:  # the reader of a pipe has closed it
+    except BrokenPipeError:  # The reader of the pipe, such as `head`, has all that it wants.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except OSError as error:  # This is most likely a full disk.
+        print(f"ricochet {name}: {reason_of(error)}", file=sys.stderr)
         return FAILED
-    except OSError as error:  # a full disk, most likely
-        print(f"ricochet {name}: {error}", file=sys.stderr)
-        return FAILED
+
+
+def prepare_streams() -> None:
+    """Open the streams that are closed to nowhere, and have characters replaced that an encoding lacks."""
+    codecs.register_error("plain", plain)
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        stream = getattr(sys, name)
+        if stream is None:
+            nowhere = os.open(os.devnull, os.O_RDWR)
+            setattr(sys, name, os.fdopen(nowhere, mode, encoding="utf-8", closefd=False))  # It stays open to the end.
+        elif isinstance(stream, io.TextIOWrapper) and mode == "w":
+            stream.reconfigure(errors="plain")
+
+
+def plain(error: UnicodeError) -> tuple[str, int]:
+    """Return characters in ASCII for some that cannot be encoded, and where to go on."""
+    assert isinstance(error, UnicodeEncodeError)  # noqa: S101 (streams for output alone have it)
+    found = ""
+    for character in error.object[error.start : error.end]:
+        known = unicodedata.normalize("NFKD", character).encode("ascii", "ignore").decode()
+        found += PLAIN.get(character) or known or "?"
+    return found, error.end
 
 
 def define(command: Command, parser: argparse.ArgumentParser) -> None:
@@ -103,17 +144,16 @@ def define(command: Command, parser: argparse.ArgumentParser) -> None:
 
 def run(name: str, arguments: list[str]) -> int:
     """Parse the arguments and run the command; only its module is imported and only its flags are known."""
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="ricochet",
         description="Critical ricochet angles of rigid projectiles on concrete, computed here or by a service (--url).",
         epilog=f"{examples('ricochet cra --help')}\n\n{EXIT_STATUSES}",
-        formatter_class=Formatter,
     )
     parser.add_argument("--version", action=Version, nargs=0, help="print the version and exit")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     selected = parser
     for command in COMMANDS:
-        subparser = commands.add_parser(command.name, help=command.help, formatter_class=Formatter, allow_abbrev=False)
+        subparser = commands.add_parser(command.name, help=command.help)
         if command.name == name:
             selected = subparser
             define(command, subparser)
@@ -121,7 +161,9 @@ def run(name: str, arguments: list[str]) -> int:
         selected = import_module("service.cli.single").add_operation_command(commands, name) or parser
     args = parser.parse_args(arguments)
     try:
-        status: int = args.run(args)
+        choose_format(args)
+        with one_answer(args):
+            status: int = args.run(args)
         sys.stdout.flush()
     except UsageError as error:
         selected.error(str(error))

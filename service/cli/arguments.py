@@ -1,8 +1,12 @@
 """Arguments that commands share, and the errors and exit statuses of the command."""
 
 import argparse
+import difflib
+import io
 import os
-from collections.abc import Callable, Mapping, Sequence
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, redirect_stdout
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -68,11 +72,19 @@ class RefusedError(CommandError):
         return list(self.problem.get("errors", ()))
 
 
+def reason_of(error: BaseException) -> str:
+    """Return the text of an error of the system without its number."""
+    return re.sub(r"\[Errno -?\d+\] ", "", str(error))
+
+
 def problem_text(problem: Mapping[str, Any]) -> str:
     """Return a problem document as one sentence."""
     return ": ".join(str(problem[name]) for name in ("title", "detail") if problem.get(name))
 
 
+ONE_ANSWER = {".json": "json", ".csv": "csv"}
+MANY_ANSWERS = {".jsonl": "json", ".ndjson": "json", ".csv": "csv", ".parquet": "parquet"}
+"""Flag of a format by the end of the name of a file."""
 URL, DATA_DIR = "RICOCHET_URL", "RICOCHET_DATA_DIR"
 """Variables that replace flags."""
 
@@ -108,6 +120,9 @@ def read_own_shots(path: str) -> list[dict[str, float]]:
 
 class Flag(NamedTuple):
     """A flag for one field of a case.
+
+    The flags are a table, as making them from the models would add a second to every help text. A test compares it with
+    the models: fields, choices, units, defaults and bounds.
 
     Parameters
     ----------
@@ -309,12 +324,72 @@ def add_numbers(parser: argparse.ArgumentParser, flags: Sequence[Flag]) -> "argp
     return group
 
 
-def add_formats(parser: argparse.ArgumentParser, *, json: str, csv: str) -> "argparse._MutuallyExclusiveGroup":
-    """Add `--json` and `--csv`, which exclude each other; return their group."""
+def add_formats(
+    parser: argparse.ArgumentParser, *, json: str, csv: str, endings: Mapping[str, str] = ONE_ANSWER
+) -> "argparse._MutuallyExclusiveGroup":
+    """Add `--output`, and `--json` and `--csv`, which exclude each other; return the group of these."""
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        metavar="FILE",
+        help=f"write to a file, in the format of its name: {', '.join(endings)}; else a flag says the format",
+    )
     formats = parser.add_mutually_exclusive_group()
     formats.add_argument("--json", action="store_true", help=json)
     formats.add_argument("--csv", action="store_true", help=csv)
+    parser.set_defaults(endings=endings)
     return formats
+
+
+def choose_format(args: argparse.Namespace) -> None:
+    """Set the flag of the format in which a command writes its file, by its name unless a flag is given.
+
+    Raises
+    ------
+    CommandError
+        If the name says no format, or the folder does not exist; before the computation.
+    """
+    if getattr(args, "endings", None) is None or args.output is None:
+        return
+    if not any(getattr(args, flag) for flag in set(args.endings.values())):
+        setattr(args, args.endings[ending_of("--output", args.output, args.endings)], True)
+    if not args.output.absolute().parent.is_dir():
+        raise CommandError(f"--output {args.output}: the folder does not exist", FAILED)
+
+
+def ending_of(flag: str, file: Path, known: Iterable[str]) -> str:
+    """Return the end of the name of a file to write.
+
+    Raises
+    ------
+    CommandError
+        If it is not one of those known.
+    """
+    ending = file.suffix.lower()
+    if ending not in known:
+        *others, last = known
+        raise CommandError(f"{flag} {file}: must end in {', '.join(others)}{' or ' if others else ''}{last}")
+    return ending
+
+
+@contextmanager
+def one_answer(args: argparse.Namespace) -> Iterator[None]:
+    """Put what a command with one answer prints into the file of `--output`, once all of it is there.
+
+    Commands with many answers write their file as these become ready.
+    """
+    if getattr(args, "endings", None) is not ONE_ANSWER or args.output is None:
+        yield
+        return
+    content = io.BytesIO()
+    with io.TextIOWrapper(content, "utf-8", newline="") as printed, redirect_stdout(printed):
+        yield
+        printed.flush()
+        try:
+            args.output.write_bytes(content.getvalue())
+        except OSError as error:
+            raise CommandError(f"--output {args.output}: {error.strerror or error}", FAILED) from None
 
 
 def add_plot(parser: argparse.ArgumentParser, what: str) -> None:
@@ -365,14 +440,7 @@ def add_operation(parser: argparse.ArgumentParser) -> None:
 
 def add_output(parser: argparse.ArgumentParser) -> None:
     """Add `--output` and the formats of the results of many cases."""
-    parser.add_argument(
-        "-o",
-        "--output",
-        type=Path,
-        metavar="FILE",
-        help="write the results to a file, as CSV or Parquet if its name ends in .csv or .parquet",
-    )
-    formats = add_formats(parser, json="print JSON lines", csv="print the summaries as CSV")
+    formats = add_formats(parser, json="print JSON lines", csv="print the summaries as CSV", endings=MANY_ANSWERS)
     formats.add_argument(
         "--parquet", action="store_true", help="write the summaries as Parquet; needs the extra parquet at the service"
     )
@@ -388,11 +456,37 @@ def add_actions(
             action,
             help=help_,
             description=f"{help_[0].upper()}{help_[1:]}.",
-            formatter_class=Formatter,
             epilog=examples(example),
         )
         for action, help_, example in actions
     }
+
+
+class Parser(argparse.ArgumentParser):
+    """Parser that takes any negative number as a value, and says what a misspelt word may be meant as."""
+
+    def __init__(self, *args: Any, **options: Any) -> None:
+        super().__init__(*args, **{"formatter_class": Formatter, **options, "allow_abbrev": False})
+        self._negative_number_matcher = re.compile(r"-\.?\d")  # That of argparse takes -1e-1 and -1,2 for flags.
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """Parse all arguments; those of a command that are unknown are an error of its parser, not of the outermost."""
+        found, rest = super().parse_known_args(args, namespace)
+        if rest:
+            self.error(f"unrecognized arguments: {' '.join(rest)}{self._meant(rest[0], self._option_string_actions)}")
+        return found, rest
+
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        try:
+            super()._check_value(action, value)
+        except argparse.ArgumentError as error:
+            error.message += self._meant(str(value), map(str, action.choices or ()))
+            raise
+
+    @staticmethod
+    def _meant(word: str, known: Iterable[str]) -> str:
+        close = difflib.get_close_matches(word.partition("=")[0], known, 1)
+        return f"; did you mean {close[0]}?" if close else ""
 
 
 class Formatter(argparse.HelpFormatter):
@@ -425,4 +519,9 @@ def read_settings(**fixed: Any) -> "Settings":
     try:
         return Settings(**fixed)
     except ValidationError as error:
-        raise UsageError(f"invalid RICOCHET_... variable: {error}") from None
+        lines = []
+        for each in error.errors():
+            name = str(each["loc"][0]) if each["loc"] else ""
+            origin = f"--{name.replace('_', '-')}" if name in fixed else f"RICOCHET_{name.upper()}"
+            lines.append(f"{origin}: {each['msg'].removeprefix('Value error, ')}")
+        raise UsageError("\n".join(lines)) from None

@@ -22,17 +22,18 @@ from service.cli.arguments import (
     add_url,
     examples,
 )
+from service.cli.case_table import ENDINGS, read_cases
 from service.cli.jobs import BatchRequest, run_batch, write_results
-from service.cli.request_body import STDIN, RequestBody, explained, read_body, without_sought
+from service.cli.request_body import STDIN, RequestBody, read_body, without_sought
 from service.cli.writers import Writer
 
 READ_SIZE = 256 * 1024
-"""Bytes read from a file at a time."""
+"""Number of bytes that are read from a file at a time."""
 JSONL = "application/jsonl"
 SWEEP_FLAGS = (*IMPACT, *BODY, *RESISTANCE)
 MAX_PLOT_AXES = 2
 MAX_POINTS = 100_000
-"""Points of a sweep; a service accepts no more."""
+"""Largest number of points of a sweep that a service accepts."""
 
 
 class SweepAxis(NamedTuple):
@@ -47,12 +48,18 @@ class SweepAxis(NamedTuple):
 def add_batch(parser: argparse.ArgumentParser) -> None:
     """Define `ricochet batch`."""
     parser.description = (
-        "Compute many cases. Each line of the file is a request body in JSON, with an optional custom_id. Results are "
-        "written in the order of the file as soon as they are ready: as JSON lines, or on a terminal as a table of "
-        "the first."
+        "Compute many cases. Each line of the file is a request body in JSON, with an optional custom_id; or the file "
+        "is a CSV table with a case in each row, whose columns are fields with their units, such as velocity_m_s or "
+        "resistance.strength_factor.model. Results are written in the order of the file as soon as they are ready: as "
+        "JSON lines, or on a terminal as a table of the first."
     )
-    parser.epilog = examples("ricochet batch cases.jsonl -o angles.csv", "ricochet batch cases.jsonl > angles.jsonl")
-    parser.add_argument("file", metavar="FILE.jsonl", help="up to 100,000 cases; - reads a pipe")
+    parser.epilog = examples(
+        "ricochet batch cases.jsonl -o angles.csv",
+        "ricochet batch cases.jsonl > angles.jsonl",
+        "ricochet batch cases.csv --case strike.toml -o angles.csv",
+    )
+    parser.add_argument("file", metavar="FILE", help="up to 100,000 cases, .jsonl or .csv; - reads JSON lines")
+    parser.add_argument("--case", type=Path, metavar="CASE", help="TOML or JSON file with what a table leaves out")
     _add_common(parser)
     parser.set_defaults(run=run_file)
 
@@ -94,7 +101,15 @@ def _add_common(parser: argparse.ArgumentParser) -> None:
 def run_file(args: argparse.Namespace) -> int:
     """Compute the cases of a file; return 3 if some have a problem."""
     path = f"/{args.operation}/batch"
-    if args.file == STDIN:
+    lines: Sequence[int] = range(1, sys.maxsize)
+    is_table = Path(args.file).suffix.lower() in ENDINGS
+    if args.case and not is_table:
+        raise UsageError("--case needs a table of cases, .csv or .tsv")
+    if is_table:
+        base = without_sought(read_body(args.case, args, ()), args.operation).content
+        cases, lines = read_cases(Path(args.file), args.operation, base)
+        request = BatchRequest(path, lambda: b"\n".join(cases), JSONL)
+    elif args.file == STDIN:
         text = sys.stdin.buffer.read()
         request = BatchRequest(path, lambda: text, JSONL)
     else:
@@ -104,7 +119,7 @@ def run_file(args: argparse.Namespace) -> int:
     try:
         return run_batch(args, request)
     except RefusedError as error:
-        raise _explain_lines(error, args.file) from None
+        raise _explain_lines(error, args.file, lines) from None
 
 
 def _check_readable(file: Path) -> None:
@@ -121,15 +136,14 @@ def _read_pieces(file: Path) -> Iterator[bytes]:
             yield piece
 
 
-def _explain_lines(error: RefusedError, file: str) -> CommandError:
-    """Return a problem with the line of each invalid case; the service counts from 0."""
+def _explain_lines(error: RefusedError, file: str, numbers: Sequence[int]) -> CommandError:
+    """Return a problem with the line of each invalid case, which the service counts from 0."""
     lines = []
     for each in error.errors:
         _, _, rest = each["pointer"].partition("/")
         index, _, pointer = rest.partition("/")
-        line = f"{file}:{int(index) + 1}" if index.isdigit() else file
-        detail = explained(f"/{pointer}", each["detail"])
-        lines.append(": ".join(filter(None, (line, pointer and f"/{pointer}", detail))))
+        line = f"{file}:{numbers[int(index)]}" if index.isdigit() else file
+        lines.append(": ".join(filter(None, (line, pointer and f"/{pointer}", each["detail"]))))
     return CommandError("\n".join(lines), error.status) if lines else error
 
 
@@ -158,7 +172,7 @@ def _compute_sweep(args: argparse.Namespace, content: dict[str, Any], writers: S
         from service.cli import local
 
         count = math.prod(len(axis.values) for axis in args.axis)
-        if local.is_small(args.operation, count):
+        if local.is_small(args.operation, count) and not args.parquet:
             return write_results(args, local.compute_sweep(args.operation, content), count, content, writers)
     from service.cli.client import JSON, dumps
 
@@ -223,12 +237,9 @@ def _explain_axes(error: RefusedError, body: RequestBody, axes: Sequence[SweepAx
         if part == "base" and pointer not in by_pointer:
             lines.append(body.describe(pointer, each["detail"]))
         elif part == "base":
-            axis = by_pointer[pointer]
-            lines.append(f"--axis {axis.text}: {explained(pointer, each['detail'], *axis.values)}")
+            lines.append(f"--axis {by_pointer[pointer].text}: {each['detail']}")
         elif part == "axes" and steps:
-            axis = axes[int(steps[0])]
-            detail = explained("/" + axis.field.replace(".", "/"), each["detail"], *axis.values)
-            lines.append(f"--axis {axis.text}: {detail}")
+            lines.append(f"--axis {axes[int(steps[0])].text}: {each['detail']}")
         else:
             lines.append(f"--axis: {each['detail']}")
     return CommandError("\n".join(lines), error.status) if lines else error

@@ -5,26 +5,24 @@ import csv
 import json
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.console import Console
-from rich.markup import escape
-from rich.table import Table
 
-from service.cli.arguments import BODY, FAILED, IMPACT, WRONG, CommandError, Formatter, examples
+from service.cli.arguments import BODY, IMPACT, WRONG, CommandError, ending_of, examples
 from service.cli.calibration_input import (
     GREATEST_DEPTH,
-    DepthCase,
-    MotionCase,
+    CalibrationBody,
+    StrikeCalibration,
     add_depth_flags,
     add_motion_flags,
     add_obliquity_flags,
     by_quantity,
-    case_arguments,
+    calibration_body,
 )
+from service.cli.writers import print_table, print_warnings
 from service.readers import (
     DEPTH_TESTS,
     MOTION,
@@ -37,38 +35,11 @@ from service.readers import (
     read_motion_runs,
     read_obliquity_points,
 )
-from service.schemas import depth_answer, motion_answer, obliquity_answer
+from service.schemas.calibration_motion import Calibration
+from service.schemas.problems import unit_ends
 from service.schemas.quantities import degrees
-from solver import ENGINE_VERSION, Impact, ModelWarning, ParameterError, RicochetError
-from solver.calibration import (
-    DecayLawFits,
-    DepthFit,
-    DepthTest,
-    Estimate,
-    MotionFit,
-    MotionHistory,
-    MotionRun,
-    MotionsFit,
-    ObliquityFit,
-    ObliquityPoint,
-    Weights,
-    fit_decay_laws,
-    fit_depth,
-    fit_obliquity,
-    penetration_depths,
-    predict_motion,
-)
-
-IMPACT_FIELDS = {
-    "velocity": "velocity_m_s",
-    "oblique_angle": "oblique_angle_deg",
-    "angle_of_attack": "angle_of_attack_deg",
-    "angular_velocity": "angular_velocity_rad_s",
-}
-"""Columns of a table of runs, and the fields of a request that they set."""
-CURVE_POINTS = 41
-CURVE_MARGIN = 0.1
-"""Curves extend beyond the tests by this part of their range of velocities. [1]"""
+from solver import ParameterError
+from solver.calibration import MotionHistory
 
 
 def add_calibrate(parser: argparse.ArgumentParser) -> None:
@@ -81,7 +52,7 @@ def add_calibrate(parser: argparse.ArgumentParser) -> None:
         ("motion", "one strength factor from the motion in an oblique impact", add_motion_flags),
         ("obliquity", "a polynomial over the oblique angle from strength factors", add_obliquity_flags),
     ):
-        add_flags(kinds.add_parser(name, help=help_, formatter_class=Formatter))
+        add_flags(kinds.add_parser(name, help=help_))
     parser.set_defaults(run=run)
 
 
@@ -93,14 +64,12 @@ def run(args: argparse.Namespace) -> int:
         "obliquity": calibrate_obliquity,
     }
     try:
+        for table in ("curves", "histories"):
+            if getattr(args, table, None):
+                ending_of(f"--{table}", getattr(args, table), [".csv"])
         fits[args.calibration](args)
     except (CommandError, FileError) as error:
-        return _fail(args, error, WRONG)
-    except ParameterError as error:
-        # The tests or the history as a whole are well formed but cannot be fitted.
-        return _fail(args, error, FAILED if error.field in {"tests", "history", "runs"} else WRONG)
-    except RicochetError as error:
-        return _fail(args, error, FAILED)
+        return _fail(args, error, error.status if isinstance(error, CommandError) else WRONG)
     return 0
 
 
@@ -111,33 +80,28 @@ def _fail(args: argparse.Namespace, error: Exception, status: int) -> int:
 
 def calibrate_depth(args: argparse.Namespace) -> None:
     """Fit a strength factor to depths and print it."""
-    case = case_arguments(args, DepthCase, BODY)
-    tests = read_depth_tests(
+    body, case = calibration_body(args, Calibration, BODY, args.tests)
+    found = read_depth_tests(
         args.tests,
         by_quantity("--column", args.column, DEPTH_TESTS),
         by_quantity("--unit", args.unit, DEPTH_TESTS),
-        diameter=case["projectile"].diameter,
+        diameter=case.projectile.diameter_m,
         grouped=args.group,
     )
-    fit = fit_depth(tests=tests, confidence_level=args.confidence, **case)
-    curves = []
-    if args.curves or args.strength_factors:
-        measured = np.array([test.velocity for test in tests])
-        margin = CURVE_MARGIN * (np.ptp(measured) or measured[0])
-        lowest = max(measured.min() - margin, 0.5 * measured.min())
-        velocities = np.linspace(lowest, measured.max() + margin, CURVE_POINTS)
-        for factor in sorted({*args.strength_factors, fit.estimate.strength_factor}):
-            depths = penetration_depths(velocities=velocities, strength_factor=factor, **case)
-            curves.append((factor, velocities, depths))
-    answer = depth_answer(fit, curves)
+    tests = [_fields(asdict(test)) for test in found]
+    body.content.pop("compare_strength_factors", None)
+    answer = body.answer("calibration_depth", args.url, tests=tests)
+    if args.curves or args.strength_factors:  # The fitted factor has a curve too.
+        factors = sorted({*args.strength_factors, answer["strength_factor"]})
+        answer = body.answer("calibration_depth", args.url, tests=tests, compare_strength_factors=factors)
     if args.curves:
         _write_csv(args.curves, answer["curves"])
     if args.json:
         _print_json(answer)
     elif args.uncertain:
-        print(as_uncertain(fit.estimate))
+        print(as_uncertain(answer))
     else:
-        _print_depth(tests, fit)
+        _print_depth(tests, answer, args.confidence)
 
 
 def calibrate_motion(args: argparse.Namespace) -> None:
@@ -146,32 +110,32 @@ def calibrate_motion(args: argparse.Namespace) -> None:
         raise CommandError("either HISTORY or --runs RUNS.csv must be given")
     weights = _weights(args.weight)
     inputs = [_single_input(args)] if args.runs is None else _table_inputs(args)
-    case = inputs[0].case
-    fits = fit_decay_laws(
-        runs=[MotionRun(impact=each.impact, history=each.history, weights=weights) for each in inputs],
-        confidence_level=args.confidence,
-        **case,
-    )
-    compared: list[list[tuple[float, MotionHistory]]] = [[] for _ in inputs]
-    if args.histories or args.strength_factors:
-        for factor in sorted({*args.strength_factors, fits.requested.estimate.strength_factor}):
-            for each, motions in zip(inputs, compared, strict=True):
-                motion = predict_motion(strength_factor=factor, times=each.history.time, impact=each.impact, **case)
-                motions.append((factor, motion))
-    answer = motion_answer(fits, compared, several=args.runs is not None)
+    body = inputs[0].body
+    if args.runs is None:
+        data: dict[str, Any] = {"history": inputs[0].history}
+    else:
+        body = replace(body, data_file=str(args.runs))
+        data = {"runs": [{"impact": each.impact, "history": each.history} for each in inputs]}
+        del body.content["impact"]
+    answer = body.answer("calibration_motion", args.url, weights=weights, **data)
+    if args.histories or args.strength_factors:  # `predicted` is the motion of the fitted factor.
+        for run in answer.get("runs", [answer]):
+            fitted = {"strength_factor": answer["strength_factor"], "history": run["predicted"]}
+            others = [each for each in run.get("compared", ()) if each["strength_factor"] != answer["strength_factor"]]
+            run["compared"] = sorted([*others, fitted], key=lambda each: float(each["strength_factor"]))
     if args.histories:
         _write_csv(args.histories, _compared_tables(answer))
     if args.json:
         _print_json(_with_impacts(answer, inputs))
     elif args.uncertain:
-        print(as_uncertain(fits.requested.estimate))
+        print(as_uncertain(answer))
     else:
-        _print_motion(inputs, fits)
+        _print_motion(inputs, answer, args.confidence)
 
 
-def as_uncertain(estimate: Estimate) -> str:
+def as_uncertain(answer: Mapping[str, Any]) -> str:
     """Return a fitted strength factor as tables of a case: the constant law, and its value as an uncertain input."""
-    factor, error = f"{estimate.strength_factor:.6g}", f"{estimate.standard_error:.3g}"
+    factor, error = f"{answer['strength_factor']:.6g}", f"{answer['standard_error']:.3g}"
     return f"""
 [resistance.strength_factor]
 model = "constant"
@@ -184,29 +148,25 @@ distribution = {{ type = "normal", mean = {factor}, standard_deviation = {error}
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Input:
-    """A history with its impact, and the other arguments of the solver."""
+    """A history with its impact, as a request holds them, and the request without histories."""
 
     name: str
-    impact: Impact
-    history: MotionHistory
-    case: dict[str, Any]
+    impact: dict[str, Any]
+    history: dict[str, Any]
+    body: CalibrationBody
 
 
 def _single_input(args: argparse.Namespace) -> _Input:
-    case = case_arguments(args, MotionCase, (*IMPACT, *BODY))
-    impact = case.pop("impact")
-    expected = Expected(impact=impact, projectile=case["projectile"])
-    return _Input(name=args.history, impact=impact, history=_read_history(args, expected), case=case)
+    body, case = calibration_body(args, StrikeCalibration, (*IMPACT, *BODY), str(args.history))
+    motion = _read_history(args, Expected(impact=case.impact.to_solver(), projectile=case.projectile.to_solver()))
+    return _Input(name=args.history, impact=body.content["impact"], history=_fields(asdict(motion)), body=body)
 
 
 def _table_inputs(args: argparse.Namespace) -> list[_Input]:
     """Read every run of a table, whose cells take precedence over the flags."""
     inputs = []
     for row in read_motion_runs(args.runs):
-        cells = {
-            f"impact/{IMPACT_FIELDS[name]}": degrees(value) if IMPACT_FIELDS[name].endswith("_deg") else value
-            for name, value in row.impact.items()
-        }
+        cells = {f"impact/{name}": value for name, value in _fields(row.impact).items()}
         until = args.until if row.until is None else row.until
         own = argparse.Namespace(**(vars(args) | cells | {"history": row.file, "until": until}))
         try:
@@ -214,6 +174,18 @@ def _table_inputs(args: argparse.Namespace) -> list[_Input]:
         except CommandError as error:
             raise CommandError(f"{args.runs}:{row.line}: {error}") from None
     return inputs
+
+
+def _fields(quantities: Mapping[str, Any]) -> dict[str, Any]:
+    """Return quantities of the solver as fields of a request; those without a value are left out."""
+    fields, ends = {}, unit_ends()
+    for name, quantity in quantities.items():
+        value = quantity.tolist() if isinstance(quantity, np.ndarray) else quantity
+        if value is not None and ends.get(name) == "_deg":
+            value = list(map(degrees, value)) if isinstance(value, list) else degrees(value)
+        if value is not None:
+            fields[f"{name}{ends.get(name, '')}"] = value
+    return fields
 
 
 def _compared_tables(answer: Mapping[str, Any]) -> list[dict[str, Any]]:
@@ -230,12 +202,12 @@ def _compared_tables(answer: Mapping[str, Any]) -> list[dict[str, Any]]:
 def _with_impacts(answer: Mapping[str, Any], inputs: Sequence[_Input]) -> dict[str, Any]:
     """Return the answer with the oblique angle, for `calibrate obliquity`, or with the file and impact of each run."""
     if "runs" not in answer:
-        return {"oblique_angle_deg": degrees(inputs[0].impact.oblique_angle), **answer}
+        return {"oblique_angle_deg": inputs[0].impact["oblique_angle_deg"], **answer}
     runs = [
         {
             "file": each.name,
-            "oblique_angle_deg": degrees(each.impact.oblique_angle),
-            "velocity_m_s": each.impact.velocity,
+            "oblique_angle_deg": each.impact["oblique_angle_deg"],
+            "velocity_m_s": each.impact["velocity_m_s"],
             **run,
         }
         for each, run in zip(inputs, answer["runs"], strict=True)
@@ -245,19 +217,18 @@ def _with_impacts(answer: Mapping[str, Any], inputs: Sequence[_Input]) -> dict[s
 
 def calibrate_obliquity(args: argparse.Namespace) -> None:
     """Fit a polynomial over the oblique angle and print it."""
-    points = read_obliquity_points(
+    found = read_obliquity_points(
         args.points,
         by_quantity("--column", args.column, OBLIQUITY_POINTS),
         by_quantity("--unit", args.unit, OBLIQUITY_POINTS),
     )
-    try:
-        fit = fit_obliquity(points=points, order=args.order)
-    except ParameterError as error:
-        raise CommandError(f"{args.points}: {error}") from None
+    points = [_fields(asdict(point)) for point in found]
+    body = CalibrationBody({"order": args.order}, None, {}, {"/order": "--order"}, args.points)
+    answer = body.answer("calibration_obliquity", args.url, points=points)
     if args.json:
-        _print_json(obliquity_answer(fit))
+        _print_json(answer)
     else:
-        _print_obliquity(points, fit)
+        _print_obliquity(points, answer)
 
 
 def _read_history(args: argparse.Namespace, expected: Expected) -> MotionHistory:
@@ -283,14 +254,14 @@ def _read_history(args: argparse.Namespace, expected: Expected) -> MotionHistory
         raise CommandError(f"--until: {args.history}: {error}") from None
 
 
-def _weights(pairs: Iterable[tuple[str, str]]) -> Weights:
+def _weights(pairs: Iterable[tuple[str, str]]) -> dict[str, float]:
     values = {}
     for name, text in by_quantity("--weight", pairs, MOTION[1:]).items():
         try:
             values[name.removesuffix("_displacement")] = float(text)
         except ValueError:
             raise CommandError(f"--weight {name}={text}: must be a number") from None
-    return Weights(**values)
+    return values
 
 
 def _write_csv(path: Path, tables: Iterable[Mapping[str, Any]]) -> None:
@@ -311,110 +282,115 @@ def _write_csv(path: Path, tables: Iterable[Mapping[str, Any]]) -> None:
 
 
 def _print_json(answer: Mapping[str, Any]) -> None:
-    print(json.dumps({**answer, "engine_version": ENGINE_VERSION}, allow_nan=False))
+    print(json.dumps(answer, allow_nan=False))
 
 
-def _print_depth(tests: Sequence[DepthTest], fit: DepthFit) -> None:
-    table = _table("velocity m/s", "depth m", "predicted m", "residual mm")
-    for test, predicted, residual in zip(tests, fit.predicted, fit.residuals, strict=True):
-        table.add_row(f"{test.velocity:g}", f"{test.depth:g}", f"{predicted:.4f}", f"{1e3 * residual:+.1f}")
-    console = Console(highlight=False)
-    console.print(table)
-    if fit.groups:
-        groups = _table("strength factor", "standard error", "interval", first="group")
-        for name, group in fit.groups.items():
-            groups.add_row(escape(name), *_columns(group.estimate))
-        console.print(groups)
-    scatter = f"root mean square {1e3 * fit.root_mean_square:.1f} mm"
-    console.print(_sentence(fit.estimate), scatter, sep="\n", markup=False, soft_wrap=True)
-    _print_warnings(fit.warnings)
+def _print_depth(tests: Sequence[Mapping[str, Any]], answer: Mapping[str, Any], confidence: float) -> None:
+    rows = [
+        [f"{test['velocity_m_s']:g}", f"{test['depth_m']:g}", f"{predicted:.4f}", f"{1e3 * residual:+.1f}"]
+        for test, predicted, residual in zip(tests, answer["predicted_depth_m"], answer["residuals"], strict=True)
+    ]
+    _print_rows(["velocity m/s", "depth m", "predicted m", "residual mm"], rows)
+    if "groups" in answer:
+        _print_rows(
+            ["group", "strength factor", "standard error", "interval"],
+            [[group["group"], *_columns(group)] for group in answer["groups"]],
+        )
+    print(_sentence(answer, confidence))
+    print(f"root mean square {1e3 * answer['root_mean_square_m']:.1f} mm")
+    print_warnings(answer["warnings"])
 
 
-def _print_motion(inputs: Sequence[_Input], fits: DecayLawFits) -> None:
-    requested, console = fits.requested, Console(highlight=False)
-    console.print(_quantities(requested.runs[0]) if len(inputs) == 1 else _runs(inputs, requested))
-    laws = _table("strength factor", "standard error", "normalised rms", first="decay law")
-    for name, fit in fits.laws.items():
-        cells = ("", "", "")
-        if fit is not None:
-            cells = (*_columns(fit.estimate)[:2], f"{fit.normalized_root_mean_square:.4f}")
-        laws.add_row(name.replace("_", " "), *cells)
-    console.print(laws)
-    history = inputs[0].history.time
+def _print_motion(inputs: Sequence[_Input], answer: Mapping[str, Any], confidence: float) -> None:
+    requested = inputs[0].body.value_at("/resistance/free_surface/model") or "elastic_plastic"
+    runs = answer.get("runs", [answer])
+    if len(inputs) == 1:
+        _print_quantities(runs[0])
+    else:
+        _print_runs(inputs, runs, answer["decay_laws"], requested)
+    laws = []
+    for law in answer["decay_laws"]:
+        cells = ["", "", ""]
+        if "strength_factor" in law:
+            cells = [*_columns(law)[:2], f"{law['normalized_root_mean_square']:.4f}"]
+        laws.append([law["free_surface"].replace("_", " "), *cells])
+    _print_rows(["decay law", "strength factor", "standard error", "normalised rms"], laws)
     described = f"{len(inputs)} runs"
     if len(inputs) == 1:
-        angle = degrees(inputs[0].impact.oblique_angle)
-        described = f"{angle:g}° from the normal, {len(history)} instants up to {1e3 * history[-1]:.3g} ms"
-    law = requested.free_surface.name.replace("_", " ")
-    best = f"best decay law: {fits.best.replace('_', ' ')}"
-    console.print(f"{law}: {_sentence(requested.estimate)}", best, described, sep="\n", markup=False, soft_wrap=True)
-    _print_warnings(fits.warnings)
+        angle, times = inputs[0].impact["oblique_angle_deg"], inputs[0].history["time_s"]
+        described = f"{angle:g}° from the normal, {len(times)} instants up to {1e3 * times[-1]:.3g} ms"
+    print(f"{requested.replace('_', ' ')}: {_sentence(answer, confidence)}")
+    print(f"best decay law: {answer['best_decay_law'].replace('_', ' ')}")
+    print(described)
+    print_warnings(answer["warnings"])
 
 
-def _quantities(fit: MotionFit) -> Table:
-    """Return the root mean squares of a single run."""
-    table = _table("root mean square", "explained", first="quantity")
-    for name, value in fit.root_mean_square.items():
-        scatter = f"{degrees(value):.2f}°" if name == "rotation" else f"{1e3 * value:.1f} mm"
-        table.add_row(name.replace("_", " "), scatter, f"{fit.r_squared[name]:.2%}" if name in fit.r_squared else "")
-    return table
+def _print_quantities(run: Mapping[str, Any]) -> None:
+    """Print the root mean squares of a single run."""
+    rows = []
+    for name, value in run["root_mean_square"].items():
+        scatter = f"{value:.2f}°" if name == "rotation_deg" else f"{1e3 * value:.1f} mm"
+        explained = f"{run['r_squared'][name]:.2%}" if name in run["r_squared"] else ""
+        rows.append([name.rpartition("_")[0].replace("_", " "), scatter, explained])
+    _print_rows(["quantity", "root mean square", "explained"], rows)
 
 
-def _runs(inputs: Sequence[_Input], fit: MotionsFit) -> Table:
-    """Return each of several runs at its own strength factor and at the common one."""
-    table = _table("angle °", "m/s", "own factor", "normalised rms", "at the common factor", first="run")
-    for each, run, alone in zip(inputs, fit.runs, fit.alone, strict=True):
-        own = ("", "")
-        if alone is not None:
-            error = f"{alone.estimate.strength_factor:.3f} ± {alone.estimate.standard_error:.3f}"
-            own = (error, f"{alone.normalized_root_mean_square:.4f}")
-        table.add_row(
-            escape(each.name),
-            f"{degrees(each.impact.oblique_angle):g}",
-            f"{each.impact.velocity:g}",
-            *own,
-            f"{run.normalized_root_mean_square:.4f}",
-        )
-    return table
+def _print_runs(
+    inputs: Sequence[_Input], runs: Sequence[Mapping[str, Any]], laws: Sequence[Mapping[str, Any]], requested: str
+) -> None:
+    """Print each of several runs at its own strength factor and at the common one."""
+    own, rows = next(law["runs"] for law in laws if law["free_surface"] == requested), []
+    for each, run, fitted in zip(inputs, runs, own, strict=True):
+        cells = ["", ""]
+        if alone := fitted.get("alone"):
+            factor = f"{alone['strength_factor']:.3f} ± {alone['standard_error']:.3f}"
+            cells = [factor, f"{alone['normalized_root_mean_square']:.4f}"]
+        impact = (f"{each.impact[name]:g}" for name in ("oblique_angle_deg", "velocity_m_s"))
+        rows.append([each.name, *impact, *cells, f"{run['normalized_root_mean_square']:.4f}"])
+    _print_rows(["run", "angle °", "m/s", "own factor", "normalised rms", "at the common factor"], rows)
 
 
-def _print_obliquity(points: Sequence[ObliquityPoint], fit: ObliquityFit) -> None:
-    coefficients = _table("coefficient", "standard error", first="power of °")
-    for power, coefficient in enumerate(fit.coefficients):
-        error = "" if fit.covariance is None else f"{fit.covariance[power][power] ** 0.5:.4g}"
-        coefficients.add_row(str(power), f"{coefficient:.6g}", error)
-    rows = _table("oblique angle °", "strength factor", "residual")
-    for point, residual in zip(points, fit.residuals, strict=True):
-        rows.add_row(f"{degrees(point.oblique_angle):g}", f"{point.strength_factor:g}", f"{residual:+.4f}")
-    console = Console(highlight=False)
-    console.print(coefficients, rows)
-    console.print("strength_factor of a request:", markup=False)
-    console.print_json(data=obliquity_answer(fit)["strength_factor_model"], indent=None)
-    _print_warnings(fit.warnings)
+def _print_obliquity(points: Sequence[Mapping[str, Any]], answer: Mapping[str, Any]) -> None:
+    coefficients = []
+    for power, coefficient in enumerate(answer["coefficients"]):
+        error = f"{answer['covariance'][power][power] ** 0.5:.4g}" if "covariance" in answer else ""
+        coefficients.append([str(power), f"{coefficient:.6g}", error])
+    _print_rows(["power of °", "coefficient", "standard error"], coefficients)
+    rows = [
+        [f"{point['oblique_angle_deg']:g}", f"{point['strength_factor']:g}", f"{residual:+.4f}"]
+        for point, residual in zip(points, answer["residuals"], strict=True)
+    ]
+    _print_rows(["oblique angle °", "strength factor", "residual"], rows)
+    print("strength_factor of a request:")
+    print(json.dumps(answer["strength_factor_model"]))
+    print_warnings(answer["warnings"])
 
 
-def _table(*columns: str, first: str = "") -> Table:
-    table = Table()
-    if first:
-        table.add_column(first, overflow="fold")
-    for column in columns:
-        table.add_column(column, justify="right")
-    return table
+def _print_rows(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """Print a table and an empty line."""
+    print_table(columns, rows)
+    print()
 
 
-def _columns(estimate: Estimate) -> tuple[str, str, str]:
-    low, high = estimate.confidence_interval
-    return f"{estimate.strength_factor:.3f}", f"{estimate.standard_error:.3f}", f"{low:.3f} to {high:.3f}"
+def _columns(estimate: Mapping[str, Any]) -> tuple[str, str, str]:
+    low, high = estimate["confidence_interval"]
+    return f"{estimate['strength_factor']:.3f}", f"{estimate['standard_error']:.3f}", f"{low:.3f} to {high:.3f}"
 
 
-def _sentence(estimate: Estimate) -> str:
+def _sentence(estimate: Mapping[str, Any], confidence: float) -> str:
     value, error, interval = _columns(estimate)
-    return (
-        f"strength factor {value}, standard error {error}, {estimate.confidence_level:.0%} interval {interval} "
-        f"({estimate.degrees_of_freedom:.3g} degrees of freedom)"
-    )
+    text = f"strength factor {value}, standard error {error}, {confidence:.0%} interval {interval}"
+    if estimate["standard_error"] == 0.0:
+        return text
+    return f"{text} ({_degrees_of_freedom(estimate, confidence):.3g} degrees of freedom)"
 
 
-def _print_warnings(warnings: Sequence[ModelWarning]) -> None:
-    for warning in warnings:
-        print(f"warning: {warning.detail}", file=sys.stderr)
+def _degrees_of_freedom(estimate: Mapping[str, Any], confidence: float) -> float:
+    """Return the degrees of freedom of Student's distribution behind an interval, which an answer does not have.
+
+    The upper end is used, as the lower one is cut off at 0.
+    """
+    from scipy.special import stdtridf
+
+    reach = (estimate["confidence_interval"][1] - estimate["strength_factor"]) / estimate["standard_error"]
+    return float(stdtridf(0.5 + 0.5 * confidence, reach))

@@ -1,25 +1,31 @@
-"""Input of `ricochet calibrate`: its flags, and the case from flags and a file with a request body."""
+"""Input of `ricochet calibrate`: its flags, and the request body from flags, a case and a file of data."""
 
 import argparse
 import json
 import math
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any, TypeVar
 
-from pydantic import Field, ValidationError
-
-import solver
-from service.cli.arguments import BODY, IMPACT, CommandError, Flag, add_numbers, examples
-from service.cli.request_body import read_body
+from service.cli.arguments import (
+    BODY,
+    FAILED,
+    IMPACT,
+    CommandError,
+    Flag,
+    RefusedError,
+    add_numbers,
+    add_url,
+    examples,
+)
+from service.cli.local import refusals
+from service.cli.request_body import RequestBody, read_body
+from service.cli.single import answer_of
 from service.readers import DEPTH_TESTS, MOTION, OBLIQUITY_POINTS, Quantity
-from service.schemas.numerics import Method, Numerics
-from service.schemas.problems import pointer_of_location, pointer_of_parameter
-from service.schemas.quantities import Part
-from service.schemas.requests import filled
-from service.schemas.resistance import Resistance
-from service.schemas.strike import Impact, Projectile, Target
-from solver.strike import TERMINATION_TIME, TRAJECTORY_TOLERANCE
+from service.schemas.calibration_motion import Calibration
+from service.schemas.strike import Impact
+from service.validation import validated_as
 
 GREATEST_DEPTH = "greatest-depth"
 SHORT_NAMES = {
@@ -30,6 +36,10 @@ SHORT_NAMES = {
 """Short names of the quantities of a motion."""
 NOT_USED = ("output", "search", "custom_id")
 """Fields of a request body that a calibration ignores."""
+DATA = ("tests", "history", "runs", "points")
+"""Fields of a calibration that come from a file of data."""
+NOT_FITTED = frozenset({"/tests", "/history", "/runs"})
+"""Pointers of an error that is about the data as a whole: these are well formed but cannot be fitted."""
 CSV_FILES = (
     "Columns are found by their names, with the unit at the end (time_s, depth_displacement_mm, rotation_deg, "
     "velocity_m_s, mass_kg) or in brackets (time [ms]); without a unit they are SI. Separators are commas, semicolons "
@@ -124,6 +134,7 @@ def add_obliquity_flags(parser: argparse.ArgumentParser) -> None:
     _add_file_flags(parser, OBLIQUITY_POINTS, "oblique_angle=theta", "oblique_angle=deg")
     parser.add_argument("--order", type=int, default=2, metavar="N", help="highest power of the angle (%(default)s)")
     parser.add_argument("--json", action="store_true", help="print the answer as one line of JSON")
+    add_url(parser)
 
 
 def _add_file_flags(parser: argparse.ArgumentParser, quantities: Sequence[Quantity], column: str, unit: str) -> None:
@@ -163,6 +174,7 @@ def _add_fit_flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--strength-factors", type=float, nargs="+", default=[], metavar="S", help="further factors to compare with"
     )
+    add_url(parser)
 
 
 def _add_case_flags(parser: argparse.ArgumentParser, flags: Sequence[Flag]) -> None:
@@ -210,56 +222,81 @@ def by_quantity(flag: str, pairs: Iterable[tuple[str, str]], quantities: Sequenc
     return values
 
 
-class DepthCase(Part):
-    """Projectile, target and models of normal-impact tests."""
-
-    projectile: Projectile
-    target: Target
-    resistance: Annotated[Resistance, Field(default_factory=Resistance)]
-    numerics: Annotated[Numerics, Field(default_factory=Numerics)]
-
-    def arguments(self) -> dict[str, Any]:
-        """Return the arguments of the solver's fits."""
-        numerics = filled(
-            self.numerics,
-            method=Method.ADAPTIVE,
-            termination_time_s=TERMINATION_TIME,
-            relative_tolerance=TRAJECTORY_TOLERANCE,
-        )
-        return {
-            "projectile": self.projectile.to_solver(),
-            "target": self.target.to_solver(),
-            "resistance": self.resistance.to_solver(),
-            "numerics": numerics.to_solver(),
-        }
+CalibrationT = TypeVar("CalibrationT", bound=Calibration)
 
 
-class MotionCase(DepthCase):
-    """The same with an oblique impact."""
+class StrikeCalibration(Calibration):
+    """What fits to motions have in common: that of all fits, and an impact."""
 
     impact: Impact
 
-    def arguments(self) -> dict[str, Any]:
-        """Return the arguments of the solver's fits."""
-        return super().arguments() | {"impact": self.impact.to_solver()}
+
+@dataclass(frozen=True)
+class CalibrationBody(RequestBody):
+    """The body of a calibration.
+
+    Parameters
+    ----------
+    data_file
+        File of the tests, the history, the runs or the points.
+    """
+
+    data_file: str
+
+    def describe(self, pointer: str, detail: str) -> str:
+        """Return an error at a pointer, with the flag or the file of that field."""
+        if pointer.removeprefix("/").partition("/")[0] not in DATA:
+            return super().describe(pointer, detail)
+        return f"{self.data_file}: {pointer[1:].replace('/', '.')}: {detail}"
+
+    def explain(self, error: RefusedError) -> CommandError:
+        """Return a problem with its flags and files; data that are well formed but cannot be fitted have failed."""
+        found = super().explain(error)
+        if any(each["pointer"] in NOT_FITTED for each in error.errors):
+            found.status = FAILED
+        return found
+
+    def answer(self, operation: str, url: str | None, **further: Any) -> dict[str, Any]:
+        """Return the answer to this body with further fields, of the service at this address or of this process."""
+        answer: dict[str, Any] = json.loads(answer_of(operation, replace(self, content=self.content | further), url))
+        return answer
 
 
-def case_arguments(args: argparse.Namespace, model: type[DepthCase], flags: Sequence[Flag]) -> dict[str, Any]:
-    """Return the arguments of the solver from the flags and the file of `--case`.
+def calibration_body(
+    args: argparse.Namespace, model: type[CalibrationT], flags: Sequence[Flag], data_file: str
+) -> tuple[CalibrationBody, CalibrationT]:
+    """Return the body of a fit, still without data, from flags and the file of `--case`; and as it is validated.
+
+    It is validated before the data are read, as these are checked against the projectile and the impact.
 
     Raises
     ------
     CommandError
         If the file holds no JSON object or a field is invalid; it names the flag or the pointer.
     """
-    body = read_body(args.case, args, flags)
-    content = {name: value for name, value in body.content.items() if name not in NOT_USED}
+    case = read_body(args.case, args, flags)
+    content = {name: value for name, value in case.content.items() if name not in NOT_USED}
     if "impact" not in model.model_fields:
         content.pop("impact", None)
+    if isinstance(content.get("resistance"), dict):
+        content["resistance"] = {k: v for k, v in content["resistance"].items() if k != "strength_factor"}
+    content["confidence_level"] = args.confidence
+    given = {**case.given, "/confidence_level": "--confidence", "/weights": "--weight"}
+    given |= {f"/weights/{name}": f"--weight {name}" for name in ("depth", "lateral", "rotation")}
+    if args.strength_factors:
+        content["compare_strength_factors"] = args.strength_factors
+        given |= dict.fromkeys(
+            [
+                "/compare_strength_factors",
+                *(f"/compare_strength_factors/{i}" for i in range(len(args.strength_factors))),
+            ],
+            "--strength-factors",
+        )
+    body = CalibrationBody(content, case.file, case.flags, given, data_file)
     try:
-        return model.model_validate_json(json.dumps(content)).arguments()
-    except ValidationError as error:
-        invalid = [(pointer_of_location(each["loc"]), each["msg"]) for each in error.errors()]
-    except solver.ParameterError as error:
-        invalid = [(pointer_of_parameter(error.field), error.requirement)]
-    raise CommandError("\n".join(body.describe(pointer, detail) for pointer, detail in invalid))
+        with refusals():
+            valid = validated_as(model, content)
+            valid.model_arguments()
+    except RefusedError as error:
+        raise body.explain(error) from None
+    return body, valid

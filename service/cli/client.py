@@ -5,27 +5,32 @@ import os
 import re
 import time
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from http import HTTPStatus
+from ipaddress import ip_address
 from typing import Any, TypeAlias
 from urllib.parse import quote
 
 import httpx
 import orjson
 
-from service.cli.arguments import FAILED, CommandError, RefusedError
+from service.cli.arguments import FAILED, CommandError, RefusedError, reason_of
 
 API_KEY = "RICOCHET_API_KEY"
-"""Variable with the API key; a flag would show in the process list."""
+"""Variable that holds the API key; a flag would show in the list of processes."""
 TIMEOUT = httpx.Timeout(120.0, connect=10.0)
-"""Longer than a single query may take. [s]"""
+"""Timeouts of a request, longer than a single query may take. [s]"""
 RETRY_PAUSES = (1.0, 2.0, 4.0, 8.0, 10.0, 10.0, 10.0)
 """Pauses before a request is repeated after a lost connection: the service may be restarting. [s]"""
 LONGEST_PAUSE = 60.0
 """Longest `Retry-After` that is followed. [s]"""
 BUSY = frozenset({429, 503})
 """Statuses after which a request is repeated."""
-NOT_IN_KEYS = re.compile(r"[^!-~]")
-"""A key goes into a header: printable ASCII without spaces."""
+NOT_IN_KEYS = re.compile(r"[^!-~]|[\"']")
+"""Characters that a key must not have, as it is sent in a header: all but printable ASCII without spaces or quotes."""
+PROXIES = ("ALL_PROXY", "HTTP_PROXY", "HTTPS_PROXY", "NO_PROXY")
+CERTIFICATES = ("SSL_CERT_FILE", "SSL_CERT_DIR")
+"""Variables that httpx reads."""
 PAGE_SIZE = 1000
 JSON, CSV, PARQUET = "application/json", "text/csv", "application/vnd.apache.parquet"
 
@@ -42,7 +47,7 @@ def connect(address: str, *, socket: str | None = None, **options: Any) -> Itera
     Raises
     ------
     CommandError
-        If the address is not an HTTP address, or no header can hold the API key.
+        If the address is not an HTTP address, no header can hold the API key, or a variable is wrong.
     """
     key = os.environ.get(API_KEY, "").strip()
     if stray := NOT_IN_KEYS.search(key):
@@ -54,13 +59,39 @@ def connect(address: str, *, socket: str | None = None, **options: Any) -> Itera
         url = httpx.URL()
     if url.scheme not in {"http", "https"} or not url.host:
         raise CommandError(f"{without_secrets(address)}: not the address of a service: must be http://HOST:PORT")
-    transport = None if socket is None else httpx.HTTPTransport(uds=socket)
     try:
+        transport = httpx.HTTPTransport(**direct) if (direct := direct_transport(url, socket)) else None
         http = httpx.Client(base_url=url, headers=headers, timeout=TIMEOUT, transport=transport, **options)
-    except ValueError:
-        raise CommandError("a variable such as HTTP_PROXY or ALL_PROXY is not the address of a proxy") from None
+    except (httpx.InvalidURL, ImportError, OSError, ValueError) as error:
+        raise CommandError(wrong_variables(error)) from None
     with http:
         yield Client(http, without_secrets(address), socket)
+
+
+def set_variables(names: Iterable[str]) -> list[str]:
+    """Return the variables of these names, in any case, that are set."""
+    return [name for name in os.environ if name.upper() in names and os.environ[name]]
+
+
+def direct_transport(url: httpx.URL, socket: str | None) -> dict[str, Any]:
+    """Return the options of a transport to this machine, which takes no proxy; nothing for another machine."""
+    loopback = url.host == "localhost"
+    with suppress(ValueError):
+        loopback = loopback or ip_address(url.host).is_loopback
+    return {"uds": socket, "trust_env": url.scheme == "https"} if loopback or socket else {}
+
+
+def wrong_variables(error: Exception) -> str:
+    """Return which variables of the environment a client cannot be made with; their values may hold passwords."""
+    names = set_variables(CERTIFICATES if isinstance(error, OSError) else PROXIES)
+    if isinstance(error, ImportError):
+        names = [name for name in names if os.environ[name].startswith("socks")]
+        detail = "names a SOCKS proxy, which needs the package httpx[socks]"
+    elif isinstance(error, OSError):
+        detail = f"names no certificates: {reason_of(error)}"
+    else:
+        detail = "is not the address of a proxy, or of NO_PROXY the names of hosts, ::1 without brackets"
+    return f"{' or '.join(names) or 'the proxy of the system'} {detail}"
 
 
 class Client:
@@ -84,7 +115,8 @@ class Client:
 
     def asynchronous(self) -> httpx.AsyncClient:
         """Return connections to the same service whose requests end as soon as they are cancelled."""
-        transport = None if self._socket is None else httpx.AsyncHTTPTransport(uds=self._socket)
+        direct = direct_transport(self._http.base_url, self._socket)
+        transport = httpx.AsyncHTTPTransport(**direct) if direct else None
         return httpx.AsyncClient(
             base_url=self._http.base_url, headers=self._http.headers, timeout=TIMEOUT, transport=transport
         )
@@ -190,7 +222,10 @@ class Client:
     def _unreachable(self, error: httpx.TransportError) -> CommandError:
         """Return the error of a service without an answer; a protocol error may quote what was sent."""
         quotes = isinstance(error, httpx.LocalProtocolError)
-        reason = type(error).__name__ if quotes else str(error) or type(error).__name__
+        reason = type(error).__name__ if quotes else reason_of(error) or type(error).__name__
+        if not direct_transport(self._http.base_url, self._socket):
+            names = set_variables(("ALL_PROXY", f"{self._http.base_url.scheme.upper()}_PROXY"))
+            reason += f" (through the proxy of {' or '.join(names)})" if names else ""
         return CommandError(f"no service answers at {self._address}: {reason}", FAILED)
 
 
@@ -242,7 +277,11 @@ def refusal(response: httpx.Response) -> RefusedError:
     problem: Any = None
     if response.headers.get("content-type", "").startswith("application/problem+json"):
         problem = parse(response)
-    return RefusedError(problem or {"type": "about:blank", "title": f"{response.status_code} {response.reason_phrase}"})
+    problem = problem or {"type": "about:blank", "title": f"{response.status_code} {response.reason_phrase}"}
+    if response.status_code == HTTPStatus.UNAUTHORIZED:
+        reason = problem.get("detail", "another API key") if os.environ.get(API_KEY) else "not set"
+        problem = {**problem, "status": response.status_code, "detail": f"{API_KEY}: {reason}"}
+    return RefusedError(problem)
 
 
 def retry_pause(response: httpx.Response) -> float:

@@ -6,7 +6,7 @@ from datetime import UTC, datetime
 from typing import TYPE_CHECKING
 
 from service.auth.api_keys import SCOPES
-from service.cli.arguments import FAILED, CommandError, add_actions, examples, read_settings
+from service.cli.arguments import FAILED, CommandError, add_actions, examples, read_settings, reason_of
 
 if TYPE_CHECKING:
     from service.auth.api_keys import ApiKey
@@ -75,7 +75,7 @@ def run_keys(args: argparse.Namespace) -> int:
         elif revoke_key(folder, args.id) is None:
             raise CommandError(f"there is no key {args.id}", FAILED)
     except (KeysUnreadableError, OSError) as error:
-        raise CommandError(str(error), FAILED) from None
+        raise CommandError(reason_of(error), FAILED) from None
     return 0
 
 

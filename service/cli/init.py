@@ -4,7 +4,7 @@ import argparse
 from collections.abc import Iterator
 from pathlib import Path
 
-from service.cli.arguments import FAILED, CommandError, examples
+from service.cli.arguments import FAILED, CommandError, Parser, ending_of, examples
 
 STRIKE = """\
 # A strike, for `ricochet cra` and the other commands. SI units; angles in degrees from the inward normal of the face.
@@ -81,8 +81,7 @@ def add_init(parser: argparse.ArgumentParser) -> None:
 
 def run_init(args: argparse.Namespace) -> int:
     """Write the file."""
-    if args.file.suffix.lower() != ".toml":
-        raise CommandError(f"{args.file}: must end in .toml")
+    ending_of("FILE", args.file, [".toml"])
     try:
         with args.file.open("x", encoding="utf-8") as stream:
             stream.write(STRIKE)
@@ -98,10 +97,10 @@ def add_completion(parser: argparse.ArgumentParser) -> None:
     """Define `ricochet completion`."""
     parser.description = (
         "Print a script with which a shell completes commands, flags, their choices and files. Append it to ~/.bashrc "
-        "or ~/.zshrc."
+        "or ~/.zshrc, or write it to ~/.config/fish/completions/ricochet.fish."
     )
-    parser.epilog = examples("ricochet completion bash", "ricochet completion zsh")
-    parser.add_argument("shell", choices=("bash", "zsh"), help="the shell that reads it")
+    parser.epilog = examples("ricochet completion bash", "ricochet completion zsh", "ricochet completion fish")
+    parser.add_argument("shell", choices=("bash", "zsh", "fish"), help="the shell that reads it")
     parser.set_defaults(run=run_completion)
 
 
@@ -110,13 +109,19 @@ def run_completion(args: argparse.Namespace) -> int:
     from service.cli import COMMANDS, define
 
     flags, choices = [], []
+    fish = ["# Completion of ricochet"]
     for command in COMMANDS:
-        parser = argparse.ArgumentParser(prog=f"ricochet {command.name}")
+        parser = Parser(prog=f"ricochet {command.name}")
         define(command, parser)
+        fish.append(f"complete -c ricochet -n __fish_use_subcommand -x -a {command.name} -d '{command.help}'")
+        fish += _fish(command.name, parser)
         flags.append(f'                {command.name}) words="{" ".join(sorted(set(_words(parser))))}" ;;')
         for names, values in _choices(parser):
             places = "|".join(f'"{command.name} {name}"' for name in names)
             choices.append(f'        {places}) words="{" ".join(values)}" ;;')
+    if args.shell == "fish":
+        print("\n".join(fish))
+        return 0
     script = BASH % {
         "commands": " ".join(command.name for command in COMMANDS),
         "flags": "\n".join(flags),
@@ -133,6 +138,17 @@ def _actions(parser: argparse.ArgumentParser) -> Iterator[argparse.Action]:
         if isinstance(action, argparse._SubParsersAction):  # noqa: SLF001
             for subparser in action.choices.values():
                 yield from _actions(subparser)
+
+
+def _fish(command: str, parser: argparse.ArgumentParser) -> Iterator[str]:
+    """Yield the lines of fish for the flags of a command, and for the words that stand for themselves."""
+    for action in _actions(parser):
+        names = [f"-l {name[2:]}" if name.startswith("--") else f"-s {name[1:]}" for name in action.option_strings]
+        values = f"-x -a '{' '.join(map(str, action.choices))}'" if action.choices else ""
+        if names or values:
+            argument = values or ("" if action.nargs == 0 else "-r")
+            words = (f"complete -c ricochet -n '__fish_seen_subcommand_from {command}'", *names, argument)
+            yield " ".join(filter(None, words))
 
 
 def _words(parser: argparse.ArgumentParser) -> Iterator[str]:

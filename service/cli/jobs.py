@@ -25,11 +25,9 @@ from service.cli.arguments import (
 from service.cli.writers import (
     Counts,
     Item,
-    Report,
+    ProgressReport,
     SweepTable,
     Writer,
-    is_parquet,
-    is_table,
     open_output,
     print_table,
     print_values,
@@ -44,7 +42,7 @@ if TYPE_CHECKING:
 
 DEFAULT_URL = "http://127.0.0.1:8000"
 SHORTEST_PAUSE, LONGEST_PAUSE = 0.05, 0.5
-"""Between two requests for the results of a job. [s]"""
+"""Bounds of the pause between two requests for the results of a job. [s]"""
 ACTIONS = (
     ("list", "list the jobs, the newest first", "ricochet jobs list"),
     ("show", "print the state of a job", "ricochet jobs show ID --json"),
@@ -169,11 +167,9 @@ def write_results(
         Further writers of the results.
     """
     counts, results = Counts(), iter(results)
-    first = next(results)  # a request that is refused leaves an earlier output as it is
+    first = next(results)  # A request that is refused must not empty an earlier output.
     with open_output(args) as stream:
-        table = (
-            SweepTable(stream, args.operation, content) if is_table(args) else writer_for(args, stream, args.operation)
-        )
+        table = SweepTable(stream, args.operation, content) if args.csv else writer_for(args, stream, args.operation)
         writers = (table, *further, counts)
         with progress("computing") as report:
             for item in itertools.chain([first], results):
@@ -233,15 +229,14 @@ def follow(
         If the job fails or is cancelled.
     """
     counts = Counts()
-    as_table, as_parquet = is_table(args), is_parquet(args)
-    whole = as_table or as_parquet
+    whole = args.csv or args.parquet
     writers = [*further, counts] if whole else [writer_for(args, stream, job["operation"]), *further, counts]
-    if as_parquet:
-        client.parquet(job["id"], limit=1)  # refused now rather than at the end, where the service cannot write it
+    if args.parquet:
+        client.parquet(job["id"], limit=1)  # A service without Parquet refuses before the work.
     try:
         with progress("computing") as report:
             for page in pages(client, job["id"], report):
-                if as_table:
+                if args.csv:
                     table = client.table(job["id"], page.cursor, len(page.items))
                     stream.write(table if counts.total == 0 else without_header(table))
                     stream.flush()
@@ -250,7 +245,7 @@ def follow(
     except KeyboardInterrupt:
         print(how_to_continue(job, args), file=sys.stderr)
         raise
-    if as_parquet:
+    if args.parquet:
         stream.buffer.write(client.parquet(job["id"]))
         stream.flush()
     for writer in writers:
@@ -263,7 +258,7 @@ def follow(
     return counts.status
 
 
-def pages(client: "Client", job_id: str, report: Report) -> Iterator[Page]:
+def pages(client: "Client", job_id: str, report: ProgressReport) -> Iterator[Page]:
     """Yield the results of a job in order as they become ready, until it ends."""
     cursor, pause = "", SHORTEST_PAUSE
     while True:

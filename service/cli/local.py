@@ -19,6 +19,18 @@ def is_small(operation: str, count: int) -> bool:
     return count * OPERATIONS[operation].weight <= SMALL_CASES
 
 
+@contextmanager
+def refusals() -> Iterator[None]:
+    """Turn an error of a request or of its computation into the problem that a service would send."""
+    from service.errors import InvalidBodyError, problem_of
+    from solver import RicochetError
+
+    try:
+        yield
+    except (InvalidBodyError, RicochetError) as error:
+        raise RefusedError(problem_of(error)) from None
+
+
 def compute(name: str, body: dict[str, Any], report: Callable[[int, float | None], None] | None = None) -> bytes:
     """Return the answer that a service would send, computed in this process.
 
@@ -32,19 +44,19 @@ def compute(name: str, body: dict[str, Any], report: Callable[[int, float | None
     RefusedError
         If the request is invalid, or the computation fails.
     """
-    from service.errors import problem_of
     from service.operations import OPERATIONS
     from service.schemas.requests import alternatives_in, answered_alternative, with_alternatives
-    from solver import RicochetError
+    from service.validation import validated_as
 
     def solve_alternative(laws: dict[str, Any], request: Any) -> dict[str, Any]:
         try:
-            return answered_alternative(laws, _solve(name, request).answer)
-        except RicochetError as error:
-            return {**laws, "problem": {**problem_of(error), "instance": f"/{name}"}}
+            with refusals():
+                return answered_alternative(laws, _solve(name, request).answer)
+        except RefusedError as error:
+            return {**laws, "problem": {**error.problem, "instance": f"/{name}"}}
 
-    with _refusals():
-        request: Any = OPERATIONS[name].request.model_validate_json(json.dumps(body))
+    with refusals():
+        request: Any = validated_as(OPERATIONS[name].request, body)
         answer: bytes = _solve(name, request, report).json
     alternatives = [solve_alternative(*each) for each in alternatives_in(request)]
     return with_alternatives(answer, alternatives) if alternatives else answer
@@ -63,13 +75,21 @@ def judge(body: dict[str, Any], report: Callable[[int, float | None], None]) -> 
     RefusedError
         If the request is invalid, or the search fails.
     """
+    from pydantic import ValidationError
+
     from service.assessment import verdict_queries
+    from service.errors import InvalidBodyError, problem_of, validation_errors
     from service.schemas import ReportRequest, verdict_answer
+    from solver import ParameterError
 
     answers: dict[str, Any] = {}
-    with _refusals():
+    try:
         request = ReportRequest.model_validate_json(json.dumps(body))
         queries = verdict_queries(request)
+    except ValidationError as error:
+        raise RefusedError(problem_of(InvalidBodyError(validation_errors(error.errors())))) from None
+    except ParameterError as error:
+        raise RefusedError(problem_of(error)) from None
     for name, (operation, content) in queries.items():
         try:
             answers[name] = json.loads(compute(operation, content, report if name == "uncertainty" else None))
@@ -90,26 +110,11 @@ def usual_scatter(body: dict[str, Any]) -> list[dict[str, Any]]:
     """
     from service.schemas.requests import CriticalAngleBase
     from service.schemas.verdict import usual_inputs
+    from service.validation import validated_as
 
-    with _refusals():
+    with refusals():
         strike = {name: part for name, part in body.items() if name in CriticalAngleBase.model_fields}
-        return usual_inputs(CriticalAngleBase.model_validate_json(json.dumps(strike)))
-
-
-@contextmanager
-def _refusals() -> Iterator[None]:
-    """Raise RefusedError for an invalid request, or for a computation that fails."""
-    from pydantic import ValidationError
-
-    from service.errors import InvalidBodyError, problem_of, validation_errors
-    from solver import RicochetError
-
-    try:
-        yield
-    except ValidationError as error:
-        raise RefusedError(problem_of(InvalidBodyError(validation_errors(error.errors())))) from None
-    except RicochetError as error:
-        raise RefusedError(problem_of(error)) from None
+        return usual_inputs(validated_as(CriticalAngleBase, strike))
 
 
 def compute_sweep(operation: str, content: dict[str, Any]) -> Iterator[Item]:
@@ -130,7 +135,9 @@ def compute_sweep(operation: str, content: dict[str, Any]) -> Iterator[Item]:
     from service.errors import case_problem
     from solver import RicochetError
 
-    for number, (point, request) in enumerate(_points(operation, content)):
+    with refusals():
+        points = _points(operation, content)
+    for number, (point, request) in enumerate(points):
         item: dict[str, Any] = {"index": number, "point": point}
         try:
             yield item | {"result": json.loads(_solve(operation, request).json)}
@@ -151,38 +158,18 @@ def _solve(name: str, request: Any, report: Callable[[int, float | None], None] 
 
 def _points(operation: str, content: dict[str, Any]) -> list[tuple[dict[str, float], Any]]:
     """Return the values of the axes and the validated request of every point."""
-    from pydantic import ValidationError
-
-    from service.errors import InvalidBodyError, field_errors, problem_of, validation_errors
     from service.operations import OPERATIONS
-    from service.schemas import sweeps
-    from solver import ParameterError
+    from service.schemas.sweeps import Outline
+    from service.validation import errors_of_point, grid_of, validated_as
 
     many = OPERATIONS[operation].many
     assert many is not None  # noqa: S101 (a choice of the command)
-    base = many.models.base
-
-    def refused(errors: list[dict[str, str]]) -> RefusedError:
-        return RefusedError(problem_of(InvalidBodyError(errors)))
-
-    try:
-        outline = sweeps.Outline.model_validate(content)
-    except ValidationError as error:
-        raise refused(validation_errors(error.errors())) from None
-    try:
-        base.model_validate(outline.base)
-        grid = sweeps.Grid(base, outline)
-    except ValidationError as error:
-        raise refused(validation_errors(error.errors(), "/base")) from None
-    except sweeps.AxisError as error:
-        raise refused([{"pointer": error.pointer, "detail": error.detail}]) from None
+    model: Any = many.models.base
+    grid = grid_of(model, validated_as(Outline, content))
     found = []
     for number, values in enumerate(grid.points()):
-        try:
-            request = base.model_validate(grid.request(values))
+        with errors_of_point(grid, number, values):
+            request = model.model_validate(grid.request(values))
             request.canonical()
-        except (ValidationError, ParameterError) as error:
-            errors = field_errors(error) if isinstance(error, ParameterError) else validation_errors(error.errors())
-            raise refused([each | {"pointer": grid.pointer(number, each["pointer"])} for each in errors]) from None
         found.append((dict(zip(grid.fields, values, strict=True)), request))
     return found

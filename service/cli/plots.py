@@ -6,7 +6,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from service.cli.arguments import FAILED, CommandError
+from service.cli.arguments import FAILED, CommandError, ending_of
 from service.cli.writers import Item, heading
 
 if TYPE_CHECKING:
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 SUFFIXES = (".png", ".svg", ".pdf")
 SNAPSHOTS = 5
 MARGIN = 0.08
-"""Space around the projectile. [its length]"""
+"""Space that is shown around the projectile, over its length. [1]"""
 SQUARE, WIDE = (6.0, 4.0), (8.0, 4.0)
 """Figure sizes. [in]"""
 PLOTTED = {
@@ -37,8 +37,7 @@ def check_plot(path: Path) -> None:
     CommandError
         If the file type or the folder is wrong, or matplotlib is not installed.
     """
-    if path.suffix.lower() not in SUFFIXES:
-        raise CommandError(f"--plot {path}: must end in {', '.join(SUFFIXES)}")
+    ending_of("--plot", path, SUFFIXES)
     if not path.absolute().parent.is_dir():
         raise CommandError(f"--plot {path}: the folder does not exist")
     try:

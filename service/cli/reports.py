@@ -18,9 +18,10 @@ from service.cli.arguments import (
     RefusedError,
     add_case,
     add_url,
+    ending_of,
     examples,
 )
-from service.cli.local import compute
+from service.cli.local import compute, refusals
 from service.cli.request_body import read_body
 from service.cli.writers import progress
 
@@ -79,9 +80,7 @@ def run_report(args: argparse.Namespace) -> int:
         If there is none, or the file cannot be written.
     """
     output: Path = args.output
-    kind = output.suffix.lower()
-    if kind not in {".html", ".pdf"}:
-        raise CommandError(f"--output {output}: must end in .html or .pdf")
+    kind = ending_of("--output", output, (".html", ".pdf"))
     browser = find_browser() if kind == ".pdf" else ""
     body = read_body(args.case, args, REPORT_FLAGS)
     try:
@@ -110,23 +109,18 @@ def _make_report(body: dict[str, Any]) -> bytes:
     """Compute a report in this process; a bar on standard error shows the searches done."""
     from datetime import UTC, datetime
 
-    from pydantic import ValidationError
-
     from service.assessment import Query, first_queries, require_extra, strike_queries, write_page
-    from service.errors import InvalidBodyError, ReportsMissingError, problem_of, validation_errors
+    from service.errors import ReportsMissingError
     from service.schemas import ReportRequest
-    from solver import ParameterError
+    from service.validation import validated_as
 
     try:
         require_extra()
-        request = ReportRequest.model_validate_json(json.dumps(body))
-        request.check()
     except ReportsMissingError as error:
         raise CommandError(str(error), FAILED) from None
-    except ValidationError as error:
-        raise RefusedError(problem_of(InvalidBodyError(validation_errors(error.errors())))) from None
-    except ParameterError as error:
-        raise RefusedError(problem_of(error)) from None
+    with refusals():
+        request = validated_as(ReportRequest, body)
+        request.check()
 
     answers: dict[str, Any] = {}
 
@@ -177,7 +171,7 @@ def print_pdf(browser: str, page: bytes, output: Path) -> None:
     OSError
         If the file cannot be written.
     """
-    # beside the output: a browser in a container of its distribution sees no other temporary folder
+    # The folder is beside the output, as a browser in a container of its distribution sees no other temporary folder.
     with tempfile.TemporaryDirectory(
         prefix="ricochet-", dir=output.absolute().parent, ignore_cleanup_errors=True
     ) as folder:
@@ -185,7 +179,7 @@ def print_pdf(browser: str, page: bytes, output: Path) -> None:
         source.write_bytes(page)
         command = [browser, *PRINTING, f"--user-data-dir={folder}/profile", f"--print-to-pdf={target}"]
         if getattr(os, "geteuid", lambda: 1)() == 0:
-            command.append("--no-sandbox")  # root cannot have one; the page is this command's and runs no script
+            command.append("--no-sandbox")  # Root cannot have a sandbox; this page runs no script.
         try:
             done = subprocess.run(  # noqa: S603 (a browser on PATH, with a file of this command)
                 [*command, source.as_uri()], capture_output=True, text=True, timeout=PRINT_SECONDS, check=False

@@ -1,27 +1,17 @@
 """The request body of one case, from a file and from flags, and errors that name the file or flag of a field."""
 
 import argparse
-import difflib
 import json
-import math
-import re
 import sys
 import tomllib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from service.cli.arguments import MODEL_NAMES, CommandError, Flag, RefusedError
-from service.cli.writers import UNITS, unit_of
 
 STDIN = "-"
-UNKNOWN = "Extra inputs are not permitted"
-"""How validation refuses a field that a request does not have."""
-BOUND = re.compile(r"(than|equal to) (-?[\d.]+(e[+-]?\d+)?)$")
-"""Bound at the end of an error of validation, which has no unit."""
-CLOSE = 0.8
-"""Likeness of two names from which one may be meant as the other, by difflib."""
 WALL_PARTS = {"projectile", "target", "impact", "resistance", "numerics"}
 SOUGHT = {"thickness": ("target", "thickness_m"), "limit-speed": ("impact", "velocity_m_s")}
 """Field that a search for perforation finds, by operation."""
@@ -50,7 +40,6 @@ class RequestBody:
 
     def describe(self, pointer: str, detail: str) -> str:
         """Return an error at a pointer, with the flag or the file of that field."""
-        detail = explained(pointer, detail, self.value_at(pointer))
         if pointer in self.given:
             return f"{self.given[pointer]}: {detail}"
         if self.file is not None:
@@ -92,74 +81,12 @@ def read_body(file: str | Path | None, args: argparse.Namespace, flags: Sequence
             given[flag.pointer] = flag.name
     for part in MODEL_NAMES:
         chosen = [(flag, getattr(args, "/".join(flag.steps))) for flag in flags if flag.steps[:-1] == part]
-        _put_model(content, part, [(flag, value) for flag, value in chosen if value is not None])
+        put_model(content, part, [(flag, value) for flag, value in chosen if value is not None])
     for text in getattr(args, "set", ()):
         field, value = _split(text)
-        _put_field(content, field.split("."), value, text)
+        put_field(content, field.split("."), value, f"--set {text}")
         given["/" + field.replace(".", "/")] = f"--set {text}"
     return RequestBody(content, None if file is None else str(file), {flag.pointer: flag for flag in flags}, given)
-
-
-def explained(pointer: str, detail: str, *values: Any) -> str:
-    """Return an error of validation with the unit of its bound, or the field that an unknown one may be meant as.
-
-    A value of the field that is outside the bounds of the solver gets the error of the solver, which also names the
-    unit that the number may have been meant in.
-    """
-    if detail.startswith(UNKNOWN):
-        return detail + _suggestion(pointer)
-    if found := _bound_error(pointer, values):
-        return found
-    unit = unit_of(pointer)
-    return f"{detail}{'' if unit == '°' else ' '}{unit}" if unit and BOUND.search(detail) else detail
-
-
-def _bound_error(pointer: str, values: Iterable[Any]) -> str | None:
-    """Return the solver's error for the first of these values of a field that is outside its bounds, if any."""
-    from solver import ParameterError
-    from solver.checks import BOUNDS, require_bounds
-
-    suffix = next((suffix for suffix in UNITS if pointer.endswith(suffix)), "")
-    field = pointer.strip("/").replace("/", ".").removesuffix(suffix)
-    for value in values if field in BOUNDS else ():
-        if isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value):
-            try:
-                require_bounds(field, value)
-            except ParameterError as error:
-                return error.requirement
-    return None
-
-
-def _suggestion(pointer: str) -> str:
-    """Return the end of an error for an unknown field: the field it may be meant as, or those beside it."""
-    from service.schemas import CriticalAngleRequest, TrajectoryRequest
-    from service.schemas.sweeps import schema_of
-
-    field = pointer.strip("/").replace("/", ".")
-    models = (CriticalAngleRequest, TrajectoryRequest)
-    known = sorted({name for model in models for name in _field_names(schema_of(model))})
-    if field in known:  # of another request
-        return ""
-    holder, _, last = field.rpartition(".")
-    anywhere = {name.rpartition(".")[2]: name for name in known}
-    beside = {name.rpartition(".")[2]: name for name in known if name.rpartition(".")[0] == holder}
-    for names in (beside, anywhere):
-        without_unit = [name for name in names if name.startswith(f"{last}_")]
-        if close := without_unit or difflib.get_close_matches(last, names, 1, CLOSE):
-            return f"; did you mean `{names[close[0]]}`?"
-    return f"; {holder} has {', '.join(beside)}" if beside and holder else ""
-
-
-def _field_names(schema: dict[str, Any], node: dict[str, Any] | None = None, before: str = "") -> Iterator[str]:
-    """Yield the fields of a schema, and of its parts."""
-    node = schema if node is None else node
-    while "$ref" in node:
-        node = schema["$defs"][node["$ref"].rpartition("/")[2]]
-    for variant in node.get("oneOf", node.get("anyOf", ())):
-        yield from _field_names(schema, variant, before)
-    for name, field in node.get("properties", {}).items():
-        yield f"{before}{name}"
-        yield from _field_names(schema, field, f"{before}{name}.")
 
 
 def without_sought(body: RequestBody, operation: str) -> RequestBody:
@@ -187,7 +114,7 @@ def _put_number(body: dict[str, Any], flag: Flag, value: float | None) -> None:
         parent[flag.steps[-1]] = value
 
 
-def _put_model(body: dict[str, Any], part: tuple[str, ...], chosen: Sequence[tuple[Flag, Any]]) -> None:
+def put_model(body: dict[str, Any], part: tuple[str, ...], chosen: Sequence[tuple[Flag, Any]]) -> None:
     """Set a part of several models from its flags; the model of the file stays if it has their fields.
 
     Raises
@@ -217,15 +144,16 @@ def _split(text: str) -> tuple[str, Any]:
     try:
         return field, json.loads(value)
     except (ValueError, RecursionError):
-        return field, value  # a word, such as the name of a model
+        return field, value  # The value is a word, such as the name of a model.
 
 
-def _put_field(body: dict[str, Any], steps: Sequence[str], value: Any, text: str) -> None:
+def put_field(body: dict[str, Any], steps: Sequence[str], value: Any, text: str) -> None:
+    """Set any field of a body; the text is that of the user, for the error if what holds it is not an object."""
     parent = body
     for step in steps[:-1]:
         parent = parent.setdefault(step, {})
         if not isinstance(parent, dict):
-            raise CommandError(f"--set {text}: {step} is not an object")
+            raise CommandError(f"{text}: {step} is not an object")
     parent[steps[-1]] = value
 
 
@@ -237,14 +165,14 @@ def read_object(file: str | Path) -> dict[str, Any]:
     CommandError
         If the file cannot be read or parsed, or holds something else.
     """
-    text = _read_text(file)
+    text = read_text(file)
     try:
         content = _parse_toml(text) if Path(file).suffix.lower() == ".toml" else json.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise CommandError(f"{file}: not TOML: {error}") from None
     except json.JSONDecodeError as error:
         raise CommandError(f"{file}:{error.lineno}: not JSON: {error.msg}") from None
-    except ValueError as error:  # a number with thousands of digits
+    except ValueError as error:  # A number has thousands of digits.
         raise CommandError(f"{file}: {error}") from None
     except RecursionError:
         raise CommandError(f"{file}: nested too deep") from None
@@ -258,7 +186,14 @@ def _parse_toml(text: str) -> Any:
     return json.loads(json.dumps(tomllib.loads(text), default=str))
 
 
-def _read_text(file: str | Path) -> str:
+def read_text(file: str | Path) -> str:
+    """Return the text of a file or, for -, of standard input.
+
+    Raises
+    ------
+    CommandError
+        If it cannot be read, is empty or is not UTF-8.
+    """
     try:
         content = sys.stdin.buffer.read() if str(file) == STDIN else Path(file).read_bytes()
     except OSError as error:

@@ -22,6 +22,7 @@ from service.cli.arguments import (
     add_url,
     examples,
     read_settings,
+    reason_of,
 )
 
 if TYPE_CHECKING:
@@ -41,11 +42,13 @@ def add_serve(parser: argparse.ArgumentParser) -> None:
         "Run the service until SIGTERM or Ctrl-C. It is configured by RICOCHET_HOST, RICOCHET_PORT, RICOCHET_DATA_DIR, "
         "RICOCHET_WORKERS and the other variables of docs/operating.md."
     )
-    parser.epilog = examples("RICOCHET_PORT=9000 ricochet serve")
+    parser.epilog = examples("ricochet serve --port 9000")
+    parser.add_argument("--host", help="address to listen on, in place of RICOCHET_HOST (default: 127.0.0.1)")
+    parser.add_argument("--port", help="port to listen on, in place of RICOCHET_PORT (default: 8000)")
     parser.set_defaults(run=run_serve)
 
 
-def run_serve(_: argparse.Namespace) -> int:
+def run_serve(args: argparse.Namespace) -> int:
     """Run the service until SIGTERM or SIGINT.
 
     Raises
@@ -53,7 +56,8 @@ def run_serve(_: argparse.Namespace) -> int:
     CommandError
         If the service cannot start.
     """
-    settings = read_settings()
+    flags = {"host": args.host, "port": args.port}
+    settings = read_settings(**{name: value for name, value in flags.items() if value is not None})
     asyncio.run(check_address(settings.host, settings.port))
 
     from service.api.app import create_app
@@ -74,13 +78,13 @@ def run_serve(_: argparse.Namespace) -> int:
         raise CommandError(str(error), NOT_STARTED) from None
     check_access(settings, app.state.services.keys)
     check_proxy(settings)
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))  # uvicorn raises it again after its shutdown
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))  # Uvicorn raises it again after its shutdown.
     server = Server(app, settings, lambda port: print_address(settings, port))
     try:
         with suppress(KeyboardInterrupt):
             server.run()
     except (FolderInUseError, ExecutorError, OSError) as error:
-        raise CommandError(str(error), NOT_STARTED) from None
+        raise CommandError(reason_of(error), NOT_STARTED) from None
     except Exception:
         log.exception("the service failed")
         return FAILED
@@ -99,7 +103,7 @@ async def check_address(host: str, port: int) -> None:
         server = await asyncio.get_running_loop().create_server(asyncio.Protocol, host, port, start_serving=False)
     except OSError as error:
         if error.errno == errno.EADDRINUSE:
-            text = f"port {port} of {host} is in use; choose another with RICOCHET_PORT"
+            text = f"port {port} of {host} is in use; choose another with --port or RICOCHET_PORT"
         else:
             text = f"cannot listen on port {port} of {host}: {error.strerror or error}"
         raise CommandError(text, NOT_STARTED) from None
@@ -202,7 +206,7 @@ async def serve_tools(client: "Client") -> None:
     async def compute(operation: str, body: Mapping[str, Any], _: Any) -> dict[str, Any]:
         try:
             answer = await client.compute_until_cancelled(http, operation, dict(body))
-            if "key" not in answer:  # a job: more samples than are answered at once
+            if "key" not in answer:  # The answer is a job.
                 await http.delete(path_of(answer["id"]))
                 detail = "more samples than are answered at once: lower it"
                 raise InvalidBodyError([{"pointer": "/sampling/max_samples", "detail": detail}])

@@ -35,7 +35,7 @@ IDLE_SECONDS = 10
 TERMINATED = 143
 """Exit status after SIGTERM, as shells report it."""
 PROGRESS_SECONDS = 5.0
-"""Between two log lines while the solver is being compiled."""
+"""Time between two lines of the log while the solver is being compiled. [s]"""
 
 log = logging.getLogger(__name__)
 
@@ -99,7 +99,7 @@ class Server(uvicorn.Server):
                 progress = compilation_progress()
                 if progress.left:
                     log.info("%s", progress)
-        if self.should_exit:  # workers that compile the solver would hold up the end for minutes
+        if self.should_exit:  # Workers that compile would delay the end by minutes.
             starting.cancel()
             await asyncio.gather(starting, return_exceptions=True)
             await self._lifespan.aclose()
@@ -142,7 +142,7 @@ def local_server(data_dir: Path | None) -> Iterator[Client]:
     CommandError
         If the folder belongs to a running service, or the workers cannot be started.
     """
-    previous = signal.signal(signal.SIGTERM, lambda *_: sys.exit(TERMINATED))  # unwinds the contexts below
+    previous = signal.signal(signal.SIGTERM, lambda *_: sys.exit(TERMINATED))  # Unwinds the contexts below.
     with (
         tempfile.TemporaryDirectory(prefix="ricochet-") as folder,
         tempfile.TemporaryDirectory(prefix="ricochet-", dir=socket_folder()) as sockets,
@@ -156,7 +156,7 @@ def local_server(data_dir: Path | None) -> Iterator[Client]:
         try:
             with progress("starting"):
                 started.result()
-            with connect("http://ricochet", socket=socket_path, trust_env=False) as client:
+            with connect("http://ricochet", socket=socket_path) as client:
                 yield client
         except FolderInUseError as error:
             raise CommandError(f"{error}; use that service with --url", FAILED) from None

@@ -76,7 +76,7 @@ def add_operation_command(commands: Any, name: str) -> argparse.ArgumentParser |
 
     if name not in OPERATIONS or OPERATIONS[name].many is None:
         return None
-    parser: argparse.ArgumentParser = commands.add_parser(name, allow_abbrev=False)
+    parser: argparse.ArgumentParser = commands.add_parser(name)
     parser.description = OPERATIONS[name].description
     add_case(parser, ())
     add_url(parser)

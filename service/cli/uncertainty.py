@@ -39,7 +39,7 @@ PARAMETERS = {
 """Numbers of a distribution on the command line, in order."""
 UNFINISHED = frozenset({"accepted", "running"})
 POLL_SECONDS = 0.2
-"""Between two looks at a job."""
+"""Time between two requests for the state of a job. [s]"""
 WIDE = (7.0, 4.0)
 """Figure size. [in]"""
 
@@ -250,7 +250,7 @@ def _number(word: str, text: str) -> float | str:
     except ValueError:
         if not word:
             raise CommandError(f"--uncertain {text}: a value is missing") from None
-        return word  # the name of a model, or what validation refuses
+        return word  # It is the name of a model, or validation refuses it.
 
 
 def print_answer(answer: Mapping[str, Any]) -> None:

@@ -17,6 +17,7 @@ from service.cli.arguments import (
     add_case,
     add_formats,
     add_url,
+    add_verbose,
     examples,
 )
 from service.cli.request_body import SOUGHT, read_body, without_sought
@@ -26,7 +27,7 @@ from service.cli.writers import heading, print_table, print_values, print_warnin
 STRIKE_FLAGS = (*IMPACT, *(flag for flag in BODY if flag.steps != SOUGHT["thickness"]), *RESISTANCE)
 WALL_FLAGS = (OBLIQUE_ANGLE, *ATTACK, *BODY, *RESISTANCE)
 FORMULA_VALUES = {"least_thickness_m": "perforation_thickness_m", "limit_speed_m_s": "limit_speed_m_s"}
-"""What formulas give for what was sought."""
+"""Value of the formulas that is compared with the value sought, by the name of the latter."""
 
 
 def add_thickness(parser: argparse.ArgumentParser) -> None:
@@ -41,6 +42,7 @@ def add_thickness(parser: argparse.ArgumentParser) -> None:
     )
     add_case(parser, STRIKE_FLAGS)
     add_formats(parser, json="print the answer as the service sends it", csv="print the thicknesses tried")
+    add_verbose(parser, "print the thicknesses tried too")
     add_url(parser)
     parser.set_defaults(run=run_thickness)
 
@@ -54,6 +56,7 @@ def add_limit_speed(parser: argparse.ArgumentParser) -> None:
     parser.epilog = examples("ricochet limit-speed strike.toml --thickness 0.2 --angle 20")
     add_case(parser, WALL_FLAGS)
     add_formats(parser, json="print the answer as the service sends it", csv="print the speeds tried")
+    add_verbose(parser, "print the speeds tried too")
     add_url(parser)
     parser.set_defaults(run=run_limit_speed)
 
@@ -81,13 +84,14 @@ def _print(args: argparse.Namespace, text: bytes, value: str, bracket: str) -> i
     elif args.csv:
         print_csv(columns)
     else:
-        print_table([heading(name) for name in columns], list(zip(*columns.values(), strict=True)))
-        print()
         print_values(_found(answer, value, bracket))
         if rows := answer.get("formulas"):
             print()
             name = FORMULA_VALUES[value]
             print_table(["formula", heading(name), "range"], [[row["formula"], row[name], _range(row)] for row in rows])
+        if args.verbose:
+            print()
+            print_table([heading(name) for name in columns], list(zip(*columns.values(), strict=True)))
         print_warnings(answer["warnings"])
     return 0
 

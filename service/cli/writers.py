@@ -2,6 +2,7 @@
 
 import argparse
 import csv
+import re
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -10,11 +11,11 @@ from typing import Any, Protocol, TextIO, TypeAlias
 import orjson
 
 from service.cli.arguments import FAILED, SOME_FAILED, CommandError, problem_text
-from service.columns import batch_columns, batch_row, csv_cells, summarize
+from service.columns import base_of, batch_columns, batch_row, csv_cells, summarize
 
 Item: TypeAlias = Mapping[str, Any]
 """Result or problem of one case of a job."""
-Report: TypeAlias = Callable[..., None]
+ProgressReport: TypeAlias = Callable[..., None]
 """Called with the number of finished cases and the total."""
 
 HEAD_ROWS = 20
@@ -42,6 +43,8 @@ UNITS = {
 }
 """Units by the suffix of a field's name, the longest first."""
 DIGITS = 5
+NUMERAL = re.compile(r"([-+]?[\d.]+(e[-+]?\d+)?)?|nan|-?inf")
+"""Number in a table, or an empty cell."""
 
 
 class Writer(Protocol):
@@ -62,7 +65,7 @@ class JsonLines:
 
     def write(self, items: Sequence[Item]) -> None:
         """Write a line for each result and flush, so that the reader of a pipe gets them at once."""
-        self._stream.write(b"".join(orjson.dumps(item) + b"\n" for item in items).decode())
+        self._stream.buffer.write(b"".join(orjson.dumps(item) + b"\n" for item in items))  # JSON is UTF-8 everywhere.
         self._stream.flush()
 
     def close(self) -> None:
@@ -70,13 +73,13 @@ class JsonLines:
 
 
 class SweepTable:
-    """Results of a sweep as CSV, with the base as a comment, as the service sends them."""
+    """Results of a sweep as CSV, with the base in columns, as the service sends them."""
 
     def __init__(self, stream: TextIO, operation: str, content: Mapping[str, Any]) -> None:
         self._stream = stream
         self._operation = operation
-        self._base = content["base"]
         self._fields = tuple(axis["field"] for axis in content["axes"])
+        self._base = base_of(content["base"], self._fields)
         self._rows = csv.writer(stream, lineterminator="\n")
         self._begun = False
 
@@ -86,12 +89,12 @@ class SweepTable:
 
         columns = OPERATIONS[self._operation].columns
         if not self._begun:
-            self._stream.write(f"# base: {orjson.dumps(self._base).decode()}\n")
-            self._rows.writerow([column.name for column in batch_columns(columns, self._fields)])
+            names = [column.name for column in batch_columns(columns, self._fields)]
+            self._rows.writerow([*names, *self._base])
             self._begun = True
         for item in items:
             point = tuple(item["point"][field] for field in self._fields)
-            self._rows.writerow(csv_cells(batch_row(columns, item, point)))
+            self._rows.writerow(csv_cells([*batch_row(columns, item, point), *self._base.values()]))
         self._stream.flush()
 
     def close(self) -> None:
@@ -149,21 +152,6 @@ class Counts:
         return f"{self.total} cases, {self.failed} of them with a problem"
 
 
-def is_table(args: argparse.Namespace) -> bool:
-    """Return whether the results are written as CSV: by `--csv`, or into a file whose name ends in .csv."""
-    return bool(args.csv or _is_named(args, ".csv"))
-
-
-def is_parquet(args: argparse.Namespace) -> bool:
-    """Return whether the results are written as Parquet: by `--parquet`, or into a file whose name ends in .parquet."""
-    return bool(args.parquet or _is_named(args, ".parquet"))
-
-
-def _is_named(args: argparse.Namespace, ending: str) -> bool:
-    given = args.json or args.csv or args.parquet
-    return bool(args.output and not given and args.output.suffix.lower() == ending)
-
-
 @contextmanager
 def open_output(args: argparse.Namespace) -> Iterator[TextIO]:
     """Open the file of `--output`, or standard output.
@@ -174,7 +162,7 @@ def open_output(args: argparse.Namespace) -> Iterator[TextIO]:
         If the file cannot be written, or Parquet would go to a terminal.
     """
     if args.output is None:
-        if is_parquet(args) and sys.stdout.isatty():
+        if args.parquet and sys.stdout.isatty():
             raise CommandError("Parquet is not for a terminal: name a file with -o")
         yield sys.stdout
         return
@@ -211,11 +199,11 @@ def cell(value: Any) -> str:
     return "" if value is None else str(value).replace("\x1b", "")
 
 
-def print_table(columns: Sequence[str], rows: Sequence[Sequence[Any]], stream: TextIO | None = None) -> None:
+def print_table(columns: Sequence[str], rows: Sequence[Sequence[Any]]) -> None:
     """Print a table, with rules on a terminal and as aligned columns elsewhere; numbers are aligned right."""
-    stream = stream or sys.stdout
+    stream = sys.stdout
     cells = [list(map(cell, row)) for row in rows]
-    right = [all(isinstance(row[i], int | float) or row[i] == "" for row in rows) for i in range(len(columns))]
+    right = [all(NUMERAL.fullmatch(line[i]) for line in cells) for i in range(len(columns))]
     if stream.isatty():
         _print_ruled(columns, cells, right, stream)
         return
@@ -267,7 +255,7 @@ def _print_ruled(columns: Sequence[str], cells: Sequence[Sequence[str]], right: 
 
 
 @contextmanager
-def progress(description: str) -> Iterator[Report]:
+def progress(description: str) -> Iterator[ProgressReport]:
     """Show a progress bar on standard error if it is a terminal; the bar disappears at the end."""
     if not sys.stderr.isatty():
         yield lambda *_: None

@@ -35,12 +35,13 @@ from service.readers.table import (
     read_table,
 )
 from solver import Impact, Projectile, Shot
+from solver.arrays import FloatArray
 from solver.calibration import DepthTest, MotionHistory, ObliquityPoint
 
 TEST_NUMBERS = (
     Quantity("velocity", SPEED, ("striking_velocity", "impact_velocity"), required=True),
     Quantity("depth", LENGTH, ("penetration_depth",), required=True),
-    Quantity("mass", MASS),
+    Quantity("mass", MASS, ("projectile_mass",)),
     Quantity("weight", PURE),
 )
 SHOT_NUMBERS = (*TEST_NUMBERS[:3], Quantity("diameter", LENGTH))
@@ -361,6 +362,8 @@ def _check_speed(readings: Readings, expected: Expected) -> None:
     for name in share.keys() & readings.values.keys():
         way = abs(readings.values[name])
         _refuse(readings, way > MAX_SPEED_RATIO * free + 0.5 * expected.projectile.diameter, name, "more", impact)
+        most = MAX_SPEED_RATIO * impact.velocity * np.diff(time) + 0.5 * expected.projectile.diameter
+        _refuse_step(readings, most, name, impact)
         # At half of its way the projectile has not been slow for long.
         half = np.arange(len(time)) == (int(np.argmax(way >= 0.5 * way.max())) if way.any() else len(time) - 1)
         _refuse(readings, half & (way < MIN_SPEED_RATIO * share[name] * free), name, "much less", impact)
@@ -369,6 +372,24 @@ def _check_speed(readings: Readings, expected: Expected) -> None:
         rate = MAX_SPEED_RATIO * impact.velocity / (0.5 * expected.projectile.length) + abs(impact.angular_velocity)
         most = rate * time + ROTATION_SCATTER
         _refuse(readings, turned > most, "rotation", "more", impact)
+        _refuse_step(readings, rate * np.diff(time) + ROTATION_SCATTER, "rotation", impact)
+
+
+def _refuse_step(readings: Readings, most: FloatArray, name: str, impact: Impact) -> None:
+    """Raise an error for the first step between two rows that is larger than a motion can make.
+
+    Rows are missing or in another run there, or an angle starts again at a full turn.
+    """
+    column, time = readings.values[name], readings.values["time"]
+    rows = np.flatnonzero(abs(np.diff(column)) > most)
+    if rows.size:
+        row = int(rows[0]) + 1
+        raise readings.error(
+            row,
+            f"{name} goes from {column[row - 1]:.4g} to {column[row]:.4g} {SI_UNIT[name]} within "
+            f"{time[row] - time[row - 1]:.4g} s, more than possible after an impact at {impact.velocity:g} m/s "
+            "(a row of another run, or an angle beyond a turn?)",
+        )
 
 
 def _refuse(readings: Readings, refused: NDArray[np.bool_], name: str, more: str, impact: Impact) -> None:

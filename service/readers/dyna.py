@@ -21,7 +21,7 @@ import itertools
 import posixpath
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
 from typing import Any, Literal
@@ -78,8 +78,10 @@ class States:
         (n, 3) Displacements.
     rotation
         (n, 3) Rotations; None if the file has none. [rad]
-    lines
-        Line of each state; None for binary files.
+    lines, rotation_lines
+        Line of the displacements and of the rotations of each state; None for binary files.
+
+    What the file has in place of a number, such as asterisks, is NaN.
     """
 
     path: str | PathLike[str]
@@ -87,6 +89,7 @@ class States:
     displacement: FloatArray
     rotation: FloatArray | None = None
     lines: Sequence[int] | None = None
+    rotation_lines: Sequence[int] | None = None
 
 
 def along(states: States, axes: Mapping[str, CoordinateAxis]) -> Readings:
@@ -104,12 +107,17 @@ def along(states: States, axes: Mapping[str, CoordinateAxis]) -> Readings:
         raise FileError(states.path, "depth and lateral displacement cannot be along the same axis")
     if "rotation" in axes and states.rotation is None:
         raise FileError(states.path, "the file has no rotations: leave out the axis of rotation")
-    values = {"time": states.time}
+    values, columns = {"time": states.time}, {"time": "time"}
     for name, axis in axes.items():
-        source = states.rotation if name == "rotation" else states.displacement
+        kind, source = ("rotation", states.rotation) if name == "rotation" else ("displacement", states.displacement)
         if source is not None:
             values[name] = axis.sign * np.asarray(source)[:, axis.index] + 0.0
-    return Readings(path=states.path, values=values, lines=states.lines)
+            columns[name] = f"{'xyz'[axis.index]} {kind}"
+    readings = Readings(path=states.path, values=values, lines=states.lines)
+    for name, column in columns.items():
+        at = replace(readings, lines=states.rotation_lines or states.lines) if name == "rotation" else readings
+        at.require(name, np.isfinite(values[name]), f"(the column of {column}) must be a finite number", "")
+    return readings
 
 
 def select(path: str | PathLike[str], kind: str, ids: Sequence[int], wanted: int | None) -> int:
@@ -130,12 +138,16 @@ def select(path: str | PathLike[str], kind: str, ids: Sequence[int], wanted: int
     return wanted
 
 
-NUMBER = re.compile(r"[+-]?\d+\.\d*(?:[EeDd][+-]?\d+|[+-]\d{3})?")
+NUMBER = re.compile(r"[+-]?\d+\.\d*(?:[EeDd][+-]?\d+|[+-]\d{3})?|[+-]?(?:nan|inf(?:inity)?)", re.IGNORECASE)
+ASTERISKS, COLUMN_WIDTH = re.compile(r"\*+"), 12
+"""What Fortran writes for a number that does not fit into its column."""
 BARE_EXPONENT = re.compile(r"(?<=[\d.])([+-]\d{3})$")
 """Fortran omits the E before an exponent of three digits."""
 
 RBDOUT_MARK = "r i g i d   b o d y   m o t i o n"
 RBDOUT_STATE = re.compile(r"\s*r i g i d +b o d y +m o t i o n +a t +cycle= *\S+ +time= *(?P<time>\S+)\s*")
+SWITCHED = "a part that is switched to deformable is not a rigid body"
+"""Why a body may be absent from states in the middle of a file."""
 BODY = re.compile(r"\s*(nodal )?rigid body\s+(?P<body>\d+)\b.*")
 DISPLACEMENT_LINE = re.compile(r"\s*displacements:(?P<numbers>.*)")
 
@@ -144,7 +156,7 @@ NODOUT_STATE = re.compile(
     r"\s*n o d a l +p r i n t +o u t +f o r +t i m e +s t e p.*\( *at time *(?P<time>[^\s)]+) *\)\s*"
 )
 COLUMN_NAMES = re.compile(r"\s*nodal point\s+x-(?P<kind>disp|rot)\b.*")
-NODE = re.compile(r"\s*(?P<node>\d+)(?P<numbers>\s*[+-]?\d*\..*)")
+NODE = re.compile(r"\s*(?P<node>\d+)(?P<numbers>(?:\s*[+-]?\d*\.|\s*\*|\s+[+-]?(?:nan|inf)).*)", re.IGNORECASE)
 
 
 def read_rbdout(path: str | Path, lines: Sequence[str], part: int | None) -> States:
@@ -155,29 +167,31 @@ def read_rbdout(path: str | Path, lines: Sequence[str], part: int | None) -> Sta
     FileError
         If the body is missing, or one of its states is incomplete.
     """
-    wanted = select(
-        path, "rigid body", sorted({int(found["body"]) for found in map(BODY.fullmatch, lines) if found}), part
-    )
     starts: list[int] = []
     times: list[float] = []
-    motions: list[list[float]] = []
-    inside = False
-    missing = f"displacements of rigid body {wanted}"
+    rows: list[tuple[int, int, int, str]] = []  # body, state, line, numbers
+    body: int | None = None
     for line, text in enumerate(lines, 1):
         if found := RBDOUT_STATE.fullmatch(text):
-            _require_complete(path, missing, starts, motions)
             times += _numbers(path, line, found["time"], 1, "time")[:1]
             starts.append(line)
+            body = None
         elif found := BODY.fullmatch(text):
-            inside = int(found["body"]) == wanted
-        elif inside and starts and (found := DISPLACEMENT_LINE.fullmatch(text)):
-            if len(motions) == len(starts):
-                raise FileError(path, f"the state has rigid body {wanted} twice", line)
-            motions.append(_numbers(path, line, found["numbers"], 6, "displacements and rotations"))
-            inside = False  # the following numbers are along the axes of the body
-    _require_complete(path, missing, starts, motions)
+            body = int(found["body"])
+        elif body is not None and starts and (found := DISPLACEMENT_LINE.fullmatch(text)):
+            rows.append((body, len(starts), line, found["numbers"]))
+            body = None  # the following numbers are along the axes of the body
+    wanted = select(path, "rigid body", sorted({row[0] for row in rows}), part)
+    motions: list[list[float]] = []
+    places = [row[2] for row in rows if row[0] == wanted]
+    for _, state, line, numbers in (row for row in rows if row[0] == wanted):
+        if len(motions) == state:
+            raise FileError(path, f"the state has rigid body {wanted} twice", line)
+        _require_complete(path, f"rigid body {wanted}", starts, state - 1, motions)
+        motions.append(_numbers(path, line, numbers, 6, "displacements and rotations"))
+    _require_complete(path, f"rigid body {wanted}", starts, len(starts), motions)
     motion = np.array([row[:6] for row in motions]).reshape(-1, 6)
-    return States(path=path, time=np.array(times), displacement=motion[:, :3], rotation=motion[:, 3:], lines=starts)
+    return States(path=path, time=np.array(times), displacement=motion[:, :3], rotation=motion[:, 3:], lines=places)
 
 
 def read_nodout(path: str | Path, lines: Sequence[str], node: int | None) -> States:
@@ -192,28 +206,34 @@ def read_nodout(path: str | Path, lines: Sequence[str], node: int | None) -> Sta
     times: dict[str, list[float]] = {"disp": [], "rot": []}
     motions: dict[str, list[list[float]]] = {"disp": [], "rot": []}
     starts: dict[str, list[int]] = {"disp": [], "rot": []}
+    places: dict[str, list[int]] = {"disp": [], "rot": []}
     time, start, kind = 0.0, 0, ""
     missing = f"line of node {wanted}"
+    begun = False
     for line, text in enumerate(lines, 1):
         if state := NODOUT_STATE.fullmatch(text):
             time, start, kind = _numbers(path, line, state["time"], 1, "time")[0], line, ""
         elif names := COLUMN_NAMES.fullmatch(text):
-            kind = names["kind"]
-            _require_complete(path, missing, starts[kind], motions[kind])
+            kind, begun = names["kind"], False
+            _require_complete(path, missing, starts[kind], len(starts[kind]), motions[kind])
             starts[kind].append(start)
             times[kind].append(time)
-        elif kind and len(motions[kind]) < len(starts[kind]):
-            row = NODE.fullmatch(text)
-            if row and int(row["node"]) == wanted:
+        elif kind and (row := NODE.fullmatch(text)):
+            begun = True
+            if int(row["node"]) == wanted and len(motions[kind]) < len(starts[kind]):
                 motions[kind].append(_numbers(path, line, row["numbers"], 3, f"node {wanted}")[:3])
+                places[kind].append(line)
+        elif begun:
+            kind = ""  # a table ends at its first other line: the title of the next state may look like a row
     for kind, lines_of_states in starts.items():
-        _require_complete(path, missing, lines_of_states, motions[kind])
+        _require_complete(path, missing, lines_of_states, len(lines_of_states), motions[kind])
     return States(
         path=path,
         time=np.array(times["disp"]),
         displacement=np.array(motions["disp"]).reshape(-1, 3),
         rotation=np.array(motions["rot"]).reshape(-1, 3) if times["rot"] == times["disp"] else None,
-        lines=starts["disp"],
+        lines=places["disp"],
+        rotation_lines=places["rot"],
     )
 
 
@@ -226,24 +246,29 @@ def _nodes(lines: Sequence[str]) -> list[int]:
             begun = True
         elif begun and (row := NODE.fullmatch(text)):
             nodes.append(int(row["node"]))
-        elif begun and NODOUT_STATE.fullmatch(text):
+        elif nodes:
             break
     return nodes
 
 
-def _require_complete(path: str | Path, missing: str, starts: Sequence[int], motions: Sequence[list[float]]) -> None:
-    if len(motions) < len(starts):
-        raise FileError(path, f"the state has no {missing}: is the file cut short?", starts[-1])
+def _require_complete(
+    path: str | Path, missing: str, starts: Sequence[int], states: int, motions: Sequence[list[float]]
+) -> None:
+    """Raise an error if one of the first states has no row of a body."""
+    if len(motions) < states:
+        reason = "is the file cut short?" if len(motions) == len(starts) - 1 else SWITCHED
+        raise FileError(path, f"the state has no {missing}: {reason}", starts[len(motions)])
 
 
 def _numbers(path: str | PathLike[str], line: int, text: str, least: int, what: str) -> list[float]:
-    """Return the numbers of a line; in fixed-width formats they may follow each other without a blank.
+    """Return the numbers of a line, NaN for asterisks; in fixed-width formats they may follow each other directly.
 
     Raises
     ------
     FileError
         If the line holds something else, or fewer numbers.
     """
+    text = ASTERISKS.sub(lambda found: " nan" * max(1, len(found[0]) // COLUMN_WIDTH), text)
     rest = NUMBER.sub(" ", text).strip()
     if rest:
         raise FileError(path, f"{what} must be numbers, got {rest[:40]!r}", line)
@@ -300,17 +325,24 @@ def read_binout(path: str | Path, content: bytes, part: int | None, node: int | 
     folders = [folder for _, folder in sorted(states[database], key=lambda state: state[0])]
     if not folders:
         raise FileError(path, f"the binout has no {database}; LS-DYNA may have written it to another file of the run")
-    ids = files[0].read(f"/{database}/metadata/ids")
-    if ids is None:
-        raise FileError(path, f"the binout has no ids for its {database}")
-    known = [int(each) for each in ids]
-    column = known.index(select(path, BODIES[database], known, node if database == "nodout" else part))
+    known = _ids_of_states(files, folders, database)
+    kind = BODIES[database]
+    different = {id(ids): ids for ids in known}.values()
+    listed = list(dict.fromkeys(int(each) for ids in different for each in ids[np.isfinite(ids)]))
+    wanted = select(path, kind, listed, node if database == "nodout" else part)
+    places = []
+    for row, ids in enumerate(known):
+        columns = np.flatnonzero(ids == wanted)
+        if len(columns) != 1:
+            times = f"{len(columns)} times" if len(columns) else f"not at all: {SWITCHED}"
+            raise FileError(path, f"state {row + 1} has {kind} {wanted} {times}")
+        places.append((int(columns[0]), len(ids)))
     rotated = folders[0].file.read(f"{folders[0].path}/{ROTATIONS[database][0]}") is not None
     return States(
         path=path,
-        time=_over_states(folders, "time", 0),
-        displacement=np.column_stack([_over_states(folders, name, column) for name in DISPLACEMENTS[database]]),
-        rotation=np.column_stack([_over_states(folders, name, column) for name in ROTATIONS[database]])
+        time=_over_states(folders, "time", [(0, 1)] * len(folders)),
+        displacement=np.column_stack([_over_states(folders, name, places) for name in DISPLACEMENTS[database]]),
+        rotation=np.column_stack([_over_states(folders, name, places) for name in ROTATIONS[database]])
         if rotated
         else None,
     )
@@ -325,13 +357,35 @@ def _continuations(path: str | Path) -> Iterator["Lsda"]:
         yield Lsda(further, read_bytes(further))
 
 
-def _over_states(folders: Sequence["Folder"], name: str, column: int) -> NDArray[np.float64]:
-    """Return one variable of one body over all states."""
+def _ids_of_states(files: Sequence["Lsda"], folders: Sequence["Folder"], database: str) -> list[FloatArray]:
+    """Return the ids of the bodies of each state, in the order of its numbers; states with the same share an array.
+
+    They are those of the state itself or, without any, those of the metadata that was written last before it: they
+    are written again where a part is switched between rigid and deformable, and in each file that continues a run.
+    """
+    known: list[FloatArray] = []
+    latest: FloatArray | None = None
+    for folder in folders:
+        ids = folder.file.read(f"{folder.path}/ids")
+        if ids is None:
+            written = folder.file.read(f"/{database}/metadata/ids", before=folder.path)
+            ids = latest = latest if written is None else written
+        if ids is None:
+            raise FileError(files[0].path, f"the binout has no ids for its {database}")
+        known.append(known[-1] if known and np.array_equal(ids, known[-1]) else ids)
+    return known
+
+
+def _over_states(folders: Sequence["Folder"], name: str, places: Sequence[tuple[int, int]]) -> NDArray[np.float64]:
+    """Return one variable over all states, from its place among the bodies of each."""
     values = []
-    for row, folder in enumerate(folders):
+    for row, (folder, (column, bodies)) in enumerate(zip(folders, places, strict=True)):
         numbers = folder.file.read(f"{folder.path}/{name}")
-        if numbers is None or len(numbers) <= column:
+        if numbers is None:
             raise FileError(folder.file.path, f"state {row + 1}: {name} is missing: is the file cut short?")
+        if len(numbers) != bodies:
+            reason = f"{name} has {len(numbers)} numbers, but there are {bodies} ids: which body is which is not known"
+            raise FileError(folder.file.path, f"state {row + 1}: {reason}")
         values.append(numbers[column])
     return np.array(values)
 
@@ -372,18 +426,29 @@ class Lsda:
         self._content = content
         self._length, self._offset, self._command, self._type = content[1:5]
         self._order: Literal["little", "big"] = "little" if content[5] else "big"
-        self._variables: dict[str, Variable] = {}
+        self._variables: dict[str, list[Variable]] = {}
         self._read_tables()
 
     def names(self) -> Iterator[str]:
         """Yield the paths of all variables."""
         yield from self._variables
 
-    def read(self, name: str) -> NDArray[np.float64] | None:
-        """Return the numbers of a variable; None if there is no such variable."""
-        variable = self._variables.get(name)
-        if variable is None:
+    def read(self, name: str, before: str = "") -> NDArray[np.float64] | None:
+        """Return the numbers of a variable; None if there is no such variable.
+
+        Parameters
+        ----------
+        before
+            Folder of a state. Of a variable written several times, the last one before its time is read; by default
+            the last of all.
+        """
+        versions = self._variables.get(name)
+        if versions is None:
             return None
+        variable = versions[-1]
+        if before:
+            end = self._variables[f"{before}/time"][-1].start
+            variable = next((each for each in reversed(versions) if each.start < end), versions[0])
         end = variable.start + variable.count * variable.dtype.itemsize
         if end > len(self._content):
             raise self._cut_short(variable.start)
@@ -432,7 +497,7 @@ class Lsda:
         dtype = np.dtype(TYPES[kind]).newbyteorder("<" if self._order == "little" else ">")
         if count * dtype.itemsize > end - start:
             raise FileError(self.path, f"the binout is damaged: {path} is longer than its record")
-        self._variables[path] = Variable(dtype, start, count)
+        self._variables.setdefault(path, []).append(Variable(dtype, start, count))
 
     def _record(self, position: int) -> tuple[int, int, int]:
         """Return the command of a record, and the start and end of its content."""

@@ -1,5 +1,7 @@
 """Content of files: bytes, lines, columns of numbers, and errors that name the line."""
 
+import itertools
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike
@@ -11,6 +13,24 @@ from numpy.typing import NDArray
 from solver.arrays import FloatArray
 
 UTF16_MARKS = (b"\xff\xfe", b"\xfe\xff")
+OTHER_FORMATS = (
+    (re.compile(rb"\x1f\x8b|BZh|\xfd7zXZ|\x28\xb5\x2f\xfd"), "a compressed file; decompress it first"),
+    (re.compile(rb"PK\x03\x04|\xd0\xcf\x11\xe0"), "an Excel workbook or a ZIP archive; save the sheet as CSV"),
+    (re.compile(rb"\x89HDF"), "an HDF5 file; export its columns as CSV"),
+    (re.compile(rb"PAR1"), "a Parquet file; export its columns as CSV"),
+    (re.compile(rb"(\$.*\s+)*\*[A-Za-z_]+ *\r?\n"), "an LS-DYNA keyword file, the input of a run; {motion}"),
+    (
+        re.compile(rb"(?s).{,4096}(dt of cycle|kinetic energy\.{4})"),
+        "LS-DYNA's glstat, the energies of a model; {motion}",
+    ),
+    (
+        re.compile(rb"(?s).{,512}ls-dyna.{,80}date(?!.*(r i g i d   b o d y|n o d a l   p r i n t))"),
+        "an LS-DYNA text file other than rbdout and nodout; {motion}",
+    ),
+)
+"""What else is given as a file of tests or of a motion, by how it begins."""
+D3PLOT_TYPES, D3PLOT_DIMENSIONS = range(1, 7), range(2, 8)
+MOTION_FILES = "the motion of a body is in rbdout, nodout or binout"
 
 
 class FileError(Exception):
@@ -51,7 +71,26 @@ def read_bytes(path: str | Path) -> bytes:
         raise FileError(path, error.strerror or str(error)) from None
     if not content.strip(b"\xef\xbb\xbf \t\r\n\x00"):
         raise FileError(path, "the file is empty")
+    if other := _other_format(content):
+        raise FileError(path, f"this is {other.format(motion=MOTION_FILES)}")
     return content
+
+
+def _other_format(content: bytes) -> str | None:
+    """Return the name of a format that no reader takes, and what to do; None for any other content."""
+    if _is_d3plot(content):
+        return "LS-DYNA's d3plot, the state of a whole model; {motion}"
+    return next((name for start, name in OTHER_FORMATS if start.match(content)), None)
+
+
+def _is_d3plot(content: bytes) -> bool:
+    """Return whether a file begins as LS-DYNA's d3plot: words 11 and 15 are the type of file and of its geometry."""
+    for width, order in itertools.product((4, 8), ("<", ">")):
+        if len(content) >= 64 * width and content[:1].isascii() and content[:1] >= b" ":  # The title comes first.
+            words = np.frombuffer(content, f"{order}i{width}", 64)
+            if words[11] in D3PLOT_TYPES and words[15] in D3PLOT_DIMENSIONS and words[16] > 0:
+                return True
+    return False
 
 
 def lines_of(path: str | Path, content: bytes, *, strict: bool = True) -> list[str]:

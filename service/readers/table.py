@@ -1,6 +1,7 @@
 """Quantities with their units, and CSV files: a header and rows of numbers, each with its line."""
 
 import csv
+import itertools
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -18,6 +19,7 @@ MASS = {"kg": 1.0, "g": 1e-3, "t": 1e3, "lb": 0.45359237}
 ANGLE = {"rad": 1.0, "deg": math.pi / 180.0}
 ANGULAR_VELOCITY = {"rad_s": 1.0, "deg_s": math.pi / 180.0}
 PURE = {"1": 1.0}
+ALL_UNITS = (LENGTH, TIME, SPEED, MASS, ANGLE, ANGULAR_VELOCITY)
 
 SPELLINGS = str.maketrans({"/": "_", "µ": "u", "μ": "u", "°": "deg", " ": None})
 BRACKETED = re.compile(r"(?P<stem>.*?)\s*[\[(]\s*(?P<unit>[^\[\]()]*?)\s*[\])]$")
@@ -103,11 +105,17 @@ def unit_in_header(quantity: Quantity, cell: str, *, named: bool) -> str | None:
 
 
 SEPARATORS = ",;\t"
-COMMENT = "#"
+SEPARATOR_LINE = re.compile(r"\s*sep=(?P<separator>[,;\t|])\s*", re.IGNORECASE)
+"""First line by which spreadsheets name the separator."""
+COMMENTS = ("#", "%")
 MAX_NAMES = 20
 """Names of columns listed in an error."""
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eEdD][+-]?\d+)?")
 DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+")
+THOUSANDS = re.compile(r"[+-]?[1-9]\d{,2}(,\d{3})+(\.\d*)?")
+"""A number with commas between its thousands; with one comma, it may as well be a decimal comma."""
+MINUS = "\u2212"
+"""The minus sign of typesetting, which spreadsheets and web pages put before numbers."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,7 +159,11 @@ class Column:
 
 
 def read_table(path: str | Path, content: bytes | None = None) -> Table:
-    """Read a CSV file. Cells are separated by commas, semicolons or tabs; lines that begin with ``#`` are comments.
+    """Read a CSV file.
+
+    Cells are separated by commas, semicolons, tabs or, without any of these in the header, by blanks. Lines that begin
+    with ``#`` or ``%`` are comments; the last one before numbers without a header is the header. A first line
+    ``sep=;`` names the separator, a second row of units belongs to the header.
 
     Raises
     ------
@@ -159,17 +171,32 @@ def read_table(path: str | Path, content: bytes | None = None) -> Table:
         If the file is not a table: no text, no rows, or rows whose length differs from the header.
     """
     lines = lines_of(path, read_bytes(path) if content is None else content)
-    while not lines[-1].strip():
+    while lines and not lines[-1].strip(" \t,;"):
         lines.pop()
-    head = next((line for line in lines if line.strip() and not line.startswith(COMMENT)), None)
+    named = SEPARATOR_LINE.fullmatch(lines[0]) if lines else None
+    if named:
+        lines[0] = ""
+    lines = _with_header(lines)
+    head = next((line for line in lines if line.strip() and not line.startswith(COMMENTS)), None)
     if head is None:
         raise FileError(path, "the file holds comments only")
-    cells = _cells(path, lines, separator=max(SEPARATORS, key=head.count))
+    separator = named["separator"] if named else max(SEPARATORS, key=head.count)
+    if separator not in head and len(head.split()) > 1:
+        lines, separator = _with_tabs(lines), "\t"
+    cells = _cells(path, lines, separator)
     header_line, header = next(cells)
     while header and not header[-1]:
         header.pop()
-    rows, starts = [], []
+    rows: list[list[str]] = []
+    starts: list[int] = []
     for line, row in cells:
+        if not rows and _are_units(row):
+            units = itertools.chain((cell.strip("[]()-") for cell in row), itertools.repeat(""))
+            header = [
+                f"{name} ({unit})" if unit and not BRACKETED.fullmatch(name) else name
+                for name, unit in zip(header, units, strict=False)
+            ]
+            continue
         if not any(row):
             raise FileError(path, "the line is empty", line)
         while len(row) > len(header) and not row[-1]:
@@ -207,10 +234,35 @@ def read_columns(
     return Readings(path=table.path, values=values, lines=table.lines), text
 
 
+def _with_header(lines: list[str]) -> list[str]:
+    """Return the lines with the last comment as the header, if only numbers follow it, as in files of numpy."""
+    first = next((n for n, line in enumerate(lines) if line.strip() and not line.startswith(COMMENTS)), 0)
+    if first and lines[first - 1].startswith(COMMENTS) and _has_numbers_only(lines[first]):
+        return [*lines[: first - 1], lines[first - 1].lstrip("#% \t"), *lines[first:]]
+    return lines
+
+
+def _has_numbers_only(line: str) -> bool:
+    return all(
+        NUMBER.fullmatch(cell) for cell in re.split(rf"[\s{SEPARATORS}]+", line.replace(MINUS, "-").strip(" ,;"))
+    )
+
+
+def _with_tabs(lines: list[str]) -> list[str]:
+    """Return lines whose cells are separated by blanks with tabs between them; names may have units in brackets."""
+    return [line if line.startswith(COMMENTS) else re.sub(r"[ \t]+(?![ \t\[(])", "\t", line.strip()) for line in lines]
+
+
+def _are_units(row: Sequence[str]) -> bool:
+    """Return whether a row below the header holds units of its columns."""
+    units = {unit for known in ALL_UNITS for unit in known}
+    return any(spelled(cell.strip("[]()")) in units for cell in row) and not any(map(NUMBER.fullmatch, row))
+
+
 def _cells(path: str | Path, lines: list[str], separator: str) -> Iterator[tuple[int, list[str]]]:
     # A comment becomes an empty line, so that lines are counted right.
     reader = csv.reader(
-        ("\n" if line.startswith(COMMENT) else line + "\n" for line in lines), delimiter=separator, strict=True
+        ("\n" if line.startswith(COMMENTS) else line + "\n" for line in lines), delimiter=separator, strict=True
     )
     begun = False
     while True:
@@ -221,7 +273,7 @@ def _cells(path: str | Path, lines: list[str], separator: str) -> Iterator[tuple
             return
         except csv.Error as error:
             raise FileError(path, f"not a CSV file: {error}", line) from None
-        if lines[line - 1].startswith(COMMENT) or (not begun and not lines[line - 1].strip()):
+        if lines[line - 1].startswith(COMMENTS) or (not begun and not lines[line - 1].strip()):
             continue
         begun = True
         yield line, [" ".join(cell.split()) for cell in row]
@@ -273,11 +325,19 @@ def _check_absent(table: Table, quantity: Quantity, wanted: str | None) -> None:
             for name in quantity.names:
                 if cell.lower().startswith(f"{name}_") and quantity.units is not None:
                     raise UnknownUnitError(quantity, cell[len(name) + 1 :])
+                if name in re.split(r"[^a-z]+", cell.lower()) and quantity.units is not None and not quantity.required:
+                    reason = f"{cell!r} is not read as {quantity.name}; choose the column of {quantity.name}"
+                    raise FileError(table.path, f"{reason}, or leave it out with an empty name", table.header_line)
         if not quantity.required:
             return
     known = ", ".join(table.header[:MAX_NAMES]) + (", ..." if len(table.header) > MAX_NAMES else "")
     missing = f"no column {wanted!r}" if wanted is not None else f"no column of {quantity.name}"
-    raise FileError(table.path, f"{missing}; there are: {known}", table.header_line)
+    second = (
+        ""
+        if any(map(NUMBER.fullmatch, table.rows[0]))
+        else f"; line {table.lines[0]} holds no numbers: keep one header"
+    )
+    raise FileError(table.path, f"{missing}; there are: {known}{second}", table.header_line)
 
 
 def _numbers(table: Table, column: Column) -> list[float]:
@@ -288,16 +348,31 @@ def _numbers(table: Table, column: Column) -> list[float]:
 
 
 def _number(table: Table, column: Column, line: int, cell: str) -> float:
-    name = column.quantity.name
+    name, header = column.quantity.name, table.header[column.index]
+    if unit_in_header(column.quantity, header, named=False) is None:
+        name = f"{name} ({header!r})"
     if not cell:
         raise FileError(table.path, f"{name} is missing: the cell is empty", line)
+    cell = cell.replace(MINUS, "-")
     if not NUMBER.fullmatch(cell):
-        hint = "; write decimals with a point" if DECIMAL_COMMA.fullmatch(cell) else ""
+        hint = _hint(cell, first=line == table.lines[0])
         raise FileError(table.path, f"{name} must be a finite number, got {cell[:40]!r}{hint}", line)
     value = float(cell.lower().replace("d", "e"))
     if not math.isfinite(value):
         raise FileError(table.path, f"{name} must be a finite number, got {cell[:40]!r}", line)
     return value
+
+
+def _hint(cell: str, *, first: bool) -> str:
+    """Return the end of an error for a cell that is not a number."""
+    if THOUSANDS.fullmatch(cell):
+        plain = cell.replace(",", "")
+        if cell.count(",") == 1 and "." not in cell:
+            return f"; write {plain} or {cell.replace(',', '.')}, whichever it means"
+        return f"; write {plain}, without commas between thousands"
+    if DECIMAL_COMMA.fullmatch(cell):
+        return "; write decimals with a point"
+    return "; is this a second header? Units may stand below the names, other text may not" if first else ""
 
 
 def _texts(table: Table, column: Column) -> list[str]:

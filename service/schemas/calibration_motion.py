@@ -8,13 +8,15 @@ from pydantic import MISSING, ConfigDict, Field
 import solver
 from service.columns import Column
 from service.schemas.fields import Described, Of
+from service.schemas.numerics import Method, Numerics
 from service.schemas.quantities import Flag, Num, Part, with_examples
 from service.schemas.requests import MOST_ROWS
-from service.schemas.resistance import MOHR_COULOMB, Decay, InertiaFactor
+from service.schemas.resistance import MOHR_COULOMB, Crater, Decay, InertiaFactor, ShearPlug
 from service.schemas.strike import PROJECTILE, STRIKE, TARGET, Impact, Projectile, Target
 from solver.arrays import FloatArray
 from solver.calibration import MotionHistory, MotionRun, Weights
 from solver.checks import ParameterError
+from solver.strike import TERMINATION_TIME
 
 MOST_COMPARED = 20
 
@@ -36,14 +38,25 @@ Residuals = Annotated[list[Num], Field(description="Given minus predicted, in th
 class CalibrationResistance(Part):
     """How the target resists, but for the strength factor, which is sought."""
 
-    model_config = with_examples({"inertia_factor": 0.9, "free_surface": MOHR_COULOMB})
+    model_config = with_examples(
+        {"inertia_factor": 0.9, "free_surface": MOHR_COULOMB}, {"crater": {"depth_diameters": 2.0}}
+    )
 
     inertia_factor: InertiaFactor = 1.0
     free_surface: Decay
+    crater: Crater | MISSING = MISSING
+    """None when not given."""
+    rear_plug: ShearPlug | MISSING = MISSING
+    """Shear plug of a wall; none when not given. Without effect on a half-space."""
 
     def to_solver(self) -> solver.Resistance:
         """Return the solver's resistance; its strength factor is not used."""
-        return solver.Resistance(inertia_factor=self.inertia_factor, free_surface=self.free_surface.to_solver())
+        return solver.Resistance(
+            inertia_factor=self.inertia_factor,
+            free_surface=self.free_surface.to_solver(),
+            crater=None if self.crater is MISSING else self.crater.to_solver(),
+            rear_plug=None if self.rear_plug is MISSING else self.rear_plug.to_solver(),
+        )
 
 
 class Calibration(Part):
@@ -52,6 +65,8 @@ class Calibration(Part):
     projectile: Projectile
     target: Target
     resistance: Annotated[CalibrationResistance, Field(default_factory=CalibrationResistance)]
+    numerics: Numerics | MISSING = MISSING
+    """Route and resolution of the runs; a run of a motion ends with its history."""
     confidence_level: Annotated[Num, Field(ge=0.5, le=0.9999)] = 0.95
     """Chance that the interval holds the strength factor. [1]"""
     compare_strength_factors: (
@@ -69,7 +84,20 @@ class Calibration(Part):
             "projectile": self.projectile.to_solver(),
             "target": self.target.to_solver(),
             "resistance": self.resistance.to_solver(),
+            "numerics": None if self.numerics is MISSING else self.numerics.to_solver(),
         }
+
+    def longest_run(self) -> float:
+        """Return when the last run ends at the latest. [s]"""
+        end = MISSING if self.numerics is MISSING else self.numerics.termination_time_s
+        return TERMINATION_TIME if end is MISSING else end
+
+    def panel_steps(self) -> float:
+        """Return panels times time steps of one run at most, 0 if it has none. [1]"""
+        numerics = self.numerics
+        if numerics is MISSING or numerics.method is not Method.PANELS:
+            return 0.0
+        return numerics.panels * self.longest_run() / numerics.time_step_s
 
     def compared(self) -> tuple[float, ...]:
         """Return the strength factors to compare."""
@@ -261,6 +289,11 @@ class MotionCalibrationRequest(Calibration):
     def run_count(self) -> int:
         """How many runs there are, one without `runs`."""
         return 1 if self.runs is MISSING else len(self.runs)
+
+    def longest_run(self) -> float:
+        """Return when the last history ends. [s]"""
+        histories = [self.history] if self.runs is MISSING else [run.history for run in self.runs]
+        return max((each.time_s[-1] for each in histories if each is not MISSING), default=0.0)
 
     def located(self, error: ParameterError) -> ParameterError:
         """Return an error of the solver with the field of the request: the solver has no place for a single run."""

@@ -9,7 +9,7 @@ from inspect import cleandoc, getsource
 from itertools import pairwise
 from typing import Annotated, Any, ClassVar
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, FiniteFloat, GetJsonSchemaHandler, Strict
+from pydantic import BaseModel, BeforeValidator, ConfigDict, FiniteFloat, GetJsonSchemaHandler, Strict, model_validator
 from pydantic_core import CoreSchema
 
 from service.columns import UNITS
@@ -58,7 +58,9 @@ def short_description(model: type[BaseModel], field: str) -> str:
 
 
 class Part(BaseModel):
-    """Base of all models: unknown fields are refused, a field that is not given is absent, never null.
+    """Base of all models: unknown fields are refused, a field that is not given is absent.
+
+    An optional field that is null in a request is absent too, as some generated clients send what they leave out.
 
     The docstring of a field is its description in the contract. It is read when a schema is made: pydantic's
     `use_attribute_docstrings` reads it when the class is made, which adds a fifth of a second to every start. Fields
@@ -68,6 +70,14 @@ class Part(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     answered_last: ClassVar[tuple[str, ...]] = ()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _without_nulls(cls, content: Any) -> Any:
+        if isinstance(content, dict) and None in content.values():
+            optional = {name for name, field in cls.model_fields.items() if not field.is_required()}
+            return {name: value for name, value in content.items() if value is not None or name not in optional}
+        return content
 
     @classmethod
     def __get_pydantic_json_schema__(cls, core_schema: CoreSchema, handler: GetJsonSchemaHandler, /) -> dict[str, Any]:

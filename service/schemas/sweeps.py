@@ -241,7 +241,7 @@ class Grid:
 def put(part: Mapping[str, Any], path: Sequence[str], value: float) -> dict[str, Any]:
     """Return a copy with this value there."""
     name, *rest = path
-    return {**part, name: put(part.get(name, {}), rest, value) if rest else value}
+    return {**part, name: put(part.get(name) or {}, rest, value) if rest else value}
 
 
 def check_field(model: type[BaseModel], base: dict[str, Any], path: Sequence[str]) -> None:
@@ -255,7 +255,7 @@ def check_field(model: type[BaseModel], base: dict[str, Any], path: Sequence[str
             raise LookupError(f"is not there: {name!r} is no field of {holder}")
         if not isinstance(given, dict):
             raise LookupError(f"is not there: what holds {name!r} is no object in the base")
-        node, given = node["properties"][name], given.get(name, {})
+        node, given = node["properties"][name], given.get(name) or {}
     if _resolved(schema, node).get("type") not in {"number", "integer"}:
         raise LookupError("is no number")
 

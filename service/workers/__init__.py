@@ -49,6 +49,10 @@ class Executor(Protocol):
         """Chunks that can run at the same time, now; it may change as workers come and go."""
 
     @property
+    def on_cluster(self) -> bool:
+        """Whether chunks run on a cluster now, rather than in the pool of this machine."""
+
+    @property
     def single_capacity(self) -> int:
         """Calls submitted singly that can run at the same time."""
 

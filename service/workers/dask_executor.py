@@ -82,6 +82,11 @@ class DaskExecutor:
         return self.cluster.capacity or self._pool.capacity
 
     @property
+    def on_cluster(self) -> bool:
+        """Whether the cluster has workers that can be used."""
+        return bool(self.cluster.capacity)
+
+    @property
     def single_capacity(self) -> int:
         """Calls submitted singly that can run at the same time, in the pool."""
         return self._pool.single_capacity

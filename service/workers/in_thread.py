@@ -32,6 +32,7 @@ class InThreadExecutor:
     worker_pids: list[int]
     restarts = 0
     capacity = 1
+    on_cluster = False
     single_capacity = 1
     prefetch = 1
     last_error = "no worker answered in time"

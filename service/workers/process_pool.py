@@ -296,6 +296,7 @@ class ProcessPool:
         Modules that the main module of this process needs: each worker imports it anew.
     """
 
+    on_cluster = False
     prefetch = 1
     """Chunks beyond one a worker that should wait here: the supervisors share them, so that one is enough."""
     last_error = "no worker answered in time"

@@ -31,7 +31,7 @@ def test_batch_answers_each_case_as_it_is_answered_alone(client: httpx.Client, a
     headers = {"Accept": accept} | (LINES if as_lines else {})
     response = client.post("/cra/batch", headers=headers, **body)
     assert response.headers["Content-Type"] == accept
-    assert response.headers["Vary"] == "Prefer, Accept"
+    assert response.headers["Vary"] == "Prefer, Accept, Accept-Encoding"
     items = items_of(response)
     assert sorted(item["index"] for item in items) == list(range(7))
     for item in items:

@@ -135,6 +135,20 @@ def test_every_decay_law_is_fitted_and_the_best_named(client: httpx.Client) -> N
     assert [fit["free_surface"] for fit in requested["decay_laws"]] == list(laws)
 
 
+def test_crater_and_numerics_of_a_request_are_those_of_its_runs(client: httpx.Client) -> None:
+    crater = {"crater": {"depth_diameters": 3.0}}
+    made = strike_at(30.0, history_at(client, 30.0, 7.5, **crater))
+    with_crater = answered(client, "/calibration/motion", made | {"resistance": crater, "numerics": {}})
+    assert with_crater["strength_factor"] == pytest.approx(7.5, rel=1e-3)
+    assert with_crater["r_squared"]["depth_displacement_m"] > 0.9999
+    without = answered(client, "/calibration/motion", made)
+    assert without["normalized_root_mean_square"] > 10.0 * with_crater["normalized_root_mean_square"]
+    rough = answered(client, "/calibration/depth", TESTS | {"numerics": {"relative_tolerance": 1e-2}})
+    fine = answered(client, "/calibration/depth", TESTS)
+    assert rough["strength_factor"] == pytest.approx(fine["strength_factor"], rel=1e-2)
+    assert rough["key"] != fine["key"]
+
+
 def test_law_that_leaves_the_factor_open_is_named_alone(client: httpx.Client) -> None:
     law = {"free_surface": {"model": "mohr_coulomb"}}
     made = strike_at(48.0, history_at(client, 48.0, 8.0, **law)) | {"until_s": 0.003, "resistance": law}

@@ -1,7 +1,8 @@
-"""Large answers compressed, where the service is set to."""
+"""Answers compressed for clients that accept it, unless the service is set not to."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import AbstractContextManager
+from pathlib import Path
 from typing import Any
 
 import httpx
@@ -12,17 +13,7 @@ from service.schemas.strike import PAPER_AT_45
 from .many import ASYNC, finished, searches
 
 GZIP, PLAIN = {"Accept-Encoding": "gzip"}, {"Accept-Encoding": "identity"}
-
-
-@pytest.fixture(scope="module")
-def client(
-    tmp_path_factory: pytest.TempPathFactory, service_on: Callable[..., AbstractContextManager[Any]]
-) -> Iterator[httpx.Client]:
-    with (
-        service_on(tmp_path_factory.mktemp("gzip"), gzip="true") as service,
-        httpx.Client(base_url=service.url, timeout=60.0, trust_env=False) as session,
-    ):
-        yield session
+CODINGS = pytest.mark.parametrize("coding", ["gzip", "zstd"])
 
 
 def received(client: httpx.Client, path: str, **headers: str) -> tuple[httpx.Response, bytes]:
@@ -32,15 +23,51 @@ def received(client: httpx.Client, path: str, **headers: str) -> tuple[httpx.Res
     return response, raw
 
 
-def test_large_answer_is_compressed_for_clients_that_accept_it_and_is_the_same(client: httpx.Client) -> None:
+@CODINGS
+def test_answer_is_compressed_for_clients_that_accept_it_and_is_the_same(client: httpx.Client, coding: str) -> None:
+    accepted = {"Accept-Encoding": coding}
     for _ in ("computed", "known"):
-        compressed, plain = (client.post("/trajectory", json=PAPER_AT_45, headers=headers) for headers in (GZIP, PLAIN))
-        assert compressed.headers["Content-Encoding"] == "gzip"
+        compressed, plain = (
+            client.post("/trajectory", json=PAPER_AT_45, headers=headers) for headers in (accepted, PLAIN)
+        )
+        assert compressed.headers["Content-Encoding"] == coding
         assert "Content-Encoding" not in plain.headers
         assert compressed.content == plain.content
         for answer in (compressed, plain):
             assert "accept-encoding" in answer.headers["Vary"].lower()
         assert int(compressed.headers["Content-Length"]) < 0.6 * int(plain.headers["Content-Length"])
+
+
+@pytest.mark.parametrize(
+    ("accepted", "coding"),
+    [
+        ("gzip", "gzip"),
+        ("gzip, deflate, br, zstd", "zstd"),
+        ("zstd;q=0.5, gzip;q=0.8", "gzip"),
+        ("gzip;q=0", None),
+        ("gzip; q=0.000, zstd;q=0", None),
+        ("*", "zstd"),
+        ("zstd;q=0, *", "gzip"),
+        ("identity, gzip;q=0.5", None),
+        ("identity;q=0.5, gzip", "gzip"),
+        ("GZIP", "gzip"),
+        ("br", None),
+        ("", None),
+        ("gzip;q=one", None),
+    ],
+)
+@pytest.mark.parametrize("path", ["/openapi.json", "/metrics", "/page/main.js"])
+def test_coding_is_the_one_that_the_client_likes_best(
+    client: httpx.Client, path: str, accepted: str, coding: str | None
+) -> None:
+    found = client.get(path, headers={"Accept-Encoding": accepted}).raise_for_status().headers.get("Content-Encoding")
+    assert found == coding or (path.startswith("/page") and {found, coding} == {"gzip", "zstd"})
+
+
+def test_problem_is_compressed_too(client: httpx.Client) -> None:
+    wrong = client.post("/cra/batch", json={"cases": [{}] * 30}, headers=GZIP)
+    assert (wrong.status_code, wrong.headers["Content-Encoding"]) == (422, "gzip")
+    assert len(wrong.json()["errors"]) > 30
 
 
 def test_small_answer_and_files_that_are_compressed_already_are_left_as_they_are(client: httpx.Client) -> None:
@@ -52,28 +79,37 @@ def test_small_answer_and_files_that_are_compressed_already_are_left_as_they_are
     assert not answer.headers["ETag"].startswith("W/")
 
 
-def test_compressed_answer_has_a_weak_tag_that_still_spares_sending_it_again(client: httpx.Client) -> None:
+@CODINGS
+def test_compressed_answer_has_a_weak_tag_that_still_spares_sending_it_again(client: httpx.Client, coding: str) -> None:
+    accepted = {"Accept-Encoding": coding}
     key = client.post("/trajectory", json=PAPER_AT_45).json()["key"]
-    plain, compressed = (client.get(f"/results/{key}", headers=headers) for headers in (PLAIN, GZIP))
+    plain, compressed = (client.get(f"/results/{key}", headers=headers) for headers in (PLAIN, accepted))
     assert compressed.headers["ETag"] == "W/" + plain.headers["ETag"]
     assert {part.strip().lower() for part in compressed.headers["Vary"].split(",")} == {"accept", "accept-encoding"}
     for tag in (plain.headers["ETag"], compressed.headers["ETag"]):
-        assert client.get(f"/results/{key}", headers=GZIP | {"If-None-Match": tag}).status_code == 304
+        assert client.get(f"/results/{key}", headers=accepted | {"If-None-Match": tag}).status_code == 304
 
 
-def test_results_of_a_job_are_compressed_as_they_are_sent_and_events_are_not(client: httpx.Client) -> None:
+@CODINGS
+def test_results_of_a_job_are_compressed_as_they_are_sent_and_events_are_not(client: httpx.Client, coding: str) -> None:
+    accepted = {"Accept-Encoding": coding}
     job = finished(client, client.post("/cra/batch", json={"cases": searches(30)}, headers=ASYNC).json())
     path = job["links"]["results"]
-    answers = [received(client, path, Accept="application/jsonl", **headers) for headers in (GZIP, PLAIN)]
-    assert [answer.headers.get("Content-Encoding") for answer, _ in answers] == ["gzip", None]
+    answers = [received(client, path, Accept="application/jsonl", **headers) for headers in (accepted, PLAIN)]
+    assert [answer.headers.get("Content-Encoding") for answer, _ in answers] == [coding, None]
     assert len(answers[0][1]) < 0.5 * len(answers[1][1])
-    assert client.get(path, headers={"Accept": "application/jsonl"} | GZIP).content == answers[1][1]
-    events, _ = received(client, job["links"]["events"], **GZIP)
+    assert client.get(path, headers={"Accept": "application/jsonl"} | accepted).content == answers[1][1]
+    events, _ = received(client, job["links"]["events"], **accepted)
     assert "Content-Encoding" not in events.headers
 
 
-def test_nothing_is_compressed_unless_it_is_set(client: httpx.Client, dedicated_service: Any) -> None:
-    with httpx.Client(base_url=dedicated_service.url, timeout=60.0, trust_env=False) as other:
+def test_nothing_is_compressed_where_it_is_set_off(
+    client: httpx.Client, tmp_path: Path, service_on: Callable[..., AbstractContextManager[Any]]
+) -> None:
+    with (
+        service_on(tmp_path, gzip="false") as service,
+        httpx.Client(base_url=service.url, timeout=60.0, trust_env=False) as other,
+    ):
         answer = other.post("/trajectory", json=PAPER_AT_45, headers=GZIP)
     assert "Content-Encoding" not in answer.headers
     assert answer.json() == client.post("/trajectory", json=PAPER_AT_45).json()

@@ -99,8 +99,8 @@ def test_service_whose_workers_are_all_at_work_is_ready_and_says_so(one_worker: 
         with sent(one_worker, "/cra", [search(50, **MINUTE), search(51, **MINUTE)], "127.0.0.2"):
             until(lambda: gauge(other, "ricochet_queued_queries") >= 1)
             answer = other.get("/readyz")
-            assert (answer.status_code, answer.json()) == (200, {"status": "busy"})
-        until(lambda: bool(other.get("/readyz").json() == {"status": "ok"}))
+            assert (answer.status_code, answer.json()) == (200, {"status": "busy", "chunks_on": "pool"})
+        until(lambda: bool(other.get("/readyz").json()["status"] == "ok"))
 
 
 def test_stop_refuses_what_cannot_be_finished_in_time(service_on: RunService, tmp_path: Path) -> None:

@@ -128,6 +128,18 @@ def test_unions_are_named_and_their_discriminators_required_without_default() ->
                 assert "default" not in schema["properties"][name]
 
 
+def test_contract_keeps_the_rules_that_linters_and_openapi_typescript_have() -> None:
+    """`make check` runs the linters themselves where npm is there."""
+    assert CONTRACT["servers"] == [{"url": "/"}]
+    assert CONTRACT["info"]["contact"]
+    used = {tag for operation in OPERATIONS.values() for tag in operation["tags"]}
+    assert {tag["name"] for tag in CONTRACT["tags"]} == used
+    for operation in OPERATIONS.values():
+        assert all(scopes == [] for scheme in operation["security"] for scopes in scheme.values())
+    for name, schema in SCHEMAS.items():
+        assert all("default" not in field for field in schema.get("properties", {}).values()), name
+
+
 def test_fields_of_several_shapes_are_known_to_the_pointers() -> None:
     tagged = {f"#/components/schemas/{name}" for name, schema in SCHEMAS.items() if "discriminator" in schema}
     fields = {

@@ -39,8 +39,13 @@ def written(client: httpx.Client, path: str, body: Any, folder: Path) -> tuple[P
     assert response.headers["Content-Disposition"] == f'attachment; filename="{job["id"]}.parquet"'
     (folder / "job.parquet").write_bytes(response.content)
     text = client.get(job["links"]["results"], headers={"Accept": "text/csv"}).text
-    table = [line for line in text.splitlines() if not line.startswith("#")]
-    return folder / "job.parquet", list(csv.DictReader(table))
+    rows = list(csv.DictReader(text.splitlines()))
+    return folder / "job.parquet", [{name: row[name] for name in row if not in_base(name)} for row in rows]
+
+
+def in_base(name: str) -> bool:
+    """Whether a column is a field of the base, which Parquet has in its metadata."""
+    return "." in name and name not in (STRENGTH, MASS)
 
 
 def as_text(value: Any) -> str:

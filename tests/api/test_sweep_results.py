@@ -8,6 +8,7 @@ from typing import Any
 import h5py
 import httpx
 import orjson
+import pandas as pd
 import pytest
 
 from service.schemas.strike import PAPER
@@ -32,11 +33,23 @@ def results(client: httpx.Client, job: dict[str, Any], accept: str) -> bytes:
     return client.get(f"/jobs/{job['id']}/results", headers={"Accept": accept}).raise_for_status().content
 
 
-def table(text: str) -> tuple[dict[str, Any], list[dict[str, str]]]:
-    """The base in the comment, and the rows."""
-    comment, _, rest = text.partition("\r\n")
-    assert comment.startswith("# base: ")
-    return orjson.loads(comment.removeprefix("# base: ")), list(csv.DictReader(io.StringIO(rest)))
+def table(text: str) -> tuple[dict[str, str], list[dict[str, str]]]:
+    """The base, the same in each row, and the rows."""
+    rows = list(csv.DictReader(io.StringIO(text)))
+    bases = [{name: cell for name, cell in row.items() if "." in name and name not in FIELDS} for row in rows]
+    assert all(base == bases[0] for base in bases)
+    return bases[0], rows
+
+
+BASE = {
+    "projectile.nose.shape": "ogive",
+    "projectile.nose.caliber_radius_head": "3.0",
+    "projectile.diameter_m": "0.08",
+    "projectile.length_m": "0.53",
+    "target.compressive_strength_pa": "39000000.0",
+    "target.density_kg_m3": "2250.0",
+}
+"""What the case of the paper is beside the axes."""
 
 
 def points(rows: list[dict[str, str]]) -> list[tuple[float, ...]]:
@@ -63,11 +76,14 @@ def test_json_of_a_sweep_has_the_point_of_each_case(client: httpx.Client, job: d
         assert [item["point"] for item in items] == expected
 
 
-def test_table_of_a_sweep_has_a_column_for_each_axis_and_the_base_as_a_comment(
+def test_table_of_a_sweep_has_a_column_for_each_axis_and_for_each_field_of_the_base(
     client: httpx.Client, job: dict[str, Any]
 ) -> None:
-    base, rows = table(results(client, job, "text/csv").decode())
-    assert base == PAPER
+    content = results(client, job, "text/csv")
+    base, rows = table(content.decode())
+    assert base == BASE
+    frame = pd.read_csv(io.BytesIO(content))
+    assert [tuple(row) for row in frame[FIELDS].to_numpy()] == POINTS
     assert list(rows[0])[:4] == ["index", *FIELDS, "custom_id"]
     assert points(rows) == POINTS
     angles = [item["result"]["critical_angle_deg"] for item in orjson.loads(results(client, job, "*/*"))["results"]]

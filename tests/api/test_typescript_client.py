@@ -101,6 +101,19 @@ def test_blocks_of_the_manual_compile_and_run(built: Path, live_url: str) -> Non
         assert 0.0 < float(done.stdout.split()[-1]) < 90.0
 
 
+def test_body_of_the_readme_has_the_types_of_the_contract(built: Path) -> None:
+    """Optional fields are optional with the flags that openapi-typescript has by default."""
+    found = re.search(r"localhost:8000/cra .*? -d '(\{.*?\})'", (ROOT / "README.md").read_text("utf-8"), re.DOTALL)
+    assert found
+    settings = json.loads((built / "tsconfig.conversation.json").read_text(encoding="utf-8"))
+    (built / "tsconfig.readme.json").write_text(json.dumps(settings | {"files": ["readme.ts"]}), encoding="utf-8")
+    kind = 'import type { components } from "./contract.js";\nexport const body: components["schemas"]'
+    for body, valid in ((found[1], True), (found[1].replace("velocity_m_s", "velocity"), False)):
+        (built / "readme.ts").write_text(f'{kind}["CriticalAngleRequest"] = {body};\n', encoding="utf-8")
+        compiled = run(built, "npx", "tsc", "--project", "tsconfig.readme.json")
+        assert (compiled.returncode == 0) == valid, compiled.stdout
+
+
 def test_lock_checks_every_package_and_names_no_registry() -> None:
     lock = (CLIENT / "package-lock.json").read_text(encoding="utf-8")
     assert "registry" not in lock

@@ -60,9 +60,8 @@ def test_sweep_fills_a_table_and_draws_it(folder: Path) -> None:
     done = run(folder, "sweep", "strike.toml", *axes, "--data-dir", "kept", "-o", "angles.csv", "--plot", "map.svg")
     assert (done.status, done.out) == (0, ""), done.err
     assert "6 cases, 0 of them with a problem" in done.err
-    comment, *table = (folder / "angles.csv").read_text().splitlines()
-    assert json.loads(comment.removeprefix("# base: "))["projectile"] == PAPER["projectile"]
-    rows = list(csv.DictReader(table))
+    rows = list(csv.DictReader((folder / "angles.csv").read_text().splitlines()))
+    assert {row["projectile.nose.shape"] for row in rows} == {PAPER["projectile"]["nose"]["shape"]}
     points = [(float(row["impact.velocity_m_s"]), float(row["target.compressive_strength_pa"])) for row in rows]
     assert points == [(v, s) for v in (200.0, 250.0, 300.0) for s in (30e6, 50e6)]
     for weak, strong in zip(rows[::2], rows[1::2], strict=True):
@@ -103,8 +102,7 @@ def test_sweep_of_walls_leaves_out_what_is_sought(served: Path, capsys: pytest.C
     for operation, name in (("thickness", "least_thickness_m"), ("limit-speed", "limit_speed_m_s")):
         args = ["sweep", "wall.json", "--operation", operation, *coarse]
         assert cli.main([*args, "--csv", "--plot", f"{operation}.svg"]) == 0
-        _, *table = capsys.readouterr().out.splitlines()
-        rows = list(csv.DictReader(table))
+        rows = list(csv.DictReader(capsys.readouterr().out.splitlines()))
         assert [row["status"] for row in rows] == ["converged", "converged"]
         assert all(float(row["bracket_low" + name[name.index("_m") :]]) <= float(row[name]) for row in rows)
         assert (served / f"{operation}.svg").stat().st_size
@@ -137,7 +135,7 @@ def test_table_of_a_job_is_that_of_the_service(
     assert cli.main(["jobs", "results", name, "--csv"]) == 0
     table = client.get(f"/jobs/{name}/results", headers={"Accept": "text/csv"}).text
     expected = table.replace("\r\n", "\n")
-    assert expected.splitlines()[1].startswith("index,impact.velocity_m_s,custom_id,")
+    assert expected.splitlines()[0].startswith("index,impact.velocity_m_s,custom_id,")
     assert capsys.readouterr().out == expected
     assert cli.main(["jobs", "results", name, "-o", "results.csv"]) == 0
     assert (served / "results.csv").read_text() == expected
@@ -155,8 +153,7 @@ def test_parquet_of_a_job_has_the_rows_of_the_table(
     assert cli.main(["jobs", "results", name, "--parquet"]) == 0
     assert capsysbinary.readouterr().out == (served / "results.parquet").read_bytes()
     rows = parquet.read_table(served / "results.parquet").to_pylist()
-    _, *table = (served / "table.parquet").read_text().splitlines()
-    expected = list(csv.DictReader(table))
+    expected = list(csv.DictReader((served / "table.parquet").read_text().splitlines()))
     assert [str(row["critical_angle_deg"]) for row in rows] == [row["critical_angle_deg"] for row in expected]
     assert [row["impact.velocity_m_s"] for row in rows] == [238.0, 240.0]
     sweep = ["sweep", "strike.toml", "--axis", "impact.velocity_m_s=238,240", "-o", "again.parquet"]
@@ -185,7 +182,7 @@ def test_terminal_gets_the_head_of_a_table_and_no_lines_of_json(folder: Path, li
         ('{"impact": 3}', "cases.jsonl:3: /projectile: Field required"),
         ("oops", "cases.jsonl:3: not JSON"),
         ("", "cases.jsonl:3: is empty"),
-        (json.dumps(case_at(-1.0)), "cases.jsonl:3: /impact/velocity_m_s: Input should be greater"),
+        (json.dumps(case_at(-1.0)), "cases.jsonl:3: /impact/velocity_m_s: must be 0.1 to 10000 m/s, got"),
     ],
 )
 def test_wrong_line_is_named(served: Path, capsys: pytest.CaptureFixture[str], line: str, reason: str) -> None:
@@ -333,7 +330,7 @@ def test_closed_pipe_ends_the_command_quietly(folder: Path, live_url: str) -> No
         assert process.stderr is not None
         process.stdout.close()
         err = process.stderr.read()
-    assert process.returncode == 1
+    assert process.returncode == 0
     assert err == ""
 
 

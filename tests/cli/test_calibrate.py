@@ -6,6 +6,7 @@ import math
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +15,8 @@ import pytest
 
 from service import cli
 from service.schemas.strike import PAPER_AT_45
-from solver import Impact, critical_angle
-from solver.calibration import MotionHistory, predict_motion
+from solver import Crater, Impact, Numerics, ShearPlug, critical_angle
+from solver.calibration import DepthTest, MotionHistory, fit_depth, predict_motion
 from solver.resistance import ObliquityPolynomial, Resistance
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET
 from tests.cli.commands import ROOT
@@ -109,6 +110,7 @@ def test_people_get_a_table(run: Run, tests_file: Path) -> None:
     assert (status, "Traceback" in err) == (0, False)
     for expected in ("velocity m/s", "369.5", "slow", "strength factor 8.3", "95% interval", "root mean square 28."):
         assert expected in out
+    assert out.isascii()  # There are no boxes in a pipe.
 
 
 def test_case_comes_from_the_body_of_a_request(run: Run, tests_file: Path, tmp_path: Path) -> None:
@@ -187,6 +189,79 @@ def test_what_a_table_of_runs_lacks_comes_from_the_flags(run: Run, tmp_path: Pat
     ] == pytest.approx(full["strength_factor"])
 
 
+@pytest.mark.parametrize("kind", ["depth", "motion", "runs", "obliquity"])
+@pytest.mark.parametrize("form", ["--json", "--uncertain", "people"])
+def test_service_gives_the_same_answer(run: Run, tmp_path: Path, live_url: str, kind: str, form: str) -> None:
+    (tmp_path / "tests.csv").write_text(TABLE_1)
+    (tmp_path / "points.csv").write_text(TABLE_2)
+    runs = write_runs(tmp_path, {30.0: 7.5, 45.0: 7.0}, {30.0: 238.0, 45.0: 238.0})
+    args: dict[str, list[str | Path]] = {
+        "depth": ["depth", tmp_path / "tests.csv", *CASE, "--group", "--strength-factors", "7", "9"],
+        "motion": ["motion", tmp_path / "at-30.csv", *STRIKE, "--strength-factors", "6"],
+        "runs": ["motion", "--runs", runs, *CASE],
+        "obliquity": ["obliquity", tmp_path / "points.csv"],
+    }
+    if (kind, form) == ("obliquity", "--uncertain"):
+        form = "people"
+    flags = [] if form == "people" else [form]
+    local, remote = run(*args[kind], *flags), run(*args[kind], *flags, "--url", live_url)
+    assert local == remote
+    assert local[0] == 0, local[2]
+
+
+def test_service_that_is_not_there_ends_with_status_1(run: Run, tests_file: Path) -> None:
+    status, out, err = run("depth", tests_file, *CASE, "--url", "http://127.0.0.1:1")
+    assert (status, out) == (1, "")
+    assert "no service answers at http://127.0.0.1:1" in err
+
+
+@pytest.mark.parametrize(
+    ("part", "resistance", "numerics"),
+    [
+        ({"resistance": {"crater": {"depth_diameters": 2.0}}}, {"crater": Crater(depth_diameters=2.0)}, {}),
+        (
+            {
+                "target": PAPER_AT_45["target"] | {"thickness_m": 0.8},
+                "resistance": {"rear_plug": {"cone_angle_deg": 70}},
+            },
+            {"rear_plug": ShearPlug(cone_angle=math.radians(70.0))},
+            {},
+        ),
+        ({"numerics": {"termination_time_s": 0.002}}, {}, {"termination_time": 0.002}),
+        ({"numerics": {"method": "panels", "panels": 500}}, {}, {"method": "panels", "panels": 500}),
+    ],
+    ids=lambda value: "-".join(value) if isinstance(value, dict) else None,
+)
+def test_crater_plug_and_numerics_of_a_case_are_those_of_the_fit(
+    run: Run, tests_file: Path, tmp_path: Path, part: Any, resistance: Any, numerics: Any
+) -> None:
+    case = tmp_path / "case.json"
+    case.write_text(json.dumps(PAPER_AT_45 | part))
+    thickness = part.get("target", {}).get("thickness_m")
+    fitted = fit_depth(
+        projectile=PAPER_PROJECTILE,
+        target=replace(PAPER_TARGET, thickness=thickness),
+        resistance=Resistance(**resistance),
+        numerics=Numerics(**numerics),
+        tests=[DepthTest(velocity=v, depth=d) for v, d in ((238.1, 0.30), (275.7, 0.38), (314.0, 0.45), (369.5, 0.53))],
+    )
+    answer = answer_of(run("depth", tests_file, "--case", case, "--column", "mass=", "--json"))
+    assert answer["strength_factor"] == pytest.approx(fitted.estimate.strength_factor, rel=1e-9)
+    plain = answer_of(run("depth", tests_file, *CASE, "--column", "mass=", "--json"))
+    assert answer["strength_factor"] != plain["strength_factor"]
+
+
+def test_numerics_of_a_case_are_those_of_the_fit_of_a_motion(run: Run, tmp_path: Path) -> None:
+    case = tmp_path / "case.json"
+    runs = write_runs(tmp_path, {30.0: 7.5}, {30.0: 238.0})
+    found = []
+    for tolerance in (1e-3, 1e-9):
+        case.write_text(json.dumps(PAPER_AT_45 | {"numerics": {"relative_tolerance": tolerance}}))
+        found.append(answer_of(run("motion", "--runs", runs, "--case", case, "--json"))["strength_factor"])
+    assert found == pytest.approx([7.5, 7.5], rel=1e-2)
+    assert found[0] != found[1]
+
+
 def test_people_get_every_run_and_every_law(run: Run, tmp_path: Path) -> None:
     runs = write_runs(tmp_path, {15.0: 8.0, 45.0: 6.5}, {15.0: 238.0, 45.0: 238.0})
     status, out, err = run("motion", "--runs", runs, *CASE)
@@ -261,7 +336,8 @@ def test_table_2_gives_equation_9_as_a_request_takes_it(run: Run, tmp_path: Path
             "--caliber-radius-head: must be 0.5 to 100, got 0.1",
         ),
         (["depth", "TESTS", *CASE, "--length", "0.05"], "--length: must be at least the length of the nose"),
-        (["depth", "TESTS", *CASE, "--confidence", "1"], "confidence_level: must be between 0 and 1"),
+        (["depth", "TESTS", *CASE, "--confidence", "1"], "--confidence: Input should be less than or equal to 0.9999"),
+        (["depth", "TESTS", *CASE, "--strength-factors", "7", "0"], "--strength-factors: Input should be greater than"),
         (["depth", "TESTS", *CASE, "--unit", "depth=m", "--unit", "depth=m"], "depth is given twice"),
         (["depth", "TESTS", *CASE, "--unit", "speed=m/s"], "unknown quantity, known are velocity, depth, mass"),
         (["depth", "TESTS", *CASE, "--unit", "depth"], "must be NAME=VALUE"),
@@ -308,7 +384,7 @@ def test_tests_that_nothing_fits_end_with_status_1(run: Run, tests_file: Path) -
     tests_file.write_text("velocity_m_s,depth_m\n200,0.001\n300,0.001\n")
     status, out, err = run("depth", tests_file, *CASE)
     assert (status, out) == (1, "")
-    assert "must determine the strength factor" in err
+    assert "tests.csv: tests: must determine the strength factor" in err
 
 
 def test_too_few_points_are_an_error_that_names_the_file(run: Run, tmp_path: Path) -> None:

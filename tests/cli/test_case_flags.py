@@ -2,6 +2,7 @@
 
 import json
 import re
+import shlex
 import subprocess
 import tomllib
 from pathlib import Path
@@ -10,7 +11,9 @@ from typing import Any
 import pytest
 
 from service import cli
-from service.schemas import CriticalAngleRequest
+from service.cli.arguments import BODY, IMPACT, RESISTANCE, Flag
+from service.cli.writers import unit_of
+from service.schemas import CriticalAngleRequest, TrajectoryRequest
 from service.schemas.strike import PAPER
 
 LAW = "resistance.strength_factor"
@@ -190,3 +193,83 @@ def test_zsh_reads_the_script_of_bash(capsys: pytest.CaptureFixture[str]) -> Non
     zsh = capsys.readouterr().out
     assert zsh.endswith(bash)
     assert "bashcompinit" in zsh.removesuffix(bash)
+
+
+def test_fish_completes_commands_flags_and_choices(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["completion", "fish"]) == 0
+    lines = [shlex.split(line, comments=True) for line in capsys.readouterr().out.splitlines()]
+    assert all(line[:3] == ["complete", "-c", "ricochet"] for line in lines if line)
+    offered = {(line[4], *line[5:]) for line in lines if line}
+    commands = {line[line.index("-a") + 1] for line in offered if line[0] == "__fish_use_subcommand"}
+    assert commands == {command.name for command in cli.COMMANDS}
+    cra = {line[1:] for line in offered if line[0] == "__fish_seen_subcommand_from cra"}
+    assert {("-l", "velocity", "-r"), ("-l", "json"), ("-s", "o", "-l", "output", "-r")} <= cra
+    assert ("-l", "nose", "-x", "-a", "ogive conical spherical flat profile sphere") in cra
+    jobs = {line[1:] for line in offered if line[0] == "__fish_seen_subcommand_from jobs"}
+    assert ("-x", "-a", "list show results cancel delete") in jobs
+
+
+def nodes_at(schema: dict[str, Any], steps: tuple[str, ...]) -> dict[str, dict[str, Any]]:
+    """Schemas of a field by the model that holds it, or by an empty name where there is one."""
+
+    def resolved(node: dict[str, Any]) -> dict[str, Any]:
+        while "$ref" in node:
+            node = schema["$defs"][node["$ref"].rpartition("/")[2]]
+        return node
+
+    found = {"": schema}
+    for step in steps:
+        models = {
+            name: resolved({"$ref": reference})
+            for node in found.values()
+            for name, reference in node.get("discriminator", {"mapping": {}})["mapping"].items()
+        } or found
+        found = {
+            name: resolved(model["properties"][step])
+            for name, model in models.items()
+            if step in model.get("properties", {})
+        }
+    return found
+
+
+@pytest.mark.parametrize("flag", [*IMPACT, *BODY, *RESISTANCE], ids=lambda flag: flag.name)
+def test_a_flag_has_the_models_and_the_choices_of_its_field(flag: Flag) -> None:
+    """Flags are a list without pydantic, as help must not wait for it: here they are compared with the models."""
+    found = nodes_at(TrajectoryRequest.model_json_schema(), flag.steps)
+    if flag.implies:
+        assert found.keys() == set(flag.implies)
+    elif flag.choices and "" not in found:
+        assert found.keys() == set(flag.choices)
+    elif flag.choices:
+        assert found[""]["enum"] == list(flag.choices)
+    else:
+        assert found.keys() == {""}
+    if flag.implies and flag.choices:
+        assert all(node["enum"] == list(flag.choices) for node in found.values())
+    field = next(iter(found.values()))
+    if field["type"] == "number":
+        assert f"[{unit_of(flag.steps[-1]) or 1}]" in flag.help
+        described = re.search(r"\(default: ([-\de.]+)\)", flag.help)
+        assert (described and float(described[1])) == field.get("default")
+
+
+BOUNDED = [flag for flag in (*IMPACT, *BODY, *RESISTANCE) if flag.read is float]
+BOUNDS = {"minimum": -1.0, "exclusiveMinimum": 0.0, "maximum": 1.0, "exclusiveMaximum": 0.0}
+"""Keywords of the schema, and in which direction a value is outside."""
+
+
+@pytest.mark.parametrize("flag", BOUNDED, ids=lambda flag: flag.name)
+@pytest.mark.parametrize("keywords", [("minimum", "exclusiveMinimum"), ("maximum", "exclusiveMaximum")], ids=min)
+def test_a_flag_has_the_bounds_of_its_field(
+    here: Path, capsys: pytest.CaptureFixture[str], flag: Flag, keywords: tuple[str, ...]
+) -> None:
+    field = next(iter(nodes_at(TrajectoryRequest.model_json_schema(), flag.steps).values()))
+    keyword = next(each for each in keywords if each in field)
+    outside = field[keyword] + BOUNDS[keyword] * max(1.0, abs(field[keyword]))
+    command = ["trajectory", "strike.toml", "--angle", "45"]
+    beside = ["--boat-tail-length", "0.1"] if flag.name == "--base-diameter" else []
+    assert cli.main([*command, *beside, f"{flag.name}={outside!r}"]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith(f"ricochet trajectory: {flag.name}: ")
+    assert field[keyword] in map(float, re.findall(r"-?\d[\d.]*(?:e[+-]?\d+)?", error))
+    assert unit_of(flag.steps[-1]) in error

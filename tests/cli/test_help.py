@@ -130,6 +130,7 @@ def test_examples_of_the_help_work_with_a_service(
     monkeypatch.setenv("RICOCHET_URL", live_url)
     monkeypatch.setenv("NO_PROXY", "*")
     write_cases(folder / "cases.jsonl", case_at(238.0), case_at(240.0, custom_id="faster"))
+    (folder / "cases.csv").write_text("velocity_m_s\n238\n240\n")
     examples = examples_of(help_of(*words, capsys=capsys))
     assert examples
     for example in examples:

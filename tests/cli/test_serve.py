@@ -20,7 +20,7 @@ from service.cli.serve import check_proxy
 from service.schemas.strike import PAPER, PAPER_AT_45
 from service.settings import Settings
 from solver import ENGINE_VERSION
-from tests.cli.commands import COMMAND, LIMIT_S, environment, run
+from tests.cli.commands import COMMAND, LIMIT_S, case_at, environment, run, write_cases
 from tests.conftest import free_port
 
 RunService: TypeAlias = Callable[..., AbstractContextManager["Service"]]
@@ -139,19 +139,58 @@ def test_second_service_on_a_folder_is_refused(dedicated_service: Service, tmp_p
     assert "Traceback" not in done.err
 
 
-def test_wrong_setting_is_named(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    monkeypatch.setenv("RICOCHET_WORKERS", "none")
+@pytest.mark.parametrize(
+    ("name", "value", "flags", "reason"),
+    [
+        ("RICOCHET_WORKERS", "none", [], "RICOCHET_WORKERS: Input should be a valid integer"),
+        ("RICOCHET_PORT", "9000", ["--port", "none"], "--port: Input should be a valid integer"),
+        ("RICOCHET_DATA_DIR", "'~/x'", [], "RICOCHET_DATA_DIR: has quotes around it: '~/x'; leave them out"),
+        ("RICOCHET_HOST", '"127.0.0.1"', [], "RICOCHET_HOST: has quotes around it"),
+        ("RICOCHET_AUDIT_LOG", '"audit.log"', [], "RICOCHET_AUDIT_LOG: has quotes around it"),
+    ],
+)
+def test_wrong_setting_is_named(
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    name: str,
+    value: str,
+    flags: list[str],
+    reason: str,
+) -> None:
+    monkeypatch.setenv(name, value)
     with pytest.raises(SystemExit) as ended:
-        cli.main(["serve"])
+        cli.main(["serve", *flags])
     assert ended.value.code == 2
-    assert "workers" in capsys.readouterr().err
+    assert reason in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "words", [["keys", "list"], ["batch", "cases.jsonl"], ["batch", "cases.jsonl", "--data-dir", "~/x"]]
+)
+def test_tilde_in_the_data_folder_is_the_home(folder: Path, words: list[str]) -> None:
+    write_cases(folder / "cases.jsonl", case_at(238.0))
+    (folder / "home").mkdir()
+    done = run(folder, *words, HOME=str(folder / "home"), RICOCHET_DATA_DIR="~/x")
+    assert done.status == 0, done.err
+    assert not (folder / "~").exists()
+    assert (folder / "home" / "x").is_dir() == (words[0] == "batch")
+
+
+def test_flags_of_serve_go_before_variables(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("RICOCHET_PORT", "70000")
+    assert cli.main(["serve", "--host", "192.0.2.1", "--port", "9"]) == 3
+    assert "cannot listen on port 9 of 192.0.2.1" in capsys.readouterr().err
 
 
 def test_port_in_use_is_one_sentence(live_url: str, tmp_path: Path) -> None:
     port = str(httpx.URL(live_url).port)
     done = run(tmp_path, "serve", RICOCHET_HOST="127.0.0.1", RICOCHET_PORT=port, RICOCHET_DATA_DIR="data")
     assert (done.status, done.out) == (3, "")
-    assert done.err == f"ricochet serve: port {port} of 127.0.0.1 is in use; choose another with RICOCHET_PORT\n"
+    assert (
+        done.err == f"ricochet serve: port {port} of 127.0.0.1 is in use; choose another with --port or RICOCHET_PORT\n"
+    )
     assert not (tmp_path / "data").exists()
 
 

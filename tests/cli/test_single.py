@@ -214,7 +214,7 @@ def test_pictures_are_drawn(here: Path, capsys: pytest.CaptureFixture[str], name
         ("cra odd.toml", "odd.toml: /projectile/mass_kg: Input should be a valid number"),
         ("trajectory strike.toml", "strike.toml: /impact/oblique_angle_deg: Field required"),
         ("trajectory strike.toml --angle 95", "--oblique-angle: Input should be less than 90"),
-        ("trajectory strike.toml --angle 45 --plot a.gif", "must end in .png, .svg, .pdf"),
+        ("trajectory strike.toml --angle 45 --plot a.gif", "must end in .png, .svg or .pdf"),
         ("trajectory strike.toml --angle 45 --plot no/a.svg", "the folder does not exist"),
         ("trajectory strike.toml --angle 45 --csv --set output.history=false", "output.history is false"),
     ],
@@ -293,6 +293,9 @@ def test_request_to_a_busy_service_is_repeated_with_the_key(folder: Path, moody_
     refused = run(folder, *args, RICOCHET_API_KEY="other")
     assert (refused.status, refused.out) == (1, "")
     assert "401" in refused.err
+    assert "RICOCHET_API_KEY: another API key" in refused.err
+    Moody.moods = ["good"]
+    assert "401 Unauthorized: RICOCHET_API_KEY: not set" in run(folder, *args).err
 
 
 def test_no_service_ends_with_status_1(folder: Path) -> None:

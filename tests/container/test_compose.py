@@ -193,6 +193,8 @@ def test_its_commands_make_a_cluster_that_answers(
         answer = httpx.post(f"{service.url}/cra/batch", json={"cases": cases}, timeout=60.0, trust_env=False)
         assert [item["result"]["status"] for item in answer.json()["results"]] == ["converged"] * 3
         deadline = time.monotonic() + START_LIMIT_S
-        while "ricochet_chunk_width 1.0" not in httpx.get(f"{service.url}/metrics", trust_env=False).text:
+        while (
+            'ricochet_chunk_width{place="cluster"} 1.0' not in httpx.get(f"{service.url}/metrics", trust_env=False).text
+        ):
             assert time.monotonic() < deadline
             time.sleep(0.2)

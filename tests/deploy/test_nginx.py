@@ -20,7 +20,9 @@ import pytest
 
 from service.schemas.strike import PAPER
 from tests.api.certificates import Certificate, make_certificate
+from tests.api.owners import key_in
 from tests.conftest import ROOT, Service, free_port
+from tests.docs.blocks import blocks
 
 pytestmark = [pytest.mark.system, pytest.mark.timeout(1200)]
 
@@ -241,3 +243,69 @@ def test_metrics_are_for_the_monitor_of_this_machine_alone(proxy: Proxy) -> None
         assert client.get("/metrics").status_code == 403
     with proxy.client(MONITOR) as client:
         assert "ricochet_workers" in client.get("/metrics").text
+
+
+SEVERAL = [block.text for block in blocks(ROOT / "docs" / "sizing.md") if block.language == "nginx"]
+"""nginx before two services: by path, and by owner."""
+
+
+@pytest.fixture(params=["path", "owner"])
+def several(
+    request: pytest.FixtureRequest, service_on: Callable[..., AbstractContextManager[Service]], tmp_path: Path
+) -> Iterator[list[httpx.Client]]:
+    """A client of each of two services behind one nginx, as docs/sizing.md has it."""
+    if NGINX is None:
+        pytest.skip("nginx is not there")
+    by_path, port = request.param == "path", free_port()
+    folders = [tmp_path / "1", tmp_path / "2"]
+    for folder in folders:
+        (folder / "data").mkdir(parents=True)
+    tokens = ["", ""] if by_path else [key_in(folder / "data", f"owner-{folder.name}") for folder in folders]
+    text = SEVERAL[0 if by_path else 1].replace("listen 8080;", f"listen 127.0.0.1:{port};")
+    text = text.replace("ricochet_5f0c21d9_", "_".join(tokens[1].split("_")[:2]) + "_")
+    with ExitStack() as running:
+        for number, folder in enumerate(folders, 1):
+            own = {"root_path": f"/{number}"} if by_path else {"access": "keys"}
+            service = running.enter_context(service_on(folder, executor="in-process", **own))
+            text = text.replace(f"127.0.0.1:800{number}", service.url.removeprefix("http://"))
+        paths = "".join(
+            f"{kind}_temp_path {tmp_path}/{kind};" for kind in ("client_body", "proxy", "fastcgi", "uwsgi", "scgi")
+        )
+        (tmp_path / "nginx.conf").write_text(
+            f"pid {tmp_path}/nginx.pid; error_log {tmp_path}/error.log; events {{}}\n"
+            f"http {{ access_log off; {paths}\n{text}}}\n"
+        )
+        process = running.enter_context(
+            subprocess.Popen([NGINX, "-c", str(tmp_path / "nginx.conf"), "-p", str(tmp_path), "-g", "daemon off;"])
+        )
+        running.callback(process.terminate)
+        wait_for(port, process)
+        yield [
+            running.enter_context(
+                httpx.Client(
+                    base_url=f"http://127.0.0.1:{port}{f'/{number}' if by_path else ''}",
+                    headers={"Authorization": f"Bearer {token}"} if token else {},
+                    timeout=60.0,
+                    trust_env=False,
+                )
+            )
+            for number, token in enumerate(tokens, 1)
+        ]
+
+
+def test_each_of_two_services_has_its_own_jobs_keys_and_repetitions(several: list[httpx.Client]) -> None:
+    once = {"Prefer": "respond-async", "Idempotency-Key": "one-of-each"}
+    made: list[str] = []
+    for client in several:
+        cases = {"cases": [PAPER | {"impact": {"velocity_m_s": 230.0 + len(made)}}]}
+        first, again = (client.post("/cra/batch", json=cases, headers=once) for _ in range(2))
+        assert first.status_code == again.status_code == 202, first.text
+        assert first.json()["id"] == again.json()["id"]
+        found = client.get(urljoin(str(client.base_url), first.headers["Location"]))
+        assert found.json()["id"] == first.json()["id"]
+        made.append(first.json()["id"])
+    for client, own, other in zip(several, made, made[::-1], strict=True):
+        assert [job["id"] for job in client.get("/jobs").json()["jobs"]] == [own]
+        assert client.get(f"/jobs/{own}").is_success
+        assert client.get(f"/jobs/{other}").status_code == 404
+        assert client.get("/readyz").json()["chunks_on"] == "pool"

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from service.assessment import EXTRA
 from service.settings import missing_package
 
 from .blocks import PAGES, ROOT, name_of
@@ -29,7 +30,21 @@ def test_no_message_installs_by_a_name_that_is_another_projects(package: str) ->
 def test_missing_package_names_the_extra_of_the_repository() -> None:
     text = missing_package("Parquet", "pyarrow", "parquet")
     assert text.startswith("Parquet needs pyarrow, which is not installed: ")
-    assert 'pip install ".[parquet]"' in text
+    assert 'pip install -e ".[parquet]"' in text
+
+
+def test_plots_and_reports_are_part_of_every_installation() -> None:
+    """The README shows both after `make demo`, which installs requirements/run.txt."""
+    for name in ("run", "cluster", "full"):
+        locked = (ROOT / "requirements" / f"{name}.txt").read_text("utf-8")
+        assert [package for package in EXTRA if f"\n{package}==" not in locked] == []
+
+
+def test_every_hint_to_install_an_extra_keeps_a_checkout_editable() -> None:
+    files = [*PAGES, *(ROOT / "service").rglob("*.py"), *(ROOT / "solver").rglob("*.py"), *ROOT.glob("*.md")]
+    hints = [line for path in files for line in Path(path).read_text("utf-8").splitlines() if '".[' in line]
+    assert len(hints) >= 3
+    assert [line for line in hints if 'pip install -e ".[' not in line] == []
 
 
 def test_dask_is_warned_of_before_its_commands() -> None:

@@ -93,7 +93,7 @@ def workers_alone(folder: Path, workers: int, *, nanny: bool) -> Iterator[DaskCl
 def width(server: RestartableServer) -> int:
     """Chunks that the service has computed at the same time: workers of Dask or, without any, of its pool."""
     lines = server.client.get("/metrics").raise_for_status().text.splitlines()
-    return next(int(float(line.split()[1])) for line in lines if line.startswith("ricochet_chunk_width "))
+    return sum(int(float(line.split()[1])) for line in lines if line.startswith("ricochet_chunk_width{"))
 
 
 def until_width(server: RestartableServer, workers: int) -> None:

@@ -1,8 +1,9 @@
 """LS-DYNA's files as LS-DYNA writes them, of bodies whose motion is given along the global axes."""
 
 import struct
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Literal
 
 from solver.arrays import FloatArray
 
@@ -56,20 +57,41 @@ def _node(node: int, numbers: Sequence[float]) -> str:
 
 
 def write_binout(
-    path: Path, time: FloatArray, bodies: Bodies, *, database: str = "rbdout", order: str = "<", first: int = 1
+    path: Path,
+    time: FloatArray,
+    bodies: Bodies,
+    *,
+    database: str = "rbdout",
+    order: str = "<",
+    first: int = 1,
+    present: Callable[[int], Sequence[int]] | None = None,
+    ids_in: Literal["states", "metadata", "first metadata"] = "first metadata",
 ) -> None:
-    """One table of symbols for the metadata and one for the states, as when LS-DYNA has flushed in between."""
+    """One table of symbols for the metadata and one for the states, as when LS-DYNA has flushed in between.
+
+    Parameters
+    ----------
+    present
+        The bodies of each state in their order, all of them if not given.
+    ids_in
+        Where their ids are written: with each state, in the metadata again when they change, or once at the start.
+    """
+    present = present or (lambda state: list(bodies))
     prefix, names = ("global_", "dx dy dz rdx rdy rdz") if database == "rbdout" else ("", "x y z rx ry rz")
     suffix = "" if database == "rbdout" else "_displacement"
     file = _Lsda(order)
-    file.write(f"/{database}/metadata", "ids", "i", list(bodies))
+    file.write(f"/{database}/metadata", "ids", "i", present(0))
     file.write(f"/{database}/metadata", "title", "b", list(b"a title"))
     file.end_table()
     for state, instant in enumerate(time):
         folder = f"/{database}/d{state + first:06d}"
+        if ids_in == "metadata" and state and present(state) != present(state - 1):
+            file.write(f"/{database}/metadata", "ids", "i", present(state))
+        if ids_in == "states":
+            file.write(folder, "ids", "i", present(state))
         file.write(folder, "time", "d", [float(instant)])
         for place, name in enumerate(names.split()):
-            numbers = [float(motion[state, place]) for motion in bodies.values()]
+            numbers = [float(motion[state, place]) for motion in map(bodies.__getitem__, present(state))]
             file.write(folder, f"{prefix}{name}{suffix}", "f", numbers)
     file.end_table()
     path.write_bytes(file.content)

@@ -31,6 +31,19 @@ def test_depth_tests_of_published_tables_need_no_flags(file: Path) -> None:
     assert [(test.group, test.mass) for test in named] == [("A", None), ("B", None)]
 
 
+@pytest.mark.parametrize("head", ["Projectile Mass (kg)", "mass [kg]", "projectile_mass_kg"])
+def test_mass_of_the_projectile_is_recognized(file: Path, head: str) -> None:
+    file.write_text(f"velocity_m_s,depth_m,{head}\n200,0.2,12.9\n300,0.4,13\n")
+    assert [test.mass for test in read_depth_tests(file)] == [12.9, 13.0]
+
+
+def test_numbers_in_columns_that_are_not_read_are_not_looked_at(file: Path) -> None:
+    file.write_text("velocity_m_s,depth_m,Sabot Mass (kg),strain\n200,0.2,nan,1e999\n300,0.4,\u22121,***\n")
+    assert [test.mass for test in read_depth_tests(file, {"mass": ""})] == [None, None]
+    with pytest.raises(FileError, match=r":2: mass \('Sabot Mass \(kg\)'\) must be a finite number, got 'nan'"):
+        read_depth_tests(file, {"mass": "Sabot Mass (kg)"})
+
+
 def test_finite_element_history_needs_no_flags(file: Path) -> None:
     head = "time_s,depth_displacement_m,lateral_displacement_m,rotation_deg,depth_velocity_m_s,angular_velocity_deg_s"
     file.write_text(f"{head}\n0,0,0,0,206.1,0\n2.00247e-05,0.00412737,0.00238294,0,206.114,26.5\n1e-3,.18,.1,9,190,3\n")
@@ -73,8 +86,23 @@ def test_time_histories_of_openradioss_are_read_by_their_names(file: Path) -> No
         TESTS.replace(",", ";").encode(),
         TESTS.replace(",", "\t").encode(),
         ("# by hand\n\n" + TESTS + "\n\n").encode(),
+        ("% Model: strike\n" + TESTS + "% end\n").encode(),
+        ("sep=;\r\n" + TESTS.replace(",", ";")).encode("utf-8-sig"),
+        ("sep=|\n" + TESTS.replace(",", "|")).encode(),
+        (TESTS + ",\n,,\n\n").encode(),
+        b"  velocity_m_s     depth_m\n  2.0000E+02   2.0000E-01\n  3.0000E+02   4.0000E-01\n",
+        b"velocity (km/s)  depth (m)  note\n0.200  0.2  first\n0.300  0.4  second\n",
+        b"# velocity_m_s depth_m\n2.0e+02 2.0e-01\n3.0e+02 4.0e-01\n",
+        b"% Model: strike\n% velocity_m_s    depth_m\n200    0.2\n300   0.4\n",
+        b"Test,Velocity,Depth\n-,(m/s),(mm)\nA,200,200\nB,300,400\n",
+        b"Test;velocity;depth;weight;note\n;km/s;[cm];-\nA;.2;20;1;\nB;.3;40;1;\n",
+        "velocity_m_s,depth_m,offset\n200,2e\u22121,\u22121\n300,0.4,\u22122\n".encode(),
     ],
-    ids=["plain", "byte order mark", "crlf", "semicolons", "tabs", "comments"],
+    ids=[
+        *("plain", "byte order mark", "crlf", "semicolons", "tabs", "comments", "per cent", "sep=;", "sep=|"),
+        *("empty rows at the end", "fixed columns", "blanks before units", "numpy.savetxt", "COMSOL"),
+        *("units below the names", "units below the names, in a spreadsheet", "typeset minus"),
+    ],
 )
 def test_usual_kinds_of_csv_are_read(file: Path, content: bytes) -> None:
     file.write_bytes(content)
@@ -96,22 +124,30 @@ def test_usual_kinds_of_csv_are_read(file: Path, content: bytes) -> None:
         ("velocity_m_s,depth_m,mass_kg\n200,0.2,1\n300,0.4,0\n", 3, "mass must be greater than 0, got 0 kg"),
         ("velocity_m_s,depth_m,depth_mm\n200,0.2,200\n300,0.4,400\n", 1, "there are 2 columns of depth"),
         ("velocity_m_s,velocity_m_s,depth_m\n1,1,1\n1,1,1\n", 1, "there are 2 columns of velocity"),
-        ("velocity_m_s,depth_m\n200,0.2\n300,deep\n", 3, "depth must be a finite number, got 'deep'"),
+        ("v,depth_m\n200,0.2\n300,deep\n", 3, "depth must be a finite number, got 'deep'"),
         ("velocity_m_s,depth_m\n200,0.2\n300,nan\n", 3, "depth must be a finite number, got 'nan'"),
         ("velocity_m_s,depth_m\n200,0.2\n300,1e999\n", 3, "depth must be a finite number, got '1e999'"),
         ("velocity_m_s,depth_m\n200,0.2\n1_000,0.4\n", 3, "velocity must be a finite number, got '1_000'"),
         ("velocity_m_s;depth_m\n200;0.2\n300;0,4\n", 3, "write decimals with a point"),
+        ('velocity_m_s,depth_m\n"1,530",0.2\n300,0.4\n', 2, "got '1,530'; write 1530 or 1.530, whichever it means"),
+        ('velocity_m_s,depth_m\n"1,530.5",0.2\n300,0.4\n', 2, "write 1530.5, without commas between thousands"),
+        ("velocity_m_s;depth_m\n200;0,125\n300;0,4\n", 2, "got '0,125'; write decimals with a point"),
+        ("velocity,depth\nof it,of its nose\n200,0.2\n", 2, "is this a second header? Units may stand below the names"),
+        (",Impact,Result\nTest,velocity,depth\nA,200,0.2\n", 1, "line 2 holds no numbers: keep one header"),
+        ("Curveplot\nLS-DYNA\nTime\nZ-displacement\n", 1, "no column of velocity; there are: Curveplot; line 2 holds"),
+        ("velocity,depth,Sabot Mass (kg)\n200,0.2,1\n300,0.4,1\n", 1, "'Sabot Mass (kg)' is not read as mass; choose"),
+        (";;\n;;\n", None, "the file holds comments only"),
         ("velocity_m_s,depth_furlong\n200,0.2\n300,0.4\n", 1, "unknown unit 'furlong' of depth, known are m, cm, mm"),
         ("velocity_km_s,depth_m\n200,0.2\n300,0.4\n", 2, "velocity is above 10 km/s (wrong unit?), got 200000 m/s"),
         ("velocity,depth\n200,0.2\n300,400\n", 3, "depth is above 1000 diameters (wrong unit?), got 400 m"),
         ('velocity_m_s,depth_m\n200,0.2\n"300,0.4\n', 3, "not a CSV file"),
     ],
 )
-def test_wrong_tests_are_refused_with_their_line(file: Path, content: str, line: int, reason: str) -> None:
+def test_wrong_tests_are_refused_with_their_line(file: Path, content: str, line: int | None, reason: str) -> None:
     file.write_text(content)
     with pytest.raises(FileError) as refused:
-        read_depth_tests(file, diameter=0.08)
-    assert str(refused.value).startswith(f"{file}:{line}: ")
+        read_depth_tests(file, {"velocity": "v"} if content.startswith("v,") else {}, diameter=0.08)
+    assert str(refused.value).startswith(f"{file}:{line}: " if line else f"{file}: ")
     assert reason in str(refused.value)
 
 
@@ -134,6 +170,8 @@ def test_wrong_tests_are_refused_with_their_line(file: Path, content: str, line:
         ("time_s", "time_ms", 3, "m after 1e-06 s is more than possible after an impact at 238 m/s"),
         ("depth_displacement_m,", "depth_displacement_mm,", 3, "of 0.0002 m after 0.001 s is much less than possible"),
         ("rotation_deg", "rotation", 4, "rotation of 3.5 rad after 0.002 s is more than possible"),
+        ("0.2,3.5", "-0.32,3.5", 4, "lateral_displacement goes from 0.1 to -0.32 m within 0.001 s, more than possible"),
+        ("0.2,3.5", "0.2,-115", 4, "rotation goes from 0.01745 to -2.007 rad within 0.001 s, more than possible"),
     ],
 )
 def test_wrong_histories_are_refused_with_their_line(file: Path, old: str, new: str, line: int, reason: str) -> None:

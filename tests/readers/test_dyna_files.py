@@ -2,6 +2,8 @@
 
 import math
 import random
+import re
+import struct
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
@@ -95,7 +97,11 @@ def test_damaged_text_is_refused_with_its_line(tmp_path: Path, write: Writer) ->
     write(file, TIME, {42: along_axes()})
     lines = file.read_bytes().splitlines(keepends=True)
     row = next(n for n, line in enumerate(lines) if f"{-DEPTH[3]:12.4E}".encode() in line and b"coord" not in line)
-    for damage, reason in ((b" ***********", "must be numbers"), (b"         NaN", "must be numbers")):
+    for damage, reason in (
+        (b" ***********", "must be a finite"),
+        (b"         NaN", "z disp.*finite"),
+        (b"   0.12E", "be numbers"),
+    ):
         damaged = lines[row].replace(f"{-DEPTH[3]:12.4E}".encode(), damage)
         file.write_bytes(b"".join([*lines[:row], damaged, *lines[row + 1 :]]))
         with pytest.raises(FileError, match=reason) as refused:
@@ -128,6 +134,120 @@ def test_binout_goes_on_in_its_next_file(tmp_path: Path) -> None:
     write_binout(tmp_path / "binout0000%001", TIME[8:], {42: along_axes()[8:]}, first=9)
     history = read_motion(tmp_path / "binout0000", units=UNITS, axes=AXES)
     assert np.allclose(history.columns["depth_displacement"], 1e-3 * DEPTH, rtol=2e-4)
+
+
+@pytest.mark.parametrize("ids_in", ["states", "metadata"])
+@pytest.mark.parametrize("database", ["rbdout", "nodout"])
+def test_binout_follows_a_body_whose_place_changes(tmp_path: Path, database: str, ids_in: Any) -> None:
+    def present(state: int) -> list[int]:
+        return [7, 42] if state < 5 else [42, 8, 7] if state < 9 else [42]
+
+    bodies = {7: OTHER, 8: OTHER, 42: along_axes()}
+    write_binout(tmp_path / "binout", TIME, bodies, database=database, present=present, ids_in=ids_in)
+    choice: dict[str, Any] = {"part" if database == "rbdout" else "node": 42}
+    history = read_motion(tmp_path / "binout", units=UNITS, axes=AXES, **choice)
+    assert np.allclose(history.columns["depth_displacement"], 1e-3 * DEPTH, rtol=2e-4)
+
+
+@pytest.mark.parametrize(
+    ("ids_in", "present", "reason"),
+    [
+        (
+            "states",
+            lambda n: [7, 42] if n < 5 else [7],
+            "state 6 has rigid body 42 not at all: a part that is switched",
+        ),
+        (
+            "states",
+            lambda n: [7] if n < 5 else [7, 42],
+            "state 1 has rigid body 42 not at all: a part that is switched",
+        ),
+        ("states", lambda n: [7, 42, 42], "state 1 has rigid body 42 2 times"),
+        (
+            "first metadata",
+            lambda n: [7, 42] if n < 5 else [42],
+            "state 6: global_dx has 1 numbers, but there are 2 ids",
+        ),
+        (
+            "first metadata",
+            lambda n: [42] if n < 5 else [7, 42],
+            "state 6: global_dx has 2 numbers, but there are 1 ids",
+        ),
+    ],
+)
+def test_rigid_deformable_switches_are_refused(tmp_path: Path, ids_in: Any, present: Any, reason: str) -> None:
+    write_binout(tmp_path / "binout", TIME, {7: OTHER, 42: along_axes()}, present=present, ids_in=ids_in)
+    with pytest.raises(FileError, match=re.escape(reason)):
+        read_motion(tmp_path / "binout", axes=AXES, part=42)
+
+
+def test_rigid_deformable_switch_is_named_in_text(tmp_path: Path) -> None:
+    write_rbdout(tmp_path / "rbdout", TIME, {7: OTHER, 42: along_axes()})
+    lines = (tmp_path / "rbdout").read_text("latin-1").splitlines(keepends=True)
+    starts = [n for n, line in enumerate(lines) if line.startswith(" rigid body      42")]
+    del lines[starts[7] : starts[7] + 20]
+    (tmp_path / "rbdout").write_text("".join(lines), "latin-1")
+    with pytest.raises(FileError, match="no rigid body 42: a part that is switched to deformable"):
+        read_motion(tmp_path / "rbdout", axes=AXES, part=42)
+
+
+@WRITERS
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize(("column", "used"), [(1, None), (3, None), (2, "z displacement"), (4, "y rotation")])
+def test_what_is_not_finite_matters_where_it_is_read(
+    tmp_path: Path, write: Writer, choice: dict[str, Any], value: float, column: int, used: str | None
+) -> None:
+    motion = along_axes()
+    motion[4, column] = value
+    write(tmp_path / "file", TIME, {7: np.full_like(OTHER, value), 42: motion})
+    if used is None:
+        assert len(read_motion(tmp_path / "file", axes=AXES, **choice).time) == len(TIME)
+    else:
+        with pytest.raises(FileError, match=rf"(:\d+|state 5): .* \(the column of {used}\) must be a finite number"):
+            read_motion(tmp_path / "file", axes=AXES, **choice)
+
+
+@pytest.mark.parametrize("write", [write_rbdout, write_nodout], ids=["rbdout", "nodout"])
+@pytest.mark.parametrize(
+    "title",
+    ["rigid body 3 at 45 deg", "       3  1.0000E+00  2.0000E+00", "2024. test 3.5", " displacements:  1.0 2.0"],
+)
+def test_title_that_looks_like_data_is_a_title(tmp_path: Path, write: Writer, title: str) -> None:
+    write(tmp_path / "file", TIME, {42: along_axes()})
+    content = (tmp_path / "file").read_bytes()
+    for mark in (b"  r i g i d   b o d y", b" n o d a l   p r i n t"):
+        content = content.replace(mark, title.encode() + b"\n" + mark)
+    (tmp_path / "file").write_bytes(title.encode() + b"\n" + content)
+    history = read_motion(tmp_path / "file", units=UNITS, axes=AXES)
+    assert np.allclose(history.columns["depth_displacement"], 1e-3 * DEPTH, rtol=2e-4)
+
+
+GLSTAT = (
+    b" a title\n                         ls-dyna mpp.190 s              date 10/29/2021\n\n"
+    b" dt of cycle       1 is controlled by solid         100778 of part        10\n\n"
+    b" time...........................   0.00000E+00\n kinetic energy.................   1.00000E+03\n"
+)
+
+
+@pytest.mark.parametrize(
+    ("content", "name"),
+    [
+        (b"".ljust(40) + struct.pack("<54i", 0, 1, 960, 0, 0, 4, 808, 0, *[6] * 46), "LS-DYNA's d3plot"),
+        (b"".ljust(80) + struct.pack(">54q", 0, 1, 960, 0, 0, 4, 808, 0, *[6] * 46), "LS-DYNA's d3plot"),
+        (b"$ units: mm, ms, kg\n*KEYWORD\n*TITLE\nstrike\n", "an LS-DYNA keyword file"),
+        (b"*KEYWORD\r\n*NODE\r\n", "an LS-DYNA keyword file"),
+        (GLSTAT, "LS-DYNA's glstat"),
+        (GLSTAT[:82] + b"\n\n c o n t a c t\n", "an LS-DYNA text file other than rbdout and nodout"),
+        (b"\x1f\x8b\x08\x00rest of it", "a compressed file; decompress it first"),
+        (b"PK\x03\x04\x14\x00rest of it", "an Excel workbook or a ZIP archive"),
+        (b"\x89HDF\r\n\x1a\nrest of it", "an HDF5 file"),
+        (b"PAR1\x15\x04rest of it", "a Parquet file"),
+    ],
+)
+def test_other_formats_are_named(tmp_path: Path, content: bytes, name: str) -> None:
+    (tmp_path / "file").write_bytes(content)
+    with pytest.raises(FileError, match=f"this is {name}"):
+        read_motion(tmp_path / "file", axes=AXES)
 
 
 def test_file_without_rotations_gives_displacements_alone(tmp_path: Path) -> None:

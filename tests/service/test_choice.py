@@ -27,4 +27,4 @@ async def test_queries_and_batches_are_answered(executor: Literal["in-process", 
         batch = (await client.post("/cra/batch", json={"cases": [PAPER, faster]})).raise_for_status().json()
         assert batch["results"][0]["result"] == alone
         assert batch["results"][1]["result"]["status"] == "converged"
-        assert "ricochet_chunk_width 1.0" in (await client.get("/metrics")).text
+        assert 'ricochet_chunk_width{place="pool"} 1.0' in (await client.get("/metrics")).text

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from service.settings import available_cores
+from service.cores import available_cores
 
 HERE = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 

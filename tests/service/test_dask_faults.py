@@ -175,7 +175,8 @@ def test_service_answers_over_a_cluster_and_without_it(
     """A batch on the cluster; then the scheduler dies, and single queries and batches go on."""
     settings = {"executor": "dask", "dask_scheduler": cluster.address, "workers": "1", "probe_seconds": "10"}
     with service_on(tmp_path, **settings) as service, httpx.Client(base_url=service.url, trust_env=False) as client:
-        assert "ricochet_chunk_width 2.0" in client.get("/metrics").text
+        assert 'ricochet_chunk_width{place="cluster"} 2.0' in client.get("/metrics").text
+        assert client.get("/readyz").json()["chunks_on"] == "cluster"
 
         def batch(first: float) -> list[float]:
             strikes = [PAPER | {"impact": {"velocity_m_s": first + number}} for number in range(12)]

@@ -1,0 +1,30 @@
+"""Cores that this process may use: its affinity and the processor quota of its control group."""
+
+import math
+import os
+from contextlib import suppress
+from pathlib import Path
+
+CONTROL_GROUPS = Path("/sys/fs/cgroup")
+"""Control groups, of version 2 or, in `cpu`, of version 1."""
+MEMBERSHIP = Path("/proc/self/cgroup")
+"""Control group of this process; the topmost one as seen in a container."""
+
+
+def available_cores(control_groups: Path = CONTROL_GROUPS, membership: Path = MEMBERSHIP) -> int:
+    """Cores this process may use, within the quota of its container or unit of systemd."""
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    groups = {"": "", "cpu": ""}
+    with suppress(OSError, ValueError):
+        for line in membership.read_text().splitlines():
+            _, controllers, path = line.split(":", 2)
+            groups |= dict.fromkeys(controllers.split(","), path.strip("/"))
+    for controller, names in (("", ("cpu.max",)), ("cpu", ("cpu.cfs_quota_us", "cpu.cfs_period_us"))):
+        inside = Path(groups[controller])
+        for group in (inside, *inside.parents):  # Each is within the quotas of those above it.
+            with suppress(OSError, ValueError):
+                folder = control_groups / controller / group
+                quota, period = " ".join((folder / name).read_text() for name in names).split()
+                if int(quota) > 0:  # Without a quota it is -1 in version 1 and "max" in version 2.
+                    cores = min(cores, math.ceil(int(quota) / int(period)))
+    return cores

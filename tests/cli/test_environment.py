@@ -1,0 +1,123 @@
+"""The command in the environment that it finds: variables, encodings, streams that are closed."""
+
+import json
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from tests.cli.commands import COMMAND, LIMIT_S, case_at, environment, run, write_cases
+
+ANSWER = "Critical angle 48.6"
+ELSEWHERE = "http://ricochet.invalid:1"
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("ALL_PROXY", "socks5://127.0.0.1:1"),
+        ("all_proxy", "socks5://127.0.0.1:1"),
+        ("HTTPS_PROXY", "socks4://127.0.0.1:1"),
+        ("NO_PROXY", "[::1]"),
+        ("no_proxy", "localhost,[::1]"),
+        ("SSL_CERT_FILE", "/missing/certificates.pem"),
+        ("SSL_CERT_FILE", __file__),
+        ("HTTP_PROXY", "http://127.0.0.1:1"),
+    ],
+)
+def test_a_variable_that_does_not_work_is_named_and_does_not_matter_on_this_machine(
+    folder: Path, live_url: str, name: str, value: str
+) -> None:
+    settings = {"NO_PROXY": "", name: value}
+    here = run(folder, "cra", "strike.toml", "--url", live_url, **settings)
+    assert here.status == 0, here.err
+    assert here.out.startswith(ANSWER)
+    elsewhere = run(folder, "cra", "strike.toml", "--url", ELSEWHERE, **settings)
+    assert (elsewhere.status in {1, 2}, elsewhere.out) == (True, "")
+    assert name in elsewhere.err
+    assert "127.0.0.1:1" not in elsewhere.err  # An address may hold a password.
+    for stray in ("Traceback", "[Errno"):
+        assert stray not in elsewhere.err
+
+
+@pytest.mark.parametrize(
+    "address", ["http://127.0.0.1:1", "http://localhost:1", "http://[::1]:1", "http://127.9.9.9:1"]
+)
+def test_loopback_is_never_sought_through_a_proxy(folder: Path, live_url: str, address: str) -> None:
+    """The proxy here is a service, which would answer."""
+    done = run(folder, "cra", "strike.toml", "--url", address, HTTP_PROXY=live_url, NO_PROXY="")
+    assert (done.status, done.out) == (1, "")
+    assert done.err.startswith(f"ricochet cra: no service answers at {address}: ")
+    assert "[Errno" not in done.err
+
+
+@pytest.mark.parametrize("backend", ["module://matplotlib_inline.backend_inline", "nonsense", "tkagg"])
+def test_the_backend_of_a_notebook_does_not_matter(folder: Path, backend: str) -> None:
+    done = run(folder, "cra", "strike.toml", "--plot", "plot.svg", MPLBACKEND=backend)
+    assert done.status == 0, done.err
+    assert (folder / "plot.svg").stat().st_size
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "gbk", "cp437"])
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["--help"],
+        ["cra", "--help"],
+        ["calibrate", "motion", "--help"],
+        ["cra", "strike.toml", "-v", "--alternatives"],
+        ["cra", "strike.toml", "--angle-of-attack", "100"],
+    ],
+    ids=" ".join,
+)
+def test_characters_that_an_encoding_lacks_are_replaced(folder: Path, encoding: str, words: list[str]) -> None:
+    done = subprocess.run(
+        [*COMMAND, *words],
+        cwd=folder,
+        env=environment(PYTHONIOENCODING=encoding),
+        capture_output=True,
+        timeout=LIMIT_S,
+        check=False,
+    )
+    assert done.returncode == (2 if "100" in words else 0), done.stderr
+    out, err = done.stdout.decode(encoding), done.stderr.decode(encoding)
+    assert "Traceback" not in err
+    assert "?" not in out + err
+    if "-v" in words:
+        assert ANSWER + ("°" if encoding != "ascii" else "deg") in out
+
+
+def test_json_is_utf_8_in_any_encoding(folder: Path) -> None:
+    write_cases(folder / "cases.jsonl", case_at(238.0, custom_id="α°"))
+    done = run(folder, "batch", "cases.jsonl", PYTHONIOENCODING="ascii")
+    assert json.loads(done.out)["custom_id"] == "α°"
+
+
+@pytest.mark.parametrize(
+    ("line", "status"),
+    [
+        ("{} cra strike.toml >&-", 0),
+        ("{} cra strike.toml 2>&-", 0),
+        ("{} cra strike.toml <&-", 0),
+        ("{} cra strike.toml --json >&- 2>&- <&-", 0),
+        ("{} cra --help >&-", 0),
+        ("{} batch - <&-", 2),
+        ("{} cra - <&-", 2),
+        ("set -o pipefail; {} trajectory strike.toml --angle 45 --csv | head -n 1", 0),
+        ("set -o pipefail; {} sweep strike.toml --axis impact.velocity_m_s=200:300:60 --json | head -n 1", 0),
+        ("set -o pipefail; {} sweep strike.toml --axis impact.velocity_m_s=200:300:60 --csv | true", 0),
+    ],
+)
+def test_streams_may_be_closed(folder: Path, line: str, status: int) -> None:
+    done = subprocess.run(
+        ["bash", "-c", line.format(" ".join(COMMAND))],  # noqa: S607
+        cwd=folder,
+        env=environment(),
+        capture_output=True,
+        text=True,
+        timeout=LIMIT_S,
+        check=False,
+    )
+    assert done.returncode == status, done.stderr
+    for stray in ("Traceback", "Broken pipe", "[Errno", "Exception ignored"):
+        assert stray not in done.stderr

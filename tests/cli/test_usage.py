@@ -1,0 +1,165 @@
+"""Words, numbers and files on the command line: what is meant, and in which format an answer is written."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from service import cli
+
+AXIS = ["--axis", "impact.velocity_m_s=230,240"]
+COMMANDS = {
+    "cra": ["cra", "strike.toml"],
+    "trajectory": ["trajectory", "strike.toml", "--angle", "45"],
+    "formulas": ["formulas", "strike.toml"],
+    "thickness": ["thickness", "strike.toml", "--angle", "20", "--set", "numerics.relative_tolerance=1e-3"],
+    "sweep": ["sweep", "strike.toml", *AXIS],
+}
+
+
+@pytest.fixture
+def here(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(folder)
+    for name in ("RICOCHET_URL", "RICOCHET_DATA_DIR"):
+        monkeypatch.delenv(name, raising=False)
+    return folder
+
+
+def begins_as(kind: str, content: bytes) -> bool:
+    """Whether a file looks like its format."""
+    first = content.splitlines()[0]
+    if kind == "parquet":
+        return content.startswith(b"PAR1")
+    return isinstance(json.loads(first), dict) if kind == "json" else b"," in first and b"{" not in first
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize(
+    ("name", "flags", "kind"),
+    [
+        ("out.json", [], "json"),
+        ("out.jsonl", [], "json"),
+        ("out.csv", [], "csv"),
+        ("OUT.CSV", [], "csv"),
+        ("out.parquet", [], "parquet"),
+        ("out.xlsx", [], None),
+        ("out", [], None),
+        ("out.xlsx", ["--json"], "json"),
+        ("out.txt", ["--csv"], "csv"),
+    ],
+)
+def test_a_file_has_the_format_of_its_name_or_of_a_flag(
+    here: Path, capsys: pytest.CaptureFixture[str], command: str, name: str, flags: list[str], kind: str | None
+) -> None:
+    known = (".jsonl", ".ndjson", ".csv", ".parquet") if command == "sweep" else (".json", ".csv")
+    refused = not flags and Path(name).suffix.lower() not in known
+    assert cli.main([*COMMANDS[command], "-o", name, *flags]) == (2 if refused else 0)
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    if refused:
+        assert printed.err.startswith(f"ricochet {command}: --output {name}: must end in .json")
+        assert not (here / name).exists()
+        return
+    assert kind
+    content = (here / name).read_bytes()
+    if command == "sweep" and kind == "csv":
+        content = content.partition(b"\n")[2]  # The first line is a comment.
+    assert begins_as(kind, content)
+
+
+@pytest.mark.parametrize(
+    ("words", "reason"),
+    [
+        (["report", "strike.toml", "-o", "report.docx"], "--output report.docx: must end in .html or .pdf"),
+        (["cra", "strike.toml", "--plot", "a.gif"], "--plot a.gif: must end in .png, .svg or .pdf"),
+        (["calibrate", "depth", "t.csv", "--curves", "a.xlsx"], "--curves a.xlsx: must end in .csv"),
+        (["calibrate", "motion", "t.csv", "--histories", "a"], "--histories a: must end in .csv"),
+        (["init", "strike.yaml"], "FILE strike.yaml: must end in .toml"),
+        (["cra", "strike.toml", "-o", "missing/a.json"], "--output missing/a.json: the folder does not exist"),
+    ],
+)
+def test_a_name_that_says_no_format_is_refused_before_the_work(
+    here: Path, capsys: pytest.CaptureFixture[str], words: list[str], reason: str
+) -> None:
+    assert cli.main(words) in {1, 2}
+    assert reason in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("flag", ["--json", "--csv"])
+@pytest.mark.parametrize("command", ["cra", "trajectory", "formulas", "thickness"])
+def test_a_file_holds_what_would_be_printed(
+    here: Path, capsys: pytest.CaptureFixture[str], command: str, flag: str
+) -> None:
+    assert cli.main([*COMMANDS[command], flag]) == 0
+    printed = capsys.readouterr().out
+    assert cli.main([*COMMANDS[command], "-o", f"out.{flag.strip('-')}"]) == 0
+    assert (here / f"out.{flag.strip('-')}").read_text() == printed
+
+
+def test_a_refused_request_leaves_an_earlier_file_alone(here: Path) -> None:
+    (here / "out.csv").write_text("earlier")
+    for command in ("cra", "sweep"):
+        assert cli.main([*COMMANDS[command], "--mass", "-1", "-o", "out.csv"]) == 2
+        assert (here / "out.csv").read_text() == "earlier"
+
+
+@pytest.mark.parametrize(
+    ("words", "usage", "meant"),
+    [
+        (["crra"], "usage: ricochet [", "did you mean cra?"),
+        (["cra", "strike.toml", "--velocty", "3"], "usage: ricochet cra ", "did you mean --velocity?"),
+        (["cra", "strike.toml", "--velocty=3"], "usage: ricochet cra ", "did you mean --velocity?"),
+        (["cra", "strike.toml", "--nose", "ogiv"], "usage: ricochet cra ", "did you mean ogive?"),
+        (["serve", "--prt", "3"], "usage: ricochet serve ", "did you mean --port?"),
+        (["calibrate", "dept"], "usage: ricochet calibrate [", "did you mean depth?"),
+        (["calibrate", "motion", "--vlocity", "3"], "usage: ricochet calibrate motion ", "did you mean --velocity?"),
+        (["jobs", "lst"], "usage: ricochet jobs [", "did you mean list?"),
+        (["jobs", "list", "--jsn"], "usage: ricochet jobs list ", "did you mean --json?"),
+        (["keys", "add", "--ower", "a"], "usage: ricochet keys add ", ""),
+        (["cra", "a.toml", "b.toml"], "usage: ricochet cra ", "unrecognized arguments: b.toml"),
+    ],
+)
+def test_a_misspelt_word_gets_a_suggestion_and_the_usage_of_its_command(
+    capsys: pytest.CaptureFixture[str], words: list[str], usage: str, meant: str
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        cli.main(words)
+    assert ended.value.code == 2
+    error = capsys.readouterr().err
+    assert error.startswith(usage)
+    assert meant in error
+
+
+@pytest.mark.parametrize("number", ["-1e-1", "-.1", "-0.1", "-1E-1", "-10.e-2", "-0.1e0"])
+def test_a_negative_number_is_a_value(here: Path, capsys: pytest.CaptureFixture[str], number: str) -> None:
+    def printed(*words: str) -> str:
+        assert cli.main([*COMMANDS["cra"], "--json", *words]) == 0
+        return capsys.readouterr().out
+
+    assert printed("--angle-of-attack", number) == printed("--set", "impact.angle_of_attack_deg=-0.1")
+
+
+def test_negative_numbers_of_a_list_are_values(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main([*COMMANDS["cra"], "--strength-coefficients", "-8,0.01"]) == 2
+    assert "the model gives -7.95" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "answer"),
+    [
+        (["thickness", "strike.toml", "--angle", "20"], "least thickness m"),
+        (["limit-speed", "strike.toml", "--angle", "20", "--thickness", "0.2"], "limit speed m/s"),
+    ],
+)
+def test_the_answer_comes_first_and_the_trials_on_demand(
+    here: Path, capsys: pytest.CaptureFixture[str], words: list[str], answer: str
+) -> None:
+    coarse = ["--set", "numerics.relative_tolerance=1e-3"]
+    assert cli.main([*words, *coarse]) == 0
+    short = capsys.readouterr().out
+    assert [line.split("  ")[0] for line in short.splitlines()[:2]] == ["status", answer]
+    assert "outcome" not in short
+    assert cli.main([*words, *coarse, "-v"]) == 0
+    long = capsys.readouterr().out
+    assert long.startswith(short)
+    assert "outcome" in long.removeprefix(short)
