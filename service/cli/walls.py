@@ -70,7 +70,7 @@ def run_thickness(args: argparse.Namespace) -> int:
     text = answer_of("thickness", without_sought(body, "thickness"), args.url)
     if not (args.json or args.csv):
         known = wall if isinstance(wall, int | float) else None  # the search leaves it out, so nothing has checked it
-        print(design_sentence(json.loads(text)["formulas"], known), end="\n\n")
+        print(design_sentence(json.loads(text).get("formulas", ()), known), end="\n\n")
     return _print(args, text, "least_thickness_m", "bracket_m")
 
 

@@ -24,6 +24,7 @@ from solver.uncertainty.results import (
     Tables,
 )
 from solver.uncertainty.sampling import (
+    FIRST_POINTS,
     SCRAMBLINGS,
     Accepts,
     Design,
@@ -170,12 +171,20 @@ class AngleStudy:
             answer = self._answer(tables, history)
             history = list(answer.convergence)
             following = tables.samples + SCRAMBLINGS * count * design.alternatives
-            if answer.converged or following > sampling.max_samples:
-                break
             points = 2 * count
+            reserve = self._reserve() if points > FIRST_POINTS else 0
+            if answer.converged or following + reserve > sampling.max_samples:
+                break
         if self.sensitivity and answer.method == "direct":
             answer = yield from self._indices(tables, answer)
         return answer
+
+    def _reserve(self) -> int:
+        """Samples kept for indices by the direct method, beyond the usual first round."""
+        if not self.sensitivity:
+            return 0
+        wanted = 4 * FEWEST_BASE_SAMPLES * (len(self.design.uncertain) + 1)
+        return min(wanted, self.sampling.max_samples // 2)
 
     def _answer(self, tables: Tables, history: Sequence[Round]) -> AngleUncertainty:
         expansion = None if self.sampling.method == "direct" else self._expansion(tables)
