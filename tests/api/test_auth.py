@@ -259,21 +259,21 @@ def test_study_counts_as_the_samples_it_takes_once_its_job_ends(guarded: Guarded
         return client.post("/cra/uncertainty", json=study | {"sampling": sampling}, headers=ASYNC)
 
     with guarded.with_key("iris", cases_per_hour=2000) as iris:
-        first = submit(iris, max_samples=1900, half_width=0.1)
+        first = submit(iris, max_samples=1900, half_width=0.02)
         assert first.status_code == 202, first.text
         problem_of(submit(iris, max_samples=1900, half_width=0.2), 429)
         job = finished(iris, first.json())
         assert job["progress"]["samples"] == 256
-        again = submit(iris, max_samples=1744, half_width=0.1)  # 2,000 - 256
+        again = submit(iris, max_samples=1744, half_width=0.02)  # 2,000 - 256
         problem_of(iris.post("/cra", json=PAPER), 429)
         assert finished(iris, again.json())["progress"]["samples"] == 256
-        same = submit(iris, max_samples=1400, half_width=0.1)  # 512 counted so far
+        same = submit(iris, max_samples=1400, half_width=0.02)  # 512 counted so far
         assert finished(iris, same.json())["status"] == "successful"
         endless = submit(iris, max_samples=1200, half_width=1e-4, method="direct", seed=5)
         assert endless.status_code == 202
         problem_of(submit(iris, max_samples=900), 429)
         taken = iris.post(endless.json()["links"]["cancel"]).json().get("progress", {"samples": 1})["samples"]
-        assert submit(iris, max_samples=2000 - 3 * 256 - taken, half_width=0.1).status_code == 202
+        assert submit(iris, max_samples=2000 - 3 * 256 - taken, half_width=0.02).status_code == 202
 
 
 def test_job_taken_on_after_a_restart_gives_back_too(

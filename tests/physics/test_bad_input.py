@@ -283,7 +283,7 @@ def test_numbers_of_numpy_are_numbers() -> None:
 def test_bounds_are_those_of_the_contract() -> None:
     """Also at the ends: what one accepts, the other accepts."""
     schema = TrajectoryRequest.model_json_schema()["$defs"]
-    parts = {"projectile": "Projectile", "target": "Target", "impact": "Impact"}
+    parts = {"projectile": "Projectile", "target": "Target", "impact": "Impact", "shot": "OwnShot"}
     found = 0
     for path, bound in BOUNDS.items():
         part, _, name = path.partition(".")
