@@ -36,7 +36,7 @@ export function verdictOf({ values, run, found, judged }) {
       {
         name: "Probability of ricochet",
         value: probability === undefined ? (isOfAngle ? "–" : "...") : percent(probability),
-        note: `at ${mine}, with the usual scatter`,
+        note: isOfAngle && probability === undefined && judged.range_text ? `${mine} is not in the range searched` : `at ${mine}, with the usual scatter`,
       },
       {
         name: "Critical angle",
