@@ -236,7 +236,7 @@ def chang(*, projectile: Projectile, target: Target, impact: Impact) -> FormulaR
         formula="chang",
         scabbing_thickness=1.84 * (61.0 / v) ** 0.13 * energy**0.4 * d,
         perforation_thickness=(61.0 / v) ** 0.25 * math.sqrt(energy) * d,
-        out_of_range=_outside("impact.velocity", v, 16.0, 312.0, "m/s along the normal")
+        out_of_range=_outside("impact.velocity", v, 16.0, 312.0, "m/s", of="along the normal")
         + _outside("projectile.mass", projectile.mass, 0.11, 343.0, "kg")
         + _outside("projectile.diameter", 1e3 * d, 50.0, 300.0, "mm")
         + _outside("target.compressive_strength", 1e-6 * strength, 23.0, 46.0, "MPa")
@@ -264,7 +264,7 @@ def cea_edf(*, projectile: Projectile, target: Target, impact: Impact) -> Formul
     return FormulaResult(
         formula="cea_edf",
         perforation_thickness=thickness,
-        out_of_range=_outside("impact.velocity", v, 20.0, 200.0, "m/s along the normal") + _not_flat(projectile),
+        out_of_range=_outside("impact.velocity", v, 20.0, 200.0, "m/s", of="along the normal") + _not_flat(projectile),
         source="Berriaud et al. 1978",
         verified=False,
     )
@@ -294,7 +294,7 @@ def cea_edf_limit_speed(
     return FormulaResult(
         formula="cea_edf",
         limit_speed=normal / cosine,
-        out_of_range=_outside("limit_speed", normal, 20.0, 200.0, "m/s along the normal") + _not_flat(projectile),
+        out_of_range=_outside("limit_speed", normal, 20.0, 200.0, "m/s", of="along the normal") + _not_flat(projectile),
         source="Berriaud et al. 1978",
         verified=False,
     )
@@ -320,9 +320,9 @@ def ukaea(*, projectile: Projectile, target: Target, impact: Impact) -> FormulaR
         formula="ukaea",
         penetration_depth=ratio * d,
         scabbing_thickness=5.3 * g**0.33 * d,
-        out_of_range=_outside("impact.velocity", _normal_velocity(impact), 25.0, 300.0, "m/s along the normal")
+        out_of_range=_outside("impact.velocity", _normal_velocity(impact), 25.0, 300.0, "m/s", of="along the normal")
         + _outside("target.compressive_strength", 1e-6 * target.compressive_strength, 22.0, 44.0, "MPa")
-        + _outside("projectile.mass", projectile.mass / d**3, 5e3, 2e5, "(M/d³ in kg/m³)"),
+        + _outside("projectile.mass", projectile.mass / d**3, 5e3, 2e5, of="(M/d³ in kg/m³)"),
         note=_ndrc_note(projectile),
         source="Barr 1990 (UKAEA)",
         verified=False,
@@ -357,7 +357,7 @@ def hughes(
         penetration_depth=ratio * d,
         scabbing_thickness=(5.0 * ratio if ratio < 0.7 else 1.74 * ratio + 2.3) * d,
         perforation_thickness=(3.6 * ratio if ratio < 0.7 else 1.58 * ratio + 1.4) * d,
-        out_of_range=_outside("impact.velocity", energy, 40.0, 3500.0, "(I = M V²/(d³ f_t))"),
+        out_of_range=_outside("impact.velocity", energy, 40.0, 3500.0, of="(I = M V²/(d³ f_t))"),
         source="Hughes 1984",
         verified=False,
     )
@@ -430,7 +430,7 @@ def whiffen(
     return FormulaResult(
         formula="whiffen",
         penetration_depth=depth * INCH,
-        out_of_range=_outside("impact.velocity", v, 0.0, 1127.8, "m/s along the normal")
+        out_of_range=_outside("impact.velocity", v, 0.0, 1127.8, "m/s", of="along the normal")
         + _outside("projectile.mass", projectile.mass, 0.136, 9979.0, "kg")
         + _outside("projectile.diameter", 1e3 * d, 12.7, 965.2, "mm"),
         note=note,
@@ -528,10 +528,14 @@ def _not_flat(projectile: Projectile) -> tuple[OutOfRange, ...]:
     return () if nose == "flat" else (OutOfRange("projectile.nose", f"fitted to flat noses, here {nose}"),)
 
 
-def _outside(field: str, value: float, lowest: float, highest: float, unit: str) -> tuple[OutOfRange, ...]:
+def _outside(
+    field: str, value: float, lowest: float, highest: float, unit: str = "", *, of: str = ""
+) -> tuple[OutOfRange, ...]:
+    """Compare a value with the range of the tests; every number has its unit, so that each can be converted alone."""
     if lowest <= value <= highest:
         return ()
-    bounds = f"from {lowest:g} to {highest:g}" if lowest > 0.0 else f"up to {highest:g}"
+    least, most, here = (f"{float(f'{number:.5g}'):g} {unit}".rstrip() for number in (lowest, highest, value))
+    bounds = f"from {least} to {most}" if lowest > 0.0 else f"up to {most}"
     if math.isinf(highest):
-        bounds = f"at least {lowest:g}"
-    return (OutOfRange(field, f"fitted {bounds} {unit}, here {value:.6g}"),)
+        bounds = f"at least {least}"
+    return (OutOfRange(field, f"fitted {bounds} {of}".rstrip() + f", here {here}"),)

@@ -12,6 +12,8 @@ from typing import Any
 from service.cli.arguments import MODEL_NAMES, CommandError, Flag, RefusedError
 
 STDIN = "-"
+MISSING = "Field required"
+"""What Pydantic says of a field that is not there."""
 WALL_PARTS = {"projectile", "target", "impact", "resistance", "numerics"}
 SOUGHT = {"thickness": ("target", "thickness_m"), "limit-speed": ("impact", "velocity_m_s")}
 """Field that a search for perforation finds, by operation."""
@@ -43,7 +45,9 @@ class RequestBody:
         if pointer in self.given:
             return f"{self.given[pointer]}: {detail}"
         if self.file is not None:
-            return f"{self.file}: {pointer or '/'}: {detail}"
+            flag = self.flags.get(pointer) if detail == MISSING else None
+            names = "" if flag is None else f", there or by {(*flag.short, flag.name)[0]}"
+            return f"{self.file}: {pointer or '/'}: {detail}{names}"
         if pointer == "/projectile/nose":
             return "--nose or --caliber-radius-head is missing"
         return f"{self.flags[pointer].name} is missing" if pointer in self.flags else f"{pointer}: {detail}"

@@ -270,7 +270,7 @@ def print_alternatives(answer: Mapping[str, Any]) -> None:
         angles = [each["critical_angle_deg"] for each in theories if "critical_angle_deg" in each]
         print()
         if angles:
-            print(f"by both theories of the decay and other laws of S {min(angles):.2f}° to {max(angles):.2f}°")
+            print(f"With either decay and every law of S: {min(angles):.2f}° to {max(angles):.2f}°")
         print_table([heading(name) for name in columns], list(zip(*columns.values(), strict=True)))
 
 

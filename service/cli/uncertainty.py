@@ -89,7 +89,7 @@ def run_uncertainty(args: argparse.Namespace) -> int:
         check_plot(args.plot)
     if args.next_shot:
         if strike:
-            raise CommandError("--next-shot: there is a range to narrow without --angle only")
+            raise CommandError("--next-shot: goes without --angle: shots narrow the range of the critical angle")
         with_usual_scatter(body)
     operation = "trajectory_uncertainty" if strike else "cra_uncertainty"
     text = estimate(operation, body, args.url) if args.url else estimate_here(operation, body)
@@ -138,7 +138,7 @@ def next_shot_advice(answer: Mapping[str, Any]) -> str:
     advice = next_shot_advice_in(answer)
     if not advice:
         raise CommandError(
-            "--next-shot: what shots would narrow is the scatter of S: add "
+            "--next-shot: needs the scatter of S, which shots narrow: add "
             "--uncertain resistance.strength_residual=lognormal:1:DISPERSION"
         )
     return advice

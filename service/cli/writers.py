@@ -43,6 +43,8 @@ UNITS = {
 }
 """Units by the suffix of a field's name, the longest first."""
 DIGITS = 5
+MOST_WRITTEN_OUT = 1e9
+"""Numbers from here on have an exponent in a table."""
 NUMERAL = re.compile(r"([-+]?[\d.]+(e[-+]?\d+)?)?|nan|-?inf")
 """Number in a table, or an empty cell."""
 
@@ -193,9 +195,10 @@ def unit_of(name: str) -> str:
 
 
 def cell(value: Any) -> str:
-    """Return a value as text in a table."""
+    """Return a value as text in a table; an exponent stands only where a person would write one."""
     if isinstance(value, float):
-        return f"{value:.{DIGITS}g}"
+        text = f"{value:.{DIGITS}g}"
+        return f"{float(text):.0f}" if 10.0**DIGITS <= abs(float(text)) < MOST_WRITTEN_OUT else text
     return "" if value is None else str(value).replace("\x1b", "")
 
 

@@ -44,7 +44,7 @@ function readShots(text, { label }) {
     return { velocity_m_s: read(speed, "m/s", speedUnit), depth_m: read(depth, "mm", depthUnit) };
   });
   const isRight = value.length && value.every((shot) => shot.velocity_m_s > 0 && shot.depth_m > 0);
-  return isRight ? { value } : { wrong: `${label}: each line is a speed and a depth, as in 250, 310.` };
+  return isRight ? { value } : { wrong: `${label}: each line is a speed [${unitOf("m/s").unit}] and a depth [${unitOf("mm").unit}] with a comma between, as in 250, 310.` };
 }
 
 function readPairs(text, field) {

@@ -86,7 +86,7 @@ export const GROUPS = [
         },
       }),
       fieldOf("shots", "resistance.strength_factor.shots", "Shots: speed, depth", "", {
-        note: "a line each, at normal impact into this concrete; paste or drop a CSV",
+        note: "a line each, such as 250 m/s, 0.31 m, at normal impact into this concrete; paste or drop a CSV",
       }),
       number("resistance.strength_factor.value", "Value", ""),
       fieldOf("numbers", "resistance.strength_factor.coefficients", "Coefficients", "", { ...OPTIONAL, note: "of 1, θ, θ² ..., θ in °" }),

@@ -4,7 +4,7 @@ import { announce, element, save } from "./elements.js";
 import { fileName } from "./exports.js";
 import { isAbort, request } from "./service.js";
 
-const WAIT = "The report is being computed: some 300 cases, half a minute to some minutes.";
+const WAIT = "The report is being computed: some 300 cases, half a minute to a few minutes.";
 const POLL_MS = 100;
 
 /**

@@ -31,18 +31,24 @@ export function drawCurve(root, study, values) {
   const here = probabilityAt(study, mine);
   const words = `${mine}°: ${here.value.toFixed(3)}, sampling error ± ${here.error.toFixed(3)}`;
   traces.push({
-    ...{ x: [mine], y: [here.value], name: "your angle", mode: "markers+text", hoverinfo: "skip", cliponaxis: false },
-    text: [`<b>${root.clientWidth < NARROW ? words.replace(", sampling error", "<br>") : words}</b>`],
-    textposition: here.value > 0.5 ? "bottom right" : "top left",
+    ...{ x: [mine], y: [here.value], name: "your angle", mode: "markers", hoverinfo: "skip", cliponaxis: false },
     marker: { size: 11, color: colour("path") },
   });
+  const range = rangeOf(x, y, mine);
+  const note = {
+    text: `<b>${root.clientWidth < NARROW ? words.replace(", sampling error", "<br>") : words}</b>`,
+    // At the end of the line that the curve is far from, and toward the middle, so that no edge cuts it off.
+    ...(here.value > 0.5 ? { y: 0.04, yanchor: "bottom" } : { y: 0.96, yanchor: "top" }),
+    ...{ x: mine, xanchor: mine < (range[0] + range[1]) / 2 ? "left" : "right", yref: "paper", showarrow: false },
+  };
   const layout = {
     showlegend: false,
     dragmode: false,
     shapes: [{ type: "line", x0: mine, x1: mine, yref: "paper", y0: 0, y1: 1, line: { color: colour("path"), width: 1.2, dash: "dot" } }],
     margin: { l: 8, r: 16, t: 34, b: 8 },
     title: { text: angle && `Critical angle ${angle}`, font: { size: 14 }, x: 0.5, y: 1, yanchor: "top", pad: { t: 8 } },
-    xaxis: { title: { text: "Oblique angle [°]" }, range: rangeOf(x, y, mine) },
+    annotations: [note],
+    xaxis: { title: { text: "Oblique angle [°]" }, range },
     yaxis: { title: { text: "Probability of ricochet" }, range: [-0.02, 1.02] },
   };
   return draw(root, traces, layout, {

@@ -36,7 +36,7 @@ export function verdictOf({ values, run, found, judged }) {
       {
         name: "Probability of ricochet",
         value: probability === undefined ? (isOfAngle ? "–" : "...") : percent(probability),
-        note: `at ${mine}, with the usual scatter`,
+        note: isOfAngle && probability === undefined && judged.range_text ? `${mine} is not in the range searched` : `at ${mine}, with the usual scatter`,
       },
       {
         name: "Critical angle",
@@ -187,7 +187,7 @@ function describeRange({ usual_scatter: scatter, strength_factor_dispersion: dis
   const names = scatter.map(({ field }) => inputField(field).label.toLowerCase()).join(", ");
   const decays = fieldAt("resistance.free_surface.model").choices;
   const by = theories.map(({ free_surface: name, weight, critical_angle_deg: angle }) => {
-    return `${decays[name].toLowerCase()} (weight ${weight}) ${angle === undefined ? "none" : degreesShown(angle)}`;
+    return `${decays[name]} (weight ${weight}) ${angle === undefined ? "none" : degreesShown(angle)}`;
   });
   return [
     `90 % range: usual scatter of ${names}; S scatters by ${percent(dispersion)}.`,

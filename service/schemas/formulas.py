@@ -14,7 +14,10 @@ from solver.formulas import PERFORATION_MARGIN, SCABBING_MARGIN, Limit, formulas
 from solver.warnings import NORMAL_COMPONENT_ONLY, body_warnings
 
 REQUEST = {name: PAPER[name] for name in ("projectile", "target")} | {"impact": STRIKE}
-NOT_FITTED = {"pointer": "/impact/velocity_m_s", "detail": "fitted from 20 to 200 m/s along the normal, here 238"}
+NOT_FITTED = {
+    "pointer": "/impact/velocity_m_s",
+    "detail": "fitted from 20 m/s to 200 m/s along the normal, here 238 m/s",
+}
 ROW = {
     "formula": "modified_ndrc",
     "penetration_depth_m": 0.2412,

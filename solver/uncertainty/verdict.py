@@ -139,8 +139,7 @@ def next_shot_advice(now: tuple[float, float], after: Sequence[AfterShots]) -> s
     spread = _range_text(now)
     if after[-1].upper - after[-1].lower > HARDLY * (now[1] - now[0]):
         return (
-            f"The 90 % range of the critical angle is {spread}; shots of your own into this concrete would hardly "
-            "narrow it."
+            f"The 90 % range of the critical angle is {spread}; more shots into this concrete would hardly narrow it."
         )
     expected = [f"{_range_text((each.lower, each.upper))} after {COUNTED[each.shots]}" for each in after]
     return (

@@ -58,7 +58,7 @@ def test_what_is_out_of_range_is_answered_and_points_at_the_field(client: httpx.
     assert row["perforation_thickness_m"] > 0.0
     assert not row["in_range"]
     assert row["out_of_range"] == [
-        {"pointer": "/impact/velocity_m_s", "detail": "fitted from 20 to 200 m/s along the normal, here 238"},
+        {"pointer": "/impact/velocity_m_s", "detail": "fitted from 20 m/s to 200 m/s along the normal, here 238 m/s"},
         {"pointer": "/projectile/nose", "detail": "fitted to flat noses, here sharp"},
     ]
 

@@ -90,7 +90,12 @@ def test_band_is_shared_and_downloaded_with_the_numbers_of_the_service(
     assert answer["converged"]
     lower, upper, curve, [mine] = drawn(page)
     assert mine == pytest.approx(np.interp(45.0, probability["oblique_angle_deg"], curve))
-    expect(page.get_by_role("img", name=re.compile(r"At 45°: 0\.\d+, sampling error ± 0\.\d+"))).to_be_visible()
+    plot = page.get_by_role("img", name=re.compile(r"At 45°: 0\.\d+, sampling error ± 0\.\d+"))
+    frame, label = plot.bounding_box(), plot.locator(".annotation").bounding_box()
+    assert frame is not None
+    assert label is not None
+    assert frame["x"] <= label["x"]
+    assert label["x"] + label["width"] <= frame["x"] + frame["width"]
     assert (lower, upper, curve) == (
         probability["lower"],
         probability["upper"],

@@ -78,6 +78,12 @@ def test_wall_with_a_thickness_has_a_speed_that_perforates_it(page: Page, client
     assert abs(float(found[1]) - speed) < 1.0
 
 
+def test_every_number_of_a_range_is_in_the_units_shown(page: Page) -> None:
+    page.goto("/#/walls?impact.oblique_angle_deg=0")
+    page.get_by_label("Units").select_option("US")
+    assert "from 65.62 ft/s to 656.2 ft/s along the normal, here 780.8 ft/s" in rows(page)["CEA-EDF *"][-1]
+
+
 def test_case_with_a_plug_is_computed_with_it_alone_and_shared_by_its_address(page: Page) -> None:
     page.goto("/#/walls")
     plugged = rows(page)["With a plug at the rear"]

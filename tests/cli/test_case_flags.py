@@ -126,7 +126,7 @@ def test_flags_set_every_nose_and_every_law(
             "cra strike.toml --strength-law constant --strength-exponent 1",
             "--strength-exponent: is of strength_power_law",
         ),
-        ("cra strike.toml --nose conical", "strike.toml: /projectile/nose/length_to_diameter: Field required"),
+        ("cra strike.toml --nose conical", "length_to_diameter: Field required, there or by --length-to-diameter"),
         ("cra " + NUMBERS, "--nose or --caliber-radius-head is missing"),
         ("cra strike.toml --set impact.velocity=3", "not permitted; did you mean `impact.velocity_m_s`?"),
         ("cra strike.toml --set velocity=3", "not permitted; did you mean `impact.velocity_m_s`?"),

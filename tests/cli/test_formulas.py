@@ -19,7 +19,7 @@ def test_table_distinguishes_what_is_in_range(folder: Path) -> None:
     assert "?!+" in lines["brl"]
     assert "! whiffen: within 15 % of its tests; largest aggregate taken as 20 mm" in done.out
     assert "? the range of the formula is not known" in done.out
-    assert "* cea_edf: /impact/velocity_m_s: fitted from 20 to 200 m/s along the normal, here 238" in done.out
+    assert "* cea_edf: /impact/velocity_m_s: fitted from 20 m/s to 200 m/s along the normal, here 238 m/s" in done.out
     assert "1.2 on perforation" in done.out
 
 

@@ -3,6 +3,7 @@
 import csv
 import json
 import os
+import re
 import subprocess
 import sys
 import threading
@@ -156,7 +157,7 @@ def test_alternatives_are_a_table_with_their_range(here: Path, capsys: pytest.Ca
     theories = [each["critical_angle_deg"] for each in found if each["free_surface"] != "none"]
     assert cli.main(["cra", "strike.toml", "--alternatives"]) == 0
     text = capsys.readouterr().out
-    assert f"other laws of S {min(theories):.2f}° to {max(theories):.2f}°\n" in text
+    assert f"every law of S: {min(theories):.2f}° to {max(theories):.2f}°\n" in text
     assert all(each["fitted_to"] in text for each in found)
     assert cli.main(["cra", "strike.toml", "--alternatives", "--csv"]) == 0
     rows = list(csv.DictReader(capsys.readouterr().out.splitlines()))
@@ -196,6 +197,15 @@ def test_pictures_are_drawn(here: Path, capsys: pytest.CaptureFixture[str], name
         (here / name).unlink()
 
 
+def test_forces_and_energies_are_written_out(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["trajectory", "strike.toml", "--angle", "55"]) == 0
+    found = capsys.readouterr().out
+    energy = re.search(r"final kinetic energy J +(\d{6})\n", found)
+    assert energy is not None
+    assert 1.5e5 < float(energy[1]) < 2e5
+    assert "e+" not in found
+
+
 @pytest.mark.parametrize(
     ("arguments", "reason"),
     [
@@ -212,7 +222,7 @@ def test_pictures_are_drawn(here: Path, capsys: pytest.CaptureFixture[str], name
         ("cra long.json", "long.json: Exceeds the limit"),
         ("cra empty.json", "empty.json: the file is empty"),
         ("cra odd.toml", "odd.toml: /projectile/mass_kg: Input should be a valid number"),
-        ("trajectory strike.toml", "strike.toml: /impact/oblique_angle_deg: Field required"),
+        ("trajectory strike.toml", "strike.toml: /impact/oblique_angle_deg: Field required, there or by --angle"),
         ("trajectory strike.toml --angle 95", "--oblique-angle: Input should be less than 90"),
         ("trajectory strike.toml --angle 45 --plot a.gif", "must end in .png, .svg or .pdf"),
         ("trajectory strike.toml --angle 45 --plot no/a.svg", "the folder does not exist"),

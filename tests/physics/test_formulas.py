@@ -314,13 +314,13 @@ def test_oblique_strike_counts_with_its_normal_component() -> None:
 def test_range_names_the_input_the_bounds_and_the_value() -> None:
     fast = by_name(FLAT, replace(PAPER_TARGET, compressive_strength=60e6), normal(400.04))
     assert [item.field for item in fast["chang"].out_of_range] == ["impact.velocity", "target.compressive_strength"]
-    assert fast["chang"].out_of_range[0].detail == "fitted from 16 to 312 m/s along the normal, here 400.04"
-    assert fast["chang"].out_of_range[1].detail == "fitted from 23 to 46 MPa, here 60"
+    assert fast["chang"].out_of_range[0].detail == "fitted from 16 m/s to 312 m/s along the normal, here 400.04 m/s"
+    assert fast["chang"].out_of_range[1].detail == "fitted from 23 MPa to 46 MPa, here 60 MPa"
     assert not fast["chang"].in_range
     assert by_name(FLAT, PAPER_TARGET, normal(150.0))["chang"].in_range
     assert by_name(FLAT, PAPER_TARGET, normal(150.0))["cea_edf"].in_range
     light = ukaea(projectile=replace(PAPER, mass=1.0), target=PAPER_TARGET, impact=normal(150.0))
-    assert [item.detail for item in light.out_of_range] == ["fitted from 5000 to 200000 (M/d³ in kg/m³), here 1953.12"]
+    assert [item.detail for item in light.out_of_range] == ["fitted from 5000 to 200000 (M/d³ in kg/m³), here 1953.1"]
 
 
 def test_formula_for_flat_noses_is_out_of_range_for_others() -> None:

@@ -123,7 +123,7 @@ function upwards(value) {
 /** Return what the model gives, which is not to be designed by. */
 function modelWords(lines, thickness) {
   const thick = lines.map(({ name, thickness: found }) => `${name.toLowerCase()} ${thicknessShown(found)}`).join(", ");
-  const words = [`Least thickness that is not perforated by the model, which is no design value: ${thick}.`];
+  const words = [`Least thickness that is not perforated by the model, which is not a design value: ${thick}.`];
   if (thickness !== undefined) {
     const speeds = lines.map(({ name, speed }) => `${speedShown(speed)} (${name.toLowerCase()})`).join(", ");
     words.push(`Least speed that perforates a wall of ${lengthShown(thickness, 6)}: ${speeds}.`);
