@@ -133,7 +133,9 @@ def test_warnings_of_the_search_are_sentences_of_the_report(client: httpx.Client
     warnings = answers_of(client, WALL)["cra"]["warnings"]
     assert {"no_measured_angle", "rear_face_unconservative"} <= {each["code"] for each in warnings}
     for each in warnings:
-        assert f"Critical angle: {each['detail'][0].upper()}{each['detail'][1:]}." in page
+        said = f"{each['detail'][0].upper()}{each['detail'][1:]}."
+        assert said in page.partition("Standing notes:")[2 if each.get("standing") else 0]
+        assert (f"Critical angle: {said}" in page) is not each.get("standing", False)
 
 
 def test_warning_of_a_run_is_said_to_be_of_that_run(client: httpx.Client) -> None:
