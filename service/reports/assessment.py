@@ -359,7 +359,9 @@ def _warnings(strike: Assessed) -> list[tuple[tuple[str, str, str], bool]]:
     comes with most answers.
     """
     found: dict[str, tuple[tuple[str, str, str], bool]] = {}
-    for name in ("cra", *RUNS, "thickness", "uncertainty"):
+    for each in strike.verdict.warnings:
+        found.setdefault(each.code, ((each.code, each.detail, KEYS["cra"]), each.standing))
+    for name in (*RUNS, "thickness", "uncertainty"):
         for warning in (_answered(strike, name) or {}).get("warnings", ()):
             if warning["code"] not in UNSAID:
                 shown = warning["code"], warning["detail"], KEYS[name]

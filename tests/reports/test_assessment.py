@@ -130,7 +130,7 @@ def test_margins_are_the_recommended_ones(client: httpx.Client) -> None:
 
 def test_warnings_of_the_search_are_sentences_of_the_report(client: httpx.Client) -> None:
     page = text_of(report_of(client, WALL))
-    warnings = answers_of(client, WALL)["cra"]["warnings"]
+    warnings = client.post("/verdict", json=WALL).json()["warnings"]
     assert {"no_measured_angle", "rear_face_unconservative"} <= {each["code"] for each in warnings}
     for each in warnings:
         said = f"{each['detail'][0].upper()}{each['detail'][1:]}."
