@@ -14,9 +14,11 @@ from service.errors import ReportsMissingError
 from service.operations import SCHEMA_VERSION
 from service.schemas.requests import ReportRequest
 from service.schemas.verdict import next_shot_advice_in, usual_inputs, verdict_in
-from solver import ENGINE_VERSION, mass_properties
+from solver import ENGINE_VERSION, ConstantStrengthFactor, mass_properties
 from solver.strength_scatter import strength_scatter
+from solver.strike import USUAL
 from solver.uncertainty.verdict import HALF_WIDTH, SAMPLES, probability_angles
+from solver.uncertainty.weighed_warnings import RETENTION, probes
 
 EXTRA = ("jinja2", "markupsafe", "matplotlib")
 """Packages of the extra `reports`."""
@@ -71,6 +73,28 @@ def verdict_queries(request: ReportRequest) -> dict[str, Query]:
     return queries
 
 
+def weighing_queries(request: ReportRequest, found: Mapping[str, Any]) -> dict[str, Query]:
+    """Return the searches that show how far the warnings of the search move its angle, by their code and a number.
+
+    Their answers may be problems.
+
+    Parameters
+    ----------
+    found
+        The answer to the search.
+    """
+    if request.by_panels:
+        return {}
+    case, arguments = _search_of(request), request.shared_arguments()
+    bodies = {name: arguments[name] for name in ("projectile", "target", "resistance")}
+    codes = [each["code"] for each in found["warnings"]]
+    return {
+        f"{code} {index}": Query("cra", _with_probe(case, code, value))
+        for code, values in probes(codes, **bodies, numerics=arguments["numerics"] or USUAL).items()
+        for index, value in enumerate(values)
+    }
+
+
 def first_queries(request: ReportRequest) -> dict[str, Query]:
     """Return the requests that depend on the case alone, by name.
 
@@ -96,7 +120,10 @@ def first_queries(request: ReportRequest) -> dict[str, Query]:
 
 
 def strike_queries(request: ReportRequest, found: Mapping[str, Any]) -> dict[str, Query]:
-    """Return the runs to draw beside that at the angle to judge, by name: on either side of the critical angle.
+    """Return the requests that depend on the answer to the search, by name.
+
+    They are the searches that weigh its warnings, and the runs to draw beside that at the angle to judge: on either
+    side of the critical angle.
 
     Parameters
     ----------
@@ -112,7 +139,8 @@ def strike_queries(request: ReportRequest, found: Mapping[str, Any]) -> dict[str
         angles["lowest"] = search["lower_deg"]
     else:
         angles["highest"] = search["upper_deg"]
-    return {name: Query("trajectory", _strike_of(case, each)) for name, each in angles.items()}
+    runs = {name: Query("trajectory", _strike_of(case, each)) for name, each in angles.items()}
+    return weighing_queries(request, found) | runs
 
 
 def write_page(given: Mapping[str, Any], answers: Mapping[str, Any], made: str, address: str | None) -> str:
@@ -170,6 +198,14 @@ def _search_of(request: ReportRequest) -> dict[str, Any]:
     case = request.model_dump(mode="json", exclude={"alternatives", "output"})
     case["impact"].pop("oblique_angle_deg", None)
     return case
+
+
+def _with_probe(case: Mapping[str, Any], code: str, value: float) -> dict[str, Any]:
+    """Return the body of a search with another value, as `solver.uncertainty.weighed_warnings.with_probe`."""
+    if code == RETENTION:
+        return {**case, "numerics": case.get("numerics", {}) | {"retention_energy_fraction": value}}
+    held = {"model": ConstantStrengthFactor.name, "value": value}
+    return {**case, "resistance": case.get("resistance", {}) | {"strength_factor": held}}
 
 
 def _strike_of(case: Mapping[str, Any], angle: float) -> dict[str, Any]:

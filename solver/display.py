@@ -112,6 +112,10 @@ class Warned(Protocol):
     def detail(self) -> str:
         """Explanation."""
 
+    @property
+    def standing(self) -> bool:
+        """Whether it comes with most answers."""
+
 
 def line(answer: object, *parts: str) -> str:
     """Return the class of an answer and what it holds, in one line; empty parts are left out."""
@@ -128,7 +132,7 @@ def card(title: str, rows: Mapping[str, str], warnings: Iterable[Warned] = (), m
     rows
         Names and values, as text; empty values are left out.
     warnings
-        Warnings of the answer; folded.
+        Warnings of the answer; folded, those of most answers by themselves and not counted.
     more
         Further HTML, which is not escaped.
     """
@@ -138,9 +142,15 @@ def card(title: str, rows: Mapping[str, str], warnings: Iterable[Warned] = (), m
         for name, value in rows.items()
         if value
     )
-    found = [f"<li><code>{escape(each.code)}</code> {escape(each.detail)}</li>" for each in warnings]
-    count = "1 warning" if len(found) == 1 else f"{len(found)} warnings"
-    folded = f"<details><summary>{count}</summary><ul>{''.join(found)}</ul></details>" if found else ""
+    found: tuple[list[str], list[str]] = ([], [])
+    for each in warnings:
+        found[each.standing].append(f"<li><code>{escape(each.code)}</code> {escape(each.detail)}</li>")
+    count = "1 warning" if len(found[0]) == 1 else f"{len(found[0])} warnings"
+    folded = "".join(
+        f"<details><summary>{title}</summary><ul>{''.join(items)}</ul></details>"
+        for title, items in zip((count, "Standing notes"), found, strict=True)
+        if items
+    )
     table = f'<table style="color:inherit">{cells}</table>'
     return f"<div><strong>{escape(title)}</strong>{table}{more}{folded}</div>"
 

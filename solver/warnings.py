@@ -47,10 +47,16 @@ class ModelWarning:
         Stable, for programs.
     detail
         For people.
+    standing
+        Whether it says of most answers what it says of this one, and hardly moves it: shown with its like in one note.
+    angle_shift
+        Change of the critical angle by what it names, if that is computed. [rad]
     """
 
     code: str
     detail: str
+    standing: bool = False
+    angle_shift: float | None = None
 
 
 def range_warnings(*, target: Target, velocity: float) -> tuple[ModelWarning, ...]:
@@ -128,7 +134,7 @@ def _mass_properties_assumed(projectile: Projectile, angle_shift: float | None) 
     detail = f"{' and '.join(missing)} not given: those of a homogeneous solid of the outer shape are used"
     if angle_shift is not None:
         detail += f"; a moment of inertia 10 % larger moves the angle by about {math.degrees(angle_shift):+.1g}°"
-    return (ModelWarning("mass_properties_assumed", detail),)
+    return (ModelWarning("mass_properties_assumed", detail, standing=True, angle_shift=angle_shift),)
 
 
 def law_warnings(
@@ -401,6 +407,7 @@ NO_MEASURED_ANGLE = ModelWarning(
     "no_measured_angle",
     "no test of the critical ricochet angle of a rigid body on concrete is known in the open literature: the angle is "
     "the model's, checked against finite elements only",
+    standing=True,
 )
 
 RICOCHET_AT_LOWER_BOUND = ModelWarning(

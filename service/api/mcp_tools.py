@@ -237,8 +237,13 @@ def to_result(operation: str, answer: dict[str, Any]) -> CallToolResult:
         operation.replace("_", " of "),
         *(f"{name}: {value}" for name, value in summarize(answer).items() if value != ""),
     ]
-    warnings = [f"- {warning['detail']}" for warning in answer["warnings"]]
-    lines += ["", "Warnings:", *(warnings or ["- none"]), "", "Validity limits:"]
+    warnings, standing = (
+        [f"- {each['detail']}" for each in answer["warnings"] if each.get("standing", False) is kind]
+        for kind in (False, True)
+    )
+    lines += ["", "Warnings:", *(warnings or ["- none"])]
+    lines += ["", "Standing notes:", *standing] if standing else []
+    lines += ["", "Validity limits:"]
     lines += [f"- {limit}" for limit in VALIDITY_LIMITS]
     return CallToolResult(
         content=[TextContent(text="\n".join(lines))],

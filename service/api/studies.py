@@ -23,7 +23,15 @@ from service.api.page import REPORT_POLICY
 from service.api.queries import read_content, read_request, recalled, reply, resolve, validated
 from service.api.results import form_of
 from service.api.services import services_of, unless_left
-from service.assessment import Query, first_queries, require_extra, strike_queries, verdict_queries, write_page
+from service.assessment import (
+    Query,
+    first_queries,
+    require_extra,
+    strike_queries,
+    verdict_queries,
+    weighing_queries,
+    write_page,
+)
 from service.auth.dependencies import RUN, context_in
 from service.errors import ProblemType, problem_of
 from service.jobs.models import JobCase
@@ -118,8 +126,14 @@ async def judge_strike(request: Request) -> Response:
     the usual scatter; each is kept and counted like any other.
     """
     strike, _ = await read_report(request)
-    answers = await unless_left(request, answer_all(request, verdict_queries(strike)))
+    answers = await unless_left(request, verdict_answers(request, strike))
     return Response(orjson.dumps(verdict_answer(strike, answers)), media_type=JSON)
+
+
+async def verdict_answers(request: Request, strike: ReportRequest) -> dict[str, Any]:
+    """Return the answers that a verdict is made from by name, an object with a `problem` where there is none."""
+    found = await answer_all(request, verdict_queries(strike))
+    return found | await answer_all(request, weighing_queries(strike, found[NEEDED]))
 
 
 async def read_report(request: Request) -> tuple[ReportRequest, Any]:

@@ -1,7 +1,7 @@
 """Single answers and small sweeps, computed in this process; for larger ones see `server`."""
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 
@@ -75,21 +75,26 @@ def judge(body: dict[str, Any], report: Callable[[int, float | None], None]) -> 
     RefusedError
         If the request is invalid, or the search fails.
     """
-    from service.assessment import verdict_queries
+    from service.assessment import Query, verdict_queries, weighing_queries
     from service.schemas import ReportRequest, verdict_answer
     from service.validation import validated_as
 
     answers: dict[str, Any] = {}
+
+    def answer(queries: Mapping[str, Query]) -> None:
+        for name, (operation, content) in queries.items():
+            try:
+                answers[name] = json.loads(compute(operation, content, report if name == "uncertainty" else None))
+            except RefusedError as error:
+                if name == "cra":
+                    raise
+                answers[name] = {"problem": dict(error.problem)}
+
     with refusals():
         request = validated_as(ReportRequest, body)
         queries = verdict_queries(request)
-    for name, (operation, content) in queries.items():
-        try:
-            answers[name] = json.loads(compute(operation, content, report if name == "uncertainty" else None))
-        except RefusedError as error:
-            if name == "cra":
-                raise
-            answers[name] = {"problem": dict(error.problem)}
+    answer(queries)
+    answer(weighing_queries(request, answers["cra"]))
     return verdict_answer(request, answers)
 
 

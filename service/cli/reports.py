@@ -135,7 +135,7 @@ def _make_report(body: dict[str, Any]) -> bytes:
             report(len(answers), total)
 
     first = first_queries(request)
-    total = len(first) + 3
+    total = len(first) + 5
     with progress("computing") as report:
         answer(first)
         answer(strike_queries(request, answers["cra"]))

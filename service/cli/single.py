@@ -122,7 +122,7 @@ def run_cra(args: argparse.Namespace) -> int:
         columns = {name: [trial[name] for trial in trials] for name in trials[0]}
         print_csv(alternatives_of(answer) if args.alternatives else columns)
     else:
-        print_search(answer, verdict_on(body, answer, args.url)["sentence"], verbose=args.verbose)
+        print_search(answer, verdict_on(body, answer, args.url), verbose=args.verbose)
     return 0
 
 
@@ -211,14 +211,14 @@ def print_motion(answer: Mapping[str, Any]) -> None:
     print_warnings(answer["warnings"])
 
 
-def print_search(answer: Mapping[str, Any], sentence: str, *, verbose: bool) -> None:
+def print_search(answer: Mapping[str, Any], verdict: Mapping[str, Any], *, verbose: bool) -> None:
     """Print the verdict, and the trials and numbers behind it if verbose."""
     if verbose:
         columns = ("oblique_angle_deg", "final_position_m", "outcome")
         rows = [[trial[name] for name in columns] for trial in answer["iterations"]]
         print_table([heading(name) for name in columns], rows)
         print()
-    print(sentence)
+    print(verdict["sentence"])
     if verbose:
         found = {"status": answer["status"]}
         for name in ("critical_angle_deg", "critical_angle_standard_error_deg"):
@@ -231,10 +231,7 @@ def print_search(answer: Mapping[str, Any], sentence: str, *, verbose: bool) -> 
         print()
         print_values(found)
     print_alternatives(answer)
-    if verbose:
-        print_warnings(answer["warnings"])
-    else:
-        print_warning_codes(answer["warnings"])
+    (print_warnings if verbose else print_warning_codes)(verdict["warnings"])
 
 
 def verdict_on(body: RequestBody, answer: Mapping[str, Any], url: str | None) -> dict[str, Any]:

@@ -230,18 +230,31 @@ def print_values(values: Mapping[str, Any]) -> None:
         print(f"{name:{width}}  {cell(value)}")
 
 
-def print_warnings(warnings: Iterable[Mapping[str, str]]) -> None:
-    """Print the warnings of an answer on standard error."""
-    for warning in warnings:
+def print_warnings(warnings: Iterable[Mapping[str, Any]]) -> None:
+    """Print the warnings of an answer on standard error, and in one line those of most answers."""
+    special, standing = _apart(warnings)
+    for warning in special:
         print(f"warning: {warning['detail']}", file=sys.stderr)
+    if standing:
+        print(f"standing notes: {'; '.join(warning['detail'] for warning in standing)}", file=sys.stderr)
 
 
-def print_warning_codes(warnings: Sequence[Mapping[str, str]]) -> None:
-    """Print how many warnings an answer has, and their codes, on standard error."""
-    if warnings:
-        count = "1 warning" if len(warnings) == 1 else f"{len(warnings)} warnings"
-        codes = ", ".join(dict.fromkeys(warning["code"] for warning in warnings))
-        print(f"{count} (-v explains): {codes}", file=sys.stderr)
+def print_warning_codes(warnings: Iterable[Mapping[str, Any]]) -> None:
+    """Print the codes of the warnings of an answer on standard error, with how many are not those of most answers."""
+    special, standing = _apart(warnings)
+    counted = "1 warning" if len(special) == 1 else f"{len(special)} warnings"
+    for title, found in ((counted, special), ("standing notes", standing)):
+        if found:
+            codes = ", ".join(dict.fromkeys(warning["code"] for warning in found))
+            print(f"{title} (-v explains): {codes}", file=sys.stderr)
+
+
+def _apart(warnings: Iterable[Mapping[str, Any]]) -> tuple[list[Mapping[str, Any]], list[Mapping[str, Any]]]:
+    """Return the warnings about this answer, and the standing ones, which come with most answers."""
+    found: tuple[list[Mapping[str, Any]], list[Mapping[str, Any]]] = ([], [])
+    for warning in warnings:
+        found[warning.get("standing", False)].append(warning)
+    return found
 
 
 def _print_ruled(columns: Sequence[str], cells: Sequence[Sequence[str]], right: Sequence[bool], stream: TextIO) -> None:

@@ -2,7 +2,7 @@
 
 import { csvOf } from "./plots.js";
 import { unitOf } from "./units.js";
-import { STANDING, lengthShown } from "./words.js";
+import { lengthShown } from "./words.js";
 
 /** What a map shows by colours, of its cells that have it: `column` in CSV, in SI units. Outcomes have none. */
 export const QUANTITIES = {
@@ -87,7 +87,7 @@ export function readCell({ result, problem }) {
     angle: result.critical_angle_deg,
     depth: result.outcome && result.maximum_depth_m,
     thickness: result.least_thickness_m,
-    warnings: [...new Set(result.warnings.map(({ code }) => code))].filter((code) => !STANDING.has(code)),
+    warnings: [...new Set(result.warnings.filter(({ standing }) => !standing).map(({ code }) => code))],
     key: result.key,
   };
 }

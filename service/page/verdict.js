@@ -165,7 +165,7 @@ export class Verdict {
     showCard(this.card, verdictOf({ values, run, found: this.found, judged: this.#judged }), run.outcome);
     this.fit.replaceChildren(...(this.#judged?.own_tests ? fitOf(this.#judged.own_tests, this.strip.clientWidth) : []));
     this.spread.replaceChildren([describeAngle(this.found), this.#judged ? describeRange(this.#judged) : ""].join(" "));
-    this.warnings.replaceChildren(...warningList(run.warnings, this.found.warnings));
+    this.warnings.replaceChildren(...warningList(run.warnings, this.found.warnings, this.#judged?.warnings ?? []));
     const theories = (this.#judged?.theories ?? []).map((each) => each.critical_angle_deg).filter((angle) => angle !== undefined);
     const { lower_deg: lower, upper_deg: upper } = this.#judged?.range ?? {};
     const range = lower === undefined ? [] : [lower, upper];

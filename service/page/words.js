@@ -10,9 +10,6 @@ const STATUSES = {
   not_converged: "The search did not converge.",
 };
 
-/** Codes of warnings of every case: the note in the footer. */
-export const STANDING = new Set(["no_measured_angle"]);
-
 /** Return a number as text with so many significant digits, without a trailing exponent where it can be. */
 export function digits(value, count = 3) {
   if (value === 0) return "0";
@@ -87,23 +84,25 @@ function outcomesShown(outcomes) {
 
 /** Codes of warnings, the worst first; what is not here comes after, but before those at the end. */
 const WORST = ["implausible", "base_strikes_first", "velocity_beyond_rigid", "undecided", "tumbling", "range_clipped", "rear_face_unconservative", "retention_decides", "shallow_penetration"];
-const MILDEST = ["strength_fit_extrapolated", "mass_properties_assumed"];
 
 /**
- * Return warnings in a line, with how many there are and the worst, which unfolds to all of them; nothing if there are none but
- * those that hold for every case.
+ * Return warnings in a line, with how many there are and the worst, and the standing notes in another; both unfold to all of
+ * theirs. Of warnings with one code the last counts.
  */
 export function warningList(...lists) {
-  const own = lists.flat().filter(({ code }) => !STANDING.has(code));
-  const details = [...new Map(own.map((each) => [each.code, each])).values()];
-  if (!details.length) return [];
-  const rank = ({ code }) => (WORST.includes(code) ? WORST.indexOf(code) : WORST.length + 1 + MILDEST.indexOf(code));
-  details.sort((one, other) => rank(one) - rank(other));
-  const [worst] = details;
+  const found = [...new Map(lists.flat().map((each) => [each.code, each])).values()];
+  const rank = ({ code }) => (WORST.includes(code) ? WORST.indexOf(code) : WORST.length + (code === "strength_fit_extrapolated"));
+  const special = found.filter(({ standing }) => !standing).sort((one, other) => rank(one) - rank(other));
+  const standing = found.filter((each) => each.standing);
   const words = ({ detail }) => unbroken(sentence(inShownUnits(detail)));
-  const count = element("strong", {}, details.length === 1 ? "1 warning" : `${details.length} warnings`);
-  const items = details.map((each) => element("li.warning", { "data-code": each.code }, words(each)));
-  return [element("details.warnings", {}, element("summary", {}, count, element("span.worst", {}, ` ${words(worst)}`)), element("ul", {}, ...items))];
+  const folded = (name, kind, all, ...summary) => {
+    const items = all.map((each) => element(`li.${kind}`, { "data-code": each.code }, words(each)));
+    return all.length ? [element(`details.${name}`, {}, element("summary", {}, ...summary), element("ul", {}, ...items))] : [];
+  };
+  const count = element("strong", {}, special.length === 1 ? "1 warning" : `${special.length} warnings`);
+  const worst = element("span.worst", {}, ` ${special.slice(0, 1).map(words).join("")}`);
+  const names = standing.map(({ code }) => code.replaceAll("_", " ")).join(", ");
+  return [...folded("warnings", "warning", special, count, worst), ...folded("standing.quiet", "note", standing, `Standing notes: ${names}`)];
 }
 
 /** Return text whose numbers keep to a line with their units. */

@@ -148,6 +148,7 @@ def page(strike: Assessed) -> str:
     search = strike.answers["cra"]
     study = _answered(strike, "uncertainty")
     formulas = _answered(strike, "formulas")
+    warnings = _warnings(strike)
     return template.render(
         style=Markup(page_style()),  # noqa: S704 (a file of the package)
         title=_title(strike),
@@ -172,7 +173,8 @@ def page(strike: Assessed) -> str:
         formula_rows=_formula_rows(formulas),
         thickness=_answered(strike, "thickness"),
         limits=_limits(numbers, strike),
-        warnings=_warnings(strike),
+        warnings=[each for each, standing in warnings if not standing],
+        standing=[each for each, standing in warnings if standing],
         keys=[(label, strike.answers[name]["key"]) for name, label in KEYS.items() if _answered(strike, name)],
         strike=strike,
         words={"outcomes": OUTCOMES, "ends": ENDS, "statuses": STATUSES, "formulas": FORMULAS},
@@ -350,16 +352,20 @@ def _limits(numbers: Numbers, strike: Assessed) -> list[Limit]:
     return found
 
 
-def _warnings(strike: Assessed) -> list[tuple[str, str, str]]:
-    """Return code and text of the warnings of what is shown, the first of each code, and what each belongs to.
+def _warnings(strike: Assessed) -> list[tuple[tuple[str, str, str], bool]]:
+    """Return the warnings of what is shown, the first of each code.
 
-    Those of the search come first: they say most.
+    Those of the search come first: they say most. Each is its code, its text and what it belongs to, with whether it
+    comes with most answers.
     """
-    found: dict[str, tuple[str, str, str]] = {}
-    for name in ("cra", *RUNS, "thickness", "uncertainty"):
+    found: dict[str, tuple[tuple[str, str, str], bool]] = {}
+    for each in strike.verdict.warnings:
+        found.setdefault(each.code, ((each.code, each.detail, KEYS["cra"]), each.standing))
+    for name in (*RUNS, "thickness", "uncertainty"):
         for warning in (_answered(strike, name) or {}).get("warnings", ()):
             if warning["code"] not in UNSAID:
-                found.setdefault(warning["code"], (warning["code"], warning["detail"], KEYS[name]))
+                shown = warning["code"], warning["detail"], KEYS[name]
+                found.setdefault(warning["code"], (shown, warning.get("standing", False)))
     return list(found.values())
 
 

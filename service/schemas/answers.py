@@ -41,6 +41,7 @@ EXIT = {
 WARNING = {
     "code": "mass_properties_assumed",
     "detail": "moment of inertia not given: that of a homogeneous solid of the outer shape is used",
+    "standing": True,
 }
 TRIAL = {"oblique_angle_deg": 45.0, "final_position_m": 0.120327, "outcome": "embedded", "fine": False}
 INTERVAL = {"outcome": "perforated", "lower_deg": 5.0, "upper_deg": 41.02}
@@ -102,6 +103,10 @@ class ModelWarning(Part):
     """Stable, for programs."""
     detail: str
     """For people."""
+    standing: bool | MISSING = MISSING
+    """Present and true if it says of most answers what it says of this one, and hardly moves it."""
+    angle_shift_deg: Num | MISSING = MISSING
+    """Change of the critical angle by what it names, if that is computed. [°]"""
 
 
 StrengthDispersion = Annotated[

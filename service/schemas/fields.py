@@ -108,8 +108,8 @@ def part_of(model: type[Part], name: str) -> type[Part] | None:
 def walk(model: type[Part], found: Any, /, **given: Any) -> dict[str, Any]:
     """Return an answer as JSON data: the fields of its model, from what the solver returns.
 
-    Angles become degrees in fields whose name says so, parts are walked in turn, and an optional field without a value
-    or without items is left out.
+    Angles become degrees in fields whose name says so, parts are walked in turn, and an optional field without a value,
+    without items, or that is false is left out.
 
     Parameters
     ----------
@@ -128,7 +128,7 @@ def walk(model: type[Part], found: Any, /, **given: Any) -> dict[str, Any]:
             value = field.get(found)
         else:
             continue
-        if field.optional and (value is None or (isinstance(value, Sized) and not len(value))):
+        if field.optional and (value is None or value is False or (isinstance(value, Sized) and not len(value))):
             continue
         answer[field.name] = _plain(field, value)
     return answer

@@ -7,7 +7,9 @@ from typing import Annotated, Any
 
 from pydantic import MISSING, Field
 
-from service.schemas.answers import EngineVersion, Key, OwnTestsAnswer
+import solver
+from service.schemas.answers import WARNING, EngineVersion, Key, ModelWarning, OwnTestsAnswer
+from service.schemas.fields import walk
 from service.schemas.quantities import Num, Part, degrees, with_examples
 from service.schemas.requests import CriticalAngleBase, ReportRequest
 from service.schemas.resistance import FreeSurfaceModel
@@ -27,6 +29,7 @@ from solver.uncertainty import AfterShots, Discrete, Uncertain, Verdict, usual_s
 from solver.uncertainty.results import RANGE
 from solver.uncertainty.usual import THEORIES
 from solver.uncertainty.verdict import next_shot_advice
+from solver.uncertainty.weighed_warnings import MOVES, weighed
 
 ANGLE_OF_ATTACK = "impact.angle_of_attack"
 NAMES = {
@@ -105,6 +108,7 @@ VERDICT = {
     "strength_factor": 6.1,
     "strength_factor_dispersion": 0.113,
     "usual_scatter": SCATTER,
+    "warnings": [WARNING],
     "keys": {"cra": "0" * 64},
     "engine_version": ENGINE_VERSION,
 }
@@ -171,6 +175,9 @@ class VerdictAnswer(Part):
     """If S rests on shots into the very concrete and there is a critical angle."""
     usual_scatter: list[UncertainInput]
     """Inputs that scatter, as `/cra/uncertainty` takes them."""
+    warnings: list[ModelWarning]
+    """Of the search. Beside a 90 % range each whose effect is known says how far it moves the angle, and is standing if
+    that is at most a quarter of the range."""
     keys: VerdictKeys
     engine_version: EngineVersion
 
@@ -181,7 +188,8 @@ def verdict_in(request: ReportRequest, answers: Mapping[str, Any]) -> Verdict:
     Parameters
     ----------
     answers
-        By name, an object with a `problem` where there is none: to `cra`, and perhaps to `uncertainty` and `judged`.
+        By name, an object with a `problem` where there is none: to `cra`, and perhaps to `uncertainty`, `judged` and
+        the searches that weigh the warnings.
     """
     found, judged = answers["cra"], answers.get("judged", {})
     study = answers.get("uncertainty", {})
@@ -199,11 +207,13 @@ def verdict_in(request: ReportRequest, answers: Mapping[str, Any]) -> Verdict:
             if abs(each - angle) < 1e-7
         ]
     )
+    central = _radians(found.get("critical_angle_deg"))
+    spread = (math.radians(levels[RANGE[0]]), math.radians(levels[RANGE[1]])) if levels else None
     return Verdict(
         status=SearchStatus(found["status"]),
-        angle=_radians(found.get("critical_angle_deg")),
+        angle=central,
         searched=search.to_solver().bounds,
-        spread=(math.radians(levels[RANGE[0]]), math.radians(levels[RANGE[1]])) if levels else None,
+        spread=spread,
         share_without=critical["share_without_angle"]["value"],
         theories=tuple(_radians(each.get("critical_angle_deg")) for each in _theories(study)),
         standard_error=_radians(found.get("critical_angle_standard_error_deg")),
@@ -211,7 +221,28 @@ def verdict_in(request: ReportRequest, answers: Mapping[str, Any]) -> Verdict:
         oblique_angle=None if angle is MISSING else math.radians(angle),
         outcome=Outcome(judged["outcome"]) if "outcome" in judged else None,
         probability=near[0] if near else None,
+        warnings=weighed(
+            [_warning(each) for each in found["warnings"]], angle=central, spread=spread, moved=_moved(answers)
+        ),
     )
+
+
+def _warning(found: Mapping[str, Any]) -> solver.ModelWarning:
+    """Return a warning of an answer as the solver has it."""
+    return solver.ModelWarning(
+        found["code"],
+        found["detail"],
+        standing=found.get("standing", False),
+        angle_shift=_radians(found.get("angle_shift_deg")),
+    )
+
+
+def _moved(answers: Mapping[str, Any]) -> dict[str, list[float | None]]:
+    """Return the critical angles by the searches that weigh warnings, by code."""
+    return {
+        code: [_radians(found.get("critical_angle_deg")) for name, found in answers.items() if name.split()[0] == code]
+        for code in MOVES
+    }
 
 
 def next_shot_advice_in(study: Mapping[str, Any]) -> str:
@@ -259,6 +290,7 @@ def verdict_answer(request: ReportRequest, answers: Mapping[str, Any]) -> dict[s
     return answer | {
         "strength_factor_dispersion": scatter.dispersion,
         "usual_scatter": usual_inputs(request),
+        "warnings": [walk(ModelWarning, each) for each in found.warnings],
         "keys": {to: answers[own]["key"] for own, to in names.items() if "key" in answers.get(own, {})},
         "engine_version": ENGINE_VERSION,
     }

@@ -7,18 +7,21 @@ from typing import Any
 
 import numpy as np
 
+from solver.checks import RicochetError
 from solver.prepared import Outcome
 from solver.projectile import Projectile
-from solver.resistance import Resistance
+from solver.resistance import EQUATION_9, Resistance
 from solver.search.critical_angle import critical_angle
 from solver.search.types import USUAL_SEARCH, Search, SearchStatus
-from solver.strike import Impact, Numerics
+from solver.strike import USUAL, Impact, Numerics
 from solver.target import Target
 from solver.trajectory import simulate
 from solver.uncertainty.results import RANGE, AfterShots
 from solver.uncertainty.sampling import Sampling
 from solver.uncertainty.strikes import critical_angle_uncertainty
 from solver.uncertainty.usual import THEORIES, usual_scatter
+from solver.uncertainty.weighed_warnings import probes, weighed, with_probe
+from solver.warnings import ModelWarning
 
 SAMPLES, HALF_WIDTH = 1024, 0.05
 """Samples at most, and half width of the interval of each probability at which they end: half of those that may be
@@ -67,6 +70,8 @@ class Verdict:
     """Of the strike at that angle, with the inputs as given; None without an angle or an outcome."""
     probability: float | None = None
     """Of ricochet at that angle, with the usual scatter; None without one. [1]"""
+    warnings: tuple[ModelWarning, ...] = ()
+    """Of the search; with a range, standing where they move the angle by less than a quarter of it."""
 
     @property
     def range_text(self) -> str:
@@ -258,6 +263,7 @@ def verdict(
     )
     found = critical_angle(**case, **motion, search=search)
     levels = {level: estimate.value for level, estimate in study.quantiles}
+    spread = (levels[RANGE[0]], levels[RANGE[1]]) if levels else None
     judged: dict[str, Any] = {}
     if oblique_angle is not None:
         impact = Impact(oblique_angle=oblique_angle, **motion)
@@ -269,11 +275,35 @@ def verdict(
         status=found.status,
         angle=found.angle,
         searched=search.bounds,
-        spread=(levels[RANGE[0]], levels[RANGE[1]]) if levels else None,
+        spread=spread,
         share_without=study.share_without.value,
         theories=tuple(change.angle for change in study.sensitivity[-1].swing),
         standard_error=found.standard_error,
         other_crossings=found.other_crossings,
         oblique_angle=oblique_angle,
+        warnings=weighed(
+            found.warnings,
+            angle=found.angle,
+            spread=spread,
+            moved=_moved(found.warnings, case, motion, search),
+        ),
         **judged,
     )
+
+
+def _moved(
+    warnings: Sequence[ModelWarning], case: Mapping[str, Any], motion: Mapping[str, Any], search: Search
+) -> dict[str, list[float | None]]:
+    """Return the critical angles by the probes of the warnings, None where there is none."""
+    laws: dict[str, Any] = {"resistance": case["resistance"] or EQUATION_9, "numerics": case["numerics"] or USUAL}
+    bodies = {name: case[name] for name in ("projectile", "target")}
+
+    def angle(code: str, value: float) -> float | None:
+        changed = with_probe(code, value, **laws)
+        try:
+            return critical_angle(**bodies, **changed, **motion, search=search).angle
+        except RicochetError:  # must not cost the verdict itself
+            return None
+
+    found = probes([each.code for each in warnings], **bodies, **laws)
+    return {code: [angle(code, value) for value in values] for code, values in found.items()}

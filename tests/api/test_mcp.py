@@ -221,12 +221,14 @@ def test_answer_is_that_of_the_route_with_its_warnings_and_limits(live_url: str,
 
 
 def check_caveats(result: CallToolResult) -> None:
-    """The text has every warning of the answer, or says that there is none, and every limit of validity."""
+    """The text has the warnings of the answer or says that there is none, its standing notes, and the limits."""
     answer, limits = (result.structured_content[name] for name in ("answer", "validity_limits"))
-    details = [warning["detail"] for warning in answer["warnings"]]
+    details, standing = (
+        [each["detail"] for each in answer["warnings"] if each.get("standing", False) is kind] for kind in (False, True)
+    )
     assert len(limits) >= 5
     listed = [line for line in text_of(result).splitlines() if line.startswith("- ")]
-    assert listed == [f"- {line}" for line in (*(details or ["none"]), *limits)]
+    assert listed == [f"- {line}" for line in (*(details or ["none"]), *standing, *limits)]
 
 
 def test_trajectory_has_its_summary_and_a_key_for_the_columns(live_url: str, client: httpx.Client) -> None:

@@ -70,8 +70,8 @@ def test_papers_case_shows_its_critical_angle_and_the_picture(page: Page) -> Non
     expect(page.get_by_label("Speed", exact=True)).to_have_value("238")
     expect(page.get_by_label("Compressive strength")).to_have_value("39")
     expect(page.locator("[data-outcome]")).to_contain_text("At 45° from the normal: embedded")
-    page.get_by_text(re.compile("^[1-9] warnings")).click()
-    expect(page.locator(".warning[data-code='mass_properties_assumed']")).to_be_visible()
+    page.get_by_text(re.compile("^Standing notes")).click()
+    expect(page.locator(".standing [data-code='mass_properties_assumed']")).to_be_visible()
     expect(page.get_by_role("img", name=re.compile("Side view to scale. Strike: embedded"))).to_be_visible()
 
 

@@ -44,8 +44,8 @@ def test_a_pipe_gets_aligned_text_and_a_terminal_a_table(folder: Path, live_url:
     assert "\x1b" not in piped.out + piped.err
     assert "│" not in piped.out
     assert "critical angle °  48.6" in piped.out
-    assert "warning: " in piped.err
-    assert "warning: " not in piped.out
+    assert "standing notes: " in piped.err
+    assert "standing notes: " not in piped.out
     assert "│" in shown.out
     assert "critical angle ° │" in shown.out
     widths = {len(line) for line in piped.out.splitlines() if line.endswith(("embedded", "ricochet"))}
@@ -80,12 +80,17 @@ def test_angle_is_one_line_and_warnings_another(here: Path, capsys: pytest.Captu
     assert shown.out.startswith(f"Critical angle {found['critical_angle_deg']:.1f}° from the normal, 90 % range 4")
     assert shown.out.count("\n") == 1
     codes = ", ".join(warning["code"] for warning in found["warnings"])
-    assert shown.err == f"{len(found['warnings'])} warnings (-v explains): {codes}\n"
+    assert shown.err == f"standing notes (-v explains): {codes}\n"
     assert cli.main(["cra", "strike.toml", "-v"]) == 0
     verbose = capsys.readouterr()
     assert shown.out in verbose.out
     assert len(verbose.out.splitlines()) > len(found["iterations"])
     assert all(warning["detail"] in verbose.err for warning in found["warnings"])
+    assert cli.main(["cra", "strike.toml", "--velocity", "500"]) == 0
+    assert capsys.readouterr().err.splitlines() == [
+        "1 warning (-v explains): strength_fit_extrapolated",
+        "standing notes (-v explains): mass_properties_assumed, no_measured_angle",
+    ]
 
 
 def test_angle_does_not_wait_for_what_it_does_not_need(here: Path) -> None:

@@ -113,6 +113,13 @@ def test_cards_are_sound_small_and_leave_colours_to_the_notebook(answers: dict[s
             assert warning.code in html
 
 
+def test_card_counts_what_is_special_and_notes_what_comes_with_most_answers() -> None:
+    found = [ModelWarning("one", "special"), ModelWarning("two", "usual", standing=True)]
+    html = card("title", {}, found)
+    assert re.findall(r"<summary>(.*?)</summary>", html) == ["1 warning", "Standing notes"]
+    assert "warning<" not in card("title", {}, found[1:])
+
+
 def test_text_of_a_card_is_escaped() -> None:
     html = card("a < b", {"<b>": "1 & 2"}, [ModelWarning("x<y", '"<script>"')])
     assert "<script>" not in html

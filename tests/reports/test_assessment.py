@@ -130,10 +130,12 @@ def test_margins_are_the_recommended_ones(client: httpx.Client) -> None:
 
 def test_warnings_of_the_search_are_sentences_of_the_report(client: httpx.Client) -> None:
     page = text_of(report_of(client, WALL))
-    warnings = answers_of(client, WALL)["cra"]["warnings"]
+    warnings = client.post("/verdict", json=WALL).json()["warnings"]
     assert {"no_measured_angle", "rear_face_unconservative"} <= {each["code"] for each in warnings}
     for each in warnings:
-        assert f"Critical angle: {each['detail'][0].upper()}{each['detail'][1:]}." in page
+        said = f"{each['detail'][0].upper()}{each['detail'][1:]}."
+        assert said in page.partition("Standing notes:")[2 if each.get("standing") else 0]
+        assert (f"Critical angle: {said}" in page) is not each.get("standing", False)
 
 
 def test_warning_of_a_run_is_said_to_be_of_that_run(client: httpx.Client) -> None:

@@ -7,9 +7,11 @@ from typing import Any
 import pytest
 
 from solver import (
+    ConstantStrengthFactor,
     ElasticPlastic,
     MohrCoulomb,
     NoFreeSurface,
+    Numerics,
     ObliquityPolynomial,
     Outcome,
     OwnTests,
@@ -18,7 +20,9 @@ from solver import (
     SearchStatus,
     StrengthPowerLaw,
     Target,
+    critical_angle,
 )
+from solver.resistance import strength_factor
 from solver.strength_scatter import TABLE_1, strength_scatter
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY
 from solver.uncertainty import Discrete, Lognormal, Verdict, usual_scatter, verdict
@@ -61,6 +65,33 @@ def test_no_decay_is_in_no_range() -> None:
     assert isinstance(strength_factor.distribution, Lognormal)
     assert isinstance(theory.distribution, Discrete)
     assert list(theory.distribution.values) == [ElasticPlastic(), MohrCoulomb()]
+
+
+@pytest.mark.parametrize(
+    ("velocity", "special"), [(238.0, set()), (60.0, {"retention_decides"}), (500.0, {"strength_fit_extrapolated"})]
+)
+def test_warning_stands_alone_if_it_moves_the_angle_by_more_than_a_quarter_of_the_range(
+    velocity: float, special: set[str]
+) -> None:
+    strike = CASE | {"velocity": velocity}
+    found = verdict(**strike, threads=2)
+    assert found.angle is not None
+    assert found.spread is not None
+    assert {each.code for each in found.warnings if not each.standing} == special
+    shifts = {each.code: each.angle_shift for each in found.warnings if each.angle_shift is not None}
+    for code, shift in shifts.items():
+        assert (abs(shift) > 0.25 * (found.spread[1] - found.spread[0])) is (code in special)
+    if "retention_decides" in shifts:
+        angles = [
+            critical_angle(**strike, numerics=Numerics(retention_energy_fraction=each)).angle for each in (1e-3, 0.1)
+        ]
+        assert shifts["retention_decides"] == max((each - found.angle for each in angles if each), key=abs)
+    if "strength_fit_extrapolated" in shifts:
+        held = strength_factor(**CASE, resistance=Resistance(), oblique_angle=ObliquityPolynomial.fitted_to)
+        constant = Resistance(strength_factor=ConstantStrengthFactor(value=held))
+        angle = critical_angle(**strike, resistance=constant).angle
+        assert angle is not None
+        assert shifts["strength_fit_extrapolated"] == angle - found.angle
 
 
 def test_range_is_wide_by_the_law_and_narrow_with_shots_into_the_concrete() -> None:

@@ -1,0 +1,102 @@
+"""The warnings of a critical angle beside its 90 % range: what moves it by little joins the standing notes."""
+
+import math
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+from solver.checks import ParameterError
+from solver.projectile import Projectile
+from solver.resistance import ConstantStrengthFactor, ObliquityPolynomial, Resistance, strength_factor
+from solver.strike import Numerics
+from solver.target import Target
+from solver.warnings import RETENTION_RANGE, ModelWarning
+
+RETENTION, EXTRAPOLATED = "retention_decides", "strength_fit_extrapolated"
+"""Codes of the warnings whose effect more searches show."""
+RETENTION_BOUNDS = (1e-4, 0.5)
+"""Accepted retention energies. [1]"""
+LITTLE = 0.25
+"""Move of the angle, over the width of its 90 % range, up to which a warning is a standing note. [1]"""
+MOVES = {
+    RETENTION: "with those thresholds it moves by",
+    EXTRAPOLATED: f"with S from {math.degrees(ObliquityPolynomial.fitted_to):g}° on as it is there, the angle moves by",
+}
+
+
+def probes(
+    codes: Collection[str], *, projectile: Projectile, target: Target, resistance: Resistance, numerics: Numerics
+) -> dict[str, tuple[float, ...]]:
+    """Return the values to search again with, by the code of the warning whose effect they show.
+
+    They are retention energies, and the strength factor at the last angle that its fit covers: where the angle lies
+    beyond, a search with that constant finds the angle of a fit that is held from there on. [1]
+    """
+    found: dict[str, tuple[float, ...]] = {}
+    if RETENTION in codes:
+        lowest, highest = RETENTION_BOUNDS
+        retention = numerics.retention_energy_fraction
+        found[RETENTION] = tuple(min(max(factor * retention, lowest), highest) for factor in RETENTION_RANGE)
+    if EXTRAPOLATED in codes:
+        try:
+            held = strength_factor(
+                resistance=resistance,
+                oblique_angle=ObliquityPolynomial.fitted_to,
+                target=target,
+                projectile=projectile,
+            )
+        except ParameterError:  # a polynomial that is above zero at larger angles only
+            return found
+        found[EXTRAPOLATED] = (held,)
+    return found
+
+
+def with_probe(code: str, value: float, *, resistance: Resistance, numerics: Numerics) -> dict[str, Any]:
+    """Return the arguments of a search with such a value."""
+    if code == RETENTION:
+        return {"resistance": resistance, "numerics": replace(numerics, retention_energy_fraction=value)}
+    held = ConstantStrengthFactor(value=value)
+    return {"resistance": replace(resistance, strength_factor=held), "numerics": numerics}
+
+
+def weighed(
+    warnings: Sequence[ModelWarning],
+    *,
+    angle: float | None,
+    spread: tuple[float, float] | None,
+    moved: Mapping[str, Sequence[float | None]],
+) -> tuple[ModelWarning, ...]:
+    """Return the warnings with how far each moves the angle, standing where that is little beside the range.
+
+    Without an angle, a range or an angle by every probe, and where the effect is not known, they stay as they are.
+
+    Parameters
+    ----------
+    angle, spread
+        Critical angle and its 90 % range. [rad]
+    moved
+        Critical angles by the probes, by code; None where a search finds none. [rad]
+    """
+    if angle is None or spread is None:
+        return tuple(warnings)
+    return tuple(_weighed(each, angle, spread, moved.get(each.code, ())) for each in warnings)
+
+
+def _weighed(
+    warning: ModelWarning,
+    angle: float,
+    spread: tuple[float, float],
+    moved: Sequence[float | None],
+) -> ModelWarning:
+    shifts = [each - angle for each in moved if each is not None]
+    shift, detail = warning.angle_shift, warning.detail
+    if shifts and len(shifts) == len(moved):
+        shift = max(shifts, key=abs)
+        by = " and ".join(f"{math.degrees(each):+.1f}°" for each in shifts)
+        detail += f"; {MOVES[warning.code]} {by}"
+    if shift is None:
+        return warning
+    little = abs(shift) <= LITTLE * (spread[1] - spread[0])
+    if shifts and little:
+        detail += ", less than a quarter of the 90 % range"
+    return ModelWarning(warning.code, detail, standing=little, angle_shift=shift)
