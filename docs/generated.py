@@ -15,6 +15,7 @@ from typing import Any
 from docs.figures import manual
 from service import cli
 from service.cli.arguments import Formatter
+from service.names import CHOICES, FORMULAS, QUANTITIES
 
 ROOT = Path(__file__).parents[1]
 PLACE = re.compile(r"<!-- generated: ([\w-]+) -->")
@@ -180,6 +181,16 @@ def commands() -> str:
     return "\n\n".join(texts)
 
 
+def names() -> str:
+    """Return the names of inputs, of their choices and of formulas, as Markdown."""
+    rows = [
+        f"| {label} | `{path}` | {', '.join(f'{name}: `{value}`' for value, name in CHOICES.get(path, {}).items())} |"
+        for path, label in QUANTITIES.items()
+    ]
+    formulas = ", ".join(f"{name}: `{key}`" for key, name in FORMULAS.items())
+    return "\n".join(["| shown as | field | choices |", "|---|---|---|", *rows, "", f"Formulas: {formulas}."])
+
+
 def warning_codes() -> str:
     """Return the codes of all model warnings that the solver gives, as Markdown."""
     codes = {code for path in (ROOT / "solver").rglob("*.py") for code in _codes_in(path.read_text(encoding="utf-8"))}
@@ -220,5 +231,6 @@ TEXTS = {
     "routes": routes,
     "objects": objects,
     "commands": commands,
+    "names": names,
     "warning-codes": warning_codes,
 }

@@ -22,6 +22,7 @@ UNITS = {
     "_s": "s",
     "_n": "N",
     "_j": "J",
+    "_g": "g_0",
 }
 """Unit by the end of a name, longer ends first."""
 

@@ -56,6 +56,8 @@ QUANTITIES: Mapping[str, tuple[str, str]] = {
     "depth_force": ("N", "resistance along the inward normal"),
     "lateral_force": ("N", "resistance along the face"),
     "moment": ("N m", "moment of the resistance"),
+    "axial_acceleration": ("m/s²", "acceleration along the axis, toward the nose"),
+    "transverse_acceleration": ("m/s²", "acceleration across the axis, the way the axis angle grows"),
     "kinetic_energy": ("J", "kinetic energy"),
     "oblique_angle": ("rad", "oblique angle"),
     "angle_of_attack": ("rad", "angle of attack"),

@@ -55,6 +55,12 @@ class Motion(ComparedByFields, Generic[Value]):
     """Resistance, along the face. [N]"""
     moment: Value
     """Resistance, about the centre of gravity. [N m]"""
+    axial_acceleration: Value
+    """Of the centre of gravity by the resistance, along the axis of the body; positive toward the nose, so that it is
+    negative as the body is slowed. [m/s²]"""
+    transverse_acceleration: Value
+    """Of the centre of gravity by the resistance, across that axis; positive the way the nose moves as `axis_angle`
+    grows. Where the body slides straight, samples scatter about the mean: a speed across it of mm/s decides. [m/s²]"""
     kinetic_energy: Value
     """Energy of translation and rotation. [J]"""
 
@@ -255,12 +261,13 @@ def _history(run: Run, steps: FloatArray, model: Model, sample_interval: float) 
 def _columns(times: FloatArray, states: FloatArray, model: Model) -> Motion[FloatArray]:
     body = model.body
     forces = sample_loads(states, model)
+    cosine, sine = np.cos(states[:, 2]), np.sin(states[:, 2])
     translation = body.mass * (states[:, 3] ** 2 + states[:, 4] ** 2)
     return Motion(
         time=times,
         center_of_gravity_depth=states[:, 0],
         center_of_gravity_lateral=states[:, 1],
-        nose_tip_depth=states[:, 0] + body.tip * np.cos(states[:, 2]),
+        nose_tip_depth=states[:, 0] + body.tip * cosine,
         axis_angle=states[:, 2],
         depth_velocity=states[:, 3],
         lateral_velocity=states[:, 4],
@@ -268,6 +275,8 @@ def _columns(times: FloatArray, states: FloatArray, model: Model) -> Motion[Floa
         depth_force=forces[:, 0],
         lateral_force=forces[:, 1],
         moment=forces[:, 2],
+        axial_acceleration=(forces[:, 0] * cosine + forces[:, 1] * sine) / body.mass,
+        transverse_acceleration=(forces[:, 1] * cosine - forces[:, 0] * sine) / body.mass,
         kinetic_energy=0.5 * (translation + body.moment_of_inertia * states[:, 5] ** 2),
     )
 

@@ -23,6 +23,7 @@ from starlette.responses import FileResponse, RedirectResponse
 from starlette.types import Scope
 
 from service.api.negotiation import coding_of
+from service.names import CHOICES, FORMULAS, QUANTITIES
 from service.schemas.verdict import USUAL_SCATTER
 
 router = APIRouter(include_in_schema=False)
@@ -123,7 +124,7 @@ async def plotly(request: Request) -> Response:
 
 @router.get("/page/contract.json")
 async def contract(request: Request) -> Response:
-    """Serve what the page takes from here instead of repeating it: the schemas of the contract, the usual scatter."""
+    """Serve what the page takes from here instead of repeating it: schemas of the contract, usual scatter, names."""
     content, tag = contract_content(request.app)
     headers = HEADERS | {"ETag": tag, "Content-Encoding": "gzip"}
     if tag in request.headers.get("If-None-Match", ""):
@@ -133,8 +134,9 @@ async def contract(request: Request) -> Response:
 
 @lru_cache(maxsize=1)
 def contract_content(app: FastAPI) -> tuple[bytes, str]:
-    """Return the schemas and the usual scatter as compressed JSON, and their ETag."""
-    parts = {"schemas": app.openapi()["components"]["schemas"], "usual_scatter": USUAL_SCATTER}
+    """Return the schemas, the usual scatter and the names as compressed JSON, and their ETag."""
+    names = {"choices": CHOICES, "quantities": QUANTITIES, "formulas": FORMULAS}
+    parts = {"schemas": app.openapi()["components"]["schemas"], "usual_scatter": USUAL_SCATTER, "names": names}
     content = json.dumps(parts, separators=(",", ":")).replace('"x-default":', '"default":').encode()
     return gzip.compress(content, mtime=0), f'W/"{sha256(content).hexdigest()[:32]}"'
 

@@ -23,9 +23,9 @@ from service.columns import (
     summarize,
 )
 from service.operations import OPERATIONS
-from service.schemas.answers import MotionState
+from service.schemas.answers import MotionInHistory
 from service.schemas.fields import columns_of, part_of
-from service.schemas.quantities import Part
+from service.schemas.quantities import Num, Part
 
 Rows = npt.NDArray[Any]
 
@@ -329,7 +329,7 @@ class Contents:
         columns = {
             "summary": self._summary,
             "iterations": (CASE, *self._trials),
-            "history": (CASE, *columns_of(MotionState)),
+            "history": (CASE, *columns_of(MotionInHistory[Num])),
             "residuals": (CASE, *RESIDUALS),
         }
         self._streams = {

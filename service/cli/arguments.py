@@ -10,6 +10,8 @@ from contextlib import contextmanager, redirect_stdout
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from service.names import CHOICES
+
 if TYPE_CHECKING:
     from service.settings import Settings
 
@@ -155,9 +157,8 @@ NOSE, STRENGTH, FREE_SURFACE = ("projectile", "nose"), ("resistance", "strength_
 """Parts of several models."""
 MODEL_NAMES: Mapping[tuple[str, ...], str] = {NOSE: "shape", STRENGTH: "model", FREE_SURFACE: "model"}
 """Field that names the model, by part."""
-SHAPES = ("ogive", "conical", "spherical", "flat", "profile", "sphere")
-LAWS = ("constant", "obliquity_polynomial", "published_tests", "own_tests", "strength_power_law")
-DECAYS = ("elastic_plastic", "mohr_coulomb", "none")
+SHAPES, LAWS, DECAYS = (tuple(CHOICES[".".join((*part, name))]) for part, name in MODEL_NAMES.items())
+"""Choices of these fields."""
 BODY = (
     Flag("--diameter", ("projectile", "diameter_m"), "shank diameter [m]"),
     Flag("--length", ("projectile", "length_m"), "length from nose tip to base [m]"),
@@ -267,7 +268,7 @@ RESISTANCE = (
         "change of the power law, or of the law of published tests, with the oblique angle",
         read=str,
         metavar="SHAPE",
-        choices=("constant", "equation_9"),
+        choices=tuple(CHOICES["resistance.strength_factor.obliquity_shape"]),
         implies=("published_tests", "own_tests", "strength_power_law"),
     ),
     Flag(

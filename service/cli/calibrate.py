@@ -23,6 +23,7 @@ from service.cli.calibration_input import (
     calibration_body,
 )
 from service.cli.writers import print_table, print_warnings
+from service.names import CHOICES, named
 from service.readers import (
     DEPTH_TESTS,
     MOTION,
@@ -40,6 +41,8 @@ from service.schemas.problems import unit_ends
 from service.schemas.quantities import degrees
 from solver import ParameterError
 from solver.calibration import MotionHistory
+
+DECAY_NAMES = CHOICES["resistance.free_surface.model"]
 
 
 def add_calibrate(parser: argparse.ArgumentParser) -> None:
@@ -313,14 +316,14 @@ def _print_motion(inputs: Sequence[_Input], answer: Mapping[str, Any], confidenc
         cells = ["", "", ""]
         if "strength_factor" in law:
             cells = [*_columns(law)[:2], f"{law['normalized_root_mean_square']:.4f}"]
-        laws.append([law["free_surface"].replace("_", " "), *cells])
+        laws.append([named(DECAY_NAMES, law["free_surface"]), *cells])
     _print_rows(["decay law", "strength factor", "standard error", "normalised rms"], laws)
     described = f"{len(inputs)} runs"
     if len(inputs) == 1:
         angle, times = inputs[0].impact["oblique_angle_deg"], inputs[0].history["time_s"]
         described = f"{angle:g}° from the normal, {len(times)} instants up to {1e3 * times[-1]:.3g} ms"
-    print(f"{requested.replace('_', ' ')}: {_sentence(answer, confidence)}")
-    print(f"best decay law: {answer['best_decay_law'].replace('_', ' ')}")
+    print(f"{named(DECAY_NAMES, requested)}: {_sentence(answer, confidence)}")
+    print(f"best decay law: {named(DECAY_NAMES, answer['best_decay_law'])}")
     print(described)
     print_warnings(answer["warnings"])
 

@@ -26,7 +26,10 @@ from service.cli.arguments import (
 from service.cli.request_body import RequestBody, read_body
 from service.cli.writers import heading, print_table, print_values, print_warning_codes, print_warnings, progress
 from service.columns import csv_cells
+from service.names import CHOICES, named
 
+ENDS = {"outcome", "status"}
+"""Fields that say how a run or a search ended."""
 TRAJECTORY_FLAGS = (*IMPACT, *BODY, *RESISTANCE)
 CRA_FLAGS = (*IMPACT, *BODY, *RESISTANCE)
 
@@ -204,7 +207,7 @@ def print_csv(columns: Mapping[str, Sequence[Any]]) -> None:
 def print_motion(answer: Mapping[str, Any]) -> None:
     """Print the end of a motion."""
     final = {heading(name): value for name, value in answer["final"].items()}
-    values = {"outcome": answer["outcome"]}
+    values = {"outcome": answer["outcome"].replace("_", " ")}
     values |= {heading(name): answer[name] for name in ("maximum_depth_m", "strength_factor")}
     print_values(values | {f"final {name}": value for name, value in final.items()})
     print_alternatives(answer)
@@ -220,7 +223,7 @@ def print_search(answer: Mapping[str, Any], verdict: Mapping[str, Any], *, verbo
         print()
     print(verdict["sentence"])
     if verbose:
-        found = {"status": answer["status"]}
+        found = {"status": answer["status"].replace("_", " ")}
         for name in ("critical_angle_deg", "critical_angle_standard_error_deg"):
             if name in answer:
                 found[heading(name)] = answer[name]
@@ -262,12 +265,15 @@ def verdict_on(body: RequestBody, answer: Mapping[str, Any], url: str | None) ->
 def print_alternatives(answer: Mapping[str, Any]) -> None:
     """Print the answers with other laws, if there are any."""
     if "alternatives" in answer:
-        columns = alternatives_of(answer)
+        columns = dict(alternatives_of(answer))
         theories = [each for each in answer["alternatives"] if each["free_surface"] != "none"]  # no decay is no theory
         angles = [each["critical_angle_deg"] for each in theories if "critical_angle_deg" in each]
         print()
         if angles:
             print(f"With either decay and every law of S: {min(angles):.2f}° to {max(angles):.2f}°")
+        laws = {name: CHOICES[f"resistance.{name}.model"] for name in ("free_surface", "strength_factor")}
+        columns |= {name: [named(names, law) for law in columns[name]] for name, names in laws.items()}
+        columns |= {name: [end.replace("_", " ") for end in columns[name]] for name in ENDS & columns.keys()}
         print_table([heading(name) for name in columns], list(zip(*columns.values(), strict=True)))
 
 

@@ -27,6 +27,7 @@ from service.cli.plots import check_plot, figure_file
 from service.cli.request_body import RequestBody, read_body
 from service.cli.single import print_csv, print_json
 from service.cli.writers import cell, heading, print_table, print_values, print_warnings, progress
+from service.names import QUANTITIES, named
 
 FLAGS = (*IMPACT, *BODY, *RESISTANCE)
 PARAMETERS = {
@@ -288,7 +289,7 @@ def _interval(estimate: Mapping[str, float]) -> list[float]:
 def _shares(sensitivity: Mapping[str, Any]) -> list[str]:
     shares = [cell(sensitivity[name]["value"]) if name in sensitivity else "" for name in ("first_order", "total")]
     angles = [each["critical_angle_deg"] for each in sensitivity["swing"] if "critical_angle_deg" in each]
-    return [sensitivity["field"], *shares, " to ".join(f"{angle:.4g}" for angle in angles)]
+    return [named(QUANTITIES, sensitivity["field"]), *shares, " to ".join(f"{angle:.4g}" for angle in angles)]
 
 
 def plot_probability(path: Path, curve: Mapping[str, Sequence[float]]) -> None:

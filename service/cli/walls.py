@@ -24,6 +24,7 @@ from service.cli.arguments import (
 from service.cli.request_body import SOUGHT, read_body, without_sought
 from service.cli.single import answer_of, print_csv, print_json
 from service.cli.writers import heading, print_table, print_values, print_warnings
+from service.names import FORMULAS, QUANTITIES, named
 
 STRIKE_FLAGS = (*IMPACT, *(flag for flag in BODY if flag.steps != SOUGHT["thickness"]), *RESISTANCE)
 WALL_FLAGS = (OBLIQUE_ANGLE, *ATTACK, *BODY, *RESISTANCE)
@@ -95,7 +96,8 @@ def _print(args: argparse.Namespace, text: bytes, value: str, bracket: str) -> i
         if rows := answer.get("formulas"):
             print()
             name = FORMULA_VALUES[value]
-            print_table(["formula", heading(name), "range"], [[row["formula"], row[name], _range(row)] for row in rows])
+            found = [[named(FORMULAS, row["formula"]), row[name], _range(row)] for row in rows]
+            print_table(["formula", heading(name), "range"], found)
         if args.verbose:
             print()
             print_table([heading(name) for name in columns], list(zip(*columns.values(), strict=True)))
@@ -177,20 +179,26 @@ def run_formulas(args: argparse.Namespace) -> int:
     return 0
 
 
+def _named_input(pointer: str) -> str:
+    """Return the name of an input, or of a result, at a pointer."""
+    field = pointer[1:].replace("/", ".")
+    return (QUANTITIES.get(field) or heading(field)).lower()
+
+
 def print_formulas(answer: Mapping[str, Any]) -> None:
     """Print the table, what is out of range, and how far those in range differ."""
     rows = [
-        [row["formula"], *(row.get(name, "") for name in LIMITS), _marks(row), row["source"]]
+        [named(FORMULAS, row["formula"]), *(row.get(name, "") for name in LIMITS), _marks(row), row["source"]]
         for row in answer["formulas"]
     ]
     print_table(["formula", *map(heading, LIMITS), "", "source"], rows)
     print()
     for row in answer["formulas"]:
         for each in row["out_of_range"]:
-            print(f"* {row['formula']}: {each['pointer']}: {each['detail']}")
+            print(f"* {named(FORMULAS, row['formula'])}: {_named_input(each['pointer'])}: {each['detail']}")
     for row in answer["formulas"]:
         if "note" in row:
-            print(f"! {row['formula']}: {row['note']}")
+            print(f"! {named(FORMULAS, row['formula'])}: {row['note']}")
     print("? the range of the formula is not known: it is left out of the figures below")
     print("+ constants from secondary sources, not compared with an original\n")
     values = {}

@@ -1,4 +1,4 @@
-// The fields in the contract (the schemas of openapi.json): examples, bounds, choices. Nothing of it is repeated here.
+// The fields in the contract (the schemas of openapi.json): examples, bounds, choices; and their names. Nothing is repeated here.
 
 import { request } from "./service.js";
 
@@ -7,10 +7,12 @@ const ROOTS = { search: "CriticalAngleRequest", sampling: "CriticalAngleUncertai
 
 let schemas;
 let scatter;
+/** Names for people: `choices` of a field by value, as in a sentence, `quantities` by path, `formulas`. */
+export let names;
 
 /** Fetch the contract; the rest of this module needs it. */
 export async function loadContract() {
-  if (!schemas) ({ schemas, usual_scatter: scatter } = (await request("page/contract.json")).data);
+  if (!schemas) ({ schemas, usual_scatter: scatter, names } = (await request("page/contract.json")).data);
 }
 
 /** Return the distributions of the inputs that usually scatter, by field: without the parameter that is the case's value. */

@@ -1,12 +1,13 @@
 // How searches converge: the angles tried and the final positions, as in the paper's Figures 13 and 14.
 
 import { table } from "./elements.js";
+import { fieldAt } from "./fields.js";
 import { axis, colour, csvOf, draw, heading } from "./plots.js";
 import { unitOf } from "./units.js";
 import { degreesShown, digits, outcomeShown, statusShown } from "./words.js";
 
-/** Names of the searches, in the order they are shown. */
-export const METHODS = { outcome: "Change of outcome", bisection: "Bisection (paper)", secant: "Secant (paper)" };
+/** Return the names of the searches, in the order they are shown. */
+export const searches = () => fieldAt("search.method").choices;
 
 const NARROW = 640; // px
 /** What is drawn of trials; `short` names it where there is no room. The depth is drawn downwards: what is outside is above. */
@@ -16,7 +17,7 @@ export const ANGLES = { column: "oblique_angle_deg", si: "°", title: "Oblique a
 /** Return a table of what the searches found. */
 export function summary(answers) {
   const rows = Object.entries(answers).map(([method, found]) => [
-    METHODS[method],
+    searches()[method],
     found.critical_angle_deg === undefined ? statusShown(found.status) : degreesShown(found.critical_angle_deg),
     (found.bracket_deg ?? []).map(degreesShown).join(" to "),
     String(found.iterations.length),
@@ -32,12 +33,12 @@ export function trialTable(method, { iterations }) {
     digits(trial.final_position_m / unitOf("mm").factor),
     outcomeShown(trial.outcome) + (trial.fine ? "" : ", roughly"),
   ]);
-  return table("table", { caption: METHODS[method], heads: ["Trial", "Angle [°]", `Final depth [${unitOf("mm").unit}]`, "Outcome"], rows });
+  return table("table", { caption: searches()[method], heads: ["Trial", "Angle [°]", `Final depth [${unitOf("mm").unit}]`, "Outcome"], rows });
 }
 
 /** Draw the trials, a panel for each search that was answered. */
 export function drawTrials(root, answers, values, what) {
-  const methods = Object.keys(METHODS).filter((method) => method in answers);
+  const methods = Object.keys(searches()).filter((method) => method in answers);
   const isNarrow = root.clientWidth < NARROW;
   root.classList.toggle("tall", isNarrow);
   const traces = methods.map((method, panel) => trace(method, answers[method], what, panel));
@@ -48,7 +49,7 @@ export function drawTrials(root, answers, values, what) {
     part: what.part,
     again: () => drawTrials(root, answers, values, what),
     csv: () => csvOf(trialsOf(answers, methods)),
-    label: `${what.title} by trial: ${methods.map((each) => METHODS[each]).join(", ")}; the tables have the numbers.`,
+    label: `${what.title} by trial: ${methods.map((each) => searches()[each]).join(", ")}; the tables have the numbers.`,
   });
 }
 
@@ -91,7 +92,7 @@ function layoutOf(answers, methods, { title, short, si, column }, isNarrow) {
       title: { text: isNarrow || panel === 0 ? `${isNarrow ? short : title} [${unitOf(si).unit}]` : "" },
       ...(column === POSITIONS.column ? { autorange: "reversed" } : { zeroline: false }),
     };
-    layout.annotations.push(heading(`<b>${METHODS[method]}</b>`, x[0], y[1]));
+    layout.annotations.push(heading(`<b>${searches()[method]}</b>`, x[0], y[1]));
     layout.shapes.push(levelLine(answers[method], column, panel));
   });
   return layout;

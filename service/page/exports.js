@@ -1,6 +1,7 @@
 // The description of a downloaded file: its name, its title, the case and the key of the result.
 
 import { withValue } from "./case.js";
+import { names } from "./contract.js";
 import { fieldAt, shownNumber, shownValue, withUnit } from "./fields.js";
 
 const [SPEED, STRENGTH, ANGLE] = ["impact.velocity_m_s", "target.compressive_strength_pa", "impact.oblique_angle_deg"];
@@ -43,7 +44,7 @@ export function caseLine({ values, hasAngle, varied = [] }) {
     const field = fieldAt(path);
     const value = shownValue(field, values);
     if (varied.includes(path) || value === undefined) return "";
-    return words(field.choices ? field.choices[value].toLowerCase() : withUnit(value, field.unit));
+    return words(field.choices ? names.choices[path][value] : withUnit(value, field.unit));
   };
   const parts = [
     shown(SPEED, (speed) => speed),

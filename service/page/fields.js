@@ -1,12 +1,20 @@
 // The fields of a case as the form shows them: label, unit and factor to SI. Bounds are the contract's.
 
 import { valueAt } from "./case.js";
-import { nodeAt } from "./contract.js";
+import { names, nodeAt } from "./contract.js";
 import { areUs, unitOf } from "./units.js";
+import { capital } from "./words.js";
 
 /** Return a field: a `number`; `choice` of a variant or a name; `flag`; `numbers`, a list or a list of lists; or `shots`. */
-export const fieldOf = (kind, path, label, si = "", extra = {}) => ({
-  ...{ kind, path, label, si, ...extra },
+export const fieldOf = (kind, path, si = "", extra = {}) => ({
+  ...{ kind, path, si, ...extra },
+  get label() {
+    return extra.label ?? names.quantities[path];
+  },
+  get choices() {
+    const own = names.choices[path];
+    return own && Object.fromEntries(Object.entries(own).map(([value, name]) => [value, capital(name)]));
+  },
   get unit() {
     return unitOf(si).unit;
   },
@@ -14,7 +22,7 @@ export const fieldOf = (kind, path, label, si = "", extra = {}) => ({
     return unitOf(si).factor;
   },
 });
-const number = (path, label, si, extra) => fieldOf("number", path, label, si, extra);
+const number = (path, si, extra) => fieldOf("number", path, si, extra);
 const OPTIONAL = { optional: true };
 
 /**
@@ -22,93 +30,67 @@ const OPTIONAL = { optional: true };
  *
  * `si` is the unit in which a field is shown, but for US customary units, `unit` the one that is shown, and `factor` times what
  * is shown the value in SI without a prefix; `optional` may be empty and then shows `open`; `choices` are labels
- * by value, `variant` marks one that decides which other fields there are; `pairs` is a list of them; `slider` is
+ * by value; `variant` marks one that decides which other fields there are; `pairs` is a list of them; `slider` is
  * [least, most, step] in the unit of SI.
  */
 export const GROUPS = [
   {
     name: "Strike",
     fields: [
-      number("impact.velocity_m_s", "Speed", "m/s", { slider: [50, 800, 1] }),
-      number("impact.oblique_angle_deg", "Oblique angle", "°", { slider: [0, 89.9, 0.1], note: "from the normal" }),
-      number("impact.angle_of_attack_deg", "Angle of attack", "°", OPTIONAL),
-      number("impact.angular_velocity_rad_s", "Angular velocity", "rad/s", OPTIONAL),
+      number("impact.velocity_m_s", "m/s", { slider: [50, 800, 1] }),
+      number("impact.oblique_angle_deg", "°", { slider: [0, 89.9, 0.1], note: "from the normal" }),
+      number("impact.angle_of_attack_deg", "°", OPTIONAL),
+      number("impact.angular_velocity_rad_s", "rad/s", OPTIONAL),
     ],
   },
   {
     name: "Projectile",
     fields: [
-      fieldOf("choice", "projectile.nose.shape", "Nose", "", {
-        variant: true,
-        choices: {
-          ogive: "Ogive",
-          conical: "Cone",
-          spherical: "Spherical cap",
-          flat: "Flat",
-          profile: "Profile",
-          sphere: "Sphere",
-        },
-      }),
-      number("projectile.nose.caliber_radius_head", "Caliber radius head ψ", ""),
-      number("projectile.nose.length_to_diameter", "Cone height over diameter", ""),
-      fieldOf("numbers", "projectile.nose.points", "Points x, r", "mm", { pairs: true, note: "a pair a line" }),
-      number("projectile.diameter_m", "Diameter", "mm"),
-      number("projectile.length_m", "Length", "mm"),
-      number("projectile.mass_kg", "Mass", "kg"),
-      number("projectile.center_of_gravity_m", "Centre of gravity", "mm", {
-        ...OPTIONAL,
-        note: "behind the tip",
-      }),
-      number("projectile.moment_of_inertia_kg_m2", "Moment of inertia", "kg m²", OPTIONAL),
+      fieldOf("choice", "projectile.nose.shape", "", { variant: true }),
+      number("projectile.nose.caliber_radius_head"),
+      number("projectile.nose.length_to_diameter"),
+      fieldOf("numbers", "projectile.nose.points", "mm", { pairs: true, note: "a pair a line" }),
+      number("projectile.diameter_m", "mm"),
+      number("projectile.length_m", "mm"),
+      number("projectile.mass_kg", "kg"),
+      number("projectile.center_of_gravity_m", "mm", OPTIONAL),
+      number("projectile.moment_of_inertia_kg_m2", "kg m²", OPTIONAL),
     ],
   },
   {
     name: "Target",
     fields: [
-      number("target.compressive_strength_pa", "Compressive strength", "MPa"),
-      number("target.density_kg_m3", "Density", "kg/m³"),
-      number("target.youngs_modulus_pa", "Young's modulus", "GPa", OPTIONAL),
-      number("target.poissons_ratio", "Poisson's ratio", "", OPTIONAL),
-      number("target.thickness_m", "Thickness", "mm", { ...OPTIONAL, open: "∞", note: "of a wall" }),
+      number("target.compressive_strength_pa", "MPa"),
+      number("target.density_kg_m3", "kg/m³"),
+      number("target.youngs_modulus_pa", "GPa", OPTIONAL),
+      number("target.poissons_ratio", "", OPTIONAL),
+      number("target.thickness_m", "mm", { ...OPTIONAL, open: "∞", note: "of a wall" }),
     ],
   },
   {
     name: "Model",
     fields: [
-      fieldOf("choice", "resistance.strength_factor.model", "Strength factor", "", {
-        variant: true,
-        choices: {
-          obliquity_polynomial: "Polynomial in θ",
-          constant: "Constant",
-          strength_power_law: "Power of the strength",
-          published_tests: "Published tests",
-          own_tests: "Own depth tests",
-        },
-      }),
-      fieldOf("shots", "resistance.strength_factor.shots", "Shots: speed, depth", "", {
+      fieldOf("choice", "resistance.strength_factor.model", "", { variant: true }),
+      fieldOf("shots", "resistance.strength_factor.shots", "", {
         note: "a line each, such as 250 m/s, 0.31 m, at normal impact into this concrete; paste or drop a CSV",
       }),
-      number("resistance.strength_factor.value", "Value", ""),
-      fieldOf("numbers", "resistance.strength_factor.coefficients", "Coefficients", "", { ...OPTIONAL, note: "of 1, θ, θ² ..., θ in °" }),
-      number("resistance.strength_factor.coefficient", "Coefficient", "", OPTIONAL),
-      number("resistance.strength_factor.exponent", "Exponent", "", OPTIONAL),
-      number("resistance.strength_factor.reference_strength_pa", "Reference strength", "MPa", OPTIONAL),
-      number("resistance.strength_factor.diameter_exponent", "Diameter exponent", "", OPTIONAL),
-      number("resistance.strength_factor.reference_diameter_m", "Reference diameter", "mm", OPTIONAL),
-      fieldOf("choice", "resistance.strength_factor.obliquity_shape", "Over the angle", "", {
-        choices: { constant: "Constant", equation_9: "Polynomial in θ" },
-      }),
-      fieldOf("choice", "resistance.free_surface.model", "Free surface", "", {
-        choices: { elastic_plastic: "Elastic-plastic", mohr_coulomb: "Mohr-Coulomb", none: "None" },
-      }),
-      fieldOf("flag", "resistance.free_surface.inertia", "with inertia of the solid"),
-      number("resistance.inertia_factor", "Inertia factor", "", OPTIONAL),
-      number("resistance.crater.depth_diameters", "Crater depth over diameter", "", {
+      number("resistance.strength_factor.value"),
+      fieldOf("numbers", "resistance.strength_factor.coefficients", "", { ...OPTIONAL, note: "of 1, θ, θ² ..." }),
+      number("resistance.strength_factor.coefficient", "", OPTIONAL),
+      number("resistance.strength_factor.exponent", "", OPTIONAL),
+      number("resistance.strength_factor.reference_strength_pa", "MPa", OPTIONAL),
+      number("resistance.strength_factor.diameter_exponent", "", OPTIONAL),
+      number("resistance.strength_factor.reference_diameter_m", "mm", OPTIONAL),
+      fieldOf("choice", "resistance.strength_factor.obliquity_shape"),
+      fieldOf("choice", "resistance.free_surface.model"),
+      fieldOf("flag", "resistance.free_surface.inertia"),
+      number("resistance.inertia_factor", "", OPTIONAL),
+      number("resistance.crater.depth_diameters", "", {
         ...OPTIONAL,
         open: "none",
         note: "published: 2",
       }),
-      number("resistance.rear_plug.cone_angle_deg", "Rear plug, angle of its cone", "°", {
+      number("resistance.rear_plug.cone_angle_deg", "°", {
         ...OPTIONAL,
         open: "none",
         note: "of a wall; published: 66.1°",
@@ -118,13 +100,11 @@ export const GROUPS = [
   {
     name: "Search",
     fields: [
-      fieldOf("choice", "search.method", "Method", "", {
-        choices: { outcome: "Change of outcome", bisection: "Bisection (paper)", secant: "Secant (paper)" },
-      }),
-      number("search.lower_deg", "From", "°", OPTIONAL),
-      number("search.upper_deg", "To", "°", OPTIONAL),
-      number("search.tolerance_deg", "Tolerance", "°", OPTIONAL),
-      number("search.relative_tolerance", "Relative tolerance", "", { ...OPTIONAL, note: "paper's searches" }),
+      fieldOf("choice", "search.method"),
+      number("search.lower_deg", "°", OPTIONAL),
+      number("search.upper_deg", "°", OPTIONAL),
+      number("search.tolerance_deg", "°", OPTIONAL),
+      number("search.relative_tolerance", "", { ...OPTIONAL, note: "paper's searches" }),
     ],
   },
 ];
@@ -133,9 +113,9 @@ export const GROUPS = [
 export const SAMPLING = {
   name: "Sampling",
   fields: [
-    number("sampling.half_width", "Half width", "", OPTIONAL),
-    number("sampling.max_samples", "Samples at most", "", OPTIONAL),
-    number("sampling.seed", "Seed", "", OPTIONAL),
+    number("sampling.half_width", "", OPTIONAL),
+    number("sampling.max_samples", "", OPTIONAL),
+    number("sampling.seed", "", OPTIONAL),
   ],
 };
 

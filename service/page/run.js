@@ -10,7 +10,6 @@ const [FEWEST, MOST] = [60, 600];
 const MOST_ROWS = 20_000; // of a history, over the termination time
 const TERMINATION_S = 0.05; // when the case leaves it open
 const RADIAN = Math.PI / 180;
-const GRAVITY = 9.80665; // [m/s²]
 
 const CLIP_DEG = 0.1; // as the slider of the oblique angle moves
 const ANGLE = "impact.oblique_angle_deg";
@@ -40,7 +39,6 @@ export async function computeRun(values, signal) {
   if (rows < FEWEST || rows > MOST) run = await requestRun(latest.duration);
   const warnings = given === values ? run.warnings : [clipWarning(given), ...run.warnings];
   const path = pathOf(run.history, given.projectile);
-  Object.assign(run.history, decelerations(run.history, given.projectile.mass_kg));
   return { ...run, warnings, path, projectile: given.projectile, target: given.target, values };
 }
 
@@ -87,15 +85,6 @@ export function clipped(values) {
 function clipWarning({ impact }) {
   const detail = `the strength factor falls to zero above ${impact.oblique_angle_deg}°: this strike is computed at ${impact.oblique_angle_deg}°`;
   return { code: "range_clipped", detail };
-}
-
-/** Return the deceleration of the centre of gravity along the axis of the body, and across it toward the face. [g] */
-function decelerations({ axis_angle_deg: angles, depth_force_n: inward, lateral_force_n: along }, mass) {
-  const part = (make) => angles.map((degrees, row) => make(Math.sin(degrees * RADIAN), Math.cos(degrees * RADIAN), row) / (mass * GRAVITY));
-  return {
-    axial_deceleration_g: part((sine, cosine, row) => -(along[row] * sine + inward[row] * cosine)),
-    transverse_deceleration_g: part((sine, cosine, row) => -(inward[row] * sine - along[row] * cosine)),
-  };
 }
 
 /** Return the row of a history that is nearest to an instant. [s] */

@@ -102,7 +102,7 @@ class ScatterForm {
   /** Build the row of a parameter, as of a field that may be empty: the centre is then the value of the case. */
   buildParameter(index, { name, label, si, centre }) {
     const { field: path, given } = this.inputs[index];
-    const field = fieldOf("number", `uncertain.${index}.${name}`, label, si, { name, optional: true });
+    const field = fieldOf("number", `uncertain.${index}.${name}`, si, { label, name, optional: true });
     const usual = centre ? centreOf(path, this.values) : undefined;
     field.open = usual === undefined ? "" : String(shownNumber(field, usual));
     const row = buildRow(field, { uncertain: { [index]: given } }, {

@@ -2,9 +2,9 @@
 
 import { valueAt } from "./case.js";
 import { nodeAt, usualScatter } from "./contract.js";
-import { fieldAt, numericFields } from "./fields.js";
+import { fieldAt, fieldOf, numericFields } from "./fields.js";
 
-const RESIDUAL = { path: "resistance.strength_residual", label: "Factor on the strength factor", si: "", unit: "", factor: 1 };
+const RESIDUAL = fieldOf("number", "resistance.strength_residual");
 /** Settings of the quickest study: the fewest samples that the service takes. */
 export const QUICK = { max_samples: 256, method: "direct", half_width: 0.5 };
 

@@ -3,9 +3,9 @@
 
 import { address, caseQuery } from "./address.js";
 import { angleRequest } from "./case.js";
+import { names } from "./contract.js";
 import { element, svg } from "./elements.js";
 import { latest } from "./latest.js";
-import { fieldAt } from "./fields.js";
 import { reportRequest } from "./report.js";
 import { clipped, requestEnd } from "./run.js";
 import { inputField, takeUsual } from "./scatter.js";
@@ -184,13 +184,13 @@ function endOf({ outcome, final, exit, maximum_depth_m: depth }) {
 
 /** Return what the range stands for in words. */
 function describeRange({ usual_scatter: scatter, strength_factor_dispersion: dispersion, theories, share_without_angle: without }) {
-  const names = scatter.map(({ field }) => inputField(field).label.toLowerCase()).join(", ");
-  const decays = fieldAt("resistance.free_surface.model").choices;
+  const inputs = scatter.map(({ field }) => inputField(field).label.toLowerCase()).join(", ");
+  const decays = names.choices["resistance.free_surface.model"];
   const by = theories.map(({ free_surface: name, weight, critical_angle_deg: angle }) => {
     return `${decays[name]} (weight ${weight}) ${angle === undefined ? "none" : degreesShown(angle)}`;
   });
   return [
-    `90 % range: usual scatter of ${names}; S scatters by ${percent(dispersion)}.`,
+    `90 % range: usual scatter of ${inputs}; S scatters by ${percent(dispersion)}.`,
     by.length ? `Theories: ${by.join(", ")}.` : "",
     without ? `${percent(without)} of the samples have no critical angle.` : "",
   ].filter(Boolean).join(" ");

@@ -11,6 +11,7 @@ import jinja2
 import matplotlib as mpl
 from markupsafe import Markup
 
+from service.names import FORMULAS, QUANTITIES
 from service.reports import style
 from service.reports.assessment_figures import SETTINGS, curves, side_views, sketch, svg
 from service.reports.assessment_numbers import WORDS, Numbers, Row, lookup, rows, sentence
@@ -46,11 +47,6 @@ STATUSES: Final[Mapping[str, str]] = {
     "always_perforated": "perforated however thick",
     "never_perforated": "never perforated",
 }
-LAWS: Final[Mapping[str, str]] = {
-    "obliquity_polynomial": "eq. 9",
-    "strength_power_law": Markup("82.6 (f′<sub>c</sub>/MPa)<sup>−0.544</sup>"),
-}
-"""Strength laws with their default constants."""
 RUNS: Final = ("judged", "below", "above", "lowest", "highest")
 """Names of the runs in the order in which they are drawn."""
 RUN_TITLES: Final[Mapping[str, str]] = {
@@ -60,29 +56,16 @@ RUN_TITLES: Final[Mapping[str, str]] = {
     "lowest": "Least angle searched, ",
     "highest": "Greatest angle searched, ",
 }
-FORMULAS: Final[Mapping[str, str]] = {
-    "modified_ndrc": "Modified NDRC",
-    "degen": "Degen",
-    "cea_edf": "CEA-EDF",
-    "ukaea": "UKAEA (Barr)",
-    "chang": "Chang",
-    "hughes": "Hughes",
-    "kar": "Kar",
-    "ace": "ACE",
-    "brl": "BRL",
-    "li_chen": "Li and Chen",
-    "whiffen": "Whiffen",
+SCATTERS: Final[Mapping[str, tuple[float, str]]] = {
+    "impact.velocity_m_s": (1.0, " m/s"),
+    "target.compressive_strength_pa": (1e-6, " MPa"),
+    "target.density_kg_m3": (1.0, " kg/m³"),
+    "projectile.mass_kg": (1.0, " kg"),
+    "impact.angle_of_attack_deg": (1.0, "°"),
+    RESIDUAL: (1.0, ""),
+    "resistance.free_surface.model": (1.0, ""),
 }
-SCATTERS: Final[Mapping[str, tuple[str, float, str]]] = {
-    "impact.velocity_m_s": ("Speed", 1.0, " m/s"),
-    "target.compressive_strength_pa": ("Compressive strength", 1e-6, " MPa"),
-    "target.density_kg_m3": ("Density", 1.0, " kg/m³"),
-    "projectile.mass_kg": ("Mass", 1.0, " kg"),
-    "impact.angle_of_attack_deg": ("Angle of attack", 1.0, "°"),
-    RESIDUAL: ("Strength factor S, beside the strength", 1.0, ""),
-    "resistance.free_surface.model": ("Decay near the face", 1.0, ""),
-}
-"""Label, factor and unit of inputs that scatter."""
+"""Factor and unit of inputs that scatter."""
 UNSAID: Final = frozenset({"no_indices"})
 """Warnings about what the report does not show."""
 KEYS: Final[Mapping[str, str]] = {
@@ -236,8 +219,8 @@ def _scatter(numbers: Numbers, strike: Assessed, study: Mapping[str, Any] | None
     """Return a row for each input that scatters: label, spread, its 5 % and 95 % quantiles with the angle at these."""
     found = []
     for i, (each, given) in enumerate(zip((study or {}).get("sensitivity", ()), strike.scatter, strict=False)):
-        label, factor, unit = SCATTERS[each["field"]]
-        cells: list[Any] = [label, _spread(given["distribution"], unit)]
+        factor, unit = SCATTERS[each["field"]]
+        cells: list[Any] = [QUANTITIES[each["field"]], _spread(given["distribution"], unit)]
         for j, change in enumerate(each["swing"][:2]):
             place = f"/uncertainty/sensitivity/{i}/swing/{j}"
             if isinstance(change["value"], str):
@@ -267,7 +250,7 @@ def _laws(numbers: Numbers, search: Mapping[str, Any]) -> list[list[Any]]:
     for i, each in enumerate(alternatives):
         row = found.setdefault(
             each["strength_factor"],
-            [LAWS.get(each["strength_factor"], WORDS[each["strength_factor"]])] + [""] * len(decays),
+            [WORDS[each["strength_factor"]]] + [""] * len(decays),
         )
         shown = numbers.angle(f"/cra/alternatives/{i}/critical_angle_deg")
         ending = each["problem"]["title"] if "problem" in each else STATUSES.get(each.get("status", ""), "")

@@ -5,6 +5,8 @@ from typing import Any, Final, NamedTuple
 
 from markupsafe import Markup, escape
 
+from service.names import CHOICES, QUANTITIES
+
 MINUS, NARROW = "\N{MINUS SIGN}", "\N{NARROW NO-BREAK SPACE}"
 
 
@@ -77,7 +79,6 @@ class Field(NamedTuple):
     """How an input is shown: `factor` times its value is the number in the unit."""
 
     group: str
-    label: str
     unit: str = ""
     factor: float = 1.0
 
@@ -93,50 +94,50 @@ class Row(NamedTuple):
 MM, MPA, GPA = 1e3, 1e-6, 1e-9
 PROJECTILE, TARGET, STRIKE, MODEL, NUMERICS = "Projectile", "Target", "Strike", "Model", "Computation"
 FIELDS: Final[Mapping[str, Field]] = {
-    "/projectile/nose/shape": Field(PROJECTILE, "Nose"),
-    "/projectile/nose/caliber_radius_head": Field(PROJECTILE, "Caliber radius head ψ"),
-    "/projectile/nose/length_to_diameter": Field(PROJECTILE, "Cone height, in diameters"),
-    "/projectile/nose/points": Field(PROJECTILE, "Points x, r", "mm", MM),
-    "/projectile/diameter_m": Field(PROJECTILE, "Diameter", "mm", MM),
-    "/projectile/length_m": Field(PROJECTILE, "Length", "mm", MM),
-    "/projectile/mass_kg": Field(PROJECTILE, "Mass", "kg"),
-    "/projectile/boat_tail/length_m": Field(PROJECTILE, "Length of the boat-tail", "mm", MM),
-    "/projectile/boat_tail/base_diameter_m": Field(PROJECTILE, "Diameter of the base", "mm", MM),
-    "/projectile/center_of_gravity_m": Field(PROJECTILE, "Centre of gravity from tip", "mm", MM),
-    "/projectile/moment_of_inertia_kg_m2": Field(PROJECTILE, "Moment of inertia", "kg m²"),
-    "/target/compressive_strength_pa": Field(TARGET, "Compressive strength", "MPa", MPA),
-    "/target/density_kg_m3": Field(TARGET, "Density", "kg/m³"),
-    "/target/youngs_modulus_pa": Field(TARGET, "Young's modulus", "GPa", GPA),
-    "/target/poissons_ratio": Field(TARGET, "Poisson's ratio"),
-    "/target/thickness_m": Field(TARGET, "Thickness", "mm", MM),
-    "/impact/velocity_m_s": Field(STRIKE, "Speed", "m/s"),
-    "/impact/oblique_angle_deg": Field(STRIKE, "Oblique angle θ to judge", "°"),
-    "/impact/angle_of_attack_deg": Field(STRIKE, "Angle of attack δ", "°"),
-    "/impact/angular_velocity_rad_s": Field(STRIKE, "Angular velocity", "rad/s"),
-    "/resistance/strength_factor/model": Field(MODEL, "Strength factor S"),
-    "/resistance/strength_factor/shots": Field(MODEL, "Own shots"),
-    "/resistance/strength_factor/value": Field(MODEL, "Value of S"),
-    "/resistance/strength_factor/coefficients": Field(MODEL, "Coefficients, θ in °"),
-    "/resistance/strength_factor/covariance": Field(MODEL, "Covariance"),
-    "/resistance/strength_factor/coefficient": Field(MODEL, "Coefficient"),
-    "/resistance/strength_factor/exponent": Field(MODEL, "Exponent of strength"),
-    "/resistance/strength_factor/reference_strength_pa": Field(MODEL, "Reference strength", "MPa", MPA),
-    "/resistance/strength_factor/diameter_exponent": Field(MODEL, "Exponent of diameter"),
-    "/resistance/strength_factor/reference_diameter_m": Field(MODEL, "Reference diameter", "mm", MM),
-    "/resistance/strength_factor/obliquity_shape": Field(MODEL, "S over the angle"),
-    "/resistance/inertia_factor": Field(MODEL, "Inertia factor"),
-    "/resistance/free_surface/model": Field(MODEL, "Decay near the face"),
-    "/resistance/free_surface/inertia": Field(MODEL, "Inertia in the decay"),
-    "/resistance/crater/depth_diameters": Field(MODEL, "Crater, in diameters"),
-    "/resistance/rear_plug/cone_angle_deg": Field(MODEL, "Angle of the rear plug", "°"),
-    "/numerics/method": Field(NUMERICS, "Forces and steps"),
-    "/numerics/termination_time_s": Field(NUMERICS, "Termination time", "ms", 1e3),
-    "/numerics/relative_tolerance": Field(NUMERICS, "Relative tolerance"),
-    "/numerics/retention_energy_fraction": Field(NUMERICS, "Least energy left", "%", 100.0),
-    "/search/method": Field(NUMERICS, "Search by"),
-    "/search/lower_deg": Field(NUMERICS, "Range from", "°"),
-    "/search/upper_deg": Field(NUMERICS, "Range to", "°"),
-    "/search/tolerance_deg": Field(NUMERICS, "Width of the bracket", "°"),
+    "/projectile/nose/shape": Field(PROJECTILE),
+    "/projectile/nose/caliber_radius_head": Field(PROJECTILE),
+    "/projectile/nose/length_to_diameter": Field(PROJECTILE),
+    "/projectile/nose/points": Field(PROJECTILE, "mm", MM),
+    "/projectile/diameter_m": Field(PROJECTILE, "mm", MM),
+    "/projectile/length_m": Field(PROJECTILE, "mm", MM),
+    "/projectile/mass_kg": Field(PROJECTILE, "kg"),
+    "/projectile/boat_tail/length_m": Field(PROJECTILE, "mm", MM),
+    "/projectile/boat_tail/base_diameter_m": Field(PROJECTILE, "mm", MM),
+    "/projectile/center_of_gravity_m": Field(PROJECTILE, "mm", MM),
+    "/projectile/moment_of_inertia_kg_m2": Field(PROJECTILE, "kg m²"),
+    "/target/compressive_strength_pa": Field(TARGET, "MPa", MPA),
+    "/target/density_kg_m3": Field(TARGET, "kg/m³"),
+    "/target/youngs_modulus_pa": Field(TARGET, "GPa", GPA),
+    "/target/poissons_ratio": Field(TARGET),
+    "/target/thickness_m": Field(TARGET, "mm", MM),
+    "/impact/velocity_m_s": Field(STRIKE, "m/s"),
+    "/impact/oblique_angle_deg": Field(STRIKE, "°"),
+    "/impact/angle_of_attack_deg": Field(STRIKE, "°"),
+    "/impact/angular_velocity_rad_s": Field(STRIKE, "rad/s"),
+    "/resistance/strength_factor/model": Field(MODEL),
+    "/resistance/strength_factor/shots": Field(MODEL),
+    "/resistance/strength_factor/value": Field(MODEL),
+    "/resistance/strength_factor/coefficients": Field(MODEL),
+    "/resistance/strength_factor/covariance": Field(MODEL),
+    "/resistance/strength_factor/coefficient": Field(MODEL),
+    "/resistance/strength_factor/exponent": Field(MODEL),
+    "/resistance/strength_factor/reference_strength_pa": Field(MODEL, "MPa", MPA),
+    "/resistance/strength_factor/diameter_exponent": Field(MODEL),
+    "/resistance/strength_factor/reference_diameter_m": Field(MODEL, "mm", MM),
+    "/resistance/strength_factor/obliquity_shape": Field(MODEL),
+    "/resistance/inertia_factor": Field(MODEL),
+    "/resistance/free_surface/model": Field(MODEL),
+    "/resistance/free_surface/inertia": Field(MODEL),
+    "/resistance/crater/depth_diameters": Field(MODEL),
+    "/resistance/rear_plug/cone_angle_deg": Field(MODEL, "°"),
+    "/numerics/method": Field(NUMERICS),
+    "/numerics/termination_time_s": Field(NUMERICS, "ms", 1e3),
+    "/numerics/relative_tolerance": Field(NUMERICS),
+    "/numerics/retention_energy_fraction": Field(NUMERICS, "%", 100.0),
+    "/search/method": Field(NUMERICS),
+    "/search/lower_deg": Field(NUMERICS, "°"),
+    "/search/upper_deg": Field(NUMERICS, "°"),
+    "/search/tolerance_deg": Field(NUMERICS, "°"),
 }
 UNUSED: Final = frozenset({"/numerics/panels", "/numerics/time_step_s", "/search/relative_tolerance"})
 """Settings of the paper's numerics and searches."""
@@ -153,26 +154,13 @@ ASSUMED: Final[Mapping[str, str]] = {
     "/target/youngs_modulus_pa": "default: ACI 318-19",
 }
 """Sources of the values of inputs that are not given."""
-WORDS: Final[Mapping[str, str]] = {
-    "ogive": "ogive",
-    "conical": "cone",
-    "spherical": "spherical cap",
-    "flat": "flat",
-    "profile": "profile",
-    "sphere": "sphere",
-    "obliquity_polynomial": "polynomial in the angle",
-    "constant": "constant",
-    "strength_power_law": "power of the strength",
-    "published_tests": "published tests",
-    "own_tests": "own tests",
-    "equation_9": "as eq. 9",
-    "elastic_plastic": "elastic-plastic",
-    "mohr_coulomb": "Mohr-Coulomb",
-    "none": "none",
-    "adaptive": "adaptive",
-    "outcome": "change of outcome",
-}
-"""Names of models in words."""
+WORDS: Final[Mapping[str, str]] = {value: name for names in CHOICES.values() for value, name in names.items()}
+"""Names of models in words; a value that several fields have has the same name in each."""
+
+
+def label_of(pointer: str) -> str:
+    """Return the name of an input."""
+    return QUANTITIES[pointer[1:].replace("/", ".")]
 
 
 def rows(numbers: Numbers, given: Mapping[str, Any], case: Mapping[str, Any]) -> Mapping[str, list[Row]]:
@@ -192,12 +180,12 @@ def rows(numbers: Numbers, given: Mapping[str, Any], case: Mapping[str, Any]) ->
     for pointer, field in FIELDS.items():
         if pointer in values:
             note = "" if lookup(given, pointer) is not None else "default"
-            found[field.group].append(Row(field.label, _shown(numbers, f"/case{pointer}", field), note))
+            found[field.group].append(Row(label_of(pointer), _shown(numbers, f"/case{pointer}", field), note))
         elif pointer in ASSUMED:
             shown = _shown(numbers, f"/assumed{pointer}", field, digits=4)
-            found[field.group].append(Row(field.label, shown, ASSUMED[pointer]))
+            found[field.group].append(Row(label_of(pointer), shown, ASSUMED[pointer]))
         elif pointer in ABSENT:
-            found[field.group].append(Row(field.label, *ABSENT[pointer]))
+            found[field.group].append(Row(label_of(pointer), *ABSENT[pointer]))
     return found
 
 

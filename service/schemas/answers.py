@@ -29,6 +29,7 @@ STATE = {
     "moment_n_m": -2619.0,
     "kinetic_energy_j": 36.82,
 }
+ACCELERATIONS = {"axial_acceleration_g": -8961.0, "transverse_acceleration_g": -141.3}
 EXIT = {
     "speed_m_s": 101.1,
     "direction_deg": 70.82,
@@ -174,10 +175,26 @@ class MotionState(Motion[Num]):
     model_config = with_examples(STATE)
 
 
-class MotionHistory(Motion[list[Num]]):
+class MotionInHistory(Motion[Value], Generic[Value]):
+    """Quantities of a motion that a history has, beside those of its end."""
+
+    axial_acceleration_g: Annotated[
+        Value, Described("of the centre of gravity along the axis, positive toward the nose")
+    ]
+    """Of the centre of gravity by the resistance, along the axis of the body; positive toward the nose, so that it is
+    negative as the body is slowed. In standard gravity, 9.80665 m/s². [g₀]"""
+    transverse_acceleration_g: Annotated[
+        Value, Described("of the centre of gravity across the axis, positive the way the nose moves as the angle grows")
+    ]
+    """Of the centre of gravity by the resistance, across the axis of the body; positive the way the nose moves as
+    `axis_angle_deg` grows, toward the face. Where the body slides straight, samples scatter about the mean. In standard
+    gravity, 9.80665 m/s². [g₀]"""
+
+
+class MotionHistory(MotionInHistory[list[Num]]):
     """The motion over time, columns of equal length: even intervals, then the instant that ended it."""
 
-    model_config = with_examples({name: [value] for name, value in STATE.items()})
+    model_config = with_examples({name: [value] for name, value in (STATE | ACCELERATIONS).items()})
 
 
 class Exit(Part):

@@ -51,6 +51,8 @@ class Behind:
     field: str
 
 
+STANDARD_GRAVITY = 9.80665
+"""Unit of accelerations. [m/s²]"""
 NOT_TABLED = ()
 """Marks a number or a text that is not a column of tables."""
 
@@ -137,7 +139,7 @@ def walk(model: type[Part], found: Any, /, **given: Any) -> dict[str, Any]:
 def _plain(field: AnswerField, value: Any) -> Any:
     """Return a value as JSON data; what is so already stays."""
     if isinstance(value, float):
-        return degrees(value) if field.name.endswith("_deg") else float(value)
+        return degrees(value) if field.name.endswith("_deg") else float(in_unit(field.name, value))
     if isinstance(value, list | tuple):
         return [_plain(field, item) for item in value]
     if isinstance(value, Enum):
@@ -192,6 +194,8 @@ def history_columns(model: type[Part], found: Any) -> dict[str, FloatArray]:
 
 def in_unit(name: str, values: Any) -> Any:
     """Return a number or an array in the unit of its name."""
+    if name.endswith("_g"):
+        return values / STANDARD_GRAVITY
     return np.degrees(values) if name.endswith("_deg") else values
 
 

@@ -3,6 +3,7 @@
 import csv
 import hashlib
 import io
+import math
 import re
 from typing import Any
 
@@ -51,11 +52,19 @@ def test_history_runs_from_first_contact_to_the_final_instant(trajectory: dict[s
     answer = TrajectoryAnswer.model_validate(trajectory)
     assert answer.outcome == "embedded"
     history = trajectory["history"]
-    assert list(history) == list(trajectory["final"])
+    assert list(history) == [*trajectory["final"], "axial_acceleration_g", "transverse_acceleration_g"]
     assert len({len(column) for column in history.values()}) == 1
     assert (history["time_s"][0], history["center_of_gravity_lateral_m"][0]) == (0.0, 0.0)
     assert history["axis_angle_deg"][0] == pytest.approx(45.0, rel=1e-15)
-    assert {name: column[-1] for name, column in history.items()} == pytest.approx(trajectory["final"], rel=1e-12)
+    assert {name: history[name][-1] for name in trajectory["final"]} == pytest.approx(trajectory["final"], rel=1e-12)
+
+
+def test_accelerations_are_the_resistance_over_the_weight(trajectory: dict[str, Any]) -> None:
+    history = trajectory["history"]
+    axial, transverse = history["axial_acceleration_g"], history["transverse_acceleration_g"]
+    forces = map(math.hypot, history["depth_force_n"], history["lateral_force_n"])
+    assert list(map(math.hypot, axial, transverse)) == pytest.approx([force / (13.0 * 9.80665) for force in forces])
+    assert -2e4 < min(axial) < -5e3
 
 
 def test_history_is_given_as_requested(client: httpx.Client, trajectory: dict[str, Any]) -> None:

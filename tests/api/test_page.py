@@ -11,6 +11,7 @@ import httpx
 import pytest
 
 from service.api.page import FOLDER, MAP_STYLE, NO_STYLE, plotly_folder
+from service.names import CHOICES, FORMULAS, QUANTITIES
 from service.schemas.verdict import USUAL_SCATTER
 
 PLOTLY = "page/plotly/plotly.min.js"
@@ -117,9 +118,11 @@ def test_page_is_sent_as_it_is_to_others(client: httpx.Client) -> None:
     assert answer.content == (FOLDER / "main.js").read_bytes()
 
 
-def test_page_takes_the_schemas_of_the_contract(client: httpx.Client) -> None:
+def test_page_takes_schemas_scatter_and_names_from_the_service(client: httpx.Client) -> None:
     schemas = json.loads(client.get("/openapi.json").text.replace('"x-default"', '"default"'))["components"]["schemas"]
-    assert client.get("/page/contract.json").json() == {"schemas": schemas, "usual_scatter": USUAL_SCATTER}
+    names = {"choices": CHOICES, "quantities": QUANTITIES, "formulas": FORMULAS}
+    parts = {"schemas": schemas, "usual_scatter": USUAL_SCATTER, "names": names}
+    assert client.get("/page/contract.json").json() == parts
 
 
 def test_plotly_is_the_installed_one(client: httpx.Client) -> None:

@@ -266,7 +266,7 @@ def test_people_get_every_run_and_every_law(run: Run, tmp_path: Path) -> None:
     runs = write_runs(tmp_path, {15.0: 8.0, 45.0: 6.5}, {15.0: 238.0, 45.0: 238.0})
     status, out, err = run("motion", "--runs", runs, *CASE)
     assert (status, "Traceback" in err) == (0, False)
-    for expected in ("at-15.csv", "8.000 ±", "6.500 ±", "best decay law: elastic plastic", "mohr coulomb", "2 runs"):
+    for expected in ("at-15.csv", "8.000 ±", "6.500 ±", "best decay law: elastic-plastic", "Mohr-Coulomb", "2 runs"):
         assert expected in out
 
 

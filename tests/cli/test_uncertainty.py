@@ -35,8 +35,8 @@ def test_estimates_of_file_and_flag(strike: Path, folder: Path) -> None:
     done = run(folder, "uncertainty", strike.name, "--uncertain", flag, "--plot", "curve.svg")
     assert (done.status, done.err) == (0, ""), done.err
     assert "50 % quantile" in done.out
-    assert "impact.angle_of_attack_deg" in done.out
-    assert "resistance.free_surface.model" in done.out
+    assert "Angle of attack" in done.out
+    assert "Free surface" in done.out
     assert "surrogate" in done.out
     assert (folder / "curve.svg").read_text().startswith("<?xml")
 

@@ -3,7 +3,7 @@
 import { caseQuery, readCase, replaceAddress } from "../address.js";
 import { alternativesTable, requestAngles } from "../alternatives.js";
 import { angleRequest, withValue } from "../case.js";
-import { ANGLES, METHODS, POSITIONS, drawTrials, summary, trialTable } from "../convergence.js";
+import { ANGLES, POSITIONS, drawTrials, searches, summary, trialTable } from "../convergence.js";
 import { copyButtons, linkButton } from "../copy-as.js";
 import { drawCurves, requestCurves } from "../curves.js";
 import { element } from "../elements.js";
@@ -142,7 +142,7 @@ function searchParts() {
 async function showSearches(root, values, signal) {
   const part = (name) => root.querySelector(name);
   const answers = {};
-  for (const method of Object.keys(METHODS)) {
+  for (const method of Object.keys(searches())) {
     answers[method] = (await request("cra", { body: angleRequest(values, searchOf(values, method)), signal })).data;
   }
   if (signal.aborted) return;

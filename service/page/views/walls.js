@@ -2,6 +2,7 @@
 
 import { caseQuery, readCase, replaceAddress } from "../address.js";
 import { withValue } from "../case.js";
+import { names } from "../contract.js";
 import { element, table } from "../elements.js";
 import { buildForm } from "../form.js";
 import { latest } from "../latest.js";
@@ -18,19 +19,6 @@ const THICKNESS = "target.thickness_m";
 const SPEED = "impact.velocity_m_s";
 const PLUG = "resistance.rear_plug";
 const CRATER = "resistance.crater";
-const NAMES = {
-  modified_ndrc: "Modified NDRC",
-  degen: "Degen",
-  cea_edf: "CEA-EDF",
-  ukaea: "UKAEA (Barr)",
-  chang: "Chang",
-  hughes: "Hughes",
-  kar: "Kar",
-  ace: "ACE",
-  brl: "BRL",
-  li_chen: "Li and Chen",
-  whiffen: "Whiffen",
-};
 const COLUMNS = ["By", "Perforation limit", "Scabbing limit", "Penetration", "Range of the tests behind it"];
 
 /** Show the view. */
@@ -135,7 +123,7 @@ function tableOf(lines, { formulas, scabbing_margin: scabbing, perforation_margi
   const isNumber = (column) => column > 0 && column < COLUMNS.length - 1;
   const models = lines.map(({ name, thickness: found }) => [capital(name), thicknessShown(found, false), "", "", ""]);
   const others = formulas.map((each) => [
-    `${NAMES[each.formula] ?? each.formula}${each.verified ? "" : "\u00a0*"}`,
+    `${names.formulas[each.formula]}${each.verified ? "" : "\u00a0*"}`,
     bare(each.perforation_thickness_m),
     bare(each.scabbing_thickness_m),
     bare(each.penetration_depth_m),

@@ -1,0 +1,109 @@
+"""Names of the choices, inputs and formulas of the contract, for people: one list that page, report and commands read.
+
+Nothing is imported: the command line reads this too.
+"""
+
+from collections.abc import Mapping
+from typing import Final
+
+CHOICES: Final[Mapping[str, Mapping[str, str]]] = {
+    "projectile.nose.shape": {
+        "ogive": "ogive",
+        "conical": "cone",
+        "spherical": "spherical cap",
+        "flat": "flat",
+        "profile": "profile",
+        "sphere": "sphere",
+    },
+    "resistance.strength_factor.model": {
+        "obliquity_polynomial": "polynomial in θ",
+        "constant": "constant",
+        "strength_power_law": "power of the strength",
+        "published_tests": "published tests",
+        "own_tests": "own depth tests",
+    },
+    "resistance.strength_factor.obliquity_shape": {"constant": "constant", "equation_9": "polynomial in θ"},
+    "resistance.free_surface.model": {
+        "elastic_plastic": "elastic-plastic",
+        "mohr_coulomb": "Mohr-Coulomb",
+        "none": "none",
+    },
+    "search.method": {
+        "outcome": "change of outcome",
+        "bisection": "bisection (paper)",
+        "secant": "secant (paper)",
+    },
+    "numerics.method": {"adaptive": "adaptive", "panels": "panels (paper)"},
+}
+"""Names of the values of a field, by its dotted path, as they stand in a sentence."""
+QUANTITIES: Final[Mapping[str, str]] = {
+    "impact.velocity_m_s": "Speed",
+    "impact.oblique_angle_deg": "Oblique angle",
+    "impact.angle_of_attack_deg": "Angle of attack",
+    "impact.angular_velocity_rad_s": "Angular velocity",
+    "projectile.nose.shape": "Nose",
+    "projectile.nose.caliber_radius_head": "Caliber radius head ψ",
+    "projectile.nose.length_to_diameter": "Cone height over diameter",
+    "projectile.nose.points": "Points x, r",
+    "projectile.diameter_m": "Diameter",
+    "projectile.length_m": "Length",
+    "projectile.mass_kg": "Mass",
+    "projectile.boat_tail.length_m": "Length of the boat-tail",
+    "projectile.boat_tail.base_diameter_m": "Diameter of the base",
+    "projectile.center_of_gravity_m": "Centre of gravity from tip",
+    "projectile.moment_of_inertia_kg_m2": "Moment of inertia",
+    "target.compressive_strength_pa": "Compressive strength",
+    "target.density_kg_m3": "Density",
+    "target.youngs_modulus_pa": "Young's modulus",
+    "target.poissons_ratio": "Poisson's ratio",
+    "target.thickness_m": "Thickness",
+    "resistance.strength_factor.model": "Strength factor",
+    "resistance.strength_factor.shots": "Shots: speed, depth",
+    "resistance.strength_factor.value": "Value of S",
+    "resistance.strength_factor.coefficients": "Coefficients, θ in °",
+    "resistance.strength_factor.covariance": "Covariance",
+    "resistance.strength_factor.coefficient": "Coefficient",
+    "resistance.strength_factor.exponent": "Strength exponent",
+    "resistance.strength_factor.reference_strength_pa": "Reference strength",
+    "resistance.strength_factor.diameter_exponent": "Diameter exponent",
+    "resistance.strength_factor.reference_diameter_m": "Reference diameter",
+    "resistance.strength_factor.obliquity_shape": "S over the angle",
+    "resistance.strength_residual": "Factor on the strength factor",
+    "resistance.free_surface.model": "Free surface",
+    "resistance.free_surface.inertia": "Inertia of the solid",
+    "resistance.inertia_factor": "Inertia factor",
+    "resistance.crater.depth_diameters": "Crater depth over diameter",
+    "resistance.rear_plug.cone_angle_deg": "Rear plug, angle of its cone",
+    "numerics.method": "Forces and steps",
+    "numerics.termination_time_s": "Termination time",
+    "numerics.relative_tolerance": "Relative tolerance",
+    "numerics.retention_energy_fraction": "Least energy left",
+    "search.method": "Search by",
+    "search.lower_deg": "Range from",
+    "search.upper_deg": "Range to",
+    "search.tolerance_deg": "Width of the bracket",
+    "search.relative_tolerance": "Relative tolerance",
+    "sampling.half_width": "Half width",
+    "sampling.max_samples": "Samples at most",
+    "sampling.seed": "Seed",
+}
+"""Labels of the inputs, by their dotted paths."""
+FORMULAS: Final[Mapping[str, str]] = {
+    "modified_ndrc": "Modified NDRC",
+    "degen": "Degen",
+    "cea_edf": "CEA-EDF",
+    "ukaea": "UKAEA (Barr)",
+    "chang": "Chang",
+    "hughes": "Hughes",
+    "kar": "Kar",
+    "ace": "ACE",
+    "brl": "BRL",
+    "li_chen": "Li and Chen",
+    "whiffen": "Whiffen",
+}
+"""Names of the empirical formulas."""
+
+
+def named(names: Mapping[str, str], value: str) -> str:
+    """Return the name of a value; the value itself where a newer service has one that is not here."""
+    return names.get(value, value)

@@ -1,0 +1,81 @@
+"""Every choice, input and formula of the contract has a name, and the same in each view."""
+
+import json
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from service.names import CHOICES, FORMULAS, QUANTITIES
+from service.reports.assessment_numbers import WORDS
+from service.schemas.strike import PAPER_AT_45
+from solver.formulas import formulas
+from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, paper_impact
+from solver.uncertainty.verdict import THEORY_NAMES
+from tests.cli.commands import run
+
+SCHEMAS = json.loads((Path(__file__).parents[2] / "openapi/openapi.json").read_text())["components"]["schemas"]
+REQUESTS = ("TrajectoryRequest", "CriticalAngleRequest")
+SETTINGS = re.compile(r"output\.|alternatives$|numerics\.(panels|time_step_s)$")
+"""What is not of a case, and settings of the paper's numerics."""
+RAW = re.compile(r"\b[a-z]+_[a-z_0-9]+\b")
+
+
+def fields(node: dict[str, Any], path: str = "") -> Iterator[tuple[str, tuple[str, ...]]]:
+    """Yield the path of every input below a schema, with its choices if it has some."""
+    if "$ref" in node:
+        yield from fields(SCHEMAS[node["$ref"].rpartition("/")[2]], path)
+    for name in node.get("discriminator", {}).get("mapping", ()):
+        tag = node["discriminator"]["propertyName"]
+        yield f"{path}.{tag}", (name,)
+    for variant in node.get("oneOf", node.get("anyOf", ())):
+        yield from fields(variant, path)
+    for name, inner in node.get("properties", {}).items():
+        yield from fields(inner, f"{path}.{name}".lstrip("."))
+    if node.get("type") in ("number", "integer", "boolean", "array") or ("enum" in node and "properties" not in node):
+        yield path, tuple(node.get("enum", ()))
+
+
+FIELDS = sorted({each for name in REQUESTS for each in fields(SCHEMAS[name]) if not SETTINGS.match(each[0])})
+
+
+def test_every_input_has_a_label() -> None:
+    assert {path for path, _ in FIELDS} <= QUANTITIES.keys()
+
+
+def test_every_choice_has_a_name_and_there_are_no_others() -> None:
+    found: dict[str, set[str]] = {}
+    for path, choices in FIELDS:
+        if choices:
+            found.setdefault(path, set()).update(choices)
+    assert found == {path: set(names) for path, names in CHOICES.items()}
+
+
+def test_every_formula_has_a_name() -> None:
+    answers = formulas(projectile=PAPER_PROJECTILE, target=PAPER_TARGET, impact=paper_impact(oblique_angle_degrees=0.0))
+    assert {each.formula for each in answers} == FORMULAS.keys()
+
+
+def test_a_value_has_one_name_in_all_fields() -> None:
+    for names in CHOICES.values():
+        assert {value: WORDS[value] for value in names} == names
+    assert set(THEORY_NAMES) < set(CHOICES["resistance.free_surface.model"].values())
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("formulas",),
+        ("thickness",),
+        ("trajectory", "--set", "numerics.termination_time_s=1e-3", "--alternatives"),
+        ("cra", "--alternatives", "--set", "search.tolerance_deg=1"),
+    ],
+)
+def test_commands_print_no_key(tmp_path: Path, arguments: tuple[str, ...]) -> None:
+    (tmp_path / "strike.json").write_text(json.dumps(PAPER_AT_45))
+    command, *flags = arguments
+    done = run(tmp_path, command, "strike.json", *flags)
+    assert done.status == 0, done.err
+    assert RAW.findall(done.out) == []
