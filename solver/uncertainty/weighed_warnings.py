@@ -99,4 +99,4 @@ def _weighed(
     little = abs(shift) <= LITTLE * (spread[1] - spread[0])
     if shifts and little:
         detail += ", less than a quarter of the 90 % range"
-    return ModelWarning(warning.code, detail, standing=little, angle_shift=shift)
+    return replace(warning, detail=detail, standing=little, angle_shift=shift)
