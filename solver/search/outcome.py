@@ -62,8 +62,13 @@ that were off by more than 0.018° had an estimate above 0.0083°, and so had 45
 
 
 @lean
-def _bracket(left: int, right: int, level: Level, search: SearchState) -> tuple[int, int]:
+def _bracket(left: int, right: int, tried: int, level: Level, search: SearchState) -> tuple[int, int]:
     """Find the change between two trials of a rougher level again, in strides that follow the margin.
+
+    Parameters
+    ----------
+    tried
+        Trial of the level where the rougher one puts the change; -1 if there is not one yet.
 
     Returns
     -------
@@ -79,7 +84,7 @@ def _bracket(left: int, right: int, level: Level, search: SearchState) -> tuple[
         lowest, highest = min(lowest, trials[k, ANGLE]), max(highest, trials[k, ANGLE])
     slope = (trials[right, MARGIN] - trials[left, MARGIN]) / (trials[right, ANGLE] - trials[left, ANGLE])
     angle = margin_root(left, right, trials)
-    new = attempt(angle, level, search)
+    new = attempt(angle, level, search) if tried < 0 else tried
     while new < MOST_TRIALS and lowest < angle < highest and not failed(trials[new]):
         beyond = turned_away(trials[new]) == rising
         stride = min(abs(trials[new, MARGIN] / slope) + KEEP_OFF * level.tolerance, longest)
@@ -134,9 +139,10 @@ def refine(left: int, right: int, first: int, search: SearchState) -> tuple[int,
     """Narrow a change that the first of these levels has found, level by level; return as above.
 
     The last level is for a change whose place may be off by more than `DOUBT`, by the distance of the two before and by
-    the growth of the margin, and for one beside a trial that was in motion at the termination time.
+    the growth of the margin, and for one beside a trial that was in motion at the termination time. Its first trial, at
+    that place, ends it where the margin there moves the change by no more than `DOUBT`.
     """
-    trials, levels, place, shift = search.table.rows, search.levels, math.nan, math.nan
+    trials, levels, place, shift, tried = search.table.rows, search.levels, math.nan, math.nan, -1
     begun = count = search.table.filled[0]
     for k in range(first, LAST + 1):
         if k == LAST:
@@ -147,12 +153,18 @@ def refine(left: int, right: int, first: int, search: SearchState) -> tuple[int,
             sure = SHIFTED * shift + MARGIN_ERROR / growth <= DOUBT  # false if one level has no place
             if (sure and not decided_by_time) or not is_finer(levels[LAST], levels[REQUESTED]):
                 break
+            # The margin of one finer trial at the place says how far off it is. Most often that is enough.
+            tried = attempt(place, levels[LAST], search)
+            close = abs(trials[tried, MARGIN]) <= DOUBT * growth
+            if close and not decided_by_time and not failed(trials[tried]):
+                trials[tried, FINE] = 0.0
+                break
             for i in range(begun, count):
                 trials[i, FINE] = 0.0  # these only showed where to look
         begun = count
         # The bracket of a rougher level need not hold the change of a finer one, which is bracketed anew.
         if k > first:
-            left, right = _bracket(left, right, levels[k], search)
+            left, right = _bracket(left, right, tried if k == LAST else -1, levels[k], search)
         if left == right:
             break
         left, right = _narrow(left, right, levels[k], search)
