@@ -17,7 +17,7 @@ from solver.resistance import EQUATION_9, Resistance
 from solver.strike import USUAL, Impact, Numerics, usual_termination_time
 from solver.target import Target
 from solver.trajectory import run_warnings
-from solver.warnings import TUMBLING, UNDECIDED, ModelWarning, decided_by_time, undecided
+from solver.warnings import DEEPER_THAN_WALL, TUMBLING, UNDECIDED, ModelWarning, decided_by_time, undecided
 
 MOST_DIAMETERS = 1000.0
 """Thickest wall that is tried, over the diameter of the projectile: far more than a rigid projectile goes. [1]"""
@@ -290,7 +290,9 @@ def _search(
     def answer(status: PerforationStatus, bracket: tuple[float, float] | None = None) -> PerforationLimit:
         value = None if bracket is None else bracket[1]
         quantity: Literal["thickness", "velocity"] = "thickness" if perforated_at_first else "velocity"
-        found = [each for each in warnings[value or trials[-1].value] if each.code != UNDECIDED]
+        # The wall of a trial thickness is not the target of one's own shots.
+        others = {UNDECIDED, DEEPER_THAN_WALL} if perforated_at_first else {UNDECIDED}
+        found = [each for each in warnings[value or trials[-1].value] if each.code not in others]
         beside = [each for each in warnings[bracket[0]] if each.code == TUMBLING] if bracket else []
         found += beside if TUMBLING not in {each.code for each in found} else []
         if perforated_at_first and status is not never:

@@ -239,7 +239,7 @@ def _own_tests_deeper_than_wall(tests: OwnTests, target: Target) -> tuple[ModelW
     named = ", ".join(map(str, deeper[:MOST_NAMED])) + more
     return (
         ModelWarning(
-            "own_tests_deeper_than_wall",
+            DEEPER_THAN_WALL,
             f"shots deeper than the wall of {1e3 * target.thickness:.4g} mm: {named}; own tests must be into a target "
             "that stops them well before its rear, as one that is perforated says little of S",
         ),
@@ -269,6 +269,7 @@ def _beyond_published_tests(projectile: Projectile, target: Target, velocity: fl
 
 
 UNDECIDED = "undecided"
+DEEPER_THAN_WALL = "own_tests_deeper_than_wall"
 """Code of the warnings about runs that the termination time ended."""
 
 

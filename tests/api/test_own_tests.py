@@ -88,6 +88,13 @@ def test_shots_that_cannot_be_meant_are_a_warning(
     assert code in [each["code"] for each in client.post("/trajectory", json=body).json()["warnings"]]
 
 
+def test_trial_walls_of_a_thickness_are_not_the_target_of_the_shots(client: httpx.Client) -> None:
+    shot = SHOT | {"depth_m": 0.5}
+    found = client.post("/thickness", json=with_shots(shot, case=PAPER_AT_45)).json()
+    assert found["least_thickness_m"] < shot["depth_m"]
+    assert "own_tests_deeper_than_wall" not in [each["code"] for each in found["warnings"]]
+
+
 @pytest.mark.parametrize("count", [12, 1000])
 def test_many_equal_shots_leave_the_scatter_within_a_series(client: httpx.Client, count: int) -> None:
     found = client.post("/cra", json=with_shots(*[SHOT] * count)).json()
