@@ -12,57 +12,47 @@ from pydantic import ValidationError
 
 import solver
 from service.columns import Column
-from service.schemas.answers import (
-    FOUND,
-    RUN,
-    VERSIONED,
+from service.schemas import (
+    CaseModels,
     CriticalAngleAnswer,
-    TrajectoryAnswer,
-    critical_angle_answer,
-    trajectory_answer,
-)
-from service.schemas.batches import TrajectoryBase
-from service.schemas.calibration_depth import (
-    DepthCalibrationAnswer,
-    DepthCalibrationRequest,
-    ObliquityCalibrationAnswer,
-    ObliquityCalibrationRequest,
-    depth_answer,
-    obliquity_answer,
-)
-from service.schemas.calibration_motion import Calibration, MotionCalibrationRequest
-from service.schemas.calibration_motion_answer import MotionCalibrationAnswer, motion_answer
-from service.schemas.fields import columns_of, walk
-from service.schemas.formulas import FormulasAnswer, FormulasRequest, formulas_answer
-from service.schemas.perforation import (
-    SPEED,
-    THICKNESS,
-    WALL,
-    LimitSpeedAnswer,
-    LimitSpeedRequest,
-    ThicknessAnswer,
-    ThicknessRequest,
-)
-from service.schemas.quantities import Part
-from service.schemas.requests import (
-    Case,
     CriticalAngleBase,
     CriticalAngleRequest,
-    TrajectoryFields,
-    TrajectoryRequest,
-    alternatives_in,
-)
-from service.schemas.strike import PAPER, PAPER_AT_45
-from service.schemas.sweeps import ANGLES, EVEN, LISTED, CaseModels
-from service.schemas.uncertain_inputs import with_values
-from service.schemas.uncertainty import (
+    CriticalAngleUncertaintyAnswer,
     CriticalAngleUncertaintyRequest,
+    DepthCalibrationAnswer,
+    DepthCalibrationRequest,
+    FormulasAnswer,
+    FormulasRequest,
+    LimitSpeedAnswer,
+    LimitSpeedRequest,
+    MotionCalibrationAnswer,
+    MotionCalibrationRequest,
+    ObliquityCalibrationAnswer,
+    ObliquityCalibrationRequest,
+    ThicknessAnswer,
+    ThicknessRequest,
+    TrajectoryAnswer,
+    TrajectoryBase,
+    TrajectoryRequest,
+    TrajectoryUncertaintyAnswer,
     TrajectoryUncertaintyRequest,
-    UncertainCase,
-    crossings_in,
-    ending_in,
+    critical_angle_answer,
+    depth_answer,
+    formulas_answer,
+    motion_answer,
+    obliquity_answer,
+    trajectory_answer,
 )
-from service.schemas.uncertainty_answers import CriticalAngleUncertaintyAnswer, TrajectoryUncertaintyAnswer
+from service.schemas.answers import FOUND, RUN, VERSIONED
+from service.schemas.calibration_motion import Calibration
+from service.schemas.fields import columns_of, walk
+from service.schemas.perforation import SPEED, THICKNESS, WALL
+from service.schemas.quantities import Part
+from service.schemas.requests import Case, TrajectoryFields, alternatives_in
+from service.schemas.strike import PAPER, PAPER_AT_45
+from service.schemas.sweeps import ANGLES, EVEN, LISTED
+from service.schemas.uncertain_inputs import with_values
+from service.schemas.uncertainty import UncertainCase, crossings_in, ending_in
 from solver import ENGINE_VERSION
 from solver.arrays import FloatArray
 from solver.calibration import fit_decay_laws, fit_depth, fit_obliquity, penetration_depths, predict_motion

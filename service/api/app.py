@@ -30,7 +30,7 @@ from service.jobs.store import JobStore
 from service.operations import OPERATIONS, SCHEMA_VERSION
 from service.problems import install_problem_handlers
 from service.queries import QueryService
-from service.schemas.requests import ReportRequest
+from service.schemas import ReportRequest
 from service.settings import Settings
 
 DESCRIPTION = """

@@ -37,8 +37,7 @@ from service.errors import ProblemType, problem_of
 from service.jobs.models import JobCase
 from service.operations import OPERATIONS, KeyedRequest, Operation, study_of
 from service.queries import check_work
-from service.schemas.requests import ReportRequest
-from service.schemas.verdict import VerdictAnswer, verdict_answer
+from service.schemas import ReportRequest, VerdictAnswer, verdict_answer
 from service.telemetry import BEGUN, path_of
 from service.validation import validated_as
 

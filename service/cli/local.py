@@ -76,8 +76,7 @@ def judge(body: dict[str, Any], report: Callable[[int, float | None], None]) -> 
         If the request is invalid, or the search fails.
     """
     from service.assessment import Query, verdict_queries, weighing_queries
-    from service.schemas.requests import ReportRequest
-    from service.schemas.verdict import verdict_answer
+    from service.schemas import ReportRequest, verdict_answer
     from service.validation import validated_as
 
     answers: dict[str, Any] = {}

@@ -111,7 +111,7 @@ def _make_report(body: dict[str, Any]) -> bytes:
 
     from service.assessment import Query, first_queries, require_extra, strike_queries, write_page
     from service.errors import ReportsMissingError
-    from service.schemas.requests import ReportRequest
+    from service.schemas import ReportRequest
     from service.validation import validated_as
 
     try:

@@ -1,1 +1,65 @@
 """Requests and answers as the contract has them; the only place that converts degrees."""
+
+from service.schemas.answers import CriticalAngleAnswer, TrajectoryAnswer, critical_angle_answer, trajectory_answer
+from service.schemas.batches import TrajectoryBase
+from service.schemas.calibration_depth import (
+    DepthCalibrationAnswer,
+    DepthCalibrationRequest,
+    ObliquityCalibrationAnswer,
+    ObliquityCalibrationRequest,
+    depth_answer,
+    obliquity_answer,
+)
+from service.schemas.calibration_motion import MotionCalibrationRequest
+from service.schemas.calibration_motion_answer import MotionCalibrationAnswer, motion_answer
+from service.schemas.formulas import FormulasAnswer, FormulasRequest, formulas_answer
+from service.schemas.perforation import (
+    LimitSpeedAnswer,
+    LimitSpeedRequest,
+    ThicknessAnswer,
+    ThicknessRequest,
+)
+from service.schemas.requests import CriticalAngleBase, CriticalAngleRequest, ReportRequest, TrajectoryRequest
+from service.schemas.sweeps import CaseModels
+from service.schemas.uncertainty import CriticalAngleUncertaintyRequest, TrajectoryUncertaintyRequest
+from service.schemas.uncertainty_answers import (
+    CriticalAngleUncertaintyAnswer,
+    TrajectoryUncertaintyAnswer,
+)
+from service.schemas.verdict import VerdictAnswer, usual_inputs, verdict_answer
+
+__all__ = [
+    "CaseModels",
+    "CriticalAngleAnswer",
+    "CriticalAngleBase",
+    "CriticalAngleRequest",
+    "CriticalAngleUncertaintyAnswer",
+    "CriticalAngleUncertaintyRequest",
+    "DepthCalibrationAnswer",
+    "DepthCalibrationRequest",
+    "FormulasAnswer",
+    "FormulasRequest",
+    "LimitSpeedAnswer",
+    "LimitSpeedRequest",
+    "MotionCalibrationAnswer",
+    "MotionCalibrationRequest",
+    "ObliquityCalibrationAnswer",
+    "ObliquityCalibrationRequest",
+    "ReportRequest",
+    "ThicknessAnswer",
+    "ThicknessRequest",
+    "TrajectoryAnswer",
+    "TrajectoryBase",
+    "TrajectoryRequest",
+    "TrajectoryUncertaintyAnswer",
+    "TrajectoryUncertaintyRequest",
+    "VerdictAnswer",
+    "critical_angle_answer",
+    "depth_answer",
+    "formulas_answer",
+    "motion_answer",
+    "obliquity_answer",
+    "trajectory_answer",
+    "usual_inputs",
+    "verdict_answer",
+]

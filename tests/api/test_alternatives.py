@@ -6,7 +6,7 @@ from typing import Any
 import httpx
 import pytest
 
-from service.schemas.answers import CriticalAngleAnswer, TrajectoryAnswer
+from service.schemas import CriticalAngleAnswer, TrajectoryAnswer
 from service.schemas.strike import PAPER, PAPER_AT_45
 
 from .refused import problem_of

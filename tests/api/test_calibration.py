@@ -7,14 +7,8 @@ import httpx
 import numpy as np
 import pytest
 
-from service.schemas.calibration_depth import (
-    CURVE_POINTS,
-    TABLE_1,
-    TABLE_2,
-    DepthCalibrationAnswer,
-    ObliquityCalibrationAnswer,
-)
-from service.schemas.calibration_motion_answer import MotionCalibrationAnswer
+from service.schemas import DepthCalibrationAnswer, MotionCalibrationAnswer, ObliquityCalibrationAnswer
+from service.schemas.calibration_depth import CURVE_POINTS, TABLE_1, TABLE_2
 from service.schemas.strike import PAPER
 
 from .calibrations import BODY, POINTS, TESTS, answered, history_at, strike_at

@@ -14,7 +14,7 @@ from pydantic import TypeAdapter
 
 from service.api.job_models import Result
 from service.operations import OPERATIONS, SCHEMA_VERSION
-from service.schemas.answers import CriticalAngleAnswer, TrajectoryAnswer
+from service.schemas import CriticalAngleAnswer, TrajectoryAnswer
 from service.schemas.strike import HEMISPHERE, PAPER, PAPER_AT_45
 from solver import ENGINE_VERSION
 

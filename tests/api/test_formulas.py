@@ -9,7 +9,7 @@ import h5py
 import httpx
 import pytest
 
-from service.schemas.formulas import FormulasAnswer
+from service.schemas import FormulasAnswer
 from service.schemas.strike import PAPER
 from solver import Impact, formulas
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET

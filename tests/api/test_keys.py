@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 
 from service.api.app import create_app
 from service.operations import result_key
+from service.schemas import CriticalAngleRequest, TrajectoryRequest
 from service.schemas.quantities import degrees
-from service.schemas.requests import CriticalAngleRequest, TrajectoryRequest
 from service.schemas.strike import PAPER
 from solver import ParameterError
 

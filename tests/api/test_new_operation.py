@@ -16,10 +16,10 @@ from service.api.app import create_app
 from service.cli import main
 from service.cli.local import compute_sweep
 from service.operations import OPERATIONS, Many, Operation, ToolText
+from service.schemas import CaseModels
 from service.schemas.quantities import Num, Part, with_examples
 from service.schemas.requests import CriticalAngleBase
 from service.schemas.strike import PAPER
-from service.schemas.sweeps import CaseModels
 from service.settings import Settings
 
 

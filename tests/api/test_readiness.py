@@ -13,7 +13,7 @@ from fastapi import FastAPI
 
 from service.api.app import create_app
 from service.cache.cache import ResultCache
-from service.schemas.answers import CriticalAngleAnswer
+from service.schemas import CriticalAngleAnswer
 from service.schemas.problems import Problem
 from service.schemas.strike import PAPER
 from service.settings import Settings

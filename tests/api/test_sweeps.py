@@ -6,8 +6,8 @@ from typing import Any
 import httpx
 import pytest
 
+from service.schemas import CriticalAngleRequest
 from service.schemas.problems import Problem
-from service.schemas.requests import CriticalAngleRequest
 from service.schemas.strike import PAPER, PAPER_AT_45
 from service.schemas.sweeps import Axis, Grid, Outline
 

@@ -16,8 +16,8 @@ import httpx
 import numpy as np
 import pytest
 
+from service.schemas import CriticalAngleUncertaintyAnswer, TrajectoryUncertaintyAnswer
 from service.schemas.strike import PAPER
-from service.schemas.uncertainty_answers import CriticalAngleUncertaintyAnswer, TrajectoryUncertaintyAnswer
 from solver import ElasticPlastic, MohrCoulomb, PublishedTests, Resistance
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET
 from solver.uncertainty import (

@@ -11,7 +11,7 @@ import httpx
 import pytest
 
 from service import cli
-from service.schemas.requests import ReportRequest
+from service.schemas import ReportRequest
 from service.schemas.strike import PAPER
 from solver.uncertainty import verdict
 

@@ -11,7 +11,7 @@ import h5py
 import httpx
 import pytest
 
-from service.schemas.perforation import LimitSpeedAnswer, ThicknessAnswer
+from service.schemas import LimitSpeedAnswer, ThicknessAnswer
 from service.schemas.strike import PAPER
 from solver import cea_edf_limit_speed, least_thickness, limit_velocity
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, paper_impact

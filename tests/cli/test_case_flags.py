@@ -13,7 +13,7 @@ import pytest
 from service import cli
 from service.cli.arguments import BODY, IMPACT, RESISTANCE, Flag
 from service.cli.writers import unit_of
-from service.schemas.requests import CriticalAngleRequest, TrajectoryRequest
+from service.schemas import CriticalAngleRequest, TrajectoryRequest
 from service.schemas.strike import PAPER
 
 LAW = "resistance.strength_factor"

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from service.schemas.requests import TrajectoryRequest
+from service.schemas import TrajectoryRequest
 from solver import (
     BoatTail,
     Conical,

@@ -17,7 +17,7 @@ from service import cli
 from service.assessment import first_queries, require_extra, strike_queries
 from service.errors import ReportsMissingError
 from service.reports.assessment_numbers import FIELDS, leaves, lookup
-from service.schemas.requests import ReportRequest
+from service.schemas import ReportRequest
 from service.schemas.strike import HEMISPHERE, PAPER, TRUNCATED_CONE
 from service.schemas.verdict import next_shot_advice_in
 from solver import Impact, critical_angle, formulas, mass_properties, simulate

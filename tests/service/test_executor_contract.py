@@ -17,7 +17,7 @@ import pytest
 
 from service.errors import PoolUnavailableError, TaskTimeoutError, WorkerCrashedError
 from service.operations import compute_critical_angle, compute_trajectory
-from service.schemas.requests import CriticalAngleRequest, TrajectoryRequest
+from service.schemas import CriticalAngleRequest, TrajectoryRequest
 from service.schemas.strike import PAPER, PAPER_AT_45
 from service.workers import Call, Executor
 from service.workers.dask_executor import DaskExecutor

@@ -13,8 +13,7 @@ from numba.core import event
 
 from service.cache.hdf5 import read_records
 from service.operations import compute_critical_angle, compute_trajectory
-from service.schemas.answers import trajectory_answer
-from service.schemas.requests import CriticalAngleRequest, TrajectoryRequest
+from service.schemas import CriticalAngleRequest, TrajectoryRequest, trajectory_answer
 from service.schemas.strike import PAPER, PAPER_AT_45
 from service.workers import Call
 from service.workers.process_pool import ProcessPool
