@@ -27,7 +27,7 @@ from service.cli.arguments import (
     reason_of,
 )
 
-PLAIN = {"°": "deg", "±": "+/-", "×": "x", "–": "-", "…": "..."}
+PLAIN = {"°": "deg", "θ": "theta", "±": "+/-", "×": "x", "–": "-", "…": "..."}
 """What stands for a character that the encoding of a terminal lacks, where Unicode does not know it."""
 
 

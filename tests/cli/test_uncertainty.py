@@ -60,7 +60,7 @@ def test_next_shot_is_worth_a_sentence_where_the_concrete_is_not_known(
 @pytest.mark.parametrize(
     ("flags", "text"),
     [
-        (["--angle", "50"], "without --angle only"),
+        (["--angle", "50"], "goes without --angle"),
         (["--uncertain", "impact.velocity_m_s=normal:238:2.4"], "add --uncertain resistance.strength_residual"),
     ],
 )
