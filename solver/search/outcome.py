@@ -54,6 +54,8 @@ SHIFTED = 0.12
 """Error of the place of a change, over its distance from where the level before has it. [1]"""
 MARGIN_ERROR = 9e-4
 """Error of the margin that both levels may have alike. It moves a change by this over the growth of the margin. [1]"""
+NEAR = math.radians(0.1)
+"""Distance of the places of two levels up to which one trial of the last may end it. [rad]"""
 LEAST_GROWTH = 1e-3
 """Growth of the margin that is taken for none. [1/rad]"""
 DOUBT = math.radians(0.008)
@@ -153,9 +155,12 @@ def refine(left: int, right: int, first: int, search: SearchState) -> tuple[int,
             sure = SHIFTED * shift + MARGIN_ERROR / growth <= DOUBT  # false if one level has no place
             if (sure and not decided_by_time) or not is_finer(levels[LAST], levels[REQUESTED]):
                 break
-            # The margin of one finer trial at the place says how far off it is. Most often that is enough.
+            # The margin of one finer trial at the place says how far off it is. Not so where the margin wavers about
+            # zero: there the levels before are far apart.
             tried = attempt(place, levels[LAST], search)
-            close = abs(trials[tried, MARGIN]) <= DOUBT * growth
+            # Between the ends of the bracket the margin may grow more slowly than further off.
+            local = (trials[right, MARGIN] - trials[left, MARGIN]) / (trials[right, ANGLE] - trials[left, ANGLE])
+            close = shift <= NEAR and abs(trials[tried, MARGIN]) <= DOUBT * min(growth, abs(local))
             if close and not decided_by_time and not failed(trials[tried]):
                 trials[tried, FINE] = 0.0
                 break
