@@ -5,6 +5,7 @@ import re
 from playwright.sync_api import Page, expect
 
 from .conftest import NewPage
+from .side_view import IDLE
 
 
 def test_explored_case_is_reopened_from_its_address(new_page: NewPage) -> None:
@@ -12,9 +13,10 @@ def test_explored_case_is_reopened_from_its_address(new_page: NewPage) -> None:
     page.goto("/#/explore")
     page.get_by_role("slider", name="Speed").fill("300")
     expect(page).to_have_url(re.compile("velocity_m_s=300"))
-    expect(page.locator("[data-outcome]")).to_be_visible()
-    page.wait_for_load_state("networkidle")  # the answer to the new speed
+    page.wait_for_function(IDLE)
+    expect(page.locator("[data-outcome]")).to_contain_text("90 % range")
     words = page.locator("[data-outcome]").inner_text()
+    assert "48.6" not in words  # that of the speed before
     other = new_page(theme="dark")
     other.goto(page.url)
     expect(other.get_by_role("slider", name="Speed")).to_have_value("300")
