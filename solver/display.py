@@ -170,7 +170,7 @@ def _show_once(figure: Any) -> None:
     pyplot = import_module("matplotlib.pyplot")
     if "inline" in pyplot.get_backend():
         pyplot.close(figure)
-    raise NotImplementedError  # IPython goes on as with any figure
+    raise NotImplementedError  # With this, IPython takes its usual way to show an object.
 
 
 def finished(panel: Any, title: str) -> Figure:

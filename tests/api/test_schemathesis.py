@@ -19,11 +19,23 @@ METHODS = {"delete", "get", "head", "patch", "post", "put"}
 
 
 def with_nulls(contract: dict[str, Any]) -> dict[str, Any]:
-    """Return the contract with null for every field that may be left out, which the service takes for absent."""
-    for schema in contract["components"]["schemas"].values():
-        fields = schema.get("properties", {})
-        for name in fields.keys() - set(schema.get("required", [])):
-            fields[name] = {"anyOf": [fields[name], {"type": "null"}]}
+    """Return the contract with null in bodies for every field that may be left out, which the service takes for absent.
+
+    Bodies get schemas of their own, as an answer has no null.
+    """
+
+    def sent(node: Any) -> Any:
+        return json.loads(re.sub(r'"(#/components/schemas/[^"]+)"', r'"\1Sent"', json.dumps(node)))
+
+    schemas = contract["components"]["schemas"]
+    for name, schema in list(schemas.items()):
+        schemas[f"{name}Sent"] = copy = sent(schema)
+        fields = copy.get("properties", {})
+        for field in fields.keys() - set(copy.get("required", [])):
+            fields[field] = {"anyOf": [fields[field], {"type": "null"}]}
+    for operation in (each for path in contract["paths"].values() for each in path.values()):
+        if isinstance(operation, dict) and "requestBody" in operation:
+            operation["requestBody"] = sent(operation["requestBody"])
     return contract
 
 
