@@ -169,7 +169,7 @@ def refine(left: int, right: int, first: int, search: SearchState) -> tuple[int,
         begun = count
         # The bracket of a rougher level need not hold the change of a finer one, which is bracketed anew.
         if k > first:
-            left, right = _bracket(left, right, tried if k == LAST else -1, levels[k], search)
+            left, right = _bracket(left, right, tried, levels[k], search)
         if left == right:
             break
         left, right = _narrow(left, right, levels[k], search)
