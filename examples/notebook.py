@@ -2,7 +2,7 @@
 # # One strike, from its motion to how sure its critical angle is
 #
 # A rigid projectile of 80 × 530 mm and 13 kg strikes concrete of 39 MPa. The cells (`# %%`) run one by one in any
-# editor that knows them, or all at once: `.venv/bin/python examples/notebook.py`. It needs pandas and matplotlib.
+# editor that knows them, or all at once: `.venv/bin/python examples/notebook.py`. It needs what `make demo` installs.
 #
 # Everything is in SI units and radians; angles are from the inward normal of the face.
 
@@ -23,16 +23,21 @@ target = Target(compressive_strength=39e6, density=2250.0)
 # %% [markdown]
 # ## The motion at 55°
 #
-# `columns()` gives arrays, `to_dataframe()` a table of pandas. Of polars: `polars.DataFrame(strike.columns())`.
+# `columns()` gives arrays; with pandas, `to_dataframe()` a table. For polars: `polars.DataFrame(strike.columns())`.
 
 # %%
 strike = solver.simulate(
     projectile=projectile, target=target, impact=Impact(velocity=238.0, oblique_angle=math.radians(55.0))
 )
-history = strike.to_dataframe()
-history["axis_angle_deg"] = np.degrees(history["axis_angle"])
+history = strike.columns()
 print(f"{strike.outcome} after {1e3 * strike.final.time:.2f} ms, {1e3 * strike.maximum_depth:.0f} mm deep at most")
-print(history[["nose_tip_depth", "axis_angle_deg", "depth_velocity", "depth_force"]].iloc[::50].round(3))
+print(f"{'time [ms]':>10} {'nose tip [m]':>13} {'axis [deg]':>11} {'depth force [kN]':>17}")
+for row in range(0, len(history["time"]), 50):
+    axis_angle = math.degrees(history["axis_angle"][row])
+    print(
+        f"{1e3 * history['time'][row]:10.2f} {history['nose_tip_depth'][row]:13.3f} {axis_angle:11.2f} "
+        f"{1e-3 * history['depth_force'][row]:17.1f}"
+    )
 side_view = Path("side_view.svg")
 strike.plot(projectile).savefig(side_view)
 print(f"wrote {side_view}")
@@ -58,11 +63,11 @@ answers = solver.critical_angle_many(
     resistance=Resistance(strength_factor=calibrated),
     threads=2,
 )
-angles = solver.to_dataframe(answers)
-angles["angle_deg"] = np.degrees(angles["angle"])
-angles["standard_error_deg"] = np.degrees(angles["standard_error"])
-print(angles[["velocity", "status", "angle_deg", "standard_error_deg"]].round(2))
-print("mind:", ", ".join(sorted(set(" ".join(angles["warnings"]).split()))))
+table = solver.columns(answers)
+angles, standard_errors = np.degrees(table["angle"]), np.degrees(table["standard_error"])
+for velocity, status, angle, error in zip(velocities, table["status"], angles, standard_errors, strict=True):
+    print(f"{velocity:.0f} m/s  {status}  {angle:.2f}° ± {error:.2f}°")
+print("mind:", ", ".join(sorted(set(" ".join(table["warnings"]).split()))))
 
 # %% [markdown]
 # ## As a picture
@@ -70,7 +75,7 @@ print("mind:", ", ".join(sorted(set(" ".join(angles["warnings"]).split()))))
 # %%
 figure = Figure(figsize=(6.0, 4.0), layout="constrained")
 axes = figure.subplots()
-axes.errorbar(angles["velocity"], angles["angle_deg"], angles["standard_error_deg"], fmt="o-", capsize=3.0)
+axes.errorbar(velocities, angles, standard_errors, fmt="o-", capsize=3.0)
 axes.set(xlabel="velocity [m/s]", ylabel="critical angle from the normal [°]")
 picture = Path("critical_angle.svg")
 figure.savefig(picture)
