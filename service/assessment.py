@@ -15,17 +15,17 @@ from service.operations import SCHEMA_VERSION
 from service.schemas.requests import ReportRequest
 from service.schemas.verdict import next_shot_advice_in, usual_inputs, verdict_in
 from solver import ENGINE_VERSION, ConstantStrengthFactor, mass_properties
+from solver.checks import BOUNDS
 from solver.strength_scatter import strength_scatter
 from solver.strike import USUAL
 from solver.uncertainty.verdict import HALF_WIDTH, SAMPLES, probability_angles
-from solver.uncertainty.weighed_warnings import RETENTION, probes
+from solver.uncertainty.weighed_warnings import probes
+from solver.warnings import RETENTION_DECIDES
 
 EXTRA = ("jinja2", "markupsafe", "matplotlib")
 """Packages of the extra `reports`."""
 SPEEDS = tuple(round(0.5 + 0.1 * step, 1) for step in range(11))
 """Speeds of the curve over the speed of the case. [1]"""
-SPEED_BOUNDS = (0.1, 1e4)
-"""Bounds of the speed in the contract. [m/s]"""
 ASIDE_DEG = 0.5
 """Distance of the runs just below and just above from the critical angle. [°]"""
 STEEPEST_DEG = 89.9
@@ -105,7 +105,6 @@ def first_queries(request: ReportRequest) -> dict[str, Query]:
     plain = {name: strike[name] for name in ("projectile", "target", "impact")}
     wall = {name: value for name, value in strike["target"].items() if name != "thickness_m"}
     speed = case["impact"]["velocity_m_s"]
-    lowest, highest = SPEED_BOUNDS
     return {
         **verdict_queries(request),
         "cra": Query("cra", case | {"alternatives": True}),
@@ -114,7 +113,7 @@ def first_queries(request: ReportRequest) -> dict[str, Query]:
         **{
             f"speed {index}": Query("cra", case | {"impact": case["impact"] | {"velocity_m_s": speed * factor}})
             for index, factor in enumerate(SPEEDS)
-            if lowest <= speed * factor <= highest
+            if BOUNDS["impact.velocity"].holds(speed * factor)
         },
     }
 
@@ -202,7 +201,7 @@ def _search_of(request: ReportRequest) -> dict[str, Any]:
 
 def _with_probe(case: Mapping[str, Any], code: str, value: float) -> dict[str, Any]:
     """Return the body of a search with another value, as `solver.uncertainty.weighed_warnings.with_probe`."""
-    if code == RETENTION:
+    if code == RETENTION_DECIDES:
         return {**case, "numerics": case.get("numerics", {}) | {"retention_energy_fraction": value}}
     held = {"model": ConstantStrengthFactor.name, "value": value}
     return {**case, "resistance": case.get("resistance", {}) | {"strength_factor": held}}

@@ -104,8 +104,18 @@ RESIDUALS = (
 some of these."""
 
 
+def trial_columns(answer: Mapping[str, Any]) -> dict[str, list[Any]]:
+    """Return the trials of a search, by column; how they leave the concrete is not among them."""
+    trials = answer["iterations"]
+    names = dict.fromkeys(name for trial in trials for name in trial if name != "exit")
+    return {name: [trial.get(name) for trial in trials] for name in names}
+
+
 def summarize(answer: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the row of an answer, by column; what the answer does not have is left out."""
+    """Return the row of an answer, by column; what the answer does not have is left out.
+
+    A `Column` that is not a number or a text of the answer is filled here, or stays empty.
+    """
     row = {name: value for name, value in answer.items() if isinstance(value, float | int | str)}
     for part in ("final", "exit"):
         row |= {f"{part}_{name}": value for name, value in answer.get(part, {}).items()}

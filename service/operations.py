@@ -49,10 +49,11 @@ from service.schemas.fields import columns_of, walk
 from service.schemas.perforation import SPEED, THICKNESS, WALL
 from service.schemas.quantities import Part
 from service.schemas.requests import Case, TrajectoryFields, alternatives_in
+from service.schemas.resistance import FreeSurfaceModel
 from service.schemas.strike import PAPER, PAPER_AT_45
 from service.schemas.sweeps import ANGLES, EVEN, LISTED
 from service.schemas.uncertain_inputs import with_values
-from service.schemas.uncertainty import UncertainCase, crossings_in, ending_in
+from service.schemas.uncertainty import MOST_SAMPLES_OF_A_REQUEST, UncertainCase, crossings_in, ending_in
 from solver import ENGINE_VERSION
 from solver.arrays import FloatArray
 from solver.calibration import fit_decay_laws, fit_depth, fit_obliquity, penetration_depths, predict_motion
@@ -431,8 +432,8 @@ def cases_of_a_fit(request: Calibration) -> int:
 
 
 def cases_of_motions(request: MotionCalibrationRequest) -> int:
-    """Return what a calibration by motion counts as: a fit of each run with each of three decay laws."""
-    return 3 * request.run_count * cases_of_a_fit(request)
+    """Return what a calibration by motion counts as: a fit of each run with each decay law."""
+    return len(FreeSurfaceModel) * request.run_count * cases_of_a_fit(request)
 
 
 def cases_of_a_study(request: UncertainCase) -> int:
@@ -522,8 +523,9 @@ CRITICAL_ANGLE_UNCERTAINTY = Operation(
     CriticalAngleUncertaintyAnswer,
     route="estimate_critical_angle",
     description="Estimate the probability of ricochet over the oblique angle, and what the critical angle is sensitive "
-    "to.\n\nUp to 131,072 searches, each a case that is kept and counted like any other; a request that is sent again "
-    "is\nanswered from the cache. `max_samples` above 16,384 (unless the service is set otherwise) or `Prefer:\n"
+    f"to.\n\nUp to {MOST_SAMPLES_OF_A_REQUEST:,} searches, each a case that is kept and counted like any "
+    "other; a request that is sent again is\nanswered from the cache. "
+    "`max_samples` above 16,384 (unless the service is set otherwise) or `Prefer:\n"
     "respond-async` makes a job, which counts as `max_samples` cases until it ends, then as the samples it has taken. "
     "A\nsample outside the accepted range counts as not known and widens the intervals.",
     tag="critical ricochet angle",

@@ -132,6 +132,11 @@ class NoFreeSurface:
 FreeSurface: TypeAlias = ElasticPlastic | MohrCoulomb | NoFreeSurface
 
 
+def decay_laws(*, inertia: bool = False) -> tuple[FreeSurface, ...]:
+    """Return every decay law, those that can with the inertia of the expanding solid."""
+    return ElasticPlastic(inertia=inertia), MohrCoulomb(inertia=inertia), NoFreeSurface()
+
+
 def decay_factor(
     *, model: FreeSurface, target: Target, radius_ratio: FloatArray, normal_velocity: float = 0.0
 ) -> FloatArray:

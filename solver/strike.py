@@ -22,6 +22,8 @@ TRAJECTORY_TOLERANCE, SEARCH_TOLERANCE = 3e-7, 3e-4
 TRAJECTORY_STATIONS, SEARCH_STATIONS = 12, 8
 RETENTION_ENERGY_FRACTION = 0.01
 """A tenth of the speed: friction and rubble, which the model leaves out, decide what becomes of slower bodies. [1]"""
+RETENTION_BOUNDS = (1e-4, 0.5)
+"""Accepted retention energies. [1]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -107,7 +109,7 @@ class Numerics:
         if self.stations is not None:
             require_between("numerics.stations", self.stations, 2, 256)
         require_between("numerics.points", self.points, 2, 256)
-        require_between("numerics.retention_energy_fraction", self.retention_energy_fraction, 1e-4, 0.5)
+        require_between("numerics.retention_energy_fraction", self.retention_energy_fraction, *RETENTION_BOUNDS)
 
     def resolved(
         self,

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from solver.checks import RicochetError, plain, require
 from solver.display import described, optional
-from solver.free_surface import ElasticPlastic, MohrCoulomb, NoFreeSurface
+from solver.free_surface import ElasticPlastic, MohrCoulomb, NoFreeSurface, decay_laws
 from solver.many import attempt, columns, critical_angle_many, simulate_many
 from solver.projectile import Projectile
 from solver.resistance import EQUATION_9, ObliquityPolynomial, PublishedTests, Resistance, StrengthPowerLaw
@@ -310,10 +310,9 @@ def alternatives(
 def alternative_resistances(resistance: Resistance = EQUATION_9) -> tuple[Resistance, ...]:
     """Return each decay law with each strength law, with the inertia of the given resistance."""
     inertia = getattr(resistance.free_surface, "inertia", False)
-    decays = (ElasticPlastic(inertia=inertia), MohrCoulomb(inertia=inertia), NoFreeSurface())
     return tuple(
         replace(resistance, free_surface=decay, strength_factor=strength())
-        for decay in decays
+        for decay in decay_laws(inertia=inertia)
         for strength in STRENGTH_LAWS
     )
 

@@ -22,7 +22,7 @@ from solver.warnings import ModelWarning
 
 SAMPLE_INTERVAL = 1e-5
 """Interval of a history unless said otherwise. [s]"""
-MOST_SAMPLES = 1_000_000
+MOST_INSTANTS = 1_000_000
 ENERGY_GAIN_TOLERATED = 1e-6
 """Over the initial energy; rounding of the panel route stays far below."""
 
@@ -249,8 +249,8 @@ def _motion_at(run: Run, model: Model) -> Motion[float]:
 
 def _history(run: Run, steps: FloatArray, model: Model, sample_interval: float) -> Motion[FloatArray]:
     count = math.floor(run.time / sample_interval * (1.0 + 1e-12)) + 1
-    if count > MOST_SAMPLES:
-        raise ParameterError("sample_interval", f"must give at most {MOST_SAMPLES} samples, got {count}")
+    if count > MOST_INSTANTS:
+        raise ParameterError("sample_interval", f"must give at most {MOST_INSTANTS} samples, got {count}")
     times: FloatArray = sample_interval * np.arange(count, dtype=np.float64)
     times = np.concatenate((times[times < run.time * (1.0 - 1e-12)], [run.time]))
     states = sample(steps, times) if len(steps) else np.repeat(run.state[None, :], times.size, axis=0)

@@ -46,7 +46,7 @@ class ModelWarning:
     code
         Stable, for programs.
     detail
-        For people.
+        For people. The page converts what is written as a number, a blank and an SI unit (`service/page/units.js`).
     standing
         Whether it says of most answers what it says of this one, and hardly moves it: shown with its like in one note.
     angle_shift
@@ -269,8 +269,9 @@ def _beyond_published_tests(projectile: Projectile, target: Target, velocity: fl
 
 
 UNDECIDED = "undecided"
-DEEPER_THAN_WALL = "own_tests_deeper_than_wall"
 """Code of the warnings about runs that the termination time ended."""
+DEEPER_THAN_WALL = "own_tests_deeper_than_wall"
+RETENTION_DECIDES = "retention_decides"
 
 
 def undecided(*, termination_time: float) -> ModelWarning:
@@ -300,7 +301,7 @@ def retention_decides(*, retention: float, below: float, above: float) -> ModelW
     """Warning of an angle that depends on the retention energy, with the energy left half a degree below and above."""
     low, high = (factor * retention for factor in RETENTION_RANGE)
     return ModelWarning(
-        "retention_decides",
+        RETENTION_DECIDES,
         f"{_share(below, low)} of the energy is left half a degree below the angle, {_share(above, low)} half a degree "
         f"above it: between thresholds of {100.0 * low:g} % and {100.0 * high:g} % the angle moves by more than 0.5°; "
         "friction and rubble, which the model leaves out, decide what becomes of so slow a body",

@@ -32,7 +32,7 @@ from service.auth.dependencies import READ
 from service.cache.hdf5 import BatchFile, to_hdf5
 from service.cache.record import Record
 from service.cache.tables import residuals_of
-from service.columns import Column, base_of, batch_columns, batch_row, csv_cells, summarize
+from service.columns import Column, base_of, batch_columns, batch_row, csv_cells, summarize, trial_columns
 from service.jobs.manager import JobManager
 from service.jobs.models import CaseResult, JobState, StoredSweep
 from service.operations import OPERATIONS
@@ -309,10 +309,12 @@ def to_csv(record: Record) -> bytes:
         names, columns = list(record.history), [column.tolist() for column in record.history.values()]
     elif residuals := residuals_of(record):
         names, columns = list(residuals), list(residuals.values())
-    elif record.operation == "trajectory" or "iterations" in record.answer:
-        records = [record.answer["final"]] if record.operation == "trajectory" else record.answer["iterations"]
-        names = [name for name in records[0] if name != "exit"]
-        columns = [[each[name] for each in records] for name in names]
+    elif "iterations" in record.answer:
+        trials = trial_columns(record.answer)
+        names, columns = list(trials), list(trials.values())
+    elif record.operation == "trajectory":
+        final = record.answer["final"]
+        names, columns = list(final), [[value] for value in final.values()]
     else:
         summary = summarize(record.answer)
         names = [column.name for column in OPERATIONS[record.operation].columns]

@@ -25,7 +25,7 @@ from service.cli.arguments import (
 )
 from service.cli.request_body import RequestBody, read_body
 from service.cli.writers import heading, print_table, print_values, print_warning_codes, print_warnings, progress
-from service.columns import csv_cells
+from service.columns import csv_cells, trial_columns
 from service.names import CHOICES, named
 
 ENDS = {"outcome", "status"}
@@ -121,9 +121,7 @@ def run_cra(args: argparse.Namespace) -> int:
     if args.json:
         print_json(text)
     elif args.csv:
-        trials = answer["iterations"]
-        columns = {name: [trial[name] for trial in trials] for name in trials[0]}
-        print_csv(alternatives_of(answer) if args.alternatives else columns)
+        print_csv(alternatives_of(answer) if args.alternatives else trial_columns(answer))
     else:
         print_search(answer, verdict_on(body, answer, args.url), verbose=args.verbose)
     return 0

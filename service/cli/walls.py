@@ -24,6 +24,7 @@ from service.cli.arguments import (
 from service.cli.request_body import SOUGHT, read_body, without_sought
 from service.cli.single import answer_of, print_csv, print_json
 from service.cli.writers import heading, print_table, print_values, print_warnings
+from service.columns import trial_columns
 from service.names import FORMULAS, QUANTITIES, named
 
 STRIKE_FLAGS = (*IMPACT, *(flag for flag in BODY if flag.steps != SOUGHT["thickness"]), *RESISTANCE)
@@ -83,10 +84,8 @@ def run_limit_speed(args: argparse.Namespace) -> int:
 
 def _print(args: argparse.Namespace, text: bytes, value: str, bracket: str) -> int:
     answer: dict[str, Any] = json.loads(text)
-    trials = answer["iterations"]
-    names = [name for name in trials[0] if name != "exit"]
-    columns = {name: [trial[name] for trial in trials] for name in names}
-    columns["exit_speed_m_s"] = [trial.get("exit", {}).get("speed_m_s", "") for trial in trials]
+    columns = trial_columns(answer)
+    columns["exit_speed_m_s"] = [trial.get("exit", {}).get("speed_m_s", "") for trial in answer["iterations"]]
     if args.json:
         print_json(text)
     elif args.csv:

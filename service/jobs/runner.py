@@ -24,13 +24,14 @@ CHUNK_SECONDS = 0.25
 """Work in a chunk of a job: what a crash costs at most, and a hundred times what handing it over does."""
 CHUNKS_KEPT = 2
 """Chunks of jobs beside those in the executor, being prepared or kept."""
-RETRY_SECONDS = 1.0
+NO_WORKER_SECONDS = 1.0
 """Pause before cases of a job that no worker could take are tried again."""
 OVERLONG_SECONDS = 10.0
 """Time after which a chunk is given up: cases that take far longer than those before are handed out again in smaller
 chunks, so that all workers share them and other work gets in between."""
 TEMPORARY = (ComputationCancelled, PoolUnavailableError, QueueFullError)
-"""Errors that do not come from the case itself: it is tried again."""
+"""Errors that do not come from the case itself: it is tried again. A case whose worker died was tried again by the
+executor (`DEATHS` in `service/workers/process_pool.py`)."""
 
 Blocks: TypeAlias = AsyncGenerator[Mapping[int, JobCase], None]
 """Cases by their numbers, read when there is a turn to compute some."""
@@ -254,7 +255,7 @@ class CaseRunner:
         if unavailable is not None:
             if run.urgent:
                 raise unavailable
-            await asyncio.sleep(RETRY_SECONDS)
+            await asyncio.sleep(NO_WORKER_SECONDS)
         if again:
             run.waiting.extendleft(reversed(again))
             self._begin_chunk(run)

@@ -37,6 +37,7 @@ from service.readers.table import (
 from solver import Impact, Projectile, Shot
 from solver.arrays import FloatArray
 from solver.calibration import DepthTest, MotionHistory, ObliquityPoint
+from solver.checks import BOUNDS
 
 TEST_NUMBERS = (
     Quantity("velocity", SPEED, ("striking_velocity", "impact_velocity"), required=True),
@@ -62,8 +63,7 @@ OBLIQUITY_POINTS = (
     Quantity("strength_factor", PURE, required=True),
     Quantity("standard_error", PURE),
 )
-MAX_VELOCITY = 1e4
-"""Far above what any projectile survives. [m/s]"""
+MAX_VELOCITY = BOUNDS["impact.velocity"].upper
 MAX_DIAMETERS = 1000.0
 """Depth over diameter; long rods at any speed stay below 100. [1]"""
 FILE = Quantity("file", None, ("history",), required=True)

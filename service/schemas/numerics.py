@@ -10,7 +10,7 @@ from pydantic import MISSING, Field
 import solver
 from service.schemas.quantities import WHOLE, Count, Num, Part, degrees, with_examples
 from solver.search.critical_angle import PAPER_TERMINATION_TIME
-from solver.strike import SEARCH_TOLERANCE, TERMINATION_TIME, TRAJECTORY_TOLERANCE, TRANSITS
+from solver.strike import RETENTION_BOUNDS, SEARCH_TOLERANCE, TERMINATION_TIME, TRAJECTORY_TOLERANCE, TRANSITS
 
 NUMERICS = solver.Numerics()
 SEARCH = solver.Search()
@@ -73,7 +73,9 @@ class Numerics(Part):
         | MISSING
     ) = MISSING
 
-    retention_energy_fraction: Annotated[Num, Field(ge=1e-4, le=0.5)] = NUMERICS.retention_energy_fraction
+    retention_energy_fraction: Annotated[Num, Field(ge=RETENTION_BOUNDS[0], le=RETENTION_BOUNDS[1])] = (
+        NUMERICS.retention_energy_fraction
+    )
     """Share of the initial kinetic energy with which a projectile must leave to count as turned away; below it, it is
     embedded. Not used by the searches `bisection` and `secant`. [1]"""
 

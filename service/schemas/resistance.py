@@ -11,6 +11,8 @@ from typing_extensions import TypeAliasType
 
 import solver
 from service.schemas.quantities import Flag, Num, Part, with_examples, within
+from solver.free_surface import FreeSurface as SolverFreeSurface
+from solver.free_surface import decay_laws
 from solver.resistance import MOST_SHOTS
 
 POLYNOMIAL = solver.ObliquityPolynomial()
@@ -233,13 +235,10 @@ class FreeSurface(Part):
     inertia: Flag = False
     """Include the inertia of the expanding solid; without effect on `none`."""
 
-    def to_solver(self) -> solver.ElasticPlastic | solver.MohrCoulomb | solver.NoFreeSurface:
+    def to_solver(self) -> SolverFreeSurface:
         """Return the solver's model."""
-        if self.model is FreeSurfaceModel.ELASTIC_PLASTIC:
-            return solver.ElasticPlastic(inertia=self.inertia)
-        if self.model is FreeSurfaceModel.MOHR_COULOMB:
-            return solver.MohrCoulomb(inertia=self.inertia)
-        return solver.NoFreeSurface()
+        laws = {law.name: law for law in decay_laws(inertia=self.inertia)}
+        return laws[self.model]
 
 
 InertiaFactor = Annotated[Num, Field(ge=0.0, le=10.0, description="Scales density times velocity squared. [1]")]

@@ -26,10 +26,11 @@ from solver.uncertainty import (
     TrajectoryStudy,
 )
 from solver.uncertainty.next_shot import next_shots
+from solver.uncertainty.sampling import FEWEST_SAMPLES
 from solver.warnings import body_warnings
 
 SAMPLING = Sampling()
-MOST_SAMPLES = 131_072
+MOST_SAMPLES_OF_A_REQUEST = 131_072
 """In one request: some minutes of two cores."""
 
 
@@ -71,7 +72,7 @@ class SamplingSettings(Part):
     """Half width of the interval of every probability, cut off at 0 and 1, at which sampling ends. [1]"""
     confidence: Annotated[Num, Field(ge=0.5, le=0.9999)] = SAMPLING.confidence
     """Confidence level of every interval. [1]"""
-    max_samples: Annotated[Count, Field(ge=256, le=MOST_SAMPLES), WHOLE] = SAMPLING.max_samples
+    max_samples: Annotated[Count, Field(ge=FEWEST_SAMPLES, le=MOST_SAMPLES_OF_A_REQUEST), WHOLE] = SAMPLING.max_samples
     """Searches or runs at most, never exceeded. With `sensitivity` at least 256 and those in which one input is changed
     alone: two for each continuous input, one for each discrete value."""
     seed: Annotated[Count, Field(ge=0, le=2**53), WHOLE] = SAMPLING.seed

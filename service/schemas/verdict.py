@@ -16,8 +16,6 @@ from service.schemas.resistance import FreeSurfaceModel
 from service.schemas.uncertain_inputs import SCATTER, UncertainInput
 from solver import (
     ENGINE_VERSION,
-    ElasticPlastic,
-    MohrCoulomb,
     Outcome,
     PublishedTests,
     Resistance,
@@ -27,7 +25,7 @@ from solver.strength_scatter import strength_scatter
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY
 from solver.uncertainty import AfterShots, Discrete, Uncertain, Verdict, usual_scatter
 from solver.uncertainty.results import RANGE
-from solver.uncertainty.usual import THEORIES
+from solver.uncertainty.usual import THEORIES, THEORY_LAWS
 from solver.uncertainty.verdict import next_shot_advice
 from solver.uncertainty.weighed_warnings import MOVES, weighed
 
@@ -43,7 +41,7 @@ NAMES = {
 """Fields of the solver that usually scatter, in the contract."""
 CENTRES = {"normal": "mean", "lognormal": "median"}
 """Parameter of a distribution that is the value of the case."""
-THEORY_MODELS = (ElasticPlastic.name, MohrCoulomb.name)
+THEORY_MODELS = tuple(law.name for law in THEORY_LAWS)
 
 
 def contract_input(uncertain: Uncertain) -> dict[str, Any]:

@@ -92,8 +92,9 @@ class Executor(Protocol):
     async def run(self, calls: Sequence[Call]) -> list[CallResult]:
         """Run a chunk of calls one after the other, behind what is submitted singly.
 
-        A call that fails, takes too long or ends its worker twice says so in its place; the others are run all the
-        same. Cancelled while it waits, it never runs; once running, the calls after the one it is on do not run.
+        A call that fails, takes too long or ends one worker after another says so in its place; the others are run
+        all the same. Cancelled while it waits, it never runs; once running, the calls after the one it is on do not
+        run.
 
         Raises
         ------

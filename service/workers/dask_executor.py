@@ -21,8 +21,8 @@ from service.workers.dask_cluster import Cluster, in_time, run_chunk, versions
 from service.workers.process_pool import ProcessPool
 from service.workers.worker import answer, dumps, loads
 
-ATTEMPTS = 5
-"""A chunk that was lost so many times is left to the pool."""
+LOSSES = 5
+"""A chunk that was lost so many times, to the network or a worker that left, is left to the pool."""
 PAUSE_SECONDS = 0.1
 """Before a chunk that was lost is given out again; twice as long each time."""
 PATIENCE_SECONDS = 5.0
@@ -154,7 +154,7 @@ class DaskExecutor:
 
     async def _replies(self, messages: Sequence[bytes]) -> list[CallResult]:
         """Bring pickled calls to their end, wherever."""
-        for attempt in range(ATTEMPTS):
+        for attempt in range(LOSSES):
             if not await self._cluster_there():
                 break
             try:
@@ -180,7 +180,7 @@ class DaskExecutor:
         Raises
         ------
         KilledWorker
-            If several have died over it.
+            If as many have died over it as `distributed.scheduler.allowed-failures` says.
         LostError
             If none has run them for another reason.
         """

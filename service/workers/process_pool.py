@@ -28,11 +28,11 @@ PROBE, SINGLE, CHUNK, END = range(4)
 """Priorities of tasks. A probe and a single call overtake chunks, also one that runs, between two of its calls."""
 OVERTAKE_SECONDS = 0.02
 """Between asking one supervisor and the next to leave its chunk: with many cores, one call must not halt them all."""
-ATTEMPTS = 2
+DEATHS = 2
 """A call that has ended this many workers is given up."""
 START_SECONDS = 120.0
 """For a worker to come up. The fork server compiles the solver before, however long that takes."""
-RETRY_SECONDS = 0.2
+START_AGAIN_SECONDS = 0.2
 """Before a worker that did not come up is tried once more."""
 IDLE_CHECK_SECONDS = 1.0
 """How often an idle worker is looked at, so that a dead one is replaced before it is needed."""
@@ -188,8 +188,8 @@ class WorkerSupervisor:
             if self._closed.is_set():
                 raise PoolUnavailableError("the service is stopping") from None
             task.crashes += 1
-            if task.crashes == ATTEMPTS:
-                error = WorkerCrashedError(f"the task ended {ATTEMPTS} worker processes")
+            if task.crashes == DEATHS:
+                error = WorkerCrashedError(f"the task ended {DEATHS} worker processes")
                 task.finish(CallResult(None, error, time.monotonic() - begun))
         except TaskTimeoutError as error:
             self._discard(worker)
@@ -234,7 +234,7 @@ class WorkerSupervisor:
         try:
             return self._start_worker()
         except PoolUnavailableError:  # it may be the fork server that is dying; the next start brings up a new one
-            self._closed.wait(RETRY_SECONDS)
+            self._closed.wait(START_AGAIN_SECONDS)
             return self._start_worker()
 
     def _start_worker(self) -> WorkerProcess:
@@ -374,7 +374,7 @@ class ProcessPool:
     async def run(self, calls: Sequence[Call]) -> list[CallResult]:
         """Run a chunk of calls one after the other in one worker, behind what is submitted singly.
 
-        A call that fails, takes too long or ends the worker twice says so in its place; the others are run all the
+        A call that fails, takes too long or ends `DEATHS` workers says so in its place; the others are run all the
         same. Cancelled while it waits, it never runs; once running, the call it is on ends or is ended within 0.5 s,
         and those after it do not run.
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from solver.calibration.history import MotionRun
 from solver.calibration.motion import MotionsFit, fit_motions
 from solver.calibration.strength_factor import UndeterminedError
-from solver.free_surface import ElasticPlastic, FreeSurface, MohrCoulomb, NoFreeSurface
+from solver.free_surface import FreeSurface, decay_laws
 from solver.projectile import Projectile
 from solver.resistance import Resistance
 from solver.strike import Numerics
@@ -82,7 +82,7 @@ def fit_decay_laws(
 
     requested = fitted(resistance.free_surface)
     laws: dict[str, MotionsFit | None] = {}
-    for law in decay_laws(resistance.free_surface):
+    for law in decay_laws(inertia=getattr(resistance.free_surface, "inertia", False)):
         if law.name == resistance.free_surface.name:
             laws[law.name] = requested
             continue
@@ -91,12 +91,6 @@ def fit_decay_laws(
         except UndeterminedError:
             laws[law.name] = None
     return DecayLawFits(requested=requested, laws=laws, warnings=(*requested.warnings, *_better(requested, laws)))
-
-
-def decay_laws(requested: FreeSurface) -> tuple[FreeSurface, ...]:
-    """Every decay law, with the inertia of a requested one."""
-    inertia = not isinstance(requested, NoFreeSurface) and requested.inertia
-    return ElasticPlastic(inertia=inertia), MohrCoulomb(inertia=inertia), NoFreeSurface()
 
 
 def _best(laws: Mapping[str, MotionsFit | None]) -> str:

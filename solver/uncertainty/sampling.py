@@ -24,7 +24,7 @@ SCRAMBLINGS = 16
 FIRST_POINTS, FEWEST_POINTS = 16, 4
 """Points of each scrambling in the first round, and those of it where wide intervals will do; every round doubles
 them."""
-MOST_SAMPLES = 1_048_576
+FEWEST_SAMPLES, MOST_SAMPLES = 256, 1_048_576
 HALF_BIN = 2.0**-31
 """SciPy's Sobol points have 30 bits: the middle of the cell keeps 0 away."""
 UNSEEN = 1.5
@@ -114,7 +114,7 @@ class Sampling:
     def __post_init__(self) -> None:
         require_between("sampling.half_width", self.half_width, 1e-4, 0.5)
         require_between("sampling.confidence", self.confidence, 0.5, 0.9999)
-        require_between("sampling.max_samples", self.max_samples, 256, MOST_SAMPLES)
+        require_between("sampling.max_samples", self.max_samples, FEWEST_SAMPLES, MOST_SAMPLES)
         require_between("sampling.seed", self.seed, 0, 2**53)
         require(self.method in ("auto", "direct"), "sampling.method", "must be 'auto' or 'direct'")
 

@@ -17,6 +17,7 @@ DIGITS = 4
 """Of dispersions: no more are known."""
 ATTACK = math.radians(1.0)
 """Standard deviation of the angle of attack. [rad]"""
+THEORY_LAWS: tuple[type[ElasticPlastic | MohrCoulomb], ...] = (ElasticPlastic, MohrCoulomb)
 THEORIES = (0.8, 0.2)
 """Weights of elastic-plastic and Mohr-Coulomb: the first with eq. 9 gives the paper's angle, the second follows the
 motions of finite elements more closely. No decay at all is not a theory and is not among them."""
@@ -55,7 +56,7 @@ def usual_scatter(
     resistance = resistance or EQUATION_9
     scatter = strength_scatter(projectile=projectile, target=target, resistance=resistance)
     inertia = getattr(resistance.free_surface, "inertia", False)
-    theories = (ElasticPlastic(inertia=inertia), MohrCoulomb(inertia=inertia))
+    theories = tuple(law(inertia=inertia) for law in THEORY_LAWS)
     return (
         Uncertain("impact.velocity", Normal(mean=velocity, coefficient_of_variation=VELOCITY)),
         Uncertain(

@@ -8,18 +8,15 @@ from typing import Any
 from solver.checks import ParameterError
 from solver.projectile import Projectile
 from solver.resistance import ConstantStrengthFactor, ObliquityPolynomial, Resistance, strength_factor
-from solver.strike import Numerics
+from solver.strike import RETENTION_BOUNDS, Numerics
 from solver.target import Target
-from solver.warnings import RETENTION_RANGE, ModelWarning
+from solver.warnings import RETENTION_DECIDES, RETENTION_RANGE, ModelWarning
 
-RETENTION, EXTRAPOLATED = "retention_decides", "strength_fit_extrapolated"
-"""Codes of the warnings whose effect more searches show."""
-RETENTION_BOUNDS = (1e-4, 0.5)
-"""Accepted retention energies. [1]"""
+EXTRAPOLATED = "strength_fit_extrapolated"
 LITTLE = 0.25
 """Move of the angle, over the width of its 90 % range, up to which a warning is a standing note. [1]"""
 MOVES = {
-    RETENTION: "with those thresholds it moves by",
+    RETENTION_DECIDES: "with those thresholds it moves by",
     EXTRAPOLATED: f"with S from {math.degrees(ObliquityPolynomial.fitted_to):g}° on as it is there, the angle moves by",
 }
 
@@ -33,10 +30,10 @@ def probes(
     beyond, a search with that constant finds the angle of a fit that is held from there on. [1]
     """
     found: dict[str, tuple[float, ...]] = {}
-    if RETENTION in codes:
+    if RETENTION_DECIDES in codes:
         lowest, highest = RETENTION_BOUNDS
         retention = numerics.retention_energy_fraction
-        found[RETENTION] = tuple(min(max(factor * retention, lowest), highest) for factor in RETENTION_RANGE)
+        found[RETENTION_DECIDES] = tuple(min(max(factor * retention, lowest), highest) for factor in RETENTION_RANGE)
     if EXTRAPOLATED in codes:
         try:
             held = strength_factor(
@@ -53,7 +50,7 @@ def probes(
 
 def with_probe(code: str, value: float, *, resistance: Resistance, numerics: Numerics) -> dict[str, Any]:
     """Return the arguments of a search with such a value."""
-    if code == RETENTION:
+    if code == RETENTION_DECIDES:
         return {"resistance": resistance, "numerics": replace(numerics, retention_energy_fraction=value)}
     held = ConstantStrengthFactor(value=value)
     return {"resistance": replace(resistance, strength_factor=held), "numerics": numerics}
