@@ -26,11 +26,17 @@ help: ## list what can be made
 
 setup: .venv/.developing .venv/.installed ## build .venv from the lock, with everything in it
 
-# What the service runs on comes first, so that `make demo` need not wait for the tools of its developers.
-.venv/.running: requirements/run.txt requirements/build.txt
+# What the solver runs on comes first: `make demo` compiles it while the rest is installed.
+.venv/.solver: requirements/run.txt
 	@test -n "$(PYTHON)" || { echo "no Python 3.11 to 3.14 found; name one: make PYTHON=/path/to/python3"; exit 1; }
 	@echo "building .venv with $$($(PYTHON) --version), a quarter of a minute ..."
 	@$(PYTHON) -m venv --clear .venv
+	@sed -nE '/^(llvmlite|numba|numpy)==/,/[^\\]$$/p' $< >.venv/solver.txt
+	@$(INSTALL) -r .venv/solver.txt
+	@touch $@
+
+# Then what the service runs on, so that `make demo` need not wait for the tools of its developers.
+.venv/.running: .venv/.solver requirements/build.txt
 	@$(INSTALL) -r requirements/run.txt -r requirements/build.txt
 	@touch $@
 
@@ -43,7 +49,8 @@ setup: .venv/.developing .venv/.installed ## build .venv from the lock, with eve
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-index --no-deps --no-build-isolation -e .
 	@touch $@
 
-demo: .venv/.installed ## compute the paper's critical ricochet angle with a fresh service
+demo: .venv/.solver ## compute the paper's critical ricochet angle with a fresh service
+	@$(WARM_UP) & $(MAKE) --no-print-directory .venv/.installed; installed=$$?; wait; exit $$installed
 	@$(BIN)/python examples/demo.py
 
 serve: setup ## run the service; RICOCHET_HOST, RICOCHET_PORT, RICOCHET_DATA_DIR, RICOCHET_WORKERS

@@ -3,6 +3,7 @@
 import hashlib
 import math
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, NamedTuple, Protocol, TypeAlias
@@ -375,15 +376,19 @@ def compute_trajectory_uncertainty(request: bytes) -> Answer:
     return answer_study("trajectory_uncertainty", TrajectoryUncertaintyRequest.model_validate_json(request)), None
 
 
-def answer_study(operation: str, request: Any, report: StudyReport = lambda *_: None) -> dict[str, Any]:
-    """Return the answer of a study without key and version, its samples computed one after the other.
+def answer_study(
+    operation: str, request: Any, report: StudyReport = lambda *_: None, threads: int = 1
+) -> dict[str, Any]:
+    """Return the answer of a study without key and version.
 
     Parameters
     ----------
     request
         The validated request of the operation.
     report
-        Called before every sample with the number of those done and the half width reached, None before there is one.
+        Called with the number of samples done and the half width reached, None before there is one.
+    threads
+        How many samples are computed at a time.
     """
     study = study_of(operation)
     compute = OPERATIONS[study.sample].compute
@@ -398,18 +403,20 @@ def answer_study(operation: str, request: Any, report: StudyReport = lambda *_: 
 
     steps: Any = request.study().steps()
     batch, done = next(steps), 0
-    while True:
-        half_width = None if batch.so_far is None else batch.so_far.convergence[-1].half_width
-        found = []
-        for sample in study.requests(request, batch.points):
+    with ThreadPoolExecutor(threads) as pool:
+        while True:
+            half_width = None if batch.so_far is None else batch.so_far.convergence[-1].half_width
             report(done, half_width)
-            found.append(evaluate(sample))
-            done += 1
-        try:
-            batch = steps.send(found)
-        except StopIteration as end:
-            answer: dict[str, Any] = study.answer(end.value)
-            return answer
+            found = []
+            for each in pool.map(evaluate, study.requests(request, batch.points)):
+                found.append(each)
+                done += 1
+                report(done, half_width)
+            try:
+                batch = steps.send(found)
+            except StopIteration as end:
+                answer: dict[str, Any] = study.answer(end.value)
+                return answer
 
 
 WALL_CASES = 20

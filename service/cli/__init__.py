@@ -6,7 +6,9 @@ solver and the service inside `run`: `ricochet --help` would otherwise take seco
 """
 
 import argparse
+import atexit
 import codecs
+import gc
 import io
 import os
 import sys
@@ -97,6 +99,8 @@ def main(arguments: list[str] | None = None) -> int:
     """Run a command; return its exit status."""
     arguments = sys.argv[1:] if arguments is None else arguments
     prepare_streams()
+    atexit.register(gc.freeze)  # The last collection would take a quarter of a second, to free what ends anyway.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # Small systems of equations are slower on several threads.
     os.environ.pop("MPLBACKEND", None)  # Plots go to files; a backend that a notebook has set may not be here.
     name = next((argument for argument in arguments if not argument.startswith("-")), "")
     try:

@@ -37,7 +37,7 @@ def compute(name: str, body: dict[str, Any], report: Callable[[int, float | None
     Parameters
     ----------
     report
-        Called before every sample of a study of uncertainty; see `service.operations.answer_study`.
+        Called with the progress of a study of uncertainty; see `service.operations.answer_study`.
 
     Raises
     ------
@@ -146,11 +146,12 @@ def compute_sweep(operation: str, content: dict[str, Any]) -> Iterator[Item]:
 def _solve(name: str, request: Any, report: Callable[[int, float | None], None] | None = None) -> Any:
     """Return the record of a validated request."""
     from service.cache.record import Record
+    from service.cores import available_cores
     from service.operations import OPERATIONS, KeyedRequest, answer_study
 
     query = KeyedRequest.of(name, request)
     if report is not None:
-        return Record(query.key, name, query.json, answer_study(name, request, report))
+        return Record(query.key, name, query.json, answer_study(name, request, report, available_cores()))
     return Record(query.key, name, query.json, *OPERATIONS[name].compute(query.json))
 
 

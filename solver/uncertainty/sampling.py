@@ -17,8 +17,10 @@ import numpy.typing as npt
 from solver.arrays import FloatArray
 from solver.checks import ParameterError, require, require_between
 from solver.uncertainty.distributions import Continuous, Discrete, Distribution, stated_values
+from solver.uncertainty.sobol import MOST_DIMENSIONS, scrambled_sobol
 
-MOST_INPUTS = 24
+MOST_INPUTS = MOST_DIMENSIONS // 2
+"""Sensitivity indices take two independent sets of points."""
 SCRAMBLINGS = 16
 """Independent randomisations of one Sobol sequence: their scatter is the error of their mean."""
 FIRST_POINTS, FEWEST_POINTS = 16, 4
@@ -26,7 +28,7 @@ FIRST_POINTS, FEWEST_POINTS = 16, 4
 them."""
 FEWEST_SAMPLES, MOST_SAMPLES = 256, 1_048_576
 HALF_BIN = 2.0**-31
-"""SciPy's Sobol points have 30 bits: the middle of the cell keeps 0 away."""
+"""Sobol points have 30 bits: the middle of the cell keeps 0 away."""
 UNSEEN = 1.5
 """Share that no sample of n shows, in units of 1/n at one standard error: about 3/n at 95 %, the rule of three."""
 MOST_ALTERNATIVES = 8
@@ -164,12 +166,10 @@ def scrambled(seed: int, dimensions: int, count: int, stream: int = 0) -> FloatA
 
     The first points of a scrambling are the same whatever their count.
     """
-    from scipy import stats  # noqa: PLC0415 (takes long to import, also where nothing is sampled)
-
     points = np.empty((SCRAMBLINGS, count, dimensions))
     for number in range(SCRAMBLINGS):
         generator = np.random.default_rng([seed, stream, number])
-        points[number] = stats.qmc.Sobol(dimensions, scramble=True, rng=generator).random(count)
+        points[number] = scrambled_sobol(generator, dimensions, count)
     points += HALF_BIN
     points.setflags(write=False)
     return points
