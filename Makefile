@@ -18,8 +18,8 @@ WARM_UP = $(BIN)/python -u -c "import solver; solver.warm_up(print)"
 export PYTHONDONTWRITEBYTECODE :=
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo serve test test-system test-all check audit wheel sbom format openapi docs clients bench accuracy load call-path soak cluster \
-	slider reproduce validate figures screenshots lock clean
+.PHONY: help setup demo serve test test-system test-all check audit wheel sbom format openapi docs clients bench accuracy load growth call-path soak \
+	cluster slider reproduce validate figures screenshots lock clean
 
 help: ## list what can be made
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-11s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -119,6 +119,9 @@ accuracy: setup ## compare random critical angles with converged ones, and with 
 
 load: setup ## measure what HTTP costs beside the bare solver, ten minutes; ARGS="--quick"
 	$(BIN)/python benchmarks/http_load.py $(ARGS)
+
+growth: setup ## measure how the cost grows with cores, queued cases, results and jobs, five minutes; ARGS="--quick"
+	$(BIN)/python benchmarks/growth.py $(ARGS)
 
 call-path: setup ## count the files of service that a request touches
 	$(BIN)/python benchmarks/call_path.py $(ARGS)

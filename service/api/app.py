@@ -142,7 +142,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
         traces=traces,
     )
     install_problem_handlers(app)
-    app.include_router(operations.router_of(OPERATIONS))
+    operations.add_routes(app.router, OPERATIONS)
     for resource in RESOURCES:
         app.include_router(resource.router)
     if mcp.is_installed():

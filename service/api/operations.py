@@ -15,9 +15,11 @@ from service.auth.dependencies import RUN
 from service.operations import Many, Operation
 
 
-def router_of(operations: Mapping[str, Operation]) -> APIRouter:
-    """Return the routes of these operations; of many cases, those of the shortest first."""
-    router = APIRouter(dependencies=[RUN])
+def add_routes(router: APIRouter, operations: Mapping[str, Operation]) -> None:
+    """Add the routes of these operations; of many cases, those of the shortest first.
+
+    To the router of the application: FastAPI looks for a route of a router in a router twice.
+    """
     single = [each for each in operations.values() if each.study is None]
     many = [(each, each.many) for each in sorted(single, key=lambda each: each.runs) if each.many is not None]
     for each in single:
@@ -29,7 +31,6 @@ def router_of(operations: Mapping[str, Operation]) -> APIRouter:
     for each in operations.values():
         if each.study is not None:
             add(router, each, study_route(each), responses=STUDIED)
-    return router
 
 
 def bodies_of(operations: Iterable[Operation]) -> list[type[BaseModel]]:
@@ -51,6 +52,7 @@ def add(router: APIRouter, operation: Operation, handle: Callable[..., Awaitable
         response_model=operation.answer,
         openapi_extra=one_body(operation.request),
         tags=[operation.tag],
+        dependencies=[RUN],
         **options,
     )
 
@@ -76,6 +78,7 @@ def add_many(
         responses=MANY,
         openapi_extra=many_bodies(models.batch, models.case) if kind == "batch" else one_body(models.sweep),
         tags=[operation.tag],
+        dependencies=[RUN],
     )
 
 

@@ -9,8 +9,8 @@ from http import HTTPStatus
 from ipaddress import IPv6Network
 from typing import Annotated
 
-from fastapi import Depends, HTTPException, Request, Security
-from fastapi.security import HTTPAuthorizationCredentials, HTTPBearer, SecurityScopes
+from fastapi import HTTPException, Request, Security
+from fastapi.security import HTTPBearer, SecurityScopes
 from starlette.types import Receive, Send
 from starlette.types import Scope as RequestScope
 
@@ -26,13 +26,6 @@ REFUSALS = (InvalidBodyError, ParameterError, PoolUnavailableError, QueueFullErr
 """Errors of cases that were not computed."""
 CHALLENGE = {"WWW-Authenticate": "Bearer"}
 INVALID_TOKEN = {"WWW-Authenticate": 'Bearer error="invalid_token"'}
-
-bearer = HTTPBearer(
-    scheme_name="key",
-    description="A key of `ricochet keys add`, where the service requires one. A key with the scope `admin` has all "
-    "scopes, and sees the jobs of all owners.",
-    auto_error=False,
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -180,21 +173,28 @@ def context_in(scope: RequestScope) -> RequestContext:
     return context
 
 
-async def authorize(
-    request: Request,
-    required: SecurityScopes,
-    credentials: Annotated[HTTPAuthorizationCredentials | None, Depends(bearer)],
-) -> RequestContext:
-    """Return the context of a request whose key has the scopes of its route.
+class Authorization(HTTPBearer):
+    """FastAPI's declaration of keys, which also checks them: FastAPI solves each dependency by itself."""
 
-    Raises
-    ------
-    HTTPException
-        401 without a valid key, 403 if it lacks a scope.
-    """
-    context = context_in(request.scope)
-    context.authorize(None if credentials is None else credentials.credentials, required.scopes)
-    return context
+    async def __call__(self, request: Request, required: SecurityScopes) -> RequestContext:  # type: ignore[override]
+        """Return the context of a request whose key has the scopes of its route.
+
+        Raises
+        ------
+        HTTPException
+            401 without a valid key, 403 if it lacks a scope.
+        """
+        context, credentials = context_in(request.scope), await super().__call__(request)
+        context.authorize(None if credentials is None else credentials.credentials, required.scopes)
+        return context
+
+
+authorize = Authorization(
+    scheme_name="key",
+    description="A key of `ricochet keys add`, where the service requires one. A key with the scope `admin` has all "
+    "scopes, and sees the jobs of all owners.",
+    auto_error=False,
+)
 
 
 async def authorize_unrouted(scope: RequestScope, _: Receive, __: Send) -> None:
@@ -207,7 +207,7 @@ async def authorize_unrouted(scope: RequestScope, _: Receive, __: Send) -> None:
     """
     request = Request(scope)
     required = SecurityScopes(["read" if scope["method"] == "GET" else "run"])
-    await authorize(request, required, await bearer(request))
+    await authorize(request, required)
     raise HTTPException(HTTPStatus.NOT_FOUND)
 
 

@@ -136,6 +136,8 @@ class ResultCache:
         """Latest flush of the flusher."""
         self._pending: dict[str, Record] = {}
         """What is in the journal and in no segment yet."""
+        self._pending_bytes = 0
+        """Length of these answers, about: threads that add some at the same time do not wait for each other."""
         self._lock: FolderLock | None = None
         with self._noting():
             self._lock = FolderLock(folder)
@@ -315,12 +317,15 @@ class ResultCache:
             stored = self._find([record.key for record in left])
             journal.remove(stored)
             self._pending = {record.key: record for record in left if record.key not in stored}
+            self._count_pending()
             return journal
         return None
 
     def _journal_is_full(self) -> bool:
-        pending = list(self._pending.values())
-        return len(pending) >= JOURNAL_RECORDS or sum(len(record.json) for record in pending) >= JOURNAL_BYTES
+        return len(self._pending) >= JOURNAL_RECORDS or self._pending_bytes >= JOURNAL_BYTES
+
+    def _count_pending(self) -> None:
+        self._pending_bytes = sum(len(record.json) for record in list(self._pending.values()))
 
     def _flush_full_journal(self) -> None:
         """Flush, unless another flush has just made room."""
@@ -343,12 +348,14 @@ class ResultCache:
             with self._noting():
                 if self._journal is not None:
                     self._journal.remove(done)  # if that fails, the next start does it
+        self._count_pending()
 
     def _add_to_journal(self, journal: Journal, record: Record) -> bool:
         with self._noting():
             self.check_folder()
             journal.add(record)
             self._pending[record.key] = record
+            self._pending_bytes += len(record.json)
             self._note(None)
             return True
         return False

@@ -50,10 +50,12 @@ JOB_BYTES = 10_000
 """What a job counts as beside its cases: more than it takes, so that an owner has no more than 100,000."""
 CASE_BYTES, PROBLEM_BYTES = 100, 300
 """Approximate size of a case of a job without a noted size, and of a problem."""
+TAKEN = f"coalesce(bytes, {JOB_BYTES} + {CASE_BYTES} * total) + {PROBLEM_BYTES} * failed"
+"""Space that a job takes."""
 BEYOND = f"""
 SELECT number, finished IS NOT NULL FROM (
     SELECT number, finished,
-        sum(coalesce(bytes, {JOB_BYTES} + {CASE_BYTES} * total) + {PROBLEM_BYTES} * failed)
+        sum({TAKEN})
             OVER (ORDER BY finished IS NOT NULL, finished DESC, number DESC) AS taken
     FROM jobs
     WHERE owner = (SELECT owner FROM jobs WHERE number = ?)
@@ -97,6 +99,8 @@ class JobStore:
         self._database = Database(folder / "jobs.sqlite", check_folder)
         self._kept_seconds = job_days * DAY
         self._owner_bytes = owner_bytes
+        self._most_taken: dict[str, int] = {}
+        """Most that the jobs of an owner can take, so that they are added up only when there may be no room."""
 
     def expire(self, *, at_start: bool = False) -> int:
         """Remove what has expired, and at the start what was never accepted whole; return how many jobs."""
@@ -142,7 +146,7 @@ class JobStore:
             If the unfinished jobs of its owner would take more room than they may.
         """
         with self._database.writing() as database:
-            self._make_room(database, job)
+            self._make_room(database, job, total)
             if idempotency is not None:
                 statement = "INSERT INTO idempotency SELECT owner, ?, ?, number FROM jobs WHERE number = ?"
                 database.execute(statement, (idempotency.token, idempotency.whole_digest, job))
@@ -327,17 +331,23 @@ class JobStore:
         """Let go of the file."""
         self._database.close()
 
-    def _make_room(self, database: sqlite3.Connection, job: int) -> None:
+    def _make_room(self, database: sqlite3.Connection, job: int, total: int) -> None:
         """Note the size of a new job, and remove what its owner has no room for any more."""
-        database.execute(
+        [(owner, size)] = database.execute(
             f"UPDATE jobs SET bytes = {JOB_BYTES} + (SELECT coalesce(sum(length(keys) + length(requests) "  # noqa: S608 (of this file)
-            "+ coalesce(length(custom_ids), 0)), 0) FROM slices WHERE job = ?) WHERE number = ?",
+            "+ coalesce(length(custom_ids), 0)), 0) FROM slices WHERE job = ?) WHERE number = ? RETURNING owner, bytes",
             (job, job),
-        )
+        ).fetchall()
+        most = size + PROBLEM_BYTES * total
+        if owner in self._most_taken and self._most_taken[owner] + most <= self._owner_bytes:
+            self._most_taken[owner] += most
+            return
         beyond = database.execute(BEYOND, (job, self._owner_bytes)).fetchall()
         if not all(ended for _, ended in beyond):
             raise JobsTooLargeError(self._owner_bytes)
         database.executemany("DELETE FROM jobs WHERE number = ?", [(number,) for number, _ in beyond])
+        statement = f"SELECT sum({TAKEN} + {PROBLEM_BYTES} * (total - done)) FROM jobs WHERE owner = ?"  # noqa: S608
+        self._most_taken[owner] = database.execute(statement, (owner,)).fetchone()[0] + PROBLEM_BYTES * total
 
     def _end(self, database: sqlite3.Connection, job: int, status: Status, problem: dict[str, Any] | None) -> JobState:
         now = time.time()

@@ -11,6 +11,7 @@ ROOT = Path(__file__).parents[2]
 QUICK = {
     "call_path": [],
     "cluster": ["--quick"],
+    "growth": ["--quick"],
     "http_load": ["--quick"],
     "routes": ["--quick"],
     "scaling": ["--quick"],
@@ -20,7 +21,7 @@ QUICK = {
     "work_precision": ["--quick"],
 }
 """Arguments with which a script takes seconds."""
-LONGEST = {"cluster", "scaling", "slider"}
+LONGEST = {"cluster", "growth", "scaling", "slider"}
 
 
 def imported_by(path: Path) -> set[str]:
