@@ -1,4 +1,4 @@
-"""Names of the choices, inputs and formulas of the contract, for people: one list that page, report and commands read.
+"""Names of choices, inputs, outcomes and formulas of the contract, for people: one list that all who show them read.
 
 Nothing is imported: the command line reads this too.
 """
@@ -102,6 +102,64 @@ FORMULAS: Final[Mapping[str, str]] = {
     "whiffen": "Whiffen",
 }
 """Names of the empirical formulas."""
+OUTCOMES: Final[Mapping[str, str]] = {
+    "ricochet": "ricochet",
+    "embedded": "embedded",
+    "in_motion": "still in motion",
+    "perforated": "perforated",
+}
+"""Names of the ends of a strike, the words of a verdict."""
+STATUSES: Final[Mapping[str, str]] = {
+    "converged": "converged",
+    "no_ricochet": "no ricochet",
+    "always_ricochet": "ricochet at every angle",
+    "not_converged": "not converged",
+    "always_perforated": "always perforated",
+    "never_perforated": "never perforated",
+}
+"""Names of the ends of a search."""
+WARNINGS: Final[Mapping[str, str]] = {
+    "base_strikes_first": "the tail strikes first",
+    "crater_at_obliquity": "a crater of normal impact",
+    "fixed_step_energy_gain": "time step too long",
+    "implausible": "breaks a rule of every strike: a fault, please report",
+    "range_clipped": "range cut where S falls to zero",
+    "rear_face_unconservative": "wall without a plug holds less",
+    "rear_plug_quasi_static": "plug without mass or energy",
+    "retention_decides": "retention energy decides the angle",
+    "ricochet_at_lower_bound": "ricochet at the lower end already",
+    "samples_outside": "samples outside the accepted range",
+    "shallow_penetration": "at rest within the front crater",
+    "strength_factor_of_other_concrete": "S fitted to another concrete",
+    "strength_fit_extrapolated": "angle beyond the fit of S",
+    "tumbling": "turns end over end",
+    "undecided": "still moving at the termination time",
+    "velocity_beyond_rigid": "so fast that noses erode",
+}
+"""Warnings whose code does not say it, in a few words."""
+OPERATIONS: Final[Mapping[str, str]] = {
+    "cra": "critical angles",
+    "trajectory": "trajectories",
+    "thickness": "least thicknesses",
+    "limit-speed": "limit speeds",
+    "cra_uncertainty": "how sure an angle is",
+    "trajectory_uncertainty": "how sure an outcome is",
+}
+"""Names of what the cases of a job are."""
+JOB_STATUSES: Final[Mapping[str, str]] = {
+    "accepted": "waiting",
+    "running": "running",
+    "successful": "done",
+    "failed": "failed",
+    "dismissed": "cancelled",
+}
+"""Names of the states of a job."""
+TITLES: Final[Mapping[str, str]] = {
+    "impact.velocity_m_s": "speed",
+    "impact.oblique_angle_deg": "angle",
+    "target.compressive_strength_pa": "strength",
+}
+"""Inputs that the title of a job names more shortly than their labels."""
 
 
 def named(names: Mapping[str, str], value: str) -> str:

@@ -22,11 +22,13 @@ from starlette.exceptions import HTTPException
 from starlette.responses import FileResponse, RedirectResponse
 from starlette.types import Scope
 
+from service import names
 from service.api.negotiation import coding_of
-from service.names import CHOICES, FORMULAS, QUANTITIES
 from service.schemas.verdict import USUAL_SCATTER
 
 router = APIRouter(include_in_schema=False)
+NAMES = ("choices", "quantities", "formulas", "outcomes", "statuses", "warnings", "operations", "job_statuses")
+"""Lists of `service.names` that the page takes."""
 
 FOLDER = Path(__file__).parents[1] / "page"
 NO_STYLE = "'sha256-47DEQpj8HBSa+/TImW+5JCeuQeRkm5NMpJWZG3hSuFU='"
@@ -135,8 +137,11 @@ async def contract(request: Request) -> Response:
 @lru_cache(maxsize=1)
 def contract_content(app: FastAPI) -> tuple[bytes, str]:
     """Return the schemas, the usual scatter and the names as compressed JSON, and their ETag."""
-    names = {"choices": CHOICES, "quantities": QUANTITIES, "formulas": FORMULAS}
-    parts = {"schemas": app.openapi()["components"]["schemas"], "usual_scatter": USUAL_SCATTER, "names": names}
+    parts = {
+        "schemas": app.openapi()["components"]["schemas"],
+        "usual_scatter": USUAL_SCATTER,
+        "names": {name: getattr(names, name.upper()) for name in NAMES},
+    }
     content = json.dumps(parts, separators=(",", ":")).replace('"x-default":', '"default":').encode()
     return gzip.compress(content, mtime=0), f'W/"{sha256(content).hexdigest()[:32]}"'
 

@@ -26,10 +26,10 @@ from service.cli.arguments import (
 from service.cli.request_body import RequestBody, read_body
 from service.cli.writers import heading, print_table, print_values, print_warning_codes, print_warnings, progress
 from service.columns import csv_cells, trial_columns
-from service.names import CHOICES, named
+from service.names import CHOICES, OUTCOMES, STATUSES, named
 
-ENDS = {"outcome", "status"}
-"""Fields that say how a run or a search ended."""
+ENDS = {"outcome": OUTCOMES, "status": STATUSES}
+"""Names of the ends of a run or a search, by the field that says it."""
 TRAJECTORY_FLAGS = (*IMPACT, *BODY, *RESISTANCE)
 CRA_FLAGS = (*IMPACT, *BODY, *RESISTANCE)
 
@@ -106,6 +106,7 @@ def run_trajectory(args: argparse.Namespace) -> int:
     elif args.csv:
         print_csv(alternatives_of(answer) if args.alternatives else history_of(answer))
     else:
+        print(motion_sentence(answer, body.value_at("/impact/oblique_angle_deg")), end="\n\n")
         print_motion(answer)
     return 0
 
@@ -123,7 +124,9 @@ def run_cra(args: argparse.Namespace) -> int:
     elif args.csv:
         print_csv(alternatives_of(answer) if args.alternatives else trial_columns(answer))
     else:
-        print_search(answer, verdict_on(body, answer, args.url), verbose=args.verbose)
+        print_search(
+            answer, verdict_on(body, answer, args.url), verbose=args.verbose, shots=shots_sentence(body, answer)
+        )
     return 0
 
 
@@ -202,26 +205,41 @@ def print_csv(columns: Mapping[str, Sequence[Any]]) -> None:
     writer.writerows(map(csv_cells, zip(*columns.values(), strict=True)))
 
 
+def motion_sentence(answer: Mapping[str, Any], oblique_angle: float) -> str:
+    """Return how a strike at an angle ended. [°]"""
+    after = f"after {1e3 * answer['final']['time_s']:.3g} ms"
+    if (left := answer.get("exit")) is None:
+        end = f"{1e3 * answer['maximum_depth_m']:.3g} mm deep {after}"
+    else:
+        end = f"it leaves at {left['speed_m_s']:.3g} m/s {after}"
+    return f"At {oblique_angle:g}° from the normal: {named(OUTCOMES, answer['outcome'])}, {end}."
+
+
 def print_motion(answer: Mapping[str, Any]) -> None:
     """Print the end of a motion."""
     final = {heading(name): value for name, value in answer["final"].items()}
-    values = {"outcome": answer["outcome"].replace("_", " ")}
+    values = {"outcome": named(OUTCOMES, answer["outcome"])}
     values |= {heading(name): answer[name] for name in ("maximum_depth_m", "strength_factor")}
     print_values(values | {f"final {name}": value for name, value in final.items()})
     print_alternatives(answer)
     print_warnings(answer["warnings"])
 
 
-def print_search(answer: Mapping[str, Any], verdict: Mapping[str, Any], *, verbose: bool) -> None:
-    """Print the verdict, and the trials and numbers behind it if verbose."""
+def print_search(answer: Mapping[str, Any], verdict: Mapping[str, Any], *, verbose: bool, shots: str) -> None:
+    """Print the verdict, what one's own shots did to S if there are any, and if verbose the trials and numbers."""
     if verbose:
         columns = ("oblique_angle_deg", "final_position_m", "outcome")
-        rows = [[trial[name] for name in columns] for trial in answer["iterations"]]
+        rows = [
+            [trial["oblique_angle_deg"], trial["final_position_m"], named(OUTCOMES, trial["outcome"])]
+            for trial in answer["iterations"]
+        ]
         print_table([heading(name) for name in columns], rows)
         print()
     print(verdict["sentence"])
+    if shots:
+        print(shots)
     if verbose:
-        found = {"status": answer["status"].replace("_", " ")}
+        found = {"status": named(STATUSES, answer["status"])}
         for name in ("critical_angle_deg", "critical_angle_standard_error_deg"):
             if name in answer:
                 found[heading(name)] = answer[name]
@@ -233,6 +251,20 @@ def print_search(answer: Mapping[str, Any], verdict: Mapping[str, Any], *, verbo
         print_values(found)
     print_alternatives(answer)
     (print_warnings if verbose else print_warning_codes)(verdict["warnings"])
+
+
+def shots_sentence(body: RequestBody, answer: Mapping[str, Any]) -> str:
+    """Return what one's own shots did to S; empty if the case has none, or no critical angle."""
+    if "own_tests" not in answer or body.value_at("/resistance/strength_factor/model") != "own_tests":
+        return ""
+    tests = answer["own_tests"]
+    after, before = (
+        f"{tests[f'{prior}median']:.3g}, dispersion {tests[f'{prior}dispersion']:.2g}" for prior in ("", "prior_")
+    )
+    shots = "1 shot" if tests["shots"] == 1 else f"{tests['shots']} shots"
+    return (
+        f"Strength factor S at normal impact with {shots}: median {after}; without, by the published tests: {before}."
+    )
 
 
 def verdict_on(body: RequestBody, answer: Mapping[str, Any], url: str | None) -> dict[str, Any]:
@@ -271,7 +303,7 @@ def print_alternatives(answer: Mapping[str, Any]) -> None:
             print(f"With either decay and every law of S: {min(angles):.2f}° to {max(angles):.2f}°")
         laws = {name: CHOICES[f"resistance.{name}.model"] for name in ("free_surface", "strength_factor")}
         columns |= {name: [named(names, law) for law in columns[name]] for name, names in laws.items()}
-        columns |= {name: [end.replace("_", " ") for end in columns[name]] for name in ENDS & columns.keys()}
+        columns |= {name: [named(ENDS[name], end) for end in columns[name]] for name in ENDS.keys() & columns.keys()}
         print_table([heading(name) for name in columns], list(zip(*columns.values(), strict=True)))
 
 

@@ -21,11 +21,11 @@ from service.cli.arguments import (
     add_verbose,
     examples,
 )
-from service.cli.request_body import SOUGHT, read_body, without_sought
+from service.cli.request_body import SOUGHT, RequestBody, read_body, without_sought
 from service.cli.single import answer_of, print_csv, print_json
 from service.cli.writers import heading, print_table, print_values, print_warnings
 from service.columns import trial_columns
-from service.names import FORMULAS, QUANTITIES, named
+from service.names import FORMULAS, OUTCOMES, QUANTITIES, STATUSES, named
 
 STRIKE_FLAGS = (*IMPACT, *(flag for flag in BODY if flag.steps != SOUGHT["thickness"]), *RESISTANCE)
 WALL_FLAGS = (OBLIQUE_ANGLE, *ATTACK, *BODY, *RESISTANCE)
@@ -77,9 +77,15 @@ def run_thickness(args: argparse.Namespace) -> int:
 
 
 def run_limit_speed(args: argparse.Namespace) -> int:
-    """Search the limit speed and print it."""
-    body = without_sought(read_body(args.case, args, WALL_FLAGS), "limit-speed")
-    return _print(args, answer_of("limit-speed", body, args.url), "limit_speed_m_s", "bracket_m_s")
+    """Search the limit speed and print it, below a sentence with it."""
+    body = read_body(args.case, args, WALL_FLAGS)
+    speed = body.value_at("/impact/velocity_m_s")
+    body = without_sought(body, "limit-speed")
+    text = answer_of("limit-speed", body, args.url)
+    if not (args.json or args.csv):
+        known = speed if isinstance(speed, int | float) else None  # the search leaves it out, so nothing has checked it
+        print(limit_sentence(json.loads(text), body, known), end="\n\n")
+    return _print(args, text, "limit_speed_m_s", "bracket_m_s")
 
 
 def _print(args: argparse.Namespace, text: bytes, value: str, bracket: str) -> int:
@@ -99,6 +105,7 @@ def _print(args: argparse.Namespace, text: bytes, value: str, bracket: str) -> i
             print_table(["formula", heading(name), "range"], found)
         if args.verbose:
             print()
+            columns["outcome"] = [named(OUTCOMES, outcome) for outcome in columns["outcome"]]
             print_table([heading(name) for name in columns], list(zip(*columns.values(), strict=True)))
         print_warnings(answer["warnings"])
     return 0
@@ -125,8 +132,27 @@ def design_sentence(rows: Sequence[Mapping[str, Any]], wall: float | None) -> st
     return f"{judged}Design value at least {least:,} mm (largest formula within its range × {PERFORATION_MARGIN:g})."
 
 
+def limit_sentence(answer: Mapping[str, Any], body: RequestBody, speed: float | None) -> str:
+    """Return the limit speed of a wall, and on which side of it the speed of the case is.
+
+    Parameters
+    ----------
+    answer
+        As ``/limit-speed`` gives it.
+    speed
+        Of the case; None if it has none. [m/s]
+    """
+    thickness, angle = body.value_at("/target/thickness_m"), body.value_at("/impact/oblique_angle_deg")
+    wall = f"a wall of {1e3 * thickness:g} mm at {angle:g}° from the normal"
+    if "limit_speed_m_s" not in answer:
+        return f"No limit speed of {wall}: {named(STATUSES, answer['status'])}."
+    limit = answer["limit_speed_m_s"]
+    judged = "" if speed is None else f"{speed:g} m/s: {'perforated' if speed >= limit else 'not perforated'}. "
+    return f"{judged}Limit speed {limit:.0f} m/s of {wall}, by this model without a margin."
+
+
 def _found(answer: Mapping[str, Any], value: str, bracket: str) -> dict[str, Any]:
-    found = {"status": answer["status"]}
+    found: dict[str, Any] = {"status": named(STATUSES, answer["status"])}
     if value in answer:
         lower, upper = answer[bracket]
         found |= {heading(value): answer[value], heading(bracket): f"{lower:.6g} to {upper:.6g}"}

@@ -42,6 +42,7 @@ UNITS = {
     "_j": "J",
 }
 """Units by the suffix of a field's name, the longest first."""
+MINUS = "\N{MINUS SIGN}"
 DIGITS = 5
 MOST_WRITTEN_OUT = 1e9
 """Numbers from here on have an exponent in a table."""
@@ -266,8 +267,19 @@ def _print_ruled(columns: Sequence[str], cells: Sequence[Sequence[str]], right: 
     for name, numeric in zip(columns, right, strict=True):
         table.add_column(escape(name), justify="right" if numeric else "left")
     for line in cells:
-        table.add_row(*map(escape, line))
+        table.add_row(*(escape(_with_minus(text, stream)) for text in line))
     Console(file=stream, highlight=False).print(table)
+
+
+def _with_minus(text: str, stream: TextIO) -> str:
+    """Return a number with a minus sign where the stream can show one; other text as it is."""
+    if not NUMERAL.fullmatch(text):
+        return text
+    try:
+        MINUS.encode(stream.encoding)
+    except (LookupError, UnicodeEncodeError):
+        return text
+    return text.replace("-", MINUS)
 
 
 @contextmanager

@@ -1,18 +1,11 @@
 """Titles of sweeps: what varies, and the projectile."""
 
-import re
 from collections.abc import Mapping
 from typing import Any
 
 from service.jobs.models import StoredSweep
+from service.names import QUANTITIES, TITLES, named
 
-NAMES = {
-    "impact.velocity_m_s": "speed",
-    "impact.oblique_angle_deg": "angle",
-    "target.compressive_strength_pa": "strength",
-}
-"""Shorter than what the contract says of a field; the others are named as there, without the unit."""
-UNIT = re.compile(r"_(?:m_s|rad_s|kg_m2|kg_m3|kg|pa|deg|m|s)$")
 PROJECTILE = {"diameter_m": (1e3, "mm"), "mass_kg": (1.0, "kg")}
 
 
@@ -26,7 +19,7 @@ def title_of(sweep: StoredSweep) -> str:
 
 def name_of(field: str) -> str:
     """Return a field in words."""
-    return NAMES.get(field) or UNIT.sub("", field.rpartition(".")[2]).replace("_", " ")
+    return TITLES.get(field) or named(QUANTITIES, field).lower()
 
 
 def shown(part: Mapping[str, Any], name: str, factor: float, unit: str) -> str:

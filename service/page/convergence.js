@@ -19,7 +19,7 @@ export function summary(answers) {
   const rows = Object.entries(answers).map(([method, found]) => [
     searches()[method],
     found.critical_angle_deg === undefined ? statusShown(found.status) : degreesShown(found.critical_angle_deg),
-    (found.bracket_deg ?? []).map(degreesShown).join(" to "),
+    (found.bracket_deg ?? []).map((angle) => degreesShown(angle)).join(" to "),
     String(found.iterations.length),
   ]);
   return table("table", { caption: "Results", heads: ["Search", "Critical angle", "Last between", "Trials"], rows });

@@ -11,7 +11,7 @@ import { readQuantity, unitOf } from "./units.js";
 export function readValue(field, given, values) {
   if (field.kind === "flag" || field.kind === "choice") return { value: given };
   const text = given.trim();
-  if (!text) return field.optional ? { value: undefined } : { wrong: `${field.label} must be a number.` };
+  if (!text && field.kind !== "shots") return field.optional ? { value: undefined } : { wrong: `${field.label} must be a number.` };
   if (field.kind === "number") return readNumber(text, field, values);
   if (field.kind === "shots") return readShots(text, field);
   return field.pairs ? readPairs(text, field) : readList(text, field);
@@ -39,12 +39,15 @@ function readShots(text, { label }) {
   const hasHead = /^\s*"?[a-z]/i.test(lines[0]);
   const [speedUnit, depthUnit] = [/velocity_m_s/, /depth_m\b/].map((name, i) => (hasHead && name.test(lines[0]) ? ["m/s", "m"] : [unitOf("m/s").unit, unitOf("mm").unit])[i]);
   const read = (given = "", si, unit) => readQuantity(/[a-z]/i.test(given) ? given : `${given} ${unit}`, si).value;
-  const value = lines.slice(hasHead ? 1 : 0).map((line) => {
+  const shots = lines.slice(hasHead ? 1 : 0);
+  const value = shots.map((line) => {
     const [speed, depth] = line.split(/[;\t]|,\s+|,(?=[^,]*$)/).map((each) => each.trim());
     return { velocity_m_s: read(speed, "m/s", speedUnit), depth_m: read(depth, "mm", depthUnit) };
   });
-  const isRight = value.length && value.every((shot) => shot.velocity_m_s > 0 && shot.depth_m > 0);
-  return isRight ? { value } : { wrong: `${label}: each line is a speed [${unitOf("m/s").unit}] and a depth [${unitOf("mm").unit}] with a comma between, as in 250, 310.` };
+  const wrong = shots.find((_, i) => !(value[i].velocity_m_s > 0 && value[i].depth_m > 0));
+  if (shots.length && wrong === undefined) return { value };
+  const found = wrong === undefined ? "" : `"${wrong.trim()}" is not right, `;
+  return { wrong: `${label}: ${found}each line is a speed [${unitOf("m/s").unit}] and a depth [${unitOf("mm").unit}] with a comma between, as in 250, 310.` };
 }
 
 function readPairs(text, field) {

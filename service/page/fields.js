@@ -72,7 +72,7 @@ export const GROUPS = [
     fields: [
       fieldOf("choice", "resistance.strength_factor.model", "", { variant: true }),
       fieldOf("shots", "resistance.strength_factor.shots", "", {
-        note: "a line each, such as 250 m/s, 0.31 m, at normal impact into this concrete; paste or drop a CSV",
+        note: "a line each, at normal impact into this concrete; paste or drop a CSV",
       }),
       number("resistance.strength_factor.value"),
       fieldOf("numbers", "resistance.strength_factor.coefficients", "", { ...OPTIONAL, note: "of 1, θ, θ² ..." }),

@@ -1,6 +1,6 @@
 // The form of a case: every field in its unit, checked against the contract as it is filled in.
 
-import { withValue } from "./case.js";
+import { valueAt, withValue } from "./case.js";
 import { exampleOf } from "./contract.js";
 import { announce, element } from "./elements.js";
 import { buildRow, showProblem } from "./field-row.js";
@@ -18,7 +18,7 @@ const DESCRIBES = "ricochet-describe"; // whether every field is described, in t
  *   problem: HTMLElement, parts?: () => HTMLElement[], panels?: object[], onHold?: () => void, groups?: object[], without?: string[], open?: string[]}} options
  *   `onChange` is called with a case only if all its fields are in their bounds, `onHold` while one is not; `problem` is where
  *   there is a word on what is wrong elsewhere than at a field; `parts` are marked as of the inputs before while a field may
- *   still be typed into, and cleared once its value is not accepted, as are `panels`, by their `hold` and `clear`; `include` names
+ *   still be typed into, and once its value is not accepted are cleared of all but pictures, as are `panels`, by their `hold` and `clear`; `include` names
  *   the groups of fields.js, all if none, `groups` others instead; `without` are fields to leave out by their paths, `open` the
  *   groups that are not folded
  * @returns {{setCase: (values: object) => void, setField: (path: string, value: number) => void, fail: (error: Error) => void, currentCase: () => object}}
@@ -91,6 +91,7 @@ class CaseForm {
       },
     });
     this.rows.push(row);
+    if (field.kind === "shots" && !valueAt(this.values, field.path)) this.wrong.add(field.path); // they are yet to be given
     return row.root;
   }
 
@@ -110,6 +111,8 @@ class CaseForm {
     this.onHold?.();
     for (const panel of this.panels) panel.hold();
     markStale(...this.parts());
+    const [missing] = this.rows.filter(({ field, input }) => field.kind === "shots" && !input.value);
+    if (missing) announce(`${missing.field.label}: none yet.`);
   }
 
   /** Nothing belongs to a case with a field that is not accepted. */
@@ -136,15 +139,18 @@ class CaseForm {
     this.undoButton.disabled = !this.undone.length;
     this.values = values;
     this.rebuild();
+    if (this.wrong.size) return this.hold();
     this.onChange(values, path);
-    announce(`${this.rows.find(({ field }) => field.path === path)?.field.label ?? "The change"} is as before.`);
+    return announce(`${this.rows.find(({ field }) => field.path === path)?.field.label ?? "The change"} is as before.`);
   }
 
-  /** Start from the example of another variant, whose fields are others. */
+  /** Start from the example of another variant, whose fields are others; its shots are nobody's evidence, and stay away. */
   takeVariant({ path }, name) {
     const holder = path.slice(0, path.lastIndexOf("."));
-    this.values = withValue(this.values, holder, exampleOf(holder, name));
+    const { shots, ...example } = exampleOf(holder, name);
+    this.values = withValue(this.values, holder, example);
     this.rebuild();
+    if (this.wrong.size) this.hold();
     this.rows.find(({ field }) => field.path === path).input.focus();
   }
 

@@ -1,5 +1,6 @@
 // A row of the table of jobs, brought up to date in place so that the focus stays where it is.
 
+import { names } from "./contract.js";
 import { downloadButtons, shortId } from "./downloads.js";
 import { element } from "./elements.js";
 import { baseCase } from "./job-case.js";
@@ -8,15 +9,6 @@ import { isMap } from "./sweep.js";
 
 /** The columns; the table may show a row as a card, where each cell has its name. */
 export const COLUMNS = ["Job", "Cases", "Status", "Progress", "Created", "Finished", "Expires", "Results", "Actions"];
-const OPERATIONS = {
-  cra: "critical angles",
-  trajectory: "trajectories",
-  thickness: "least thicknesses",
-  "limit-speed": "limit speeds",
-  cra_uncertainty: "how sure an angle is",
-  trajectory_uncertainty: "how sure an outcome is",
-};
-const STATUSES = { accepted: "waiting", running: "running", successful: "done", failed: "failed", dismissed: "cancelled" };
 const TIME = new Intl.DateTimeFormat(undefined, { dateStyle: "short", timeStyle: "medium" });
 
 /** A job in the table. */
@@ -37,7 +29,7 @@ export class JobRow {
     const [name, operation, , progress, created, , , results, actions] = this.cells;
     this.title = element("strong", {}, titleOf(job));
     name.append(element("div", {}, this.title, " ", element("code", {}, id), ...(job.axes ? [baseCase(job, onError)] : [])));
-    operation.append(OPERATIONS[job.operation]);
+    operation.append(names.operations[job.operation]);
     progress.append(element("div", {}, this.bar, this.counts));
     created.append(time(job.created));
     results.append(...downloadButtons(job.id, () => titleOf(this.job), onError));
@@ -54,7 +46,7 @@ export class JobRow {
     const { total, done, cached, failed } = job.counts;
     const [, , status, , , finished, expires] = this.cells;
     this.title.textContent = titleOf(job);
-    status.textContent = STATUSES[job.status] + (job.problem ? `: ${job.problem.detail}` : "");
+    status.textContent = names.job_statuses[job.status] + (job.problem ? `: ${job.problem.detail}` : "");
     this.bar.max = total;
     this.bar.value = done;
     const parts = [`${done} of ${total}`, cached && `${cached} from cache`, failed && `${failed} failed`];
@@ -67,7 +59,7 @@ export class JobRow {
 
 /** Return the title of a job: what it was given, or what it computes. */
 export function titleOf({ title, counts, operation }) {
-  return title ?? `${counts.total.toLocaleString("en")} × ${OPERATIONS[operation]}`;
+  return title ?? `${counts.total.toLocaleString("en")} × ${names.operations[operation]}`;
 }
 
 function time(text) {

@@ -67,8 +67,11 @@ async function showOnceBack(turn, words, isModule) {
 function markCurrent(view) {
   document.title = `${VIEWS[view]} - ricochet`;
   for (const link of document.querySelectorAll("nav a")) {
-    if (readAddress(link.hash).view === view) link.setAttribute("aria-current", "page");
-    else link.removeAttribute("aria-current");
+    if (readAddress(link.hash).view !== view) link.removeAttribute("aria-current");
+    else {
+      link.setAttribute("aria-current", "page");
+      link.scrollIntoView({ block: "nearest", inline: "nearest" }); // on a phone the views do not fit beside each other
+    }
   }
 }
 

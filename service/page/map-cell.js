@@ -3,9 +3,10 @@
 import { address, caseQuery } from "./address.js";
 import { element } from "./elements.js";
 import { withUnit } from "./fields.js";
-import { cellWords, warningWords } from "./map-cells.js";
+import { cellWords } from "./map-cells.js";
 import { format } from "./map-plot.js";
 import { caseAt } from "./sweep.js";
+import { warningShown } from "./words.js";
 
 /**
  * Build the choice of a cell.
@@ -27,8 +28,8 @@ export function buildCellChoice(root) {
     const { map, cells } = shown;
     const [column, row] = [across.selectedIndex, up.selectedIndex];
     const cell = cells[row * map.x.count + column];
-    const warnings = (cell?.warnings ?? []).map(warningWords).join(", ");
-    words.textContent = cellWords(map.operation, cell);
+    const warnings = (cell?.warnings ?? []).map(warningShown).join(", ");
+    words.textContent = cellWords(cell);
     mind.textContent = warnings && `Warnings: ${warnings}. Explore shows them in full.`;
     const query = caseQuery(caseAt(map, { column, row }, cell?.angle));
     explore.setAttribute("href", address("explore", query));

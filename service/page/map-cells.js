@@ -2,7 +2,7 @@
 
 import { csvOf } from "./plots.js";
 import { unitOf } from "./units.js";
-import { lengthShown } from "./words.js";
+import { lengthShown, outcomeShown, statusShown, warningShown } from "./words.js";
 
 /** What a map shows by colours, of its cells that have it: `column` in CSV, in SI units. Outcomes have none. */
 export const QUANTITIES = {
@@ -28,48 +28,18 @@ export const QUANTITIES = {
   },
 };
 
-/** Warnings whose code does not say it, in a few words; Explore shows what each says in full. */
-const WARNINGS = {
-  base_strikes_first: "the tail strikes first",
-  crater_at_obliquity: "a crater of normal impact",
-  fixed_step_energy_gain: "time step too long",
-  implausible: "breaks a rule of every strike: a fault, please report",
-  range_clipped: "range cut where S falls to zero",
-  rear_face_unconservative: "wall without a plug holds less",
-  rear_plug_quasi_static: "plug without mass or energy",
-  retention_decides: "retention energy decides the angle",
-  ricochet_at_lower_bound: "turned away at the lower end already",
-  samples_outside: "samples outside the accepted range",
-  shallow_penetration: "at rest within the front crater",
-  strength_factor_of_other_concrete: "S fitted to another concrete",
-  strength_fit_extrapolated: "angle beyond the fit of S",
-  tumbling: "turns end over end",
-  undecided: "still moving at the termination time",
-  velocity_beyond_rigid: "so fast that noses erode",
-};
-
 /** Ways to end that differ on a map, with the mark each has there. */
 export const ENDINGS = {
-  cra: {
-    no_ricochet: { label: "never turned away", symbol: "x-thin" },
-    always_ricochet: { label: "turned away at every angle", symbol: "circle-open" },
-    not_converged: { label: "not converged", symbol: "diamond-open" },
-    failed: { label: "failed", symbol: "cross-thin" },
-  },
-  thickness: {
-    always_perforated: { label: "perforated however thick", symbol: "x-thin" },
-    never_perforated: { label: "never perforated", symbol: "circle-open" },
-    failed: { label: "failed", symbol: "cross-thin" },
-  },
-  probability: { failed: { label: "failed", symbol: "cross-thin" } },
-  trajectory: {
-    embedded: { label: "embedded", symbol: "x-thin" },
-    perforated: { label: "perforated", symbol: "triangle-down-open" },
-    in_motion: { label: "still in motion", symbol: "diamond-open" },
-    ricochet: { label: "turned away", symbol: "circle-open" },
-    failed: { label: "failed", symbol: "cross-thin" },
-  },
+  cra: { no_ricochet: "x-thin", always_ricochet: "circle-open", not_converged: "diamond-open", failed: "cross-thin" },
+  thickness: { always_perforated: "x-thin", never_perforated: "circle-open", failed: "cross-thin" },
+  probability: { failed: "cross-thin" },
+  trajectory: { embedded: "x-thin", perforated: "triangle-down-open", in_motion: "diamond-open", ricochet: "circle-open", failed: "cross-thin" },
 };
+
+/** Return how a case of a map ended in a word or two. */
+export function endingShown(ending) {
+  return outcomeShown(ending) ?? statusShown(ending) ?? ending;
+}
 
 /**
  * Return what a map shows of one result.
@@ -93,13 +63,13 @@ export function readCell({ result, problem }) {
 }
 
 /** Say what became of a cell. */
-export function cellWords(operation, cell) {
+export function cellWords(cell) {
   if (!cell) return "not computed";
-  const { label } = ENDINGS[operation][cell.ending] ?? {};
+  const label = endingShown(cell.ending);
   if (cell.ending === "failed") return `${label}: ${cell.detail}`;
-  if (cell.probability !== undefined) return `turned away with a probability of ${cell.probability.toFixed(2)}`;
+  if (cell.probability !== undefined) return `ricochet with a probability of ${cell.probability.toFixed(2)}`;
   if (cell.thickness !== undefined) return `stopped by ${lengthShown(cell.thickness)}`;
-  const words = cell.angle === undefined ? label : `turned away from ${cell.angle.toFixed(2)}° on`;
+  const words = cell.angle === undefined ? label : `ricochet from ${cell.angle.toFixed(2)}° on`;
   return cell.depth === undefined || cell.ending === "perforated" ? words : `${words}, ${lengthShown(cell.depth)} deep`;
 }
 
@@ -117,20 +87,15 @@ export function rareWarnings(cells) {
   return new Set(localWarnings(cells).flatMap(([code, count]) => (count < computed / 4 ? [code] : [])));
 }
 
-/** Return the code of a warning as words. */
-export function warningWords(code) {
-  return WARNINGS[code] ?? code.replaceAll("_", " ");
-}
-
 /** Say how many cells ended which way. */
 export function countWords(operation, cells) {
   const counts = {};
   for (const cell of cells) if (cell) counts[cell.ending] = (counts[cell.ending] ?? 0) + 1;
   const words = Object.entries(counts).map(([ending, count]) => {
-    const label = ending === "converged" ? `with ${QUANTITIES[operation].name}` : ENDINGS[operation][ending].label;
+    const label = ending === "converged" ? `with ${QUANTITIES[operation].name}` : endingShown(ending);
     return `${count} ${label}`;
   });
-  const warnings = localWarnings(cells).map(([code, count]) => `${warningWords(code)} (${count})`);
+  const warnings = localWarnings(cells).map(([code, count]) => `${warningShown(code)} (${count})`);
   return words.join(", ") + (warnings.length ? `; warnings of some: ${warnings.join(", ")}` : "");
 }
 

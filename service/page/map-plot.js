@@ -2,7 +2,8 @@
 
 import { withUnit } from "./fields.js";
 import { unitOf } from "./units.js";
-import { cellWords, ENDINGS, QUANTITIES, rareWarnings, warningWords } from "./map-cells.js";
+import { cellWords, ENDINGS, endingShown, QUANTITIES, rareWarnings } from "./map-cells.js";
+import { warningShown } from "./words.js";
 
 // Viridis from a quarter on, so that dark lines and words can be read upon all of it.
 const COLOURS = ["#3b528b", "#2c728e", "#21918c", "#28ae80", "#5ec962", "#addc30", "#fde725"];
@@ -31,8 +32,8 @@ export function mapTraces(operation, [x, y], cells, rough, room, here) {
   const words = y.shown.map((up, row) =>
     x.shown.map((across, column) => {
       const cell = cells[row * x.shown.length + column];
-      const warnings = (cell?.warnings ?? []).filter((code) => rare.has(code)).map((code) => `<br>${warningWords(code)}`);
-      return `${withUnit(format(across), x.unit)}, ${withUnit(format(up), y.unit)}<br>${cellWords(operation, cell)}${warnings.join("")}`;
+      const warnings = (cell?.warnings ?? []).filter((code) => rare.has(code)).map((code) => `<br>${warningShown(code)}`);
+      return `${withUnit(format(across), x.unit)}, ${withUnit(format(up), y.unit)}<br>${cellWords(cell)}${warnings.join("")}`;
     }),
   );
   const hover = { text: words, hovertemplate: "%{text}<extra></extra>", hoverongaps: true };
@@ -103,8 +104,8 @@ function contours(place, z) {
 
 /** A mark in each cell whose ending its colour alone does not show; the legend counts them. */
 function marks(operation, axes, cells, room) {
-  return Object.entries(ENDINGS[operation]).flatMap(([ending, { label, symbol }]) =>
-    markers(axes, cells, { label, symbol, size: Math.min(6, room / 2), isMarked: (cell) => cell.ending === ending }),
+  return Object.entries(ENDINGS[operation]).flatMap(([ending, symbol]) =>
+    markers(axes, cells, { label: endingShown(ending), symbol, size: Math.min(6, room / 2), isMarked: (cell) => cell.ending === ending }),
   );
 }
 
@@ -118,7 +119,7 @@ function youAreHere([across, up]) {
 function warned(axes, cells, room, rare) {
   return [...rare].flatMap((code, i) => {
     const isMarked = ({ warnings }) => warnings.includes(code);
-    return markers(axes, cells, { label: `warning: ${warningWords(code)}`, symbol: FRAMES[i % FRAMES.length], size: room, isMarked });
+    return markers(axes, cells, { label: `warning: ${warningShown(code)}`, symbol: FRAMES[i % FRAMES.length], size: room, isMarked });
   });
 }
 
@@ -128,7 +129,7 @@ function markers([x, y], cells, { label, symbol, size, isMarked }) {
   const trace = {
     type: "scatter",
     mode: "markers",
-    name: `${label} (${found.length})`,
+    name: `${label} (${found.length})`.replace(/(?=.{41})(.{20,38}) /, "$1<br>"), // no wider than a phone
     x: found.map((index) => x.shown[index % x.shown.length]),
     y: found.map((index) => y.shown[Math.floor(index / x.shown.length)]),
     marker: { symbol, size, color: INK, line: { width: 1, color: INK } },

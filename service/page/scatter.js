@@ -35,7 +35,7 @@ export const DISTRIBUTIONS = {
 
 const NOTES = {
   "impact.velocity_m_s": "Usually scatters by 1 to 5 %.",
-  "target.compressive_strength_pa": "Usually scatters by 10 to 15 %.",
+  "target.compressive_strength_pa": "Usually scatters by 10 to 15 %; by less where shots into this concrete leave less.",
   "impact.angle_of_attack_deg": "Usually scatters by about 1°.",
 };
 /** What is offered of inputs that do not scatter unless they are added. */

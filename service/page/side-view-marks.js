@@ -62,7 +62,7 @@ export function criticalMark({ values, projectile: { length_m: length } }, criti
   const color = colour("path");
   const end = from(critical, RADII.critical * length);
   const away = critical > values.impact.oblique_angle_deg ? "left" : "above";
-  const text = `critical ${degreesShown(critical)}`;
+  const text = `critical ${degreesShown(critical, 1)}`;
   return [
     line([from(critical, 0.12 * length), end], { class: "critical", stroke: color, "stroke-width": 1.5, "stroke-dasharray": "6 3 1 3" }),
     isNarrow ? { at: besideNormal(RADII.criticalBeside * length), text, color } : { at: end, text, side: away, color },

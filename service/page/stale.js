@@ -34,13 +34,14 @@ export function markFresh(...parts) {
   if (!stale.size) announce("Up to date.");
 }
 
-/** Take away what parts show, as the inputs have no result; plots are hidden until they are drawn again. */
+/** Take away the words of parts, as the inputs have no result; the pictures before stay, greyed and named as such. */
 export function clearParts(...parts) {
   for (const part of parts) {
-    part.removeAttribute("aria-busy");
     part.classList.add("cleared");
+    if (part.querySelector(".drawing, input")) continue;
+    part.removeAttribute("aria-busy");
     stale.delete(part);
-    if (!part.querySelector(".drawing")) part.replaceChildren(element("p.quiet", {}, "No result: a field is not accepted."));
+    part.replaceChildren(element("p.quiet", {}, "No result: a field is not accepted."));
   }
   announce("A field is not accepted. Nothing is computed.");
 }

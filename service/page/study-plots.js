@@ -39,7 +39,7 @@ export function drawCurve(root, study, values) {
     text: `<b>${root.clientWidth < NARROW ? words.replace(", sampling error", "<br>") : words}</b>`,
     // At the end of the line that the curve is far from, and toward the middle, so that no edge cuts it off.
     ...(here.value > 0.5 ? { y: 0.04, yanchor: "bottom" } : { y: 0.96, yanchor: "top" }),
-    ...{ x: mine, xanchor: mine < (range[0] + range[1]) / 2 ? "left" : "right", yref: "paper", showarrow: false },
+    ...{ x: mine, ...(mine < (range[0] + range[1]) / 2 ? { xanchor: "left", xshift: 5 } : { xanchor: "right", xshift: -5 }), yref: "paper", showarrow: false },
   };
   const layout = {
     showlegend: false,

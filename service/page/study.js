@@ -10,16 +10,21 @@ import { Problem, request } from "./service.js";
 /**
  * Compute a study as a job, with few samples and, if those do not suffice, with all.
  *
- * @param {{values: object, inputs: object[], sampling: object}} study
+ * @param {{values: object, inputs: object[], sampling: object, key?: string}} study `key` is that of a result with few samples
  * @param {AbortSignal} signal cancels the job too
  * @yields {object} answers of `/cra/uncertainty`; before each what its job reports: `samples`, and at times the curve so far
  */
-export async function* computeStudy({ values, inputs, sampling }, signal) {
+export async function* computeStudy({ values, inputs, sampling, key }, signal) {
   const { minimum, default: usual } = nodeAt("sampling.max_samples", {});
   const few = 2 * minimum; // the minimum leaves no room to change each input alone
   const most = sampling.max_samples ?? usual;
   const uncertain = inputs.map((input) => uncertainInput(input, values));
-  for (const samples of few < most ? [few, most] : [most]) {
+  if (key) {
+    const { data } = await request(`results/${key}`, { signal });
+    yield data;
+    if (data.convergence.half_width.at(-1) <= nodeAt("sampling.half_width", {}).default) return;
+  }
+  for (const samples of few < most && !key ? [few, most] : [most]) {
     const body = { ...angleRequest(values), uncertain, sampling: { ...sampling, max_samples: samples } };
     const { id } = await submit("cra/uncertainty", body, signal);
     const remove = () => request(`jobs/${id}`, { method: "DELETE" });

@@ -26,21 +26,22 @@ const STRIP = { height: 40, edge: 14, margin_deg: 4 };
 export function verdictOf({ values, run, found, judged }) {
   const mine = `${values.impact.oblique_angle_deg}°`;
   const angle = found.critical_angle_deg;
+  const decimals = decimalsOf(judged);
   const isOfAngle = judged?.oblique_angle_deg === values.impact.oblique_angle_deg;
   const probability = isOfAngle ? judged.ricochet_probability : undefined;
-  const begins = angle === undefined ? describeAngle(found) : `Critical angle ${degreesShown(angle)} from the normal.`;
+  const begins = angle === undefined ? describeAngle(found) : `Critical angle ${degreesShown(angle, decimals)} from the normal.`;
   return {
     sentence: isOfAngle ? judged.sentence : `At ${mine} from the normal: ${outcomeShown(run.outcome)}. ${begins}`,
     figures: [
       { name: `Outcome at ${mine}`, value: capital(outcomeShown(run.outcome)), note: endOf(run) },
       {
         name: "Probability of ricochet",
-        value: probability === undefined ? (isOfAngle ? "–" : "...") : percent(probability),
+        value: probability === undefined ? (isOfAngle ? "–" : "...") : chance(probability),
         note: isOfAngle && probability === undefined && judged.range_text ? `${mine} is not in the range searched` : `at ${mine}, with the usual scatter`,
       },
       {
         name: "Critical angle",
-        value: angle === undefined ? "none" : degreesShown(angle),
+        value: angle === undefined ? "none" : degreesShown(angle, decimals),
         note: judged?.range_text ? `90 % range ${judged.range_text}` : "",
         kind: angle === undefined ? undefined : "angle",
       },
@@ -71,9 +72,9 @@ export class Verdict {
   #judged; // the answer to `/verdict`, perhaps for another oblique angle
 
   /**
-   * @param {{onError: (error: Error) => void, onAngle?: (found: object, values: object) => void, onJudged?: () => void, hasRun?: boolean}} options
-   *   `onAngle` is called with the answer of `/cra` for the inputs shown, whenever these change, `onJudged` once it is known what
-   *   usually scatters; with `hasRun` the view computes the run and gives it to `setRun`
+   * @param {{onError: (error: Error) => void, onAngle?: (found: object, values: object) => void, onJudged?: (judged: object) => void, hasRun?: boolean}} options
+   *   `onAngle` is called with the answer of `/cra` for the inputs shown, whenever these change, `onJudged` with that of `/verdict`
+   *   once it is known what usually scatters; with `hasRun` the view computes the run and gives it to `setRun`
    */
   constructor({ onError, onAngle = () => {}, onJudged = () => {}, hasRun = false }) {
     Object.assign(this, { onAngle, onJudged, hasRun });
@@ -154,7 +155,7 @@ export class Verdict {
     if (signal.aborted) return;
     this.#judged = { ...data, oblique_angle_deg: values.impact.oblique_angle_deg };
     takeUsual(data.usual_scatter);
-    this.onJudged();
+    this.onJudged(data);
     markFresh(this.spread);
     this.#show();
   }
@@ -170,9 +171,15 @@ export class Verdict {
     const { lower_deg: lower, upper_deg: upper } = this.#judged?.range ?? {};
     const range = lower === undefined ? [] : [lower, upper];
     const { oblique_angle_deg: mine } = values.impact;
-    this.strip.replaceChildren(stripOf(mine, this.found.critical_angle_deg, theories, range, this.strip.clientWidth));
+    this.strip.replaceChildren(stripOf(mine, this.found.critical_angle_deg, theories, range, this.strip.clientWidth, decimalsOf(this.#judged)));
     markFresh(this.card, this.warnings, this.strip);
   }
+}
+
+/** Return the decimals of a critical angle as the sentence of a verdict has them: one more than its range, at most 2. */
+function decimalsOf(judged) {
+  if (!judged) return 1;
+  return judged.range_text && !judged.range_text.includes(".") ? 1 : 2;
 }
 
 /** Return where a run has ended in a few words. */
@@ -183,11 +190,12 @@ function endOf({ outcome, final, exit, maximum_depth_m: depth }) {
 }
 
 /** Return what the range stands for in words. */
-function describeRange({ usual_scatter: scatter, strength_factor_dispersion: dispersion, theories, share_without_angle: without }) {
+function describeRange(judged) {
+  const { usual_scatter: scatter, strength_factor_dispersion: dispersion, theories, share_without_angle: without } = judged;
   const inputs = scatter.map(({ field }) => inputField(field).label.toLowerCase()).join(", ");
   const decays = names.choices["resistance.free_surface.model"];
   const by = theories.map(({ free_surface: name, weight, critical_angle_deg: angle }) => {
-    return `${decays[name]} (weight ${weight}) ${angle === undefined ? "none" : degreesShown(angle)}`;
+    return `${decays[name]} (weight ${weight}) ${angle === undefined ? "none" : degreesShown(angle, decimalsOf(judged))}`;
   });
   return [
     `90 % range: usual scatter of ${inputs}; S scatters by ${percent(dispersion)}.`,
@@ -197,7 +205,8 @@ function describeRange({ usual_scatter: scatter, strength_factor_dispersion: dis
 }
 
 /** A strip of angles: the theories as strokes on their range, the 90 % range as a band, the angle of the case as a pointer. */
-function stripOf(mine, critical, theories, range, width) {
+function stripOf(mine, critical, theories, range, width, decimals) {
+  const shown = (angle) => degreesShown(angle, decimals);
   const all = [mine, critical, ...theories, ...range].filter((angle) => angle !== undefined);
   const least = Math.max(Math.floor((Math.min(...all) - STRIP.margin_deg) / 5) * 5, 0);
   const most = Math.min(Math.ceil((Math.max(...all) + STRIP.margin_deg) / 5) * 5, 90);
@@ -209,8 +218,8 @@ function stripOf(mine, critical, theories, range, width) {
   const ends = theories.length ? [Math.min(...theories), Math.max(...theories)] : [];
   const words = [
     `Your angle ${mine}°`,
-    critical === undefined ? "no critical angle" : `critical angle ${degreesShown(critical)}`,
-    ends.length ? `theories ${ends.map(degreesShown).join(" to ")}` : "",
+    critical === undefined ? "no critical angle" : `critical angle ${shown(critical)}`,
+    ends.length ? `theories ${ends.map(shown).join(" to ")}` : "",
     range.length ? `90 % range ${range.map((angle) => `${angle.toFixed(1)}°`).join(" to ")}` : "",
   ];
   const toRight = at(mine) > size - 70;
@@ -233,7 +242,7 @@ function fitOf({ shots, median, dispersion, prior_median: before, prior_dispersi
   const reach = (middle, spread) => [-1.645, 1.645].map((level) => middle * Math.exp(level * spread));
   const rows = [
     ["Published tests", before, reach(before, wide), "band"],
-    [`With ${shots} depth tests`, median, reach(median, dispersion), "theories"],
+    [`With ${shots} depth test${shots === 1 ? "" : "s"}`, median, reach(median, dispersion), "theories"],
   ];
   const ends = rows.flatMap(([, , range]) => range);
   const [least, most, left, right] = [Math.min(...ends), Math.max(...ends), 130, Math.max(width, 280) - 14];
@@ -245,6 +254,12 @@ function fitOf({ shots, median, dispersion, prior_median: before, prior_dispersi
     svg("line", { class: "critical", x1: at(middle), x2: at(middle), y1: 3 + 24 * i, y2: 23 + 24 * i }),
   ]);
   return [svg("svg", { viewBox: `0 0 ${right + 14} 54`, role: "img", "aria-label": `${words}.` }, ...bars), element("p.quiet", {}, `${words}.`)];
+}
+
+/** Return a probability in per cent: none is certain. */
+function chance(probability) {
+  if (probability < 0.005) return "below 1 %";
+  return probability > 0.995 ? "above 99 %" : percent(probability);
 }
 
 function percent(share) {

@@ -1,9 +1,9 @@
 // Outcomes, statuses and warnings in words.
 
+import { names } from "./contract.js";
 import { element } from "./elements.js";
 import { inShownUnits, unitOf } from "./units.js";
 
-const SHORT = { ricochet: "turned away", embedded: "embedded", in_motion: "in motion", perforated: "perforated" };
 const STATUSES = {
   no_ricochet: "Nothing in the range searched is turned away: there is no critical angle.",
   always_ricochet: "Everything in the range searched is turned away: the critical angle lies below.",
@@ -30,19 +30,24 @@ export function lengthShown(value, count = 3) {
   return quantityShown(value, "mm", count);
 }
 
-/** Return a critical angle as text, with two decimals. */
-export function degreesShown(value) {
-  return `${value.toFixed(2)}°`;
+/** Return a critical angle as text. */
+export function degreesShown(value, decimals = 2) {
+  return `${value.toFixed(decimals)}°`;
 }
 
 /** Return the outcome of a run in a word or two. */
 export function outcomeShown(outcome) {
-  return SHORT[outcome];
+  return names.outcomes[outcome];
 }
 
 /** Return how a search without an angle ended in a word or two. */
 export function statusShown(status) {
-  return status.replace("_", " ");
+  return names.statuses[status];
+}
+
+/** Return what a warning is about in a few words. */
+export function warningShown(code) {
+  return names.warnings[code] ?? code.replaceAll("_", " ");
 }
 
 /** Return how a run ended in a sentence or two. */
@@ -50,11 +55,20 @@ export function describeRun(run) {
   const { final, target } = run;
   const speed = Math.hypot(final.depth_velocity_m_s, final.lateral_velocity_m_s);
   const rest = run.outcome === "embedded" ? "" : ` It goes on at ${quantityShown(speed, "m/s")}.`;
+  const wall = wallOf(run);
   const depth = run.outcome === "perforated" ? "" : ` The nose tip went ${lengthShown(run.maximum_depth_m)} deep.`;
   return (
     `After ${digits(final.time_s * 1e3)} ms, with its nose tip ${place(final.nose_tip_depth_m, target.thickness_m)} and its axis at ` +
-    `${(Math.round(10 * final.axis_angle_deg) / 10 || 0).toFixed(1)}° from the normal.${rest}${depth} Strength factor ${digits(run.strength_factor)}.`
+    `${(Math.round(10 * final.axis_angle_deg) / 10 || 0).toFixed(1)}° from the normal.${rest}${depth}${wall} Strength factor ${digits(run.strength_factor)}.`
   );
+}
+
+/** Return what the outcome of a run means for the wall that Walls judges. */
+function wallOf({ outcome, target: { thickness_m: thickness } }) {
+  if (outcome === "in_motion") return "";
+  if (thickness === undefined) return outcome === "embedded" ? " This concrete has no rear face: Walls says how thick a wall must be." : "";
+  const word = outcome === "perforated" ? "perforated" : "not perforated";
+  return ` The wall of ${lengthShown(thickness, 6)} is ${word} by this model, without a margin: Walls says whether it is enough for a design.`;
 }
 
 /** Return what a search found besides the angle, in sentences; how it ended if there is none. */
@@ -62,7 +76,7 @@ export function describeAngle(found) {
   const outcomes = found.outcomes ? outcomesShown(found.outcomes) : "";
   if (found.critical_angle_deg === undefined) return [STATUSES[found.status], outcomes].filter(Boolean).join(" ");
   const error = found.critical_angle_standard_error_deg;
-  const others = found.other_crossings_deg.map(degreesShown).join(", ");
+  const others = found.other_crossings_deg.map((angle) => degreesShown(angle)).join(", ");
   return [
     `Strength factor at the critical angle ${digits(found.strength_factor)}.`,
     error === undefined ? "" : `Standard error of the angle ${degreesShown(error)}.`,
@@ -72,12 +86,12 @@ export function describeAngle(found) {
   ].filter(Boolean).join(" ");
 }
 
-/** Return the outcomes of a wall by oblique angle, as in "Perforated to 41.02°, turned away from 41.02°." */
+/** Return the outcomes of a wall by oblique angle, as in "Perforated from 5.00° to 41.02°, ricochet from 41.02° to 85.00°." */
 function outcomesShown(outcomes) {
   const intervals = outcomes.map(({ outcome, lower_deg: lower, upper_deg: upper }, i) => {
     const from = i ? degreesShown(lower) : `${degreesShown(lower)} (where the search begins)`;
     const to = i < outcomes.length - 1 ? degreesShown(upper) : `${degreesShown(upper)} (where it ends)`;
-    return `${SHORT[outcome]} from ${from} to ${to}`;
+    return `${outcomeShown(outcome)} from ${from} to ${to}`;
   });
   return sentence(intervals.join(", "));
 }
@@ -101,8 +115,8 @@ export function warningList(...lists) {
   };
   const count = element("strong", {}, special.length === 1 ? "1 warning" : `${special.length} warnings`);
   const worst = element("span.worst", {}, ` ${special.slice(0, 1).map(words).join("")}`);
-  const names = standing.map(({ code }) => code.replaceAll("_", " ")).join(", ");
-  return [...folded("warnings", "warning", special, count, worst), ...folded("standing.quiet", "note", standing, `Standing notes: ${names}`)];
+  const briefly = standing.map(({ code }) => warningShown(code)).join(", ");
+  return [...folded("warnings", "warning", special, count, worst), ...folded("standing.quiet", "note", standing, `Standing notes: ${briefly}`)];
 }
 
 /** Return text whose numbers keep to a line with their units. */

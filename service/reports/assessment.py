@@ -11,7 +11,7 @@ import jinja2
 import matplotlib as mpl
 from markupsafe import Markup
 
-from service.names import FORMULAS, QUANTITIES
+from service.names import FORMULAS, OUTCOMES, QUANTITIES, STATUSES
 from service.reports import style
 from service.reports.assessment_figures import SETTINGS, curves, side_views, sketch, svg
 from service.reports.assessment_numbers import WORDS, Numbers, Row, lookup, rows, sentence
@@ -28,24 +28,11 @@ from solver.warnings import (
     TESTED_STRENGTH,
 )
 
-OUTCOMES: Final[Mapping[str, str]] = {
-    "ricochet": "turned away",
-    "embedded": "embedded",
-    "in_motion": "still in motion",
-    "perforated": "through the wall",
-}
 ENDS: Final[Mapping[str, str]] = {
     "ricochet": "the projectile is turned away",
     "embedded": "the projectile digs in and stays",
     "in_motion": "the projectile still moves when the run is given up",
     "perforated": "the projectile goes through: the wall is perforated",
-}
-STATUSES: Final[Mapping[str, str]] = {
-    "no_ricochet": "none",
-    "always_ricochet": "below the range",
-    "not_converged": "not converged",
-    "always_perforated": "perforated however thick",
-    "never_perforated": "never perforated",
 }
 RUNS: Final = ("judged", "below", "above", "lowest", "highest")
 """Names of the runs in the order in which they are drawn."""
@@ -142,6 +129,7 @@ def page(strike: Assessed) -> str:
         case=_groups(numbers, strike),
         search=search,
         angle=search.get("critical_angle_deg"),
+        shots=lookup(strike.case, "/resistance/strength_factor/shots"),
         judged=lookup(strike.case, "/impact/oblique_angle_deg"),
         run=_answered(strike, "judged"),
         study=study,

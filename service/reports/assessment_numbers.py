@@ -92,6 +92,14 @@ class Row(NamedTuple):
 
 
 MM, MPA, GPA = 1e3, 1e-6, 1e-9
+MOST_SHOTS = 12
+SHOT: Final[Mapping[str, tuple[str, float]]] = {
+    "velocity_m_s": ("m/s", 1.0),
+    "depth_m": ("mm", MM),
+    "mass_kg": ("kg", 1.0),
+    "diameter_m": ("mm", MM),
+}
+"""Unit of what is known of a shot, and the factor to it."""
 PROJECTILE, TARGET, STRIKE, MODEL, NUMERICS = "Projectile", "Target", "Strike", "Model", "Computation"
 FIELDS: Final[Mapping[str, Field]] = {
     "/projectile/nose/shape": Field(PROJECTILE),
@@ -211,10 +219,16 @@ def _shown(numbers: Numbers, pointer: str, field: Field, *, digits: int = 12) ->
     return numbers.short(pointer, factor=field.factor, digits=digits, unit=unit)
 
 
+def _shot(shot: Mapping[str, float]) -> str:
+    """Return a shot with what is given of it."""
+    return ", ".join(f"{shot[name] * factor:.6g} {unit}" for name, (unit, factor) in SHOT.items() if name in shot)
+
+
 def _listed(values: Sequence[Any], factor: float) -> str:
     """Numbers in full, as long as they are few."""
     if values and isinstance(values[0], Mapping):
-        return f"{len(values)}, as in the request"
+        more = f"; {len(values)} in all, as in the request" if len(values) > MOST_SHOTS else ""
+        return "; ".join(map(_shot, values[:MOST_SHOTS])) + more
     if values and isinstance(values[0], Sequence):
         if len(values) > 6:
             return f"{len(values)} rows, as in the request"

@@ -10,13 +10,15 @@ from pathlib import Path
 import httpx
 import pytest
 
+from service import names
 from service.api.page import FOLDER, MAP_STYLE, NO_STYLE, plotly_folder
-from service.names import CHOICES, FORMULAS, QUANTITIES
 from service.schemas.verdict import USUAL_SCATTER
 
 PLOTLY = "page/plotly/plotly.min.js"
 FILES = sorted(path.relative_to(FOLDER).as_posix() for path in FOLDER.rglob("*") if path.is_file())
 MEDIA_TYPES = {".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml", ".html": "text/html"}
+LISTS = ("choices", "quantities", "formulas", "outcomes", "statuses", "warnings", "operations", "job_statuses")
+"""Names for people that the page takes from `service.names`."""
 IMPORT = re.compile(r"""(?:from|import\()\s*["'`](\.[^"'`$]*)["'`]""")
 
 
@@ -120,8 +122,8 @@ def test_page_is_sent_as_it_is_to_others(client: httpx.Client) -> None:
 
 def test_page_takes_schemas_scatter_and_names_from_the_service(client: httpx.Client) -> None:
     schemas = json.loads(client.get("/openapi.json").text.replace('"x-default"', '"default"'))["components"]["schemas"]
-    names = {"choices": CHOICES, "quantities": QUANTITIES, "formulas": FORMULAS}
-    parts = {"schemas": schemas, "usual_scatter": USUAL_SCATTER, "names": names}
+    lists = {name: getattr(names, name.upper()) for name in LISTS}
+    parts = {"schemas": schemas, "usual_scatter": USUAL_SCATTER, "names": lists}
     assert client.get("/page/contract.json").json() == parts
 
 

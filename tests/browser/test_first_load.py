@@ -31,7 +31,7 @@ def test_answer_in_words_comes_before_the_plots_on_a_slow_line(page: Page) -> No
     session.send("Network.enable")
     throttle(session, SLOW_BYTES_PER_S)
     page.goto("/", wait_until="commit")
-    expect(page.locator(".angle")).to_have_text("48.63°")
+    expect(page.locator(".angle")).to_have_text("48.6°")
     expect(page.locator("[data-outcome]")).to_contain_text("At 45° from the normal: embedded")
     expect(page.locator(READY)).to_be_visible()
     for part in (".angle", "[data-outcome]", READY):

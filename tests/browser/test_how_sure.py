@@ -10,7 +10,7 @@ from xml.etree import ElementTree as ET
 import httpx
 import numpy as np
 import pytest
-from playwright.sync_api import Page, Route, expect
+from playwright.sync_api import Page, Request, Route, expect
 
 from service.schemas.strike import PAPER
 
@@ -131,6 +131,20 @@ def test_band_is_shared_and_downloaded_with_the_numbers_of_the_service(
     for angle, value in points:
         expected = np.interp(angle, table_of["oblique_angle_deg"], table_of["ricochet_probability"])
         assert value == pytest.approx(expected, abs=0.01)
+
+
+def test_study_of_the_usual_scatter_is_computed_once(page: Page) -> None:
+    asked: list[Any] = []
+
+    def hear(request: Request) -> None:
+        if request.method == "POST" and request.url.endswith("/cra/uncertainty"):
+            asked.append(request.post_data_json)
+
+    page.on("request", hear)
+    with page.expect_response("**/verdict") as judged:
+        page.goto("/#/how-sure?impact.velocity_m_s=251")
+    wait(page)
+    assert [body["uncertain"] for body in asked] == [judged.value.json()["usual_scatter"]]
 
 
 def test_bad_distributions_are_marked_at_their_fields(page: Page, faults: list[str]) -> None:

@@ -13,6 +13,7 @@ from playwright.sync_api import Page, expect
 
 from service.schemas.strike import PAPER, PAPER_AT_45
 
+from .conftest import NewPage
 from .downloads import data_lines
 
 ALL_DONE_MS = 120_000  # for 900 cases on a machine that does other things
@@ -74,14 +75,14 @@ def test_map_shows_the_angles_of_the_service(page: Page, client: httpx.Client) -
     cell = page.get_by_role("region", name="One case")
     cell.get_by_label("Speed").select_option("238 m/s")
     cell.get_by_label("Mass").select_option("13 kg")
-    expect(cell.get_by_role("status")).to_have_text(f"turned away from {angles[0]:.2f}° on")
+    expect(cell.get_by_role("status")).to_have_text(f"ricochet from {angles[0]:.2f}° on")
 
 
 def test_map_of_outcomes_distinguishes_them_in_words(page: Page, tmp_path: Path) -> None:
     page.goto("/#/map?operation=trajectory&x=impact.oblique_angle_deg,40,60,5&y=impact.velocity_m_s,237,239,2")
     page.get_by_role("button", name="Run").click()
     expect(page.locator("#map-counts")).to_have_text(
-        re.compile(r"^4 embedded, 6 turned away.* depth of the nose tip \[mm\]")
+        re.compile(r"^4 embedded, 6 ricochet.* depth of the nose tip \[mm\]")
     )
     with page.expect_download() as download:
         page.get_by_role("button", name="Download the data").click()
@@ -128,7 +129,7 @@ def test_phase_diagram_has_the_case_as_a_point_that_is_dragged(page: Page) -> No
     page.goto("/#/map")
     page.get_by_label("Show").select_option("trajectory")
     page.get_by_role("button", name="Run").click()
-    expect(page.locator("#map-counts")).to_have_text(re.compile(r"^\d+ embedded, \d+ turned away"))
+    expect(page.locator("#map-counts")).to_have_text(re.compile(r"^\d+ embedded, \d+ ricochet"))
     expect(page.locator("#map-progress")).to_have_text("All 81 cases are computed.")
     expect(page.locator(".figures")).to_contain_text("Outcome at 45°")
     handle = page.locator(".map .handle")
@@ -369,6 +370,32 @@ def test_map_of_angles_of_a_wall_has_angles_and_no_probability(page: Page) -> No
     )
     expect(page.locator("#map-progress")).to_have_text("All 9 cases are computed.")
     one = page.get_by_role("region", name="One case")
-    expect(one.locator("output")).to_have_text(re.compile(r"^turned away from \d\d\.\d\d° on$"))
+    expect(one.locator("output")).to_have_text(re.compile(r"^ricochet from \d\d\.\d\d° on$"))
     expect(one).to_contain_text("Warnings: retention energy decides the angle, ")
     expect(one).not_to_contain_text(re.compile("no measured angle|mass properties assumed"))
+
+
+def test_legend_is_as_wide_as_a_phone(new_page: NewPage) -> None:
+    page = new_page(width=390, height=844)
+    open_map(page, x="impact.oblique_angle_deg,20,75,5", y="impact.velocity_m_s,100,300,5", rest="operation=trajectory")
+    page.get_by_role("button", name="Run").click()
+    expect(page.locator("#map-progress")).to_have_text("All 25 cases are computed.", timeout=ALL_DONE_MS)
+    page.locator(".map .drawing").evaluate(
+        """async (plot) => {
+            const { mapTraces } = await import(new URL('page/map-plot.js', document.baseURI));
+            const axis = { label: '', unit: '', shown: [1, 2, 3] };
+            const warnings = (i) => (i ? [] : ['implausible']);
+            const cells = Array.from({ length: 9 }, (_, i) => ({ ending: 'embedded', warnings: warnings(i) }));
+            const traces = mapTraces('trajectory', [axis, axis], cells, [], 9, [1, 1]);
+            const longest = traces.find(({ name }) => /^warning/.test(name));
+            await window.Plotly.addTraces(plot, { ...longest, x: [20], y: [100] });
+        }"""
+    )
+    plot = page.locator(".map .drawing").bounding_box()
+    assert plot is not None
+    texts = page.locator(".map .legendtext").all()
+    assert any("breaks a rule" in (text.text_content() or "") for text in texts)
+    for text in texts:
+        box = text.bounding_box()
+        assert box is not None
+        assert box["x"] + box["width"] <= plot["x"] + plot["width"], text.text_content()

@@ -59,7 +59,7 @@ def test_projectile_is_dragged_through_the_critical_angle(page: Page) -> None:
         assert transform(page) == before, "the picture stays below the pointer"
     page.mouse.up()
     page.wait_for_function(IDLE)
-    expect(handle(page)).to_have_attribute("aria-valuetext", re.compile(r"° from the normal: turned away"))
+    expect(handle(page)).to_have_attribute("aria-valuetext", re.compile(r"° from the normal: ricochet"))
     expect(page).to_have_url(re.compile("oblique_angle_deg="))
     x, y = contact(page)
     at = centre(handle(page))
@@ -122,7 +122,7 @@ def test_picture_comes_to_the_slider_on_a_phone(new_page: NewPage) -> None:
     page.mouse.down()
     page.mouse.move(box["x"] + 0.8 * box["width"], box["y"] + box["height"] / 2, steps=4)
     expect(picture).to_be_in_viewport(ratio=1.0)
-    expect(picture).to_have_attribute("aria-label", re.compile("turned away"))
+    expect(picture).to_have_attribute("aria-label", re.compile("ricochet"))
     page.mouse.up()
     expect(picture).to_be_in_viewport(ratio=1.0)
     box_after = slider.bounding_box()

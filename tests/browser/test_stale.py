@@ -49,7 +49,7 @@ def test_number_that_is_not_of_the_inputs_shown_is_marked(page: Page, client: ht
     angles = {}
     for value in SPEEDS:
         body = PAPER | {"impact": {"velocity_m_s": value}}
-        angles[value] = f"{client.post('/cra', json=body).json()['critical_angle_deg']:.2f}°"
+        angles[value] = f"{client.post('/cra', json=body).json()['critical_angle_deg']:.1f}°"
     unmarked = {(float(value), text) for value, what, text, marked in seen if what == "angle" and not marked}
     assert unmarked <= {(value, angles[value]) for value in SPEEDS}
     assert len(unmarked) >= 3
@@ -67,11 +67,14 @@ def test_field_that_is_not_accepted_takes_the_numbers_away(page: Page) -> None:
     speed(page).fill("-5")
     expect(page.locator(".angle")).to_have_count(0)
     expect(page.locator("[data-outcome]")).to_have_count(0)
-    expect(page.locator(".side-view .drawing")).to_be_hidden()
+    picture = page.locator(".side-view.cleared[aria-busy=true]")  # of the inputs before
+    expect(picture.locator(".drawing")).to_be_visible()
     expect(page.locator("#status")).to_have_text("A field is not accepted. Nothing is computed.")
     speed(page).fill("250")
     page.wait_for_function(IDLE)
+    expect(picture).to_have_count(0)
     expect(page.locator(".side-view .drawing")).to_be_visible()
+    expect(page.get_by_label("Instant")).to_be_visible()
     expect(page.locator("#status")).to_have_text("Up to date.")
 
 

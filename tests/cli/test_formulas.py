@@ -37,6 +37,26 @@ def test_thickness_begins_with_the_design_value(
     assert capsys.readouterr().out.splitlines()[0] == judged + design
 
 
+@pytest.mark.parametrize(
+    ("flags", "judged"),
+    [
+        (
+            ("--thickness", "0.2"),
+            "238 m/s: perforated. Limit speed {0:.0f} m/s of a wall of 200 mm at 20° from the normal",
+        ),
+        (("--thickness", "50"), "No limit speed of a wall of 50000 mm at 20° from the normal: never perforated."),
+    ],
+)
+def test_limit_speed_begins_with_a_sentence(
+    folder: Path, capsys: pytest.CaptureFixture[str], flags: tuple[str, ...], judged: str
+) -> None:
+    args = ["limit-speed", str(folder / "strike.toml"), "--angle", "20", *flags]
+    assert cli.main([*args, "--json"]) == 0
+    limit = json.loads(capsys.readouterr().out).get("limit_speed_m_s")
+    assert cli.main(args) == 0
+    assert capsys.readouterr().out.splitlines()[0].startswith(judged.format(limit))
+
+
 def test_service_gives_the_same_answer(folder: Path, live_url: str) -> None:
     local, remote = (run(folder, "formulas", "strike.toml", "--json", *at) for at in ((), ("--url", live_url)))
     assert local.status == remote.status == 0, remote.err

@@ -52,6 +52,13 @@ def test_a_pipe_gets_aligned_text_and_a_terminal_a_table(folder: Path, live_url:
     assert len(widths) == 1
 
 
+def test_numbers_below_zero_have_a_minus_sign_where_the_terminal_can_show_it(folder: Path) -> None:
+    args = ["trajectory", "strike.toml", "--angle", "55"]
+    assert re.search(r"final depth force N +│ +\N{MINUS SIGN}\d", run_on_terminal(folder, *args).out)
+    assert re.search(r"final depth force N +. +-\d", run_on_terminal(folder, *args, PYTHONIOENCODING="cp437").out)
+    assert re.search(r"final depth force N +-\d", run(folder, *args).out)
+
+
 def test_no_color_is_honoured(folder: Path, live_url: str) -> None:
     shown = run_on_terminal(folder, "cra", "strike.toml", "-v", "--url", live_url, NO_COLOR="1")
     assert shown.status == 0
@@ -91,6 +98,30 @@ def test_angle_is_one_line_and_warnings_another(here: Path, capsys: pytest.Captu
         "1 warning (-v explains): strength_fit_extrapolated",
         "standing notes (-v explains): mass_properties_assumed, no_measured_angle",
     ]
+
+
+def test_own_shots_are_followed_by_what_they_did_to_the_strength_factor(
+    here: Path, client: httpx.Client, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (here / "shots.csv").write_text("velocity_m_s,depth_m\n238.1,0.30\n275.7,0.38\n")
+    assert cli.main(["cra", "strike.toml", "--shots", "shots.csv"]) == 0
+    shots = [{"velocity_m_s": 238.1, "depth_m": 0.30}, {"velocity_m_s": 275.7, "depth_m": 0.38}]
+    law = {"strength_factor": {"model": "own_tests", "shots": shots}}
+    tests = client.post("/cra", json=PAPER | {"resistance": law}).json()["own_tests"]
+    assert capsys.readouterr().out.splitlines()[1] == (
+        f"Strength factor S at normal impact with 2 shots: median {tests['median']:.3g}, dispersion "
+        f"{tests['dispersion']:.2g}; without, by the published tests: {tests['prior_median']:.3g}, dispersion "
+        f"{tests['prior_dispersion']:.2g}."
+    )
+
+
+@pytest.mark.parametrize(
+    ("angle", "said"),
+    [("45", "At 45° from the normal: embedded, 121 mm deep"), ("55", "At 55° from the normal: ricochet, it")],
+)
+def test_motion_begins_with_a_sentence(here: Path, capsys: pytest.CaptureFixture[str], angle: str, said: str) -> None:
+    assert cli.main(["trajectory", "strike.toml", "--angle", angle]) == 0
+    assert capsys.readouterr().out.startswith(said)
 
 
 def test_angle_does_not_wait_for_what_it_does_not_need(here: Path) -> None:

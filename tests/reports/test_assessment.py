@@ -118,6 +118,20 @@ def test_report_says_what_shots_of_ones_own_are_worth(client: httpx.Client) -> N
     assert "more shots into this concrete would hardly narrow it" in text_of(report_of(client, JUDGED))
 
 
+def test_own_shots_are_listed_with_what_they_did_to_the_strength_factor(client: httpx.Client) -> None:
+    shots = [{"velocity_m_s": 238.1, "depth_m": 0.30, "mass_kg": 12.923}, {"velocity_m_s": 275.7, "depth_m": 0.38}]
+    body = JUDGED | {"resistance": {"strength_factor": {"model": "own_tests", "shots": shots}}}
+    page = report_of(client, body)
+    assert "238.1 m/s, 300 mm, 12.923 kg; 275.7 m/s, 380 mm" in text_of(page)
+    assert "S at normal impact rests on 2 shots into this concrete" in text_of(page)
+    values = {pointer: float(value) for value, pointer, _, _ in DATA.findall(page)}
+    tests = client.post(
+        "/cra", json={k: v for k, v in body.items() if k != "impact"} | {"impact": PAPER["impact"]}
+    ).json()
+    for name in ("median", "dispersion", "prior_median", "prior_dispersion"):
+        assert values[f"/cra/own_tests/{name}"] == tests["own_tests"][name]
+
+
 def test_margins_are_the_recommended_ones(client: httpx.Client) -> None:
     page = report_of(client, JUDGED)
     rows = {(pointer, factor): text for _, pointer, factor, text in DATA.findall(page)}
@@ -147,7 +161,7 @@ def test_warning_of_a_run_is_said_to_be_of_that_run(client: httpx.Client) -> Non
 def test_a_wall_has_its_outcomes_by_angle_and_the_thickness_that_stops_it(client: httpx.Client) -> None:
     page = text_of(report_of(client, WALL))
     answers = answers_of(client, WALL)
-    assert "By oblique angle: through the wall from" in page
+    assert "By oblique angle: perforated from" in page
     assert f"This model, without margin {1e3 * answers['thickness']['least_thickness_m']:.0f}" in page
     assert "300 mm" in page
 

@@ -12,7 +12,7 @@ from service.schemas.strike import PAPER
     [
         (("impact.velocity_m_s", "target.compressive_strength_pa"), "speed × strength, 80 mm, 13 kg"),
         (("projectile.mass_kg",), "mass, 80 mm"),
-        (("projectile.diameter_m", "projectile.nose.caliber_radius_head"), "diameter × caliber radius head, 13 kg"),
+        (("projectile.diameter_m", "projectile.nose.caliber_radius_head"), "diameter × caliber radius head ψ, 13 kg"),
     ],
 )
 def test_title_is_what_varies_and_the_projectile_that_does_not(fields: tuple[str, ...], title: str) -> None:

@@ -8,12 +8,12 @@ from typing import Any
 
 import pytest
 
-from service.names import CHOICES, FORMULAS, QUANTITIES
+from service.names import CHOICES, FORMULAS, JOB_STATUSES, OPERATIONS, OUTCOMES, QUANTITIES, STATUSES
 from service.reports.assessment_numbers import WORDS
 from service.schemas.strike import PAPER_AT_45
 from solver.formulas import formulas
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, paper_impact
-from solver.uncertainty.verdict import THEORY_NAMES
+from solver.uncertainty.verdict import ENDINGS, THEORY_NAMES
 from tests.cli.commands import run
 
 SCHEMAS = json.loads((Path(__file__).parents[2] / "openapi/openapi.json").read_text())["components"]["schemas"]
@@ -58,6 +58,23 @@ def test_every_formula_has_a_name() -> None:
     assert {each.formula for each in answers} == FORMULAS.keys()
 
 
+@pytest.mark.parametrize(
+    ("names", "schemas"),
+    [
+        (OUTCOMES, ["Outcome"]),
+        (STATUSES, ["SearchStatus", "PerforationStatus"]),
+        (JOB_STATUSES, ["JobStatus"]),
+        (OPERATIONS, ["JobOperation"]),
+    ],
+)
+def test_every_end_and_operation_has_a_name(names: dict[str, str], schemas: list[str]) -> None:
+    assert {value for schema in schemas for value in SCHEMAS[schema]["enum"]} == names.keys()
+
+
+def test_outcomes_are_named_as_in_a_verdict() -> None:
+    assert ENDINGS == OUTCOMES
+
+
 def test_a_value_has_one_name_in_all_fields() -> None:
     for names in CHOICES.values():
         assert {value: WORDS[value] for value in names} == names
@@ -71,6 +88,8 @@ def test_a_value_has_one_name_in_all_fields() -> None:
         ("thickness",),
         ("trajectory", "--set", "numerics.termination_time_s=1e-3", "--alternatives"),
         ("cra", "--alternatives", "--set", "search.tolerance_deg=1"),
+        ("cra", "-v", "--set", "search.tolerance_deg=1", "--set", "target.thickness_m=0.3"),
+        ("limit-speed", "-v", "--set", "target.thickness_m=0.1"),
     ],
 )
 def test_commands_print_no_key(tmp_path: Path, arguments: tuple[str, ...]) -> None:

@@ -122,7 +122,7 @@ function searchOf(values, method) {
 }
 
 function searchParts() {
-  const note = "Filled marks count as turned away, in the paper's searches by which side of the face the tip ends on.";
+  const note = "Filled marks count as a ricochet, in the paper's searches by which side of the face the tip ends on.";
   return element(
     "div.searches",
     {},

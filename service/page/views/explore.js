@@ -22,7 +22,7 @@ import { Verdict } from "../verdict.js";
 import { describeRun, outcomeShown } from "../words.js";
 
 const ANGLE_MS = 20; // between side view and histories, for an angle that has arrived to be shown
-const ABOUT = "A rigid projectile strikes concrete at an angle from the normal; above the critical angle it is turned away.";
+const ABOUT = "A rigid projectile strikes concrete at an angle from the normal; above the critical angle it ricochets.";
 
 /** Show the view. */
 export async function show(root, query) {

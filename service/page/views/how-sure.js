@@ -31,11 +31,15 @@ class HowSure {
 
   constructor(root, query) {
     this.verdict = new Verdict({
-      onError: (error) => this.form.fail(error),
-      onJudged: () => {
+      onError: (error) => {
+        this.form.fail(error);
+        if (this.isDue) this.#run();
+      },
+      onJudged: ({ keys }) => {
         this.isJudged = true;
-        if (this.isUsual && this.scatter.setInputs(usualInputs(this.form.currentCase()))) this.#change();
-        else this.#readdress();
+        if (this.isUsual) this.scatter.setInputs(usualInputs(this.form.currentCase()));
+        this.#readdress();
+        if (this.isDue) this.#run(keys.uncertainty);
       },
     });
     this.parts = build(root, this.verdict.root, () => this.#run(), () => this.#stop("Stopped."), () => this.#showResults());
@@ -53,6 +57,7 @@ class HowSure {
       onChange: (changed, path) => {
         this.#refused.delete("case");
         if (path === "impact.oblique_angle_deg") return this.#turn(changed);
+        this.isJudged = false;
         this.scatter.setCase(changed);
         this.verdict.setCase(changed);
         return this.#change();
@@ -74,7 +79,8 @@ class HowSure {
       problem: this.parts.problem,
     });
     this.verdict.setCase(values);
-    this.#run();
+    if (inputs) this.#run();
+    else this.#change();
   }
 
   leave() {
@@ -110,7 +116,9 @@ class HowSure {
       parts.progress.textContent = "Results are for the previous inputs.";
       markStale(parts.results);
     }
-    if (isRight) this.#timer = setTimeout(() => this.#run(), REST_MS);
+    this.isDue = isRight && this.isUsual && !this.isJudged; // the verdict says what usually scatters, and has a study of it
+    if (this.isDue) parts.progress.textContent = "Computing ...";
+    else if (isRight) this.#timer = setTimeout(() => this.#run(), REST_MS);
     this.#readdress();
   }
 
@@ -124,10 +132,12 @@ class HowSure {
     replaceAddress("how-sure", query);
   }
 
-  async #run() {
+  /** Compute the study; `key` is that of the one of the verdict, if it is of these inputs. */
+  async #run(key) {
     const inputs = this.scatter.inputs();
     if (!inputs?.length || this.#refused.size) return;
     this.#change();
+    this.isDue = false;
     clearTimeout(this.#timer);
     const work = new AbortController();
     this.#work = work;
@@ -137,6 +147,7 @@ class HowSure {
     announce("Computing ...");
     try {
       const study = { values: this.form.currentCase(), inputs, sampling: this.sampling };
+      if (!Object.keys(this.sampling).length) study.key = key;
       for await (const answer of computeStudy(study, work.signal)) {
         if (work.signal.aborted) return;
         await this.#show(answer, study.values, work.signal);

@@ -8,12 +8,11 @@ import { buildForm } from "../form.js";
 import { latest } from "../latest.js";
 import { presetLinks } from "../presets.js";
 import { lostNote } from "../lost.js";
-import { ENDINGS } from "../map-cells.js";
 import { request } from "../service.js";
 import { markFresh, markStale } from "../stale.js";
 import { inShownUnits, unitOf } from "../units.js";
 import { showCard } from "../verdict.js";
-import { capital, lengthShown, quantityShown, unbroken, warningList } from "../words.js";
+import { capital, lengthShown, quantityShown, statusShown, unbroken, warningList } from "../words.js";
 
 const THICKNESS = "target.thickness_m";
 const SPEED = "impact.velocity_m_s";
@@ -112,6 +111,7 @@ function upwards(value) {
 function modelWords(lines, thickness) {
   const thick = lines.map(({ name, thickness: found }) => `${name.toLowerCase()} ${thicknessShown(found)}`).join(", ");
   const words = [`Least thickness that is not perforated by the model, which is not a design value: ${thick}.`];
+  words.push("From that thickness on, Explore shows the strike as embedded or as a ricochet; a wall is enough only if it has the design value.");
   if (thickness !== undefined) {
     const speeds = lines.map(({ name, speed }) => `${speedShown(speed)} (${name.toLowerCase()})`).join(", ");
     words.push(`Least speed that perforates a wall of ${lengthShown(thickness, 6)}: ${speeds}.`);
@@ -146,12 +146,12 @@ function rangeShown({ in_range: isWithin, range_known: isKnown, out_of_range: ou
 }
 
 function thicknessShown({ status, least_thickness_m: found }, hasUnit = true) {
-  if (found === undefined) return ENDINGS.thickness[status].label;
+  if (found === undefined) return statusShown(status);
   return hasUnit ? `${bare(found)} ${unitOf("mm").unit}` : bare(found);
 }
 
 function speedShown({ status, limit_speed_m_s: found }) {
-  return found === undefined ? ENDINGS.thickness[status].label : quantityShown(found, "m/s");
+  return found === undefined ? statusShown(status) : quantityShown(found, "m/s");
 }
 
 function bare(value) {
