@@ -6,6 +6,7 @@ import ssl
 import subprocess
 import sys
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
@@ -40,6 +41,15 @@ def pytest_runtest_setup() -> None:
 def pytest_report_teststatus(report: pytest.TestReport) -> tuple[str, str, str] | None:
     """Count what the deadline leaves out as not run, apart from what is skipped."""
     return ("not run", "n", "NOT RUN") if report.skipped and NOT_RUN in str(report.longrepr) else None
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """Name the files of what the deadline leaves out, so that nobody takes it for passed."""
+    files = Counter(report.nodeid.partition("::")[0] for report in terminalreporter.stats.get("not run", ()))
+    if files:
+        terminalreporter.section(f"NOT RUN: {files.total()} TESTS, THE TIME WAS OVER", red=True, bold=True)
+        for file, count in sorted(files.items()):
+            terminalreporter.line(f"{count:5} of {file}")
 
 
 @pytest.fixture(scope="session")
