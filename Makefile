@@ -11,6 +11,7 @@ INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no
 PYTEST := $(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder
 REDOCLY := npx --yes @redocly/cli@2.77.0
 SPECTRAL := npx --yes @stoplight/spectral-cli@6.16.3
+IMAGES ?= run cluster full
 # Else all that the tests start would compile it at the same time.
 WARM_UP = $(BIN)/python -u -c "import solver; solver.warm_up(print)"
 
@@ -90,7 +91,7 @@ wheel: setup ## build a wheel into dist
 
 sbom: setup ## list the packages of each image as CycloneDX, into build/sbom-run.cdx.json, -cluster and -full
 	@mkdir -p build
-	@for image in run cluster full; do \
+	@for image in $(IMAGES); do \
 		PYTHONWARNINGS=ignore $(BIN)/cyclonedx-py requirements requirements/$$image.txt --pyproject pyproject.toml --mc-type application \
 			--output-reproducible --output-format JSON --output-file build/sbom-$$image.cdx.json || exit; \
 		echo "wrote build/sbom-$$image.cdx.json"; \

@@ -1,4 +1,4 @@
-"""Attacks on a service that requires keys, and what another owner notices of each.
+"""Attacks on a service that requires keys, and whether another owner is answered meanwhile.
 
 An attacker sends a few hundred requests a second, or holds as many connections as it can: enough to disturb, not enough
 to use up the cores that it shares with the service.
@@ -14,7 +14,6 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from http.client import HTTPConnection
 from itertools import count
-from statistics import quantiles
 from urllib.parse import urlsplit
 
 from service.schemas.strike import PAPER, PAPER_AT_45
@@ -25,8 +24,8 @@ PAUSE = 0.005
 DRIP_SECONDS = 0.5
 HELD = 200
 """Connections that an attacker opens."""
-FEWEST = 20
-"""Queries behind a percentile."""
+QUERIES, REQUESTS = 20, 50
+"""Fewest of the other owner and of an attacker, in one attack."""
 CASES = 5_000
 """Of the job whose events an attacker follows."""
 REFUSED = frozenset({0, 400, 401, 403, 404, 405, 408, 413, 415, 421, 429, 431, 501, 503})
@@ -86,6 +85,11 @@ class Attacker:
     def authorization(self) -> bytes:
         """The header with its key."""
         return f"Authorization: Bearer {self.token}".encode()
+
+    @property
+    def requests(self) -> int:
+        """Requests sent and connections held."""
+        return len(self.statuses) + len(self.held)
 
     def send(self, line: bytes, *headers: bytes, body: bytes = b"") -> None:
         """Send a request and record its status."""
@@ -217,22 +221,21 @@ class Effect:
 
     Parameters
     ----------
-    before, during
-        95th percentile of the time of a query. [s]
+    answered
+        Queries that were answered while the attack went on; each has to be.
     let_in
         Statuses that show that the attack got in.
     requests
         Requests sent and connections held by the attacker.
     """
 
-    before: float
-    during: float
+    answered: int
     let_in: list[int]
     requests: int
 
 
-def effect_of(attack: Attack, target: Target, token: str, attacker_token: str, *, seconds: float) -> Effect:
-    """Query as another owner before and during an attack."""
+def effect_of(attack: Attack, target: Target, token: str, attacker_token: str) -> Effect:
+    """Query as another owner during an attack."""
     attacker, stop = Attacker(target, attacker_token), threading.Event()
     if attack is event_streams:  # its job takes its share of the workers whether its events are followed or not
         attacker.job = submit_job(attacker)
@@ -241,11 +244,10 @@ def effect_of(attack: Attack, target: Target, token: str, attacker_token: str, *
         while not stop.wait(PAUSE):
             attack(attacker)
 
-    before = percentile(query(target, token, seconds))
     with ThreadPoolExecutor(1) as thread:
         attacking = thread.submit(go_on)
         try:
-            during = percentile(query(target, token, seconds))
+            answered = query(target, token, lambda: attacker.requests < REQUESTS and not attacking.done())
         finally:
             stop.set()
         attacking.result()
@@ -254,28 +256,21 @@ def effect_of(attack: Attack, target: Target, token: str, attacker_token: str, *
     if attacker.job:
         target.send(f"DELETE {attacker.job} HTTP/1.1".encode(), attacker.authorization)
     let_in = sorted(set(attacker.statuses) - REFUSED)
-    return Effect(before, during, let_in, len(attacker.statuses) + len(attacker.held))
+    return Effect(answered, let_in, attacker.requests)
 
 
-def query(target: Target, token: str, seconds: float) -> list[float]:
-    """Request critical angles for this long, known and new ones in turn; return the time of each. [s]"""
+def query(target: Target, token: str, more: Callable[[], bool]) -> int:
+    """Request critical angles, known and new ones in turn, for as long as this holds; return how many."""
     connection = HTTPConnection("127.0.0.1", target.port, timeout=60.0)
     headers = {"Content-Type": "application/json", "Authorization": f"Bearer {token}"}
-    times: list[float] = []
-    deadline = time.perf_counter() + seconds
-    while time.perf_counter() < deadline or len(times) < FEWEST:
-        impact = {"velocity_m_s": 200.0 + 1e-6 * next(fresh)} if len(times) % 2 else PAPER["impact"]
-        begin = time.perf_counter()
+    answered = 0
+    while answered < QUERIES or more():
+        impact = {"velocity_m_s": 200.0 + 1e-6 * next(fresh)} if answered % 2 else PAPER["impact"]
         connection.request("POST", "/cra", json.dumps(PAPER | {"impact": impact}), headers)
         answer = connection.getresponse()
         answer.read()
-        times.append(time.perf_counter() - begin)
         assert answer.status == 200
+        answered += 1
         time.sleep(PAUSE)
     connection.close()
-    return times
-
-
-def percentile(times: list[float]) -> float:
-    """95th percentile."""
-    return quantiles(times, n=20)[-1]
+    return answered

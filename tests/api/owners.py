@@ -1,6 +1,5 @@
 """Keys of several owners, and a service that requires them."""
 
-import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -8,7 +7,8 @@ from typing import Any
 
 import httpx
 
-from service.auth.api_keys import RELOAD_SECONDS, add_key, make_key
+from service.auth.api_keys import add_key, make_key
+from tests.conftest import NO_TLS, until
 
 
 def key_in(folder: Path, owner: str, *scopes: str, **more: Any) -> str:
@@ -25,7 +25,9 @@ def bearer(token: str) -> dict[str, str]:
 
 def holder(url: str, token: str = "") -> httpx.Client:
     """A client that sends this key, if any, and never takes a proxy."""
-    return httpx.Client(base_url=url, headers=bearer(token) if token else {}, timeout=60.0, trust_env=False)
+    return httpx.Client(
+        base_url=url, headers=bearer(token) if token else {}, timeout=60.0, trust_env=False, verify=NO_TLS
+    )
 
 
 class Guarded:
@@ -38,13 +40,22 @@ class Guarded:
             clients.enter_context(holder(url, key_in(folder, owner, *scopes)))
             for owner, scopes in {"anna": (), "bert": (), "chief": ("admin",)}.items()
         )
-        time.sleep(2 * RELOAD_SECONDS)
+        with holder(url) as nobody:
+            until(lambda: not is_known(nobody))  # before, the service takes requests without a key
+        for client in (self.anna, self.bert, self.chief):
+            until(lambda: is_known(client))  # noqa: B023 (called at once)
 
     def with_key(self, owner: str, *scopes: str, **more: Any) -> httpx.Client:
         """A client with a separate key, known to the service from now on."""
         token = key_in(self.folder, owner, *scopes, **more)
-        time.sleep(2 * RELOAD_SECONDS)
+        with holder(self.url, token) as client:
+            until(lambda: is_known(client))
         return holder(self.url, token)
+
+
+def is_known(client: httpx.Client) -> bool:
+    """Whether the service takes the key of this client; it looks for new ones from time to time."""
+    return client.get("/jobs").status_code != httpx.codes.UNAUTHORIZED
 
 
 @contextmanager

@@ -191,7 +191,7 @@ def test_every_refusal_of_a_large_body_is_read(server: Server, bodies: Path, cli
 @pytest.mark.parametrize("size", [5, 50])
 @pytest.mark.parametrize("client", CLIENTS)
 def test_every_client_reads_that_its_body_is_too_long(server: Server, bodies: Path, client: str, size: int) -> None:
-    for _ in range(3):
+    for _ in range(3 if size == 5 else 1):
         check(CLIENTS[client](server, TOO_LONG, bodies / str(size)), TOO_LONG)
 
 
@@ -252,7 +252,7 @@ def behind_nginx(request: pytest.FixtureRequest, server: Server, tmp_path: Path)
 @pytest.mark.parametrize("size", [5, 50])
 def test_proxy_passes_the_refusal_on(behind_nginx: Server, bodies: Path, size: int) -> None:
     refusals = [TOO_LONG, Refusal(404, path="/nothing"), Refusal(415, headers={"Content-Type": "text/plain"})]
-    for refusal in refusals * 3:
+    for refusal in refusals * (3 if size == 5 else 1):
         check(by_httpx(behind_nginx, refusal, bodies / str(size)), refusal)
 
 

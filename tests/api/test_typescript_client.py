@@ -12,6 +12,8 @@ import pytest
 
 from tests.docs.blocks import blocks
 
+pytestmark = pytest.mark.system  # test_generated_client.py holds the same conversation with a client in Python
+
 ROOT = Path(__file__).parents[2]
 CONTRACT = ROOT / "openapi" / "openapi.json"
 CLIENT = ROOT / "clients" / "typescript"

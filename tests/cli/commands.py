@@ -1,5 +1,6 @@
-"""The command as a process, and the files it is given."""
+"""The command, in this process or in a separate one, and the files it is given."""
 
+import io
 import json
 import os
 import pty
@@ -9,6 +10,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import pytest
+
+from service import cli
 from service.schemas.strike import PAPER
 
 ROOT = Path(__file__).parents[2]
@@ -47,14 +51,37 @@ def environment(**settings: str) -> dict[str, str]:
     return kept | {"PYTHONPATH": str(ROOT), "NO_PROXY": "*"} | settings
 
 
-def run(folder: Path, *arguments: str, stdin: str | None = None, **settings: str) -> Ended:
-    """Run it in this folder with pipes for all it reads and prints."""
+def run(folder: Path, *arguments: str, stdin: str = "", encoding: str = "utf-8", **settings: str) -> Ended:
+    """Run it in this folder and this process, with streams that are not a terminal.
+
+    A separate process would first import the solver, which takes longer than most commands do.
+    """
+    out, err = (io.TextIOWrapper(io.BytesIO(), encoding) for _ in range(2))
+    with pytest.MonkeyPatch.context() as changed:
+        changed.chdir(folder)
+        for name in SETTINGS:
+            changed.delenv(name, raising=False)
+        for name, value in ({"NO_PROXY": "*"} | settings).items():
+            changed.setenv(name, value)
+        changed.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(stdin.encode()), "utf-8"))
+        changed.setattr(sys, "stdout", out)
+        changed.setattr(sys, "stderr", err)
+        try:
+            status = cli.main(list(arguments))
+        except SystemExit as ended:
+            status = int(ended.code or 0)
+        out.flush()
+        err.flush()
+    return Ended(status, *(stream.buffer.getvalue().decode(encoding) for stream in (out, err)))
+
+
+def run_process(folder: Path, *arguments: str, **settings: str) -> Ended:
+    """Run it in this folder as a process, with pipes for all it reads and prints."""
     done = subprocess.run(
         [*COMMAND, *arguments],
         cwd=folder,
         env=environment(**settings),
-        input=stdin,
-        stdin=subprocess.DEVNULL if stdin is None else None,
+        stdin=subprocess.DEVNULL,
         capture_output=True,
         text=True,
         timeout=LIMIT_S,

@@ -1,4 +1,4 @@
-"""`ricochet batch`, `sweep` and `jobs` as processes: in this process's own pool, and against a service."""
+"""`ricochet batch`, `sweep` and `jobs`: in the command's own pool, and against a service."""
 
 import csv
 import json
@@ -18,7 +18,16 @@ from service import cli
 from service.cli.client import connect
 from service.schemas.strike import PAPER
 from tests.api.many import searches, slow_strikes
-from tests.cli.commands import COMMAND, LIMIT_S, case_at, environment, run, run_on_terminal, write_cases
+from tests.cli.commands import (
+    COMMAND,
+    LIMIT_S,
+    case_at,
+    environment,
+    run,
+    run_on_terminal,
+    run_process,
+    write_cases,
+)
 from tests.conftest import free_port
 
 UNSTARTED_S = 60.0
@@ -42,7 +51,7 @@ def test_batch_in_the_own_pool_is_that_of_a_service(folder: Path, live_url: str,
     short = {**case_at(238.0)["projectile"], "length_m": 0.05}
     cases = [*searches(5), case_at(238.0, projectile=short, custom_id="short"), *searches(5)]
     write_cases(folder / "cases.jsonl", *cases)
-    local = run(folder, "batch", "cases.jsonl")
+    local = run_process(folder, "batch", "cases.jsonl")
     remote = run(folder, "batch", "-", "--url", live_url, stdin=(folder / "cases.jsonl").read_text())
     assert (local.status, remote.status) == (3, 3), local.err + remote.err
     assert "11 cases, 1 of them with a problem" in local.err
@@ -57,7 +66,9 @@ def test_batch_in_the_own_pool_is_that_of_a_service(folder: Path, live_url: str,
 
 def test_sweep_fills_a_table_and_draws_it(folder: Path) -> None:
     axes = ["--axis", "impact.velocity_m_s=200:300:3", "--axis", "target.compressive_strength_pa=30e6,50e6"]
-    done = run(folder, "sweep", "strike.toml", *axes, "--data-dir", "kept", "-o", "angles.csv", "--plot", "map.svg")
+    done = run_process(
+        folder, "sweep", "strike.toml", *axes, "--data-dir", "kept", "-o", "angles.csv", "--plot", "map.svg"
+    )
     assert (done.status, done.out) == (0, ""), done.err
     assert "6 cases, 0 of them with a problem" in done.err
     rows = list(csv.DictReader((folder / "angles.csv").read_text().splitlines()))
@@ -314,7 +325,7 @@ def test_interrupted_batch_of_the_own_pool_leaves_nothing_running(folder: Path, 
 
 def test_folder_of_a_running_service_is_refused(folder: Path, dedicated_service: Any, tmp_path: Path) -> None:
     write_cases(folder / "cases.jsonl", case_at(238.0))
-    done = run(folder, "batch", "cases.jsonl", "--data-dir", str(tmp_path / "data"))
+    done = run_process(folder, "batch", "cases.jsonl", "--data-dir", str(tmp_path / "data"))
     assert (done.status, done.out) == (1, "")
     assert "in use by another service; use that service with --url" in done.err
     assert "Traceback" not in done.err

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.cli.commands import COMMAND, LIMIT_S, case_at, environment, run, write_cases
+from tests.cli.commands import COMMAND, LIMIT_S, case_at, environment, run, run_process, write_cases
 
 ANSWER = "Critical angle 48.6"
 ELSEWHERE = "http://ricochet.invalid:1"
@@ -53,7 +53,8 @@ def test_loopback_is_never_sought_through_a_proxy(folder: Path, live_url: str, a
 
 @pytest.mark.parametrize("backend", ["module://matplotlib_inline.backend_inline", "nonsense", "tkagg"])
 def test_the_backend_of_a_notebook_does_not_matter(folder: Path, backend: str) -> None:
-    done = run(folder, "cra", "strike.toml", "--plot", "plot.svg", MPLBACKEND=backend)
+    args = ("trajectory", "strike.toml", "--angle", "45", "--plot", "plot.svg")
+    done = run_process(folder, *args, MPLBACKEND=backend)
     assert done.status == 0, done.err
     assert (folder / "plot.svg").stat().st_size
 
@@ -71,34 +72,32 @@ def test_the_backend_of_a_notebook_does_not_matter(folder: Path, backend: str) -
     ids=" ".join,
 )
 def test_characters_that_an_encoding_lacks_are_replaced(folder: Path, encoding: str, words: list[str]) -> None:
-    done = subprocess.run(
-        [*COMMAND, *words],
-        cwd=folder,
-        env=environment(PYTHONIOENCODING=encoding),
-        capture_output=True,
-        timeout=LIMIT_S,
-        check=False,
-    )
-    assert done.returncode == (2 if "100" in words else 0), done.stderr
-    out, err = done.stdout.decode(encoding), done.stderr.decode(encoding)
-    assert "Traceback" not in err
-    assert "?" not in out + err
+    done = run(folder, *words, encoding=encoding)
+    assert done.status == (2 if "100" in words else 0), done.err
+    assert "Traceback" not in done.err
+    assert "?" not in done.out + done.err
     if "-v" in words:
-        assert ANSWER + ("°" if encoding != "ascii" else "deg") in out
+        assert ANSWER + ("°" if encoding != "ascii" else "deg") in done.out
+
+
+def test_streams_of_a_process_take_the_encoding_of_its_environment(folder: Path) -> None:
+    done = run_process(folder, "calibrate", "motion", "--help", PYTHONIOENCODING="ascii")
+    assert done.status == 0, done.err
+    assert done.out.isascii()
 
 
 def test_json_is_utf_8_in_any_encoding(folder: Path) -> None:
     write_cases(folder / "cases.jsonl", case_at(238.0, custom_id="α°"))
-    done = run(folder, "batch", "cases.jsonl", PYTHONIOENCODING="ascii")
+    done = run_process(folder, "batch", "cases.jsonl", PYTHONIOENCODING="ascii")
     assert json.loads(done.out)["custom_id"] == "α°"
 
 
 @pytest.mark.parametrize(
     ("line", "status"),
     [
-        ("{} cra strike.toml >&-", 0),
-        ("{} cra strike.toml 2>&-", 0),
-        ("{} cra strike.toml <&-", 0),
+        ("{} trajectory strike.toml --angle 45 >&-", 0),
+        ("{} trajectory strike.toml --angle 45 2>&-", 0),
+        ("{} trajectory strike.toml --angle 45 <&-", 0),
         ("{} cra strike.toml --json >&- 2>&- <&-", 0),
         ("{} cra --help >&-", 0),
         ("{} batch - <&-", 2),

@@ -20,7 +20,7 @@ from service.cli.serve import check_proxy
 from service.schemas.strike import PAPER, PAPER_AT_45
 from service.settings import Settings
 from solver import ENGINE_VERSION
-from tests.cli.commands import COMMAND, LIMIT_S, case_at, environment, run, write_cases
+from tests.cli.commands import COMMAND, LIMIT_S, case_at, environment, run, run_process, write_cases
 from tests.conftest import free_port
 
 RunService: TypeAlias = Callable[..., AbstractContextManager["Service"]]
@@ -132,7 +132,7 @@ def test_folder_without_results_is_an_error(
 
 
 def test_second_service_on_a_folder_is_refused(dedicated_service: Service, tmp_path: Path) -> None:
-    done = run(tmp_path, "serve", RICOCHET_PORT="0", RICOCHET_DATA_DIR=str(tmp_path / "data"))
+    done = run_process(tmp_path, "serve", RICOCHET_PORT="0", RICOCHET_DATA_DIR=str(tmp_path / "data"))
     assert done.status == 3
     assert done.err.splitlines()[-1].startswith("ricochet serve: ")
     assert "in use by another service" in done.err
@@ -170,7 +170,7 @@ def test_wrong_setting_is_named(
 def test_tilde_in_the_data_folder_is_the_home(folder: Path, words: list[str]) -> None:
     write_cases(folder / "cases.jsonl", case_at(238.0))
     (folder / "home").mkdir()
-    done = run(folder, *words, HOME=str(folder / "home"), RICOCHET_DATA_DIR="~/x")
+    done = run_process(folder, *words, HOME=str(folder / "home"), RICOCHET_DATA_DIR="~/x")
     assert done.status == 0, done.err
     assert not (folder / "~").exists()
     assert (folder / "home" / "x").is_dir() == (words[0] == "batch")

@@ -1,4 +1,4 @@
-"""`ricochet trajectory` and `ricochet cra` as processes: in a pipe, on a terminal, local and against a service."""
+"""`ricochet trajectory` and `ricochet cra`: in a pipe, on a terminal, local and against a service."""
 
 import csv
 import json
@@ -18,7 +18,7 @@ import pytest
 from service import cli
 from service.cli.arguments import RefusedError
 from service.schemas.strike import PAPER, PAPER_AT_45
-from tests.cli.commands import ROOT, STRIKE_TOML, run, run_on_terminal
+from tests.cli.commands import ROOT, STRIKE_TOML, run, run_on_terminal, run_process
 from tests.conftest import free_port
 
 FLAGS = "--diameter 0.08 --length 0.53 --mass 13 --caliber-radius-head 3 --compressive-strength 39e6 --density 2250"
@@ -26,7 +26,7 @@ FLAGS = "--diameter 0.08 --length 0.53 --mass 13 --caliber-radius-head 3 --compr
 
 def test_answer_of_the_process_is_that_of_the_service(folder: Path, client: httpx.Client) -> None:
     """Byte for byte, key and version included."""
-    done = run(folder, "cra", "strike.toml", "--json")
+    done = run_process(folder, "cra", "strike.toml", "--json")
     assert (done.status, done.err) == (0, "")
     assert done.out.encode() == client.post("/cra", json=PAPER).content + b"\n"
 
@@ -400,6 +400,6 @@ def test_missing_matplotlib_is_found_before_the_computation(folder: Path) -> Non
     (folder / "without").mkdir()
     (folder / "without" / "matplotlib.py").write_text("raise ModuleNotFoundError(name='matplotlib')")
     path = os.pathsep.join((str(folder / "without"), str(ROOT)))
-    done = run(folder, "cra", "strike.toml", "--plot", "a.svg", PYTHONPATH=path)
+    done = run_process(folder, "cra", "strike.toml", "--plot", "a.svg", PYTHONPATH=path)
     assert (done.status, done.out) == (1, "")
     assert "install the extra reports from the wheel" in done.err

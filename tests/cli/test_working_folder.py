@@ -74,7 +74,7 @@ def serving(folder: Path, data: Path) -> Iterator[Service]:
     ):
         service = Service(f"http://127.0.0.1:{port}", process)
         try:
-            wait_until_ready(service, verify=True)
+            wait_until_ready(service)
             yield service
         finally:
             process.terminate()

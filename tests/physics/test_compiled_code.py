@@ -16,6 +16,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -231,7 +232,12 @@ DAMAGES: dict[str, Callable[[bytes], bytes]] = {
 }
 
 
-@pytest.mark.parametrize("damage", DAMAGES)
+def damages(*first: str) -> list[Any]:
+    """The damages of a file; all but the first ones are tried with the tests of the system."""
+    return [pytest.param(name, marks=() if name in first else pytest.mark.system) for name in DAMAGES]
+
+
+@pytest.mark.parametrize("damage", damages("empty", "bit of the middle", "bit of the end"))
 def test_folder_with_a_damaged_file_is_compiled_anew(ready: Little, damage: str) -> None:
     damage_file(ready, damage, ".nbc")
     assert ready.compiled() == 2
@@ -239,7 +245,7 @@ def test_folder_with_a_damaged_file_is_compiled_anew(ready: Little, damage: str)
     assert not ready.left()
 
 
-@pytest.mark.parametrize("damage", ["empty", "first half", "bit of the middle"])
+@pytest.mark.parametrize("damage", damages("first half"))
 def test_damaged_index_is_written_anew(ready: Little, damage: str) -> None:
     """An index that is read but names other code does not condemn the folder."""
     damage_file(ready, damage, ".nbi")

@@ -37,6 +37,8 @@ ANGLES = [
 TOLERANCE_DEG = 0.02
 
 SPEEDS, STRENGTHS = np.linspace(60.0, 450.0, 60), np.linspace(20e6, 60e6, 60)
+LINE = 6
+"""One of so many lines of the map is followed, in both directions: a cliff runs across the map and would cut them."""
 STEEPEST_DEG = 2.5
 """Difference of neighbours on the map that a smooth dependence on speed and strength stays below. [°]"""
 
@@ -69,13 +71,14 @@ def test_sums_over_elements_put_the_change_of_outcome_there(expected: float, cha
 
 
 def test_angle_changes_gradually_with_speed_and_strength() -> None:
-    speeds, strengths = (axis.ravel() for axis in np.meshgrid(SPEEDS, STRENGTHS))
-    targets = [Target(compressive_strength=value, density=PAPER_TARGET.density) for value in strengths.tolist()]
-    answers = critical_angle_many(projectile=PAPER_PROJECTILE, target=targets, velocity=speeds.tolist(), threads=2)
-    angles = np.array([_degrees(answer) for answer in answers]).reshape(STRENGTHS.size, SPEEDS.size)
+    along = [(speed, strength) for strength in STRENGTHS[::LINE] for speed in SPEEDS]
+    across = [(speed, strength) for speed in SPEEDS[::LINE] for strength in STRENGTHS]
+    speeds, strengths = zip(*along, *across, strict=True)
+    targets = [Target(compressive_strength=value, density=PAPER_TARGET.density) for value in strengths]
+    answers = critical_angle_many(projectile=PAPER_PROJECTILE, target=targets, velocity=speeds, threads=2)
+    angles = np.array([_degrees(answer) for answer in answers]).reshape(-1, SPEEDS.size)
     assert np.isfinite(angles).all()
-    assert np.abs(np.diff(angles, axis=0)).max() < STEEPEST_DEG
-    assert np.abs(np.diff(angles, axis=1)).max() < STEEPEST_DEG
+    assert np.abs(np.diff(angles)).max() < STEEPEST_DEG
 
 
 def _degrees(answer: object) -> float:

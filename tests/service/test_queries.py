@@ -252,22 +252,17 @@ async def test_query_waits_no_longer_than_it_may(pool: ProcessPool, tmp_path: Pa
 
 
 async def test_event_loop_stays_free_while_histories_are_made_and_kept(service: QueryService, tmp_path: Path) -> None:
-    """The best of three: other programs on the machine make it wait too."""
-
-    async def longest_wait(first: int) -> float:
-        work = (
-            service.answer("trajectory", KeyedRequest.of("trajectory", Question(tmp_path, first + i)))
-            for i in range(100)
-        )
-        queries, longest = asyncio.gather(*work), 0.0
-        while not queries.done():
-            before = time.monotonic()
-            await asyncio.sleep(0.005)
-            longest = max(longest, time.monotonic() - before)
-        assert all(len(record.json) > 1_000_000 for record, _ in await queries)
-        return longest
-
-    assert min([await longest_wait(first) for first in (0, 100, 200)]) < 0.1
+    """It would take several times as long to read and write each answer once; a busy machine does not change that."""
+    requests = [KeyedRequest.of("trajectory", Question(tmp_path, number)) for number in range(100)]
+    begin = time.thread_time()
+    found = await asyncio.gather(*(service.answer("trajectory", request) for request in requests))
+    loop_seconds = time.thread_time() - begin
+    answers = [record.json for record, _ in found]
+    assert all(len(answer) > 1_000_000 for answer in answers)
+    begin = time.thread_time()
+    for answer in answers:
+        orjson.dumps(orjson.loads(answer))
+    assert loop_seconds < 0.7 * (time.thread_time() - begin)
 
 
 async def test_result_that_another_kept_after_the_look_up_is_not_kept_twice(
