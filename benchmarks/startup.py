@@ -2,8 +2,8 @@
 
     python benchmarks/startup.py [--quick] [--repetitions 5]
 
-Each repetition starts a process with the compiled code on disk. Without `--quick` one more starts with an empty cache
-and compiles everything, about 30 s.
+Each repetition starts a process with the compiled code on disk, and the command, which also samples the range of its
+angle. Without `--quick` one more process starts with an empty cache and compiles everything, about 30 s.
 """
 
 import argparse
@@ -13,6 +13,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from pathlib import Path
 
 from benchmarks.machine import print_machine, print_table, spread, time_spread
 from solver import warm_up
@@ -29,6 +30,8 @@ answered, at = time.perf_counter(), time.monotonic()
 memory = 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 print(json.dumps({"import": imported - begin, "answer": answered - imported, "at": at, "memory": memory}))
 """
+COMMAND = """cra --nose ogive --caliber-radius-head 3 --diameter 0.08 --length 0.53 --mass 13
+--compressive-strength 39e6 --density 2250 --velocity 238"""
 
 
 def start(**environment: str) -> dict[str, float]:
@@ -40,6 +43,15 @@ def start(**environment: str) -> dict[str, float]:
     return times | {"until": times["at"] - begin, "process": time.monotonic() - begin}
 
 
+def run_command() -> dict[str, float]:
+    """Run `ricochet cra`, and return the time it takes and the processor time. [s]"""
+    begin, before = time.monotonic(), os.times()
+    subprocess.run([Path(sys.executable).with_name("ricochet"), *COMMAND.split()], capture_output=True, check=True)
+    after = os.times()
+    used = after.children_user + after.children_system - before.children_user - before.children_system
+    return {"process": time.monotonic() - begin, "processor": used}
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description="Measure fresh processes.")
     parser.add_argument("--quick", action="store_true", help="one repetition, and no compilation")
@@ -47,12 +59,15 @@ def main() -> None:
     options = parser.parse_args()
     print_machine()
     warm_up()
-    starts = [start() for _ in range(1 if options.quick else options.repetitions)]
+    repetitions = range(1 if options.quick else options.repetitions)
+    starts, commands = [start() for _ in repetitions], [run_command() for _ in repetitions]
     rows = [
         ["import of the solver", time_spread([each["import"] for each in starts])],
         ["first critical angle", time_spread([each["answer"] for each in starts])],
         ["from the start of the interpreter to that angle", time_spread([each["until"] for each in starts])],
         ["whole process, its end included", time_spread([each["process"] for each in starts])],
+        ["`ricochet cra`", time_spread([each["process"] for each in commands])],
+        ["its processor time", time_spread([each["processor"] for each in commands])],
         ["most resident memory", spread([each["memory"] / 1e6 for each in starts], "MB")],
     ]
     if not options.quick:
