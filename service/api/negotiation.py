@@ -11,7 +11,7 @@ PREFERENCE = re.compile(
 """A token, its value, and parameters, which none of ours has. Of what is said twice the first counts."""
 MOST_DIGITS = 9
 remembered = lru_cache(maxsize=64)
-"""Remembers what the headers say that clients send again and again."""
+"""Remembers what a header says: a client sends the same one with every request."""
 
 
 @remembered
