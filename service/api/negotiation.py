@@ -1,17 +1,21 @@
 """How clients choose answers: `Accept`, `Accept-Encoding`, `If-None-Match` (RFC 9110), and `Prefer` (RFC 7240)."""
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import lru_cache
 
 PREFERENCE = re.compile(
     r'\s*([!#$%&\'*+.^_`|~0-9a-z-]+)\s*(?:=\s*("(?:[^"\\]|\\.)*"|[^\s;,"]*))?[^,"]*(?:"[^"]*"[^,"]*)*'
 )
 """A token, its value, and parameters, which none of ours has. Of what is said twice the first counts."""
 MOST_DIGITS = 9
+remembered = lru_cache(maxsize=64)
+"""Remembers what a header says: a client sends the same one with every request."""
 
 
-def choose(accept: str, offered: Sequence[str]) -> str | None:
+@remembered
+def choose(accept: str, offered: tuple[str, ...]) -> str | None:
     """Return the media type the client likes best, the first of several; None if it takes none of those offered."""
     ranges = [_parse(part) for part in accept.split(",") if part.strip()]
     qualities = [_quality(media_type, ranges) for media_type in offered]
@@ -19,7 +23,8 @@ def choose(accept: str, offered: Sequence[str]) -> str | None:
     return offered[qualities.index(best)] if best > 0.0 else None
 
 
-def coding_of(accept_encoding: str, offered: Sequence[str] = ("zstd", "gzip")) -> str:
+@remembered
+def coding_of(accept_encoding: str, offered: tuple[str, ...] = ("zstd", "gzip")) -> str:
     """Return the coding that the client likes best, the first of several; identity if it takes none of those offered.
 
     What is not listed is not taken, but identity, which is then liked least (RFC 9110, section 12.5.3).

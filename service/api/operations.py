@@ -18,7 +18,7 @@ from service.operations import Many, Operation
 def add_routes(router: APIRouter, operations: Mapping[str, Operation]) -> None:
     """Add the routes of these operations; of many cases, those of the shortest first.
 
-    To the router of the application: FastAPI looks for a route of a router in a router twice.
+    The router is that of the application, because FastAPI looks twice for a route of an included router.
     """
     single = [each for each in operations.values() if each.study is None]
     many = [(each, each.many) for each in sorted(single, key=lambda each: each.runs) if each.many is not None]

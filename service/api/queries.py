@@ -48,7 +48,7 @@ def single_route(operation: Operation) -> Callable[[Request], Awaitable[Response
         known = services.bodies.get((path, body))
         record = None if known is None else services.cache.recall(known.key)
         if known is not None and record is not None:
-            return await recalled(request, operation, record, known.cases)
+            return await recalled(request, operation, record, known.cases, form)
         if long:
             case = await run_sync(validated_long, body, operation, services, limiter=services.reading)
             query = await run_sync(KeyedRequest.of, operation.name, case)
@@ -139,11 +139,11 @@ async def computed(services: Services, context: RequestContext, operation: str, 
         raise
 
 
-async def recalled(request: Request, operation: Operation, record: Record, cases: int) -> Response:
+async def recalled(request: Request, operation: Operation, record: Record, cases: int, form: str) -> Response:
     """Return a result that is there as the answer; charge and count it."""
     context_in(request.scope).take(cases)
     services_of(request).metrics.count(operation.name, record.outcome, "hit", 1)
-    return await reply(form_of(request), record, "hit", request.scope[BEGUN])
+    return await reply(form, record, "hit", request.scope[BEGUN])
 
 
 async def reply(

@@ -345,7 +345,7 @@ def form_of(request: Request) -> str:
     HTTPException
         406 if it takes none of them.
     """
-    media_type = choose(request.headers.get("accept", "*/*"), list(REPRESENTATIONS))
+    media_type = choose(request.headers.get("accept", "*/*"), tuple(REPRESENTATIONS))
     if media_type is None:
         raise HTTPException(HTTPStatus.NOT_ACCEPTABLE, f"a result is given as {', '.join(REPRESENTATIONS)}")
     return media_type

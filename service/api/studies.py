@@ -59,7 +59,7 @@ def study_route(operation: Operation) -> Callable[..., Awaitable[Response]]:
         read = time.perf_counter()
         record = None if preference.respond_async else await services.queries.result(known.key)
         if record is not None:
-            return await recalled(request, operation, record, known.cases)
+            return await recalled(request, operation, record, known.cases, form)
         case = case or await read_request(services, body, operation)
         most = case.sampling.max_samples
         if preference.respond_async or most > services.settings.small_samples:

@@ -174,7 +174,10 @@ def context_in(scope: RequestScope) -> RequestContext:
 
 
 class Authorization(HTTPBearer):
-    """FastAPI's declaration of keys, which also checks them: FastAPI solves each dependency by itself."""
+    """FastAPI's declaration of keys, which also checks them: a dependency of a dependency would cost each request more.
+
+    `__call__` has the parameters that FastAPI fills in, one more than that of its base.
+    """
 
     async def __call__(self, request: Request, required: SecurityScopes) -> RequestContext:  # type: ignore[override]
         """Return the context of a request whose key has the scopes of its route.

@@ -133,7 +133,7 @@ def walk(model: type[Part], found: Any, /, **given: Any) -> dict[str, Any]:
             value = field.get(found)
         else:
             continue
-        if isinstance(value, float):  # Most values are numbers, and a call for each takes a fifth of the time.
+        if isinstance(value, float):  # Most values are numbers, and a call for each would take long.
             answer[field.name] = field.convert(value)
         elif not field.optional or says_something(value):
             answer[field.name] = _plain(field, value)
