@@ -60,7 +60,7 @@ QUANTITIES: Final[Mapping[str, str]] = {
     "resistance.strength_factor.model": "Strength factor",
     "resistance.strength_factor.shots": "Shots: speed, depth",
     "resistance.strength_factor.value": "Value of S",
-    "resistance.strength_factor.coefficients": "Coefficients, θ in °",
+    "resistance.strength_factor.coefficients": "Coefficients, θ in\N{NO-BREAK SPACE}°",
     "resistance.strength_factor.covariance": "Covariance",
     "resistance.strength_factor.coefficient": "Coefficient",
     "resistance.strength_factor.exponent": "Strength exponent",

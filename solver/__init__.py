@@ -55,7 +55,7 @@ from solver.trajectory import Motion, Trajectory, simulate
 from solver.warm_up import warm_up
 from solver.warnings import ModelWarning
 
-ENGINE_VERSION = "13"
+ENGINE_VERSION = "14"
 """Raised whenever results change: results kept under another version are not used."""
 
 __all__ = [

@@ -10,7 +10,7 @@ from solver import warnings as model_warnings
 from solver.arrays import ComparedByFields, FloatArray
 from solver.checks import ParameterError, require_one, require_positive
 from solver.display import Axes, Columns, DataFrame, Figure, card, dataframe, line, plot_motion
-from solver.motion import Model, Run, Termination, sample, sample_loads
+from solver.motion import Model, Run, Termination, sample, sample_accelerations, sample_loads
 from solver.plausibility import check_depth, check_energy
 from solver.prepared import OUTCOMES, Exit, Outcome, PreparedCase, exit_of, integrate, prepare
 from solver.projectile import Projectile
@@ -60,7 +60,8 @@ class Motion(ComparedByFields, Generic[Value]):
     negative as the body is slowed. [m/s²]"""
     transverse_acceleration: Value
     """Of the centre of gravity by the resistance, across that axis; positive the way the nose moves as `axis_angle`
-    grows. Where the body slides straight, samples scatter about the mean: a speed across it of mm/s decides. [m/s²]"""
+    grows. With panels, samples scatter about the mean where the body slides straight: a speed across it of mm/s
+    decides. [m/s²]"""
     kinetic_energy: Value
     """Energy of translation and rotation. [J]"""
 
@@ -243,7 +244,7 @@ def run_prepared(prepared: PreparedCase, impact: Impact, sample_interval: float 
 
 
 def _motion_at(run: Run, model: Model) -> Motion[float]:
-    columns = _columns(np.array([run.time]), run.state[None, :], model)
+    columns = _columns(np.array([run.time]), run.state[None, :], sample_loads(run.state[None, :], model), model)
     return Motion(*(float(getattr(columns, field.name)[0]) for field in fields(columns)))
 
 
@@ -255,12 +256,17 @@ def _history(run: Run, steps: FloatArray, model: Model, sample_interval: float) 
     times = np.concatenate((times[times < run.time * (1.0 - 1e-12)], [run.time]))
     states = sample(steps, times) if len(steps) else np.repeat(run.state[None, :], times.size, axis=0)
     states[-1] = run.state
-    return _columns(times, states, model)
+    loads = sample_loads(states[-1:], model)
+    if len(steps):
+        inertia = np.array([model.body.mass, model.body.mass, model.body.moment_of_inertia])
+        loads = np.concatenate((inertia * sample_accelerations(steps, times[:-1]), loads))
+    else:
+        loads = np.repeat(loads, times.size, axis=0)
+    return _columns(times, states, loads, model)
 
 
-def _columns(times: FloatArray, states: FloatArray, model: Model) -> Motion[FloatArray]:
+def _columns(times: FloatArray, states: FloatArray, forces: FloatArray, model: Model) -> Motion[FloatArray]:
     body = model.body
-    forces = sample_loads(states, model)
     cosine, sine = np.cos(states[:, 2]), np.sin(states[:, 2])
     translation = body.mass * (states[:, 3] ** 2 + states[:, 4] ** 2)
     return Motion(

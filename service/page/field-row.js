@@ -6,6 +6,7 @@ import { element } from "./elements.js";
 import { readValue } from "./field-value.js";
 import { shownNumber, shownValue } from "./fields.js";
 import { unitOf } from "./units.js";
+import { lengthShown, quantityShown } from "./words.js";
 
 const REST_MS = 1500; // without a key before what is typed is taken to be meant
 
@@ -125,7 +126,7 @@ function buildArea(text, read, attributes) {
 function buildShots(field, values, read) {
   const shown = (value, si) => shownNumber(unitOf(si), value);
   const lines = (valueAt(values, field.path) ?? []).map((shot) => `${shown(shot.velocity_m_s, "m/s")}, ${shown(shot.depth_m, "mm")}`);
-  const example = [[250, 0.31], [300, 0.42]].map(([speed, depth]) => `${Math.round(shown(speed, "m/s"))} ${unitOf("m/s").unit}, ${Number(shown(depth, "mm").toPrecision(3))} ${unitOf("mm").unit}`);
+  const example = [[250, 0.31], [300, 0.42]].map(([speed, depth]) => `${quantityShown(speed, "m/s")}, ${lengthShown(depth)}`);
   const area = buildArea(lines.join("\n"), read, { rows: 4, placeholder: `none yet, as in\n${example.join("\n")}` });
   area.addEventListener("dragover", (event) => event.preventDefault());
   area.addEventListener("drop", async (event) => {

@@ -18,9 +18,9 @@ const DESCRIBES = "ricochet-describe"; // whether every field is described, in t
  *   problem: HTMLElement, parts?: () => HTMLElement[], panels?: object[], onHold?: () => void, groups?: object[], without?: string[], open?: string[]}} options
  *   `onChange` is called with a case only if all its fields are in their bounds, `onHold` while one is not; `problem` is where
  *   there is a word on what is wrong elsewhere than at a field; `parts` are marked as of the inputs before while a field may
- *   still be typed into, and once its value is not accepted are cleared of all but pictures, as are `panels`, by their `hold` and `clear`; `include` names
- *   the groups of fields.js, all if none, `groups` others instead; `without` are fields to leave out by their paths, `open` the
- *   groups that are not folded
+ *   still be typed into, and once its value is not accepted are cleared of all but pictures, as are `panels`, by their `hold` and
+ *   `clear`; `include` names the groups of fields.js, all if none, `groups` others instead; `without` are fields to leave out by
+ *   their paths, `open` the groups that are not folded
  * @returns {{setCase: (values: object) => void, setField: (path: string, value: number) => void, fail: (error: Error) => void, currentCase: () => object}}
  *   `setField` fills in a field as if a value in SI were typed; `fail` shows an error: at the fields it points to, if it does
  */
@@ -49,7 +49,7 @@ class CaseForm {
     describes.addEventListener("change", () => localStorage.setItem(DESCRIBES, describes.checked ? "yes" : "no"));
     this.help = element("label.describe", {}, describes, " Describe every field");
     this.undoButton = element("button", { type: "button", disabled: true, onclick: () => this.undo() }, "Undo");
-    this.groups = groups ?? GROUPS.filter(({ name }) => !include || include.includes(name));
+    this.groups = groups ?? include?.map((given) => GROUPS.find(({ name }) => name === given)) ?? GROUPS;
     this.tools = groups ? [] : [element("p.actions", {}, this.help, this.undoButton)];
   }
 
@@ -144,7 +144,7 @@ class CaseForm {
     return announce(`${this.rows.find(({ field }) => field.path === path)?.field.label ?? "The change"} is as before.`);
   }
 
-  /** Start from the example of another variant, whose fields are others; its shots are nobody's evidence, and stay away. */
+  /** Start from the example of another variant, whose fields are others, but without its shots: they would count as evidence. */
   takeVariant({ path }, name) {
     const holder = path.slice(0, path.lastIndexOf("."));
     const { shots, ...example } = exampleOf(holder, name);

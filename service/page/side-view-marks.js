@@ -33,7 +33,7 @@ export function hole({ path, projectile, target }) {
 export function faceNames(thickness, { box, origin, scale }) {
   const right = (box.x + box.width - origin[0]) / scale;
   const name = (text, depth, below) => ({ at: [right, depth + (below ? 11 : -7) / scale], text, side: "left" });
-  if (thickness === undefined) return [name("face", 0)];
+  if (!(origin[1] + thickness * scale < box.y + box.height)) return [name("face", 0)]; // a rear face beyond the picture, or none
   const isLast = origin[1] + thickness * scale > box.y + box.height - 24;
   return [name("face", 0), name("rear face", thickness, !isLast)];
 }

@@ -29,7 +29,7 @@ export function verdictOf({ values, run, found, judged }) {
   const decimals = decimalsOf(judged);
   const isOfAngle = judged?.oblique_angle_deg === values.impact.oblique_angle_deg;
   const probability = isOfAngle ? judged.ricochet_probability : undefined;
-  const begins = angle === undefined ? describeAngle(found) : `Critical angle ${degreesShown(angle, decimals)} from the normal.`;
+  const begins = angle === undefined ? describeAngle(found, decimals) : `Critical angle ${degreesShown(angle, decimals)} from the normal.`;
   return {
     sentence: isOfAngle ? judged.sentence : `At ${mine} from the normal: ${outcomeShown(run.outcome)}. ${begins}`,
     figures: [
@@ -69,6 +69,7 @@ export class Verdict {
   #key; // of the case whose angle is shown
   #values;
   #run; // of the case at its oblique angle
+  #hadShots; // whether the case before has own depth tests
   #judged; // the answer to `/verdict`, perhaps for another oblique angle
 
   /**
@@ -83,9 +84,9 @@ export class Verdict {
     this.spread = element("div", { role: "group", "aria-label": "Spread" });
     this.fit = element("div.strip", { role: "group", "aria-label": "Own depth tests" });
     this.link = element("a", {}, "How sure, input by input");
-    const about = element("details", {}, element("summary", {}, "What the range stands for"), this.spread, this.fit);
+    this.about = element("details", {}, element("summary", {}, "What the range stands for"), this.spread, this.fit);
     this.warnings = element("div", {});
-    const parts = [this.card, this.strip, element("div.spread", {}, about, this.link), this.warnings];
+    const parts = [this.card, this.strip, element("div.spread", {}, this.about, this.link), this.warnings];
     this.root = element("section.panel.across.verdict", { "aria-label": "Verdict" }, ...parts);
     this.updateAngle = latest((values, signal) => this.#showAngle(values, signal), onError);
     this.updateJudged = latest((values, signal) => this.#judge(values, signal), onError, { supersede: true, restMs: REST_MS });
@@ -165,7 +166,10 @@ export class Verdict {
     if (!run || !this.isOf(values)) return;
     showCard(this.card, verdictOf({ values, run, found: this.found, judged: this.#judged }), run.outcome);
     this.fit.replaceChildren(...(this.#judged?.own_tests ? fitOf(this.#judged.own_tests, this.strip.clientWidth) : []));
-    this.spread.replaceChildren([describeAngle(this.found), this.#judged ? describeRange(this.#judged) : ""].join(" "));
+    const hasShots = Boolean(values.resistance?.strength_factor?.shots);
+    if (hasShots && !this.#hadShots) this.about.open = true; // it says what they did to S
+    this.#hadShots = hasShots;
+    this.spread.replaceChildren([describeAngle(this.found, decimalsOf(this.#judged)), this.#judged ? describeRange(this.#judged) : ""].join(" "));
     this.warnings.replaceChildren(...warningList(run.warnings, this.found.warnings, this.#judged?.warnings ?? []));
     const theories = (this.#judged?.theories ?? []).map((each) => each.critical_angle_deg).filter((angle) => angle !== undefined);
     const { lower_deg: lower, upper_deg: upper } = this.#judged?.range ?? {};
@@ -247,7 +251,7 @@ function fitOf({ shots, median, dispersion, prior_median: before, prior_dispersi
   const ends = rows.flatMap(([, , range]) => range);
   const [least, most, left, right] = [Math.min(...ends), Math.max(...ends), 130, Math.max(width, 280) - 14];
   const at = (value) => left + ((value - least) / (most - least)) * (right - left);
-  const words = rows.map(([name, middle, [low, high]]) => `${name}: S ${digits(middle)} (${digits(low)} to ${digits(high)})`).join("; ");
+  const words = rows.map(([name, middle, [low, high]]) => `${name}: S ${digits(middle)} (${digits(low)} to ${digits(high)})`).join(". ");
   const bars = rows.flatMap(([name, middle, [low, high], kind], i) => [
     svg("text", { x: 0, y: 17 + 24 * i }, name),
     svg("rect", { class: kind, x: at(low), y: 6 + 24 * i, width: at(high) - at(low), height: 14 }),

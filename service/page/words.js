@@ -72,11 +72,11 @@ function wallOf({ outcome, target: { thickness_m: thickness } }) {
 }
 
 /** Return what a search found besides the angle, in sentences; how it ended if there is none. */
-export function describeAngle(found) {
-  const outcomes = found.outcomes ? outcomesShown(found.outcomes) : "";
+export function describeAngle(found, decimals) {
+  const outcomes = found.outcomes ? outcomesShown(found.outcomes, decimals) : "";
   if (found.critical_angle_deg === undefined) return [STATUSES[found.status], outcomes].filter(Boolean).join(" ");
   const error = found.critical_angle_standard_error_deg;
-  const others = found.other_crossings_deg.map((angle) => degreesShown(angle)).join(", ");
+  const others = found.other_crossings_deg.map((angle) => degreesShown(angle, decimals)).join(", ");
   return [
     `Strength factor at the critical angle ${digits(found.strength_factor)}.`,
     error === undefined ? "" : `Standard error of the angle ${degreesShown(error)}.`,
@@ -86,11 +86,12 @@ export function describeAngle(found) {
   ].filter(Boolean).join(" ");
 }
 
-/** Return the outcomes of a wall by oblique angle, as in "Perforated from 5.00° to 41.02°, ricochet from 41.02° to 85.00°." */
-function outcomesShown(outcomes) {
+/** Return the outcomes of a wall by oblique angle, as in "Perforated from 5.0° to 41.0°, ricochet from 41.0° to 85.0°." */
+function outcomesShown(outcomes, decimals) {
+  const shown = (angle) => degreesShown(angle, decimals);
   const intervals = outcomes.map(({ outcome, lower_deg: lower, upper_deg: upper }, i) => {
-    const from = i ? degreesShown(lower) : `${degreesShown(lower)} (where the search begins)`;
-    const to = i < outcomes.length - 1 ? degreesShown(upper) : `${degreesShown(upper)} (where it ends)`;
+    const from = i ? shown(lower) : `${shown(lower)} (where the search begins)`;
+    const to = i < outcomes.length - 1 ? shown(upper) : `${shown(upper)} (where it ends)`;
     return `${outcomeShown(outcome)} from ${from} to ${to}`;
   });
   return sentence(intervals.join(", "));

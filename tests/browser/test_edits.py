@@ -267,6 +267,7 @@ def test_own_shots_narrow_the_range(page: Page, shots: str) -> None:
     page.get_by_label("Shots: speed, depth").fill(shots)  # the second and last action
     fit = page.get_by_label("Own depth tests", exact=True)
     expect(fit).to_contain_text(f"With {3 if 'cm' in shots else 4} depth tests: S ")
+    expect(fit).to_be_visible()
     after = ninety_per_cent(page)
     assert after[1] - after[0] < 0.85 * (before[1] - before[0])
     expect(page).to_have_url(re.compile("shots"))

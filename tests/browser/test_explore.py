@@ -82,7 +82,7 @@ def test_wall_that_is_too_thin_is_perforated(page: Page) -> None:
     expect(verdict).to_contain_text("At 20° from the normal: perforated")
     expect(page.get_by_role("group", name="Outcome")).to_contain_text("mm beyond the rear face")
     expect(verdict).to_contain_text(
-        re.compile(r"Perforated from 5\.00° \(where the search begins\) to \d+\.\d+°, embedded")
+        re.compile(r"Perforated from 5\.0° \(where the search begins\) to \d+\.\d+°, embedded")
     )
     expect(verdict.locator("summary", has_text="The rear face has no plug")).to_be_visible()
     expect(page.get_by_role("img", name=re.compile("Strike: perforated after .* wall of 200 mm"))).to_be_visible()

@@ -46,7 +46,7 @@ export async function show(root, query) {
   };
   const form = buildForm(parts.form, {
     case: readCase(query),
-    include: ["Strike", "Projectile", "Target", "Model"],
+    include: ["Strike", "Target", "Projectile", "Model"], // the thickness, which is judged here, in sight
     open: matchMedia("(min-width: 60rem)").matches ? undefined : ["Strike", "Target"],
     onChange(values) {
       refresh(values);
