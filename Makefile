@@ -7,8 +7,9 @@ PYTHON ?= $(shell for p in python3 python3.14 python3.13 python3.12 python3.11; 
 COMPILE := $(BIN)/uv pip compile --universal --python-version 3.11 --fork-strategy fewest --generate-hashes \
 	--custom-compile-command "make lock" --quiet
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile --no-deps --require-hashes --only-binary :all:
-# In the order of the files: the default begins with those of many tests, and ends with one that takes a minute.
-PYTEST := $(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder
+# In the order of the files: the default begins with those of many tests, and ends with one that takes a minute. Three at
+# a time keep two cores busy: many tests wait for what another process does.
+PYTEST := $(BIN)/pytest --dist loadfile --no-loadscope-reorder
 REDOCLY := npx --yes @redocly/cli@2.77.0
 SPECTRAL := npx --yes @stoplight/spectral-cli@6.16.3
 IMAGES ?= run cluster full
@@ -57,17 +58,17 @@ demo: .venv/.solver ## compute the paper's critical ricochet angle with a fresh 
 serve: setup ## run the service; RICOCHET_HOST, RICOCHET_PORT, RICOCHET_DATA_DIR, RICOCHET_WORKERS
 	@$(BIN)/ricochet serve
 
-test: setup ## run the tests, two files at a time; ARGS="..." goes to pytest
+test: setup ## run the tests, three files at a time; ARGS="..." goes to pytest
 	@$(WARM_UP)
-	@$(PYTEST) $(ARGS)
+	@$(PYTEST) -n 3 $(ARGS)
 
 test-system: setup ## run those that drive a browser or a cluster, kill what runs, fuzz the contract, or run the documentation
 	@$(WARM_UP)
-	@$(PYTEST) -m "system and not slow" $(ARGS)
+	@$(PYTEST) -n 2 -m "system and not slow" $(ARGS)
 
 test-all: setup ## run the tests that take minutes as well
 	@$(WARM_UP)
-	@$(PYTEST) -m "slow or not slow" $(ARGS)
+	@$(PYTEST) -n 2 -m "slow or not slow" $(ARGS)
 
 check: setup ## lint, format, types, layers, committed contract and tables, Dockerfile, known vulnerabilities; with npm the contract's rules
 	$(BIN)/ruff check

@@ -1,18 +1,20 @@
 """Every example of the contract is sent to the service, or compared with what the service answers."""
 
+import json
 from collections.abc import Callable, Iterator
 from typing import Any
 
 import httpx
 import pytest
 
-from service.api.app import create_app
 from service.api.health import Version
 from service.schemas import answers
 from service.schemas.quantities import Part
 from service.schemas.strike import PAPER, PAPER_AT_45
+from tests.conftest import ROOT
 
-SCHEMAS: dict[str, dict[str, Any]] = create_app().openapi()["components"]["schemas"]
+CONTRACT = json.loads((ROOT / "openapi" / "openapi.json").read_text(encoding="utf-8"))
+SCHEMAS: dict[str, dict[str, Any]] = CONTRACT["components"]["schemas"]
 REQUESTS = {
     "TrajectoryRequest": ("/trajectory", PAPER_AT_45),
     "CriticalAngleRequest": ("/cra", PAPER),

@@ -8,7 +8,7 @@ import httpx
 import pytest
 
 from service.schemas.strike import PAPER
-from tests.cli.commands import run
+from tests.cli.commands import run_process
 from tests.conftest import ROOT, Service
 
 from .many import ASYNC, finished
@@ -49,7 +49,7 @@ def test_service_without_extras_says_so_and_does_the_rest(
 
 
 def test_command_without_the_sdk_names_the_extra(tmp_path: Path, bare_path: str) -> None:
-    done = run(tmp_path, "mcp", PYTHONPATH=bare_path)
+    done = run_process(tmp_path, "mcp", PYTHONPATH=bare_path)
     assert (done.status, done.out) == (1, "")
     assert "needs the package mcp, which is not installed: install the extra mcp from the wheel" in done.err
     assert "Traceback" not in done.err

@@ -11,14 +11,15 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from service.api.app import create_app
 from service.operations import result_key
 from service.schemas import CriticalAngleRequest, TrajectoryRequest
 from service.schemas.quantities import degrees
 from service.schemas.strike import PAPER
 from solver import ParameterError
+from tests.conftest import ROOT
 
-SCHEMAS: dict[str, dict[str, Any]] = create_app().openapi()["components"]["schemas"]
+CONTRACT = json.loads((ROOT / "openapi" / "openapi.json").read_text(encoding="utf-8"))
+SCHEMAS: dict[str, dict[str, Any]] = CONTRACT["components"]["schemas"]
 MODELS: dict[str, type[TrajectoryRequest | CriticalAngleRequest]] = {
     "TrajectoryRequest": TrajectoryRequest,
     "CriticalAngleRequest": CriticalAngleRequest,

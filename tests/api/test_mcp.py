@@ -5,13 +5,13 @@ import subprocess
 import sys
 from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import AbstractContextManager, asynccontextmanager
+from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import anyio
 import httpx
 import httpx2
-import jsonschema  # type: ignore[import-untyped] # comes with the SDK
 import pytest
 from anyio import to_thread
 from mcp import Client, StdioServerParameters
@@ -122,6 +122,7 @@ def test_structured_content_fits_the_schema_of_its_tool_whether_the_call_is_refu
     live_url: str, mode: str
 ) -> None:
     """Clients hold every result with structured content to the schema, refusals too."""
+    jsonschema = import_module("jsonschema")  # it comes with the SDK, and parses grammars for two seconds
     short = PAPER | {"projectile": PAPER["projectile"] | {"length_m": 0.1}}
     study = PAPER | {"uncertain": UNCERTAIN, "sampling": {"max_samples": 131072}}
     calls: list[tuple[str, dict[str, Any]]] = [

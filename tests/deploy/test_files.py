@@ -4,10 +4,10 @@ import re
 import shutil
 import subprocess
 import sys
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-import kubernetes_validate
 import pytest
 import yaml
 
@@ -88,15 +88,21 @@ def test_unit_has_settings_of_the_service_and_lets_it_end_by_itself(monkeypatch:
     assert int(files) > 2 * MAX_CONNECTIONS
 
 
+@pytest.fixture(scope="module")
+def kubernetes() -> Any:
+    """What knows the manifests of Kubernetes; its import parses grammars, for two seconds."""
+    return import_module("kubernetes_validate")
+
+
 @pytest.mark.parametrize("manifest", MANIFESTS, ids=lambda manifest: manifest["kind"])
-def test_manifests_are_what_kubernetes_knows(manifest: dict[str, Any]) -> None:
-    kubernetes_validate.validate(manifest, kubernetes_validate.latest_version(), strict=True)
+def test_manifests_are_what_kubernetes_knows(kubernetes: Any, manifest: dict[str, Any]) -> None:
+    kubernetes.validate(manifest, kubernetes.latest_version(), strict=True)
 
 
-def test_manifest_with_a_wrong_field_is_refused() -> None:
+def test_manifest_with_a_wrong_field_is_refused(kubernetes: Any) -> None:
     wrong = {**KINDS["Service"], "spec": {**KINDS["Service"]["spec"], "port": 80}}
-    with pytest.raises(kubernetes_validate.ValidationError):
-        kubernetes_validate.validate(wrong, kubernetes_validate.latest_version(), strict=True)
+    with pytest.raises(kubernetes.ValidationError):
+        kubernetes.validate(wrong, kubernetes.latest_version(), strict=True)
 
 
 @pytest.mark.parametrize("pod", PODS)

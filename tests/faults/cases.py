@@ -1,4 +1,4 @@
-"""Cases by number: cheap searches, and trajectories that take milliseconds or seconds."""
+"""Cases by number: cheap searches, and trajectories that take milliseconds or many seconds."""
 
 import json
 import time
@@ -24,8 +24,8 @@ def searches(count: int, first: int = 0) -> list[dict[str, Any]]:
 
 
 def trajectories(count: int, first: int = 0, *, slow: bool) -> list[dict[str, Any]]:
-    """Trajectories of some milliseconds or, slow, of about 2 s each."""
-    numerics = {"method": "panels"} | ({"panels": 100_000, "time_step_s": 5e-6} if slow else {"panels": 1000})
+    """Trajectories of some milliseconds or, slow, of about 10 s each."""
+    numerics = {"method": "panels"} | ({"panels": 100_000, "time_step_s": 1e-6} if slow else {"panels": 1000})
     return [
         PAPER_AT_45
         | {"impact": {"velocity_m_s": 240.0 + STEP_M_S * number, "oblique_angle_deg": 50.0}, "numerics": numerics}

@@ -34,9 +34,15 @@ def kill(process: int) -> bool:
 
 def busy(processes: Sequence[int]) -> bool:
     """Return whether any of these processes uses the processor."""
-    before = {process: _ticks(process) for process in processes}
+    before = {process: processor_seconds(process) for process in processes}
     time.sleep(BUSY_SECONDS)
-    return any(_ticks(process) > ticks for process, ticks in before.items())
+    return any(processor_seconds(process) > seconds for process, seconds in before.items())
+
+
+def processor_seconds(process: int) -> float:
+    """Processor time used so far, 0 once the process has ended. [s]"""
+    status = _status(process)
+    return (int(status[11]) + int(status[12])) / os.sysconf("SC_CLK_TCK") if status else 0.0
 
 
 def _environment(process: int) -> list[bytes]:
@@ -48,12 +54,6 @@ def _environment(process: int) -> list[bytes]:
 def _parent(process: int) -> int:
     status = _status(process)
     return int(status[1]) if status else 0
-
-
-def _ticks(process: int) -> int:
-    """Processor time used so far. [1/100 s]"""
-    status = _status(process)
-    return int(status[11]) + int(status[12]) if status else 0
 
 
 def _status(process: int) -> list[str]:

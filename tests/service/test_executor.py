@@ -181,7 +181,7 @@ async def test_cancelled_while_waiting_a_task_never_runs(pool: ProcessPool, tmp_
 
 async def test_probe_overtakes_waiting_tasks_and_sees_a_stuck_pool(pool: ProcessPool) -> None:
     queries = [asyncio.ensure_future(pool.submit(time.sleep, 0.1)) for _ in range(30)]
-    await asyncio.sleep(0.05)
+    await asyncio.sleep(0)  # all of them wait, and none has had the time to end
     assert await pool.probe(seconds=30.0)
     assert sum(query.done() for query in queries) < 10
     await asyncio.gather(*queries)
