@@ -4,6 +4,7 @@ import hashlib
 import math
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, NamedTuple, Protocol, TypeAlias
@@ -403,7 +404,8 @@ def answer_study(
 
     steps: Any = request.study().steps()
     batch, done = next(steps), 0
-    with ThreadPoolExecutor(threads) as pool:
+    with ThreadPoolExecutor(threads) as pool, ExitStack() as on_leaving:
+        on_leaving.callback(pool.shutdown, wait=False, cancel_futures=True)  # Ctrl-C does not wait for the rest.
         while True:
             half_width = None if batch.so_far is None else batch.so_far.convergence[-1].half_width
             report(done, half_width)
