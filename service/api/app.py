@@ -159,7 +159,7 @@ async def lifespan(app: FastAPI) -> AsyncIterator[None]:
     """Start what the routes work with, and end it at last."""
     services: Services = app.state.services
     settings = services.settings
-    services.stopping, services.ending = asyncio.Event(), asyncio.Event()
+    services.stopping, services.ending = asyncio.Event(), asyncio.get_running_loop().create_future()
     services.reading = CapacityLimiter(READING_THREADS)
     services.parsing = asyncio.Lock()
     async with AsyncExitStack() as stack:

@@ -58,7 +58,7 @@ def single_route(operation: Operation) -> Callable[[Request], Awaitable[Response
         read = time.perf_counter()
         found = await resolve(request, operation, case, query)
         if not alternatives_in(case):
-            services.bodies.remember(path, body, query.key, operation.charge(case))
+            services.bodies.remember(path, body, query.key, context_in(request.scope).cases)
         return await reply(form, found.record, found.status, begun, read, found.content)
 
     return handle

@@ -141,8 +141,8 @@ class Services:
     queries: QueryService = field(init=False)
     jobs: JobManager = field(init=False)
     stopping: asyncio.Event = field(init=False)
-    ending: asyncio.Event = field(init=False)
-    """Set some time after `stopping`: what has not been answered by then is refused."""
+    ending: "asyncio.Future[None]" = field(init=False)
+    """Done some time after `stopping`: what has not been answered by then is refused."""
     reading: CapacityLimiter = field(init=False)
     parsing: asyncio.Lock = field(init=False)
     mcp: ASGIApp = field(init=False)
@@ -167,12 +167,11 @@ async def unless_left(request: Request, work: Coroutine[Any, Any, Result]) -> Re
     """
     working = asyncio.ensure_future(work)
     left = asyncio.ensure_future(disconnected(request))
-    ending = asyncio.ensure_future(services_of(request).ending.wait())
     try:
-        await asyncio.wait([working, left, ending], return_when=asyncio.FIRST_COMPLETED)
+        events: tuple[asyncio.Future[Any], ...] = (working, left, services_of(request).ending)
+        await asyncio.wait(events, return_when=asyncio.FIRST_COMPLETED)
     finally:
         left.cancel()
-        ending.cancel()
         if not working.done():
             working.cancel()
             await asyncio.wait([working])

@@ -120,7 +120,7 @@ class Server(uvicorn.Server):
         """Announce the end to the application, whose event streams would not end by themselves, and stop."""
         services, seconds = self._app.state.services, self.config.timeout_graceful_shutdown or 0
         services.stopping.set()
-        asyncio.get_running_loop().call_later(seconds - REFUSAL_SECONDS, services.ending.set)
+        asyncio.get_running_loop().call_later(seconds - REFUSAL_SECONDS, services.ending.set_result, None)
         await super().shutdown(sockets)
         if not self.force_exit:
             await self._lifespan.aclose()
