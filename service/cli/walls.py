@@ -5,8 +5,7 @@ The last gives what the empirical formulas of the field say of both, and of the 
 
 import argparse
 import json
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 from service.cli.arguments import (
@@ -71,6 +70,8 @@ def run_thickness(args: argparse.Namespace) -> int:
     wall = target.get("thickness_m") if isinstance(target, dict) else None
     text = answer_of("thickness", without_sought(body, "thickness"), args.url)
     if not (args.json or args.csv):
+        from service.design import design_sentence
+
         known = wall if isinstance(wall, int | float) else None  # the search leaves it out, so nothing has checked it
         print(design_sentence(json.loads(text).get("formulas", ()), known), end="\n\n")
     return _print(args, text, "least_thickness_m", "bracket_m")
@@ -109,27 +110,6 @@ def _print(args: argparse.Namespace, text: bytes, value: str, bracket: str) -> i
             print_table([heading(name) for name in columns], list(zip(*columns.values(), strict=True)))
         print_warnings(answer["warnings"])
     return 0
-
-
-def design_sentence(rows: Sequence[Mapping[str, Any]], wall: float | None) -> str:
-    """Return the design value of a wall, and whether the wall of the case has it.
-
-    Parameters
-    ----------
-    rows
-        Formulas, as ``/thickness`` answers them.
-    wall
-        Thickness of the wall of the case, None for a half-space. [m]
-    """
-    from solver.formulas import PERFORATION_MARGIN
-
-    within = [row["perforation_thickness_m"] for row in rows if row["in_range"]]
-    if not within:
-        return "No design value: no formula is within the range of its tests."
-    design = PERFORATION_MARGIN * max(within)
-    judged = "" if wall is None else f"{1e3 * wall:g} mm: {'enough' if wall >= design else 'not enough'}. "
-    least = math.ceil(1e3 * design - 1e-6)  # a design value is not rounded down
-    return f"{judged}Design value at least {least:,} mm (largest formula within its range × {PERFORATION_MARGIN:g})."
 
 
 def limit_sentence(answer: Mapping[str, Any], body: RequestBody, speed: float | None) -> str:

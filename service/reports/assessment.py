@@ -11,6 +11,7 @@ import jinja2
 import matplotlib as mpl
 from markupsafe import Markup
 
+from service.design import design_sentence
 from service.names import FORMULAS, OUTCOMES, QUANTITIES, STATUSES
 from service.reports import style
 from service.reports.assessment_figures import SETTINGS, curves, side_views, sketch, svg
@@ -129,6 +130,7 @@ def page(strike: Assessed) -> str:
         case=_groups(numbers, strike),
         search=search,
         angle=search.get("critical_angle_deg"),
+        design=_design(formulas, lookup(strike.case, "/target/thickness_m")),
         shots=lookup(strike.case, "/resistance/strength_factor/shots"),
         judged=lookup(strike.case, "/impact/oblique_angle_deg"),
         run=_answered(strike, "judged"),
@@ -259,6 +261,11 @@ def _law_range(search: Mapping[str, Any]) -> tuple[str, str] | None:
 def _formula_rows(answer: Mapping[str, Any] | None) -> list[tuple[int, Mapping[str, Any]]]:
     """Return the formulas with their places, those in range first."""
     return sorted(enumerate(answer["formulas"] if answer else ()), key=lambda each: not each[1]["in_range"])
+
+
+def _design(answer: Mapping[str, Any] | None, wall: float | None) -> str:
+    """Return whether the wall of the case is enough; empty without a wall or formulas."""
+    return "" if answer is None or wall is None else design_sentence(answer["formulas"], wall)
 
 
 def _limits(numbers: Numbers, strike: Assessed) -> list[Limit]:

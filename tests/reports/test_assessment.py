@@ -132,6 +132,13 @@ def test_own_shots_are_listed_with_what_they_did_to_the_strength_factor(client: 
         assert values[f"/cra/own_tests/{name}"] == tests["own_tests"][name]
 
 
+def test_wall_is_judged_by_the_formulas_and_their_margin(client: httpx.Client) -> None:
+    page, rows = text_of(report_of(client, WALL)), answers_of(client, WALL)["formulas"]
+    least = math.ceil(1e3 * rows["perforation_margin"] * rows["perforation_thickness_spread"]["highest"])
+    assert f"300 mm: not enough. Design value at least {least} mm" in page
+    assert "Design value at least" not in text_of(report_of(client, JUDGED))
+
+
 def test_margins_are_the_recommended_ones(client: httpx.Client) -> None:
     page = report_of(client, JUDGED)
     rows = {(pointer, factor): text for _, pointer, factor, text in DATA.findall(page)}
