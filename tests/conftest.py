@@ -16,8 +16,8 @@ import httpx
 import pytest
 from hypothesis import HealthCheck, settings
 
-# For all that the tests start too; numpy has to find it when it is imported. The matrices here are small, and threads
-# that wait for their share of one keep a core busy that another test has a use for.
+# The matrices of the tests are small: threads of BLAS that wait for their share of one keep a core busy that another
+# test could use. numpy reads the variable when it is imported, here and in each process that a test starts.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 ROOT = Path(__file__).parents[1]

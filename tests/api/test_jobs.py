@@ -15,6 +15,7 @@ import pytest
 
 from service.api.job_models import Job, JobResults, Jobs
 from service.schemas.strike import PAPER
+from tests.conftest import until
 
 from .many import ASYNC, JSONL, LINES, finished, items_of, lines, searches, slow_strikes, strikes
 
@@ -232,8 +233,7 @@ def test_event_stream_of_a_job_that_does_not_change_shows_that_it_is_there(dedic
 
 def test_cancelled_job_keeps_what_it_has(client: httpx.Client) -> None:
     job = client.post("/trajectory/batch", json={"cases": slow_strikes(60)}, headers=ASYNC).json()
-    while not client.get(job["links"]["self"]).json()["counts"]["done"]:
-        time.sleep(0.02)
+    until(lambda: bool(client.get(job["links"]["self"]).json()["counts"]["done"]))
     ended = client.post(job["links"]["cancel"])
     assert (ended.status_code, ended.json()["status"]) == (200, "dismissed")
     assert client.post(job["links"]["cancel"]).json() == ended.json() == client.get(job["links"]["self"]).json()

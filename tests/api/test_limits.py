@@ -1,7 +1,6 @@
 """Every limit, at its bound and past it: what is within is answered, what is not is told which bound it is."""
 
 import json
-import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
 from typing import Any
@@ -12,6 +11,7 @@ import pytest
 from service.auth.dependencies import ConcurrencyLimit
 from service.errors import OwnerQueriesError
 from service.schemas.strike import PAPER, PAPER_AT_45
+from tests.conftest import until
 
 from .many import ASYNC, LINES, ROUGH, lines, slow_strikes, strikes
 from .refused import TEXT, problem_of
@@ -121,8 +121,7 @@ def test_cases_may_wait_up_to_the_limit(tight: httpx.Client) -> None:
 def test_sweep_with_more_points_than_may_wait_is_refused_by_all_of_them(tight: httpx.Client) -> None:
     job = tight.post("/trajectory/batch", content=lines(slow_strikes(150)), headers=LINES | ASYNC)
     try:
-        while not tight.get(job.json()["links"]["self"]).json()["counts"]["done"]:
-            time.sleep(0.02)
+        until(lambda: bool(tight.get(job.json()["links"]["self"]).json()["counts"]["done"]))
         axis = {"field": "impact.velocity_m_s", "start": 200.0, "stop": 300.0, "count": 100_000}
         refused = tight.post("/trajectory/sweep", json={"base": PAPER_AT_45, "axes": [axis]}, headers=ASYNC)
         assert problem_of(refused, 429).type == "urn:ricochet:problem:queue-full"
@@ -139,8 +138,7 @@ def test_lines_that_are_refused_have_to_wait_for_room_for_all_of_them(tight: htt
 
     job = tight.post("/trajectory/batch", content=lines(slow_strikes(250)), headers=LINES | ASYNC)
     try:
-        while not tight.get(job.json()["links"]["self"]).json()["counts"]["done"]:
-            time.sleep(0.02)
+        until(lambda: bool(tight.get(job.json()["links"]["self"]).json()["counts"]["done"]))
         few, many = seconds_for(300), seconds_for(2000)  # 250 and 1950 more than may wait
         assert few >= 1
         assert many > 3 * few

@@ -2,7 +2,6 @@
 
 import csv
 import io
-import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -21,6 +20,7 @@ from service.schemas.quantities import Num, Part, with_examples
 from service.schemas.requests import CriticalAngleBase
 from service.schemas.strike import PAPER
 from service.settings import Settings
+from tests.conftest import until
 
 
 class EnergyRequest(CriticalAngleBase):
@@ -108,8 +108,7 @@ def test_tables_of_a_new_operation_have_the_fields_of_its_answer(client: TestCli
     assert [float(row["kinetic_energy_j"]) for row in csv.DictReader(single.splitlines())] == [pytest.approx(JOULES)]
     axes = [{"field": "impact.velocity_m_s", "values": [119.0, 238.0]}]
     job = client.post("/energy/sweep", json={"base": PAPER, "axes": axes}, headers={"Prefer": "respond-async"}).json()
-    while client.get(job["links"]["self"]).json()["status"] in {"accepted", "running"}:
-        time.sleep(0.01)
+    until(lambda: client.get(job["links"]["self"]).json()["status"] not in {"accepted", "running"})
     lines = client.get(job["links"]["results"], headers={"Accept": "text/csv"}).text.splitlines()
     energies = [pytest.approx(JOULES / 4.0), pytest.approx(JOULES)]
     assert [float(row["kinetic_energy_j"]) for row in csv.DictReader(lines)] == energies

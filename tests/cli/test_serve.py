@@ -4,6 +4,7 @@ import os
 import pty
 import signal
 import subprocess
+import sys
 import threading
 import time
 from collections.abc import Callable
@@ -21,7 +22,8 @@ from service.schemas.strike import PAPER, PAPER_AT_45
 from service.settings import Settings
 from solver import ENGINE_VERSION
 from tests.cli.commands import COMMAND, LIMIT_S, case_at, environment, run, run_process, write_cases
-from tests.conftest import free_port
+from tests.conftest import free_port, until
+from tests.faults.processes import processor_seconds, workers_of
 
 RunService: TypeAlias = Callable[..., AbstractContextManager["Service"]]
 
@@ -79,16 +81,20 @@ def test_variable_that_is_not_a_setting_is_named_once_at_the_start(service_on: R
     assert "not settings" in named[0]
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="finds processes in /proc")
 @pytest.mark.parametrize("stop", [signal.SIGTERM, signal.SIGINT])
-def test_running_query_is_answered_before_the_service_ends(dedicated_service: Service, stop: signal.Signals) -> None:
+def test_running_query_is_answered_before_the_service_ends(
+    dedicated_service: Service, tmp_path: Path, stop: signal.Signals
+) -> None:
     url, process = dedicated_service.url, dedicated_service.process
+    before = {worker: processor_seconds(worker) for worker in workers_of(tmp_path / "data", process.pid)}
     body = PAPER_AT_45 | {"numerics": {"method": "panels", "panels": 100_000}}
     answers: list[httpx.Response] = []
     asking = threading.Thread(
         target=lambda: answers.append(httpx.post(f"{url}/trajectory", json=body, timeout=30.0, trust_env=False))
     )
     asking.start()
-    time.sleep(0.3)
+    until(lambda: any(processor_seconds(worker) > seconds + 0.05 for worker, seconds in before.items()))
     process.send_signal(stop)
     assert process.wait(Settings().grace_seconds + 1) == 0
     asking.join()

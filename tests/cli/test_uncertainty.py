@@ -46,6 +46,7 @@ def test_next_shot_is_worth_a_sentence_where_the_concrete_is_not_known(
 ) -> None:
     (folder / "strike.toml").write_text(STRIKE_TOML)
     command = ["uncertainty", str(folder / "strike.toml"), "--strength-law", "published_tests", "--next-shot"]
+    command += ["--set", "sampling.max_samples=512"]
     assert cli.main(command) == 0
     *_, advice = capsys.readouterr().out.splitlines()
     now, after = re.findall(r"The 90 % range .* is (.*); with shots .* expected to be (.*) after one and", advice)[0]
