@@ -11,7 +11,7 @@ const PANELS = [
   { title: "Axis angle", si: "°", columns: { axis_angle_deg: "axis" } },
   { title: "Velocity", si: "m/s", columns: { depth_velocity_m_s: "inward", lateral_velocity_m_s: "along face" } },
   { title: "Resistance", si: "kN", columns: { depth_force_n: "inward", lateral_force_n: "along face" } },
-  { title: "Acceleration", si: "g₀", columns: { axial_acceleration_g: "along its axis", transverse_acceleration_g: "across" } },
+  { title: "Acceleration", si: "g₀", columns: { axial_acceleration_g: "along axis", transverse_acceleration_g: "across" } },
   { title: "Kinetic energy", si: "kJ", columns: { kinetic_energy_j: "energy" } },
 ];
 

@@ -19,7 +19,7 @@ const GRID_M = 0.1; // ends of the picture, so that it does not tremble while a 
 const MARGIN = { left: 48, right: 12, top: 26, bottom: 38 }; // px
 const TICK_PX = 90; // between grid lines, at least
 const LINE_PX = 14;
-const LETTER_PX = 6.3;
+const LETTER_PX = 7;
 
 const scenes = new WeakMap(); // what is drawn, by the element it is drawn into
 
