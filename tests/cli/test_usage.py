@@ -154,8 +154,10 @@ def test_negative_numbers_of_a_list_are_values(here: Path, capsys: pytest.Captur
         (
             ["limit-speed", "strike.toml", "--angle", "20", "--thickness", "0.2"],
             [
-                "238 m/s: perforated. Limit speed 219 m/s of a wall of 200 mm at 20° from the normal, "
-                + "by this model without a margin.",
+                (
+                    "238 m/s: perforated. Limit speed 219 m/s of a wall of 200 mm at 20° from the normal, "
+                    "by this model without a margin."
+                ),
                 "",
             ],
         ),
