@@ -187,8 +187,8 @@ class MotionInHistory(Motion[Value], Generic[Value]):
         Value, Described("of the centre of gravity across the axis, positive the way the nose moves as the angle grows")
     ]
     """Of the centre of gravity by the resistance, across the axis of the body; positive the way the nose moves as
-    `axis_angle_deg` grows, toward the face. Where the body slides straight, samples scatter about the mean. In standard
-    gravity, 9.80665 m/s². [g₀]"""
+    `axis_angle_deg` grows, toward the face. By `panels`, samples scatter about the mean where the body slides straight.
+    In standard gravity, 9.80665 m/s². [g₀]"""
 
 
 class MotionHistory(MotionInHistory[list[Num]]):

@@ -155,7 +155,7 @@ class Projectile(Part):
     length_m: Annotated[Num, Field(**within("projectile.length"))]
     """From the nose tip to the base, at least the length of the nose. [m]"""
     mass_kg: Annotated[Num, Field(**within("projectile.mass"))]
-    """[kg] Up to 5 m by 20 m of uranium."""
+    """[kg] At most that of uranium 5 m wide and 20 m long."""
     center_of_gravity_m: Annotated[Num, Field(**within("projectile.center_of_gravity"))] | MISSING = MISSING
     """Distance behind the nose tip, less than the length; that of the homogeneous solid of the outer shape when not
     given. [m]"""
