@@ -214,7 +214,11 @@ class DamagedCasesError(ServiceError):
 
 
 class JobGoneError(StorageError):
-    """The job has been deleted meanwhile."""
+    """The job has been deleted meanwhile: there is none with its id."""
+
+    status = HTTPStatus.NOT_FOUND
+    type = "about:blank"
+    title = HTTPStatus.NOT_FOUND.phrase
 
 
 class ReportsMissingError(ServiceError):

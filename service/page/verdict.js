@@ -176,7 +176,9 @@ export class Verdict {
     const range = lower === undefined ? [] : [lower, upper];
     const { oblique_angle_deg: mine } = values.impact;
     this.strip.replaceChildren(stripOf(mine, this.found.critical_angle_deg, theories, range, this.strip.clientWidth, decimalsOf(this.#judged)));
-    markFresh(this.card, this.warnings, this.strip);
+    markFresh(this.card, this.strip);
+    // Until the verdict is there, a warning may turn out to be a standing note.
+    if (this.#judged?.oblique_angle_deg === mine) markFresh(this.warnings);
   }
 }
 

@@ -5,6 +5,7 @@ import io
 import json
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, ExitStack
 from pathlib import Path
 from typing import Any, Protocol
@@ -270,6 +271,18 @@ def test_deleted_job_is_gone_and_its_results_stay(client: httpx.Client) -> None:
 
 
 @pytest.mark.timeout(120)
+def test_job_that_is_deleted_while_it_is_changed_is_not_found(client: httpx.Client) -> None:
+    body = {"base": PAPER, "axes": [{"field": "impact.velocity_m_s", "values": [230.0]}]}
+    found = set()
+    with ThreadPoolExecutor() as pool:
+        for _ in range(40):
+            path = client.post("/cra/sweep", json=body, headers=ASYNC).json()["links"]["self"]
+            changes = [pool.submit(client.patch, path, json={"title": f"{n}"}) for n in range(4)]
+            deleted = client.delete(path)
+            found |= {deleted.status_code, *(change.result().status_code for change in changes)}
+    assert found <= {200, 204, 404}, found
+
+
 def test_service_stops_in_time_though_somebody_listens(dedicated_service: Service) -> None:
     """The fixture sees to it that it ends well, with a job half done and somebody following it."""
     with httpx.Client(base_url=dedicated_service.url, timeout=30.0, trust_env=False) as client:
