@@ -245,7 +245,7 @@ def draw(curves: Sequence[Curve], path: Path) -> None:
             if max(values) > 10.0 * min(values):
                 each.set_yscale("log")
             else:
-                each.set_ylim(0.0)
+                each.set_ylim(0.0, 1.15 * max(values))
             each.set_xlabel(curve.against)
             each.set_title(f"{curve.name} [{curve.unit}]")
         figure.savefig(path)
