@@ -26,7 +26,8 @@ def run(folder: Path, *command: str) -> str:
     done = subprocess.run(
         command,
         cwd=folder,
-        env=os.environ | {"NO_PROXY": f"{os.environ.get('NO_PROXY', '')},127.0.0.1"},
+        # A process pool of another test has set that nothing is imported from the working folder.
+        env=os.environ | {"NO_PROXY": f"{os.environ.get('NO_PROXY', '')},127.0.0.1", "PYTHONSAFEPATH": ""},
         capture_output=True,
         text=True,
         timeout=LIMIT_S,

@@ -53,7 +53,7 @@ BIN = Path(sys.executable).parent
 
 def environment(folder: Path) -> dict[str, str]:
     """Return the environment of an operator who has the package, and nothing set."""
-    kept = {name: value for name, value in os.environ.items() if not name.startswith(("RICOCHET_", "OTEL_"))}
+    kept = {name: value for name, value in os.environ.items() if not name.startswith(("RICOCHET_", "OTEL_", "PYTHON"))}
     (folder / ".curlrc").write_text("fail-with-body\nshow-error\nnoproxy = *\n")
     return kept | {"PATH": f"{BIN}:{os.environ['PATH']}", "CURL_HOME": str(folder), "NO_PROXY": "*"}
 
