@@ -46,7 +46,7 @@ class ModelWarning:
     code
         Stable, for programs.
     detail
-        For people. The page converts what is written as a number, a blank and an SI unit (`service/page/units.js`).
+        For people, quantities as a number, a blank and an SI unit, so that they can be converted.
     standing
         Whether it says of most answers what it says of this one, and hardly moves it: shown with its like in one note.
     angle_shift

@@ -19,8 +19,8 @@ ATTACK = math.radians(1.0)
 """Standard deviation of the angle of attack. [rad]"""
 THEORY_LAWS: tuple[type[ElasticPlastic | MohrCoulomb], ...] = (ElasticPlastic, MohrCoulomb)
 THEORIES = (0.8, 0.2)
-"""Weights of elastic-plastic and Mohr-Coulomb: the first with eq. 9 gives the paper's angle, the second follows the
-motions of finite elements more closely. No decay at all is not a theory and is not among them."""
+"""Weights of these decay laws: the first with eq. 9 gives the paper's angle, the second follows the motions of finite
+elements more closely. No decay at all is not a theory and is not among them."""
 
 
 def usual_scatter(
