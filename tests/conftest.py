@@ -27,8 +27,8 @@ NO_TLS = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
 """For a client of plain HTTP: what it would trust by default takes 20 ms to read, for each client anew."""
 settings.register_profile("any machine", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("any machine")
-DEADLINE = float(os.environ.get("RICOCHET_TEST_DEADLINE", "inf"))
-NOT_RUN = "not run: RICOCHET_TEST_DEADLINE is over"
+DEADLINE = float(os.environ.get("TEST_DEADLINE", "inf"))
+NOT_RUN = "not run: TEST_DEADLINE is over"
 
 
 @pytest.hookimpl(tryfirst=True)
