@@ -24,7 +24,7 @@ const STRIP = { height: 40, edge: 14, margin_deg: 4 };
  * @returns {{sentence: string, figures: {name: string, value: string, note: string, kind?: string}[]}}
  */
 export function verdictOf({ values, run, found, judged }) {
-  const mine = `${values.impact.oblique_angle_deg}°`;
+  const mine = `${clipped(values).impact.oblique_angle_deg}°`; // of the strike that is computed; a warning names it
   const angle = found.critical_angle_deg;
   const decimals = decimalsOf(judged);
   const isOfAngle = judged?.oblique_angle_deg === values.impact.oblique_angle_deg;
