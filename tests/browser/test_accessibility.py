@@ -53,6 +53,7 @@ def open_view(page: Page, view: str) -> None:
         expect(page.get_by_role("table")).to_be_visible()
     else:
         expect(page.locator(".drawing svg").first).to_be_visible()
+    expect(page.locator("[aria-busy=true]:visible")).to_have_count(0)  # what is about to change is pale
 
 
 @pytest.mark.parametrize("view", VIEWS)
