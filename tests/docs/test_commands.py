@@ -45,7 +45,7 @@ NOT_RUN = {
     "config = {": "goes on with the block that imports umbridge",
 }
 """Beginnings of commands, and of Python, that stand in a block which is not run, with the reason."""
-MOST_S = 120.0
+MOST_S = 240.0
 TOLERANCE_DEG = 0.02
 """Twice that of the search: the README rounds."""
 BIN = Path(sys.executable).parent
