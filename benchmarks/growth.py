@@ -2,7 +2,8 @@
 
     python benchmarks/growth.py [--quick] [--figure growth.svg]
 
-1. Searches a second against threads, up to the cores of this machine.
+1. Searches a second against threads, up to the cores of this machine; chunks a second, each of which sleeps a tenth of
+   a second, against workers of a Dask cluster: what is left of them is what the service and the scheduler keep up with.
 2. Memory of the server against cases that wait in one job of JSON lines. [MB]
 3. Disk, the time to open the results and that to start the service against results; these are copies of 200 that were
    computed, under other keys, in segments of 200 as a job leaves them.
@@ -14,6 +15,7 @@ minutes; `--quick` stops a decade earlier, after two. Needs Linux (/proc).
 """
 
 import argparse
+import asyncio
 import hashlib
 import json
 import os
@@ -28,6 +30,7 @@ from http.client import HTTPConnection
 from pathlib import Path
 
 import numpy as np
+from distributed import LocalCluster
 
 from benchmarks.clients import JSONL, run_batch, to_request
 from benchmarks.machine import print_machine, print_table
@@ -39,11 +42,13 @@ from service.cache.record import Record
 from service.operations import OPERATIONS, KeyedRequest
 from service.reports.style import panels, styled
 from service.schemas import CriticalAngleRequest
+from service.workers.dask_executor import DaskExecutor
 from solver import warm_up
 
 SEGMENT = 200
 TOLERANCE = 0.25
 STARTS, REQUESTS, SUBMISSIONS = 3, 30, 30
+WORKERS, SLEEP_SECONDS, SLEEPS = (1, 2, 4, 8), 0.1, 50
 QUEUED = (1_000, 10_000, 100_000)
 RESULTS = (1_000, 10_000, 100_000, 1_000_000)
 JOBS = (1_000, 10_000, 100_000)
@@ -96,6 +101,37 @@ def searches(count: int) -> list[Curve]:
     for threads in range(1, (os.cpu_count() or 1) + 1):
         curve.points.append((threads, count / measure(lambda workers: in_threads(cases, workers), threads).wall))
     return [curve]
+
+
+def asleep(sizes: Sequence[int]) -> list[Curve]:
+    """Measure chunks a second on Dask workers that only sleep."""
+    curve = Curve("sleeping chunks", "1/s", "Dask workers")
+    for size in sizes:
+        with LocalCluster(  # type: ignore[no-untyped-call]
+            n_workers=size, threads_per_worker=1, protocol="tcp://", dashboard_address=None
+        ) as dask:
+            seconds = asyncio.run(seconds_asleep(dask.scheduler_address, size))
+        curve.points.append((size, SLEEPS * size / seconds))
+    return [curve]
+
+
+async def seconds_asleep(address: str, workers: int) -> float:
+    """Time that all workers of a cluster take for so many chunks each. [s]"""
+    executor = DaskExecutor(address=address, workers=1, task_seconds=60.0)
+    await executor.start()
+    try:
+        while executor.cluster.capacity < workers:
+            await executor.cluster.changed.wait()
+        await asyncio.gather(*(executor.run([(time.sleep, (0.0,))]) for _ in range(4 * workers)))  # starts their pools
+        begin = time.perf_counter()
+        found = await asyncio.gather(*(executor.run([(time.sleep, (SLEEP_SECONDS,))]) for _ in range(SLEEPS * workers)))
+        seconds = time.perf_counter() - begin
+    finally:
+        await executor.stop(1.0)
+    failed = [result.error for results in found for result in results if result.error is not None]
+    if failed:
+        raise RuntimeError(f"{len(failed)} chunks failed: {failed[0]}")
+    return seconds
 
 
 def memory(sizes: Sequence[int]) -> list[Curve]:
@@ -261,6 +297,7 @@ def main() -> None:
     warm_up()
     curves = [
         *searches(QUICK_SEARCHES if options.quick else SEARCHES),
+        *asleep(WORKERS[:end]),
         *memory(QUEUED[:end]),
         *results(RESULTS[:end]),
         *jobs(JOBS[:end]),
