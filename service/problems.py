@@ -24,7 +24,7 @@ from solver import RicochetError
 MEDIA_TYPE = "application/problem+json"
 OF_THE_BODY = {HTTPStatus.BAD_REQUEST, HTTPStatus.REQUEST_ENTITY_TOO_LARGE, HTTPStatus.UNSUPPORTED_MEDIA_TYPE}
 """Statuses that say what is wrong with the whole body."""
-TEMPORARY = {HTTPStatus.SERVICE_UNAVAILABLE, HTTPStatus.TOO_MANY_REQUESTS}
+RETRIED_STATUSES = {HTTPStatus.SERVICE_UNAVAILABLE, HTTPStatus.TOO_MANY_REQUESTS}
 """Statuses that are answered with `Retry-After`."""
 
 
@@ -89,6 +89,6 @@ def problem_response(
     """Return a problem as the answer to a request; its instance is the path unless it has one."""
     body = orjson.dumps({**content, "instance": content.get("instance", request.scope["path"])})
     response = Response(body, int(str(content["status"])), headers=headers, media_type=MEDIA_TYPE)
-    if response.status_code in TEMPORARY:
+    if response.status_code in RETRIED_STATUSES:
         response.headers["Retry-After"] = str(retry_after)
     return response

@@ -57,7 +57,7 @@ def table_of(columns: Iterable[Column], rows: Sequence[Mapping[str, Any]]) -> Ro
     return _joined(_filled(columns, rows), len(rows))
 
 
-def trial_columns(answer: type[Part]) -> tuple[Column, ...]:
+def trial_table_columns(answer: type[Part]) -> tuple[Column, ...]:
     """Return the columns of the trials of a search, from the model of its answer."""
     trial = part_of(answer, "iterations") if "iterations" in answer.model_fields else None
     return columns_of(trial) if trial else ()
@@ -324,7 +324,7 @@ class Contents:
             write_attribute(root, name, text)
         known = OPERATIONS.get(operation)
         self._summary = (*more, *IDENTITY, *(known.columns if known else ()), WARNINGS)
-        self._trials = trial_columns(known.answer) if known else ()
+        self._trials = trial_table_columns(known.answer) if known else ()
         self._rows = 0
         columns = {
             "summary": self._summary,

@@ -37,7 +37,7 @@ from service.operations import KeyedRequest, is_study
 from service.queries import Answered, Count, QueryService, Rate
 
 EXPIRY_SECONDS = 3600.0
-RETRY_SECONDS = 5.0
+REOPEN_SECONDS = 5.0
 """Time between attempts to read a folder of jobs that could not be read at the start."""
 CHECKPOINT_SECONDS = 5.0
 """Longest time whose progress a damaged log can cost; a checkpoint takes some milliseconds."""
@@ -451,7 +451,7 @@ class JobManager:
 
     async def _expire(self) -> None:
         while True:
-            await asyncio.sleep(EXPIRY_SECONDS if self._going_on else RETRY_SECONDS)
+            await asyncio.sleep(EXPIRY_SECONDS if self._going_on else REOPEN_SECONDS)
             await self._scheduler.write_ends()
             with suppress(StorageError):
                 await self._go_on()

@@ -127,7 +127,7 @@ CONNECT_SECONDS = 5.0
 """For the scheduler to answer."""
 INTRODUCTION_SECONDS = 180.0
 """For a worker to say its versions and bring its pool up; the first ever on a machine compiles the solver."""
-RETRY_SECONDS = 30.0
+LOOK_AGAIN_SECONDS = 30.0
 """Before a worker that could not say its versions, or bring its pool up, is tried again."""
 LIBRARIES = ("distributed", "tornado", "bokeh")
 """Libraries whose loggers get handlers when Dask is imported."""
@@ -265,7 +265,7 @@ class Cluster:
             log.error("worker %s is not used: it has %s", address, differences(versions(), theirs))
         else:
             log.error("worker %s is not used: %s", address, theirs or "it did not answer")
-            asyncio.get_running_loop().call_later(RETRY_SECONDS, self._seen.pop, address, None)
+            asyncio.get_running_loop().call_later(LOOK_AGAIN_SECONDS, self._seen.pop, address, None)
 
     def _note(self, address: str, threads: int) -> None:
         """Note how many chunks this worker takes at a time."""

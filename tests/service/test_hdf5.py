@@ -15,7 +15,7 @@ import pytest
 
 from service.cache.hdf5 import BLOCK, BatchFile, check, read_keys, read_records, to_hdf5
 from service.cache.record import Record
-from service.cache.tables import trial_columns
+from service.cache.tables import trial_table_columns
 from service.errors import DamagedFileError
 from service.operations import OPERATIONS
 from service.schemas.answers import Exit, MotionState, Trial
@@ -119,7 +119,7 @@ def test_file_explains_itself_to_someone_who_opens_it() -> None:
 def test_tables_have_the_columns_of_the_contract() -> None:
     assert list(MotionState.model_fields) == COLUMNS
     for operation, model in (("cra", Trial), ("thickness", ThicknessTrial), ("limit-speed", SpeedTrial)):
-        trials = trial_columns(OPERATIONS[operation].answer)
+        trials = trial_table_columns(OPERATIONS[operation].answer)
         assert {column.name for column in trials} == model.model_fields.keys() - {"exit"}
         assert all(column.description for column in trials)
     assert {column.name for column in OPERATIONS["trajectory"].columns} == {
