@@ -37,7 +37,7 @@ DECAY_LAWS = {
 """Decay models, with what each was fitted to."""
 STRENGTH_LAWS = {
     ObliquityPolynomial: "S: finite elements, 80 mm into 39 MPa, 0° to 45°",
-    PublishedTests: "S: 213 tests at 0°, 10 to 203 mm, 13 to 108 MPa, over the angle as eq. 9",
+    PublishedTests: "S: 251 tests at 0°, 10 to 203 mm, 13 to 108 MPa, over the angle as eq. 9",
     StrengthPowerLaw: "S: tests at 0° of Frew et al. (1998), over the angle constant",
 }
 """Models of the strength factor with their default constants, with what each was fitted to."""
