@@ -114,8 +114,8 @@ def input_warnings(
         found.append(
             ModelWarning(
                 "large_angle_of_attack",
-                f"angle of attack {math.degrees(angle_of_attack):g}° is beyond 5°, where bodies bend and break; "
-                "the body is taken as rigid",
+                f"angle of attack {math.degrees(angle_of_attack):g}° is beyond {math.degrees(SMALL_ATTACK):g}°, "
+                "where bodies bend and break; the body is taken as rigid",
             )
         )
     found += body_warnings(projectile)
