@@ -64,7 +64,7 @@ from solver.strike import SEARCH_STATIONS
 from solver.uncertainty import Crossings, Ending
 
 SCHEMA_VERSION = "1"
-"""Raised whenever the meaning of a request or an answer changes: results kept under another version are not used."""
+"""Raised whenever the meaning of a request changes, as `ENGINE_VERSION` is for answers: older results are not used."""
 
 
 class Request(Protocol):

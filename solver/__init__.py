@@ -56,7 +56,7 @@ from solver.warm_up import warm_up
 from solver.warnings import ModelWarning
 
 ENGINE_VERSION = "14"
-"""Raised whenever results change: results kept under another version are not used."""
+"""Raised whenever results change, the text of a warning among them: results of another version are not used."""
 
 __all__ = [
     "ENGINE_VERSION",

@@ -5,9 +5,9 @@
     └── IntegrationError    the motion could not be integrated
         └── StepLimitError  more steps than a run may take
 
-Ways for a run or a search to end (embedded, no ricochet, ...) are results, not errors. The bounds of the inputs are the
-same in Python and in the HTTP contract: wider than any strike, narrower than a wrong unit. A number outside its bounds
-is refused with the unit it may have been meant in.
+Ways for a run or a search to end (embedded, no ricochet, ...) are results, not errors. Those in `BOUNDS` are the same
+in Python and in the HTTP contract: wider than any strike, narrower than a wrong unit. A number outside its bounds is
+refused with the unit it may have been meant in.
 """
 
 import math

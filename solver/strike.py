@@ -33,7 +33,7 @@ class Impact:
     Parameters
     ----------
     velocity
-        Speed of the centre of gravity at first contact, 0.1 to 10,000. [m/s]
+        Speed of the centre of gravity at first contact. [m/s]
     oblique_angle
         From the inward normal of the face to the velocity; 0 is normal impact. [rad]
     angle_of_attack
