@@ -11,7 +11,7 @@ from typing import Any, Protocol, TextIO, TypeAlias
 import orjson
 
 from service.cli.arguments import FAILED, SOME_FAILED, CommandError, problem_text
-from service.columns import base_of, batch_columns, batch_row, csv_cells, summarize
+from service.columns import SYMBOLS, base_of, batch_columns, batch_row, csv_cells, summarize
 
 Item: TypeAlias = Mapping[str, Any]
 """Result or problem of one case of a job."""
@@ -27,21 +27,6 @@ SHOWN = {
     "limit-speed": ("status", "limit_speed_m_s"),
 }
 """Columns of the summary in the table on a terminal."""
-UNITS = {
-    "_kg_m2": "kg m²",
-    "_kg_m3": "kg/m³",
-    "_rad_s": "rad/s",
-    "_n_m": "N m",
-    "_m_s": "m/s",
-    "_deg": "°",
-    "_pa": "Pa",
-    "_kg": "kg",
-    "_m": "m",
-    "_s": "s",
-    "_n": "N",
-    "_j": "J",
-}
-"""Units by the suffix of a field's name, the longest first."""
 MINUS = "\N{MINUS SIGN}"
 DIGITS = 5
 MOST_WRITTEN_OUT = 1e9
@@ -186,13 +171,13 @@ def heading(name: str) -> str:
     """Return the name of a field as the heading of a column, with its unit last."""
     name = name.rpartition(".")[2]
     unit = unit_of(name)
-    suffix = next((suffix for suffix in UNITS if name.endswith(suffix)), "")
+    suffix = next((suffix for suffix in SYMBOLS if name.endswith(suffix)), "")
     return f"{name.removesuffix(suffix).replace('_', ' ')} {unit}".rstrip()
 
 
 def unit_of(name: str) -> str:
     """Return the unit of a field by the end of its name; empty if it has none."""
-    return next((unit for suffix, unit in UNITS.items() if name.endswith(suffix)), "")
+    return next((unit for suffix, unit in SYMBOLS.items() if name.endswith(suffix)), "")
 
 
 def cell(value: Any) -> str:

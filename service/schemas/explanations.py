@@ -9,7 +9,7 @@ from typing import Any
 from pydantic import BaseModel
 
 from service import schemas
-from service.columns import UNITS
+from service.columns import SYMBOLS
 from service.schemas.sweeps import schema_of
 from solver.checks import BOUNDS, ParameterError, require_bounds
 
@@ -30,15 +30,15 @@ def explained(pointer: str, error: Mapping[str, Any]) -> str:
         return detail + suggestion(pointer)
     if error["type"] not in OUT_OF_BOUNDS:
         return detail
-    suffix = next((suffix for suffix in UNITS if pointer.endswith(suffix)), "")
+    suffix = next((suffix for suffix in SYMBOLS if pointer.endswith(suffix)), "")
     field = pointer.strip("/").replace("/", ".").removesuffix(suffix)
     try:
         if field in BOUNDS:
             require_bounds(field, error["input"])
     except ParameterError as bound:
         return bound.requirement
-    unit = UNITS.get(suffix, "").replace("^2", "²").replace("^3", "³")
-    return f"{detail}°" if unit == "deg" else f"{detail} {unit}".rstrip()
+    unit = SYMBOLS.get(suffix, "")
+    return f"{detail}°" if unit == "°" else f"{detail} {unit}".rstrip()
 
 
 def suggestion(pointer: str) -> str:
