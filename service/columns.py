@@ -25,7 +25,8 @@ UNITS = {
     "_g": "g_0",
 }
 """Unit by the end of a name, longer ends first."""
-SYMBOLS = {end: unit.replace("^2", "²").replace("^3", "³").replace("deg", "°") for end, unit in UNITS.items()}
+WRITTEN = {"kg m^2": "kg m²", "kg/m^3": "kg/m³", "deg": "°", "g_0": "g"}
+SYMBOLS = {end: WRITTEN.get(unit, unit) for end, unit in UNITS.items()}
 """The same as they are written for people."""
 
 

@@ -2,7 +2,8 @@
 
 import pytest
 
-from service.columns import Column
+from service.cli.writers import heading
+from service.columns import UNITS, Column
 from service.operations import OPERATIONS, Operation
 from service.schemas.answers import Exit, MotionState
 from service.schemas.fields import columns_of
@@ -27,3 +28,11 @@ def test_columns_of_an_operation_are_described_and_differ(operation: Operation) 
     names = [column.name for column in operation.columns]
     assert len(set(names)) == len(names)
     assert all(column.description for column in operation.columns)
+
+
+def test_headings_have_units_as_people_write_them() -> None:
+    found = {end: heading(f"a_mean{end}") for end in UNITS}
+    assert found["_kg_m2"] == "a mean kg m²"
+    assert found["_g"] == "a mean g"
+    assert found["_deg"] == "a mean °"
+    assert not any(sign in text for text in found.values() for sign in "_^")
