@@ -122,7 +122,7 @@ accuracy: setup ## compare random critical angles with converged ones, and with 
 load: setup ## measure what HTTP costs beside the bare solver, ten minutes; ARGS="--quick"
 	$(BIN)/python benchmarks/http_load.py $(ARGS)
 
-growth: setup ## measure how the cost grows with cores, queued cases, results and jobs, five minutes; ARGS="--quick"
+growth: setup ## measure how the cost grows with cores, Dask workers, queued cases, results and jobs, six minutes; ARGS="--quick"
 	$(BIN)/python benchmarks/growth.py $(ARGS)
 
 call-path: setup ## count the files of service that a request touches

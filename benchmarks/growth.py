@@ -10,7 +10,7 @@
 4. The times of `GET /jobs`, of accepting a job and of a start against jobs, which are copies of one that has ended.
 
 Each curve is fitted by a line, point by point relative to its size. A curve that is off by more than `TOLERANCE` is no
-line: the table says where its slope differs most from that at first. Times are the least of several. Some five
+line: the table says where its slope differs most from that at first. Times are the least of several. Some six
 minutes; `--quick` stops a decade earlier, after two. Needs Linux (/proc).
 """
 

@@ -16,7 +16,7 @@ from service.errors import FolderReplacedError, StorageError
 
 LAYOUT = 2
 """Number of the schema below, raised when it changes. Files of layout 1 are brought up to it when opened: a new layout
-needs a step of its own in `_connect`, and `_fold_side_tables` then has to stamp 2."""
+needs another step in `_connect`, and `_fold_side_tables` then has to stamp 2."""
 BUSY_SECONDS = 10.0
 """Longest wait for another process that holds the file, such as someone who reads it."""
 CHECKPOINT_SECONDS = 0.1
