@@ -10,7 +10,7 @@ from playwright.sync_api import Browser, ConsoleMessage, Page, expect
 from .chromium import NAMES, executable, running_chromium
 
 HERE = Path(__file__).parent
-WAIT_MS = 60_000
+WAIT_MS = 180_000
 """For what a test expects to see; a loaded machine takes its time."""
 FOLDER = HERE.parents[1] / "service" / "page"
 NewPage = Callable[..., Page]

@@ -15,15 +15,13 @@ from .downloads import data_lines
 
 SEARCHES = {"Change of outcome": "outcome", "Bisection (paper)": "bisection", "Secant (paper)": "secant"}
 PAPER_AT_52 = PAPER_AT_45 | {"impact": PAPER_AT_45["impact"] | {"oblique_angle_deg": 52.0}}
-ALL_MS = 60_000
-"""For the paper's searches, which take a second each on a machine that does nothing else."""
 
 
 def open_view(page: Page, query: str = "") -> None:
     page.goto(f"/#/critical-angle{query}")
     page.get_by_text("How it was found").click()
     for caption in SEARCHES:
-        expect(page.get_by_role("table", name=caption)).to_be_visible(timeout=ALL_MS)
+        expect(page.get_by_role("table", name=caption)).to_be_visible()
     expect(page.locator(".side-view svg .moving").last).to_be_visible()
 
 
@@ -73,7 +71,7 @@ def test_distance_from_the_angle_is_in_the_address_and_reopened(page: Page, new_
     other = new_page()
     other.goto(page.url)
     for picture in pictures:
-        expect(other.get_by_role("img", name=picture)).to_be_visible(timeout=ALL_MS)
+        expect(other.get_by_role("img", name=picture)).to_be_visible()
 
 
 def test_other_laws_are_listed(page: Page, client: httpx.Client) -> None:
@@ -109,7 +107,7 @@ def test_verdict_is_that_of_the_service_once_it_is_there(page: Page, client: htt
     models = {"strength_factor": {"model": "obliquity_polynomial"}, "free_surface": {"model": "elastic_plastic"}}
     answer = client.post("/verdict", json=PAPER_AT_52 | {"resistance": models}).json()
     verdict = page.get_by_role("region", name="Verdict")
-    expect(page.locator("[data-outcome=ricochet]")).to_have_text(answer["sentence"], timeout=ALL_MS)
+    expect(page.locator("[data-outcome=ricochet]")).to_have_text(answer["sentence"])
     expect(verdict.locator(".figures")).to_contain_text(f"90 % range {answer['range_text']}")
     theories = [each["critical_angle_deg"] for each in answer["theories"]]
     assert verdict.locator(".strip .theory").count() == len(theories)

@@ -87,7 +87,7 @@ def test_values_inside_their_bounds_are_never_an_error_however_they_are_typed(
                 text += f" {unit}"
             type_into(page, label, text)
         if number % CHECKED_EACH == 0:
-            page.wait_for_function(IDLE, timeout=120_000)
+            page.wait_for_function(IDLE)
             check_shown(page, client)
     assert page.evaluate("window.errors") == []
     drop_refusals(faults)

@@ -16,7 +16,6 @@ from service.schemas.strike import PAPER, PAPER_AT_45
 from .conftest import NewPage
 from .downloads import data_lines
 
-ALL_DONE_MS = 120_000  # for 900 cases on a machine that does other things
 ROUGH = "search.tolerance_deg=1&search.lower_deg=40&search.upper_deg=80"
 
 
@@ -56,7 +55,7 @@ def test_large_map_is_cancelled_once_and_completed_once(page: Page, client: http
     while not (words := page.locator("#map-progress").inner_text()).startswith("All"):
         seen.append(words)
         page.wait_for_timeout(250)
-        assert len(seen) < ALL_DONE_MS / 250
+        assert len(seen) < 480
     assert len({words for words in seen if " of 900 cases" in words}) >= 2, seen
     assert sum(value is not None for row in heat(page, 1) for value in row) > 800
     completed = client.get(f"/jobs/{job_of(page)}").json()
@@ -224,7 +223,7 @@ def test_lost_preview_and_coarse_grid_are_repeated(page: Page, faults: list[str]
 def test_map_of_probabilities_is_that_of_the_service(page: Page, client: httpx.Client, tmp_path: Path) -> None:
     page.goto("/#/map?operation=probability&x=impact.oblique_angle_deg,30,70,3&y=impact.velocity_m_s,238,300,2")
     page.get_by_role("button", name="Run").click()
-    expect(page.locator("#map-progress")).to_have_text("All 6 cases are computed.", timeout=ALL_DONE_MS)
+    expect(page.locator("#map-progress")).to_have_text("All 6 cases are computed.")
     expect(page.locator("#map-counts")).to_contain_text("6 with a probability")
     expect(page.locator("#map-counts")).to_contain_text("with the usual scatter of speed, compressive strength")
     drawn = heat(page, 1)
@@ -324,7 +323,7 @@ def test_large_map_is_seen_coarse_before_it_is_fine(page: Page) -> None:
     assert len({value for row in coarse for value in row}) <= 64
     assert all(value is not None for row in coarse for value in row)
     page.unroute("**/jobs/*/results?*")
-    expect(page.locator("#map-progress")).to_have_text("All 400 cases are computed.", timeout=ALL_DONE_MS)
+    expect(page.locator("#map-progress")).to_have_text("All 400 cases are computed.")
     expect(page.locator("#map-counts")).to_contain_text("400 with an angle")
     fine = heat(page, 1)
     assert len({value for row in fine for value in row}) > 64
@@ -335,7 +334,7 @@ def test_large_map_is_seen_coarse_before_it_is_fine(page: Page) -> None:
 def test_map_of_least_thickness_is_that_of_the_service(page: Page, client: httpx.Client, tmp_path: Path) -> None:
     page.goto("/#/map?operation=thickness&x=impact.velocity_m_s,200,300,2&y=impact.oblique_angle_deg,0,30,2")
     page.get_by_role("button", name="Run").click()
-    expect(page.locator("#map-progress")).to_have_text("All 4 cases are computed.", timeout=ALL_DONE_MS)
+    expect(page.locator("#map-progress")).to_have_text("All 4 cases are computed.")
     expect(page.locator("#map-counts")).to_contain_text("4 with a thickness")
     expect(page.locator(".map .drawing")).to_contain_text("Least thickness [mm]")
     results = client.get(f"/jobs/{job_of(page)}/results").json()["results"]
@@ -379,7 +378,7 @@ def test_legend_is_as_wide_as_a_phone(new_page: NewPage) -> None:
     page = new_page(width=390, height=844)
     open_map(page, x="impact.oblique_angle_deg,20,75,5", y="impact.velocity_m_s,100,300,5", rest="operation=trajectory")
     page.get_by_role("button", name="Run").click()
-    expect(page.locator("#map-progress")).to_have_text("All 25 cases are computed.", timeout=ALL_DONE_MS)
+    expect(page.locator("#map-progress")).to_have_text("All 25 cases are computed.")
     page.locator(".map .drawing").evaluate(
         """async (plot) => {
             const { mapTraces } = await import(new URL('page/map-plot.js', document.baseURI));

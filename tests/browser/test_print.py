@@ -70,7 +70,7 @@ def test_sheets_are_dark_on_white_within_their_margins(
     address, last = FILLED[view]
     page = new_page(theme="dark")
     page.goto(f"/#/{address}")
-    expect(page.locator(last).first).to_be_visible(timeout=180_000)
+    expect(page.locator(last).first).to_be_visible()
     expect(page.locator("[aria-busy=true]:visible")).to_have_count(0)
     page.pdf(path=tmp_path / "view.pdf", prefer_css_page_size=True)
     render = ["pdftoppm", "-r", str(DPI), "-gray", "-png", "view.pdf", "sheet"]
@@ -96,7 +96,7 @@ def test_report_opens_in_a_new_tab_with_its_style(page: Page) -> None:
     with page.expect_popup() as opened:
         page.get_by_role("button", name="Report", exact=True).click()
     report = opened.value
-    expect(report.get_by_role("heading", name="Answer")).to_be_visible(timeout=180_000)
+    expect(report.get_by_role("heading", name="Answer")).to_be_visible()
     assert report.url.startswith("blob:")
     expect(report).to_have_title(re.compile("Ricochet assessment, 238 m/s, 39 MPa, 50°"))
     assert report.evaluate("getComputedStyle(document.querySelector('table')).borderCollapse") == "collapse"

@@ -10,15 +10,14 @@ from playwright.sync_api import Page, expect
 
 from service.schemas.strike import PAPER
 
-ALL_MS = 60_000
 STRIKE = PAPER | {"impact": PAPER["impact"] | {"oblique_angle_deg": 45.0}}
 """The case that the page begins with."""
 
 
 def rows(page: Page) -> dict[str, list[str]]:
     """Cells of the table by their first."""
-    expect(page.get_by_role("table")).to_be_visible(timeout=ALL_MS)
-    expect(page.locator("[aria-busy=true]")).to_have_count(0, timeout=ALL_MS)
+    expect(page.get_by_role("table")).to_be_visible()
+    expect(page.locator("[aria-busy=true]")).to_have_count(0)
     lines = page.get_by_role("table").locator("tbody tr")
     cells = [line.locator("td").all_inner_texts() for line in lines.all()]
     return {first.replace("\N{NO-BREAK SPACE}", " "): rest for first, *rest in cells}
@@ -88,7 +87,7 @@ def test_case_with_a_plug_is_computed_with_it_alone_and_shared_by_its_address(pa
     page.goto("/#/walls")
     plugged = rows(page)["With a plug at the rear"]
     page.get_by_label("Rear plug, angle of its cone").fill("66.1")
-    expect(page.get_by_role("table").locator("tbody tr")).to_have_count(12, timeout=ALL_MS)
+    expect(page.get_by_role("table").locator("tbody tr")).to_have_count(12)
     assert rows(page)["This model"] == plugged
     expect(page).to_have_url(re.compile(r"resistance\.rear_plug\.cone_angle_deg=66\.1"))
     page.reload()

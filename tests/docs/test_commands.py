@@ -93,6 +93,7 @@ def run_page(tmp_path: Path, service_on: Callable[..., Any]) -> Iterator[Callabl
 
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
 @pytest.mark.system
+@pytest.mark.timeout(3 * MOST_S)
 def test_every_block_of_a_page_that_is_to_run_runs(page: Path, run_page: Callable[[Path], dict[str, str]]) -> None:
     printed = run_page(page)
     if page.name == "README.md":
