@@ -59,7 +59,10 @@ def run_serve(args: argparse.Namespace) -> int:
     flags = {"host": args.host, "port": args.port}
     settings = read_settings(**{name: value for name, value in flags.items() if value is not None})
     asyncio.run(check_address(settings.host, settings.port))
+    if settings.executor != "in-process":
+        from service.workers.fork_server import start_fork_server
 
+        start_fork_server()  # It loads the solver while this process imports the application.
     from service.api.app import create_app
     from service.auth.api_keys import KeysUnreadableError
     from service.cli.server import Server

@@ -23,7 +23,7 @@ from service.cli.client import Client, connect
 from service.cli.writers import progress
 from service.errors import ExecutorError, FolderInUseError
 from service.settings import Settings
-from service.workers.process_pool import socket_folder
+from service.workers.fork_server import socket_folder
 from solver.compilation import compilation_progress
 
 TICK_SECONDS = 0.1

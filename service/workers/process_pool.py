@@ -6,7 +6,6 @@ import multiprocessing
 import os
 import pickle
 import queue
-import tempfile
 import threading
 import time
 from collections.abc import Callable, Sequence
@@ -14,11 +13,11 @@ from concurrent.futures import Future, wait
 from contextlib import suppress
 from dataclasses import dataclass, field
 from multiprocessing.context import ForkServerContext
-from multiprocessing.util import get_temp_dir
 from typing import Any, TypeVar, TypeVarTuple
 
 from service.errors import ExecutorError, PoolUnavailableError, TaskTimeoutError, WorkerCrashedError
 from service.workers import Call, CallResult
+from service.workers.fork_server import start_fork_server
 from service.workers.worker import STOP, WorkerDiedError, WorkerProcess, dumps, loads
 
 Arguments = TypeVarTuple("Arguments")
@@ -259,26 +258,6 @@ class WorkerSupervisor:
         worker.close()
 
 
-SOCKET_FOLDER_BYTES = 70
-"""Longest path of a folder for sockets: the names below it take 32, and macOS allows 103 in all, Linux 107."""
-
-
-def socket_folder() -> str:
-    """Return the folder for temporary files, or /tmp if the path of a socket in it would be too long."""
-    folder = tempfile.gettempdir()
-    return folder if len(os.fsencode(folder)) <= SOCKET_FOLDER_BYTES else "/tmp"  # noqa: S108 (folders in it are private)
-
-
-def prepare_fork_server() -> None:
-    """Have the fork server import nothing from the working folder, and listen where its path is short enough."""
-    os.environ["PYTHONSAFEPATH"] = "1"  # else it runs a user's solver.py or secrets.py in place of the installed one
-    usual, tempfile.tempdir = tempfile.tempdir, socket_folder()
-    try:
-        get_temp_dir()  # multiprocessing makes its folder at the first call and keeps it
-    finally:
-        tempfile.tempdir = usual
-
-
 KILL_SECONDS = 0.5
 """Kept back from the grace time to end workers that are still busy."""
 
@@ -305,7 +284,7 @@ class ProcessPool:
 
     def __init__(self, *, workers: int, task_seconds: float, preload: Sequence[str] = ()) -> None:
         context = multiprocessing.get_context("forkserver")
-        context.set_forkserver_preload(["service.workers.preload", "service.workers.worker", *preload])
+        self._preload = preload
         self._tasks = TaskQueue()
         self._numbers = itertools.count()
         self._unfinished: set[Future[Any]] = set()
@@ -346,7 +325,7 @@ class ProcessPool:
         PoolUnavailableError
             If one could not be started.
         """
-        prepare_fork_server()
+        start_fork_server(self._preload)
         for supervisor in self._supervisors:
             supervisor.thread.start()
         try:

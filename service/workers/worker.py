@@ -12,8 +12,8 @@ import sys
 import threading
 import time
 import traceback
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from multiprocessing.context import ForkServerContext
 from pathlib import Path
 from typing import Any
@@ -23,6 +23,7 @@ from service.cache.record import FloatColumns, Record
 from service.errors import PoolUnavailableError, field_errors
 from service.schemas.quantities import Part
 from service.workers import Call, CallResult
+from service.workers.fork_server import existing_folder
 from solver import ParameterError, warm_up
 
 Compute = Callable[[bytes], tuple[dict[str, Any], FloatColumns | None]]
@@ -184,23 +185,6 @@ class WorkerProcess:
     def close(self) -> None:
         """Give up the channel; an idle worker ends by itself then."""
         self._channel.close()
-
-
-@contextmanager
-def existing_folder() -> Iterator[None]:
-    """Leave a working folder that has been deleted, and return to it: multiprocessing starts no process in one."""
-    try:
-        Path.cwd()
-    except FileNotFoundError:
-        deleted = os.open(".", os.O_RDONLY)
-        try:
-            os.chdir("/")
-            yield
-        finally:
-            os.fchdir(deleted)
-            os.close(deleted)
-    else:
-        yield
 
 
 def serve(end: socket.socket) -> None:
