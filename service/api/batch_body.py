@@ -14,7 +14,8 @@ from fastapi import HTTPException, Request
 from pydantic import MISSING, ValidationError
 from pydantic_core import to_json
 
-from service.api.body import JSON, JSONL, parse_json, read_body, require_type, stream_up_to
+from service.api.body import parse_json, read_body, require_type, stream_up_to
+from service.api.negotiation import JSON, JSONL
 from service.api.services import Services, services_of, unless_left
 from service.errors import MAX_ERRORS, InvalidBodyError, field_errors, validation_errors
 from service.jobs.models import JobCase, StoredSweep

@@ -10,8 +10,6 @@ from fastapi import HTTPException, Request
 from pydantic_core import from_json
 from starlette.requests import ClientDisconnect
 
-JSON = "application/json"
-JSONL = "application/jsonl"
 REMEMBERED_BYTES = 8 * 1024
 """Longest body that is remembered; few are longer."""
 REMEMBERED_SHARE = 1 / 8

@@ -8,8 +8,7 @@ from starlette.middleware.gzip import DEFAULT_EXCLUDED_CONTENT_TYPES, GZipRespon
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from zstandard import COMPRESSOBJ_FLUSH_BLOCK, COMPRESSOBJ_FLUSH_FINISH, ZstdCompressor
 
-from service.api.negotiation import coding_of
-from service.api.results import HDF5, PARQUET
+from service.api.negotiation import HDF5, PARQUET, coding_of
 
 if TYPE_CHECKING:
     from zstandard import ZstdCompressionObj

@@ -10,7 +10,8 @@ from typing import Any, NamedTuple
 from anyio.to_thread import run_sync
 from fastapi import Request, Response
 
-from service.api.body import JSON, next_turn, parse_json, read_body, require_type
+from service.api.body import next_turn, parse_json, read_body, require_type
+from service.api.negotiation import JSON
 from service.api.results import REPRESENTATIONS, form_of
 from service.api.services import Services, services_of, unless_left
 from service.auth.dependencies import RequestContext, context_in

@@ -26,7 +26,7 @@ from fastapi.responses import StreamingResponse
 from service.api.contract import Responses, problems
 from service.api.downloads import file_pieces
 from service.api.job_models import Result
-from service.api.negotiation import choose, matches
+from service.api.negotiation import CSV, HDF5, JSON, PARQUET, choose, matches
 from service.api.services import services_of
 from service.auth.dependencies import READ
 from service.cache.hdf5 import BatchFile, to_hdf5
@@ -40,7 +40,6 @@ from service.operations import OPERATIONS
 if TYPE_CHECKING:
     from pyarrow import DataType
 
-HDF5 = "application/x-hdf5"
 JSON_PIECE = 128 * 1024
 """Size of the JSON that is sent at once. [bytes]"""
 
@@ -167,8 +166,6 @@ async def write_hdf5(path: Path, ready: ReadyResults) -> None:
         await run_sync(batch.finish)  # It compresses what is left and reads the whole file for its hash.
 
 
-CSV = "text/csv"
-PARQUET = "application/vnd.apache.parquet"
 GROUP_ROWS = 4096
 """Rows of a row group: some megabytes, the largest part of a table that is in memory at once."""
 
@@ -330,9 +327,9 @@ def to_csv(record: Record) -> bytes:
 
 
 REPRESENTATIONS: dict[str, Callable[[Record], bytes]] = {
-    "application/json": lambda record: record.json,
-    "text/csv": to_csv,
-    "application/x-hdf5": to_hdf5,
+    JSON: lambda record: record.json,
+    CSV: to_csv,
+    HDF5: to_hdf5,
 }
 """Every form in which a result is given, the usual one first."""
 
@@ -355,7 +352,7 @@ DECLARED: Responses = {
     200: {
         "description": "The result, in the form that `Accept` names.",
         "headers": {"ETag": {"description": "Of this form; strong.", "schema": {"type": "string"}, "required": True}},
-        "content": {"text/csv": {"schema": {"type": "string"}}, "application/x-hdf5": {}},
+        "content": {CSV: {"schema": {"type": "string"}}, HDF5: {}},
     },
     304: {"description": "The client has this form of the result."},
     **problems(404, 406, 422, 500),

@@ -17,8 +17,9 @@ from fastapi import APIRouter, Request, Response
 from fastapi.responses import HTMLResponse
 
 from service.api.batch_response import IdempotencyKey, JobResponse, WantedPreference
-from service.api.body import JSON, read_body, require_type
+from service.api.body import read_body, require_type
 from service.api.contract import one_body, problems
+from service.api.negotiation import JSON
 from service.api.page import REPORT_POLICY
 from service.api.queries import read_content, read_request, recalled, reply, resolve, validated
 from service.api.results import form_of
