@@ -14,10 +14,9 @@ from starlette.types import ASGIApp
 from service import telemetry
 from service.api import downloads, health, jobs, mcp, operations, page, results, studies, umbridge
 from service.api.body import KnownBodies
-from service.api.compression import CompressionMiddleware
 from service.api.contract import declare_access, declare_bodies, declare_defaults, declare_events, declare_problems
 from service.api.job_models import JobChange
-from service.api.middleware import AuthMiddleware, HeadMiddleware, RefusalMiddleware
+from service.api.middleware import AuthMiddleware, CompressionMiddleware, HeadMiddleware, RefusalMiddleware
 from service.api.services import READING_THREADS, Metrics, Services, executor_for
 from service.auth.api_keys import ApiKeyStore
 from service.auth.audit_log import AuditLog
