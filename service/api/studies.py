@@ -21,8 +21,7 @@ from service.api.body import read_body, require_type
 from service.api.contract import one_body, problems
 from service.api.negotiation import JSON
 from service.api.page import REPORT_POLICY
-from service.api.queries import read_content, read_request, recalled, reply, resolve, validated
-from service.api.results import form_of
+from service.api.queries import form_of, read_content, read_request, recalled, reply, resolve, validated
 from service.api.services import services_of, unless_left
 from service.assessment import (
     Query,
