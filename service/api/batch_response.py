@@ -3,7 +3,7 @@
 import asyncio
 import math
 import re
-from collections.abc import AsyncGenerator, AsyncIterator, Callable, Iterable, Sequence
+from collections.abc import AsyncGenerator, AsyncIterator, Awaitable, Callable, Iterable, Sequence
 from contextlib import aclosing, suppress
 from dataclasses import dataclass
 from http import HTTPStatus
@@ -14,14 +14,14 @@ from anyio import CancelScope
 from fastapi import Depends, Header, HTTPException, Request, Response
 from fastapi.responses import StreamingResponse
 
-from service.api.batch_body import BatchBody
+from service.api.batch_body import BatchBody, BatchReader
 from service.api.negotiation import CSV, JSON, JSONL, choose
 from service.api.results import ReadyResults, as_array, as_csv, as_lines, csv_head, csv_rows, to_item, to_lines
 from service.api.services import services_of, unless_left
 from service.auth.dependencies import context_in
 from service.jobs.manager import JobManager
 from service.jobs.models import CaseResult, Charge, Idempotency, JobCase, JobState, StoredSweep
-from service.operations import OPERATIONS
+from service.operations import OPERATIONS, Many, Operation
 
 FORMS = (JSON, JSONL, CSV)
 VARY = {"Vary": "Prefer, Accept"}
@@ -239,6 +239,26 @@ class BatchResponse(JobResponse):
             content = as_lines(ready, path) if self.form == JSONL else as_array(ready, path)
         headers = {**headers, "Content-Location": path}
         return StreamingResponse(content, media_type=self.form, headers=headers)
+
+
+def batch_route(operation: Operation, many: Many) -> Callable[..., Awaitable[Response]]:
+    """Return the handler for batches."""
+
+    async def handle(request: Request, preference: WantedPreference, idempotency_key: IdempotencyKey = "") -> Response:
+        response = BatchResponse(request, operation.name, preference, idempotency_key)
+        return await response.to(await BatchReader(request, operation.name, many.models.case).read_batch())
+
+    return handle
+
+
+def sweep_route(operation: Operation, many: Many) -> Callable[..., Awaitable[Response]]:
+    """Return the handler for sweeps."""
+
+    async def handle(request: Request, preference: WantedPreference, idempotency_key: IdempotencyKey = "") -> Response:
+        response = BatchResponse(request, operation.name, preference, idempotency_key)
+        return await response.to(await BatchReader(request, operation.name, many.models.base).read_sweep())
+
+    return handle
 
 
 async def take(
