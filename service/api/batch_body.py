@@ -17,7 +17,15 @@ from pydantic_core import to_json
 from service.api.body import parse_json, read_body, require_type, stream_up_to
 from service.api.negotiation import JSON, JSONL
 from service.api.services import Services, services_of, unless_left
-from service.errors import MAX_ERRORS, InvalidBodyError, field_errors, validation_errors
+from service.errors import (
+    MAX_ERRORS,
+    InvalidBodyError,
+    errors_of_point,
+    field_errors,
+    grid_of,
+    validated_as,
+    validation_errors,
+)
 from service.jobs.models import JobCase, StoredSweep
 from service.operations import KeyedRequest
 from service.queries import check_work
@@ -25,7 +33,6 @@ from service.schemas.batches import MOST_LINES, Cases
 from service.schemas.quantities import Part
 from service.schemas.sweeps import Grid, Outline
 from service.telemetry import path_of
-from service.validation import errors_of_point, grid_of, validated_as
 from service.workers.worker import check_requests
 from solver import ParameterError
 

@@ -24,14 +24,13 @@ from service.cache.hdf5 import to_hdf5
 from service.cache.record import Record
 from service.cache.tables import residuals_of
 from service.columns import csv_cells, summarize, trial_columns
-from service.errors import InvalidBodyError, ProblemType, problem_of
+from service.errors import InvalidBodyError, ProblemType, problem_of, validated_as
 from service.jobs.scheduler import problem_name
 from service.operations import OPERATIONS, KeyedRequest, Operation, study_of
 from service.queries import Answered, CacheStatus, check_work
 from service.schemas.problems import json_pointer
 from service.schemas.requests import alternatives_in, answered_alternative, with_alternatives
 from service.telemetry import BEGUN
-from service.validation import validated_as
 
 MAX_FIELDS = 20
 """Fields of an object of a calibration, which has half as many: listing a million errors would take a second."""

@@ -33,13 +33,12 @@ from service.assessment import (
     write_page,
 )
 from service.auth.dependencies import RUN, context_in
-from service.errors import ProblemType, problem_of
+from service.errors import ProblemType, problem_of, validated_as
 from service.jobs.models import JobCase
 from service.operations import OPERATIONS, KeyedRequest, Operation, study_of
 from service.queries import check_work
 from service.schemas import ReportRequest, VerdictAnswer, verdict_answer
 from service.telemetry import BEGUN, path_of
-from service.validation import validated_as
 
 router = APIRouter(dependencies=[RUN])
 

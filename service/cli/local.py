@@ -44,9 +44,9 @@ def compute(name: str, body: dict[str, Any], report: Callable[[int, float | None
     RefusedError
         If the request is invalid, or the computation fails.
     """
+    from service.errors import validated_as
     from service.operations import OPERATIONS
     from service.schemas.requests import alternatives_in, answered_alternative, with_alternatives
-    from service.validation import validated_as
 
     def solve_alternative(laws: dict[str, Any], request: Any) -> dict[str, Any]:
         try:
@@ -76,8 +76,8 @@ def judge(body: dict[str, Any], report: Callable[[int, float | None], None]) -> 
         If the request is invalid, or the search fails.
     """
     from service.assessment import Query, verdict_queries, weighing_queries
+    from service.errors import validated_as
     from service.schemas import ReportRequest, verdict_answer
-    from service.validation import validated_as
 
     answers: dict[str, Any] = {}
 
@@ -106,9 +106,9 @@ def usual_scatter(body: dict[str, Any]) -> list[dict[str, Any]]:
     RefusedError
         If the strike is invalid.
     """
+    from service.errors import validated_as
     from service.schemas.requests import CriticalAngleBase
     from service.schemas.verdict import usual_inputs
-    from service.validation import validated_as
 
     with refusals():
         strike = {name: part for name, part in body.items() if name in CriticalAngleBase.model_fields}
@@ -157,9 +157,9 @@ def _solve(name: str, request: Any, report: Callable[[int, float | None], None] 
 
 def _points(operation: str, content: dict[str, Any]) -> list[tuple[dict[str, float], Any]]:
     """Return the values of the axes and the validated request of every point."""
+    from service.errors import errors_of_point, grid_of, validated_as
     from service.operations import OPERATIONS
     from service.schemas.sweeps import Outline
-    from service.validation import errors_of_point, grid_of, validated_as
 
     many = OPERATIONS[operation].many
     assert many is not None  # noqa: S101 (a choice of the command)

@@ -110,9 +110,8 @@ def _make_report(body: dict[str, Any]) -> bytes:
     from datetime import UTC, datetime
 
     from service.assessment import Query, first_queries, require_extra, strike_queries, write_page
-    from service.errors import ReportsMissingError
+    from service.errors import ReportsMissingError, validated_as
     from service.schemas import ReportRequest
-    from service.validation import validated_as
 
     try:
         require_extra()
