@@ -273,9 +273,10 @@ def verdict_answer(request: ReportRequest, answers: Mapping[str, Any]) -> dict[s
     if found.spread is not None:
         answer["range"] = dict(zip(("lower_deg", "upper_deg"), map(degrees, found.spread), strict=True))
     answer["share_without_angle"] = found.share_without
+    theories = zip(THEORY_MODELS, THEORIES, found.theories, strict=True) if found.theories else ()
     answer["theories"] = [
         {"free_surface": name, "weight": weight} | ({} if angle is None else {"critical_angle_deg": degrees(angle)})
-        for name, weight, angle in zip(THEORY_MODELS, THEORIES, found.theories, strict=False)
+        for name, weight, angle in theories
     ]
     if found.oblique_angle is not None:
         answer["oblique_angle_deg"] = request.impact.oblique_angle_deg
