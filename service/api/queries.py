@@ -14,7 +14,7 @@ from anyio.to_thread import run_sync
 from fastapi import APIRouter, Header, HTTPException, Request, Response
 from fastapi import Path as PathParameter
 
-from service.api.body import next_turn, parse_json, read_body, require_type
+from service.api.body import next_turn, parse_json, read_body, refuse_crowd, require_type
 from service.api.contract import Responses, problems
 from service.api.job_models import Result
 from service.api.negotiation import CSV, HDF5, JSON, choose, matches
@@ -31,10 +31,6 @@ from service.queries import Answered, CacheStatus, check_work
 from service.schemas.problems import json_pointer
 from service.schemas.requests import alternatives_in, answered_alternative, with_alternatives
 from service.telemetry import BEGUN
-
-MAX_FIELDS = 20
-"""Fields of an object of a calibration, which has half as many: listing a million errors would take a second."""
-
 
 router = APIRouter(tags=["results"], dependencies=[READ])
 
@@ -273,9 +269,7 @@ def validated(content: Any, operation: Operation, services: Services) -> Any:
 def refuse_crowds(content: Any, steps: tuple[str | int, ...] = ()) -> None:
     """Refuse objects with too many fields, at any depth."""
     if isinstance(content, dict):
-        if len(content) > MAX_FIELDS:
-            detail = f"has {len(content)} fields, most of them unknown"
-            raise InvalidBodyError([{"pointer": json_pointer(steps), "detail": detail}])
+        refuse_crowd(content, json_pointer(steps))
         for name, item in content.items():
             refuse_crowds(item, (*steps, name))
     elif isinstance(content, list):

@@ -5,7 +5,7 @@ from typing import Any, Final, NamedTuple
 
 from markupsafe import Markup, escape
 
-from service.columns import SYMBOLS
+from service.columns import unit_end, unit_of
 from service.names import CHOICES, QUANTITIES
 
 MINUS, NARROW = "\N{MINUS SIGN}", "\N{NARROW NO-BREAK SPACE}"
@@ -121,8 +121,7 @@ OTHER_FIELDS: Final[Mapping[str, Field]] = {
 
 def field_of(name: str) -> Field:
     """Return how a quantity of the contract is shown."""
-    end = next((end for end in SYMBOLS if name.endswith(end)), "")
-    return OTHER_FIELDS.get(name) or BY_END.get(end) or Field(SYMBOLS.get(end, ""))
+    return OTHER_FIELDS.get(name) or BY_END.get(unit_end(name)) or Field(unit_of(name))
 
 
 FIELDS: Final[Mapping[str, Field]] = {

@@ -6,7 +6,8 @@ from typing import Annotated
 
 from pydantic import Field
 
-from service.schemas.quantities import Part, unit_end, with_examples
+from service.columns import unit_end
+from service.schemas.quantities import Part, with_examples
 
 TAGGED = frozenset({"distribution", "nose", "strength_factor"})
 """Fields of several shapes. In a place inside one of them, pydantic names the shape after the field."""

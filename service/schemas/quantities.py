@@ -22,7 +22,7 @@ from pydantic import (
 )
 from pydantic_core import CoreSchema
 
-from service.columns import UNITS
+from service.columns import unit_end
 from solver.checks import BOUNDS
 
 Num = Annotated[FiniteFloat, Strict()]
@@ -151,11 +151,6 @@ def within(field: str) -> dict[str, Any]:
     """Return the bounds of a field of the solver, as arguments of `Field`."""
     bound = BOUNDS[field]
     return {"gt" if bound.above else "ge": bound.lower, "lt" if bound.below else "le": bound.upper}
-
-
-def unit_end(name: str) -> str:
-    """Return the end of a name that says its unit."""
-    return next((end for end in UNITS if name.endswith(end)), "")
 
 
 def degrees(angle: float) -> float:
