@@ -19,8 +19,9 @@ from service.api.negotiation import CSV, JSON, JSONL, choose
 from service.api.results import ReadyResults, as_array, as_csv, as_lines, csv_head, csv_rows, to_item, to_lines
 from service.api.services import services_of, unless_left
 from service.auth.dependencies import context_in
+from service.cache.record import CaseResult
 from service.jobs.manager import JobManager
-from service.jobs.models import CaseResult, Charge, Idempotency, JobCase, JobState, StoredSweep
+from service.jobs.models import Charge, Idempotency, JobCase, JobState, StoredSweep
 from service.operations import OPERATIONS, Many, Operation
 
 FORMS = (JSON, JSONL, CSV)

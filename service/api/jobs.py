@@ -29,9 +29,10 @@ from service.api.results import (
 )
 from service.api.services import services_of, unless_left
 from service.auth.dependencies import ReadContext, RunContext
+from service.cache.record import CaseResult
 from service.errors import validated_as
 from service.jobs.manager import JobManager
-from service.jobs.models import CaseResult, JobState
+from service.jobs.models import JobState
 from service.settings import missing_package
 
 router = APIRouter(tags=["jobs"])

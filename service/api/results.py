@@ -24,9 +24,10 @@ from service.api.downloads import file_pieces
 from service.api.negotiation import HDF5, PARQUET
 from service.api.services import services_of
 from service.cache.hdf5 import BatchFile
+from service.cache.record import CaseResult
 from service.columns import Column, base_of, batch_columns, batch_row, csv_cells
 from service.jobs.manager import JobManager
-from service.jobs.models import CaseResult, JobState, StoredSweep
+from service.jobs.models import JobState, StoredSweep
 from service.operations import OPERATIONS
 
 if TYPE_CHECKING:

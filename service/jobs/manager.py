@@ -15,18 +15,9 @@ from anyio import CancelScope, CapacityLimiter
 from anyio.to_thread import run_sync
 from opentelemetry.trace import Tracer
 
+from service.cache.record import CaseResult
 from service.errors import IdempotencyBusyError, IdempotencyConflictError, QueueFullError, StorageError
-from service.jobs.models import (
-    BLOCK_SIZE,
-    CaseBlock,
-    CaseResult,
-    Charge,
-    Idempotency,
-    JobCase,
-    JobState,
-    Status,
-    StoredSweep,
-)
+from service.jobs.models import BLOCK_SIZE, CaseBlock, Charge, Idempotency, JobCase, JobState, Status, StoredSweep
 from service.jobs.reader import ResultReader
 from service.jobs.runner import CaseRunner
 from service.jobs.scheduler import GiveBack, Scheduler, problem_name

@@ -12,7 +12,6 @@ from typing import Any, Literal, NamedTuple, TypeAlias
 
 import orjson
 
-from service.cache.record import Record
 from service.names import QUANTITIES, TITLES, named
 from service.operations import KeyedRequest
 
@@ -41,27 +40,6 @@ class JobCase:
 
     request: KeyedRequest
     custom_id: str | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class CaseResult:
-    """Result of a case of a batch.
-
-    Parameters
-    ----------
-    number
-        In the order of the request, from 0.
-    record, problem
-        One of them. A problem lacks its `instance`; its pointers are into the request of the case.
-    cached
-        Whether nothing was computed for it.
-    """
-
-    number: int
-    custom_id: str | None
-    record: Record | None
-    problem: dict[str, Any] | None
-    cached: bool
 
 
 @dataclass(frozen=True, slots=True)

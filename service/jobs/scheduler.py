@@ -18,8 +18,9 @@ from anyio import CancelScope
 from anyio.to_thread import run_sync
 from opentelemetry.trace import Tracer
 
+from service.cache.record import CaseResult
 from service.errors import JobGoneError, StorageError, case_problem
-from service.jobs.models import BLOCK_SIZE, CaseResult, CaseState, JobCase, JobState, Status
+from service.jobs.models import BLOCK_SIZE, CaseState, JobCase, JobState, Status
 from service.jobs.runner import Blocks, CaseRunner
 from service.jobs.store import VERSIONS, JobStore
 from service.jobs.studies import StudyService

@@ -8,8 +8,9 @@ from pathlib import Path
 from opentelemetry.trace import Tracer
 
 from service.cache.cache import ResultCache
+from service.cache.record import CaseResult
 from service.jobs.manager import JobManager
-from service.jobs.models import CaseResult, JobCase, JobState
+from service.jobs.models import JobCase, JobState
 from service.jobs.store import JobStore
 from service.operations import KeyedRequest
 from service.queries import QueryService
