@@ -106,6 +106,10 @@ class Case(Part):
     def resolved(self) -> Self:
         """Return the same with what was left open filled in."""
 
+    def adaptive(self, **numerics: float) -> Self:
+        """Return the same with these numerics where they were left open, and adaptive steps."""
+        return self.model_copy(update={"numerics": filled(self.numerics, method=Method.ADAPTIVE, **numerics)})
+
     def canonical(self) -> dict[str, Any]:
         """Return the resolved request as JSON data, the same for one case however it is sent."""
         return self.resolved().model_dump(mode="json", exclude=NO_PART_OF_THE_CASE)
@@ -152,13 +156,8 @@ class TrajectoryFields(Case):
 
     def resolved(self) -> Self:
         """Return the same with what was left open filled in."""
-        numerics = filled(
-            self.numerics,
-            method=Method.ADAPTIVE,
-            termination_time_s=self.usual_termination_time(self.impact.velocity_m_s),
-            relative_tolerance=TRAJECTORY_TOLERANCE,
-        )
-        return self.model_copy(update={"numerics": numerics})
+        end = self.usual_termination_time(self.impact.velocity_m_s)
+        return self.adaptive(termination_time_s=end, relative_tolerance=TRAJECTORY_TOLERANCE)
 
     def arguments(self) -> dict[str, Any]:
         """Return the arguments of `solver.simulate`.
