@@ -1,11 +1,11 @@
 """`ricochet report`: a strike on two pages, as HTML or PDF."""
 
 import argparse
-import json
 import os
 import shutil
 import subprocess
 import tempfile
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +21,7 @@ from service.cli.arguments import (
     ending_of,
     examples,
 )
-from service.cli.local import compute, refusals
+from service.cli.local import answers_to, refusals
 from service.cli.request_body import read_body
 from service.cli.writers import progress
 
@@ -102,7 +102,7 @@ def _fetch_report(url: str, body: dict[str, Any]) -> bytes:
     from service.cli.client import connect
 
     with connect(url) as client:
-        return client.report(body)
+        return client.compute("report", body)
 
 
 def _make_report(body: dict[str, Any]) -> bytes:
@@ -110,9 +110,8 @@ def _make_report(body: dict[str, Any]) -> bytes:
     from datetime import UTC, datetime
 
     from service.assessment import Query, first_queries, require_extra, strike_queries, write_page
-    from service.errors import ReportsMissingError
+    from service.errors import ReportsMissingError, validated_as
     from service.schemas import ReportRequest
-    from service.validation import validated_as
 
     try:
         require_extra()
@@ -123,20 +122,15 @@ def _make_report(body: dict[str, Any]) -> bytes:
         request.check()
 
     answers: dict[str, Any] = {}
-
-    def answer(queries: dict[str, Query]) -> None:
-        for name, (operation, content) in queries.items():
-            try:
-                answers[name] = json.loads(compute(operation, content))
-            except RefusedError as error:
-                if name == "cra":
-                    raise
-                answers[name] = {"problem": dict(error.problem)}
-            report(len(answers), total)
-
     first = first_queries(request)
     total = len(first) + 5
     with progress("computing") as report:
+
+        def answer(queries: Mapping[str, Query]) -> None:
+            for name, found in answers_to(queries):
+                answers[name] = found
+                report(len(answers), total)
+
         answer(first)
         answer(strike_queries(request, answers["cra"]))
     made = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")

@@ -32,9 +32,9 @@ from service.jobs.runner import CaseRunner
 from service.jobs.scheduler import GiveBack, Scheduler, problem_name
 from service.jobs.store import JobStore
 from service.jobs.studies import StudyService
-from service.jobs.traces import NO_TRACER, current_traceparent
 from service.operations import KeyedRequest, is_study
 from service.queries import Answered, Count, QueryService, Rate
+from service.telemetry import NO_TRACER, current_traceparent
 
 EXPIRY_SECONDS = 3600.0
 REOPEN_SECONDS = 5.0

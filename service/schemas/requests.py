@@ -62,7 +62,8 @@ class TrajectoryOutput(Part):
 
     model_config = with_examples({"history": False}, {"sample_interval_s": 1e-4})
 
-    history: Annotated[Flag, Field(description="Whether to give the motion over time.")] = True
+    history: Flag = True
+    """Whether to give the motion over time."""
     sample_interval_s: SampleInterval | MISSING = MISSING
 
 
@@ -71,7 +72,8 @@ class CriticalAngleOutput(Part):
 
     model_config = with_examples({"history": True, "sample_interval_s": 1e-4})
 
-    history: Annotated[Flag, Field(description="Whether to give the trajectory at the critical angle.")] = False
+    history: Flag = False
+    """Whether to give the trajectory at the critical angle."""
     sample_interval_s: SampleInterval | MISSING = MISSING
 
 
@@ -283,10 +285,8 @@ class ReportedStrike(Strike):
 
     model_config = with_examples(STRIKE, STRIKE | {"oblique_angle_deg": 45.0})
 
-    oblique_angle_deg: (
-        Annotated[ObliqueAngle, Field(description="Angle to judge: its run and outcome are in the report. [°]")]
-        | MISSING
-    ) = MISSING
+    oblique_angle_deg: ObliqueAngle | MISSING = MISSING
+    """Angle to judge: its run and outcome are in the report. [°]"""
 
 
 class ReportRequest(CriticalAngleRequest):

@@ -11,9 +11,9 @@ from service.cache.cache import ResultCache
 from service.jobs.manager import JobManager
 from service.jobs.models import CaseResult, JobCase, JobState
 from service.jobs.store import JobStore
-from service.jobs.traces import NO_TRACER
 from service.operations import KeyedRequest
 from service.queries import QueryService
+from service.telemetry import NO_TRACER
 from service.workers import Executor
 from tests.service.questions import SQUARE, Question
 
