@@ -112,12 +112,18 @@ def solver_arguments(part: Part) -> dict[str, Any]:
 
     What is not given is left out, so that the solver's own default counts.
     """
-    given = {name: getattr(part, name) for name in type(part).model_fields if name not in KINDS}
     return {
-        name.removesuffix(unit_end(name)): _plain(value, angle=name.endswith("_deg"))
-        for name, value in given.items()
-        if value is not MISSING
+        name: _plain(value, angle=angle)
+        for field, name, angle in _solver_names(type(part))
+        if (value := getattr(part, field)) is not MISSING
     }
+
+
+@cache
+def _solver_names(model: type[Part]) -> list[tuple[str, str, bool]]:
+    """Return the fields of a model, each with the solver's name and whether it is an angle in degrees."""
+    fields = [name for name in model.model_fields if name not in KINDS]
+    return [(name, name.removesuffix(unit_end(name)), name.endswith("_deg")) for name in fields]
 
 
 def _plain(value: Any, *, angle: bool) -> Any:
@@ -135,11 +141,15 @@ class SolverPart(Part, Generic[Solved]):
 
     def to_solver(self) -> Solved:
         """Return the solver's object."""
-        arguments = [
-            base.__pydantic_generic_metadata__["args"] for base in type(self).__mro__ if issubclass(base, SolverPart)
-        ]
-        found: Solved = next(filter(None, arguments))[0](**solver_arguments(self))
+        found: Solved = _solver_class(type(self))(**solver_arguments(self))
         return found
+
+
+@cache
+def _solver_class(model: type[SolverPart[Any]]) -> Any:
+    """Return the class of the solver that a model, or one that it inherits from, names in brackets."""
+    bases = [base for base in model.__mro__ if issubclass(base, SolverPart)]
+    return next(filter(None, (base.__pydantic_generic_metadata__["args"] for base in bases)))[0]
 
 
 def with_examples(*examples: Any) -> ConfigDict:

@@ -89,6 +89,8 @@ def plain(response: httpx.Response) -> str:
         text = "\n".join(found)
     else:
         text = JOB.sub("/jobs/ID", VOLATILE.sub('"volatile"', response.text))
+        if kind == FORMATS[1]:  # Lines come in the order in which their cases finish.
+            text = "".join(sorted(text.splitlines(keepends=True)))
     return f"{response.status_code} {kind} {response.headers.get('allow', '')}\n{text}"
 
 
