@@ -10,10 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from service.cli.arguments import (
-    BODY,
     FAILED,
-    IMPACT,
-    RESISTANCE,
+    STRIKE,
     CommandError,
     RefusedError,
     add_case,
@@ -46,7 +44,6 @@ PRINTING = (
     "--no-pdf-header-footer",
 )
 PRINT_SECONDS = 120.0
-REPORT_FLAGS = (*IMPACT, *BODY, *RESISTANCE)
 
 
 def add_report(parser: argparse.ArgumentParser) -> None:
@@ -58,7 +55,7 @@ def add_report(parser: argparse.ArgumentParser) -> None:
         "Chrome or Edge."
     )
     parser.epilog = examples("ricochet report strike.toml", "ricochet report strike.toml --angle 30 -o report.pdf")
-    add_case(parser, REPORT_FLAGS)
+    add_case(parser, STRIKE)
     parser.add_argument(
         "-o",
         "--output",
@@ -82,7 +79,7 @@ def run_report(args: argparse.Namespace) -> int:
     output: Path = args.output
     kind = ending_of("--output", output, (".html", ".pdf"))
     browser = find_browser() if kind == ".pdf" else ""
-    body = read_body(args.case, args, REPORT_FLAGS)
+    body = read_body(args.case, args, STRIKE)
     try:
         page = _fetch_report(args.url, body.content) if args.url else _make_report(body.content)
     except RefusedError as error:
