@@ -222,18 +222,6 @@ class DecodedSegment:
             raise DamagedFileError(str(error)) from error
 
 
-def read_records(data: bytes, rows: Iterable[int] | None = None) -> list[Record]:
-    """Results in these rows of a file made by `to_hdf5`, or all of them.
-
-    Raises
-    ------
-    DamagedFileError
-        If the file is not what was written, or has no such row.
-    """
-    segment = DecodedSegment(data)
-    return segment.records(range(len(segment.keys)) if rows is None else rows)
-
-
 def read_single(file: h5py.File, name: str) -> Rows:
     """All of a dataset that is a single chunk, decompressed here.
 

@@ -1,11 +1,13 @@
 """Results as the store sees them."""
 
 import hashlib
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 import orjson
 
+from service.cache.hdf5 import DecodedSegment
 from service.cache.record import FloatColumns, Record
 from service.schemas.answers import MotionState
 
@@ -114,3 +116,8 @@ def obliquity_fit(number: int = 0) -> Record:
         engine_version="1",
         schema_version="2",
     )
+
+
+def read_records(data: bytes, rows: Iterable[int] | None = None) -> list[Record]:
+    segment = DecodedSegment(data)
+    return segment.records(range(len(segment.keys)) if rows is None else rows)

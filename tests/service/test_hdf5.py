@@ -11,7 +11,7 @@ import numpy as np
 import orjson
 import pytest
 
-from service.cache.hdf5 import BLOCK, BatchFile, check, read_keys, read_records, to_hdf5
+from service.cache.hdf5 import BLOCK, BatchFile, check, read_keys, to_hdf5
 from service.cache.record import CaseResult, Record
 from service.cache.tables import trial_table_columns
 from service.errors import DamagedFileError
@@ -24,6 +24,7 @@ from tests.service.records import (
     critical_angle_with_motion,
     key_of,
     made,
+    read_records,
     same,
     trajectory,
     without_angle,
