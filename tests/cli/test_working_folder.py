@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -12,7 +13,7 @@ from pathlib import Path
 import httpx
 import pytest
 
-from service.schemas.strike import PAPER
+from service.schemas.strike import PAPER, PAPER_AT_45
 from tests.cli.commands import LIMIT_S, STRIKE_TOML
 from tests.conftest import STOP_LIMIT_S, Service, free_port, wait_until_ready
 from tests.faults.processes import workers_of
@@ -83,29 +84,24 @@ def serving(folder: Path, data: Path) -> Iterator[Service]:
     assert "Traceback" not in (data.parent / "log").read_text()
 
 
-def test_sweep_runs_no_module_of_the_working_folder(folder_with_modules: Path) -> None:
-    assert len(sweep(folder_with_modules)) == CASES
-    assert imported(folder_with_modules) == []
-
-
-def test_service_runs_no_module_of_the_working_folder(folder_with_modules: Path, tmp_path: Path) -> None:
-    with serving(folder_with_modules, tmp_path / "data") as service:
-        assert httpx.post(f"{service.url}/cra", json=PAPER, timeout=60.0, trust_env=False).is_success
-    assert imported(folder_with_modules) == []
-
-
-def test_sweep_with_a_long_path_for_temporary_files(tmp_path: Path) -> None:
+def test_sweep_runs_no_module_of_the_working_folder_and_takes_a_long_path_for_temporary_files(
+    folder_with_modules: Path, tmp_path: Path
+) -> None:
     temporary = tmp_path / ("long" * 40)
     temporary.mkdir()
-    assert len(sweep(tmp_path, TMPDIR=str(temporary))) == CASES
+    assert len(sweep(folder_with_modules, TMPDIR=str(temporary))) == CASES
+    assert imported(folder_with_modules) == []
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="finds processes in /proc")
-def test_service_replaces_workers_after_its_working_folder_was_deleted(tmp_path: Path) -> None:
-    folder, data = tmp_path / "work", tmp_path / "data"
-    folder.mkdir()
-    with serving(folder, data) as service:
-        folder.rmdir()
+def test_service_runs_no_module_of_its_working_folder_and_replaces_workers_after_that_was_deleted(
+    folder_with_modules: Path, tmp_path: Path
+) -> None:
+    data = tmp_path / "data"
+    with serving(folder_with_modules, data) as service:
+        assert httpx.post(f"{service.url}/formulas", json=PAPER_AT_45, timeout=60.0, trust_env=False).is_success
+        assert imported(folder_with_modules) == []
+        shutil.rmtree(folder_with_modules)
         before = workers_of(data, service.process.pid)
         assert len(before) == 2
         for worker in before:
