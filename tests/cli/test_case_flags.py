@@ -20,14 +20,6 @@ LAW = "resistance.strength_factor"
 NUMBERS = "--diameter 0.08 --length 0.53 --mass 13 --compressive-strength 39e6 --density 2250 --velocity 238"
 
 
-@pytest.fixture
-def here(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The folder, as the working directory of this process, which uses no service."""
-    monkeypatch.chdir(folder)
-    monkeypatch.delenv("RICOCHET_URL", raising=False)
-    return folder
-
-
 def test_init_writes_the_strike_of_the_paper_once(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["init", "new.toml"]) == 0
     assert "ricochet cra new.toml" in capsys.readouterr().out

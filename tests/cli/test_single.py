@@ -52,26 +52,13 @@ def test_a_pipe_gets_aligned_text_and_a_terminal_a_table(folder: Path, live_url:
     assert len(widths) == 1
 
 
-def test_numbers_below_zero_have_a_minus_sign_where_the_terminal_can_show_it(folder: Path) -> None:
+def test_numbers_below_zero_have_a_minus_sign_and_colours_where_the_terminal_can_show_them(folder: Path) -> None:
     args = ["trajectory", "strike.toml", "--angle", "55"]
     assert re.search(r"final depth force N +│ +\N{MINUS SIGN}\d", run_on_terminal(folder, *args).out)
-    assert re.search(r"final depth force N +. +-\d", run_on_terminal(folder, *args, PYTHONIOENCODING="cp437").out)
+    plain = run_on_terminal(folder, *args, PYTHONIOENCODING="cp437", NO_COLOR="1")
+    assert re.search(r"final depth force N +. +-\d", plain.out)
+    assert "\x1b[3" not in plain.out
     assert re.search(r"final depth force N +-\d", run(folder, *args).out)
-
-
-def test_no_color_is_honoured(folder: Path, live_url: str) -> None:
-    shown = run_on_terminal(folder, "cra", "strike.toml", "-v", "--url", live_url, NO_COLOR="1")
-    assert shown.status == 0
-    assert "│" in shown.out
-    assert "\x1b[3" not in shown.out
-
-
-@pytest.fixture
-def here(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The folder, as the working directory of this process, which uses no service."""
-    monkeypatch.chdir(folder)
-    monkeypatch.delenv("RICOCHET_URL", raising=False)
-    return folder
 
 
 def answer(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict[str, Any]:
@@ -135,14 +122,8 @@ def test_angle_does_not_wait_for_what_it_does_not_need(here: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "line"),
     [
-        (
-            "--set search.lower_deg=5 --set search.upper_deg=20",
-            "No critical angle: nothing from 5° to 20°",
-        ),
-        (
-            "--set search.lower_deg=70 --set search.upper_deg=80",
-            "Critical angle below 70°: everything from",
-        ),
+        ("--set search.lower_deg=5 --set search.upper_deg=20", "No critical angle: nothing from 5° to 20°"),
+        ("--set search.lower_deg=70 --set search.upper_deg=80", "Critical angle below 70°: everything from"),
     ],
 )
 def test_search_without_an_angle_says_so(
@@ -173,13 +154,8 @@ def test_any_field_can_be_set(here: Path, capsys: pytest.CaptureFixture[str]) ->
 def test_alternatives_here_are_those_of_the_service(
     folder: Path, client: httpx.Client, live_url: str, command: str, body: dict[str, Any]
 ) -> None:
-    args = [
-        command,
-        "strike.toml",
-        *(["--angle", "45"] if command == "trajectory" else []),
-        "--alternatives",
-        "--json",
-    ]
+    angle = ["--angle", "45"] if command == "trajectory" else []
+    args = [command, "strike.toml", *angle, "--alternatives", "--json"]
     here, there = run(folder, *args), run(folder, *args, "--url", live_url)
     expected = client.post(f"/{command}", json=body | {"alternatives": True}).content + b"\n"
     assert (here.status, there.status) == (0, 0)
@@ -225,12 +201,17 @@ def test_trials_are_a_table(here: Path, capsys: pytest.CaptureFixture[str]) -> N
     assert [float(row["oblique_angle_deg"]) for row in rows] == [trial["oblique_angle_deg"] for trial in trials]
 
 
-@pytest.mark.parametrize(("name", "begin"), [("a.svg", b"<?xml"), ("a.png", b"\x89PNG"), ("a.pdf", b"%PDF")])
-def test_pictures_are_drawn(here: Path, capsys: pytest.CaptureFixture[str], name: str, begin: bytes) -> None:
-    for args in (["cra", "strike.toml"], ["trajectory", "strike.toml", "--angle", "50"]):
-        assert cli.main([*args, "--plot", name]) == 0
-        assert (here / name).read_bytes().startswith(begin)
-        (here / name).unlink()
+@pytest.mark.parametrize(
+    ("words", "begin"),
+    [
+        ("cra strike.toml --plot a.svg", b"<?xml"),
+        ("trajectory strike.toml --angle 50 --plot a.png", b"\x89PNG"),
+        ("trajectory strike.toml --angle 50 --plot a.pdf", b"%PDF"),
+    ],
+)
+def test_pictures_are_drawn(here: Path, words: str, begin: bytes) -> None:
+    assert cli.main(words.split()) == 0
+    assert (here / words.rsplit(maxsplit=1)[-1]).read_bytes().startswith(begin)
 
 
 def test_forces_and_energies_are_written_out(here: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -17,14 +17,6 @@ COMMANDS = {
 }
 
 
-@pytest.fixture
-def here(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.chdir(folder)
-    for name in ("RICOCHET_URL", "RICOCHET_DATA_DIR"):
-        monkeypatch.delenv(name, raising=False)
-    return folder
-
-
 def begins_as(kind: str, content: bytes) -> bool:
     """Whether a file looks like its format."""
     first = content.splitlines()[0]
