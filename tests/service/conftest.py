@@ -1,7 +1,9 @@
 from collections.abc import AsyncIterator
+from pathlib import Path
 
 import pytest
 
+from service.workers.in_thread import InThreadExecutor
 from service.workers.process_pool import ProcessPool
 
 
@@ -12,3 +14,20 @@ async def pool() -> AsyncIterator[ProcessPool]:
     await executor.start()
     yield executor
     await executor.stop(2.0)
+
+
+@pytest.fixture
+async def thread() -> AsyncIterator[InThreadExecutor]:
+    """An executor in this process, which a changed attribute of a module reaches."""
+    executor = InThreadExecutor(task_seconds=60.0)
+    await executor.start()
+    yield executor
+    await executor.stop(2.0)
+
+
+@pytest.fixture
+def log(tmp_path: Path) -> Path:
+    """Where each run of a case leaves a file."""
+    folder = tmp_path / "log"
+    folder.mkdir()
+    return folder
