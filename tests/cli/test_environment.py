@@ -51,7 +51,7 @@ def test_loopback_is_never_sought_through_a_proxy(folder: Path, live_url: str, a
     assert "[Errno" not in done.err
 
 
-@pytest.mark.parametrize("backend", ["nonsense", "tkagg"])
+@pytest.mark.parametrize("backend", ["module://matplotlib_inline.backend_inline", "nonsense"])
 def test_the_backend_of_a_notebook_does_not_matter(folder: Path, backend: str) -> None:
     args = ("trajectory", "strike.toml", "--angle", "45", "--plot", "plot.svg")
     done = run_process(folder, *args, MPLBACKEND=backend)

@@ -342,7 +342,7 @@ def test_segment_that_the_index_cannot_take_is_not_left_behind(tmp_path: Path) -
 @pytest.mark.parametrize("disk_bytes", [PLENTY, 2 * MEGABYTE], ids=["storing", "evicting"])
 def test_writer_killed_at_any_instant_leaves_whole_segments_and_a_true_index(disk_bytes: int, tmp_path: Path) -> None:
     chance = random.Random(1)  # noqa: S311
-    for _ in range(4):
+    for _ in range(3):
         command = [sys.executable, str(WRITER), str(tmp_path), str(disk_bytes)]
         with subprocess.Popen(command, stdout=subprocess.PIPE) as writer:
             assert writer.stdout

@@ -89,14 +89,14 @@ async def test_twenty_queries_survive_the_death_of_a_worker(pool: ProcessPool) -
 
 
 async def test_worker_killed_at_any_instant_loses_nothing(pool: ProcessPool) -> None:
-    """Results of 40 MB are underway for long enough that many a kill comes while one is being sent."""
+    """Results of 20 MB are underway for long enough that many a kill comes while one is being sent."""
     instants = random.Random(0)  # noqa: S311
-    for _ in range(15):
-        queries = [asyncio.ensure_future(pool.submit(np.ones, 5_000_000)) for _ in range(2)]
-        await asyncio.sleep(instants.uniform(0.0, 0.1))
+    for _ in range(12):
+        queries = [asyncio.ensure_future(pool.submit(np.ones, 2_500_000)) for _ in range(2)]
+        await asyncio.sleep(instants.uniform(0.0, 0.05))
         for pid in pool.worker_pids[:1]:
             os.kill(pid, signal.SIGKILL)
-        assert [result.sum() for result in await asyncio.gather(*queries)] == [5e6, 5e6]
+        assert [result.sum() for result in await asyncio.gather(*queries)] == [2.5e6, 2.5e6]
 
 
 async def test_task_that_kills_its_workers_fails_alone(pool: ProcessPool) -> None:
@@ -155,9 +155,9 @@ async def test_stop_lets_what_is_underway_finish_and_refuses_more(pool: ProcessP
 
 
 @linux
-@pytest.mark.parametrize("task", ["busy", "idle"])
-async def test_parent_killed_leaves_no_process_behind(task: str) -> None:
-    command = [sys.executable, str(PARENT), task]
+async def test_parent_killed_leaves_no_process_behind() -> None:
+    """One of its workers is busy, the other idle."""
+    command = [sys.executable, str(PARENT)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, start_new_session=True) as parent:  # noqa: ASYNC220
         assert parent.stdout is not None
         assert await asyncio.to_thread(parent.stdout.readline) == "started\n"
@@ -180,7 +180,7 @@ async def test_cancelled_while_waiting_a_task_never_runs(pool: ProcessPool, tmp_
 
 
 async def test_probe_overtakes_waiting_tasks_and_sees_a_stuck_pool(pool: ProcessPool) -> None:
-    queries = [asyncio.ensure_future(pool.submit(time.sleep, 0.1)) for _ in range(30)]
+    queries = [asyncio.ensure_future(pool.submit(time.sleep, 0.05)) for _ in range(30)]
     await asyncio.sleep(0)  # all of them wait, and none has had the time to end
     assert await pool.probe(seconds=30.0)
     assert sum(query.done() for query in queries) < 10
@@ -231,9 +231,9 @@ async def test_chunks_finish_however_their_workers_are_killed(pool: ProcessPool)
 
 async def test_clock_of_a_call_starts_with_the_reply_before_it() -> None:
     pool = await pool_with(task_seconds=0.5)
-    finished = await pool.run([nap(0.3)] * 3 + [ENDLESS] + [nap(0.3)] * 2)
-    assert [type(outcome.error) for outcome in finished] == [type(None)] * 3 + [TaskTimeoutError] + [type(None)] * 2
-    assert finished[3].seconds == 0.5
+    finished = await pool.run([nap(0.3)] * 2 + [ENDLESS, nap(0.3)])
+    assert [type(outcome.error) for outcome in finished] == [type(None)] * 2 + [TaskTimeoutError, type(None)]
+    assert finished[2].seconds == 0.5
     assert pool.restarts == 1
     await pool.stop(2.0)
 

@@ -158,12 +158,12 @@ async def test_answers_are_the_same_to_the_last_bit(executor: Executor) -> None:
 
 async def test_call_past_its_time_says_so_and_the_others_run(make: Make) -> None:
     executor = await make(task_seconds=0.5)
-    finished = await executor.run([nap(0.3), nap(1.0), (operator.add, (1, 2))])
+    finished = await executor.run([nap(0.3), nap(0.7), (operator.add, (1, 2))])
     assert [type(outcome.error) for outcome in finished] == [type(None), TaskTimeoutError, type(None)]
     assert finished[1].seconds == 0.5
     assert finished[2].value == 3
     with pytest.raises(TaskTimeoutError):
-        await executor.submit(time.sleep, 1.0)
+        await executor.submit(time.sleep, 0.7)
 
 
 @with_processes
@@ -191,7 +191,7 @@ async def test_cancelled_chunk_stops_after_the_call_it_is_on(executor: Executor,
     later = tmp_path / "later"
     later.mkdir()
     running = [
-        asyncio.ensure_future(executor.run([(os.makedirs, (begun / str(number),)), nap(0.6), *folders(later, 3)]))
+        asyncio.ensure_future(executor.run([(os.makedirs, (begun / str(number),)), nap(0.4), *folders(later, 3)]))
         for number in range(executor.capacity)
     ]
     await until(begun.exists)
@@ -200,7 +200,7 @@ async def test_cancelled_chunk_stops_after_the_call_it_is_on(executor: Executor,
     await asyncio.wait(running)
     assert all(chunk.cancelled() for chunk in running)
     await asyncio.gather(*(executor.run([nap(0.0)]) for _ in range(2 * executor.capacity)))
-    await asyncio.sleep(0.8)
+    await asyncio.sleep(0.5)
     assert not made(later)
 
 
@@ -254,9 +254,9 @@ async def test_what_is_underway_at_the_stop_finishes_and_nothing_begins_after(ex
 
 
 async def test_what_outlasts_the_grace_time_is_given_up(executor: Executor) -> None:
-    chunks = [asyncio.ensure_future(executor.run([nap(1.0)] * 60)) for _ in range(executor.capacity + 1)]
+    chunks = [asyncio.ensure_future(executor.run([nap(0.5)] * 60)) for _ in range(executor.capacity + 1)]
     await asyncio.sleep(0.2)
-    await executor.stop(1.5)
+    await executor.stop(0.8)
     for chunk in chunks:
         with pytest.raises(PoolUnavailableError):
             await chunk

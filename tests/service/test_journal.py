@@ -168,16 +168,16 @@ def test_end_puts_all_that_is_left_into_segments(tmp_path: Path) -> None:
 
 def test_answered_results_survive_a_kill_at_any_instant_and_are_stored_once(tmp_path: Path) -> None:
     answered = 0
-    for rounds in range(4):
-        command = [sys.executable, "-c", WRITER, str(tmp_path / str(rounds))]
+    for count in (90, 205, 321):
+        command = [sys.executable, "-c", WRITER, str(tmp_path / str(count))]
         with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=ROOT) as writer:
             assert writer.stdout
-            for _ in range(90 + 77 * rounds):
+            for _ in range(count):
                 answered = int(writer.stdout.readline())
             os.kill(writer.pid, signal.SIGKILL)
             rest = writer.stdout.read()
             answered = max([answered, *map(int, rest[: rest.rfind("\n") + 1].split())])
-        with cache_in(tmp_path / str(rounds)) as cache:
+        with cache_in(tmp_path / str(count)) as cache:
             wanted = [key_of(number) for number in range(answered + 1)]
             assert cache.known(wanted) == set(wanted)
             found = cache.get_many(wanted)

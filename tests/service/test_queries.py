@@ -43,12 +43,12 @@ def once(request: bytes) -> Answer:
 
 
 def slow(request: bytes) -> Answer:
-    time.sleep(0.3)
+    time.sleep(0.2)
     return {"number": question(request).number, "result": None, "warnings": []}, None
 
 
 def slower(request: bytes) -> Answer:
-    time.sleep(1.0)
+    time.sleep(0.5)
     return slow(request)
 
 
@@ -253,7 +253,7 @@ async def test_query_waits_no_longer_than_it_may(pool: ProcessPool, tmp_path: Pa
 
 async def test_event_loop_stays_free_while_histories_are_made_and_kept(service: QueryService, tmp_path: Path) -> None:
     """It would take several times as long to read and write each answer once; a busy machine does not change that."""
-    requests = [KeyedRequest.of("trajectory", Question(tmp_path, number)) for number in range(100)]
+    requests = [KeyedRequest.of("trajectory", Question(tmp_path, number)) for number in range(40)]
     begin = time.thread_time()
     found = await asyncio.gather(*(service.answer("trajectory", request) for request in requests))
     loop_seconds = time.thread_time() - begin
