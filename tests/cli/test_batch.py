@@ -19,7 +19,7 @@ from service.cli.client import connect
 from service.schemas.strike import PAPER
 from tests.api.many import searches, slow_strikes
 from tests.cli.commands import COMMAND, LIMIT_S, case_at, environment, run, run_on_terminal, write_cases
-from tests.conftest import free_port, until
+from tests.conftest import until
 
 
 def items_of(text: str) -> list[dict[str, Any]]:
@@ -178,6 +178,7 @@ def test_wrong_line_is_named(served: Path, capsys: pytest.CaptureFixture[str], l
     captured = capsys.readouterr()
     assert captured.out == ""
     assert reason in captured.err
+    assert cli.main(["batch", "nothing.jsonl"]) == 2
 
 
 @pytest.mark.parametrize(
@@ -316,13 +317,3 @@ def test_closed_pipe_ends_the_command_quietly(folder: Path, live_url: str) -> No
         err = process.stderr.read()
     assert process.returncode == 0
     assert err == ""
-
-
-def test_missing_service_is_an_error(folder: Path) -> None:
-    write_cases(folder / "cases.jsonl", case_at(238.0))
-    address = f"http://127.0.0.1:{free_port()}"
-    for args in (["batch", "cases.jsonl"], ["jobs", "list"]):
-        done = run(folder, *args, "--url", address)
-        assert (done.status, done.out) == (1, "")
-        assert f"no service answers at {address}" in done.err
-    assert run(folder, "batch", "nothing.jsonl").status == 2

@@ -149,16 +149,6 @@ def test_exit_statuses_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
     assert re.findall(r"^  (\d+)  ", text, re.MULTILINE) == ["0", "1", "2", "3", "130"]
 
 
-@pytest.mark.parametrize(
-    "words", [("nothing",), (), ("cra", "--velocty", "3"), ("sweep",), ("trajectory", "--ang", "3")]
-)
-def test_wrong_usage_ends_with_status_2(words: tuple[str, ...], capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as ended:
-        cli.main([*words])
-    assert ended.value.code == 2
-    assert "usage: ricochet" in capsys.readouterr().err
-
-
 def test_version_names_the_engine_in_one_line(folder: Path) -> None:
     done = run(folder, "version")
     assert (done.status, done.out.count("\n"), done.err) == (0, 1, "")

@@ -18,9 +18,10 @@ import pytest
 from service import cli
 from service.cli.arguments import RefusedError
 from service.schemas.strike import PAPER, PAPER_AT_45
-from tests.cli.commands import ROOT, STRIKE_TOML, run, run_on_terminal, run_process
+from tests.cli.commands import ROOT, STRIKE_TOML, run, run_on_terminal, run_process, write_cases
 from tests.conftest import free_port
 
+NUMBERS = "--diameter 0.08 --length 0.53 --mass 13 --compressive-strength 39e6 --density 2250 --velocity 238"
 FLAGS = "--diameter 0.08 --length 0.53 --mass 13 --caliber-radius-head 3 --compressive-strength 39e6 --density 2250"
 
 
@@ -229,7 +230,6 @@ def test_forces_and_energies_are_written_out(here: Path, capsys: pytest.CaptureF
         ("cra", "--caliber-radius-head is missing"),
         ("cra strike.toml --velocity nan", "--velocity: Input should be a finite number"),
         ("cra strike.toml --velocity -3", "--velocity: must be 0.1 to 10000 m/s, got -3 m/s"),
-        ("cra strike.toml --set impact.speed=3", "--set impact.speed=3: Extra inputs are not permitted"),
         ("cra strike.toml --set impact", "--set impact: must be FIELD=VALUE"),
         ("cra strike.toml --set impact.velocity_m_s.x=3", "velocity_m_s is not an object"),
         ("cra strike.toml --length 0.05", "--length: must be at least the length of the nose"),
@@ -240,7 +240,39 @@ def test_forces_and_energies_are_written_out(here: Path, capsys: pytest.CaptureF
         ("cra empty.json", "empty.json: the file is empty"),
         ("cra odd.toml", "odd.toml: /projectile/mass_kg: Input should be a valid number"),
         ("trajectory strike.toml", "strike.toml: /impact/oblique_angle_deg: Field required, there or by --angle"),
-        ("trajectory strike.toml --angle 95", "--oblique-angle: Input should be less than 90"),
+        (
+            "cra strike.toml --nose flat --caliber-radius-head 3",
+            "--caliber-radius-head: is of ogive or spherical, not of flat",
+        ),
+        (
+            "cra strike.toml --strength-law constant --strength-exponent 1",
+            "--strength-exponent: is of strength_power_law",
+        ),
+        ("cra strike.toml --nose conical", "length_to_diameter: Field required, there or by --length-to-diameter"),
+        (f"cra {NUMBERS}", "--nose or --caliber-radius-head is missing"),
+        ("cra strike.toml --set impact.velocity=3", "not permitted; did you mean `impact.velocity_m_s`?"),
+        ("cra strike.toml --set velocity=3", "not permitted; did you mean `impact.velocity_m_s`?"),
+        ("cra strike.toml --set projectile.mass=3", "not permitted; did you mean `projectile.mass_kg`?"),
+        ("cra strike.toml --set target.youngs_modulus=3", "did you mean `target.youngs_modulus_pa`?"),
+        (
+            "cra strike.toml --set impact.speed=3",
+            "--set impact.speed=3: Extra inputs are not permitted; impact has angle_of_attack_deg, angular_velocity",
+        ),
+        (
+            "cra typo.toml",
+            "typo.toml: /projectile/diametre_m: Extra inputs are not permitted; did you mean `projectile.diameter_m`?",
+        ),
+        (
+            "cra strike.toml --compressive-strength 39",
+            "--compressive-strength: must be 100000 to 1e+09 Pa, got 39 Pa; give pascals, 39e6 for 39 MPa",
+        ),
+        ("cra strike.toml --diameter 80", "--diameter: must be 0.001 to 5 m, got 80 m; give metres, 0.08 for 80 mm"),
+        (
+            "sweep strike.toml --axis target.compressive_strength_pa=30:40:3",
+            "--axis target.compressive_strength_pa=30:40:3: must be 100000 to 1e+09 Pa, got 30 Pa; give pascals, 30e6",
+        ),
+        ("report strike.toml --compressive-strength 39", "39e6 for 39 MPa"),
+        ("trajectory strike.toml --angle 95", "--oblique-angle: Input should be less than 90°"),
         ("trajectory strike.toml --angle 45 --plot a.gif", "must end in .png, .svg or .pdf"),
         ("trajectory strike.toml --angle 45 --plot no/a.svg", "the folder does not exist"),
         ("trajectory strike.toml --angle 45 --csv --set output.history=false", "output.history is false"),
@@ -250,6 +282,7 @@ def test_wrong_input_is_named_and_ends_with_status_2(
     here: Path, capsys: pytest.CaptureFixture[str], arguments: str, reason: str
 ) -> None:
     (here / "wrong.toml").write_text("= 3")
+    (here / "typo.toml").write_text(STRIKE_TOML.replace("diameter_m", "diametre_m"))
     (here / "odd.toml").write_text(STRIKE_TOML.replace("13.0", '"heavy"'))
     (here / "dated.toml").write_text(STRIKE_TOML.replace("13.0", "2026-01-01"))
     (here / "long.json").write_text("1" * 5000)
@@ -325,12 +358,14 @@ def test_request_to_a_busy_service_is_repeated_with_the_key(folder: Path, moody_
     assert "401 Unauthorized: RICOCHET_API_KEY: not set" in run(folder, *args).err
 
 
-def test_no_service_ends_with_status_1(folder: Path) -> None:
+@pytest.mark.parametrize("words", ["cra strike.toml", "batch cases.jsonl", "jobs list"])
+def test_no_service_ends_with_status_1(folder: Path, words: str) -> None:
+    write_cases(folder / "cases.jsonl", PAPER)
     address = f"http://127.0.0.1:{free_port()}"
-    done = run(folder, "cra", "strike.toml", "--url", address)
+    done = run(folder, *words.split(), "--url", address)
     assert (done.status, done.out) == (1, "")
-    assert done.err.startswith(f"ricochet cra: no service answers at {address}: ")
-    assert run(folder, "cra", "strike.toml", "--url", "nowhere").status == 2
+    assert re.match(f"ricochet [a-z ]+: no service answers at {address}: ", done.err)
+    assert run(folder, *words.split(), "--url", "nowhere").status == 2
 
 
 def test_key_is_taken_without_the_spaces_around_it(folder: Path, moody_url: str) -> None:

@@ -109,9 +109,12 @@ def test_a_refused_request_leaves_an_earlier_file_alone(here: Path) -> None:
         (["jobs", "list", "--jsn"], "usage: ricochet jobs list ", "did you mean --json?"),
         (["keys", "add", "--ower", "a"], "usage: ricochet keys add ", ""),
         (["cra", "a.toml", "b.toml"], "usage: ricochet cra ", "unrecognized arguments: b.toml"),
+        ([], "usage: ricochet [", ""),
+        (["sweep"], "usage: ricochet sweep ", "--axis"),
+        (["trajectory", "--ang", "3"], "usage: ricochet trajectory ", ""),
     ],
 )
-def test_a_misspelt_word_gets_a_suggestion_and_the_usage_of_its_command(
+def test_wrong_usage_gets_a_suggestion_and_the_usage_of_its_command(
     capsys: pytest.CaptureFixture[str], words: list[str], usage: str, meant: str
 ) -> None:
     with pytest.raises(SystemExit) as ended:

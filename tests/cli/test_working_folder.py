@@ -6,19 +6,14 @@ import shutil
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
-import httpx
 import pytest
 
 from service.schemas.strike import PAPER, PAPER_AT_45
 from tests.cli.commands import LIMIT_S, STRIKE_TOML
-from tests.conftest import STOP_LIMIT_S, Service, free_port, wait_until_ready
-from tests.faults.processes import workers_of
+from tests.faults.server import RICOCHET, RestartableServer
 
-RICOCHET = Path(sys.executable).with_name("ricochet")
 MODULES = ("http", "json", "numpy", "secrets", "service", "socket", "solver", "struct")
 CASES = 10
 """Computed by workers, as the results are kept in a data folder."""
@@ -41,8 +36,8 @@ def imported(folder: Path) -> list[str]:
 
 def environment(**settings: str) -> dict[str, str]:
     """The environment without what would lead Python to other modules, or keep it from those of the working folder."""
-    kept = {name: value for name, value in os.environ.items() if name not in {"PYTHONPATH", "PYTHONSAFEPATH"}}
-    return kept | {"NO_PROXY": "*"} | settings
+    given = os.environ | {"NO_PROXY": "*"} | settings
+    return {name: value for name, value in given.items() if name not in {"PYTHONPATH", "PYTHONSAFEPATH"}}
 
 
 def sweep(folder: Path, **settings: str) -> list[float]:
@@ -64,26 +59,6 @@ def sweep(folder: Path, **settings: str) -> list[float]:
     return [line["point"]["impact.velocity_m_s"] for line in lines]
 
 
-@contextmanager
-def serving(folder: Path, data: Path) -> Iterator[Service]:
-    """`ricochet serve`, started there."""
-    port = free_port()
-    settings = environment(RICOCHET_PORT=str(port), RICOCHET_DATA_DIR=str(data), RICOCHET_WORKERS="2")
-    with (
-        (data.parent / "log").open("wb") as log,
-        subprocess.Popen([RICOCHET, "serve"], cwd=folder, env=settings, stdout=log, stderr=log) as process,
-    ):
-        service = Service(f"http://127.0.0.1:{port}", process)
-        try:
-            wait_until_ready(service)
-            yield service
-        finally:
-            process.terminate()
-            status = process.wait(STOP_LIMIT_S)
-    assert status == 0
-    assert "Traceback" not in (data.parent / "log").read_text()
-
-
 def test_sweep_runs_no_module_of_the_working_folder_and_takes_a_long_path_for_temporary_files(
     folder_with_modules: Path, tmp_path: Path
 ) -> None:
@@ -97,14 +72,17 @@ def test_sweep_runs_no_module_of_the_working_folder_and_takes_a_long_path_for_te
 def test_service_runs_no_module_of_its_working_folder_and_replaces_workers_after_that_was_deleted(
     folder_with_modules: Path, tmp_path: Path
 ) -> None:
-    data = tmp_path / "data"
-    with serving(folder_with_modules, data) as service:
-        assert httpx.post(f"{service.url}/formulas", json=PAPER_AT_45, timeout=60.0, trust_env=False).is_success
+    with RestartableServer(tmp_path, cwd=folder_with_modules) as server:
+        server.environment = environment(**server.environment)
+        server.start()
+        assert server.client.post("/formulas", json=PAPER_AT_45).is_success
         assert imported(folder_with_modules) == []
         shutil.rmtree(folder_with_modules)
-        before = workers_of(data, service.process.pid)
+        before = server.workers()
         assert len(before) == 2
         for worker in before:
             os.kill(worker, signal.SIGKILL)
-        assert httpx.post(f"{service.url}/cra", json=PAPER, timeout=60.0, trust_env=False).is_success
-        assert not set(before) & set(workers_of(data, service.process.pid))
+        assert server.client.post("/cra", json=PAPER).is_success
+        assert not set(before) & set(server.workers())
+        server.stop()
+        assert server.logged_errors() == []
