@@ -52,18 +52,18 @@ def tests_file(tmp_path: Path) -> Path:
     return path
 
 
-@pytest.fixture(scope="module")
-def motion() -> MotionHistory:
+def motion_of(angle_deg: float = 30.0, velocity: float = 238.0, factor: float = STRENGTH_FACTOR) -> MotionHistory:
     return predict_motion(
         projectile=PAPER_PROJECTILE,
         target=PAPER_TARGET,
-        impact=Impact(velocity=238.0, oblique_angle=math.radians(30.0)),
-        strength_factor=STRENGTH_FACTOR,
+        impact=Impact(velocity=velocity, oblique_angle=math.radians(angle_deg)),
+        strength_factor=factor,
         times=np.linspace(0.0, 3e-3, 31),
     )
 
 
-def write_history(path: Path, motion: MotionHistory) -> None:
+def write_history(path: Path) -> None:
+    motion = motion_of()
     columns = motion.columns
     rows = zip(
         motion.time, columns["depth_displacement"], columns["lateral_displacement"], columns["rotation"], strict=True
@@ -120,9 +120,9 @@ def test_case_comes_from_the_body_of_a_request(run: Run, tests_file: Path, tmp_p
     assert denser["strength_factor"] < flags["strength_factor"]
 
 
-def test_strength_factor_of_a_history_is_found_again(run: Run, motion: MotionHistory, tmp_path: Path) -> None:
+def test_strength_factor_of_a_history_is_found_again(run: Run, tmp_path: Path) -> None:
     history, written = tmp_path / "history.csv", tmp_path / "histories.csv"
-    write_history(history, motion)
+    write_history(history)
     columns = ["time=T(ms)", "depth=-DZ", "lateral=DX", "rotation=RY"]
     units = ["displacement=mm", "rotation=deg"]
     flags = [part for column in columns for part in ("--column", column)]
@@ -145,13 +145,7 @@ def write_runs(folder: Path, factors: dict[float, float], velocities: dict[float
     """A table of runs and the history of each, made with these strength factors by angle."""
     lines = ["file,oblique_angle_deg,velocity_m_s,until_ms"]
     for angle, factor in factors.items():
-        motion = predict_motion(
-            projectile=PAPER_PROJECTILE,
-            target=PAPER_TARGET,
-            impact=Impact(velocity=velocities[angle], oblique_angle=math.radians(angle)),
-            strength_factor=factor,
-            times=np.linspace(0.0, 3e-3, 31),
-        )
+        motion = motion_of(angle, velocities[angle], factor)
         rows = zip(motion.time, *(motion.columns[name] for name in SI_COLUMNS), strict=True)
         text = "".join(f"{','.join(f'{value:.9g}' for value in row)}\n" for row in rows)
         (folder / f"at-{angle:g}.csv").write_text(f"time_s,{','.join(SI_COLUMNS.values())}\n{text}")
@@ -290,10 +284,9 @@ def test_wrong_table_of_runs_ends_with_status_2(run: Run, tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize("write", [write_rbdout, write_nodout, write_binout])
-def test_strength_factor_is_found_from_files_of_ls_dyna(
-    run: Run, motion: MotionHistory, tmp_path: Path, write: Callable[..., None]
-) -> None:
+def test_strength_factor_is_found_from_files_of_ls_dyna(run: Run, tmp_path: Path, write: Callable[..., None]) -> None:
     """The model runs in millimetres and milliseconds, its third axis points out of the target."""
+    motion = motion_of()
     depth, lateral, rotation = motion.columns.values()
     zero = np.zeros_like(depth)
     bodies = {2: np.column_stack([1e3 * lateral, zero, -1e3 * depth, zero, -rotation, zero])}

@@ -28,24 +28,7 @@ HEAVY = {
     "rich",
     "matplotlib",
 }
-LIGHT = (
-    "trajectory",
-    "cra",
-    "formulas",
-    "thickness",
-    "limit-speed",
-    "report",
-    "batch",
-    "sweep",
-    "jobs",
-    "serve",
-    "keys",
-    "cache",
-    "openapi",
-    "init",
-    "completion",
-    "version",
-)
+LIGHT = [command.name for command in cli.COMMANDS if command.name not in {"uncertainty", "mcp", "calibrate"}]
 ACTIONS = {
     "cache": ("stat", "verify", "rebuild", "evict"),
     "keys": ("add", "list", "revoke"),
