@@ -1,7 +1,7 @@
 """A job manager that squares numbers, over a real pool and a real folder."""
 
 import asyncio
-from collections.abc import AsyncIterator, Iterable, Sequence
+from collections.abc import AsyncIterator, Callable, Iterable, Sequence
 from contextlib import asynccontextmanager
 from pathlib import Path
 
@@ -53,6 +53,13 @@ async def accepted(manager: JobManager, whole: Sequence[JobCase], owner: str = "
     assert new
     assert state.status == "accepted"
     return state
+
+
+async def until(claim: Callable[[], bool]) -> None:
+    """Wait until it holds; fail after two minutes."""
+    async with asyncio.timeout(120.0):
+        while not claim():  # noqa: ASYNC110 (other processes set no event)
+            await asyncio.sleep(0.02)
 
 
 async def follow(manager: JobManager, job: JobState) -> JobState:

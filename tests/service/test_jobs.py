@@ -1,6 +1,5 @@
 """Jobs in their SQLite file, with real crashes and a disk that is really full."""
 
-import resource
 import shutil
 import sqlite3
 import subprocess
@@ -32,6 +31,7 @@ from service.jobs.models import (
 from service.jobs.store import JobStore
 from service.operations import result_key
 from tests.service.questions import PROBLEM, Question
+from tests.service.records import full_disk
 from tests.service.squares import case
 
 pytestmark = pytest.mark.timeout(60)
@@ -333,17 +333,13 @@ def test_folder_that_cannot_be_made_is_reported_and_tried_again(tmp_path: Path) 
 def test_full_disk_is_reported_changes_nothing_and_is_forgotten_when_there_is_room(tmp_path: Path) -> None:
     store = store_in(tmp_path)
     before = stored_job(store)
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     largest = max(path.stat().st_size for path in tmp_path.iterdir())
-    resource.setrlimit(resource.RLIMIT_FSIZE, (largest, hard))
-    try:
+    with full_disk(largest):
         with pytest.raises(StorageError):  # noqa: PT012 (it may fit a few times)
             for _ in range(100):
                 job = store.create("square", "local")
                 store.append(job, 0, CaseBlock.of(cases(200)))
         assert store.jobs("local") == [before]
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     store.expire(at_start=True)
     after = stored_job(store)
     assert store_in(tmp_path).jobs("local") == [after, before]

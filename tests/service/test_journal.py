@@ -1,7 +1,6 @@
 """Results of single queries: kept at once in a journal, and many of them in a segment later."""
 
 import os
-import resource
 import signal
 import sqlite3
 import subprocess
@@ -19,14 +18,14 @@ from service.cache.hdf5 import Segment, encode_segments
 from service.cache.index import Journal
 from service.cache.maintenance import stat
 from service.cache.record import Record
-from tests.service.records import critical_angle, key_of, made, obliquity_fit, trajectory
+from tests.service.records import critical_angle, full_disk, key_of, made, obliquity_fit, trajectory
 
 ROOT = Path(__file__).parents[2]
 WRITER = """
 import sys
 from pathlib import Path
 from service.cache.cache import ResultCache
-from tests.service.records import critical_angle
+from tests.service.records import full_disk, critical_angle
 
 cache = ResultCache(Path(sys.argv[1]), memory_bytes=0, disk_bytes=10**9)
 number = 0
@@ -139,7 +138,7 @@ def test_result_that_no_segment_can_hold_is_set_aside_and_the_others_are_kept(
 ) -> None:
     whole = [critical_angle(number) for number in range(3)]
     ragged = {"status": "converged", "iterations": [{"oblique_angle_deg": "none"}], "warnings": []}
-    unreadable = made(key_of(9), "cra", {}, ragged, None, "1", "2")
+    unreadable = made(key_of(9), "cra", {}, ragged)
     with pytest.raises(ValueError, match="none"):
         encode_segments([unreadable])
     with cache_in(tmp_path / "running") as cache:
@@ -234,15 +233,11 @@ def test_full_disk_is_answered_with_a_warning_and_nothing_is_lost_or_stored_twic
         kept = [critical_angle(number) for number in range(20)]
         for record in kept:
             cache.put(record)
-        soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-        resource.setrlimit(resource.RLIMIT_FSIZE, (4096, hard))
-        try:
+        with full_disk():
             refused = cache.put(critical_angle(99))
             cache.flush()
             assert cache.last_error
             assert cache.known([record.key for record in kept]) == {record.key for record in kept}
-        finally:
-            resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
         assert refused.answer["warnings"][-1]["code"] == NOT_CACHED
         assert cache.put(critical_angle(100)).key == key_of(100)
         cache.flush()
