@@ -110,39 +110,45 @@ def test_table_of_a_batch_is_that_of_the_service(
     assert table.splitlines() == expected.splitlines()
 
 
+@pytest.fixture
+def swept(client: httpx.Client) -> str:
+    """Id of a job: the paper's strike at five speeds."""
+    axes = [{"field": "impact.velocity_m_s", "values": [238.0, 240.0, 242.0, 244.0, 246.0]}]
+    job = client.post("/cra/sweep", json={"base": PAPER, "axes": axes}, headers={"Prefer": "respond-async"})
+    return str(job.json()["id"])
+
+
 def test_table_of_a_job_is_that_of_the_service(
-    served: Path, client: httpx.Client, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    served: Path,
+    client: httpx.Client,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    swept: str,
 ) -> None:
     """Also over several pages: the header is printed once."""
     monkeypatch.setattr("service.cli.client.PAGE_SIZE", 2)
-    axes = [{"field": "impact.velocity_m_s", "values": [238.0, 240.0, 242.0, 244.0, 246.0]}]
-    job = client.post("/cra/sweep", json={"base": case_at(238.0), "axes": axes}, headers={"Prefer": "respond-async"})
-    name = job.json()["id"]
-    assert cli.main(["jobs", "results", name, "--csv"]) == 0
-    table = client.get(f"/jobs/{name}/results", headers={"Accept": "text/csv"}).text
+    assert cli.main(["jobs", "results", swept, "--csv"]) == 0
+    table = client.get(f"/jobs/{swept}/results", headers={"Accept": "text/csv"}).text
     expected = table.replace("\r\n", "\n")
     assert expected.splitlines()[0].startswith("index,impact.velocity_m_s,custom_id,")
     assert capsys.readouterr().out == expected
-    assert cli.main(["jobs", "results", name, "-o", "results.csv"]) == 0
+    assert cli.main(["jobs", "results", swept, "-o", "results.csv"]) == 0
     assert (served / "results.csv").read_text() == expected
 
 
 def test_parquet_of_a_job_has_the_rows_of_the_table(
-    served: Path, client: httpx.Client, capsysbinary: pytest.CaptureFixture[bytes]
+    served: Path, capsysbinary: pytest.CaptureFixture[bytes], swept: str
 ) -> None:
-    axes = [{"field": "impact.velocity_m_s", "values": [238.0, 240.0]}]
-    job = client.post("/cra/sweep", json={"base": case_at(238.0), "axes": axes}, headers={"Prefer": "respond-async"})
-    name = job.json()["id"]
-    assert cli.main(["jobs", "results", name, "-o", "results.parquet"]) == 0
-    assert cli.main(["jobs", "results", name, "--csv", "-o", "table.parquet"]) == 0  # the flag counts
+    assert cli.main(["jobs", "results", swept, "-o", "results.parquet"]) == 0
+    assert cli.main(["jobs", "results", swept, "--csv", "-o", "table.parquet"]) == 0  # the flag counts
     capsysbinary.readouterr()
-    assert cli.main(["jobs", "results", name, "--parquet"]) == 0
+    assert cli.main(["jobs", "results", swept, "--parquet"]) == 0
     assert capsysbinary.readouterr().out == (served / "results.parquet").read_bytes()
     rows = parquet.read_table(served / "results.parquet").to_pylist()
     expected = list(csv.DictReader((served / "table.parquet").read_text().splitlines()))
     assert [str(row["critical_angle_deg"]) for row in rows] == [row["critical_angle_deg"] for row in expected]
-    assert [row["impact.velocity_m_s"] for row in rows] == [238.0, 240.0]
-    sweep = ["sweep", "strike.toml", "--axis", "impact.velocity_m_s=238,240", "-o", "again.parquet"]
+    assert [row["impact.velocity_m_s"] for row in rows] == [238.0, 240.0, 242.0, 244.0, 246.0]
+    sweep = ["sweep", "strike.toml", "--axis", "impact.velocity_m_s=238:246:5", "-o", "again.parquet"]
     assert cli.main(sweep) == 0
     assert parquet.read_table(served / "again.parquet").to_pylist() == rows
 

@@ -18,24 +18,11 @@ import pytest
 from service import cli
 from service.cli.arguments import RefusedError
 from service.schemas.strike import PAPER, PAPER_AT_45
-from tests.cli.commands import ROOT, STRIKE_TOML, run, run_on_terminal, run_process, write_cases
+from tests.cli.commands import ROOT, STRIKE_TOML, Ended, run, run_on_terminal, run_process, write_cases
 from tests.conftest import free_port
 
 NUMBERS = "--diameter 0.08 --length 0.53 --mass 13 --compressive-strength 39e6 --density 2250 --velocity 238"
 FLAGS = "--diameter 0.08 --length 0.53 --mass 13 --caliber-radius-head 3 --compressive-strength 39e6 --density 2250"
-
-
-def test_answer_of_the_process_is_that_of_the_service(folder: Path, client: httpx.Client) -> None:
-    """Byte for byte, key and version included."""
-    done = run_process(folder, "cra", "strike.toml", "--json")
-    assert (done.status, done.err) == (0, "")
-    assert done.out.encode() == client.post("/cra", json=PAPER).content + b"\n"
-
-
-def test_answer_of_a_service_is_printed_as_it_comes(folder: Path, client: httpx.Client, live_url: str) -> None:
-    done = run(folder, "trajectory", "strike.toml", "--angle", "45", "--json", RICOCHET_URL=live_url)
-    assert (done.status, done.err) == (0, "")
-    assert done.out.encode() == client.post("/trajectory", json=PAPER_AT_45).content + b"\n"
 
 
 def test_a_pipe_gets_aligned_text_and_a_terminal_a_table(folder: Path, live_url: str) -> None:
@@ -103,15 +90,6 @@ def test_own_shots_are_followed_by_what_they_did_to_the_strength_factor(
     )
 
 
-@pytest.mark.parametrize(
-    ("angle", "said"),
-    [("45", "At 45° from the normal: embedded, 121 mm deep"), ("55", "At 55° from the normal: ricochet, it")],
-)
-def test_motion_begins_with_a_sentence(here: Path, capsys: pytest.CaptureFixture[str], angle: str, said: str) -> None:
-    assert cli.main(["trajectory", "strike.toml", "--angle", angle]) == 0
-    assert capsys.readouterr().out.startswith(said)
-
-
 def test_angle_does_not_wait_for_what_it_does_not_need(here: Path) -> None:
     program = "import sys; from service.cli import main; main(['cra', 'strike.toml', '--json'])\n"
     program += "print(*sys.modules, file=sys.stderr)"
@@ -121,16 +99,17 @@ def test_angle_does_not_wait_for_what_it_does_not_need(here: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("arguments", "line"),
+    ("words", "line"),
     [
-        ("--set search.lower_deg=5 --set search.upper_deg=20", "No critical angle: nothing from 5° to 20°"),
-        ("--set search.lower_deg=70 --set search.upper_deg=80", "Critical angle below 70°: everything from"),
+        ("trajectory --angle 45", "At 45° from the normal: embedded, 121 mm deep"),
+        ("trajectory --angle 55", "At 55° from the normal: ricochet, it"),
+        ("cra --set search.lower_deg=5 --set search.upper_deg=20", "No critical angle: nothing from 5° to 20°"),
+        ("cra --set search.lower_deg=70 --set search.upper_deg=80", "Critical angle below 70°: everything from"),
     ],
 )
-def test_search_without_an_angle_says_so(
-    here: Path, capsys: pytest.CaptureFixture[str], arguments: str, line: str
-) -> None:
-    assert cli.main(["cra", "strike.toml", *arguments.split()]) == 0
+def test_answer_begins_with_a_sentence(here: Path, capsys: pytest.CaptureFixture[str], words: str, line: str) -> None:
+    command, *flags = words.split()
+    assert cli.main([command, "strike.toml", *flags]) == 0
     assert capsys.readouterr().out.startswith(line)
 
 
@@ -151,17 +130,17 @@ def test_any_field_can_be_set(here: Path, capsys: pytest.CaptureFixture[str]) ->
     assert flat["outcome"] in {"embedded", "ricochet"}
 
 
-@pytest.mark.parametrize(("command", "body"), [("cra", PAPER), ("trajectory", PAPER_AT_45)])
-def test_alternatives_here_are_those_of_the_service(
-    folder: Path, client: httpx.Client, live_url: str, command: str, body: dict[str, Any]
+@pytest.mark.parametrize("alternatives", [False, True])
+@pytest.mark.parametrize(
+    ("words", "body"), [("cra strike.toml", PAPER), ("trajectory strike.toml --angle 45", PAPER_AT_45)]
+)
+def test_answer_here_is_that_of_the_service_byte_for_byte(
+    folder: Path, client: httpx.Client, live_url: str, words: str, body: dict[str, Any], alternatives: bool
 ) -> None:
-    angle = ["--angle", "45"] if command == "trajectory" else []
-    args = [command, "strike.toml", *angle, "--alternatives", "--json"]
-    here, there = run(folder, *args), run(folder, *args, "--url", live_url)
-    expected = client.post(f"/{command}", json=body | {"alternatives": True}).content + b"\n"
-    assert (here.status, there.status) == (0, 0)
-    assert here.out.encode() == expected
-    assert there.out.encode() == expected
+    """Key and version included."""
+    args = [*words.split(), "--json", *(["--alternatives"] if alternatives else [])]
+    expected = client.post(f"/{args[0]}", json=body | {"alternatives": alternatives}).text + "\n"
+    assert run(folder, *args) == run(folder, *args, RICOCHET_URL=live_url) == Ended(0, expected, "")
 
 
 def test_alternatives_are_a_table_with_their_range(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -187,16 +166,14 @@ def test_alternatives_without_an_answer_have_a_problem(here: Path, capsys: pytes
         assert bool(row["problem"]) is not bool(row["status"])
 
 
-def test_motion_over_time_is_a_table(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    history = answer(capsys, "trajectory", "strike.toml", "--oblique-angle", "55")["history"]
-    assert cli.main(["trajectory", "strike.toml", "--oblique-angle", "55", "--csv"]) == 0
+def test_motion_and_trials_are_tables(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    motion = ["trajectory", "strike.toml", "--oblique-angle", "55"]
+    history = answer(capsys, *motion)["history"]
+    trials = answer(capsys, "cra", "strike.toml")["iterations"]
+    assert cli.main([*motion, "--csv"]) == 0
     rows = list(csv.DictReader(capsys.readouterr().out.splitlines()))
     assert [float(row["axis_angle_deg"]) for row in rows] == history["axis_angle_deg"]
     assert rows[0].keys() == history.keys()
-
-
-def test_trials_are_a_table(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    trials = answer(capsys, "cra", "strike.toml")["iterations"]
     assert cli.main(["cra", "strike.toml", "--csv"]) == 0
     rows = list(csv.DictReader(capsys.readouterr().out.splitlines()))
     assert [float(row["oblique_angle_deg"]) for row in rows] == [trial["oblique_angle_deg"] for trial in trials]
@@ -239,6 +216,7 @@ def test_forces_and_energies_are_written_out(here: Path, capsys: pytest.CaptureF
         ("cra long.json", "long.json: Exceeds the limit"),
         ("cra empty.json", "empty.json: the file is empty"),
         ("cra odd.toml", "odd.toml: /projectile/mass_kg: Input should be a valid number"),
+        ("formulas strike.toml --angle 95", "ricochet formulas: --oblique-angle: "),
         ("trajectory strike.toml", "strike.toml: /impact/oblique_angle_deg: Field required, there or by --angle"),
         (
             "cra strike.toml --nose flat --caliber-radius-head 3",
@@ -345,9 +323,10 @@ def moody_url() -> Iterator[str]:
 
 
 def test_request_to_a_busy_service_is_repeated_with_the_key(folder: Path, moody_url: str) -> None:
+    """Without the spaces around it."""
     Moody.moods = ["busy", "gone", "busy", "good"]
     args = ["cra", "strike.toml", "--json", "--url", moody_url]
-    done = run(folder, *args, RICOCHET_API_KEY="secret")
+    done = run(folder, *args, RICOCHET_API_KEY=" secret\r\n")
     assert (done.status, done.out, done.err) == (0, '{"mood": "good"}\n', "")
     Moody.moods = ["good"]
     refused = run(folder, *args, RICOCHET_API_KEY="other")
@@ -366,12 +345,6 @@ def test_no_service_ends_with_status_1(folder: Path, words: str) -> None:
     assert (done.status, done.out) == (1, "")
     assert re.match(f"ricochet [a-z ]+: no service answers at {address}: ", done.err)
     assert run(folder, *words.split(), "--url", "nowhere").status == 2
-
-
-def test_key_is_taken_without_the_spaces_around_it(folder: Path, moody_url: str) -> None:
-    Moody.moods = ["good"]
-    done = run(folder, "cra", "strike.toml", "--json", "--url", moody_url, RICOCHET_API_KEY=" secret\r\n")
-    assert (done.status, done.out, done.err) == (0, '{"mood": "good"}\n', "")
 
 
 @pytest.mark.parametrize("key", ["hush\nhush", "hush hush", "“hush”", "hush\u200b"])
