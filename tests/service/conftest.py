@@ -1,10 +1,11 @@
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Iterator
 from pathlib import Path
 
 import pytest
 
 from service.workers.in_thread import InThreadExecutor
 from service.workers.process_pool import ProcessPool
+from tests.service.dask_cluster import DaskCluster, dask_cluster
 
 
 @pytest.fixture
@@ -31,3 +32,10 @@ def log(tmp_path: Path) -> Path:
     folder = tmp_path / "log"
     folder.mkdir()
     return folder
+
+
+@pytest.fixture(scope="module")
+def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[DaskCluster]:
+    """Two workers of Dask, for one file."""
+    with dask_cluster(tmp_path_factory.mktemp("dask"), workers=2) as running:
+        yield running

@@ -6,7 +6,7 @@ import os
 import signal
 import threading
 import time
-from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
+from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import AsyncExitStack
 from pathlib import Path
 from typing import TypeAlias
@@ -24,7 +24,6 @@ from service.workers.dask_executor import DaskExecutor
 from service.workers.in_thread import InThreadExecutor
 from service.workers.process_pool import ProcessPool
 from service.workers.worker import answer, compute_case, compute_single, dumps, loads
-from tests.service.dask_cluster import DaskCluster, dask_cluster
 from tests.service.squares import until
 
 pytestmark = [pytest.mark.anyio, pytest.mark.timeout(120)]
@@ -37,12 +36,6 @@ ENDLESS: Call = (pow, (7, 10**8))
 Make: TypeAlias = Callable[..., Awaitable[Executor]]
 with_processes = pytest.mark.parametrize("kind", ["pool", DASK], indirect=True)
 """A thread cannot do without the process it is in."""
-
-
-@pytest.fixture(scope="module")
-def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[DaskCluster]:
-    with dask_cluster(tmp_path_factory.mktemp("dask"), workers=2) as running:
-        yield running
 
 
 @pytest.fixture(params=["in-process", "pool", DASK])

@@ -8,6 +8,7 @@ import threading
 import time
 import zlib
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
 from pathlib import Path
 
 import orjson
@@ -176,12 +177,11 @@ INSERT INTO sizes VALUES (7, 12345);
 @pytest.mark.parametrize("side_tables", [True, False], ids=["38e3e2a", "before sweeps"])
 def test_file_of_an_earlier_layout_is_opened_with_all_that_it_holds(tmp_path: Path, side_tables: bool) -> None:
     sweep = StoredSweep({"base": {"x": 1.0}, "axes": []}, ("a.b", "c"), ([1.0, 2.0], [5.0, 6.0, 7.0]))
-    with sqlite3.connect(tmp_path / "jobs.sqlite") as database:
+    with closing(sqlite3.connect(tmp_path / "jobs.sqlite")) as database, database:
         database.executescript(LAYOUT_1 + (SIDE_TABLES if side_tables else ""))
         if side_tables:
             row = (7, orjson.dumps(sweep.fields).decode(), zlib.compress(sweep.to_json()))
             database.execute("INSERT INTO sweeps VALUES (?, ?, ?)", row)
-    database.close()
     store_in(tmp_path).unfinished()
     store = store_in(tmp_path)  # the first one that opened it has brought it up to this layout
     first, second = store.unfinished()
@@ -248,10 +248,9 @@ def test_expired_jobs_go_with_all_they_had(tmp_path: Path) -> None:
     assert store.expire() == 1
     assert [state.id for state in store.jobs("local")] == [stays.id]
     assert store.token("local", "b") is None
-    with sqlite3.connect(tmp_path / "jobs.sqlite") as database:
+    with closing(sqlite3.connect(tmp_path / "jobs.sqlite")) as database, database:
         for table in ("slices", "states", "problems", "idempotency"):
             assert {row[0] for row in database.execute(f"SELECT job FROM {table}")} <= {stays.number}  # noqa: S608
-    database.close()
 
 
 def test_token_leads_to_its_job_and_only_its_owner(tmp_path: Path) -> None:
@@ -343,10 +342,9 @@ def test_full_disk_is_reported_changes_nothing_and_is_forgotten_when_there_is_ro
     store.expire(at_start=True)
     after = stored_job(store)
     assert store_in(tmp_path).jobs("local") == [after, before]
-    with sqlite3.connect(tmp_path / "jobs.sqlite") as database:
+    with closing(sqlite3.connect(tmp_path / "jobs.sqlite")) as database, database:
         assert database.execute("PRAGMA integrity_check").fetchone() == ("ok",)
         assert database.execute("SELECT count(*) FROM jobs").fetchone() == (2,)
-    database.close()
 
 
 def test_writer_killed_at_any_instant_leaves_whole_jobs_only(tmp_path: Path) -> None:
@@ -363,11 +361,10 @@ def test_writer_killed_at_any_instant_leaves_whole_jobs_only(tmp_path: Path) -> 
         assert sum(bool(row.state) for row in rows) == state.done
         assert (state.status == "successful") == (state.done == 450)
         assert sum(row.problem is not None for row in rows) == state.failed
-    with sqlite3.connect(tmp_path / "jobs.sqlite") as database:
+    with closing(sqlite3.connect(tmp_path / "jobs.sqlite")) as database, database:
         numbers = {row[0] for row in database.execute("SELECT DISTINCT job FROM slices")}
         assert numbers == {state.number for state in states}
         assert database.execute("PRAGMA integrity_check").fetchone() == ("ok",)
-    database.close()
 
 
 def test_readers_do_not_wait_for_a_writer(tmp_path: Path) -> None:

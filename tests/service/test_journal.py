@@ -52,10 +52,8 @@ def made_journal(folder: Path) -> Path:
 
 
 def keys_in_journal(folder: Path) -> set[str]:
-    with sqlite3.connect(journal_of(folder)) as connection:
-        keys = {key for (key,) in connection.execute("SELECT key FROM results")}
-    connection.close()
-    return keys
+    with closing(sqlite3.connect(journal_of(folder))) as connection, connection:
+        return {key for (key,) in connection.execute("SELECT key FROM results")}
 
 
 def test_single_results_are_found_at_once_and_become_one_segment_as_large_as_that_of_a_batch(tmp_path: Path) -> None:
@@ -204,17 +202,15 @@ def test_damage_of_the_journal_costs_what_is_damaged(damage: str, tmp_path: Path
     cache = cache_in(tmp_path)
     for number in range(3):
         cache.put(critical_angle(number))
-    with sqlite3.connect(journal_of(tmp_path)) as connection:
+    with closing(sqlite3.connect(journal_of(tmp_path))) as connection, connection:
         rows = connection.execute("SELECT * FROM results").fetchall()
-    connection.close()
     cache.close()
-    with sqlite3.connect(journal_of(tmp_path)) as connection:
+    with closing(sqlite3.connect(journal_of(tmp_path))) as connection, connection:
         connection.executemany("INSERT INTO results VALUES (?, ?, ?, ?, ?, ?, ?)", rows)
         if damage == "a row":
             connection.execute("UPDATE results SET json = replace(json, '1', '2') WHERE key = ?", (key_of(1),))
         if damage == "a text":
             connection.execute("UPDATE results SET key = CAST(x'ff61' AS TEXT) WHERE key = ?", (key_of(1),))
-    connection.close()
     for path in (tmp_path / "results" / "segments").rglob("*.h5"):
         path.unlink()
     if damage in {"the file", "no database"}:

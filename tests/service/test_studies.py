@@ -3,29 +3,26 @@
 import asyncio
 import json
 from collections import Counter
-from collections.abc import AsyncGenerator, AsyncIterator, Iterator, Sequence
-from contextlib import asynccontextmanager
+from collections.abc import AsyncGenerator, AsyncIterator, Sequence
+from contextlib import AbstractAsyncContextManager
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from service.cache.cache import ResultCache
 from service.cache.record import Record
 from service.errors import QuotaError
 from service.jobs.manager import JobManager
 from service.jobs.models import CaseResult, JobCase, JobState
-from service.jobs.store import JobStore
 from service.jobs.studies import run_study
 from service.operations import OPERATIONS, KeyedRequest
-from service.queries import QueryService
 from service.schemas.strike import PAPER
 from service.workers import Executor
 from service.workers.dask_executor import DaskExecutor
 from service.workers.in_thread import InThreadExecutor
 from service.workers.process_pool import ProcessPool
-from tests.service.dask_cluster import DaskCluster, dask_cluster
+from tests.service import squares
 from tests.service.squares import ended
 
 pytestmark = [pytest.mark.anyio, pytest.mark.timeout(300)]
@@ -65,23 +62,16 @@ def request_of(name: str, seed: int = 7) -> tuple[KeyedRequest, Any]:
     return KeyedRequest.of(operation, study), study
 
 
-@asynccontextmanager
-async def running(folder: Path, executor: Executor, counts: Counter[str] | None = None) -> AsyncIterator[JobManager]:
+def running(
+    folder: Path, executor: Executor, counts: Counter[str] | None = None
+) -> AbstractAsyncContextManager[JobManager]:
     """A job manager with an empty cache; it counts new samples by their operation."""
 
     def count(operation: str, _: str, status: str, number: int) -> None:
         if counts is not None and status == "miss":
             counts[operation] += number
 
-    with ResultCache(folder / "data", memory_bytes=50_000_000, disk_bytes=10**9) as kept:
-        queries = QueryService(kept, executor, OPERATIONS)
-        jobs = JobStore(folder / "data", job_days=7.0)
-        manager = JobManager(queries, jobs, max_queued_cases=100_000, count=count)
-        await manager.start()
-        try:
-            yield manager
-        finally:
-            await manager.stop()
+    return squares.running(folder, executor, OPERATIONS, count=count)
 
 
 @cache
@@ -91,12 +81,6 @@ def computed_alone(name: str) -> bytes:
     operation = operation_of(name)
     answer, _ = OPERATIONS[operation].compute(request.json)
     return Record(request.key, operation, request.json, answer).json
-
-
-@pytest.fixture(scope="module")
-def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[DaskCluster]:
-    with dask_cluster(tmp_path_factory.mktemp("dask"), workers=2) as found:
-        yield found
 
 
 @pytest.fixture(params=["in-process", "pool", pytest.param("dask", marks=pytest.mark.system)])
