@@ -93,7 +93,7 @@ def test_json_is_utf_8_in_the_encoding_of_a_process_and_help_is_not(folder: Path
     ("line", "status"),
     [
         ("{} trajectory strike.toml --angle 45 >&-", 0),
-        ("{} formulas strike.toml 2>&-", 0),
+        ("{} trajectory strike.toml --angle 45 2>&-", 0),
         ("{} formulas strike.toml <&-", 0),
         ("{} cra strike.toml --json >&- 2>&- <&-", 0),
         ("{} cra --help >&-", 0),
