@@ -136,3 +136,11 @@ def test_version_names_the_engine_in_one_line(folder: Path) -> None:
     done = run(folder, "version")
     assert (done.status, done.out.count("\n"), done.err) == (0, 1, "")
     assert f"engine {ENGINE_VERSION}" in done.out
+
+
+def test_every_command_has_its_line_in_the_manual() -> None:
+    text = (ROOT / "docs" / "command-line.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| (`.*?`) \| .* \| `.*?ricochet ([\w-]+)", text, re.MULTILINE)
+    named = {name for names, _ in rows for name in re.findall(r"`([\w-]+)`", names)}
+    assert {command.name for command in cli.COMMANDS} == named
+    assert all(example in names for names, example in rows)
