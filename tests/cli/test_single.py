@@ -315,15 +315,18 @@ class Moody(BaseHTTPRequestHandler):
 @pytest.fixture
 def moody_url() -> Iterator[str]:
     with ThreadingHTTPServer(("127.0.0.1", 0), Moody) as server:
-        thread = threading.Thread(target=server.serve_forever)
+        thread = threading.Thread(target=server.serve_forever, args=(0.02,))
         thread.start()
         yield f"http://127.0.0.1:{server.server_port}"
         server.shutdown()
         thread.join()
 
 
-def test_request_to_a_busy_service_is_repeated_with_the_key(folder: Path, moody_url: str) -> None:
+def test_request_to_a_busy_service_is_repeated_with_the_key(
+    folder: Path, moody_url: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Without the spaces around it."""
+    monkeypatch.setattr("service.cli.client.RETRY_PAUSES", (0.1, 0.1, 0.1))
     Moody.moods = ["busy", "gone", "busy", "good"]
     args = ["cra", "strike.toml", "--json", "--url", moody_url]
     done = run(folder, *args, RICOCHET_API_KEY=" secret\r\n")
@@ -376,7 +379,7 @@ def test_password_in_an_address_is_not_shown(folder: Path, address: str) -> None
 
 def test_password_in_the_address_of_another_server_is_not_shown(folder: Path) -> None:
     with ThreadingHTTPServer(("127.0.0.1", 0), SimpleHTTPRequestHandler) as server:
-        thread = threading.Thread(target=server.serve_forever)
+        thread = threading.Thread(target=server.serve_forever, args=(0.02,))
         thread.start()
         done = run(folder, "jobs", "list", "--url", f"http://anna:hush@127.0.0.1:{server.server_port}")
         server.shutdown()
