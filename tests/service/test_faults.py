@@ -36,6 +36,19 @@ async def test_jobs_that_could_not_be_read_at_the_start_go_on_once_they_can(pool
         assert squares(await all_results(manager, job)) == [i**2 for i in range(400)]
 
 
+async def test_jobs_damaged_anywhere_are_set_aside_and_their_results_stay(pool: ProcessPool, tmp_path: Path) -> None:
+    job = await half_done(tmp_path, pool)
+    file = tmp_path / "data" / "jobs.sqlite"
+    content = file.read_bytes()
+    file.write_bytes(content[:4096] + b"\xff" * 4096 + content[8192:])
+    async with running(tmp_path, pool) as manager:
+        assert await manager.job(job.id) is None
+        again = await ended(manager, await accepted(manager, cases(range(400), seconds=0.005)))
+        assert (again.status, again.done) == ("successful", 400)
+        assert again.cached >= 20
+    assert any(path.name == "jobs.sqlite" for path in (tmp_path / "data" / "damaged").iterdir())
+
+
 @pytest.mark.parametrize("pause", [0.0, 0.001, 0.005])
 async def test_job_deleted_while_it_is_cancelled_is_gone(pause: float, pool: ProcessPool, tmp_path: Path) -> None:
     async with running(tmp_path, pool) as manager:

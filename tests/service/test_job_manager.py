@@ -278,10 +278,8 @@ async def test_request_that_breaks_off_leaves_nothing(manager: JobManager, leave
         assert database.execute("SELECT count(*) FROM slices").fetchone() == (0,)
 
 
-async def test_more_cases_than_may_wait_are_refused_with_the_time_of_all_of_them(
-    pool: ProcessPool, tmp_path: Path
-) -> None:
-    """At most 40 of them end in a second, as two workers take 0.05 s for each."""
+async def test_more_cases_than_may_wait_are_refused_with_a_time(pool: ProcessPool, tmp_path: Path) -> None:
+    """That of all cases of the request: at most 40 of them end in a second, as two workers take 0.05 s for each."""
     async with running(tmp_path, pool, max_queued_cases=1000) as manager:
         job = await accepted(manager, cases(range(300), seconds=0.05))
         while not manager.rate:  # noqa: ASYNC110 (it sets no event)
