@@ -73,6 +73,25 @@ def page(new_page: NewPage) -> Page:
     return new_page()
 
 
+def expected(faults: list[str], text: str) -> None:
+    """Take out what went wrong as a test expects: all of it has this text, and there is some."""
+    assert faults
+    assert all(text in fault for fault in faults), faults
+    faults.clear()
+
+
+def run_map(page: Page, query: str, count: int) -> None:
+    """Run a map at this address, and wait for its cases."""
+    page.goto(f"/#/map?{query}")
+    page.get_by_role("button", name="Run").click()
+    all_computed(page, count)
+
+
+def all_computed(page: Page, count: int) -> None:
+    """Wait for so many cases of a map."""
+    expect(page.locator("#map-progress")).to_have_text(f"All {count} cases are computed.")
+
+
 def watch(page: Page, address: str, faults: list[str]) -> None:
     """Record every error of the page, and every request that leaves the service."""
 

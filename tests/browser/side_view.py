@@ -12,6 +12,12 @@ POINTS = """(drawing, [name, at]) => {
 }"""
 
 
+def open_explore(page: Page, query: str = "") -> None:
+    """Show a strike and wait until all of it is there."""
+    page.goto(f"/#/explore{query}")
+    page.wait_for_function(IDLE)
+
+
 def points(page: Page, name: str, at: int = 0) -> list[list[float]]:
     """Places of a shape along the face and in depth, each a list. [m]"""
     pairs: list[list[float]] = page.locator(".side-view .drawing").first.evaluate(POINTS, [name, at])

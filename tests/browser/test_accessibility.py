@@ -10,7 +10,7 @@ from playwright.sync_api import Page, expect
 
 from tests.api.many import ASYNC, LINES, lines, searches
 
-from .conftest import NewPage
+from .conftest import NewPage, all_computed
 
 KEEPS_OUT = {"serious", "critical"}
 OPTIONS = {"resultTypes": ["violations"]}
@@ -40,7 +40,7 @@ def open_view(page: Page, view: str) -> None:
     page.goto(f"/{SMALL_MAP}" if view == "map" else f"/#/{view}")
     if view == "map":
         page.get_by_role("button", name="Run").click()
-        expect(page.locator("#map-progress")).to_have_text("All 9 cases are computed.")
+        all_computed(page, 9)
         page.get_by_text("The other fields").click()
     if view == "how-sure":
         page.get_by_role("button", name="Run").click()

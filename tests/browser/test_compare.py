@@ -1,6 +1,5 @@
 """Strikes that are compared: pinned, drawn over one another, tabled, in the address."""
 
-import csv
 import re
 from pathlib import Path
 from typing import Any
@@ -11,9 +10,9 @@ from playwright.sync_api import Locator, Page, expect
 
 from service.schemas.strike import PAPER_AT_45
 
-from .conftest import NewPage
-from .downloads import data_lines
-from .side_view import IDLE, points
+from .conftest import NewPage, expected
+from .downloads import data_rows
+from .side_view import IDLE, open_explore, points
 
 
 def pin(page: Page) -> None:
@@ -37,8 +36,7 @@ def traces(page: Page, plot: str) -> list[Any]:
 
 
 def test_strike_is_pinned_and_the_next_is_laid_over_it(page: Page, client: httpx.Client) -> None:
-    page.goto("/#/explore")
-    page.wait_for_function(IDLE)
+    open_explore(page)
     pin(page)
     speed(page).fill("300")
     comparison = page.get_by_role("region", name="Comparison")
@@ -65,8 +63,7 @@ def test_strike_is_pinned_and_the_next_is_laid_over_it(page: Page, client: httpx
 
 
 def test_pinned_strikes_are_in_the_address_and_reopened(page: Page, new_page: NewPage) -> None:
-    page.goto("/#/explore")
-    page.wait_for_function(IDLE)
+    open_explore(page)
     for value in ("300", "260", "200"):
         pin(page)
         speed(page).fill(value)
@@ -90,8 +87,7 @@ def test_pinned_strikes_are_in_the_address_and_reopened(page: Page, new_page: Ne
 
 
 def test_preset_is_compared_with_what_is_pinned(page: Page) -> None:
-    page.goto("/#/explore")
-    page.wait_for_function(IDLE)
+    open_explore(page)
     pin(page)
     page.get_by_role("link", name="155 mm body").click()
     expect(page.get_by_label("Diameter", exact=True)).to_have_value("155")
@@ -100,14 +96,13 @@ def test_preset_is_compared_with_what_is_pinned(page: Page) -> None:
 
 
 def test_files_of_compared_strikes_have_all_of_them(page: Page, tmp_path: Path) -> None:
-    page.goto("/#/explore?impact.velocity_m_s=300&pin=")
-    page.wait_for_function(IDLE)
+    open_explore(page, "?impact.velocity_m_s=300&pin=")
     for plot in ("side-view", "histories"):
         with page.expect_download() as download:
             page.locator(f".{plot}").get_by_role("button", name="Download the data of the plot as CSV").click()
         assert "compared" in download.value.suggested_filename
         download.value.save_as(tmp_path / f"{plot}.csv")
-        rows = list(csv.DictReader(data_lines(tmp_path / f"{plot}.csv")))
+        rows = data_rows(tmp_path / f"{plot}.csv")
         assert {row["run"] for row in rows} == {"This strike", "A"}
         assert "# A: {" in (tmp_path / f"{plot}.csv").read_text()
 
@@ -123,6 +118,4 @@ def test_pinned_strike_that_the_service_refuses_is_left_out(page: Page, faults: 
     expect(words).to_have_count(1)
     page.wait_for_function(IDLE)
     assert "pin" not in page.url
-    assert faults
-    assert all("422" in fault for fault in faults)
-    faults.clear()
+    expected(faults, "422")

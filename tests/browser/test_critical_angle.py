@@ -1,6 +1,5 @@
 """Critical angle: the searches, trial by trial, and what happens just below and above."""
 
-import csv
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -11,7 +10,7 @@ from playwright.sync_api import Page, expect
 
 from service.schemas.strike import PAPER, PAPER_AT_45
 
-from .downloads import data_lines
+from .downloads import data_rows
 
 SEARCHES = {"Change of outcome": "outcome", "Bisection (paper)": "bisection", "Secant (paper)": "secant"}
 PAPER_AT_52 = PAPER_AT_45 | {"impact": PAPER_AT_45["impact"] | {"oblique_angle_deg": 52.0}}
@@ -96,7 +95,7 @@ def test_trials_are_downloaded_as_csv(page: Page, tmp_path: Path) -> None:
     with page.expect_download() as data:
         page.locator(".angles").get_by_role("button", name="Download the data of the plot as CSV").click()
     data.value.save_as(tmp_path / "trials.csv")
-    rows = list(csv.DictReader(data_lines(tmp_path / "trials.csv")))
+    rows = data_rows(tmp_path / "trials.csv")
     assert {row["search"] for row in rows} == set(SEARCHES.values())
     for caption, method in SEARCHES.items():
         assert sum(row["search"] == method for row in rows) == len(cells(page, caption))

@@ -1,6 +1,5 @@
 """Editing a case: never an error on the way to a value, in the units of who types it, and undone step by step."""
 
-import csv
 import random
 import re
 from typing import Any
@@ -12,9 +11,9 @@ from playwright.sync_api import Locator, Page, expect
 from service.schemas.strike import PAPER_AT_45
 from solver.resistance import EQUATION_9_COEFFICIENTS
 
-from .conftest import FOLDER
-from .downloads import data_lines
-from .side_view import IDLE
+from .conftest import FOLDER, expected
+from .downloads import data_rows, saved
+from .side_view import IDLE, open_explore
 
 CHECKED_EACH = 20
 SPEED, ANGLE, STRENGTH, MASS, THICKNESS = "Speed", "Oblique angle", "Compressive strength", "Mass", "Thickness"
@@ -37,11 +36,6 @@ LISTEN = """() => {
     const all = {subtree: true, childList: true, characterData: true, attributes: true};
     new MutationObserver(look).observe(document.body, all);
 }"""
-
-
-def open_explore(page: Page, query: str = "") -> None:
-    page.goto(f"/#/explore{query}")
-    page.wait_for_function(IDLE)
 
 
 def field(page: Page, label: str) -> Locator:
@@ -185,10 +179,12 @@ def test_us_units_are_shown_throughout_and_exported(page: Page, tmp_path: Any) -
         expect(field(page, label)).to_have_value(shown)
     words = page.locator("main").inner_text().replace("155 mm body", "")
     assert not re.search(r"\d\s(m/s|mm|MPa|kg|kN|kJ)\b|\[(m/s|mm|m|MPa|kN|kJ)\]", words), words
-    with page.expect_download() as download:
-        page.locator(".side-view").get_by_role("button", name="Download the data of the plot as CSV").click()
-    download.value.save_as(tmp_path / "side.csv")
-    rows = list(csv.DictReader(data_lines(tmp_path / "side.csv")))
+    saved(
+        page,
+        page.locator(".side-view").get_by_role("button", name="Download the data of the plot as CSV"),
+        tmp_path / "side.csv",
+    )
+    rows = data_rows(tmp_path / "side.csv")
     assert float(rows[0]["speed_ft_s"]) == pytest.approx(238 / 0.3048, rel=1e-4)
     assert "nose_tip_depth_in" in rows[0]
     page.get_by_role("link", name="Walls").click()
@@ -242,9 +238,7 @@ def test_view_that_is_opened_while_the_service_is_away_shows_itself_once_it_is_b
     page.unroute("**/*")
     expect(page.locator(".outcome")).to_contain_text("Design value at least")
     expect(page.locator("#status")).to_have_text("Up to date.")
-    assert faults
-    assert all("ERR_FAILED" in fault for fault in faults), faults
-    faults.clear()
+    expected(faults, "ERR_FAILED")
 
 
 def ninety_per_cent(page: Page) -> tuple[float, float]:

@@ -1,6 +1,5 @@
 """Explore, as one who sits before it sees it."""
 
-import csv
 import json
 import math
 import re
@@ -12,7 +11,9 @@ import httpx
 import pytest
 from playwright.sync_api import Locator, Page, expect
 
-from .downloads import data_lines
+from service.schemas.strike import PAPER_AT_45
+
+from .downloads import data_rows
 from .side_view import READY, points, transform
 
 STEPS = 12
@@ -96,19 +97,9 @@ def test_axis_of_a_head_on_strike_is_at_zero(page: Page) -> None:
     expect(page.locator(".figures")).to_contain_text("0° is not in the range searched")
 
 
-def test_outline_is_drawn_to_scale_where_the_service_says_the_projectile_ends(page: Page, live_url: str) -> None:
+def test_outline_is_drawn_to_scale_where_the_service_says_the_projectile_ends(page: Page, client: httpx.Client) -> None:
     open_explore(page)
-    body = {
-        "projectile": {
-            "nose": {"shape": "ogive", "caliber_radius_head": 3.0},
-            "diameter_m": 0.08,
-            "length_m": 0.53,
-            "mass_kg": 13.0,
-        },
-        "target": {"compressive_strength_pa": 39e6, "density_kg_m3": 2250.0},
-        "impact": {"velocity_m_s": 238.0, "oblique_angle_deg": 45.0},
-    }
-    final = httpx.post(f"{live_url}/trajectory", json=body, trust_env=False, timeout=60.0).json()["final"]
+    final = client.post("/trajectory", json=PAPER_AT_45).json()["final"]
     lateral, depth = outline(page)
     assert depth[0] == pytest.approx(final["nose_tip_depth_m"], abs=1e-5)
     ends = [(lateral[i], depth[i]) for i in range(len(depth))]
@@ -119,21 +110,15 @@ def test_outline_is_drawn_to_scale_where_the_service_says_the_projectile_ends(pa
 
 def test_moving_a_slider_updates_the_picture_the_number_and_the_address(page: Page) -> None:
     open_explore(page)
-    before = outline(page)
+    before, slow = outline(page), critical_angle(page)
     set_slider(page, "Speed", 400)
     expect(page.get_by_label("Speed", exact=True)).to_have_value("400")
     wait_for_another_outline(page, before)
+    expect(page.locator(".angle")).not_to_have_text(f"{slow:.1f}°")
+    assert critical_angle(page) > slow
     expect(page).to_have_url(re.compile(r"#/explore\?impact\.velocity_m_s=400$"))
     set_slider(page, "Oblique angle", 75)
     expect(page.locator("[data-outcome=ricochet]")).to_contain_text("At 75° from the normal")
-
-
-def test_critical_angle_follows_the_speed(page: Page) -> None:
-    open_explore(page)
-    slow = critical_angle(page)
-    set_slider(page, "Speed", 420)
-    expect(page.locator(".angle")).not_to_have_text(f"{slow:.1f}°")
-    assert critical_angle(page) > slow
 
 
 def test_bad_value_is_refused_at_the_field_and_leaves_the_picture_before_greyed(page: Page) -> None:
@@ -221,6 +206,7 @@ def test_shared_address_reopens_the_same_view(page: Page, new_page: Any) -> None
     expect(side_view(page)).to_have_attribute("aria-label", re.compile("ricochet"))
     page.get_by_label("Instant").fill("40")
     expect(page).to_have_url(re.compile(r"oblique_angle_deg=62&.*time_ms="))
+    expect(page.locator("[data-outcome]")).to_contain_text("90 % range")
     other = new_page()
     other.goto(page.url)
     wait_for_picture(other)
@@ -232,6 +218,7 @@ def test_shared_address_reopens_the_same_view(page: Page, new_page: Any) -> None
         "Oblique angle": "62",
     }.items():
         expect(other.get_by_label(label, exact=True)).to_have_value(value)
+    expect(other.locator("[data-outcome]")).to_have_text(page.locator("[data-outcome]").inner_text())
     assert other.locator(".angle").inner_text() == page.locator(".angle").inner_text()
     assert other.locator("output.instant").inner_text() == page.locator("output.instant").inner_text()
     assert outline(other) == [pytest.approx(each) for each in outline(page)]
@@ -339,7 +326,7 @@ def test_plot_is_downloaded_as_svg_png_and_csv_that_say_what_they_are(page: Page
     assert title == "# Side view: embedded"
     assert json.loads(case.removeprefix("# case: "))["impact"] == {"velocity_m_s": 238, "oblique_angle_deg": 45}
     assert re.fullmatch(r"# key: [0-9a-f]{64}", key)
-    rows = list(csv.DictReader(data_lines(tmp_path / "side-view.csv")))
+    rows = data_rows(tmp_path / "side-view.csv")
     assert 60 <= len(rows) <= 600
     assert float(rows[0]["speed_m_s"]) == pytest.approx(238.0)
     assert float(rows[-1]["nose_tip_depth_m"]) == pytest.approx(outline(page)[1][0], rel=1e-5)

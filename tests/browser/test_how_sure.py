@@ -1,6 +1,5 @@
 """How sure: the probability of ricochet of a case whose inputs scatter."""
 
-import csv
 import re
 from itertools import pairwise
 from pathlib import Path
@@ -14,8 +13,8 @@ from playwright.sync_api import Page, Request, Route, expect
 
 from service.schemas.strike import PAPER
 
-from .conftest import NewPage
-from .downloads import data_lines
+from .conftest import NewPage, expected
+from .downloads import data_rows, saved
 
 SVG = "{http://www.w3.org/2000/svg}"
 SPEED, STRENGTH = "impact.velocity_m_s", "target.compressive_strength_pa"
@@ -116,10 +115,8 @@ def test_band_is_shared_and_downloaded_with_the_numbers_of_the_service(
 
     for name in ("SVG", "CSV"):
         what = "the plot as SVG" if name == "SVG" else "the data of the plot as CSV"
-        with page.expect_download() as download:
-            page.get_by_role("button", name=f"Download {what}").first.click()
-        download.value.save_as(tmp_path / f"curve.{name.lower()}")
-    rows = list(csv.DictReader(data_lines(tmp_path / "curve.csv")))
+        saved(page, page.get_by_role("button", name=f"Download {what}").first, tmp_path / f"curve.{name.lower()}")
+    rows = data_rows(tmp_path / "curve.csv")
     table_of = {name: [float(row[name]) for row in rows] for name in rows[0]}
     assert table_of == probability
     picture = tmp_path / "curve.svg"
@@ -187,8 +184,7 @@ def test_lost_submission_is_repeated(page: Page, faults: list[str]) -> None:
     page.unroute("**/cra/uncertainty")
     wait(page)
     expect(page.get_by_role("alert").filter(has_text="The service does not answer.")).to_have_count(0)
-    assert all("ERR_FAILED" in fault for fault in faults)
-    faults.clear()
+    expected(faults, "ERR_FAILED")
 
 
 def test_study_that_is_stopped_while_it_is_submitted_leaves_no_job_running(page: Page) -> None:

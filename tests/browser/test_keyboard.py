@@ -7,6 +7,8 @@ from playwright.sync_api import Locator, Page, expect
 
 from tests.api.many import ASYNC, LINES, finished, lines, searches
 
+from .conftest import all_computed
+
 MOST_TABS = 80
 
 
@@ -45,7 +47,7 @@ def test_map_is_run_read_and_opened_by_keys_alone(page: Page) -> None:
     expect(page.locator("#map-size")).to_have_text("6 cases")
     tab_to(page, page.get_by_role("button", name="Run"))
     page.keyboard.press("Enter")
-    expect(page.locator("#map-progress")).to_have_text("All 6 cases are computed.")
+    all_computed(page, 6)
     cell = page.get_by_role("region", name="One case")
     tab_to(page, cell.get_by_label("Speed"))
     page.keyboard.type("238")

@@ -1,10 +1,8 @@
 """Maps: sweeps as jobs, drawn while they run."""
 
-import csv
 import json
 import re
 from pathlib import Path
-from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
 import httpx
@@ -13,8 +11,8 @@ from playwright.sync_api import Page, expect
 
 from service.schemas.strike import PAPER, PAPER_AT_45
 
-from .conftest import NewPage
-from .downloads import data_lines
+from .conftest import NewPage, all_computed, expected, run_map
+from .downloads import data_rows, saved
 
 ROUGH = "search.tolerance_deg=1&search.lower_deg=40&search.upper_deg=80"
 
@@ -63,10 +61,10 @@ def test_large_map_is_cancelled_once_and_completed_once(page: Page, client: http
     assert completed["counts"]["done"] == 900
 
 
-def test_map_shows_the_angles_of_the_service(page: Page, client: httpx.Client) -> None:
-    open_map(page, x="impact.velocity_m_s,238,300,2", y="projectile.mass_kg,13,14,3", rest="")
-    page.get_by_role("button", name="Run").click()
-    expect(page.locator("#map-progress")).to_have_text("All 6 cases are computed.")
+def test_map_shows_the_angles_of_the_service_the_case_itself_and_the_cell_that_is_clicked(
+    page: Page, client: httpx.Client
+) -> None:
+    run_map(page, "x=impact.velocity_m_s,238,300,2&y=projectile.mass_kg,13,14,3", 6)
     results = client.get(f"/jobs/{job_of(page)}/results").json()["results"]
     angles = [item["result"]["critical_angle_deg"] for item in results]
     assert heat(page, 1) == [angles[0:2], angles[2:4], angles[4:6]]
@@ -75,6 +73,21 @@ def test_map_shows_the_angles_of_the_service(page: Page, client: httpx.Client) -
     cell.get_by_label("Speed").select_option("238 m/s")
     cell.get_by_label("Mass").select_option("13 kg")
     expect(cell.get_by_role("status")).to_have_text(f"ricochet from {angles[0]:.2f}° on")
+    expect(page.locator(".map .drawing")).to_contain_text("Critical angle [°]")
+    expect(page.locator(".map .drawing")).to_contain_text("you are here")
+    here = "() => { const { x, y } = document.querySelector('.map .drawing').data.at(-1); return [...x, ...y]; }"
+    assert page.evaluate(here) == [238, 13]
+    box = page.locator(".map .nsewdrag").bounding_box()
+    assert box is not None
+    place = (box["x"] + 0.8 * box["width"], box["y"] + 0.1 * box["height"])
+    page.mouse.move(*place)
+    expect(page.locator(".map .hovertext")).to_contain_text("300 m/s, 14 kg")
+    page.mouse.click(*place)
+    expect(cell.get_by_label("Speed")).to_have_value("300 m/s")
+    expect(cell.get_by_label("Mass")).to_have_value("14 kg")
+    cell.get_by_role("link", name="Open in Explore").click()
+    expect(page).to_have_url(re.compile(r"#/explore\?.*impact\.velocity_m_s=300"))
+    assert "projectile.mass_kg=14" in page.url
 
 
 def test_map_of_outcomes_distinguishes_them_in_words(page: Page, tmp_path: Path) -> None:
@@ -83,36 +96,15 @@ def test_map_of_outcomes_distinguishes_them_in_words(page: Page, tmp_path: Path)
     expect(page.locator("#map-counts")).to_have_text(
         re.compile(r"^4 embedded, 6 ricochet.* depth of the nose tip \[mm\]")
     )
-    with page.expect_download() as download:
-        page.get_by_role("button", name="Download the data").click()
-    download.value.save_as(tmp_path / "map.csv")
-    rows = list(csv.DictReader(data_lines(tmp_path / "map.csv")))
+    saved(page, page.get_by_role("button", name="Download the data"), tmp_path / "map.csv")
+    rows = data_rows(tmp_path / "map.csv")
     assert [row["outcome"] for row in rows] == (["embedded"] * 2 + ["ricochet"] * 3) * 2
     assert [float(row["impact.oblique_angle_deg"]) for row in rows[:5]] == [40, 45, 50, 55, 60]
 
 
-def test_cell_that_is_clicked_is_read_as_one_case(page: Page) -> None:
-    open_map(page, x="impact.velocity_m_s,238,300,2", y="projectile.mass_kg,13,14,3", rest="")
-    page.get_by_role("button", name="Run").click()
-    expect(page.locator("#map-progress")).to_have_text("All 6 cases are computed.")
-    box: dict[str, Any] = page.evaluate(
-        "() => { const { x, y, width, height } = document.querySelector('.map .nsewdrag').getBoundingClientRect();"
-        " return { x, y, width, height } }"
-    )
-    page.mouse.move(box["x"] + 0.8 * box["width"], box["y"] + 0.1 * box["height"])
-    expect(page.locator(".map .hovertext")).to_contain_text("300 m/s, 14 kg")
-    page.mouse.click(box["x"] + 0.8 * box["width"], box["y"] + 0.1 * box["height"])
-    cell = page.get_by_role("region", name="One case")
-    expect(cell.get_by_label("Speed")).to_have_value("300 m/s")
-    expect(cell.get_by_label("Mass")).to_have_value("14 kg")
-    cell.get_by_role("link", name="Open in Explore").click()
-    expect(page).to_have_url(re.compile(r"#/explore\?.*impact\.velocity_m_s=300"))
-    assert "projectile.mass_kg=14" in page.url
-
-
 def test_axes_follow_the_case_and_the_star_is_on_the_map(page: Page) -> None:
     page.goto("/#/map?impact.velocity_m_s=600&target.compressive_strength_pa=90e6")
-    expect(page.locator("#map-progress")).to_have_text("All 81 cases are computed.")
+    all_computed(page, 81)
     for axis, value in (("Horizontal axis", 600.0), ("Vertical axis", 90.0)):
         group = page.get_by_role("group", name=axis)
         ends = [float(group.get_by_label(end).input_value()) for end in ("From", "To")]
@@ -129,7 +121,7 @@ def test_phase_diagram_has_the_case_as_a_point_that_is_dragged(page: Page) -> No
     page.get_by_label("Show").select_option("trajectory")
     page.get_by_role("button", name="Run").click()
     expect(page.locator("#map-counts")).to_have_text(re.compile(r"^\d+ embedded, \d+ ricochet"))
-    expect(page.locator("#map-progress")).to_have_text("All 81 cases are computed.")
+    all_computed(page, 81)
     expect(page.locator(".figures")).to_contain_text("Outcome at 45°")
     handle = page.locator(".map .handle")
     handle.scroll_into_view_if_needed()
@@ -151,44 +143,20 @@ def test_phase_diagram_has_the_case_as_a_point_that_is_dragged(page: Page) -> No
     expect(page.locator(".map[aria-busy=true]")).to_have_count(0)
 
 
-def test_contours_are_of_finished_parts_alone(page: Page) -> None:
-    open_map(page, x="impact.velocity_m_s,207,397,20", y="target.compressive_strength_pa,32e6,51e6,20")
-    page.route("**/jobs/*/results?*", lambda route: route.abort())
-    page.get_by_role("button", name="Run").click()
-    expect(page.locator(".map .drawing .hm image").first).to_be_visible()
-    assert all(value is None for row in heat(page, 2) for value in row), "a coarse grid has no lines"
-
-
-def test_bad_axis_is_refused_at_its_field(page: Page) -> None:
+def test_bad_axis_is_refused_at_its_field_with_a_word(page: Page) -> None:
     page.goto("/#/map")
     start = page.get_by_role("group", name="Horizontal axis").get_by_label("From")
     start.fill("-3")
     expect(page.get_by_text("Has to be at least 0.1 m/s.")).to_be_visible()
     expect(start).to_have_attribute("aria-invalid", "true")
     expect(page.get_by_role("button", name="Run")).to_be_disabled()
+    start.fill("500")
+    expect(page.get_by_text("From has to be below To.")).to_be_visible()
+    expect(page.get_by_role("button", name="Run")).to_be_disabled()
     start.fill("100")
     expect(page.get_by_role("button", name="Run")).to_be_enabled()
     page.get_by_role("group", name="Vertical axis").get_by_label("Field").select_option(label="Speed [m/s]")
     expect(page.get_by_text("Both axes have the same field.").first).to_be_visible()
-
-
-def test_ends_that_cross_are_refused_with_a_word(page: Page) -> None:
-    page.goto("/#/map")
-    page.get_by_role("group", name="Horizontal axis").get_by_label("From").fill("500")
-    expect(page.get_by_text("From has to be below To.")).to_be_visible()
-    expect(page.get_by_role("button", name="Run")).to_be_disabled()
-
-
-def test_map_names_its_colours_and_marks_the_case_itself(page: Page) -> None:
-    open_map(page, x="impact.velocity_m_s,230,300,2", y="projectile.mass_kg,12,14,2", rest="")
-    page.get_by_role("button", name="Run").click()
-    expect(page.locator("#map-progress")).to_have_text("All 4 cases are computed.")
-    expect(page.locator(".map .drawing")).to_contain_text("Critical angle [°]")
-    expect(page.locator(".map .drawing")).to_contain_text("you are here")
-    place = page.locator(".map .drawing").evaluate(
-        "plot => { const { x, y } = plot.data.at(-1); return [...x, ...y]; }"
-    )
-    assert place == [238, 13]
 
 
 def test_map_says_that_the_service_is_away_and_goes_on_once_it_is_back(page: Page, faults: list[str]) -> None:
@@ -198,11 +166,10 @@ def test_map_says_that_the_service_is_away_and_goes_on_once_it_is_back(page: Pag
     lost = page.get_by_role("alert").filter(has_text="The service does not answer.")
     expect(lost).to_be_visible()
     page.unroute("**/jobs/**")
-    expect(page.locator("#map-progress")).to_have_text("All 6 cases are computed.")
+    all_computed(page, 6)
     expect(page.locator("#map-counts")).to_contain_text("6 with an angle")
     expect(lost).to_have_count(0)
-    assert all("ERR_FAILED" in fault for fault in faults)
-    faults.clear()
+    expected(faults, "ERR_FAILED")
 
 
 @pytest.mark.parametrize("size", [2, 12])
@@ -216,14 +183,11 @@ def test_lost_preview_and_coarse_grid_are_repeated(page: Page, faults: list[str]
     page.unroute("**/cra/sweep")
     expect(page.locator("#map-progress")).to_have_text(f"All {size * size} cases are computed.")
     expect(lost).to_have_count(0)
-    assert all("ERR_FAILED" in fault for fault in faults)
-    faults.clear()
+    expected(faults, "ERR_FAILED")
 
 
 def test_map_of_probabilities_is_that_of_the_service(page: Page, client: httpx.Client, tmp_path: Path) -> None:
-    page.goto("/#/map?operation=probability&x=impact.oblique_angle_deg,30,70,3&y=impact.velocity_m_s,238,300,2")
-    page.get_by_role("button", name="Run").click()
-    expect(page.locator("#map-progress")).to_have_text("All 6 cases are computed.")
+    run_map(page, "operation=probability&x=impact.oblique_angle_deg,30,70,3&y=impact.velocity_m_s,238,300,2", 6)
     expect(page.locator("#map-counts")).to_contain_text("6 with a probability")
     expect(page.locator("#map-counts")).to_contain_text("with the usual scatter of speed, compressive strength")
     drawn = heat(page, 1)
@@ -239,10 +203,8 @@ def test_map_of_probabilities_is_that_of_the_service(page: Page, client: httpx.C
     assert drawn[0][2] is not None
     assert drawn[0][0] < 0.2
     assert drawn[0][2] > 0.8
-    with page.expect_download() as download:
-        page.get_by_role("button", name="Download the data").click()
-    download.value.save_as(tmp_path / "map.csv")
-    rows = list(csv.DictReader(data_lines(tmp_path / "map.csv")))
+    saved(page, page.get_by_role("button", name="Download the data"), tmp_path / "map.csv")
+    rows = data_rows(tmp_path / "map.csv")
     assert [float(row["ricochet_probability"]) for row in rows] == [value for row in drawn for value in row]
     assert all(re.fullmatch("[0-9a-f]{64}", row["key"]) for row in rows)
 
@@ -264,7 +226,7 @@ def test_map_of_probabilities_is_bounded_and_cancelled(page: Page) -> None:
 
 def test_warnings_that_few_cases_have_are_named_in_the_legend(page: Page) -> None:
     page.goto("/#/map?x=impact.velocity_m_s,100,900,9&y=target.compressive_strength_pa,20e6,100e6,9")
-    expect(page.locator("#map-progress")).to_have_text("All 81 cases are computed.")
+    all_computed(page, 81)
     legend = page.locator(".map .drawing").evaluate("plot => plot.data.map(({ name }) => name).filter(Boolean)")
     named = [each for each in legend if each.startswith("warning: ")]
     assert named, legend
@@ -273,7 +235,7 @@ def test_warnings_that_few_cases_have_are_named_in_the_legend(page: Page) -> Non
 
 def test_files_of_a_map_name_what_varies_and_leave_its_values_out(page: Page, tmp_path: Path) -> None:
     page.goto("/#/map?x=impact.velocity_m_s,238,300,2&y=target.compressive_strength_pa,39e6,50e6,2")
-    expect(page.locator("#map-progress")).to_have_text("All 4 cases are computed.")
+    all_computed(page, 4)
     for form, button in {"csv": "Download the data", "svg": "Download the plot as SVG"}.items():
         with page.expect_download() as download:
             page.get_by_role("button", name=button).click()
@@ -286,7 +248,7 @@ def test_files_of_a_map_name_what_varies_and_leave_its_values_out(page: Page, tm
     assert fixed["target"] == {"density_kg_m3": 2250.0}
     assert "impact" not in fixed or "velocity_m_s" not in fixed["impact"]
     assert not any(line.startswith("# key") for line in rest), "a preview is no job"
-    assert all(re.fullmatch("[0-9a-f]{64}", row["key"]) for row in csv.DictReader(data_lines(tmp_path / "map.csv")))
+    assert all(re.fullmatch("[0-9a-f]{64}", row["key"]) for row in data_rows(tmp_path / "map.csv"))
     picture = (tmp_path / "map.svg").read_text()
     assert "Critical angle over speed and compressive strength" in picture
     assert "ogive nose, ⌀ 80 mm, 530 mm long, 13 kg, 2250 kg/m³" in picture
@@ -297,15 +259,14 @@ def test_map_whose_job_is_gone_says_so_and_can_be_run_again(page: Page, faults: 
     page.goto(f"/#/map?x=impact.velocity_m_s,238,300,2&y=projectile.mass_kg,13,14,3&job={'0' * 32}")
     expect(page.get_by_role("alert")).to_have_text("The job of this map is gone: it has expired. Run it again.")
     page.get_by_role("button", name="Run").click()
-    expect(page.locator("#map-progress")).to_have_text("All 6 cases are computed.")
-    assert all("404" in fault for fault in faults)
-    faults.clear()
+    all_computed(page, 6)
+    expected(faults, "404")
 
 
 def test_map_opens_with_a_small_one_without_a_job(page: Page, client: httpx.Client) -> None:
     before = client.get("/jobs").json()["jobs"]
     page.goto("/#/map?impact.velocity_m_s=260")
-    expect(page.locator("#map-progress")).to_have_text("All 81 cases are computed.")
+    all_computed(page, 81)
     angles = heat(page, 1)
     assert (len(angles), len(angles[0])) == (9, 9)
     body = PAPER | {"impact": {"velocity_m_s": 160.0}, "target": PAPER["target"] | {"compressive_strength_pa": 23e6}}
@@ -322,8 +283,9 @@ def test_large_map_is_seen_coarse_before_it_is_fine(page: Page) -> None:
     coarse = heat(page, 1)
     assert len({value for row in coarse for value in row}) <= 64
     assert all(value is not None for row in coarse for value in row)
+    assert all(value is None for row in heat(page, 2) for value in row), "a coarse grid has no contours"
     page.unroute("**/jobs/*/results?*")
-    expect(page.locator("#map-progress")).to_have_text("All 400 cases are computed.")
+    all_computed(page, 400)
     expect(page.locator("#map-counts")).to_contain_text("400 with an angle")
     fine = heat(page, 1)
     assert len({value for row in fine for value in row}) > 64
@@ -332,25 +294,21 @@ def test_large_map_is_seen_coarse_before_it_is_fine(page: Page) -> None:
 
 
 def test_map_of_least_thickness_is_that_of_the_service(page: Page, client: httpx.Client, tmp_path: Path) -> None:
-    page.goto("/#/map?operation=thickness&x=impact.velocity_m_s,200,300,2&y=impact.oblique_angle_deg,0,30,2")
-    page.get_by_role("button", name="Run").click()
-    expect(page.locator("#map-progress")).to_have_text("All 4 cases are computed.")
+    run_map(page, "operation=thickness&x=impact.velocity_m_s,200,300,2&y=impact.oblique_angle_deg,0,30,2", 4)
     expect(page.locator("#map-counts")).to_contain_text("4 with a thickness")
     expect(page.locator(".map .drawing")).to_contain_text("Least thickness [mm]")
     results = client.get(f"/jobs/{job_of(page)}/results").json()["results"]
     thickness = [1e3 * item["result"]["least_thickness_m"] for item in results]
     assert heat(page, 1) == [pytest.approx(thickness[:2]), pytest.approx(thickness[2:])]
     expect(page.get_by_role("region", name="One case").get_by_role("status")).to_contain_text("stopped by")
-    with page.expect_download() as download:
-        page.get_by_role("button", name="Download the data").click()
-    download.value.save_as(tmp_path / "map.csv")
-    rows = list(csv.DictReader(data_lines(tmp_path / "map.csv")))
+    saved(page, page.get_by_role("button", name="Download the data"), tmp_path / "map.csv")
+    rows = data_rows(tmp_path / "map.csv")
     assert [1e3 * float(row["least_thickness_m"]) for row in rows] == pytest.approx(thickness)
 
 
 def test_map_of_inputs_before_is_marked(page: Page) -> None:
     page.goto("/#/map?x=impact.velocity_m_s,230,300,2&y=projectile.mass_kg,12,14,2")
-    expect(page.locator("#map-progress")).to_have_text("All 4 cases are computed.")
+    all_computed(page, 4)
     picture = page.get_by_role("region", name="Picture")
     stop = page.get_by_role("group", name="Horizontal axis").get_by_label("To")
     for value, marked in (("310", 1), ("300", 0)):
@@ -359,7 +317,7 @@ def test_map_of_inputs_before_is_marked(page: Page) -> None:
     expect(picture).to_be_visible()
     stop.fill("310")
     page.get_by_role("button", name="Run").click()
-    expect(page.locator("#map-progress")).to_have_text("All 4 cases are computed.")
+    all_computed(page, 4)
     expect(page.locator("[aria-busy=true]")).to_have_count(0)
 
 
@@ -367,7 +325,7 @@ def test_map_of_angles_of_a_wall_has_angles_and_no_probability(page: Page) -> No
     page.goto(
         "/#/map?target.thickness_m=0.2&x=impact.velocity_m_s,230,250,3&y=target.compressive_strength_pa,38e6,40e6,3"
     )
-    expect(page.locator("#map-progress")).to_have_text("All 9 cases are computed.")
+    all_computed(page, 9)
     one = page.get_by_role("region", name="One case")
     expect(one.locator("output")).to_have_text(re.compile(r"^ricochet from \d\d\.\d\d° on$"))
     expect(one).to_contain_text("Warnings: retention energy decides the angle, ")
@@ -378,7 +336,7 @@ def test_legend_is_as_wide_as_a_phone(new_page: NewPage) -> None:
     page = new_page(width=390, height=844)
     open_map(page, x="impact.oblique_angle_deg,20,75,5", y="impact.velocity_m_s,100,300,5", rest="operation=trajectory")
     page.get_by_role("button", name="Run").click()
-    expect(page.locator("#map-progress")).to_have_text("All 25 cases are computed.")
+    all_computed(page, 25)
     page.locator(".map .drawing").evaluate(
         """async (plot) => {
             const { mapTraces } = await import(new URL('page/map-plot.js', document.baseURI));

@@ -7,14 +7,9 @@ import pytest
 from playwright.sync_api import Locator, Page, expect
 
 from .conftest import NewPage
-from .side_view import IDLE, points, transform, words
+from .side_view import IDLE, open_explore, points, transform, words
 
 PAPER_ANGLE_DEG = 48.63
-
-
-def open_explore(page: Page, query: str = "") -> None:
-    page.goto(f"/#/explore{query}")
-    page.wait_for_function(IDLE)
 
 
 def handle(page: Page) -> Locator:

@@ -3,67 +3,19 @@
 import json
 from typing import Any
 
-import httpx
 import pytest
 from playwright.sync_api import Page, Route, expect
 
-from service.schemas.strike import PAPER
-
-from .side_view import IDLE
-
-SPEEDS = (260.0, 310.0, 345.5, 238.0)
-WATCH = """() => {
-    window.seen = [];
-    window.watch = setInterval(() => {
-        const angle = document.querySelector('.angle');
-        const outcome = document.querySelector('.side-view svg') && document.querySelector('[aria-label=Outcome]');
-        const isMarked = (part) => Boolean(part.closest('[aria-busy=true]'));
-        const speed = document.getElementById('field-impact-velocity_m_s').value;
-        if (angle) window.seen.push([speed, 'angle', angle.textContent, isMarked(angle)]);
-        if (outcome) window.seen.push([speed, 'outcome', outcome.textContent, isMarked(outcome)]);
-    }, 20);
-}"""
-
-
-def open_view(page: Page, view: str = "explore") -> None:
-    page.goto(f"/#/{view}")
-    page.wait_for_function(IDLE)
+from .conftest import expected
+from .side_view import IDLE, open_explore
 
 
 def speed(page: Page) -> Any:
     return page.get_by_label("Speed", exact=True)
 
 
-def test_number_that_is_not_of_the_inputs_shown_is_marked(page: Page, client: httpx.Client) -> None:
-    open_view(page)
-    page.evaluate(WATCH)
-    for value in SPEEDS:
-        speed(page).fill(str(value))
-        page.wait_for_timeout(60)  # the second half of them changes before the answer is there
-    page.wait_for_function(IDLE)
-    for value in SPEEDS[:2]:
-        speed(page).fill(str(value))
-        page.wait_for_function(IDLE)
-        page.wait_for_timeout(60)
-    seen = page.evaluate("() => { clearInterval(window.watch); return window.seen; }")
-    angles = {}
-    for value in SPEEDS:
-        body = PAPER | {"impact": {"velocity_m_s": value}}
-        angles[value] = f"{client.post('/cra', json=body).json()['critical_angle_deg']:.1f}°"
-    unmarked = {(float(value), text) for value, what, text, marked in seen if what == "angle" and not marked}
-    assert unmarked <= {(value, angles[value]) for value in SPEEDS}
-    assert len(unmarked) >= 3
-    outcomes: dict[str, set[str]] = {}
-    for value, what, text, marked in seen:
-        if what == "outcome" and not marked:
-            outcomes.setdefault(value, set()).add(text)
-    assert len(outcomes) >= 3
-    assert all(len(texts) == 1 for texts in outcomes.values()), outcomes
-    assert any(marked for *_, marked in seen)
-
-
 def test_field_that_is_not_accepted_takes_the_numbers_away(page: Page) -> None:
-    open_view(page)
+    open_explore(page)
     speed(page).fill("-5")
     expect(page.locator(".angle")).to_have_count(0)
     expect(page.locator("[data-outcome]")).to_have_count(0)
@@ -79,7 +31,7 @@ def test_field_that_is_not_accepted_takes_the_numbers_away(page: Page) -> None:
 
 
 def test_lost_service_is_said_beside_the_picture_and_tried_again(page: Page, faults: list[str]) -> None:
-    open_view(page)
+    open_explore(page)
     before = page.locator(".angle").inner_text()
     lost = [0]
 
@@ -99,14 +51,12 @@ def test_lost_service_is_said_beside_the_picture_and_tried_again(page: Page, fau
     page.wait_for_function(IDLE)
     expect(panel.get_by_role("alert")).to_have_count(0)
     assert lost[0] >= 2
-    assert faults
-    assert all("ERR_FAILED" in fault for fault in faults)
-    faults.clear()  # browsers put each into the console
+    expected(faults, "ERR_FAILED")
 
 
 @pytest.mark.parametrize("path", ["**/verdict", "**/trajectory", "**/cra"])
 def test_message_on_a_lost_request_goes_with_its_answer(page: Page, faults: list[str], path: str) -> None:
-    open_view(page)
+    open_explore(page)
     page.get_by_text("Under other laws").click()
     expect(page.get_by_role("table", name="Under other laws")).to_be_visible()
     page.route(path, lambda route: route.abort())
@@ -117,8 +67,7 @@ def test_message_on_a_lost_request_goes_with_its_answer(page: Page, faults: list
     expect(lost).to_have_count(0)
     page.wait_for_function(IDLE)
     expect(page.locator("[aria-busy=true]")).to_have_count(0)
-    assert all("ERR_FAILED" in fault for fault in faults)
-    faults.clear()
+    expected(faults, "ERR_FAILED")
 
 
 def test_papers_searches_wait_until_they_are_opened_and_end_with_the_inputs(page: Page) -> None:
@@ -129,7 +78,8 @@ def test_papers_searches_wait_until_they_are_opened_and_end_with_the_inputs(page
         return str(json.loads(request.post_data).get("search", {}).get("method", "")) if is_search else ""
 
     page.on("request", lambda request: requested.append(method(request)))
-    open_view(page, "critical-angle")
+    page.goto("/#/critical-angle")
+    page.wait_for_function(IDLE)
     assert "outcome" in requested
     assert "bisection" not in requested
     held: list[Route] = []

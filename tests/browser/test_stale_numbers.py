@@ -4,6 +4,8 @@ from collections.abc import Callable
 
 from playwright.sync_api import Page, expect
 
+from .conftest import all_computed
+
 LOOK = """() => {
     // Axes, counts of work, and labels of contours: which lines have one depends on the room.
     const apart = '.xtick, .ytick, .cbaxis, .contourlabels, #study-progress, #map-progress, #map-size';
@@ -43,10 +45,10 @@ def run_study(page: Page) -> None:
     expect(page.locator("#study-progress")).to_have_text("Done.")
 
 
-def run_map(page: Page) -> None:
+def run_shown_map(page: Page) -> None:
     expect(page.locator("#map-counts")).to_contain_text("4 with an angle")
     page.get_by_role("button", name="Run").click()
-    expect(page.locator("#map-progress")).to_have_text("All 4 cases are computed.")
+    all_computed(page, 4)
 
 
 def check(page: Page, label: str, values: list[str], finish: Callable[[Page], None]) -> None:
@@ -112,5 +114,5 @@ def test_how_sure(page: Page) -> None:
 
 def test_map(page: Page) -> None:
     page.goto("/#/map?x=impact.velocity_m_s,230,300,2&y=projectile.mass_kg,12,14,2")
-    expect(page.locator("#map-progress")).to_have_text("All 4 cases are computed.")
-    check(page, "To", ["310", "320"], run_map)
+    all_computed(page, 4)
+    check(page, "To", ["310", "320"], run_shown_map)

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Locator, Page, expect
 
+from .conftest import all_computed
 from .side_view import IDLE
 
 
@@ -62,7 +63,7 @@ def test_map_of_speed_and_strength_to_csv_and_png_takes_ten_actions_at_most(
         act.fill(axis.get_by_label("To"), end)
         act.fill(axis.get_by_label("Values"), "12")
     act.click(explore.get_by_role("button", name="Run"))
-    expect(explore.locator("#map-progress")).to_have_text("All 144 cases are computed.")
+    all_computed(explore, 144)
     expect(explore.locator("#map-counts")).to_contain_text("144 ")
     for name in ("Download the data of the plot as CSV", "Download the plot as PNG"):
         with explore.expect_download() as download:

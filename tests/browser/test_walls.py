@@ -8,10 +8,7 @@ import httpx
 import pytest
 from playwright.sync_api import Page, expect
 
-from service.schemas.strike import PAPER
-
-STRIKE = PAPER | {"impact": PAPER["impact"] | {"oblique_angle_deg": 45.0}}
-"""The case that the page begins with."""
+from service.schemas.strike import PAPER, PAPER_AT_45
 
 
 def rows(page: Page) -> dict[str, list[str]]:
@@ -26,8 +23,8 @@ def rows(page: Page) -> dict[str, list[str]]:
 def test_thicknesses_are_those_of_the_service(page: Page, client: httpx.Client) -> None:
     page.goto("/#/walls")
     shown = rows(page)
-    answer = client.post("/thickness", json=STRIKE).json()
-    plugged = client.post("/thickness", json=STRIKE | {"resistance": {"rear_plug": {}}}).json()
+    answer = client.post("/thickness", json=PAPER_AT_45).json()
+    plugged = client.post("/thickness", json=PAPER_AT_45 | {"resistance": {"rear_plug": {}}}).json()
     expect(page.get_by_role("region", name="Verdict")).to_contain_text(
         f"this model {1e3 * answer['least_thickness_m']:.0f} mm, with a plug at the rear"
     )
@@ -35,9 +32,7 @@ def test_thicknesses_are_those_of_the_service(page: Page, client: httpx.Client) 
     assert shown["With a plug at the rear"][0] == f"{1e3 * plugged['least_thickness_m']:.0f}"
     assert len(shown) == 3 + 11
     assert "in doubt" in shown["BRL *"][3]
-    formulas = {
-        row["formula"]: row for row in client.post("/formulas", json={k: STRIKE[k] for k in PARTS}).json()["formulas"]
-    }
+    formulas = {row["formula"]: row for row in client.post("/formulas", json=PAPER_AT_45).json()["formulas"]}
     assert shown["Modified NDRC"][0] == f"{1e3 * formulas['modified_ndrc']['perforation_thickness_m']:.0f}"
     for name, row in (("Modified NDRC", formulas["modified_ndrc"]), ("CEA-EDF *", formulas["cea_edf"])):
         assert (shown[name][3] == "within") is row["in_range"]
@@ -51,7 +46,7 @@ def test_thickness_gets_a_yes_or_no_by_the_formulas_and_their_margin(
     page.goto("/#/walls")
     page.get_by_label("Thickness", exact=True).fill(str(thickness_mm))  # one input
     rows(page)
-    table = client.post("/formulas", json={name: STRIKE[name] for name in PARTS}).json()
+    table = client.post("/formulas", json=PAPER_AT_45).json()
     spread = table["perforation_thickness_spread"]
     design_mm = 1e3 * table["perforation_margin"] * spread["highest"]
     word = "enough" if thickness_mm >= design_mm else "not enough"
@@ -60,9 +55,6 @@ def test_thickness_gets_a_yes_or_no_by_the_formulas_and_their_margin(
     expect(page.locator(".figures")).to_contain_text(
         f"{1e3 * spread['lowest']:.0f} to {1e3 * spread['highest']:.0f} mm"
     )
-
-
-PARTS = ("projectile", "target", "impact")
 
 
 def test_wall_with_a_thickness_has_a_speed_that_perforates_it(page: Page, client: httpx.Client) -> None:
@@ -100,7 +92,7 @@ def test_numerics_of_the_address_are_kept(page: Page, client: httpx.Client) -> N
         page.goto("/#/walls?numerics.retention_energy_fraction=0.2")
     assert json.loads(posted.value.post_data or "")["numerics"] == numerics
     shown = rows(page)
-    answer = client.post("/thickness", json=STRIKE | {"numerics": numerics}).json()
+    answer = client.post("/thickness", json=PAPER_AT_45 | {"numerics": numerics}).json()
     assert shown["This model"][0] == f"{1e3 * answer['least_thickness_m']:.0f}"
 
 

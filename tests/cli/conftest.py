@@ -11,3 +11,20 @@ from tests.cli.commands import STRIKE_TOML
 def folder(tmp_path: Path) -> Path:
     (tmp_path / "strike.toml").write_text(STRIKE_TOML)
     return tmp_path
+
+
+@pytest.fixture
+def here(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The folder, as the working directory of this process, which uses no service."""
+    monkeypatch.chdir(folder)
+    for name in ("RICOCHET_URL", "RICOCHET_DATA_DIR"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("NO_PROXY", "*")
+    return folder
+
+
+@pytest.fixture
+def served(here: Path, live_url: str, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The folder, as the working directory of this process, which uses the live service."""
+    monkeypatch.setenv("RICOCHET_URL", live_url)
+    return here

@@ -5,7 +5,6 @@ import json
 import os
 import signal
 import subprocess
-import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -15,35 +14,16 @@ import pytest
 from pyarrow import parquet
 
 from service import cli
+from service.cache.cache import ResultCache
 from service.cli.client import connect
 from service.schemas.strike import PAPER
 from tests.api.many import searches, slow_strikes
-from tests.cli.commands import (
-    COMMAND,
-    LIMIT_S,
-    case_at,
-    environment,
-    run,
-    run_on_terminal,
-    run_process,
-    write_cases,
-)
-from tests.conftest import free_port
-
-UNSTARTED_S = 60.0
+from tests.cli.commands import COMMAND, LIMIT_S, case_at, environment, run, run_on_terminal, write_cases
+from tests.conftest import until
 
 
 def items_of(text: str) -> list[dict[str, Any]]:
     return [json.loads(line) for line in text.splitlines()]
-
-
-@pytest.fixture
-def served(live_url: str, monkeypatch: pytest.MonkeyPatch, folder: Path) -> Path:
-    """The folder, as the working directory of this process, which uses the live service."""
-    monkeypatch.chdir(folder)
-    monkeypatch.setenv("RICOCHET_URL", live_url)
-    monkeypatch.setenv("NO_PROXY", "*")
-    return folder
 
 
 def test_batch_in_the_own_pool_is_that_of_a_service(folder: Path, live_url: str, client: httpx.Client) -> None:
@@ -51,7 +31,7 @@ def test_batch_in_the_own_pool_is_that_of_a_service(folder: Path, live_url: str,
     short = {**case_at(238.0)["projectile"], "length_m": 0.05}
     cases = [*searches(5), case_at(238.0, projectile=short, custom_id="short"), *searches(5)]
     write_cases(folder / "cases.jsonl", *cases)
-    local = run_process(folder, "batch", "cases.jsonl")
+    local = run(folder, "batch", "cases.jsonl")
     remote = run(folder, "batch", "-", "--url", live_url, stdin=(folder / "cases.jsonl").read_text())
     assert (local.status, remote.status) == (3, 3), local.err + remote.err
     assert "11 cases, 1 of them with a problem" in local.err
@@ -66,9 +46,7 @@ def test_batch_in_the_own_pool_is_that_of_a_service(folder: Path, live_url: str,
 
 def test_sweep_fills_a_table_and_draws_it(folder: Path) -> None:
     axes = ["--axis", "impact.velocity_m_s=200:300:3", "--axis", "target.compressive_strength_pa=30e6,50e6"]
-    done = run_process(
-        folder, "sweep", "strike.toml", *axes, "--data-dir", "kept", "-o", "angles.csv", "--plot", "map.svg"
-    )
+    done = run(folder, "sweep", "strike.toml", *axes, "--data-dir", "kept", "-o", "angles.csv", "--plot", "map.svg")
     assert (done.status, done.out) == (0, ""), done.err
     assert "6 cases, 0 of them with a problem" in done.err
     rows = list(csv.DictReader((folder / "angles.csv").read_text().splitlines()))
@@ -83,23 +61,20 @@ def test_sweep_fills_a_table_and_draws_it(folder: Path) -> None:
 
 @pytest.mark.parametrize("form", ["--json", "--csv"])
 def test_small_sweep_is_that_of_a_service_and_starts_none(
-    folder: Path, live_url: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], form: str
+    here: Path, live_url: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], form: str
 ) -> None:
     """One point that only the solver can refuse stops nothing."""
-    monkeypatch.chdir(folder)
-    monkeypatch.delenv("RICOCHET_URL", raising=False)
-    monkeypatch.setenv("NO_PROXY", "*")
     monkeypatch.setattr("service.cli.server.local_server", None)
     args = ["sweep", "strike.toml", "--axis", "projectile.length_m=0.53,0.05", form]
     assert cli.main(args) == 3
-    here = capsys.readouterr()
+    local = capsys.readouterr()
     assert cli.main([*args, "--url", live_url]) == 3
-    there = capsys.readouterr()
-    assert here.err == there.err == "2 cases, 1 of them with a problem\n"
+    remote = capsys.readouterr()
+    assert local.err == remote.err == "2 cases, 1 of them with a problem\n"
     if form == "--csv":
-        assert here.out == there.out
+        assert local.out == remote.out
     else:
-        for ours, theirs in zip(items_of(here.out), items_of(there.out), strict=True):
+        for ours, theirs in zip(items_of(local.out), items_of(remote.out), strict=True):
             ours.get("problem", {}).pop("instance", None)
             theirs.get("problem", {}).pop("instance", None)
             assert ours == theirs
@@ -135,39 +110,45 @@ def test_table_of_a_batch_is_that_of_the_service(
     assert table.splitlines() == expected.splitlines()
 
 
+@pytest.fixture
+def swept(client: httpx.Client) -> str:
+    """Id of a job: the paper's strike at five speeds."""
+    axes = [{"field": "impact.velocity_m_s", "values": [238.0, 240.0, 242.0, 244.0, 246.0]}]
+    job = client.post("/cra/sweep", json={"base": PAPER, "axes": axes}, headers={"Prefer": "respond-async"})
+    return str(job.json()["id"])
+
+
 def test_table_of_a_job_is_that_of_the_service(
-    served: Path, client: httpx.Client, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    served: Path,
+    client: httpx.Client,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    swept: str,
 ) -> None:
     """Also over several pages: the header is printed once."""
     monkeypatch.setattr("service.cli.client.PAGE_SIZE", 2)
-    axes = [{"field": "impact.velocity_m_s", "values": [238.0, 240.0, 242.0, 244.0, 246.0]}]
-    job = client.post("/cra/sweep", json={"base": case_at(238.0), "axes": axes}, headers={"Prefer": "respond-async"})
-    name = job.json()["id"]
-    assert cli.main(["jobs", "results", name, "--csv"]) == 0
-    table = client.get(f"/jobs/{name}/results", headers={"Accept": "text/csv"}).text
+    assert cli.main(["jobs", "results", swept, "--csv"]) == 0
+    table = client.get(f"/jobs/{swept}/results", headers={"Accept": "text/csv"}).text
     expected = table.replace("\r\n", "\n")
     assert expected.splitlines()[0].startswith("index,impact.velocity_m_s,custom_id,")
     assert capsys.readouterr().out == expected
-    assert cli.main(["jobs", "results", name, "-o", "results.csv"]) == 0
+    assert cli.main(["jobs", "results", swept, "-o", "results.csv"]) == 0
     assert (served / "results.csv").read_text() == expected
 
 
 def test_parquet_of_a_job_has_the_rows_of_the_table(
-    served: Path, client: httpx.Client, capsysbinary: pytest.CaptureFixture[bytes]
+    served: Path, capsysbinary: pytest.CaptureFixture[bytes], swept: str
 ) -> None:
-    axes = [{"field": "impact.velocity_m_s", "values": [238.0, 240.0]}]
-    job = client.post("/cra/sweep", json={"base": case_at(238.0), "axes": axes}, headers={"Prefer": "respond-async"})
-    name = job.json()["id"]
-    assert cli.main(["jobs", "results", name, "-o", "results.parquet"]) == 0
-    assert cli.main(["jobs", "results", name, "--csv", "-o", "table.parquet"]) == 0  # the flag counts
+    assert cli.main(["jobs", "results", swept, "-o", "results.parquet"]) == 0
+    assert cli.main(["jobs", "results", swept, "--csv", "-o", "table.parquet"]) == 0  # the flag counts
     capsysbinary.readouterr()
-    assert cli.main(["jobs", "results", name, "--parquet"]) == 0
+    assert cli.main(["jobs", "results", swept, "--parquet"]) == 0
     assert capsysbinary.readouterr().out == (served / "results.parquet").read_bytes()
     rows = parquet.read_table(served / "results.parquet").to_pylist()
     expected = list(csv.DictReader((served / "table.parquet").read_text().splitlines()))
     assert [str(row["critical_angle_deg"]) for row in rows] == [row["critical_angle_deg"] for row in expected]
-    assert [row["impact.velocity_m_s"] for row in rows] == [238.0, 240.0]
-    sweep = ["sweep", "strike.toml", "--axis", "impact.velocity_m_s=238,240", "-o", "again.parquet"]
+    assert [row["impact.velocity_m_s"] for row in rows] == [238.0, 240.0, 242.0, 244.0, 246.0]
+    sweep = ["sweep", "strike.toml", "--axis", "impact.velocity_m_s=238:246:5", "-o", "again.parquet"]
     assert cli.main(sweep) == 0
     assert parquet.read_table(served / "again.parquet").to_pylist() == rows
 
@@ -203,6 +184,7 @@ def test_wrong_line_is_named(served: Path, capsys: pytest.CaptureFixture[str], l
     captured = capsys.readouterr()
     assert captured.out == ""
     assert reason in captured.err
+    assert cli.main(["batch", "nothing.jsonl"]) == 2
 
 
 @pytest.mark.parametrize(
@@ -275,11 +257,8 @@ def interrupted(folder: Path) -> Iterator[Any]:
                 start_new_session=True,
             )
         started.append(process)
-        deadline = time.monotonic() + UNSTARTED_S
-        while not (folder / "out").stat().st_size:
-            assert time.monotonic() < deadline
-            assert process.poll() is None, (folder / "err").read_text()
-            time.sleep(0.05)
+        until(lambda: (folder / "out").stat().st_size > 0 or process.poll() is not None)
+        assert process.poll() is None, (folder / "err").read_text()
         os.killpg(process.pid, signal.SIGINT)
         status = process.wait(LIMIT_S)
         return status, (folder / "out").read_text(), (folder / "err").read_text()
@@ -294,12 +273,12 @@ def interrupted(folder: Path) -> Iterator[Any]:
 def test_interrupted_batch_goes_on_at_the_service(
     folder: Path, live_url: str, client: httpx.Client, interrupted: Any
 ) -> None:
-    write_cases(folder / "cases.jsonl", *slow_strikes(100))
+    write_cases(folder / "cases.jsonl", *slow_strikes(30))
     status, out, err = interrupted("batch", "cases.jsonl", "--operation", "trajectory", "--url", live_url)
     assert status == 130
     assert "Traceback" not in err
     begun = items_of(out)
-    assert 0 < len(begun) < 100
+    assert 0 < len(begun) < 30
     [hint, last] = err.splitlines()
     assert last == "interrupted"
     _, _, words = hint.partition("for its results: ricochet ")
@@ -307,7 +286,7 @@ def test_interrupted_batch_goes_on_at_the_service(
     assert done.status == 0, done.err
     items = items_of(done.out)
     assert items[: len(begun)] == begun
-    assert [item["index"] for item in items] == list(range(100))
+    assert [item["index"] for item in items] == list(range(30))
 
 
 def test_interrupted_batch_of_the_own_pool_leaves_nothing_running(folder: Path, interrupted: Any) -> None:
@@ -323,9 +302,10 @@ def test_interrupted_batch_of_the_own_pool_leaves_nothing_running(folder: Path, 
     assert len(items_of(out)) <= count < 100
 
 
-def test_folder_of_a_running_service_is_refused(folder: Path, dedicated_service: Any, tmp_path: Path) -> None:
+def test_folder_of_a_running_service_is_refused(folder: Path) -> None:
     write_cases(folder / "cases.jsonl", case_at(238.0))
-    done = run_process(folder, "batch", "cases.jsonl", "--data-dir", str(tmp_path / "data"))
+    with ResultCache(folder / "data", memory_bytes=0, disk_bytes=10**9):
+        done = run(folder, "batch", "cases.jsonl", "--data-dir", "data")
     assert (done.status, done.out) == (1, "")
     assert "in use by another service; use that service with --url" in done.err
     assert "Traceback" not in done.err
@@ -343,13 +323,3 @@ def test_closed_pipe_ends_the_command_quietly(folder: Path, live_url: str) -> No
         err = process.stderr.read()
     assert process.returncode == 0
     assert err == ""
-
-
-def test_missing_service_is_an_error(folder: Path) -> None:
-    write_cases(folder / "cases.jsonl", case_at(238.0))
-    address = f"http://127.0.0.1:{free_port()}"
-    for args in (["batch", "cases.jsonl"], ["jobs", "list"]):
-        done = run(folder, *args, "--url", address)
-        assert (done.status, done.out) == (1, "")
-        assert f"no service answers at {address}" in done.err
-    assert run(folder, "batch", "nothing.jsonl").status == 2

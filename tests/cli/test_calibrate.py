@@ -3,8 +3,6 @@
 import csv
 import json
 import math
-import subprocess
-import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -19,7 +17,7 @@ from solver import Crater, Impact, Numerics, ShearPlug, critical_angle
 from solver.calibration import DepthTest, MotionHistory, fit_depth, predict_motion
 from solver.resistance import ObliquityPolynomial, Resistance
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET
-from tests.cli.commands import ROOT
+from tests.cli.commands import run_process
 from tests.readers.dyna_files import write_binout, write_nodout, write_rbdout
 
 TABLE_1 = "mass_kg,velocity_m_s,depth_m,group\n12.923,238.1,0.30,slow\n12.900,275.7,0.38,slow\n"
@@ -54,18 +52,18 @@ def tests_file(tmp_path: Path) -> Path:
     return path
 
 
-@pytest.fixture(scope="module")
-def motion() -> MotionHistory:
+def motion_of(angle_deg: float = 30.0, velocity: float = 238.0, factor: float = STRENGTH_FACTOR) -> MotionHistory:
     return predict_motion(
         projectile=PAPER_PROJECTILE,
         target=PAPER_TARGET,
-        impact=Impact(velocity=238.0, oblique_angle=math.radians(30.0)),
-        strength_factor=STRENGTH_FACTOR,
+        impact=Impact(velocity=velocity, oblique_angle=math.radians(angle_deg)),
+        strength_factor=factor,
         times=np.linspace(0.0, 3e-3, 31),
     )
 
 
-def write_history(path: Path, motion: MotionHistory) -> None:
+def write_history(path: Path) -> None:
+    motion = motion_of()
     columns = motion.columns
     rows = zip(
         motion.time, columns["depth_displacement"], columns["lateral_displacement"], columns["rotation"], strict=True
@@ -122,9 +120,9 @@ def test_case_comes_from_the_body_of_a_request(run: Run, tests_file: Path, tmp_p
     assert denser["strength_factor"] < flags["strength_factor"]
 
 
-def test_strength_factor_of_a_history_is_found_again(run: Run, motion: MotionHistory, tmp_path: Path) -> None:
+def test_strength_factor_of_a_history_is_found_again(run: Run, tmp_path: Path) -> None:
     history, written = tmp_path / "history.csv", tmp_path / "histories.csv"
-    write_history(history, motion)
+    write_history(history)
     columns = ["time=T(ms)", "depth=-DZ", "lateral=DX", "rotation=RY"]
     units = ["displacement=mm", "rotation=deg"]
     flags = [part for column in columns for part in ("--column", column)]
@@ -147,13 +145,7 @@ def write_runs(folder: Path, factors: dict[float, float], velocities: dict[float
     """A table of runs and the history of each, made with these strength factors by angle."""
     lines = ["file,oblique_angle_deg,velocity_m_s,until_ms"]
     for angle, factor in factors.items():
-        motion = predict_motion(
-            projectile=PAPER_PROJECTILE,
-            target=PAPER_TARGET,
-            impact=Impact(velocity=velocities[angle], oblique_angle=math.radians(angle)),
-            strength_factor=factor,
-            times=np.linspace(0.0, 3e-3, 31),
-        )
+        motion = motion_of(angle, velocities[angle], factor)
         rows = zip(motion.time, *(motion.columns[name] for name in SI_COLUMNS), strict=True)
         text = "".join(f"{','.join(f'{value:.9g}' for value in row)}\n" for row in rows)
         (folder / f"at-{angle:g}.csv").write_text(f"time_s,{','.join(SI_COLUMNS.values())}\n{text}")
@@ -292,10 +284,9 @@ def test_wrong_table_of_runs_ends_with_status_2(run: Run, tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize("write", [write_rbdout, write_nodout, write_binout])
-def test_strength_factor_is_found_from_files_of_ls_dyna(
-    run: Run, motion: MotionHistory, tmp_path: Path, write: Callable[..., None]
-) -> None:
+def test_strength_factor_is_found_from_files_of_ls_dyna(run: Run, tmp_path: Path, write: Callable[..., None]) -> None:
     """The model runs in millimetres and milliseconds, its third axis points out of the target."""
+    motion = motion_of()
     depth, lateral, rotation = motion.columns.values()
     zero = np.zeros_like(depth)
     bodies = {2: np.column_stack([1e3 * lateral, zero, -1e3 * depth, zero, -rotation, zero])}
@@ -329,33 +320,44 @@ def test_table_2_gives_equation_9_as_a_request_takes_it(run: Run, tmp_path: Path
 @pytest.mark.parametrize(
     ("arguments", "reason"),
     [
-        (["depth", "TESTS"], "--diameter is missing"),
-        (["depth", "TESTS", *CASE, "--diameter", "nan"], "--diameter: Input should be a finite number"),
+        (["depth", "tests.csv"], "--diameter is missing"),
+        (["depth", "tests.csv", *CASE, "--diameter", "nan"], "--diameter: Input should be a finite number"),
         (
-            ["depth", "TESTS", *CASE, "--caliber-radius-head", "0.1"],
+            ["depth", "tests.csv", *CASE, "--caliber-radius-head", "0.1"],
             "--caliber-radius-head: must be 0.5 to 100, got 0.1",
         ),
-        (["depth", "TESTS", *CASE, "--length", "0.05"], "--length: must be at least the length of the nose"),
-        (["depth", "TESTS", *CASE, "--confidence", "1"], "--confidence: Input should be less than or equal to 0.9999"),
-        (["depth", "TESTS", *CASE, "--strength-factors", "7", "0"], "--strength-factors: Input should be greater than"),
-        (["depth", "TESTS", *CASE, "--unit", "depth=m", "--unit", "depth=m"], "depth is given twice"),
-        (["depth", "TESTS", *CASE, "--unit", "speed=m/s"], "unknown quantity, known are velocity, depth, mass"),
-        (["depth", "TESTS", *CASE, "--unit", "depth"], "must be NAME=VALUE"),
-        (["depth", "TESTS", *CASE, "--unit", "depth=mm"], "tests.csv:1: depth is in m by the header"),
-        (["depth", "TESTS", *CASE, "--curves", "/no/folder/c.csv"], "No such file"),
-        (["depth", "nothing.csv", *CASE], "nothing.csv: No such file"),
-        (["depth", "TESTS", "--case", "nothing.json"], "nothing.json: No such file"),
-        (["motion", "TESTS", *CASE], "--velocity is missing"),
-        (["motion", "TESTS", *STRIKE, "--oblique-angle", "95"], "--oblique-angle: Input should be less than 90"),
-        (["motion", "TESTS", *STRIKE], "tests.csv:1: no column of time"),
-        (["motion", "TESTS", *STRIKE, "--axis", "depth=up"], "--axis: must be x, y or z"),
-        (["motion", "TESTS", *STRIKE, "--until", "never"], "must be greatest-depth or a time in seconds"),
-        (["motion", "TESTS", *STRIKE, "--weight", "depth=much"], "must be a number"),
-        (["obliquity", "TESTS"], "tests.csv:1: no column of oblique_angle"),
+        (["depth", "tests.csv", *CASE, "--length", "0.05"], "--length: must be at least the length of the nose"),
+        (
+            ["depth", "tests.csv", *CASE, "--confidence", "1"],
+            "--confidence: Input should be less than or equal to 0.9999",
+        ),
+        (
+            ["depth", "tests.csv", *CASE, "--strength-factors", "7", "0"],
+            "--strength-factors: Input should be greater",
+        ),
+        (["depth", "tests.csv", *CASE, "--unit", "depth=m", "--unit", "depth=m"], "depth is given twice"),
+        (["depth", "tests.csv", *CASE, "--unit", "speed=m/s"], "unknown quantity, known are velocity, depth, mass"),
+        (["depth", "tests.csv", *CASE, "--unit", "depth"], "must be NAME=VALUE"),
+        (["depth", "tests.csv", *CASE, "--unit", "depth=mm"], "tests.csv:1: depth is in m by the header"),
+        (["depth", "tests.csv", *CASE, "--curves", "/no/folder/c.csv"], "No such file"),
+        (["depth", "nothing.csv", *CASE], "ricochet calibrate depth: nothing.csv: No such file or directory\n"),
+        (["depth", "tests.csv", "--case", "nothing.json"], "nothing.json: No such file"),
+        (["motion", "tests.csv", *CASE], "--velocity is missing"),
+        (["motion", "tests.csv", *STRIKE, "--oblique-angle", "95"], "--oblique-angle: Input should be less than 90"),
+        (["motion", "tests.csv", *STRIKE], "tests.csv:1: no column of time"),
+        (["motion", "tests.csv", *STRIKE, "--axis", "depth=up"], "--axis: must be x, y or z"),
+        (["motion", "tests.csv", *STRIKE, "--until", "never"], "must be greatest-depth or a time in seconds"),
+        (["motion", "tests.csv", *STRIKE, "--weight", "depth=much"], "must be a number"),
+        (["obliquity", "tests.csv"], "tests.csv:1: no column of oblique_angle"),
+        (["obliquity", "points.csv", "--order", "4"], "points.csv: points: must be at 5 or more different angles"),
     ],
 )
-def test_wrong_files_and_flags_end_with_status_2(run: Run, tests_file: Path, arguments: list[str], reason: str) -> None:
-    status, out, err = run(*(str(tests_file) if argument == "TESTS" else argument for argument in arguments))
+def test_wrong_files_and_flags_end_with_status_2(
+    run: Run, tests_file: Path, monkeypatch: pytest.MonkeyPatch, arguments: list[str], reason: str
+) -> None:
+    monkeypatch.chdir(tests_file.parent)
+    Path("points.csv").write_text(TABLE_2)
+    status, out, err = run(*arguments)
     assert (status, out) == (2, "")
     assert reason in err
 
@@ -387,29 +389,7 @@ def test_tests_that_nothing_fits_end_with_status_1(run: Run, tests_file: Path) -
     assert "tests.csv: tests: must determine the strength factor" in err
 
 
-def test_too_few_points_are_an_error_that_names_the_file(run: Run, tmp_path: Path) -> None:
-    (tmp_path / "points.csv").write_text(TABLE_2)
-    status, _, err = run("obliquity", tmp_path / "points.csv", "--order", "4")
-    assert status == 2
-    assert "points.csv: points: must be at 5 or more different angles" in err
-
-
 def test_command_works_in_a_pipe(tests_file: Path) -> None:
-    done = subprocess.run(
-        [sys.executable, "-W", "error", "-m", "service.cli", "calibrate", "depth", tests_file, *CASE, "--json"],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert (done.returncode, done.stdout.count("\n")) == (0, 1), done.stderr
-    assert json.loads(done.stdout)["strength_factor"] == pytest.approx(8.38, abs=0.02)
-    bad = subprocess.run(
-        [sys.executable, "-m", "service.cli", "calibrate", "depth", "nothing.csv", *CASE],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert (bad.returncode, bad.stdout) == (2, "")
-    assert bad.stderr == "ricochet calibrate depth: nothing.csv: No such file or directory\n"
+    done = run_process(tests_file.parent, "calibrate", "depth", tests_file.name, *CASE, "--json")
+    assert (done.status, done.out.count("\n")) == (0, 1), done.err
+    assert json.loads(done.out)["strength_factor"] == pytest.approx(8.38, abs=0.02)

@@ -17,15 +17,6 @@ from service.schemas import CriticalAngleRequest, TrajectoryRequest
 from service.schemas.strike import PAPER
 
 LAW = "resistance.strength_factor"
-NUMBERS = "--diameter 0.08 --length 0.53 --mass 13 --compressive-strength 39e6 --density 2250 --velocity 238"
-
-
-@pytest.fixture
-def here(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The folder, as the working directory of this process, which uses no service."""
-    monkeypatch.chdir(folder)
-    monkeypatch.delenv("RICOCHET_URL", raising=False)
-    return folder
 
 
 def test_init_writes_the_strike_of_the_paper_once(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -113,48 +104,6 @@ def test_flags_set_every_nose_and_every_law(
     found = answer_of(f"strike.toml {rough} {flags}", capsys)
     expected = answer_of(f"strike.toml {rough} --set {field}={json.dumps(value, separators=(',', ':'))}", capsys)
     assert found["key"] == expected["key"]
-
-
-@pytest.mark.parametrize(
-    ("arguments", "reason"),
-    [
-        (
-            "cra strike.toml --nose flat --caliber-radius-head 3",
-            "--caliber-radius-head: is of ogive or spherical, not of flat",
-        ),
-        (
-            "cra strike.toml --strength-law constant --strength-exponent 1",
-            "--strength-exponent: is of strength_power_law",
-        ),
-        ("cra strike.toml --nose conical", "length_to_diameter: Field required, there or by --length-to-diameter"),
-        ("cra " + NUMBERS, "--nose or --caliber-radius-head is missing"),
-        ("cra strike.toml --set impact.velocity=3", "not permitted; did you mean `impact.velocity_m_s`?"),
-        ("cra strike.toml --set velocity=3", "not permitted; did you mean `impact.velocity_m_s`?"),
-        ("cra strike.toml --set projectile.mass=3", "not permitted; did you mean `projectile.mass_kg`?"),
-        ("cra strike.toml --set target.youngs_modulus=3", "did you mean `target.youngs_modulus_pa`?"),
-        ("cra strike.toml --set impact.speed=3", "; impact has angle_of_attack_deg, angular_velocity_rad_s, "),
-        (
-            "cra typo.toml",
-            "typo.toml: /projectile/diametre_m: Extra inputs are not permitted; did you mean `projectile.diameter_m`?",
-        ),
-        ("cra strike.toml --velocity -3", "--velocity: must be 0.1 to 10000 m/s, got -3 m/s"),
-        (
-            "cra strike.toml --compressive-strength 39",
-            "--compressive-strength: must be 100000 to 1e+09 Pa, got 39 Pa; give pascals, 39e6 for 39 MPa",
-        ),
-        ("cra strike.toml --diameter 80", "--diameter: must be 0.001 to 5 m, got 80 m; give metres, 0.08 for 80 mm"),
-        (
-            "sweep strike.toml --axis target.compressive_strength_pa=30:40:3",
-            "--axis target.compressive_strength_pa=30:40:3: must be 100000 to 1e+09 Pa, got 30 Pa; give pascals, 30e6",
-        ),
-        ("report strike.toml --compressive-strength 39", "39e6 for 39 MPa"),
-        ("trajectory strike.toml --angle 95", "--oblique-angle: Input should be less than 90°"),
-    ],
-)
-def test_errors_say_what_was_meant(here: Path, capsys: pytest.CaptureFixture[str], arguments: str, reason: str) -> None:
-    (here / "typo.toml").write_text((here / "strike.toml").read_text().replace("diameter_m", "diametre_m"))
-    assert cli.main(arguments.split()) == 2
-    assert reason in capsys.readouterr().err
 
 
 def completed(here: Path, words: str, capsys: pytest.CaptureFixture[str]) -> set[str]:

@@ -17,14 +17,6 @@ WHOLE = (
 )
 
 
-@pytest.fixture
-def served(live_url: str, monkeypatch: pytest.MonkeyPatch, folder: Path) -> Path:
-    """The folder, as the working directory of this process, which uses the live service."""
-    monkeypatch.chdir(folder)
-    monkeypatch.setenv("RICOCHET_URL", live_url)
-    return folder
-
-
 @pytest.mark.parametrize(
     ("table", "base", "cases"),
     [

@@ -70,11 +70,6 @@ def test_csv_has_a_row_for_each_formula(folder: Path, capsys: pytest.CaptureFixt
     assert len(rows) == 11
 
 
-def test_wrong_flag_is_named(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli.main(["formulas", str(folder / "strike.toml"), "--angle", "95"]) == 2
-    assert capsys.readouterr().err.startswith("ricochet formulas: --oblique-angle: ")
-
-
 def test_other_parts_of_a_file_are_left_out(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = folder / "search.toml"
     path.write_text((folder / "strike.toml").read_text() + "\n[search]\ntolerance_deg = 0.1\n")

@@ -7,43 +7,26 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable
-from contextlib import AbstractContextManager
 from importlib.metadata import version
 from pathlib import Path
-from typing import Protocol, TypeAlias
 
 import httpx
 import pytest
 
 from service import cli
+from service.cache.cache import ResultCache
 from service.cli.serve import check_proxy
-from service.schemas.strike import PAPER, PAPER_AT_45
+from service.schemas.strike import PAPER_AT_45
 from service.settings import Settings
-from solver import ENGINE_VERSION
 from tests.cli.commands import COMMAND, LIMIT_S, case_at, environment, run, run_process, write_cases
-from tests.conftest import free_port, until
+from tests.conftest import Service, free_port, until
 from tests.faults.processes import processor_seconds, workers_of
-
-RunService: TypeAlias = Callable[..., AbstractContextManager["Service"]]
-
-
-class Service(Protocol):
-    @property
-    def url(self) -> str: ...
-
-    @property
-    def process(self) -> subprocess.Popen[bytes]: ...
+from tests.service.records import critical_angle, trajectory
 
 
 def test_version_flag_prints_the_version_of_the_package(tmp_path: Path) -> None:
     done = run(tmp_path, "--version")
     assert (done.status, done.out, done.err) == (0, f"ricochet {version('ricochet')}\n", "")
-
-
-def test_version_names_the_engine(capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli.main(["version"]) == 0
-    assert f"engine {ENGINE_VERSION}" in capsys.readouterr().out
 
 
 def test_settings_come_from_the_environment(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -73,14 +56,6 @@ def test_service_that_others_reach_without_a_proxy_says_so(
     assert ("does not limit slow clients" in caplog.text) == warned
 
 
-def test_variable_that_is_not_a_setting_is_named_once_at_the_start(service_on: RunService, tmp_path: Path) -> None:
-    with service_on(tmp_path, worker="3") as service:
-        assert httpx.get(f"{service.url}/livez", trust_env=False).is_success
-    named = [line for line in (tmp_path / "log").read_text().splitlines() if "RICOCHET_WORKER" in line]
-    assert len(named) == 1
-    assert "not settings" in named[0]
-
-
 @pytest.mark.skipif(sys.platform != "linux", reason="finds processes in /proc")
 @pytest.mark.parametrize("stop", [signal.SIGTERM, signal.SIGINT])
 def test_running_query_is_answered_before_the_service_ends(
@@ -88,7 +63,7 @@ def test_running_query_is_answered_before_the_service_ends(
 ) -> None:
     url, process = dedicated_service.url, dedicated_service.process
     before = {worker: processor_seconds(worker) for worker in workers_of(tmp_path / "data", process.pid)}
-    body = PAPER_AT_45 | {"numerics": {"method": "panels", "panels": 100_000}}
+    body = PAPER_AT_45 | {"numerics": {"method": "panels", "panels": 40_000}}
     answers: list[httpx.Response] = []
     asking = threading.Thread(
         target=lambda: answers.append(httpx.post(f"{url}/trajectory", json=body, timeout=30.0, trust_env=False))
@@ -102,20 +77,16 @@ def test_running_query_is_answered_before_the_service_ends(
 
 
 def test_results_are_counted_verified_rebuilt_and_evicted(
-    dedicated_service: Service, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The folder of the service is that of the fixture."""
     monkeypatch.setenv("RICOCHET_DATA_DIR", str(tmp_path / "data"))
-    for oblique_angle_deg in (45.0, 46.0, 47.0):
-        body = PAPER_AT_45 | {"impact": PAPER_AT_45["impact"] | {"oblique_angle_deg": oblique_angle_deg}}
-        assert httpx.post(f"{dedicated_service.url}/trajectory", json=body, trust_env=False).is_success
-    assert httpx.post(f"{dedicated_service.url}/cra", json=PAPER, trust_env=False, timeout=60.0).is_success
-    assert cli.main(["cache", "stat"]) == 0
-    assert capsys.readouterr().out.startswith("4 results, 0 files, ")  # in the journal
-    assert cli.main(["cache", "verify"]) == 1  # in use
-    assert "in use" in capsys.readouterr().err
-    dedicated_service.process.terminate()
-    dedicated_service.process.wait(20.0)
+    with ResultCache(tmp_path / "data", memory_bytes=0, disk_bytes=10**9) as cache:
+        for record in (*map(trajectory, range(3)), critical_angle(3)):
+            cache.put(record)
+        assert cli.main(["cache", "stat"]) == 0
+        assert capsys.readouterr().out.startswith("4 results, 0 files, ")  # in the journal
+        assert cli.main(["cache", "verify"]) == 1  # in use
+        assert "in use" in capsys.readouterr().err
     (tmp_path / "data" / "results" / "index.sqlite").unlink()
     assert cli.main(["cache", "rebuild"]) == 0
     assert capsys.readouterr().out.startswith("4 results, 2 files, ")
@@ -137,8 +108,9 @@ def test_folder_without_results_is_an_error(
     assert "there are no results" in capsys.readouterr().err
 
 
-def test_second_service_on_a_folder_is_refused(dedicated_service: Service, tmp_path: Path) -> None:
-    done = run_process(tmp_path, "serve", RICOCHET_PORT="0", RICOCHET_DATA_DIR=str(tmp_path / "data"))
+def test_second_service_on_a_folder_is_refused(tmp_path: Path) -> None:
+    with ResultCache(tmp_path / "data", memory_bytes=0, disk_bytes=10**9):
+        done = run_process(tmp_path, "serve", RICOCHET_PORT="0", RICOCHET_DATA_DIR="data")
     assert done.status == 3
     assert done.err.splitlines()[-1].startswith("ricochet serve: ")
     assert "in use by another service" in done.err
@@ -176,18 +148,10 @@ def test_wrong_setting_is_named(
 def test_tilde_in_the_data_folder_is_the_home(folder: Path, words: list[str]) -> None:
     write_cases(folder / "cases.jsonl", case_at(238.0))
     (folder / "home").mkdir()
-    done = run_process(folder, *words, HOME=str(folder / "home"), RICOCHET_DATA_DIR="~/x")
+    done = run(folder, *words, HOME=str(folder / "home"), RICOCHET_DATA_DIR="~/x")
     assert done.status == 0, done.err
     assert not (folder / "~").exists()
     assert (folder / "home" / "x").is_dir() == (words[0] == "batch")
-
-
-def test_flags_of_serve_go_before_variables(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setenv("RICOCHET_PORT", "70000")
-    assert cli.main(["serve", "--host", "192.0.2.1", "--port", "9"]) == 3
-    assert "cannot listen on port 9 of 192.0.2.1" in capsys.readouterr().err
 
 
 def test_port_in_use_is_one_sentence(live_url: str, tmp_path: Path) -> None:
@@ -200,10 +164,10 @@ def test_port_in_use_is_one_sentence(live_url: str, tmp_path: Path) -> None:
     assert not (tmp_path / "data").exists()
 
 
-def test_address_of_another_machine_is_one_sentence(tmp_path: Path) -> None:
-    done = run(tmp_path, "serve", RICOCHET_HOST="192.0.2.1", RICOCHET_PORT="0", RICOCHET_ACCESS="open")
+def test_flags_of_serve_go_before_variables_and_an_address_of_another_machine_is_one_sentence(tmp_path: Path) -> None:
+    done = run(tmp_path, "serve", "--host", "192.0.2.1", "--port", "9", RICOCHET_HOST="::1", RICOCHET_PORT="70000")
     assert (done.status, done.err.count("\n")) == (3, 1)
-    assert done.err.startswith("ricochet serve: cannot listen on port 0 of 192.0.2.1: ")
+    assert done.err.startswith("ricochet serve: cannot listen on port 9 of 192.0.2.1: ")
 
 
 def test_service_that_is_still_compiling_ends_on_sigterm(tmp_path: Path) -> None:
@@ -213,11 +177,7 @@ def test_service_that_is_still_compiling_ends_on_sigterm(tmp_path: Path) -> None
         [*COMMAND, "serve"], cwd=tmp_path, env=environment(**empty, **settings), start_new_session=True
     ) as process:
         try:
-            deadline = time.monotonic() + LIMIT_S
-            while not list(tmp_path.glob("compiled/*/*.nbi")):  # the first functions are compiled
-                assert time.monotonic() < deadline
-                assert process.poll() is None
-                time.sleep(0.1)
+            until(lambda: any(tmp_path.glob("compiled/*/*.nbi")))  # the first functions are compiled
             process.send_signal(signal.SIGTERM)
             process.wait(10.0)  # a fraction of what is left to compile
         finally:
@@ -226,8 +186,10 @@ def test_service_that_is_still_compiling_ends_on_sigterm(tmp_path: Path) -> None
 
 
 def test_terminal_gets_the_address_and_readable_log_lines(tmp_path: Path) -> None:
+    """A variable that is not a setting is named once."""
     port = free_port()
     settings = {"RICOCHET_PORT": str(port), "RICOCHET_DATA_DIR": "data", "RICOCHET_WORKERS": "1", "NO_COLOR": "1"}
+    settings["RICOCHET_WORKER"] = "3"
     ours, theirs = pty.openpty()
     with subprocess.Popen(
         [*COMMAND, "serve"], cwd=tmp_path, env=environment(**settings), stdin=theirs, stdout=theirs, stderr=theirs
@@ -242,7 +204,9 @@ def test_terminal_gets_the_address_and_readable_log_lines(tmp_path: Path) -> Non
         finally:
             process.kill()
             os.close(ours)
-    first, *others = shown.splitlines()
+    named, first, *others = shown.splitlines()
+    assert "not settings: RICOCHET_WORKER " in named
+    assert "RICOCHET_WORKER " not in "".join(others)
     assert first == f"ricochet {version('ricochet')} on http://127.0.0.1:{port}"
     assert process.returncode == 0, shown
     [line] = [line for line in others if "route=/livez" in line]

@@ -18,23 +18,11 @@ import pytest
 from service import cli
 from service.cli.arguments import RefusedError
 from service.schemas.strike import PAPER, PAPER_AT_45
-from tests.cli.commands import ROOT, STRIKE_TOML, run, run_on_terminal, run_process
+from tests.cli.commands import ROOT, STRIKE_TOML, Ended, run, run_on_terminal, run_process, write_cases
 from tests.conftest import free_port
 
+NUMBERS = "--diameter 0.08 --length 0.53 --mass 13 --compressive-strength 39e6 --density 2250 --velocity 238"
 FLAGS = "--diameter 0.08 --length 0.53 --mass 13 --caliber-radius-head 3 --compressive-strength 39e6 --density 2250"
-
-
-def test_answer_of_the_process_is_that_of_the_service(folder: Path, client: httpx.Client) -> None:
-    """Byte for byte, key and version included."""
-    done = run_process(folder, "cra", "strike.toml", "--json")
-    assert (done.status, done.err) == (0, "")
-    assert done.out.encode() == client.post("/cra", json=PAPER).content + b"\n"
-
-
-def test_answer_of_a_service_is_printed_as_it_comes(folder: Path, client: httpx.Client, live_url: str) -> None:
-    done = run(folder, "trajectory", "strike.toml", "--angle", "45", "--json", RICOCHET_URL=live_url)
-    assert (done.status, done.err) == (0, "")
-    assert done.out.encode() == client.post("/trajectory", json=PAPER_AT_45).content + b"\n"
 
 
 def test_a_pipe_gets_aligned_text_and_a_terminal_a_table(folder: Path, live_url: str) -> None:
@@ -52,26 +40,13 @@ def test_a_pipe_gets_aligned_text_and_a_terminal_a_table(folder: Path, live_url:
     assert len(widths) == 1
 
 
-def test_numbers_below_zero_have_a_minus_sign_where_the_terminal_can_show_it(folder: Path) -> None:
+def test_numbers_below_zero_have_a_minus_sign_and_colours_where_the_terminal_can_show_them(folder: Path) -> None:
     args = ["trajectory", "strike.toml", "--angle", "55"]
     assert re.search(r"final depth force N +│ +\N{MINUS SIGN}\d", run_on_terminal(folder, *args).out)
-    assert re.search(r"final depth force N +. +-\d", run_on_terminal(folder, *args, PYTHONIOENCODING="cp437").out)
+    plain = run_on_terminal(folder, *args, PYTHONIOENCODING="cp437", NO_COLOR="1")
+    assert re.search(r"final depth force N +. +-\d", plain.out)
+    assert "\x1b[3" not in plain.out
     assert re.search(r"final depth force N +-\d", run(folder, *args).out)
-
-
-def test_no_color_is_honoured(folder: Path, live_url: str) -> None:
-    shown = run_on_terminal(folder, "cra", "strike.toml", "-v", "--url", live_url, NO_COLOR="1")
-    assert shown.status == 0
-    assert "│" in shown.out
-    assert "\x1b[3" not in shown.out
-
-
-@pytest.fixture
-def here(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The folder, as the working directory of this process, which uses no service."""
-    monkeypatch.chdir(folder)
-    monkeypatch.delenv("RICOCHET_URL", raising=False)
-    return folder
 
 
 def answer(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict[str, Any]:
@@ -115,15 +90,6 @@ def test_own_shots_are_followed_by_what_they_did_to_the_strength_factor(
     )
 
 
-@pytest.mark.parametrize(
-    ("angle", "said"),
-    [("45", "At 45° from the normal: embedded, 121 mm deep"), ("55", "At 55° from the normal: ricochet, it")],
-)
-def test_motion_begins_with_a_sentence(here: Path, capsys: pytest.CaptureFixture[str], angle: str, said: str) -> None:
-    assert cli.main(["trajectory", "strike.toml", "--angle", angle]) == 0
-    assert capsys.readouterr().out.startswith(said)
-
-
 def test_angle_does_not_wait_for_what_it_does_not_need(here: Path) -> None:
     program = "import sys; from service.cli import main; main(['cra', 'strike.toml', '--json'])\n"
     program += "print(*sys.modules, file=sys.stderr)"
@@ -133,22 +99,17 @@ def test_angle_does_not_wait_for_what_it_does_not_need(here: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("arguments", "line"),
+    ("words", "line"),
     [
-        (
-            "--set search.lower_deg=5 --set search.upper_deg=20",
-            "No critical angle: nothing from 5° to 20°",
-        ),
-        (
-            "--set search.lower_deg=70 --set search.upper_deg=80",
-            "Critical angle below 70°: everything from",
-        ),
+        ("trajectory --angle 45", "At 45° from the normal: embedded, 121 mm deep"),
+        ("trajectory --angle 55", "At 55° from the normal: ricochet, it"),
+        ("cra --set search.lower_deg=5 --set search.upper_deg=20", "No critical angle: nothing from 5° to 20°"),
+        ("cra --set search.lower_deg=70 --set search.upper_deg=80", "Critical angle below 70°: everything from"),
     ],
 )
-def test_search_without_an_angle_says_so(
-    here: Path, capsys: pytest.CaptureFixture[str], arguments: str, line: str
-) -> None:
-    assert cli.main(["cra", "strike.toml", *arguments.split()]) == 0
+def test_answer_begins_with_a_sentence(here: Path, capsys: pytest.CaptureFixture[str], words: str, line: str) -> None:
+    command, *flags = words.split()
+    assert cli.main([command, "strike.toml", *flags]) == 0
     assert capsys.readouterr().out.startswith(line)
 
 
@@ -169,22 +130,17 @@ def test_any_field_can_be_set(here: Path, capsys: pytest.CaptureFixture[str]) ->
     assert flat["outcome"] in {"embedded", "ricochet"}
 
 
-@pytest.mark.parametrize(("command", "body"), [("cra", PAPER), ("trajectory", PAPER_AT_45)])
-def test_alternatives_here_are_those_of_the_service(
-    folder: Path, client: httpx.Client, live_url: str, command: str, body: dict[str, Any]
+@pytest.mark.parametrize("alternatives", [False, True])
+@pytest.mark.parametrize(
+    ("words", "body"), [("cra strike.toml", PAPER), ("trajectory strike.toml --angle 45", PAPER_AT_45)]
+)
+def test_answer_here_is_that_of_the_service_byte_for_byte(
+    folder: Path, client: httpx.Client, live_url: str, words: str, body: dict[str, Any], alternatives: bool
 ) -> None:
-    args = [
-        command,
-        "strike.toml",
-        *(["--angle", "45"] if command == "trajectory" else []),
-        "--alternatives",
-        "--json",
-    ]
-    here, there = run(folder, *args), run(folder, *args, "--url", live_url)
-    expected = client.post(f"/{command}", json=body | {"alternatives": True}).content + b"\n"
-    assert (here.status, there.status) == (0, 0)
-    assert here.out.encode() == expected
-    assert there.out.encode() == expected
+    """Key and version included."""
+    args = [*words.split(), "--json", *(["--alternatives"] if alternatives else [])]
+    expected = client.post(f"/{args[0]}", json=body | {"alternatives": alternatives}).text + "\n"
+    assert run(folder, *args) == run(folder, *args, RICOCHET_URL=live_url) == Ended(0, expected, "")
 
 
 def test_alternatives_are_a_table_with_their_range(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -210,27 +166,30 @@ def test_alternatives_without_an_answer_have_a_problem(here: Path, capsys: pytes
         assert bool(row["problem"]) is not bool(row["status"])
 
 
-def test_motion_over_time_is_a_table(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    history = answer(capsys, "trajectory", "strike.toml", "--oblique-angle", "55")["history"]
-    assert cli.main(["trajectory", "strike.toml", "--oblique-angle", "55", "--csv"]) == 0
+def test_motion_and_trials_are_tables(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    motion = ["trajectory", "strike.toml", "--oblique-angle", "55"]
+    history = answer(capsys, *motion)["history"]
+    trials = answer(capsys, "cra", "strike.toml")["iterations"]
+    assert cli.main([*motion, "--csv"]) == 0
     rows = list(csv.DictReader(capsys.readouterr().out.splitlines()))
     assert [float(row["axis_angle_deg"]) for row in rows] == history["axis_angle_deg"]
     assert rows[0].keys() == history.keys()
-
-
-def test_trials_are_a_table(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    trials = answer(capsys, "cra", "strike.toml")["iterations"]
     assert cli.main(["cra", "strike.toml", "--csv"]) == 0
     rows = list(csv.DictReader(capsys.readouterr().out.splitlines()))
     assert [float(row["oblique_angle_deg"]) for row in rows] == [trial["oblique_angle_deg"] for trial in trials]
 
 
-@pytest.mark.parametrize(("name", "begin"), [("a.svg", b"<?xml"), ("a.png", b"\x89PNG"), ("a.pdf", b"%PDF")])
-def test_pictures_are_drawn(here: Path, capsys: pytest.CaptureFixture[str], name: str, begin: bytes) -> None:
-    for args in (["cra", "strike.toml"], ["trajectory", "strike.toml", "--angle", "50"]):
-        assert cli.main([*args, "--plot", name]) == 0
-        assert (here / name).read_bytes().startswith(begin)
-        (here / name).unlink()
+@pytest.mark.parametrize(
+    ("words", "begin"),
+    [
+        ("cra strike.toml --plot a.svg", b"<?xml"),
+        ("trajectory strike.toml --angle 50 --plot a.png", b"\x89PNG"),
+        ("trajectory strike.toml --angle 50 --plot a.pdf", b"%PDF"),
+    ],
+)
+def test_pictures_are_drawn(here: Path, words: str, begin: bytes) -> None:
+    assert cli.main(words.split()) == 0
+    assert (here / words.rsplit(maxsplit=1)[-1]).read_bytes().startswith(begin)
 
 
 def test_forces_and_energies_are_written_out(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -248,7 +207,6 @@ def test_forces_and_energies_are_written_out(here: Path, capsys: pytest.CaptureF
         ("cra", "--caliber-radius-head is missing"),
         ("cra strike.toml --velocity nan", "--velocity: Input should be a finite number"),
         ("cra strike.toml --velocity -3", "--velocity: must be 0.1 to 10000 m/s, got -3 m/s"),
-        ("cra strike.toml --set impact.speed=3", "--set impact.speed=3: Extra inputs are not permitted"),
         ("cra strike.toml --set impact", "--set impact: must be FIELD=VALUE"),
         ("cra strike.toml --set impact.velocity_m_s.x=3", "velocity_m_s is not an object"),
         ("cra strike.toml --length 0.05", "--length: must be at least the length of the nose"),
@@ -258,8 +216,41 @@ def test_forces_and_energies_are_written_out(here: Path, capsys: pytest.CaptureF
         ("cra long.json", "long.json: Exceeds the limit"),
         ("cra empty.json", "empty.json: the file is empty"),
         ("cra odd.toml", "odd.toml: /projectile/mass_kg: Input should be a valid number"),
+        ("formulas strike.toml --angle 95", "ricochet formulas: --oblique-angle: "),
         ("trajectory strike.toml", "strike.toml: /impact/oblique_angle_deg: Field required, there or by --angle"),
-        ("trajectory strike.toml --angle 95", "--oblique-angle: Input should be less than 90"),
+        (
+            "cra strike.toml --nose flat --caliber-radius-head 3",
+            "--caliber-radius-head: is of ogive or spherical, not of flat",
+        ),
+        (
+            "cra strike.toml --strength-law constant --strength-exponent 1",
+            "--strength-exponent: is of strength_power_law",
+        ),
+        ("cra strike.toml --nose conical", "length_to_diameter: Field required, there or by --length-to-diameter"),
+        (f"cra {NUMBERS}", "--nose or --caliber-radius-head is missing"),
+        ("cra strike.toml --set impact.velocity=3", "not permitted; did you mean `impact.velocity_m_s`?"),
+        ("cra strike.toml --set velocity=3", "not permitted; did you mean `impact.velocity_m_s`?"),
+        ("cra strike.toml --set projectile.mass=3", "not permitted; did you mean `projectile.mass_kg`?"),
+        ("cra strike.toml --set target.youngs_modulus=3", "did you mean `target.youngs_modulus_pa`?"),
+        (
+            "cra strike.toml --set impact.speed=3",
+            "--set impact.speed=3: Extra inputs are not permitted; impact has angle_of_attack_deg, angular_velocity",
+        ),
+        (
+            "cra typo.toml",
+            "typo.toml: /projectile/diametre_m: Extra inputs are not permitted; did you mean `projectile.diameter_m`?",
+        ),
+        (
+            "cra strike.toml --compressive-strength 39",
+            "--compressive-strength: must be 100000 to 1e+09 Pa, got 39 Pa; give pascals, 39e6 for 39 MPa",
+        ),
+        ("cra strike.toml --diameter 80", "--diameter: must be 0.001 to 5 m, got 80 m; give metres, 0.08 for 80 mm"),
+        (
+            "sweep strike.toml --axis target.compressive_strength_pa=30:40:3",
+            "--axis target.compressive_strength_pa=30:40:3: must be 100000 to 1e+09 Pa, got 30 Pa; give pascals, 30e6",
+        ),
+        ("report strike.toml --compressive-strength 39", "39e6 for 39 MPa"),
+        ("trajectory strike.toml --angle 95", "--oblique-angle: Input should be less than 90°"),
         ("trajectory strike.toml --angle 45 --plot a.gif", "must end in .png, .svg or .pdf"),
         ("trajectory strike.toml --angle 45 --plot no/a.svg", "the folder does not exist"),
         ("trajectory strike.toml --angle 45 --csv --set output.history=false", "output.history is false"),
@@ -269,6 +260,7 @@ def test_wrong_input_is_named_and_ends_with_status_2(
     here: Path, capsys: pytest.CaptureFixture[str], arguments: str, reason: str
 ) -> None:
     (here / "wrong.toml").write_text("= 3")
+    (here / "typo.toml").write_text(STRIKE_TOML.replace("diameter_m", "diametre_m"))
     (here / "odd.toml").write_text(STRIKE_TOML.replace("13.0", '"heavy"'))
     (here / "dated.toml").write_text(STRIKE_TOML.replace("13.0", "2026-01-01"))
     (here / "long.json").write_text("1" * 5000)
@@ -323,17 +315,21 @@ class Moody(BaseHTTPRequestHandler):
 @pytest.fixture
 def moody_url() -> Iterator[str]:
     with ThreadingHTTPServer(("127.0.0.1", 0), Moody) as server:
-        thread = threading.Thread(target=server.serve_forever)
+        thread = threading.Thread(target=server.serve_forever, args=(0.02,))
         thread.start()
         yield f"http://127.0.0.1:{server.server_port}"
         server.shutdown()
         thread.join()
 
 
-def test_request_to_a_busy_service_is_repeated_with_the_key(folder: Path, moody_url: str) -> None:
+def test_request_to_a_busy_service_is_repeated_with_the_key(
+    folder: Path, moody_url: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Without the spaces around it."""
+    monkeypatch.setattr("service.cli.client.RETRY_PAUSES", (0.1, 0.1, 0.1))
     Moody.moods = ["busy", "gone", "busy", "good"]
     args = ["cra", "strike.toml", "--json", "--url", moody_url]
-    done = run(folder, *args, RICOCHET_API_KEY="secret")
+    done = run(folder, *args, RICOCHET_API_KEY=" secret\r\n")
     assert (done.status, done.out, done.err) == (0, '{"mood": "good"}\n', "")
     Moody.moods = ["good"]
     refused = run(folder, *args, RICOCHET_API_KEY="other")
@@ -344,18 +340,14 @@ def test_request_to_a_busy_service_is_repeated_with_the_key(folder: Path, moody_
     assert "401 Unauthorized: RICOCHET_API_KEY: not set" in run(folder, *args).err
 
 
-def test_no_service_ends_with_status_1(folder: Path) -> None:
+@pytest.mark.parametrize("words", ["cra strike.toml", "batch cases.jsonl", "jobs list"])
+def test_no_service_ends_with_status_1(folder: Path, words: str) -> None:
+    write_cases(folder / "cases.jsonl", PAPER)
     address = f"http://127.0.0.1:{free_port()}"
-    done = run(folder, "cra", "strike.toml", "--url", address)
+    done = run(folder, *words.split(), "--url", address)
     assert (done.status, done.out) == (1, "")
-    assert done.err.startswith(f"ricochet cra: no service answers at {address}: ")
-    assert run(folder, "cra", "strike.toml", "--url", "nowhere").status == 2
-
-
-def test_key_is_taken_without_the_spaces_around_it(folder: Path, moody_url: str) -> None:
-    Moody.moods = ["good"]
-    done = run(folder, "cra", "strike.toml", "--json", "--url", moody_url, RICOCHET_API_KEY=" secret\r\n")
-    assert (done.status, done.out, done.err) == (0, '{"mood": "good"}\n', "")
+    assert re.match(f"ricochet [a-z ]+: no service answers at {address}: ", done.err)
+    assert run(folder, *words.split(), "--url", "nowhere").status == 2
 
 
 @pytest.mark.parametrize("key", ["hush\nhush", "hush hush", "“hush”", "hush\u200b"])
@@ -387,7 +379,7 @@ def test_password_in_an_address_is_not_shown(folder: Path, address: str) -> None
 
 def test_password_in_the_address_of_another_server_is_not_shown(folder: Path) -> None:
     with ThreadingHTTPServer(("127.0.0.1", 0), SimpleHTTPRequestHandler) as server:
-        thread = threading.Thread(target=server.serve_forever)
+        thread = threading.Thread(target=server.serve_forever, args=(0.02,))
         thread.start()
         done = run(folder, "jobs", "list", "--url", f"http://anna:hush@127.0.0.1:{server.server_port}")
         server.shutdown()

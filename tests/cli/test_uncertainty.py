@@ -44,7 +44,6 @@ def test_estimates_of_file_and_flag(strike: Path, folder: Path) -> None:
 def test_next_shot_is_worth_a_sentence_where_the_concrete_is_not_known(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    (folder / "strike.toml").write_text(STRIKE_TOML)
     command = ["uncertainty", str(folder / "strike.toml"), "--strength-law", "published_tests", "--next-shot"]
     command += ["--set", "sampling.max_samples=512"]
     assert cli.main(command) == 0
@@ -68,7 +67,6 @@ def test_next_shot_is_worth_a_sentence_where_the_concrete_is_not_known(
 def test_next_shot_needs_the_scatter_that_it_narrows(
     folder: Path, capsys: pytest.CaptureFixture[str], flags: list[str], text: str
 ) -> None:
-    (folder / "strike.toml").write_text(STRIKE_TOML)
     assert cli.main(["uncertainty", str(folder / "strike.toml"), "--next-shot", *flags]) == 2
     assert text in capsys.readouterr().err
 
@@ -103,10 +101,9 @@ def test_service_gives_the_same_answer(strike: Path, folder: Path, live_url: str
 
 
 def test_calibrated_strength_factor_is_an_uncertain_input(folder: Path) -> None:
-    (folder / "case.toml").write_text(STRIKE_TOML)
     (folder / "tests.csv").write_text("velocity_m_s,depth_m\n238.1,0.30\n275.7,0.38\n314.0,0.45\n369.5,0.53\n")
-    fit = json.loads(run(folder, "calibrate", "depth", "tests.csv", "--case", "case.toml", "--json").out)
-    tables = run(folder, "calibrate", "depth", "tests.csv", "--case", "case.toml", "--uncertain")
+    fit = json.loads(run(folder, "calibrate", "depth", "tests.csv", "--case", "strike.toml", "--json").out)
+    tables = run(folder, "calibrate", "depth", "tests.csv", "--case", "strike.toml", "--uncertain")
     assert tables.status == 0, tables.err
     (folder / "fitted.toml").write_text(STRIKE_TOML + tables.out)
     done = run(folder, "uncertainty", "fitted.toml", "--json")

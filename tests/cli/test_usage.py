@@ -17,14 +17,6 @@ COMMANDS = {
 }
 
 
-@pytest.fixture
-def here(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.chdir(folder)
-    for name in ("RICOCHET_URL", "RICOCHET_DATA_DIR"):
-        monkeypatch.delenv(name, raising=False)
-    return folder
-
-
 def begins_as(kind: str, content: bytes) -> bool:
     """Whether a file looks like its format."""
     first = content.splitlines()[0]
@@ -117,9 +109,12 @@ def test_a_refused_request_leaves_an_earlier_file_alone(here: Path) -> None:
         (["jobs", "list", "--jsn"], "usage: ricochet jobs list ", "did you mean --json?"),
         (["keys", "add", "--ower", "a"], "usage: ricochet keys add ", ""),
         (["cra", "a.toml", "b.toml"], "usage: ricochet cra ", "unrecognized arguments: b.toml"),
+        ([], "usage: ricochet [", ""),
+        (["sweep"], "usage: ricochet sweep ", "--axis"),
+        (["trajectory", "--ang", "3"], "usage: ricochet trajectory ", ""),
     ],
 )
-def test_a_misspelt_word_gets_a_suggestion_and_the_usage_of_its_command(
+def test_wrong_usage_gets_a_suggestion_and_the_usage_of_its_command(
     capsys: pytest.CaptureFixture[str], words: list[str], usage: str, meant: str
 ) -> None:
     with pytest.raises(SystemExit) as ended:
@@ -147,31 +142,26 @@ def test_negative_numbers_of_a_list_are_values(here: Path, capsys: pytest.Captur
 @pytest.mark.parametrize(
     ("words", "answer"),
     [
+        ("thickness --angle 20", "Design value at least 564 mm (largest formula within its range × 1.2)."),
         (
-            ["thickness", "strike.toml", "--angle", "20"],
-            ["Design value at least 564 mm (largest formula within its range × 1.2).", ""],
-        ),
-        (
-            ["limit-speed", "strike.toml", "--angle", "20", "--thickness", "0.2"],
-            [
-                (
-                    "238 m/s: perforated. Limit speed 219 m/s of a wall of 200 mm at 20° from the normal, "
-                    "by this model without a margin."
-                ),
-                "",
-            ],
+            "limit-speed --angle 20 --thickness 0.2",
+            (
+                "238 m/s: perforated. Limit speed 219 m/s of a wall of 200 mm at 20° from the normal, "
+                "by this model without a margin."
+            ),
         ),
     ],
 )
 def test_the_answer_comes_first_and_the_trials_on_demand(
-    here: Path, capsys: pytest.CaptureFixture[str], words: list[str], answer: list[str]
+    here: Path, capsys: pytest.CaptureFixture[str], words: str, answer: str
 ) -> None:
-    coarse = ["--set", "numerics.relative_tolerance=1e-3"]
-    assert cli.main([*words, *coarse]) == 0
+    command, *flags = words.split()
+    args = [command, "strike.toml", *flags, "--set", "numerics.relative_tolerance=1e-3"]
+    assert cli.main(args) == 0
     short = capsys.readouterr().out
-    assert [line.split("  ")[0] for line in short.splitlines()[:2]] == answer
+    assert [line.split("  ")[0] for line in short.splitlines()[:2]] == [answer, ""]
     assert "outcome" not in short
-    assert cli.main([*words, *coarse, "-v"]) == 0
+    assert cli.main([*args, "-v"]) == 0
     long = capsys.readouterr().out
     assert long.startswith(short)
     assert "outcome" in long.removeprefix(short)

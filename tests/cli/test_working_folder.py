@@ -2,22 +2,18 @@
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
-import httpx
 import pytest
 
-from service.schemas.strike import PAPER
+from service.schemas.strike import PAPER, PAPER_AT_45
 from tests.cli.commands import LIMIT_S, STRIKE_TOML
-from tests.conftest import STOP_LIMIT_S, Service, free_port, wait_until_ready
-from tests.faults.processes import workers_of
+from tests.faults.server import RICOCHET, RestartableServer
 
-RICOCHET = Path(sys.executable).with_name("ricochet")
 MODULES = ("http", "json", "numpy", "secrets", "service", "socket", "solver", "struct")
 CASES = 10
 """Computed by workers, as the results are kept in a data folder."""
@@ -40,8 +36,8 @@ def imported(folder: Path) -> list[str]:
 
 def environment(**settings: str) -> dict[str, str]:
     """The environment without what would lead Python to other modules, or keep it from those of the working folder."""
-    kept = {name: value for name, value in os.environ.items() if name not in {"PYTHONPATH", "PYTHONSAFEPATH"}}
-    return kept | {"NO_PROXY": "*"} | settings
+    given = os.environ | {"NO_PROXY": "*"} | settings
+    return {name: value for name, value in given.items() if name not in {"PYTHONPATH", "PYTHONSAFEPATH"}}
 
 
 def sweep(folder: Path, **settings: str) -> list[float]:
@@ -63,52 +59,30 @@ def sweep(folder: Path, **settings: str) -> list[float]:
     return [line["point"]["impact.velocity_m_s"] for line in lines]
 
 
-@contextmanager
-def serving(folder: Path, data: Path) -> Iterator[Service]:
-    """`ricochet serve`, started there."""
-    port = free_port()
-    settings = environment(RICOCHET_PORT=str(port), RICOCHET_DATA_DIR=str(data), RICOCHET_WORKERS="2")
-    with (
-        (data.parent / "log").open("wb") as log,
-        subprocess.Popen([RICOCHET, "serve"], cwd=folder, env=settings, stdout=log, stderr=log) as process,
-    ):
-        service = Service(f"http://127.0.0.1:{port}", process)
-        try:
-            wait_until_ready(service)
-            yield service
-        finally:
-            process.terminate()
-            status = process.wait(STOP_LIMIT_S)
-    assert status == 0
-    assert "Traceback" not in (data.parent / "log").read_text()
-
-
-def test_sweep_runs_no_module_of_the_working_folder(folder_with_modules: Path) -> None:
-    assert len(sweep(folder_with_modules)) == CASES
-    assert imported(folder_with_modules) == []
-
-
-def test_service_runs_no_module_of_the_working_folder(folder_with_modules: Path, tmp_path: Path) -> None:
-    with serving(folder_with_modules, tmp_path / "data") as service:
-        assert httpx.post(f"{service.url}/cra", json=PAPER, timeout=60.0, trust_env=False).is_success
-    assert imported(folder_with_modules) == []
-
-
-def test_sweep_with_a_long_path_for_temporary_files(tmp_path: Path) -> None:
+def test_sweep_runs_no_module_of_the_working_folder_and_takes_a_long_path_for_temporary_files(
+    folder_with_modules: Path, tmp_path: Path
+) -> None:
     temporary = tmp_path / ("long" * 40)
     temporary.mkdir()
-    assert len(sweep(tmp_path, TMPDIR=str(temporary))) == CASES
+    assert len(sweep(folder_with_modules, TMPDIR=str(temporary))) == CASES
+    assert imported(folder_with_modules) == []
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="finds processes in /proc")
-def test_service_replaces_workers_after_its_working_folder_was_deleted(tmp_path: Path) -> None:
-    folder, data = tmp_path / "work", tmp_path / "data"
-    folder.mkdir()
-    with serving(folder, data) as service:
-        folder.rmdir()
-        before = workers_of(data, service.process.pid)
+def test_service_runs_no_module_of_its_working_folder_and_replaces_workers_after_that_was_deleted(
+    folder_with_modules: Path, tmp_path: Path
+) -> None:
+    with RestartableServer(tmp_path, cwd=folder_with_modules) as server:
+        server.environment = environment(**server.environment)
+        server.start()
+        assert server.client.post("/formulas", json=PAPER_AT_45).is_success
+        assert imported(folder_with_modules) == []
+        shutil.rmtree(folder_with_modules)
+        before = server.workers()
         assert len(before) == 2
         for worker in before:
             os.kill(worker, signal.SIGKILL)
-        assert httpx.post(f"{service.url}/cra", json=PAPER, timeout=60.0, trust_env=False).is_success
-        assert not set(before) & set(workers_of(data, service.process.pid))
+        assert server.client.post("/cra", json=PAPER).is_success
+        assert not set(before) & set(server.workers())
+        server.stop()
+        assert server.logged_errors() == []

@@ -5,12 +5,16 @@ import time
 from collections.abc import Iterator, Sequence
 from typing import Any
 
+import pytest
+
 from service.schemas.strike import PAPER, PAPER_AT_45
 
 ROUGH = {"lower_deg": 40.0, "upper_deg": 80.0, "tolerance_deg": 1.0}
 """A search of a few milliseconds."""
 STEP_M_S = 1e-3
 """Difference in velocity between two cases."""
+LONG = pytest.param(50, marks=[pytest.mark.slow, pytest.mark.timeout(1200)])
+"""So many rounds where there is time for them."""
 PIECES = 10
 PIECE_PAUSE_SECONDS = 0.01
 

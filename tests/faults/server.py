@@ -35,13 +35,16 @@ class RestartableServer:
         Holds the log and, without `data`, the data folder.
     data
         Data folder.
+    cwd
+        Where it is started.
     **settings
         RICOCHET_... variables, in lower case and without the prefix.
     """
 
-    def __init__(self, folder: Path, *, data: Path | None = None, **settings: str) -> None:
+    def __init__(self, folder: Path, *, data: Path | None = None, cwd: Path = ROOT, **settings: str) -> None:
         self.data = data or folder / "data"
         self.log = folder / "log"
+        self._cwd = cwd
         folder.mkdir(parents=True, exist_ok=True)
         with socket.socket() as probe:
             probe.bind(("127.0.0.1", 0))
@@ -73,7 +76,11 @@ class RestartableServer:
         """Start the server without waiting for it."""
         with self.log.open("ab") as log:
             self._process = subprocess.Popen(
-                [RICOCHET, "serve"], cwd=ROOT, env=self.environment, stdout=log, stderr=subprocess.STDOUT
+                [RICOCHET, "serve"],
+                cwd=self._cwd,
+                env=self.environment,
+                stdout=log,
+                stderr=subprocess.STDOUT,
             )
 
     def start(self) -> None:

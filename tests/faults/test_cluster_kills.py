@@ -16,10 +16,6 @@ from tests.service.dask_cluster import DaskCluster, dask_cluster
 from .cases import jsonl, searches
 from .server import UNFINISHED, RestartableServer
 
-pytestmark = [
-    pytest.mark.system,
-    pytest.mark.skipif(not Path("/proc/self/environ").exists(), reason="finds processes in /proc"),
-]
 SIGNALS = {"SIGTERM": signal.SIGTERM, "SIGKILL": signal.SIGKILL, "closed nanny": signal.SIGTERM}
 """A worker without a nanny ends politely on SIGTERM, one below a nanny when that is closed."""
 POOL_WORKERS = "3"

@@ -17,10 +17,6 @@ from .cases import STEP_M_S, jsonl, searches
 from .data_folder import SEGMENTS, keys_of, segments
 from .server import JSONL, RestartableServer
 
-pytestmark = [
-    pytest.mark.system,
-    pytest.mark.skipif(not Path("/proc/self/environ").exists(), reason="reads /proc"),
-]
 HDF5, PARQUET = "application/x-hdf5", "application/vnd.apache.parquet"
 CLIENTS = 24
 MOST_GROWTH = 80 * 1024 * 1024

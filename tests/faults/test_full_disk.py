@@ -6,15 +6,10 @@ from typing import Any
 
 import pytest
 
-from .cases import jsonl, searches
+from .cases import LONG, jsonl, searches
 from .disk import Disk, small_disk
 from .server import JSONL, RestartableServer
 
-pytestmark = [
-    pytest.mark.system,
-    pytest.mark.skipif(not Path("/proc/self/environ").exists(), reason="finds processes in /proc"),
-]
-LONG = pytest.param(50, marks=[pytest.mark.slow, pytest.mark.timeout(1200)])
 CASES = 200
 RECOVERIES = ("killed while full", "started while full", "stopped once there is room", "not restarted")
 STORAGE_FULL = "urn:ricochet:problem:storage-full"

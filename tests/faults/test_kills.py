@@ -12,16 +12,11 @@ import pytest
 
 from service.schemas.strike import PAPER
 
-from .cases import jsonl, searches, slowly
+from .cases import LONG, jsonl, searches, slowly
 from .data_folder import keys_of, segments
 from .processes import kill
 from .server import UNFINISHED, RestartableServer
 
-pytestmark = [
-    pytest.mark.system,
-    pytest.mark.skipif(not Path("/proc/self/environ").exists(), reason="finds processes in /proc"),
-]
-LONG = pytest.param(50, marks=[pytest.mark.slow, pytest.mark.timeout(1200)])
 CASES = 200
 """In a batch: about a second of work."""
 ORPHAN_SECONDS = 10.0

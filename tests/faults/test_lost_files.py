@@ -8,14 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from .cases import jsonl, searches
+from .cases import LONG, jsonl, searches
 from .data_folder import INDEX, JOBS, Segment, segments
 from .server import RestartableServer
 
-pytestmark = [
-    pytest.mark.system,
-    pytest.mark.skipif(not Path("/proc/self/environ").exists(), reason="finds processes in /proc"),
-]
 CASES = 200
 Loss = Callable[[RestartableServer, random.Random], int]
 """Loses or damages a file; returns how many results are lost by it."""
@@ -84,7 +80,7 @@ LOSSES: tuple[Loss, ...] = (
 )
 
 
-@pytest.mark.parametrize("rounds", [len(LOSSES), pytest.param(50, marks=[pytest.mark.slow, pytest.mark.timeout(1200)])])
+@pytest.mark.parametrize("rounds", [len(LOSSES), LONG])
 def test_lost_files_cost_exactly_what_was_in_them(rounds: int, tmp_path: Path) -> None:
     choice, body = random.Random(0), jsonl(searches(CASES))  # noqa: S311
     with RestartableServer(tmp_path) as server:

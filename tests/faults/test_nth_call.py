@@ -29,7 +29,6 @@ from .data_folder import faults_of
 from .server import JSONL, ROOT, UNFINISHED
 
 pytestmark = [
-    pytest.mark.system,
     pytest.mark.skipif(sys.platform != "linux", reason="LD_PRELOAD"),
     pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler"),
 ]

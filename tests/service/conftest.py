@@ -1,8 +1,11 @@
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Iterator
+from pathlib import Path
 
 import pytest
 
+from service.workers.in_thread import InThreadExecutor
 from service.workers.process_pool import ProcessPool
+from tests.service.dask_cluster import DaskCluster, dask_cluster
 
 
 @pytest.fixture
@@ -12,3 +15,27 @@ async def pool() -> AsyncIterator[ProcessPool]:
     await executor.start()
     yield executor
     await executor.stop(2.0)
+
+
+@pytest.fixture
+async def thread() -> AsyncIterator[InThreadExecutor]:
+    """An executor in this process, which a changed attribute of a module reaches."""
+    executor = InThreadExecutor(task_seconds=60.0)
+    await executor.start()
+    yield executor
+    await executor.stop(2.0)
+
+
+@pytest.fixture
+def log(tmp_path: Path) -> Path:
+    """Where each run of a case leaves a file."""
+    folder = tmp_path / "log"
+    folder.mkdir()
+    return folder
+
+
+@pytest.fixture(scope="module")
+def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[DaskCluster]:
+    """Two workers of Dask, for one file."""
+    with dask_cluster(tmp_path_factory.mktemp("dask"), workers=2) as running:
+        yield running

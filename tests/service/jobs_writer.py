@@ -13,7 +13,7 @@ from service.operations import KeyedRequest
 from tests.service.questions import PROBLEM, Question
 
 CASES = 450
-KILLS = 12
+KILLS = 8
 
 
 def write_for_ever(folder: Path) -> None:

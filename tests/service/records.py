@@ -1,7 +1,9 @@
 """Results as the store sees them."""
 
 import hashlib
-from collections.abc import Iterable
+import resource
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -23,14 +25,22 @@ def made(
     operation: str,
     request: dict[str, Any],
     answer: dict[str, Any],
-    history: FloatColumns | None,
-    engine_version: str,
-    schema_version: str,
+    history: FloatColumns | None = None,
+    engine_version: str = "1",
 ) -> Record:
     content = orjson.dumps(request)
-    return Record(
-        key, operation, content, answer, history, engine_version=engine_version, schema_version=schema_version
-    )
+    return Record(key, operation, content, answer, history, engine_version=engine_version, schema_version="2")
+
+
+@contextmanager
+def full_disk(largest: int = 4096) -> Iterator[None]:
+    """Let this process write no file beyond this size, as if its disk were full."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (largest, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
 def trajectory(number: int = 0, rows: int = 313) -> Record:
@@ -46,8 +56,6 @@ def trajectory(number: int = 0, rows: int = 313) -> Record:
             "warnings": [{"code": "strength_fit_range", "detail": "used at 55°"}],
         },
         history={name: values.normal(size=rows) for name in COLUMNS},
-        engine_version="1",
-        schema_version="2",
     )
 
 
@@ -75,9 +83,6 @@ def critical_angle(number: int = 0) -> Record:
             "other_crossings_deg": [],
             "warnings": [{"code": "strength_fit_range", "detail": "used at 55°"}, {"code": "second", "detail": ""}],
         },
-        history=None,
-        engine_version="1",
-        schema_version="2",
     )
 
 
@@ -86,12 +91,12 @@ def critical_angle_with_motion() -> Record:
     motion: dict[str, Any] = {"outcome": "ricochet", "final": {"time_s": 0.004}}
     answer = plain.answer | {"trajectory": motion}
     history = {name: np.linspace(0.0, 0.004, 5) for name in COLUMNS}
-    return made(plain.key, "cra", plain.request, answer, history, "1", "2")
+    return made(plain.key, "cra", plain.request, answer, history)
 
 
 def without_angle() -> Record:
     answer = {"status": "no_ricochet", "iterations": [], "other_crossings_deg": [], "warnings": []}
-    return made(key_of(-1), "cra", {}, answer, None, "1", "2")
+    return made(key_of(-1), "cra", {}, answer)
 
 
 def same(one: Record | None, other: Record) -> bool:
@@ -112,9 +117,6 @@ def obliquity_fit(number: int = 0) -> Record:
         operation="calibration_obliquity",
         request={"points": points},
         answer={"degree": 1, "residuals": [0.1, -0.2, 0.1], "warnings": []},
-        history=None,
-        engine_version="1",
-        schema_version="2",
     )
 
 

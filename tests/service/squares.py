@@ -1,32 +1,31 @@
 """A job manager that squares numbers, over a real pool and a real folder."""
 
 import asyncio
-from collections.abc import AsyncIterator, Iterable, Sequence
+from collections.abc import AsyncIterator, Callable, Iterable, Mapping, Sequence
 from contextlib import asynccontextmanager
 from pathlib import Path
-
-from opentelemetry.trace import Tracer
+from typing import Any
 
 from service.cache.cache import ResultCache
 from service.cache.record import CaseResult
 from service.jobs.manager import JobManager
 from service.jobs.models import JobCase, JobState
 from service.jobs.store import JobStore
-from service.operations import KeyedRequest
+from service.operations import KeyedRequest, Operation
 from service.queries import QueryService
-from service.telemetry import NO_TRACER
 from service.workers import Executor
 from tests.service.questions import SQUARE, Question
 
 
 @asynccontextmanager
 async def running(
-    folder: Path, executor: Executor, max_queued_cases: int = 100_000, tracer: Tracer = NO_TRACER
+    folder: Path, executor: Executor, operations: Mapping[str, Operation] | None = None, **settings: Any
 ) -> AsyncIterator[JobManager]:
+    """Run a job manager of these operations, by default of squares alone."""
     with ResultCache(folder / "data", memory_bytes=50_000_000, disk_bytes=10**9) as cache:
-        queries = QueryService(cache, executor, {"square": SQUARE})
+        queries = QueryService(cache, executor, operations or {"square": SQUARE})
         jobs = JobStore(folder / "data", job_days=7.0)
-        manager = JobManager(queries, jobs, max_queued_cases=max_queued_cases, tracer=tracer)
+        manager = JobManager(queries, jobs, **{"max_queued_cases": 100_000} | settings)
         await manager.start()
         try:
             yield manager
@@ -54,6 +53,13 @@ async def accepted(manager: JobManager, whole: Sequence[JobCase], owner: str = "
     assert new
     assert state.status == "accepted"
     return state
+
+
+async def until(claim: Callable[[], bool]) -> None:
+    """Wait until it holds; fail after two minutes."""
+    async with asyncio.timeout(120.0):
+        while not claim():  # noqa: ASYNC110 (other processes set no event)
+            await asyncio.sleep(0.02)
 
 
 async def follow(manager: JobManager, job: JobState) -> JobState:

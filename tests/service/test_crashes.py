@@ -2,7 +2,6 @@
 
 import asyncio
 import random
-import resource
 import subprocess
 import sys
 from pathlib import Path
@@ -15,6 +14,7 @@ from service.jobs.store import JobStore
 from service.workers.process_pool import ProcessPool
 from tests.service.job_manager_process import CASES
 from tests.service.questions import Question, runs
+from tests.service.records import full_disk
 from tests.service.squares import accepted, all_results, case, cases, collect, ended, running, squares, until_done
 
 pytestmark = [pytest.mark.anyio, pytest.mark.timeout(120)]
@@ -69,9 +69,7 @@ async def test_job_on_a_full_disk_fails_with_a_reason_and_goes_on_at_the_next_st
     async with running(tmp_path, pool) as manager:
         job = await accepted(manager, cases(range(400), seconds=0.005))
         await until_done(manager, job, 4)
-        soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-        resource.setrlimit(resource.RLIMIT_FSIZE, (4096, hard))
-        try:
+        with full_disk():
             state = await ended(manager, job)
             with pytest.raises(StorageError):
                 await accepted(manager, cases(range(1000)))
@@ -83,8 +81,6 @@ async def test_job_on_a_full_disk_fails_with_a_reason_and_goes_on_at_the_next_st
             assert await manager.jobs() == [state]
             assert len(squares(await all_results(manager, job))) == state.done > 0
             assert squares(await collect(manager, cases([5000]))) == [5000**2]
-        finally:
-            resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
         assert (await ended(manager, await accepted(manager, cases(range(5000, 5010))))).done == 10
         manager._scheduler.unwritten.clear()  # as if it had been killed now
     async with running(tmp_path, pool) as manager:
@@ -96,12 +92,8 @@ async def test_end_that_could_not_be_written_is_written_when_there_is_room(pool:
     async with running(tmp_path, pool) as manager:
         job = await accepted(manager, [case(Question(i, seconds=0.01)) for i in range(400)])
         await until_done(manager, job, 4)
-        soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-        resource.setrlimit(resource.RLIMIT_FSIZE, (4096, hard))
-        try:
+        with full_disk():
             cancelled = await manager.cancel(job.id)
-        finally:
-            resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
         assert cancelled is not None
     async with running(tmp_path, pool) as manager:
         state = await manager.job(job.id)

@@ -24,7 +24,7 @@ from service.workers import Call
 from service.workers.dask_cluster import UnfitWorkerError, differences, run_chunk, versions
 from service.workers.dask_executor import DaskExecutor
 from tests.service.dask_cluster import DaskCluster, dask_cluster
-from tests.service.squares import accepted, all_results, cases, ended, running, squares, until_done
+from tests.service.squares import accepted, all_results, cases, ended, running, squares, until, until_done
 
 pytestmark = [pytest.mark.system, pytest.mark.anyio, pytest.mark.timeout(240)]
 
@@ -66,13 +66,6 @@ async def started(cluster: DaskCluster) -> AsyncIterator[DaskExecutor]:
         yield executor
     finally:
         await executor.stop(2.0)
-
-
-async def until(claim: Callable[[], bool]) -> None:
-    deadline = time.monotonic() + WAIT_SECONDS
-    while not claim():
-        assert time.monotonic() < deadline
-        await asyncio.sleep(0.05)
 
 
 async def workers_of(executor: DaskExecutor) -> dict[str, int]:

@@ -6,7 +6,7 @@ import os
 import signal
 import threading
 import time
-from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
+from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import AsyncExitStack
 from pathlib import Path
 from typing import TypeAlias
@@ -24,25 +24,18 @@ from service.workers.dask_executor import DaskExecutor
 from service.workers.in_thread import InThreadExecutor
 from service.workers.process_pool import ProcessPool
 from service.workers.worker import answer, compute_case, compute_single, dumps, loads
-from tests.service.dask_cluster import DaskCluster, dask_cluster
+from tests.service.squares import until
 
 pytestmark = [pytest.mark.anyio, pytest.mark.timeout(120)]
 DASK = pytest.param("dask", marks=pytest.mark.system)
 
 USUAL_SECONDS = 60.0
-WAIT_SECONDS = 60.0
 DEADLY: Call = (signal.raise_signal, (signal.SIGKILL,))
 ENDLESS: Call = (pow, (7, 10**8))
 
 Make: TypeAlias = Callable[..., Awaitable[Executor]]
 with_processes = pytest.mark.parametrize("kind", ["pool", DASK], indirect=True)
 """A thread cannot do without the process it is in."""
-
-
-@pytest.fixture(scope="module")
-def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[DaskCluster]:
-    with dask_cluster(tmp_path_factory.mktemp("dask"), workers=2) as running:
-        yield running
 
 
 @pytest.fixture(params=["in-process", "pool", DASK])
@@ -77,13 +70,6 @@ async def make(kind: str, request: pytest.FixtureRequest) -> AsyncIterator[Make]
 @pytest.fixture
 async def executor(make: Make) -> Executor:
     return await make()
-
-
-async def until(claim: Callable[[], bool]) -> None:
-    deadline = time.monotonic() + WAIT_SECONDS
-    while not claim():
-        assert time.monotonic() < deadline
-        await asyncio.sleep(0.02)
 
 
 def nap(seconds: float) -> Call:
@@ -157,13 +143,14 @@ async def test_answers_are_the_same_to_the_last_bit(executor: Executor) -> None:
 
 
 async def test_call_past_its_time_says_so_and_the_others_run(make: Make) -> None:
+    """The clock of a call starts with the reply before it."""
     executor = await make(task_seconds=0.5)
-    finished = await executor.run([nap(0.3), nap(1.0), (operator.add, (1, 2))])
-    assert [type(outcome.error) for outcome in finished] == [type(None), TaskTimeoutError, type(None)]
-    assert finished[1].seconds == 0.5
-    assert finished[2].value == 3
+    finished = await executor.run([nap(0.3), nap(0.3), nap(0.7), (operator.add, (1, 2))])
+    assert [type(outcome.error) for outcome in finished] == [type(None), type(None), TaskTimeoutError, type(None)]
+    assert finished[2].seconds == 0.5
+    assert finished[3].value == 3
     with pytest.raises(TaskTimeoutError):
-        await executor.submit(time.sleep, 1.0)
+        await executor.submit(time.sleep, 0.7)
 
 
 @with_processes
@@ -172,6 +159,7 @@ async def test_endless_call_is_ended(make: Make) -> None:
     finished = await executor.run([(operator.add, (1, 2)), ENDLESS, (operator.add, (3, 4))])
     assert [type(outcome.error) for outcome in finished] == [type(None), TaskTimeoutError, type(None)]
     assert [finished[0].value, finished[2].value] == [3, 7]
+    assert executor.restarts > 0
 
 
 @with_processes
@@ -191,7 +179,7 @@ async def test_cancelled_chunk_stops_after_the_call_it_is_on(executor: Executor,
     later = tmp_path / "later"
     later.mkdir()
     running = [
-        asyncio.ensure_future(executor.run([(os.makedirs, (begun / str(number),)), nap(0.6), *folders(later, 3)]))
+        asyncio.ensure_future(executor.run([(os.makedirs, (begun / str(number),)), nap(0.4), *folders(later, 3)]))
         for number in range(executor.capacity)
     ]
     await until(begun.exists)
@@ -200,7 +188,7 @@ async def test_cancelled_chunk_stops_after_the_call_it_is_on(executor: Executor,
     await asyncio.wait(running)
     assert all(chunk.cancelled() for chunk in running)
     await asyncio.gather(*(executor.run([nap(0.0)]) for _ in range(2 * executor.capacity)))
-    await asyncio.sleep(0.8)
+    await asyncio.sleep(0.5)
     assert not made(later)
 
 
@@ -254,9 +242,9 @@ async def test_what_is_underway_at_the_stop_finishes_and_nothing_begins_after(ex
 
 
 async def test_what_outlasts_the_grace_time_is_given_up(executor: Executor) -> None:
-    chunks = [asyncio.ensure_future(executor.run([nap(1.0)] * 60)) for _ in range(executor.capacity + 1)]
+    chunks = [asyncio.ensure_future(executor.run([nap(0.5)] * 60)) for _ in range(executor.capacity + 1)]
     await asyncio.sleep(0.2)
-    await executor.stop(1.5)
+    await executor.stop(0.8)
     for chunk in chunks:
         with pytest.raises(PoolUnavailableError):
             await chunk

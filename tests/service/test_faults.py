@@ -10,7 +10,7 @@ from service.jobs.models import JobState
 from service.workers.process_pool import ProcessPool
 from tests.service.squares import accepted, all_results, cases, ended, running, squares, until_done
 
-pytestmark = pytest.mark.system
+pytestmark = [pytest.mark.system, pytest.mark.anyio]
 
 
 async def half_done(folder: Path, pool: ProcessPool) -> JobState:
@@ -20,7 +20,6 @@ async def half_done(folder: Path, pool: ProcessPool) -> JobState:
     return job
 
 
-@pytest.mark.anyio
 async def test_jobs_that_could_not_be_read_at_the_start_go_on_once_they_can(pool: ProcessPool, tmp_path: Path) -> None:
     job = await half_done(tmp_path, pool)
     file, elsewhere = tmp_path / "data" / "jobs.sqlite", tmp_path / "jobs.sqlite"
@@ -37,7 +36,6 @@ async def test_jobs_that_could_not_be_read_at_the_start_go_on_once_they_can(pool
         assert squares(await all_results(manager, job)) == [i**2 for i in range(400)]
 
 
-@pytest.mark.anyio
 async def test_jobs_damaged_anywhere_are_set_aside_and_their_results_stay(pool: ProcessPool, tmp_path: Path) -> None:
     job = await half_done(tmp_path, pool)
     file = tmp_path / "data" / "jobs.sqlite"
@@ -51,7 +49,6 @@ async def test_jobs_damaged_anywhere_are_set_aside_and_their_results_stay(pool: 
     assert any(path.name == "jobs.sqlite" for path in (tmp_path / "data" / "damaged").iterdir())
 
 
-@pytest.mark.anyio
 @pytest.mark.parametrize("pause", [0.0, 0.001, 0.005])
 async def test_job_deleted_while_it_is_cancelled_is_gone(pause: float, pool: ProcessPool, tmp_path: Path) -> None:
     async with running(tmp_path, pool) as manager:

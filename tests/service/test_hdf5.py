@@ -144,7 +144,7 @@ def test_row_that_is_not_there_is_damage() -> None:
 
 def test_text_too_long_for_its_column_is_refused_rather_than_cut() -> None:
     with pytest.raises(ValueError, match="engine_version"):
-        to_hdf5(made(key_of(0), "cra", {}, {}, None, "1" * 33, "1"))
+        to_hdf5(made(key_of(0), "cra", {}, {}, engine_version="1" * 33))
 
 
 def test_critical_angles_in_chunks_take_about_a_kilobyte_each() -> None:

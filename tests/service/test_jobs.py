@@ -1,6 +1,5 @@
 """Jobs in their SQLite file, with real crashes and a disk that is really full."""
 
-import resource
 import shutil
 import sqlite3
 import subprocess
@@ -9,6 +8,7 @@ import threading
 import time
 import zlib
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
 from pathlib import Path
 
 import orjson
@@ -32,6 +32,7 @@ from service.jobs.models import (
 from service.jobs.store import JobStore
 from service.operations import result_key
 from tests.service.questions import PROBLEM, Question
+from tests.service.records import full_disk
 from tests.service.squares import case
 
 pytestmark = pytest.mark.timeout(60)
@@ -176,12 +177,11 @@ INSERT INTO sizes VALUES (7, 12345);
 @pytest.mark.parametrize("side_tables", [True, False], ids=["38e3e2a", "before sweeps"])
 def test_file_of_an_earlier_layout_is_opened_with_all_that_it_holds(tmp_path: Path, side_tables: bool) -> None:
     sweep = StoredSweep({"base": {"x": 1.0}, "axes": []}, ("a.b", "c"), ([1.0, 2.0], [5.0, 6.0, 7.0]))
-    with sqlite3.connect(tmp_path / "jobs.sqlite") as database:
+    with closing(sqlite3.connect(tmp_path / "jobs.sqlite")) as database, database:
         database.executescript(LAYOUT_1 + (SIDE_TABLES if side_tables else ""))
         if side_tables:
             row = (7, orjson.dumps(sweep.fields).decode(), zlib.compress(sweep.to_json()))
             database.execute("INSERT INTO sweeps VALUES (?, ?, ?)", row)
-    database.close()
     store_in(tmp_path).unfinished()
     store = store_in(tmp_path)  # the first one that opened it has brought it up to this layout
     first, second = store.unfinished()
@@ -248,10 +248,9 @@ def test_expired_jobs_go_with_all_they_had(tmp_path: Path) -> None:
     assert store.expire() == 1
     assert [state.id for state in store.jobs("local")] == [stays.id]
     assert store.token("local", "b") is None
-    with sqlite3.connect(tmp_path / "jobs.sqlite") as database:
+    with closing(sqlite3.connect(tmp_path / "jobs.sqlite")) as database, database:
         for table in ("slices", "states", "problems", "idempotency"):
             assert {row[0] for row in database.execute(f"SELECT job FROM {table}")} <= {stays.number}  # noqa: S608
-    database.close()
 
 
 def test_token_leads_to_its_job_and_only_its_owner(tmp_path: Path) -> None:
@@ -333,24 +332,19 @@ def test_folder_that_cannot_be_made_is_reported_and_tried_again(tmp_path: Path) 
 def test_full_disk_is_reported_changes_nothing_and_is_forgotten_when_there_is_room(tmp_path: Path) -> None:
     store = store_in(tmp_path)
     before = stored_job(store)
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     largest = max(path.stat().st_size for path in tmp_path.iterdir())
-    resource.setrlimit(resource.RLIMIT_FSIZE, (largest, hard))
-    try:
+    with full_disk(largest):
         with pytest.raises(StorageError):  # noqa: PT012 (it may fit a few times)
             for _ in range(100):
                 job = store.create("square", "local")
                 store.append(job, 0, CaseBlock.of(cases(200)))
         assert store.jobs("local") == [before]
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     store.expire(at_start=True)
     after = stored_job(store)
     assert store_in(tmp_path).jobs("local") == [after, before]
-    with sqlite3.connect(tmp_path / "jobs.sqlite") as database:
+    with closing(sqlite3.connect(tmp_path / "jobs.sqlite")) as database, database:
         assert database.execute("PRAGMA integrity_check").fetchone() == ("ok",)
         assert database.execute("SELECT count(*) FROM jobs").fetchone() == (2,)
-    database.close()
 
 
 def test_writer_killed_at_any_instant_leaves_whole_jobs_only(tmp_path: Path) -> None:
@@ -367,11 +361,10 @@ def test_writer_killed_at_any_instant_leaves_whole_jobs_only(tmp_path: Path) -> 
         assert sum(bool(row.state) for row in rows) == state.done
         assert (state.status == "successful") == (state.done == 450)
         assert sum(row.problem is not None for row in rows) == state.failed
-    with sqlite3.connect(tmp_path / "jobs.sqlite") as database:
+    with closing(sqlite3.connect(tmp_path / "jobs.sqlite")) as database, database:
         numbers = {row[0] for row in database.execute("SELECT DISTINCT job FROM slices")}
         assert numbers == {state.number for state in states}
         assert database.execute("PRAGMA integrity_check").fetchone() == ("ok",)
-    database.close()
 
 
 def test_readers_do_not_wait_for_a_writer(tmp_path: Path) -> None:

@@ -1,7 +1,6 @@
 """Results of single queries: kept at once in a journal, and many of them in a segment later."""
 
 import os
-import resource
 import signal
 import sqlite3
 import subprocess
@@ -19,14 +18,14 @@ from service.cache.hdf5 import Segment, encode_segments
 from service.cache.index import Journal
 from service.cache.maintenance import stat
 from service.cache.record import Record
-from tests.service.records import critical_angle, key_of, made, obliquity_fit, trajectory
+from tests.service.records import critical_angle, full_disk, key_of, made, obliquity_fit, trajectory
 
 ROOT = Path(__file__).parents[2]
 WRITER = """
 import sys
 from pathlib import Path
 from service.cache.cache import ResultCache
-from tests.service.records import critical_angle
+from tests.service.records import full_disk, critical_angle
 
 cache = ResultCache(Path(sys.argv[1]), memory_bytes=0, disk_bytes=10**9)
 number = 0
@@ -53,10 +52,8 @@ def made_journal(folder: Path) -> Path:
 
 
 def keys_in_journal(folder: Path) -> set[str]:
-    with sqlite3.connect(journal_of(folder)) as connection:
-        keys = {key for (key,) in connection.execute("SELECT key FROM results")}
-    connection.close()
-    return keys
+    with closing(sqlite3.connect(journal_of(folder))) as connection, connection:
+        return {key for (key,) in connection.execute("SELECT key FROM results")}
 
 
 def test_single_results_are_found_at_once_and_become_one_segment_as_large_as_that_of_a_batch(tmp_path: Path) -> None:
@@ -139,7 +136,7 @@ def test_result_that_no_segment_can_hold_is_set_aside_and_the_others_are_kept(
 ) -> None:
     whole = [critical_angle(number) for number in range(3)]
     ragged = {"status": "converged", "iterations": [{"oblique_angle_deg": "none"}], "warnings": []}
-    unreadable = made(key_of(9), "cra", {}, ragged, None, "1", "2")
+    unreadable = made(key_of(9), "cra", {}, ragged)
     with pytest.raises(ValueError, match="none"):
         encode_segments([unreadable])
     with cache_in(tmp_path / "running") as cache:
@@ -168,16 +165,16 @@ def test_end_puts_all_that_is_left_into_segments(tmp_path: Path) -> None:
 
 def test_answered_results_survive_a_kill_at_any_instant_and_are_stored_once(tmp_path: Path) -> None:
     answered = 0
-    for rounds in range(4):
-        command = [sys.executable, "-c", WRITER, str(tmp_path / str(rounds))]
+    for count in (90, 205, 321):
+        command = [sys.executable, "-c", WRITER, str(tmp_path / str(count))]
         with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=ROOT) as writer:
             assert writer.stdout
-            for _ in range(90 + 77 * rounds):
+            for _ in range(count):
                 answered = int(writer.stdout.readline())
             os.kill(writer.pid, signal.SIGKILL)
             rest = writer.stdout.read()
             answered = max([answered, *map(int, rest[: rest.rfind("\n") + 1].split())])
-        with cache_in(tmp_path / str(rounds)) as cache:
+        with cache_in(tmp_path / str(count)) as cache:
             wanted = [key_of(number) for number in range(answered + 1)]
             assert cache.known(wanted) == set(wanted)
             found = cache.get_many(wanted)
@@ -205,17 +202,15 @@ def test_damage_of_the_journal_costs_what_is_damaged(damage: str, tmp_path: Path
     cache = cache_in(tmp_path)
     for number in range(3):
         cache.put(critical_angle(number))
-    with sqlite3.connect(journal_of(tmp_path)) as connection:
+    with closing(sqlite3.connect(journal_of(tmp_path))) as connection, connection:
         rows = connection.execute("SELECT * FROM results").fetchall()
-    connection.close()
     cache.close()
-    with sqlite3.connect(journal_of(tmp_path)) as connection:
+    with closing(sqlite3.connect(journal_of(tmp_path))) as connection, connection:
         connection.executemany("INSERT INTO results VALUES (?, ?, ?, ?, ?, ?, ?)", rows)
         if damage == "a row":
             connection.execute("UPDATE results SET json = replace(json, '1', '2') WHERE key = ?", (key_of(1),))
         if damage == "a text":
             connection.execute("UPDATE results SET key = CAST(x'ff61' AS TEXT) WHERE key = ?", (key_of(1),))
-    connection.close()
     for path in (tmp_path / "results" / "segments").rglob("*.h5"):
         path.unlink()
     if damage in {"the file", "no database"}:
@@ -234,15 +229,11 @@ def test_full_disk_is_answered_with_a_warning_and_nothing_is_lost_or_stored_twic
         kept = [critical_angle(number) for number in range(20)]
         for record in kept:
             cache.put(record)
-        soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-        resource.setrlimit(resource.RLIMIT_FSIZE, (4096, hard))
-        try:
+        with full_disk():
             refused = cache.put(critical_angle(99))
             cache.flush()
             assert cache.last_error
             assert cache.known([record.key for record in kept]) == {record.key for record in kept}
-        finally:
-            resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
         assert refused.answer["warnings"][-1]["code"] == NOT_CACHED
         assert cache.put(critical_angle(100)).key == key_of(100)
         cache.flush()

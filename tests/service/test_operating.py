@@ -2,8 +2,6 @@
 
 import shutil
 import time
-from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
 from pathlib import Path
 
 import pytest
@@ -19,14 +17,6 @@ pytestmark = [pytest.mark.anyio, pytest.mark.timeout(60)]
 EARLIER = "0"
 
 
-@pytest.fixture
-def log(tmp_path: Path) -> Path:
-    """Where each run of a case leaves a file."""
-    folder = tmp_path / "log"
-    folder.mkdir()
-    return folder
-
-
 def downgrade(monkeypatch: pytest.MonkeyPatch) -> None:
     """Have the service be that of an earlier engine."""
     monkeypatch.setattr("service.operations.ENGINE_VERSION", EARLIER)
@@ -36,21 +26,12 @@ def downgrade(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("service.jobs.reader.VERSIONS", f"{EARLIER} 1")
 
 
-@asynccontextmanager
-async def in_thread() -> AsyncIterator[InThreadExecutor]:
-    """An executor that the downgrade reaches."""
-    executor = InThreadExecutor(task_seconds=60.0)
-    await executor.start()
-    yield executor
-    await executor.stop(1.0)
-
-
 async def test_upgrade_answers_no_query_with_a_result_of_the_older_engine_and_keeps_it_under_its_key(
-    pool: ProcessPool, tmp_path: Path, log: Path, monkeypatch: pytest.MonkeyPatch
+    pool: ProcessPool, thread: InThreadExecutor, tmp_path: Path, log: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with monkeypatch.context() as earlier:
         downgrade(earlier)
-        async with in_thread() as executor, running(tmp_path, executor) as manager:
+        async with running(tmp_path, thread) as manager:
             old = [result.record for result in await collect(manager, cases(range(20), log))]
     async with running(tmp_path, pool) as manager:
         new = [result.record for result in await collect(manager, cases(range(20), log))]
@@ -64,11 +45,11 @@ async def test_upgrade_answers_no_query_with_a_result_of_the_older_engine_and_ke
 
 
 async def test_job_that_an_upgrade_interrupts_ends_with_results_of_one_engine(
-    pool: ProcessPool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    pool: ProcessPool, thread: InThreadExecutor, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with monkeypatch.context() as earlier:
         downgrade(earlier)
-        async with in_thread() as executor, running(tmp_path, executor) as manager:
+        async with running(tmp_path, thread) as manager:
             job = await accepted(manager, cases(range(300), seconds=0.005))
             await until_done(manager, job, 20)
     async with running(tmp_path, pool) as manager:
@@ -80,11 +61,11 @@ async def test_job_that_an_upgrade_interrupts_ends_with_results_of_one_engine(
 
 
 async def test_job_that_had_ended_keeps_the_results_it_had_after_an_upgrade(
-    pool: ProcessPool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    pool: ProcessPool, thread: InThreadExecutor, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with monkeypatch.context() as earlier:
         downgrade(earlier)
-        async with in_thread() as executor, running(tmp_path, executor) as manager:
+        async with running(tmp_path, thread) as manager:
             job = await accepted(manager, cases(range(50)))
             await ended(manager, job)
     async with running(tmp_path, pool) as manager:

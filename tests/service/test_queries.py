@@ -43,12 +43,12 @@ def once(request: bytes) -> Answer:
 
 
 def slow(request: bytes) -> Answer:
-    time.sleep(0.3)
+    time.sleep(0.2)
     return {"number": question(request).number, "result": None, "warnings": []}, None
 
 
 def slower(request: bytes) -> Answer:
-    time.sleep(1.0)
+    time.sleep(0.5)
     return slow(request)
 
 
@@ -88,10 +88,12 @@ def queries_on(folder: Path, pool: Executor, max_waiting: int = 1000) -> QuerySe
     return QueryService(cache, pool, OPERATIONS, max_waiting=max_waiting)
 
 
+async def ask(service: QueryService, operation: str, folder: Path, number: int = 0) -> Answered:
+    return await service.answer(operation, KeyedRequest.of(operation, Question(folder, number)))
+
+
 async def test_equal_requests_underway_run_once(service: QueryService, tmp_path: Path) -> None:
-    answers = await asyncio.gather(
-        *(service.answer("once", KeyedRequest.of("once", Question(tmp_path))) for _ in range(20))
-    )
+    answers = await asyncio.gather(*(ask(service, "once", tmp_path) for _ in range(20)))
     assert {status for _, status in answers} == {"miss"}
     assert len({id(record) for record, _ in answers}) == 1
 
@@ -99,11 +101,11 @@ async def test_equal_requests_underway_run_once(service: QueryService, tmp_path:
 async def test_second_request_is_a_hit_from_memory_and_after_a_restart_from_disk(
     service: QueryService, pool: ProcessPool, tmp_path: Path
 ) -> None:
-    first, miss = await service.answer("once", KeyedRequest.of("once", Question(tmp_path)))
-    second, hit = await service.answer("once", KeyedRequest.of("once", Question(tmp_path)))
+    first, miss = await ask(service, "once", tmp_path)
+    second, hit = await ask(service, "once", tmp_path)
     service.cache.close()
     restarted = queries_on(tmp_path, pool)
-    third, found = await restarted.answer("once", KeyedRequest.of("once", Question(tmp_path)))
+    third, found = await ask(restarted, "once", tmp_path)
     assert (miss, hit, found) == ("miss", "hit", "hit")
     assert first.json == second.json == third.json
     assert (await restarted.result(first.key) or second).json == first.json
@@ -111,9 +113,9 @@ async def test_second_request_is_a_hit_from_memory_and_after_a_restart_from_disk
 
 
 async def test_client_that_leaves_takes_nothing_from_those_who_wait(service: QueryService, tmp_path: Path) -> None:
-    first = asyncio.ensure_future(service.answer("slow", KeyedRequest.of("slow", Question(tmp_path))))
+    first = asyncio.ensure_future(ask(service, "slow", tmp_path))
     await asyncio.sleep(0.05)
-    second = asyncio.ensure_future(service.answer("slow", KeyedRequest.of("slow", Question(tmp_path))))
+    second = asyncio.ensure_future(ask(service, "slow", tmp_path))
     await asyncio.sleep(0.05)
     first.cancel()
     record, _ = await second
@@ -122,33 +124,26 @@ async def test_client_that_leaves_takes_nothing_from_those_who_wait(service: Que
 
 
 async def test_work_everyone_has_left_is_kept_for_who_comes_back(service: QueryService, tmp_path: Path) -> None:
-    first = asyncio.ensure_future(service.answer("once", KeyedRequest.of("once", Question(tmp_path))))
+    first = asyncio.ensure_future(ask(service, "once", tmp_path))
     await asyncio.sleep(0)
     first.cancel()
-    record, _ = await service.answer(
-        "once", KeyedRequest.of("once", Question(tmp_path))
-    )  # a second run would raise FileExistsError
+    record, _ = await ask(service, "once", tmp_path)  # a second run would raise FileExistsError
     assert record.answer["result"] is None
 
 
 async def test_failure_reaches_all_who_wait_and_is_not_kept(service: QueryService, tmp_path: Path) -> None:
     (tmp_path / "ran").mkdir()
-    failures = await asyncio.gather(
-        *(service.answer("once", KeyedRequest.of("once", Question(tmp_path))) for _ in range(3)), return_exceptions=True
-    )
+    failures = await asyncio.gather(*(ask(service, "once", tmp_path) for _ in range(3)), return_exceptions=True)
     assert [type(failure) for failure in failures] == [FileExistsError] * 3
     (tmp_path / "ran").rmdir()
-    _, status = await service.answer("once", KeyedRequest.of("once", Question(tmp_path)))
+    _, status = await ask(service, "once", tmp_path)
     assert status == "miss"
 
 
 async def test_deadly_request_fails_and_those_beside_it_do_not(service: QueryService, tmp_path: Path) -> None:
-    others = [
-        asyncio.ensure_future(service.answer("slow", KeyedRequest.of("slow", Question(tmp_path, number))))
-        for number in range(6)
-    ]
+    others = [asyncio.ensure_future(ask(service, "slow", tmp_path, number)) for number in range(6)]
     with pytest.raises(WorkerCrashedError):
-        await service.answer("deadly", KeyedRequest.of("deadly", Question(tmp_path)))
+        await ask(service, "deadly", tmp_path)
     assert [record.answer["number"] for record, _ in await asyncio.gather(*others)] == list(range(6))
 
 
@@ -157,9 +152,9 @@ async def test_without_a_folder_to_write_answers_come_with_a_warning(service: Qu
     blocked.mkdir()
     (blocked / "data").write_text("a file where the folder should be")
     service = queries_on(blocked, service.executor)
-    record, status = await service.answer("once", KeyedRequest.of("once", Question(tmp_path)))
+    record, status = await ask(service, "once", tmp_path)
     assert (status, record.answer["warnings"][0]["code"]) == ("miss", NOT_CACHED)
-    _, status = await service.answer("once", KeyedRequest.of("once", Question(tmp_path)))
+    _, status = await ask(service, "once", tmp_path)
     assert status == "hit"
 
 
@@ -170,7 +165,7 @@ def keyed(name: str, questions: list[Question]) -> list[KeyedRequest]:
 async def test_chunk_computes_what_is_not_underway_and_shares_the_rest(service: QueryService, tmp_path: Path) -> None:
     (tmp_path / "failing" / "ran").mkdir(parents=True)
     failing = Question(tmp_path / "failing", 1)
-    single = asyncio.ensure_future(service.answer("once", KeyedRequest.of("once", Question(tmp_path))))
+    single = asyncio.ensure_future(ask(service, "once", tmp_path))
     await asyncio.sleep(0)
     left: list[int] = []
     known, new = keyed("once", [Question(tmp_path), failing])
@@ -192,7 +187,7 @@ async def test_single_query_outlives_the_chunk_it_waited_for(service: QueryServi
     chunk = asyncio.ensure_future(service.compute("slow", requests, lambda: None))
     await asyncio.sleep(0.1)
     [given_up] = service.in_flight([requests[7].key]).values()
-    single = asyncio.ensure_future(service.answer("slow", KeyedRequest.of("slow", Question(tmp_path, 7))))
+    single = asyncio.ensure_future(ask(service, "slow", tmp_path, 7))
     await asyncio.sleep(0.05)
     chunk.cancel()
     record, status = await single
@@ -203,34 +198,29 @@ async def test_single_query_outlives_the_chunk_it_waited_for(service: QueryServi
 
 async def test_no_more_single_queries_wait_than_may(pool: ProcessPool, tmp_path: Path) -> None:
     service = queries_on(tmp_path, pool, max_waiting=3)
-    await service.answer("slow", KeyedRequest.of("slow", Question(tmp_path, 99)))
-    queries = [
-        asyncio.ensure_future(service.answer("slow", KeyedRequest.of("slow", Question(tmp_path, i)))) for i in range(2)
-    ]
+    await ask(service, "slow", tmp_path, 99)
+    queries = [asyncio.ensure_future(ask(service, "slow", tmp_path, i)) for i in range(2)]
     await asyncio.sleep(0.1)
-    queries += [
-        asyncio.ensure_future(service.answer("slow", KeyedRequest.of("slow", Question(tmp_path, i))))
-        for i in range(2, 10)
-    ]
+    queries += [asyncio.ensure_future(ask(service, "slow", tmp_path, i)) for i in range(2, 10)]
     outcomes = await asyncio.gather(*queries, return_exceptions=True)
     refused = [outcome for outcome in outcomes if isinstance(outcome, QueriesWaitingError)]
     assert len(refused) == 5
     assert all(1 <= error.retry_after < 60 for error in refused)
-    hit = await service.answer("slow", KeyedRequest.of("slow", Question(tmp_path, 99)))
+    hit = await ask(service, "slow", tmp_path, 99)
     assert hit[1] == "hit"
 
 
 async def test_owner_with_most_waiting_gives_way_to_another(pool: ProcessPool, tmp_path: Path) -> None:
     service = queries_on(tmp_path, pool, max_waiting=3)
 
-    def ask(number: int, owner: str) -> "asyncio.Future[Answered]":
+    def ask_as(number: int, owner: str) -> "asyncio.Future[Answered]":
         request = KeyedRequest.of("slow", Question(tmp_path, number))
         return asyncio.ensure_future(service.answer("slow", request, owner))
 
-    crowd = [ask(number, "anna") for number in range(5)]  # of which two run
+    crowd = [ask_as(number, "anna") for number in range(5)]  # of which two run
     while service.queued < 3:  # noqa: ASYNC110 (it sets no event)
         await asyncio.sleep(0.01)
-    others = [ask(10, "bert"), ask(11, "carla"), ask(12, "bert")]
+    others = [ask_as(10, "bert"), ask_as(11, "carla"), ask_as(12, "bert")]
     outcomes = await asyncio.gather(*crowd, *others, return_exceptions=True)
     refused = [number for number, outcome in enumerate(outcomes) if isinstance(outcome, QueriesWaitingError)]
     assert [number for number in refused if number >= 5] in ([5], [7])  # one of bert's, whichever came to wait later
@@ -245,7 +235,7 @@ async def test_query_waits_no_longer_than_it_may(pool: ProcessPool, tmp_path: Pa
     running = [asyncio.ensure_future(service.answer("slower", request)) for request in heavy]
     await asyncio.sleep(0.1)
     with pytest.raises(QueriesWaitingError) as refused:
-        await service.answer("once", KeyedRequest.of("once", Question(tmp_path)))
+        await ask(service, "once", tmp_path)
     assert refused.value.retry_after > 30
     assert not (tmp_path / "ran").exists()
     await asyncio.gather(*running)
@@ -253,7 +243,7 @@ async def test_query_waits_no_longer_than_it_may(pool: ProcessPool, tmp_path: Pa
 
 async def test_event_loop_stays_free_while_histories_are_made_and_kept(service: QueryService, tmp_path: Path) -> None:
     """It would take several times as long to read and write each answer once; a busy machine does not change that."""
-    requests = [KeyedRequest.of("trajectory", Question(tmp_path, number)) for number in range(100)]
+    requests = [KeyedRequest.of("trajectory", Question(tmp_path, number)) for number in range(40)]
     begin = time.thread_time()
     found = await asyncio.gather(*(service.answer("trajectory", request) for request in requests))
     loop_seconds = time.thread_time() - begin

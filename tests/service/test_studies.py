@@ -3,29 +3,26 @@
 import asyncio
 import json
 from collections import Counter
-from collections.abc import AsyncGenerator, AsyncIterator, Iterator, Sequence
-from contextlib import asynccontextmanager
+from collections.abc import AsyncGenerator, AsyncIterator, Sequence
+from contextlib import AbstractAsyncContextManager
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from service.cache.cache import ResultCache
 from service.cache.record import CaseResult, Record
 from service.errors import QuotaError
 from service.jobs.manager import JobManager
 from service.jobs.models import JobCase, JobState
-from service.jobs.store import JobStore
 from service.jobs.studies import run_study
 from service.operations import OPERATIONS, KeyedRequest
-from service.queries import QueryService
 from service.schemas.strike import PAPER
 from service.workers import Executor
 from service.workers.dask_executor import DaskExecutor
 from service.workers.in_thread import InThreadExecutor
 from service.workers.process_pool import ProcessPool
-from tests.service.dask_cluster import DaskCluster, dask_cluster
+from tests.service import squares
 from tests.service.squares import ended
 
 pytestmark = [pytest.mark.anyio, pytest.mark.timeout(300)]
@@ -35,6 +32,7 @@ DECAY = {
     "distribution": {"type": "discrete", "values": ["elastic_plastic", "mohr_coulomb"], "weights": [0.8, 0.2]},
 }
 SAMPLING = {"max_samples": 300, "half_width": 1e-4, "seed": 7}
+ROUGH = {"lower_deg": 40.0, "upper_deg": 60.0, "tolerance_deg": 1.0}
 STUDIES = {
     "trajectory_uncertainty": PAPER
     | {
@@ -42,14 +40,9 @@ STUDIES = {
         "uncertain": [SPEED, DECAY],
         "sampling": SAMPLING,
     },
-    "direct": PAPER
-    | {"uncertain": [SPEED], "search": {"tolerance_deg": 1.0}, "sampling": SAMPLING | {"method": "direct"}},
+    "direct": PAPER | {"uncertain": [SPEED], "search": ROUGH, "sampling": SAMPLING | {"method": "direct"}},
     "direct with indices": PAPER
-    | {
-        "uncertain": [SPEED],
-        "search": {"tolerance_deg": 1.0},
-        "sampling": SAMPLING | {"method": "direct", "max_samples": 600},
-    },
+    | {"uncertain": [SPEED], "search": ROUGH, "sampling": SAMPLING | {"method": "direct", "max_samples": 600}},
     "surrogate": PAPER | {"uncertain": [SPEED], "sampling": SAMPLING | {"half_width": 0.1}},
 }
 STRIKE = "trajectory_uncertainty"
@@ -69,23 +62,16 @@ def request_of(name: str, seed: int = 7) -> tuple[KeyedRequest, Any]:
     return KeyedRequest.of(operation, study), study
 
 
-@asynccontextmanager
-async def running(folder: Path, executor: Executor, counts: Counter[str] | None = None) -> AsyncIterator[JobManager]:
+def running(
+    folder: Path, executor: Executor, counts: Counter[str] | None = None
+) -> AbstractAsyncContextManager[JobManager]:
     """A job manager with an empty cache; it counts new samples by their operation."""
 
     def count(operation: str, _: str, status: str, number: int) -> None:
         if counts is not None and status == "miss":
             counts[operation] += number
 
-    with ResultCache(folder / "data", memory_bytes=50_000_000, disk_bytes=10**9) as kept:
-        queries = QueryService(kept, executor, OPERATIONS)
-        jobs = JobStore(folder / "data", job_days=7.0)
-        manager = JobManager(queries, jobs, max_queued_cases=100_000, count=count)
-        await manager.start()
-        try:
-            yield manager
-        finally:
-            await manager.stop()
+    return squares.running(folder, executor, OPERATIONS, count=count)
 
 
 @cache
@@ -97,13 +83,7 @@ def computed_alone(name: str) -> bytes:
     return Record(request.key, operation, request.json, answer).json
 
 
-@pytest.fixture(scope="module")
-def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[DaskCluster]:
-    with dask_cluster(tmp_path_factory.mktemp("dask"), workers=2) as found:
-        yield found
-
-
-@pytest.fixture(params=["in-process", "1 worker", "2 workers", pytest.param("dask", marks=pytest.mark.system)])
+@pytest.fixture(params=["in-process", "pool", pytest.param("dask", marks=pytest.mark.system)])
 async def executor(request: pytest.FixtureRequest) -> AsyncIterator[Executor]:
     found: Executor
     if request.param == "in-process":
@@ -111,7 +91,7 @@ async def executor(request: pytest.FixtureRequest) -> AsyncIterator[Executor]:
     elif request.param == "dask":
         found = DaskExecutor(address=request.getfixturevalue("cluster").address, workers=2, task_seconds=60.0)
     else:
-        found = ProcessPool(workers=int(request.param[0]), task_seconds=60.0)
+        found = ProcessPool(workers=2, task_seconds=60.0)
     await found.start()
     yield found
     await found.stop(2.0)
@@ -138,14 +118,6 @@ def test_studies_use_both_methods_and_compute_indices() -> None:
     }
     indexed = {name for name, each in answers.items() if all("total" in part for part in each["sensitivity"])}
     assert indexed == {"direct with indices", "surrogate"}
-
-
-@pytest.fixture
-async def thread() -> AsyncIterator[Executor]:
-    found = InThreadExecutor(task_seconds=60.0)
-    await found.start()
-    yield found
-    await found.stop(2.0)
 
 
 async def test_curve_of_a_round_is_reported_before_more_samples_are_computed(thread: Executor, tmp_path: Path) -> None:

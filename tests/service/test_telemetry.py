@@ -84,7 +84,9 @@ def no_other_settings(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_each_request_is_one_span_that_goes_on_with_the_trace_of_its_client_and_leads_to_the_log(
     tmp_path: Path, service_on: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """Chunks of a job are children of the request that made it."""
     collector = Collector()
+    cases = [PAPER | {"impact": {"velocity_m_s": 230.0 + each}} for each in range(3)]
     with collector.listening() as endpoint:
         monkeypatch.setenv("OTEL_EXPORTER_OTLP_ENDPOINT", endpoint)
         monkeypatch.setenv("OTEL_RESOURCE_ATTRIBUTES", "deployment.environment.name=test")
@@ -96,12 +98,20 @@ def test_each_request_is_one_span_that_goes_on_with_the_trace_of_its_client_and_
             assert client.post("/cra", json=PAPER, headers=headers).is_success
             assert client.post("/cra", json=PAPER, headers={"X-Request-ID": "known"}).is_success
             client.get("/results/" + "0" * 64, headers={"X-Request-ID": "missing"})
+            headers |= {"X-Request-ID": "batch", "Prefer": "respond-async"}
+            accepted = client.post("/cra/batch", json={"cases": cases}, headers=headers)
+            assert accepted.status_code == 202
+            job = accepted.json()
+            client.get(job["links"]["events"], headers={"X-Request-ID": "events"})  # ends with the job
+            assert client.get(job["links"]["self"], headers={"X-Request-ID": "job"}).json()["status"] == "successful"
             for probe in ("/livez", "/readyz", "/metrics"):
                 assert client.get(probe).is_success
         # the service has ended: what it had not sent yet, it sent then
-    by_id = {attributes(span)["ricochet.request_id"]: span for span in collector.spans}
-    assert sorted(by_id) == ["computed", "known", "missing"]
-    assert len(collector.spans) == 3  # probes are not traced
+    chunks = [span for span in collector.spans if span.name == "chunk"]
+    requests = [span for span in collector.spans if span.name != "chunk"]
+    by_id = {attributes(span)["ricochet.request_id"]: span for span in requests}
+    assert sorted(by_id) == ["batch", "computed", "events", "job", "known", "missing"]
+    assert len(requests) == 6  # probes are not traced
     computed, known, missing = by_id["computed"], by_id["known"], by_id["missing"]
     assert (computed.trace_id.hex(), computed.parent_span_id.hex()) == (TRACE, PARENT)
     assert known.trace_id != computed.trace_id
@@ -115,52 +125,24 @@ def test_each_request_is_one_span_that_goes_on_with_the_trace_of_its_client_and_
     lines = [json.loads(line) for line in (tmp_path / "log").read_text().splitlines()]
     logged = {line["request_id"]: line["trace_id"] for line in lines if "trace_id" in line}
     assert logged == {name: span.trace_id.hex() for name, span in by_id.items()}
-
-
-def test_chunks_of_a_job_are_children_of_the_request_that_made_it(
-    tmp_path: Path, service_on: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    collector = Collector()
-    cases = [PAPER | {"impact": {"velocity_m_s": 230.0 + each}} for each in range(3)]
-    with collector.listening() as endpoint:
-        monkeypatch.setenv("OTEL_EXPORTER_OTLP_ENDPOINT", endpoint)
-        with (
-            service_on(tmp_path, telemetry="true") as service,
-            httpx.Client(base_url=service.url, timeout=60.0, trust_env=False) as client,
-        ):
-            headers = {"traceparent": f"00-{TRACE}-{PARENT}-01", "Prefer": "respond-async"}
-            accepted = client.post("/cra/batch", json={"cases": cases}, headers=headers)
-            assert accepted.status_code == 202
-            job = accepted.json()
-            client.get(job["links"]["events"])  # ends with the job
-            assert client.get(job["links"]["self"]).json()["status"] == "successful"
-    [request] = [span for span in collector.spans if span.name == "POST /cra/batch"]
-    chunks = [span for span in collector.spans if span.name == "chunk"]
     assert chunks
     assert sum(attributes(chunk)["ricochet.cases"] for chunk in chunks) == len(cases)
     for chunk in chunks:
-        assert (chunk.trace_id.hex(), chunk.parent_span_id) == (TRACE, request.span_id)
+        assert (chunk.trace_id.hex(), chunk.parent_span_id) == (TRACE, by_id["batch"].span_id)
         assert (attributes(chunk)["ricochet.job"], attributes(chunk)["ricochet.operation"]) == (job["id"], "cra")
-    assert request.parent_span_id.hex() == PARENT
+    assert by_id["batch"].parent_span_id.hex() == PARENT
 
 
 def test_collector_that_is_down_costs_no_answer_and_no_time_at_the_end(
     tmp_path: Path, service_on: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """Its key is not logged."""
     monkeypatch.setenv("OTEL_EXPORTER_OTLP_ENDPOINT", "http://127.0.0.1:9")
+    monkeypatch.setenv("OTEL_EXPORTER_OTLP_HEADERS", "authorization: Bearer hush")
     with service_on(tmp_path, telemetry="true") as service:
         assert httpx.post(f"{service.url}/cra", json=PAPER, timeout=60.0, trust_env=False).is_success
         service.process.terminate()
         assert service.process.wait(Settings().grace_seconds + 1) == 0
-
-
-def test_key_of_the_collector_is_not_logged(
-    service_on: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("OTEL_EXPORTER_OTLP_ENDPOINT", "http://127.0.0.1:9")
-    monkeypatch.setenv("OTEL_EXPORTER_OTLP_HEADERS", "authorization: Bearer hush")
-    with service_on(tmp_path, telemetry="true", executor="in-process") as service:
-        assert httpx.get(f"{service.url}/version", trust_env=False).status_code == 200
     log = (tmp_path / "log").read_text()
     assert "OTEL_EXPORTER_OTLP_HEADERS" in log
     assert "hush" not in log

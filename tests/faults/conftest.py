@@ -1,0 +1,15 @@
+"""All tests of this folder take a whole system, and those but of single calls find its processes."""
+
+from pathlib import Path
+
+import pytest
+
+HERE = Path(__file__).parent
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    no_proc = pytest.mark.skipif(not Path("/proc/self/environ").exists(), reason="finds processes in /proc")
+    for item in items:
+        if item.path.parent == HERE:
+            item.add_marker(pytest.mark.system)
+            item.add_marker(no_proc)
