@@ -25,7 +25,12 @@ def settings_table() -> str:
     parts = []
     for group, settings in GROUPS.items():
         rows = [
-            (f"`{(prefix + name).upper()}`", default(name, field), bounds(field), field.description or "")
+            (
+                f"`{(prefix + name).upper()}`",
+                default(name, field),
+                bounds(field),
+                " ".join((field.description or "").split()),
+            )
             for name, field in settings.model_fields.items()
         ]
         found = table(("variable", "default", "bounds", "what and why"), rows)

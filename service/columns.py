@@ -30,6 +30,16 @@ SYMBOLS = {end: WRITTEN.get(unit, unit) for end, unit in UNITS.items()}
 """The same as they are written for people."""
 
 
+def unit_end(name: str) -> str:
+    """Return the end of a name that says its unit; empty if none does."""
+    return next((end for end in UNITS if name.endswith(end)), "")
+
+
+def unit_of(name: str) -> str:
+    """Return the unit of a field as it is written for people; empty if it has none."""
+    return SYMBOLS.get(unit_end(name), "")
+
+
 @dataclass(frozen=True, slots=True)
 class Column:
     """A column of a table.
@@ -51,7 +61,7 @@ class Column:
     @property
     def unit(self) -> str:
         """Unit of its numbers."""
-        return next((unit for end, unit in UNITS.items() if self.name.endswith(end)), "")
+        return UNITS.get(unit_end(self.name), "")
 
 
 IDENTITY = (

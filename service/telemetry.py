@@ -11,7 +11,8 @@ import secrets
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from importlib.metadata import version
 
 import orjson
@@ -20,6 +21,7 @@ from anyio.to_thread import run_sync
 from fastapi.telemetry import TelemetryConfig
 from opentelemetry import trace
 from opentelemetry.trace import NoOpTracer
+from opentelemetry.trace.propagation.tracecontext import TraceContextTextMapPropagator
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from service.errors import MissingExtraError
@@ -162,6 +164,10 @@ UNTRACED = frozenset({"/livez", "/readyz", "/metrics"})
 """Polled every few seconds by monitors; not worth a trace."""
 REQUEST_ID = "ricochet.request_id"
 """Attribute of a span: the id of its request in the log and in the answer."""
+NO_TRACER: trace.Tracer = NoOpTracer()
+"""Traces nothing."""
+TRACEPARENT = "traceparent"
+PROPAGATOR = TraceContextTextMapPropagator()
 
 
 def tracer_provider() -> trace.TracerProvider:
@@ -207,7 +213,24 @@ def tracing_config(provider: trace.TracerProvider | None) -> TelemetryConfig:
 
 def tracer(provider: trace.TracerProvider | None) -> trace.Tracer:
     """Return what traces the work of jobs; nothing does where traces are not enabled."""
-    return NoOpTracer() if provider is None else provider.get_tracer("ricochet")
+    return NO_TRACER if provider is None else provider.get_tracer("ricochet")
+
+
+def current_traceparent() -> str | None:
+    """Return the span that is current as W3C Trace Context writes it; None if nothing is traced."""
+    carrier: dict[str, str] = {}
+    PROPAGATOR.inject(carrier)
+    return carrier.get(TRACEPARENT)
+
+
+@contextmanager
+def span_within(
+    tracer: trace.Tracer, name: str, traceparent: str | None, attributes: Mapping[str, str | int]
+) -> Iterator[None]:
+    """Trace a part of the work of a job, as a child of the request that made it, also after a restart."""
+    parent = PROPAGATOR.extract({TRACEPARENT: traceparent} if traceparent else {})
+    with tracer.start_as_current_span(name, context=parent, attributes=attributes):
+        yield
 
 
 async def finish_traces(provider: trace.TracerProvider, seconds: float) -> None:

@@ -12,12 +12,11 @@ from starlette.middleware.cors import CORSMiddleware
 from starlette.types import ASGIApp
 
 from service import telemetry
-from service.api import downloads, health, jobs, mcp, operations, page, results, studies, umbridge
+from service.api import downloads, health, jobs, mcp, operations, page, queries, studies, umbridge
 from service.api.body import KnownBodies
-from service.api.compression import CompressionMiddleware
 from service.api.contract import declare_access, declare_bodies, declare_defaults, declare_events, declare_problems
 from service.api.job_models import JobChange
-from service.api.middleware import AuthMiddleware, HeadMiddleware, RefusalMiddleware
+from service.api.middleware import AuthMiddleware, CompressionMiddleware, HeadMiddleware, RefusalMiddleware
 from service.api.services import READING_THREADS, Metrics, Services, executor_for
 from service.auth.api_keys import ApiKeyStore
 from service.auth.audit_log import AuditLog
@@ -57,7 +56,7 @@ STOP_SECONDS = POOL_SECONDS + 1
 """Part of the grace time for jobs and workers to end after the last request has been answered or given up."""
 REFUSAL_SECONDS = 1
 """Part of it, before that, for what cannot be finished to be refused."""
-RESOURCES = (studies, umbridge, results, jobs, health, page)
+RESOURCES = (studies, umbridge, queries, jobs, health, page)
 """Routers behind those of the operations, in the order in which they are searched."""
 CORS: dict[str, Any] = {
     "allow_methods": ["GET", "HEAD", "POST", "PATCH", "DELETE"],

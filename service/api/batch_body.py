@@ -14,9 +14,18 @@ from fastapi import HTTPException, Request
 from pydantic import MISSING, ValidationError
 from pydantic_core import to_json
 
-from service.api.body import JSON, JSONL, parse_json, read_body, require_type, stream_up_to
+from service.api.body import parse_json, read_body, refuse_crowd, require_type, stream_up_to
+from service.api.negotiation import JSON, JSONL
 from service.api.services import Services, services_of, unless_left
-from service.errors import MAX_ERRORS, InvalidBodyError, field_errors, validation_errors
+from service.errors import (
+    MAX_ERRORS,
+    InvalidBodyError,
+    errors_of_point,
+    field_errors,
+    grid_of,
+    validated_as,
+    validation_errors,
+)
 from service.jobs.models import JobCase, StoredSweep
 from service.operations import KeyedRequest
 from service.queries import check_work
@@ -24,7 +33,6 @@ from service.schemas.batches import MOST_LINES, Cases
 from service.schemas.quantities import Part
 from service.schemas.sweeps import Grid, Outline
 from service.telemetry import path_of
-from service.validation import errors_of_point, grid_of, validated_as
 from service.workers.worker import check_requests
 from solver import ParameterError
 
@@ -34,8 +42,6 @@ CHECKED_AT_ONCE = 50
 """Cases that a worker checks in one call, some milliseconds: single queries wait no longer for it."""
 BYTES_AT_ONCE = 256 * 1024
 """Lines validated in one go: few long ones take as much time as many short ones."""
-MAX_FIELDS = 20
-"""Fields of a batch or a sweep, which has two at most: listing what is wrong with a million would take a second."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -243,8 +249,8 @@ def unwrap(body: bytes, max_depth: int) -> Cases:
 
 def few_fields(content: Any) -> Any:
     """Return it unless it is an object with too many fields."""
-    if isinstance(content, dict) and len(content) > MAX_FIELDS:
-        raise InvalidBodyError([{"pointer": "", "detail": f"has {len(content)} fields, most of them unknown"}])
+    if isinstance(content, dict):
+        refuse_crowd(content)
     return content
 
 

@@ -1,9 +1,11 @@
-"""Answers requests for many cases: with the results if they are few, else with a job."""
+"""Answers requests for many cases: with the results if they are few, else with a job, or as the client prefers."""
 
 import asyncio
 import math
-from collections.abc import AsyncGenerator, AsyncIterator, Callable, Sequence
+import re
+from collections.abc import AsyncGenerator, AsyncIterator, Awaitable, Callable, Iterable, Sequence
 from contextlib import aclosing, suppress
+from dataclasses import dataclass
 from http import HTTPStatus
 from typing import Annotated, Any, TypeVar
 
@@ -12,15 +14,15 @@ from anyio import CancelScope
 from fastapi import Depends, Header, HTTPException, Request, Response
 from fastapi.responses import StreamingResponse
 
-from service.api.batch_body import BatchBody
-from service.api.body import JSON, JSONL
-from service.api.negotiation import Preference, choose, read_preference
-from service.api.results import CSV, ReadyResults, as_array, as_csv, as_lines, csv_head, csv_rows, to_item, to_lines
+from service.api.batch_body import BatchBody, BatchReader
+from service.api.negotiation import CSV, JSON, JSONL, choose
+from service.api.results import ReadyResults, as_array, as_csv, as_lines, csv_head, csv_rows, to_item, to_lines
 from service.api.services import services_of, unless_left
 from service.auth.dependencies import context_in
+from service.cache.record import CaseResult
 from service.jobs.manager import JobManager
-from service.jobs.models import CaseResult, Charge, Idempotency, JobCase, JobState, StoredSweep
-from service.operations import OPERATIONS
+from service.jobs.models import Charge, Idempotency, JobCase, JobState, StoredSweep
+from service.operations import OPERATIONS, Many, Operation
 
 FORMS = (JSON, JSONL, CSV)
 VARY = {"Vary": "Prefer, Accept"}
@@ -46,6 +48,46 @@ Prefer = Annotated[
         "with the results if they are ready after so many seconds.",
     ),
 ]
+
+
+PREFERENCE = re.compile(
+    r'\s*([!#$%&\'*+.^_`|~0-9a-z-]+)\s*(?:=\s*("(?:[^"\\]|\\.)*"|[^\s;,"]*))?[^,"]*(?:"[^"]*"[^,"]*)*'
+)
+"""A token, its value, and parameters, which none of ours has. Of what is said twice the first counts."""
+MOST_DIGITS = 9
+
+
+@dataclass(frozen=True, slots=True)
+class Preference:
+    """What `Prefer` says (RFC 7240): how long a client will wait, and whether it would rather not wait at all.
+
+    Parameters
+    ----------
+    respond_async
+        Whether it wants a job whatever the size of the work.
+    wait
+        Time to wait for the answer; None if it does not say. [s]
+    """
+
+    respond_async: bool = False
+    wait: int | None = None
+
+    def applied(self, waited: float | None) -> dict[str, str]:
+        """Return the header that says which preferences were obeyed in making a job, if any was."""
+        applied = ["respond-async"] * self.respond_async
+        if self.wait is not None and waited is not None:
+            applied.append(f"wait={min(self.wait, int(waited))}")
+        return {"Preference-Applied": ", ".join(applied)} if applied else {}
+
+
+def read_preference(headers: Iterable[str]) -> Preference:
+    """Return what these headers say; what they say of other matters, or wrongly, is passed over."""
+    found: dict[str, str] = {}
+    for match in PREFERENCE.finditer(",".join(headers).lower()):
+        found.setdefault(match[1], (match[2] or "").strip('"'))
+    wait = found.get("wait", "")
+    seconds = int(wait[:MOST_DIGITS]) if wait.isascii() and wait.isdigit() else None
+    return Preference("respond-async" in found, seconds)
 
 
 async def preference_of(request: Request, prefer: Prefer = "") -> Preference:
@@ -198,6 +240,26 @@ class BatchResponse(JobResponse):
             content = as_lines(ready, path) if self.form == JSONL else as_array(ready, path)
         headers = {**headers, "Content-Location": path}
         return StreamingResponse(content, media_type=self.form, headers=headers)
+
+
+def batch_route(operation: Operation, many: Many) -> Callable[..., Awaitable[Response]]:
+    """Return the handler for batches."""
+
+    async def handle(request: Request, preference: WantedPreference, idempotency_key: IdempotencyKey = "") -> Response:
+        response = BatchResponse(request, operation.name, preference, idempotency_key)
+        return await response.to(await BatchReader(request, operation.name, many.models.case).read_batch())
+
+    return handle
+
+
+def sweep_route(operation: Operation, many: Many) -> Callable[..., Awaitable[Response]]:
+    """Return the handler for sweeps."""
+
+    async def handle(request: Request, preference: WantedPreference, idempotency_key: IdempotencyKey = "") -> Response:
+        response = BatchResponse(request, operation.name, preference, idempotency_key)
+        return await response.to(await BatchReader(request, operation.name, many.models.base).read_sweep())
+
+    return handle
 
 
 async def take(

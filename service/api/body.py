@@ -1,7 +1,7 @@
 """Bodies of requests: reading them within a limit, JSON, and which bodies have which results."""
 
 import asyncio
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Mapping
 from http import HTTPStatus
 from typing import Any, NamedTuple
 
@@ -10,12 +10,14 @@ from fastapi import HTTPException, Request
 from pydantic_core import from_json
 from starlette.requests import ClientDisconnect
 
-JSON = "application/json"
-JSONL = "application/jsonl"
+from service.errors import InvalidBodyError
+
 REMEMBERED_BYTES = 8 * 1024
 """Longest body that is remembered; few are longer."""
 REMEMBERED_SHARE = 1 / 8
 """Memory for remembered bodies over that for results: some 20,000 of the usual bodies by default."""
+MAX_FIELDS = 20
+"""Fields of an object of a body whose objects have half as many at most."""
 OVERHEAD = 300
 """Memory of an entry beside its body, about. [bytes]"""
 
@@ -144,6 +146,18 @@ def is_deeper(content: Any, depth: int) -> bool:
             return False
         level = [inner for each in level for inner in (each.values() if isinstance(each, dict) else each)]
     return True
+
+
+def refuse_crowd(content: Mapping[str, Any], pointer: str = "") -> None:
+    """Refuse an object with too many fields: listing what is wrong with a million would take a second.
+
+    Raises
+    ------
+    InvalidBodyError
+        If it has more than `MAX_FIELDS`.
+    """
+    if len(content) > MAX_FIELDS:
+        raise InvalidBodyError([{"pointer": pointer, "detail": f"has {len(content)} fields, most of them unknown"}])
 
 
 async def next_turn(parsing: asyncio.Lock) -> None:

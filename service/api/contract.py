@@ -33,6 +33,7 @@ RESULT_LINK = {
 }
 
 
+PREFERENCE_APPLIED = {"Preference-Applied": {"description": "RFC 7240.", "schema": {"type": "string"}}}
 RETRY_AFTER = {
     "Retry-After": {
         "description": "When to send the request again. [s]",
@@ -98,7 +99,7 @@ MANY: Responses = {
                 "description": "`ricochet; hit` if nothing had to be computed; not given for JSON lines (RFC 9211).",
                 "schema": {"type": "string"},
             },
-            "Preference-Applied": {"description": "RFC 7240.", "schema": {"type": "string"}},
+            **PREFERENCE_APPLIED,
         },
     },
     202: {
@@ -107,7 +108,7 @@ MANY: Responses = {
         "headers": {
             **RETRY_AFTER,
             "Location": {"description": "Of the job.", "schema": {"type": "string"}, "required": True},
-            "Preference-Applied": {"description": "RFC 7240.", "schema": {"type": "string"}},
+            **PREFERENCE_APPLIED,
         },
         "links": {
             "job": {"operationId": "get_job", "parameters": {"job_id": "$response.body#/id"}},
@@ -122,10 +123,7 @@ STUDIED: Responses = {
     **COMPUTED,
     200: {
         **COMPUTED[200],
-        "headers": {
-            **CACHE_STATUS,
-            "Preference-Applied": {"description": "RFC 7240.", "schema": {"type": "string"}},
-        },
+        "headers": {**CACHE_STATUS, **PREFERENCE_APPLIED},
     },
     202: {
         **MANY[202],

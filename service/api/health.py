@@ -4,13 +4,12 @@ from enum import StrEnum
 from functools import cache
 from http import HTTPStatus
 from importlib.metadata import version as installed_version
-from typing import Annotated
 
 from anyio.to_thread import run_sync
 from fastapi import APIRouter, HTTPException, Request, Response
 from fastapi.responses import PlainTextResponse
 from prometheus_client import CONTENT_TYPE_LATEST, generate_latest
-from pydantic import MISSING, Field
+from pydantic import MISSING
 
 from service.api.contract import problems
 from service.api.services import services_of
@@ -48,9 +47,8 @@ class Health(Part):
 
     status: HealthStatus
     chunks_on: ChunkPlace | MISSING = MISSING
-    warnings: (
-        Annotated[list[str], Field(description="What somebody should look at, though the service works.")] | MISSING
-    ) = MISSING
+    warnings: list[str] | MISSING = MISSING
+    """What somebody should look at, though the service works."""
 
 
 class Version(Part):
@@ -58,9 +56,12 @@ class Version(Part):
 
     model_config = with_examples({"engine_version": "1", "schema_version": "1", "libraries": {"numpy": "2.4.6"}})
 
-    engine_version: Annotated[str, Field(description="Version of the solver; raised whenever results change.")]
-    schema_version: Annotated[str, Field(description="Version of the contract; raised whenever its meaning changes.")]
-    libraries: Annotated[dict[str, str], Field(description="Versions of this package and those it stands on.")]
+    engine_version: str
+    """Version of the solver; raised whenever results change."""
+    schema_version: str
+    """Version of the contract; raised whenever its meaning changes."""
+    libraries: dict[str, str]
+    """Versions of this package and those it stands on."""
 
 
 @router.get("/livez", response_description="It answers.", responses=problems(500))

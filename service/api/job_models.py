@@ -43,7 +43,8 @@ class SweepRequest(Part):
 
     model_config = with_examples({"base": PAPER, "axes": [EVEN, LISTED]})
 
-    base: Annotated[dict[str, Any], Field(description="A request, in which the axes set their fields anew.")]
+    base: dict[str, Any]
+    """A request, in which the axes set their fields anew."""
     axes: list[Axis]
 
 
@@ -103,9 +104,12 @@ class JobCounts(Part):
     model_config = with_examples(COUNTS)
 
     total: Number
-    done: Annotated[Number, Field(description="With a result or a problem, the next two included.")]
-    cached: Annotated[Number, Field(description="Whose result was there already.")]
-    failed: Annotated[Number, Field(description="With a problem.")]
+    done: Number
+    """With a result or a problem, the next two included."""
+    cached: Number
+    """Whose result was there already."""
+    failed: Number
+    """With a problem."""
 
 
 class JobLinks(Part):
@@ -133,7 +137,8 @@ class JobChange(Part):
 
     model_config = with_examples({"title": TITLE})
 
-    title: Annotated[Title, Field(description="In place of the one it has.")]
+    title: Title
+    """In place of the one it has."""
 
 
 class Job(Part):
@@ -141,34 +146,30 @@ class Job(Part):
 
     model_config = with_examples(RUNNING)
 
-    id: Annotated[str, Field(description="Unique, and not to be guessed.")]
+    id: str
+    """Unique, and not to be guessed."""
     operation: JobOperation
     status: JobStatus
     counts: JobCounts
-    title: (
-        Annotated[str, Field(description="As given; of a sweep otherwise what varies, and the projectile.")] | MISSING
-    ) = MISSING
-    created: Annotated[AwareDatetime, Field(description="When it was accepted.")]
-    started: Annotated[AwareDatetime, Field(description="When it was begun.")] | MISSING = MISSING
-    finished: Annotated[AwareDatetime, Field(description="When it ended.")] | MISSING = MISSING
-    expires: (
-        Annotated[AwareDatetime, Field(description="When it is removed; its results may stay longer, by their keys.")]
-        | MISSING
-    ) = MISSING
-    problem: Annotated[Problem, Field(description="Why it failed.")] | MISSING = MISSING
-    axes: Annotated[list[str], Field(description="Fields that vary, if it is a sweep.")] | MISSING = MISSING
+    title: str | MISSING = MISSING
+    """As given; of a sweep otherwise what varies, and the projectile."""
+    created: AwareDatetime
+    """When it was accepted."""
+    started: AwareDatetime | MISSING = MISSING
+    """When it was begun."""
+    finished: AwareDatetime | MISSING = MISSING
+    """When it ended."""
+    expires: AwareDatetime | MISSING = MISSING
+    """When it is removed; its results may stay longer, by their keys."""
+    problem: Problem | MISSING = MISSING
+    """Why it failed."""
+    axes: list[str] | MISSING = MISSING
+    """Fields that vary, if it is a sweep."""
     request: JobRequest | MISSING = MISSING
-    progress: (
-        Annotated[StudyProgress, Field(description="How far it is, if it is a study of uncertainty that has begun.")]
-        | MISSING
-    ) = MISSING
-    partial: (
-        Annotated[
-            PartialUncertainty,
-            Field(description="Answer so far, if it is a study that has not finished; not in lists of jobs."),
-        ]
-        | MISSING
-    ) = MISSING
+    progress: StudyProgress | MISSING = MISSING
+    """How far it is, if it is a study of uncertainty that has begun."""
+    partial: PartialUncertainty | MISSING = MISSING
+    """Answer so far, if it is a study that has not finished; not in lists of jobs."""
     links: JobLinks
 
 
@@ -178,7 +179,8 @@ class Jobs(Part):
     model_config = with_examples({"jobs": [RUNNING], "next": "MTIz"})
 
     jobs: list[Job]
-    next: Annotated[str, Field(description="Cursor of the page with older jobs, if there are any.")] | MISSING = MISSING
+    next: str | MISSING = MISSING
+    """Cursor of the page with older jobs, if there are any."""
 
 
 class JobItem(Item):
@@ -195,10 +197,5 @@ class JobResults(Part):
     model_config = with_examples({"results": [{"index": 0, "result": FOUND | VERSIONED}], "next": "MQ"})
 
     results: list[JobItem]
-    next: (
-        Annotated[
-            str,
-            Field(description="Cursor of the page that follows; absent once there is nothing more to come."),
-        ]
-        | MISSING
-    ) = MISSING
+    next: str | MISSING = MISSING
+    """Cursor of the page that follows; absent once there is nothing more to come."""

@@ -13,16 +13,13 @@ from fastapi.responses import StreamingResponse
 from fastapi.sse import EventSourceResponse, ServerSentEvent
 
 from service.api.batch_response import job_json, job_response, retry_after, root_of, to_job, until
-from service.api.body import JSON, JSONL, parse_json, read_body, require_type
+from service.api.body import parse_json, read_body, require_type
 from service.api.contract import RETRY_LATER, Responses, one_body, problems
 from service.api.job_models import Job, JobChange, JobResults, Jobs
 from service.api.middleware import client_of
-from service.api.negotiation import choose
+from service.api.negotiation import CSV, HDF5, JSON, JSONL, PARQUET, choose
 from service.api.results import (
-    CSV,
     FILES,
-    HDF5,
-    PARQUET,
     ReadyResults,
     as_array,
     as_csv,
@@ -32,10 +29,11 @@ from service.api.results import (
 )
 from service.api.services import services_of, unless_left
 from service.auth.dependencies import ReadContext, RunContext
+from service.cache.record import CaseResult
+from service.errors import validated_as
 from service.jobs.manager import JobManager
-from service.jobs.models import CaseResult, JobState
+from service.jobs.models import JobState
 from service.settings import missing_package
-from service.validation import validated_as
 
 router = APIRouter(tags=["jobs"])
 

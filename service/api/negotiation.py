@@ -1,15 +1,10 @@
-"""How clients choose answers: `Accept`, `Accept-Encoding`, `If-None-Match` (RFC 9110), and `Prefer` (RFC 7240)."""
+"""How clients choose answers: `Accept`, `Accept-Encoding`, `If-None-Match` (RFC 9110); and the media types."""
 
-import re
-from collections.abc import Iterable
-from dataclasses import dataclass
 from functools import lru_cache
 
-PREFERENCE = re.compile(
-    r'\s*([!#$%&\'*+.^_`|~0-9a-z-]+)\s*(?:=\s*("(?:[^"\\]|\\.)*"|[^\s;,"]*))?[^,"]*(?:"[^"]*"[^,"]*)*'
-)
-"""A token, its value, and parameters, which none of ours has. Of what is said twice the first counts."""
-MOST_DIGITS = 9
+JSON, JSONL = "application/json", "application/jsonl"
+CSV, HDF5, PARQUET = "text/csv", "application/x-hdf5", "application/vnd.apache.parquet"
+
 remembered = lru_cache(maxsize=64)
 """Remembers what a header says: a client sends the same one with every request."""
 
@@ -61,36 +56,3 @@ def _quality(media_type: str, ranges: list[tuple[str, float]]) -> float:
         if media_range in qualities:
             return qualities[media_range]
     return 0.0
-
-
-@dataclass(frozen=True, slots=True)
-class Preference:
-    """How long a client will wait, and whether it would rather not wait at all.
-
-    Parameters
-    ----------
-    respond_async
-        Whether it wants a job whatever the size of the work.
-    wait
-        Time to wait for the answer; None if it does not say. [s]
-    """
-
-    respond_async: bool = False
-    wait: int | None = None
-
-    def applied(self, waited: float | None) -> dict[str, str]:
-        """Return the header that says which preferences were obeyed in making a job, if any was."""
-        applied = ["respond-async"] * self.respond_async
-        if self.wait is not None and waited is not None:
-            applied.append(f"wait={min(self.wait, int(waited))}")
-        return {"Preference-Applied": ", ".join(applied)} if applied else {}
-
-
-def read_preference(headers: Iterable[str]) -> Preference:
-    """Return what these headers say; what they say of other matters, or wrongly, is passed over."""
-    found: dict[str, str] = {}
-    for match in PREFERENCE.finditer(",".join(headers).lower()):
-        found.setdefault(match[1], (match[2] or "").strip('"'))
-    wait = found.get("wait", "")
-    seconds = int(wait[:MOST_DIGITS]) if wait.isascii() and wait.isdigit() else None
-    return Preference("respond-async" in found, seconds)

@@ -3,11 +3,10 @@
 from collections.abc import Awaitable, Callable, Iterable, Mapping
 from typing import Any
 
-from fastapi import APIRouter, Request, Response
+from fastapi import APIRouter, Response
 from pydantic import BaseModel
 
-from service.api.batch_body import BatchReader
-from service.api.batch_response import BatchResponse, IdempotencyKey, WantedPreference
+from service.api.batch_response import batch_route, sweep_route
 from service.api.contract import COMPUTED, MANY, STUDIED, many_bodies, one_body
 from service.api.queries import single_route
 from service.api.studies import study_route
@@ -80,26 +79,6 @@ def add_many(
         tags=[operation.tag],
         dependencies=[RUN],
     )
-
-
-def batch_route(operation: Operation, many: Many) -> Callable[..., Awaitable[Response]]:
-    """Return the handler for batches."""
-
-    async def handle(request: Request, preference: WantedPreference, idempotency_key: IdempotencyKey = "") -> Response:
-        response = BatchResponse(request, operation.name, preference, idempotency_key)
-        return await response.to(await BatchReader(request, operation.name, many.models.case).read_batch())
-
-    return handle
-
-
-def sweep_route(operation: Operation, many: Many) -> Callable[..., Awaitable[Response]]:
-    """Return the handler for sweeps."""
-
-    async def handle(request: Request, preference: WantedPreference, idempotency_key: IdempotencyKey = "") -> Response:
-        response = BatchResponse(request, operation.name, preference, idempotency_key)
-        return await response.to(await BatchReader(request, operation.name, many.models.base).read_sweep())
-
-    return handle
 
 
 def batch_description(many: Many) -> str:

@@ -1,31 +1,90 @@
-"""Single queries of any operation, and the one way to an answer: `resolve`."""
+"""Single queries of any operation: the one way to an answer, `resolve`; its forms, and the route of it by its key."""
 
 import asyncio
+import csv
+import hashlib
+import io
 import time
 from collections.abc import Awaitable, Callable
 from contextlib import nullcontext
 from http import HTTPStatus
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 from anyio.to_thread import run_sync
-from fastapi import Request, Response
+from fastapi import APIRouter, Header, HTTPException, Request, Response
+from fastapi import Path as PathParameter
 
-from service.api.body import JSON, next_turn, parse_json, read_body, require_type
-from service.api.results import REPRESENTATIONS, form_of
+from service.api.body import next_turn, parse_json, read_body, refuse_crowd, require_type
+from service.api.contract import Responses, problems
+from service.api.job_models import Result
+from service.api.negotiation import CSV, HDF5, JSON, choose, matches
 from service.api.services import Services, services_of, unless_left
-from service.auth.dependencies import RequestContext, context_in
+from service.auth.dependencies import READ, RequestContext, context_in
+from service.cache.hdf5 import to_hdf5
 from service.cache.record import Record
-from service.errors import InvalidBodyError, ProblemType, problem_of
+from service.cache.tables import residuals_of
+from service.columns import csv_cells, summarize, trial_columns
+from service.errors import InvalidBodyError, ProblemType, problem_of, validated_as
 from service.jobs.scheduler import problem_name
-from service.operations import KeyedRequest, Operation, study_of
+from service.operations import OPERATIONS, KeyedRequest, Operation, study_of
 from service.queries import Answered, CacheStatus, check_work
 from service.schemas.problems import json_pointer
 from service.schemas.requests import alternatives_in, answered_alternative, with_alternatives
 from service.telemetry import BEGUN
-from service.validation import validated_as
 
-MAX_FIELDS = 20
-"""Fields of an object of a calibration, which has half as many: listing a million errors would take a second."""
+router = APIRouter(tags=["results"], dependencies=[READ])
+
+
+def to_csv(record: Record) -> bytes:
+    """Return the table of a result.
+
+    The history of a run, or its end if it has none; the trials of a search; the residuals of a calibration; of any
+    other operation the answer in one row.
+    """
+    if record.operation == "trajectory" and record.history is not None:
+        names, columns = list(record.history), [column.tolist() for column in record.history.values()]
+    elif residuals := residuals_of(record):
+        names, columns = list(residuals), list(residuals.values())
+    elif "iterations" in record.answer:
+        trials = trial_columns(record.answer)
+        names, columns = list(trials), list(trials.values())
+    elif record.operation == "trajectory":
+        final = record.answer["final"]
+        names, columns = list(final), [[value] for value in final.values()]
+    else:
+        summary = summarize(record.answer)
+        names = [column.name for column in OPERATIONS[record.operation].columns]
+        columns = [[summary.get(name)] for name in names]
+    text = io.StringIO()
+    writer = csv.writer(text)
+    writer.writerow(names)
+    for row in zip(
+        *columns, strict=True
+    ):  # Row by row, as one call for all would hold the interpreter lock until the last.
+        writer.writerow(csv_cells(row))
+    return text.getvalue().encode()
+
+
+REPRESENTATIONS: dict[str, Callable[[Record], bytes]] = {
+    JSON: lambda record: record.json,
+    CSV: to_csv,
+    HDF5: to_hdf5,
+}
+"""Every form in which a result is given, the usual one first."""
+
+
+def form_of(request: Request) -> str:
+    """Return the media type in which a client takes a result.
+
+    Raises
+    ------
+    HTTPException
+        406 if it takes none of them.
+    """
+    media_type = choose(request.headers.get("accept", "*/*"), tuple(REPRESENTATIONS))
+    if media_type is None:
+        raise HTTPException(HTTPStatus.NOT_ACCEPTABLE, f"a result is given as {', '.join(REPRESENTATIONS)}")
+    return media_type
 
 
 class Resolved(NamedTuple):
@@ -210,12 +269,43 @@ def validated(content: Any, operation: Operation, services: Services) -> Any:
 def refuse_crowds(content: Any, steps: tuple[str | int, ...] = ()) -> None:
     """Refuse objects with too many fields, at any depth."""
     if isinstance(content, dict):
-        if len(content) > MAX_FIELDS:
-            detail = f"has {len(content)} fields, most of them unknown"
-            raise InvalidBodyError([{"pointer": json_pointer(steps), "detail": detail}])
+        refuse_crowd(content, json_pointer(steps))
         for name, item in content.items():
             refuse_crowds(item, (*steps, name))
     elif isinstance(content, list):
         for index, item in enumerate(content):
             if isinstance(item, dict | list):
                 refuse_crowds(item, (*steps, index))
+
+
+DECLARED: Responses = {
+    200: {
+        "description": "The result, in the form that `Accept` names.",
+        "headers": {"ETag": {"description": "Of this form; strong.", "schema": {"type": "string"}, "required": True}},
+        "content": {CSV: {"schema": {"type": "string"}}, HDF5: {}},
+    },
+    304: {"description": "The client has this form of the result."},
+    **problems(404, 406, 422, 500),
+}
+KEY = {"pattern": "^[0-9a-f]{64}$"}
+
+
+@router.get("/results/{key}", response_model=Result, responses=DECLARED)
+async def get_result(
+    request: Request,
+    key: Annotated[str, PathParameter(description="Key of an answer.", json_schema_extra=KEY)],
+    if_none_match: Annotated[str, Header(alias="If-None-Match", description="Entity tags the client has.")] = "",
+) -> Response:
+    """Give the result with this key: JSON, CSV or HDF5 (all of it).
+
+    CSV is the history of a run, the trials of a search, the residuals of a calibration.
+    """
+    media_type = form_of(request)
+    record = await services_of(request).queries.result(key)
+    if record is None:
+        raise HTTPException(HTTPStatus.NOT_FOUND, "no result is kept under this key")
+    content = await run_sync(REPRESENTATIONS[media_type], record)
+    headers = {"ETag": f'"{hashlib.sha256(content).hexdigest()[:32]}"', "Vary": "Accept"}
+    if matches(if_none_match, headers["ETag"]):
+        return Response(status_code=HTTPStatus.NOT_MODIFIED, headers=headers)
+    return Response(content, media_type=media_type, headers=headers)

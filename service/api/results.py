@@ -1,46 +1,38 @@
-"""Results in every form: many as JSON, JSON lines, HDF5 or a table, CSV or Parquet; and the route of one by its key.
+"""Many results in every form: JSON, JSON lines, HDF5 or a table, CSV or Parquet.
 
 Parquet needs the extra `parquet`.
 """
 
 import csv
-import hashlib
 import io
 import itertools
 import os
 from collections.abc import AsyncGenerator, AsyncIterator, Awaitable, Callable, Iterable, Iterator, Sequence
 from contextlib import aclosing
 from dataclasses import dataclass
-from http import HTTPStatus
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import orjson
 from anyio import CancelScope
 from anyio.to_thread import run_sync
-from fastapi import APIRouter, Header, HTTPException, Request, Response
-from fastapi import Path as PathParameter
+from fastapi import Request
 from fastapi.responses import StreamingResponse
 
-from service.api.contract import Responses, problems
 from service.api.downloads import file_pieces
-from service.api.job_models import Result
-from service.api.negotiation import choose, matches
+from service.api.negotiation import HDF5, PARQUET
 from service.api.services import services_of
-from service.auth.dependencies import READ
-from service.cache.hdf5 import BatchFile, to_hdf5
-from service.cache.record import Record
-from service.cache.tables import residuals_of
-from service.columns import Column, base_of, batch_columns, batch_row, csv_cells, summarize, trial_columns
+from service.cache.hdf5 import BatchFile
+from service.cache.record import CaseResult
+from service.columns import Column, base_of, batch_columns, batch_row, csv_cells
 from service.jobs.manager import JobManager
-from service.jobs.models import CaseResult, JobState, StoredSweep
+from service.jobs.models import JobState, StoredSweep
 from service.operations import OPERATIONS
 
 if TYPE_CHECKING:
     from pyarrow import DataType
 
-HDF5 = "application/x-hdf5"
 JSON_PIECE = 128 * 1024
 """Size of the JSON that is sent at once. [bytes]"""
 
@@ -167,8 +159,6 @@ async def write_hdf5(path: Path, ready: ReadyResults) -> None:
         await run_sync(batch.finish)  # It compresses what is left and reads the whole file for its hash.
 
 
-CSV = "text/csv"
-PARQUET = "application/vnd.apache.parquet"
 GROUP_ROWS = 4096
 """Rows of a row group: some megabytes, the largest part of a table that is in memory at once."""
 
@@ -295,90 +285,3 @@ FILES: dict[str, tuple[str, Callable[[Path, ReadyResults], Awaitable[None]]]] = 
     PARQUET: ("parquet", write_parquet),
 }
 """Forms that are written to a file first, with the ending of its name and the function that writes it."""
-
-router = APIRouter(tags=["results"], dependencies=[READ])
-
-
-def to_csv(record: Record) -> bytes:
-    """Return the table of a result.
-
-    The history of a run, or its end if it has none; the trials of a search; the residuals of a calibration; of any
-    other operation the answer in one row.
-    """
-    if record.operation == "trajectory" and record.history is not None:
-        names, columns = list(record.history), [column.tolist() for column in record.history.values()]
-    elif residuals := residuals_of(record):
-        names, columns = list(residuals), list(residuals.values())
-    elif "iterations" in record.answer:
-        trials = trial_columns(record.answer)
-        names, columns = list(trials), list(trials.values())
-    elif record.operation == "trajectory":
-        final = record.answer["final"]
-        names, columns = list(final), [[value] for value in final.values()]
-    else:
-        summary = summarize(record.answer)
-        names = [column.name for column in OPERATIONS[record.operation].columns]
-        columns = [[summary.get(name)] for name in names]
-    text = io.StringIO()
-    writer = csv.writer(text)
-    writer.writerow(names)
-    for row in zip(
-        *columns, strict=True
-    ):  # Row by row, as one call for all would hold the interpreter lock until the last.
-        writer.writerow(csv_cells(row))
-    return text.getvalue().encode()
-
-
-REPRESENTATIONS: dict[str, Callable[[Record], bytes]] = {
-    "application/json": lambda record: record.json,
-    "text/csv": to_csv,
-    "application/x-hdf5": to_hdf5,
-}
-"""Every form in which a result is given, the usual one first."""
-
-
-def form_of(request: Request) -> str:
-    """Return the media type in which a client takes a result.
-
-    Raises
-    ------
-    HTTPException
-        406 if it takes none of them.
-    """
-    media_type = choose(request.headers.get("accept", "*/*"), tuple(REPRESENTATIONS))
-    if media_type is None:
-        raise HTTPException(HTTPStatus.NOT_ACCEPTABLE, f"a result is given as {', '.join(REPRESENTATIONS)}")
-    return media_type
-
-
-DECLARED: Responses = {
-    200: {
-        "description": "The result, in the form that `Accept` names.",
-        "headers": {"ETag": {"description": "Of this form; strong.", "schema": {"type": "string"}, "required": True}},
-        "content": {"text/csv": {"schema": {"type": "string"}}, "application/x-hdf5": {}},
-    },
-    304: {"description": "The client has this form of the result."},
-    **problems(404, 406, 422, 500),
-}
-KEY = {"pattern": "^[0-9a-f]{64}$"}
-
-
-@router.get("/results/{key}", response_model=Result, responses=DECLARED)
-async def get_result(
-    request: Request,
-    key: Annotated[str, PathParameter(description="Key of an answer.", json_schema_extra=KEY)],
-    if_none_match: Annotated[str, Header(alias="If-None-Match", description="Entity tags the client has.")] = "",
-) -> Response:
-    """Give the result with this key: JSON, CSV or HDF5 (all of it).
-
-    CSV is the history of a run, the trials of a search, the residuals of a calibration.
-    """
-    media_type = form_of(request)
-    record = await services_of(request).queries.result(key)
-    if record is None:
-        raise HTTPException(HTTPStatus.NOT_FOUND, "no result is kept under this key")
-    content = await run_sync(REPRESENTATIONS[media_type], record)
-    headers = {"ETag": f'"{hashlib.sha256(content).hexdigest()[:32]}"', "Vary": "Accept"}
-    if matches(if_none_match, headers["ETag"]):
-        return Response(status_code=HTTPStatus.NOT_MODIFIED, headers=headers)
-    return Response(content, media_type=media_type, headers=headers)

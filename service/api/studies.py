@@ -17,11 +17,11 @@ from fastapi import APIRouter, Request, Response
 from fastapi.responses import HTMLResponse
 
 from service.api.batch_response import IdempotencyKey, JobResponse, WantedPreference
-from service.api.body import JSON, read_body, require_type
+from service.api.body import read_body, require_type
 from service.api.contract import one_body, problems
+from service.api.negotiation import JSON
 from service.api.page import REPORT_POLICY
-from service.api.queries import read_content, read_request, recalled, reply, resolve, validated
-from service.api.results import form_of
+from service.api.queries import form_of, read_content, read_request, recalled, reply, resolve, validated
 from service.api.services import services_of, unless_left
 from service.assessment import (
     Query,
@@ -33,13 +33,12 @@ from service.assessment import (
     write_page,
 )
 from service.auth.dependencies import RUN, context_in
-from service.errors import ProblemType, problem_of
+from service.errors import ProblemType, problem_of, validated_as
 from service.jobs.models import JobCase
 from service.operations import OPERATIONS, KeyedRequest, Operation, study_of
 from service.queries import check_work
 from service.schemas import ReportRequest, VerdictAnswer, verdict_answer
 from service.telemetry import BEGUN, path_of
-from service.validation import validated_as
 
 router = APIRouter(dependencies=[RUN])
 

@@ -17,7 +17,8 @@ import orjson
 from fastapi import APIRouter, HTTPException, Request, Response
 from pydantic import Field, TypeAdapter, ValidationError
 
-from service.api.body import JSON, next_turn, parse_json, read_body
+from service.api.body import next_turn, parse_json, read_body
+from service.api.negotiation import JSON
 from service.api.queries import resolve, validated
 from service.api.services import services_of
 from service.auth.dependencies import RUN

@@ -19,13 +19,13 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, Protocol, TypeAlias
+from typing import TypeAlias
 
 import h5py
 import numpy as np
 from h5py import h5d, h5f, h5p, h5t
 
-from service.cache.record import FloatColumns, Record
+from service.cache.record import CaseResult, FloatColumns, Record
 from service.cache.tables import Contents, Rows, residuals_of, summary_of, write_attribute
 from service.columns import CASE, NUMBERING, Column
 from service.errors import DamagedFileError
@@ -52,26 +52,6 @@ numbers = itertools.count()
 
 Segment: TypeAlias = tuple[Sequence[str], bytes]
 """Keys of the records of a file, in its order, and its content."""
-
-
-class WrittenCase(Protocol):
-    """A finished case of a batch."""
-
-    @property
-    def number(self) -> int:
-        """Place in the batch, from 0."""
-
-    @property
-    def custom_id(self) -> str | None:
-        """Name its sender gave it."""
-
-    @property
-    def record(self) -> Record | None:
-        """Its result, if it has one."""
-
-    @property
-    def problem(self) -> dict[str, Any] | None:
-        """What went wrong otherwise."""
 
 
 def to_hdf5(*records: Record) -> bytes:
@@ -158,7 +138,7 @@ class BatchFile:
             file.seek(0)
             file.write(_seal(digest.hexdigest()))
 
-    def write(self, cases: Sequence[WrittenCase], points: Sequence[Sequence[float]] = ()) -> None:
+    def write(self, cases: Sequence[CaseResult], points: Sequence[Sequence[float]] = ()) -> None:
         """Add these cases; those of a sweep with their points."""
         summaries = []
         for case, point in zip(cases, points or itertools.repeat(()), strict=False):
@@ -240,18 +220,6 @@ class DecodedSegment:
             ]
         except IndexError as error:
             raise DamagedFileError(str(error)) from error
-
-
-def read_records(data: bytes, rows: Iterable[int] | None = None) -> list[Record]:
-    """Results in these rows of a file made by `to_hdf5`, or all of them.
-
-    Raises
-    ------
-    DamagedFileError
-        If the file is not what was written, or has no such row.
-    """
-    segment = DecodedSegment(data)
-    return segment.records(range(len(segment.keys)) if rows is None else rows)
 
 
 def read_single(file: h5py.File, name: str) -> Rows:

@@ -1,5 +1,6 @@
 """One result as the service keeps and answers it."""
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -179,6 +180,27 @@ class Record:
         if history is not None:
             self._history = {name: np.array(column) for name, column in history.items()}
         return answer
+
+
+@dataclass(frozen=True, slots=True)
+class CaseResult:
+    """Result of a case of a batch.
+
+    Parameters
+    ----------
+    number
+        In the order of the request, from 0.
+    record, problem
+        One of them. A problem lacks its `instance`; its pointers are into the request of the case.
+    cached
+        Whether nothing was computed for it.
+    """
+
+    number: int
+    custom_id: str | None
+    record: Record | None
+    problem: dict[str, Any] | None
+    cached: bool
 
 
 def motion_in(operation: str, answer: dict[str, Any]) -> dict[str, Any] | None:

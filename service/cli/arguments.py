@@ -292,6 +292,8 @@ ATTACK = (
     Flag("--angular-velocity", ("impact", "angular_velocity_rad_s"), "rotation of the axis [rad/s] (default: 0)"),
 )
 IMPACT = (VELOCITY, OBLIQUE_ANGLE, *ATTACK)
+STRIKE = (*IMPACT, *BODY, *RESISTANCE)
+"""All flags of a strike."""
 
 
 def add_case(parser: argparse.ArgumentParser, flags: Sequence[Flag]) -> None:

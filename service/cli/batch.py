@@ -8,9 +8,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from service.cli.arguments import (
-    BODY,
-    IMPACT,
-    RESISTANCE,
+    STRIKE,
     CommandError,
     RefusedError,
     UsageError,
@@ -30,7 +28,6 @@ from service.cli.writers import Writer
 READ_SIZE = 256 * 1024
 """Number of bytes that are read from a file at a time."""
 JSONL = "application/jsonl"
-SWEEP_FLAGS = (*IMPACT, *BODY, *RESISTANCE)
 MAX_PLOT_AXES = 2
 MAX_POINTS = 100_000
 """Largest number of points of a sweep that a service accepts."""
@@ -77,7 +74,7 @@ def add_sweep(parser: argparse.ArgumentParser) -> None:
         "--axis target.compressive_strength_pa=30e6:40e6:2 --plot map.svg",
         "ricochet sweep strike.toml --operation thickness --axis impact.oblique_angle_deg=0:40:3 --csv",
     )
-    add_case(parser, SWEEP_FLAGS)
+    add_case(parser, STRIKE)
     parser.add_argument(
         "--axis",
         action="append",
@@ -150,7 +147,7 @@ def _explain_lines(error: RefusedError, file: str, numbers: Sequence[int]) -> Co
 def run_sweep(args: argparse.Namespace) -> int:
     """Compute the points of a sweep; return 3 if some have a problem."""
     axes: list[SweepAxis] = args.axis
-    body = without_sought(read_body(args.case, args, SWEEP_FLAGS), args.operation)
+    body = without_sought(read_body(args.case, args, STRIKE), args.operation)
     content = {"base": _fill(body.content, axes), "axes": [axis.content for axis in axes]}
     writers: list[Writer] = []
     if args.plot:

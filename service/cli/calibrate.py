@@ -24,18 +24,18 @@ from service.cli.calibration_input import (
 )
 from service.cli.writers import print_table, print_warnings
 from service.names import CHOICES, named
-from service.readers import (
+from service.readers.calibration import (
     DEPTH_TESTS,
     MOTION,
     OBLIQUITY_POINTS,
-    CoordinateAxis,
     Expected,
-    FileError,
     read_depth_tests,
     read_motion,
     read_motion_runs,
     read_obliquity_points,
 )
+from service.readers.dyna import CoordinateAxis
+from service.readers.files import FileError
 from service.schemas.calibration_motion import Calibration
 from service.schemas.problems import unit_ends
 from service.schemas.quantities import degrees

@@ -22,10 +22,11 @@ from service.cli.arguments import (
 from service.cli.local import refusals
 from service.cli.request_body import RequestBody, read_body
 from service.cli.single import answer_of
-from service.readers import DEPTH_TESTS, MOTION, OBLIQUITY_POINTS, Quantity
+from service.errors import validated_as
+from service.readers.calibration import DEPTH_TESTS, MOTION, OBLIQUITY_POINTS
+from service.readers.table import Quantity
 from service.schemas.calibration_motion import Calibration
 from service.schemas.strike import Impact
-from service.validation import validated_as
 
 GREATEST_DEPTH = "greatest-depth"
 SHORT_NAMES = {

@@ -136,14 +136,9 @@ class Client:
         raise RefusedError({**error.problem, **wait})
 
     def compute(self, operation: str, body: dict[str, Any]) -> bytes:
-        """Return the answer to one case, as JSON."""
+        """Return the answer to one case, as JSON; the report of one as HTML."""
         content = dumps(body)
         return self._send("POST", path_to(operation), lambda: content, {"Content-Type": JSON}).content
-
-    def report(self, body: dict[str, Any]) -> bytes:
-        """Return the report of one strike, as HTML."""
-        content = dumps(body)
-        return self._send("POST", "/report", lambda: content, {"Content-Type": JSON}).content
 
     def submit(self, path: str, content: Content, media_type: str, token: str) -> dict[str, Any]:
         """Submit many cases as a job and return it; repeated with the same token, the request makes no second job."""

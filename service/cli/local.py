@@ -3,10 +3,13 @@
 import json
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from service.cli.arguments import RefusedError
 from service.cli.writers import Item
+
+if TYPE_CHECKING:
+    from service.assessment import Query
 
 SMALL_CASES = 100
 """Cases that take less time here than a service takes to start. A search for perforation counts as 20."""
@@ -44,9 +47,9 @@ def compute(name: str, body: dict[str, Any], report: Callable[[int, float | None
     RefusedError
         If the request is invalid, or the computation fails.
     """
+    from service.errors import validated_as
     from service.operations import OPERATIONS
     from service.schemas.requests import alternatives_in, answered_alternative, with_alternatives
-    from service.validation import validated_as
 
     def solve_alternative(laws: dict[str, Any], request: Any) -> dict[str, Any]:
         try:
@@ -75,27 +78,40 @@ def judge(body: dict[str, Any], report: Callable[[int, float | None], None]) -> 
     RefusedError
         If the request is invalid, or the search fails.
     """
-    from service.assessment import Query, verdict_queries, weighing_queries
+    from service.assessment import verdict_queries, weighing_queries
+    from service.errors import validated_as
     from service.schemas import ReportRequest, verdict_answer
-    from service.validation import validated_as
-
-    answers: dict[str, Any] = {}
-
-    def answer(queries: Mapping[str, Query]) -> None:
-        for name, (operation, content) in queries.items():
-            try:
-                answers[name] = json.loads(compute(operation, content, report if name == "uncertainty" else None))
-            except RefusedError as error:
-                if name == "cra":
-                    raise
-                answers[name] = {"problem": dict(error.problem)}
 
     with refusals():
         request = validated_as(ReportRequest, body)
         queries = verdict_queries(request)
-    answer(queries)
-    answer(weighing_queries(request, answers["cra"]))
+    answers = dict(answers_to(queries, report))
+    answers |= answers_to(weighing_queries(request, answers["cra"]))
     return verdict_answer(request, answers)
+
+
+def answers_to(
+    queries: Mapping[str, "Query"], report: Callable[[int, float | None], None] | None = None
+) -> Iterator[tuple[str, Any]]:
+    """Yield the answers that a verdict or a report is made from with their names, an object with a `problem` for none.
+
+    Parameters
+    ----------
+    report
+        Called with the progress of the study of uncertainty.
+
+    Raises
+    ------
+    RefusedError
+        If there is no answer to `cra`, without which there is no verdict.
+    """
+    for name, (operation, content) in queries.items():
+        try:
+            yield name, json.loads(compute(operation, content, report if name == "uncertainty" else None))
+        except RefusedError as error:
+            if name == "cra":
+                raise
+            yield name, {"problem": dict(error.problem)}
 
 
 def usual_scatter(body: dict[str, Any]) -> list[dict[str, Any]]:
@@ -106,9 +122,9 @@ def usual_scatter(body: dict[str, Any]) -> list[dict[str, Any]]:
     RefusedError
         If the strike is invalid.
     """
+    from service.errors import validated_as
     from service.schemas.requests import CriticalAngleBase
     from service.schemas.verdict import usual_inputs
-    from service.validation import validated_as
 
     with refusals():
         strike = {name: part for name, part in body.items() if name in CriticalAngleBase.model_fields}
@@ -157,9 +173,9 @@ def _solve(name: str, request: Any, report: Callable[[int, float | None], None] 
 
 def _points(operation: str, content: dict[str, Any]) -> list[tuple[dict[str, float], Any]]:
     """Return the values of the axes and the validated request of every point."""
+    from service.errors import errors_of_point, grid_of, validated_as
     from service.operations import OPERATIONS
     from service.schemas.sweeps import Outline
-    from service.validation import errors_of_point, grid_of, validated_as
 
     many = OPERATIONS[operation].many
     assert many is not None  # noqa: S101 (a choice of the command)

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from service.cli.arguments import FAILED, CommandError, ending_of
-from service.cli.writers import Item, heading
+from service.cli.writers import Item, Writer, heading
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes as Panel
@@ -95,7 +95,7 @@ def plot_search(path: Path, answer: Mapping[str, Any]) -> None:
         panel.legend()
 
 
-class SweepPlot:
+class SweepPlot(Writer):
     """Writer that plots the results of a sweep, over one axis as a line and over two as a map.
 
     Parameters

@@ -1,19 +1,17 @@
 """`ricochet report`: a strike on two pages, as HTML or PDF."""
 
 import argparse
-import json
 import os
 import shutil
 import subprocess
 import tempfile
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from service.cli.arguments import (
-    BODY,
     FAILED,
-    IMPACT,
-    RESISTANCE,
+    STRIKE,
     CommandError,
     RefusedError,
     add_case,
@@ -21,7 +19,7 @@ from service.cli.arguments import (
     ending_of,
     examples,
 )
-from service.cli.local import compute, refusals
+from service.cli.local import answers_to, refusals
 from service.cli.request_body import read_body
 from service.cli.writers import progress
 
@@ -46,7 +44,6 @@ PRINTING = (
     "--no-pdf-header-footer",
 )
 PRINT_SECONDS = 120.0
-REPORT_FLAGS = (*IMPACT, *BODY, *RESISTANCE)
 
 
 def add_report(parser: argparse.ArgumentParser) -> None:
@@ -58,7 +55,7 @@ def add_report(parser: argparse.ArgumentParser) -> None:
         "Chrome or Edge."
     )
     parser.epilog = examples("ricochet report strike.toml", "ricochet report strike.toml --angle 30 -o report.pdf")
-    add_case(parser, REPORT_FLAGS)
+    add_case(parser, STRIKE)
     parser.add_argument(
         "-o",
         "--output",
@@ -82,7 +79,7 @@ def run_report(args: argparse.Namespace) -> int:
     output: Path = args.output
     kind = ending_of("--output", output, (".html", ".pdf"))
     browser = find_browser() if kind == ".pdf" else ""
-    body = read_body(args.case, args, REPORT_FLAGS)
+    body = read_body(args.case, args, STRIKE)
     try:
         page = _fetch_report(args.url, body.content) if args.url else _make_report(body.content)
     except RefusedError as error:
@@ -102,7 +99,7 @@ def _fetch_report(url: str, body: dict[str, Any]) -> bytes:
     from service.cli.client import connect
 
     with connect(url) as client:
-        return client.report(body)
+        return client.compute("report", body)
 
 
 def _make_report(body: dict[str, Any]) -> bytes:
@@ -110,9 +107,8 @@ def _make_report(body: dict[str, Any]) -> bytes:
     from datetime import UTC, datetime
 
     from service.assessment import Query, first_queries, require_extra, strike_queries, write_page
-    from service.errors import ReportsMissingError
+    from service.errors import ReportsMissingError, validated_as
     from service.schemas import ReportRequest
-    from service.validation import validated_as
 
     try:
         require_extra()
@@ -123,20 +119,15 @@ def _make_report(body: dict[str, Any]) -> bytes:
         request.check()
 
     answers: dict[str, Any] = {}
-
-    def answer(queries: dict[str, Query]) -> None:
-        for name, (operation, content) in queries.items():
-            try:
-                answers[name] = json.loads(compute(operation, content))
-            except RefusedError as error:
-                if name == "cra":
-                    raise
-                answers[name] = {"problem": dict(error.problem)}
-            report(len(answers), total)
-
     first = first_queries(request)
     total = len(first) + 5
     with progress("computing") as report:
+
+        def answer(queries: Mapping[str, Query]) -> None:
+            for name, found in answers_to(queries):
+                answers[name] = found
+                report(len(answers), total)
+
         answer(first)
         answer(strike_queries(request, answers["cra"]))
     made = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")

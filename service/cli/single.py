@@ -9,11 +9,8 @@ from dataclasses import replace
 from typing import Any
 
 from service.cli.arguments import (
-    BODY,
-    IMPACT,
-    RESISTANCE,
+    STRIKE,
     CommandError,
-    Flag,
     RefusedError,
     add_alternatives,
     add_case,
@@ -30,8 +27,6 @@ from service.names import CHOICES, OUTCOMES, STATUSES, named
 
 ENDS = {"outcome": OUTCOMES, "status": STATUSES}
 """Names of the ends of a run or a search, by the field that says it."""
-TRAJECTORY_FLAGS = (*IMPACT, *BODY, *RESISTANCE)
-CRA_FLAGS = (*IMPACT, *BODY, *RESISTANCE)
 
 
 def add_trajectory(parser: argparse.ArgumentParser) -> None:
@@ -44,7 +39,7 @@ def add_trajectory(parser: argparse.ArgumentParser) -> None:
         "ricochet trajectory strike.toml --angle 45",
         "ricochet trajectory strike.toml --velocity 300 --angle 55 --csv",
     )
-    add_case(parser, TRAJECTORY_FLAGS)
+    add_case(parser, STRIKE)
     add_formats(parser, json="print the answer as the service sends it", csv="print the time history")
     add_plot(parser, "the projectile from the side at several instants")
     add_alternatives(parser)
@@ -64,7 +59,7 @@ def add_cra(parser: argparse.ArgumentParser) -> None:
         "ricochet cra strike.toml -v",
         "ricochet cra strike.toml --velocity 300 --set search.tolerance_deg=0.1 --json",
     )
-    add_case(parser, CRA_FLAGS)
+    add_case(parser, STRIKE)
     add_formats(parser, json="print the answer as the service sends it", csv="print the trial angles")
     add_verbose(parser, "print the trial angles and the warnings in full too")
     add_plot(parser, "the trial angles and the critical angle")
@@ -95,7 +90,7 @@ def run_operation(args: argparse.Namespace) -> int:
 
 def run_trajectory(args: argparse.Namespace) -> int:
     """Compute a trajectory and print it."""
-    body, text = answer_one("trajectory", args, TRAJECTORY_FLAGS)
+    body, text = answer_one("trajectory", args)
     answer: dict[str, Any] = json.loads(text)
     if args.plot:
         from service.cli.plots import plot_motion
@@ -113,7 +108,7 @@ def run_trajectory(args: argparse.Namespace) -> int:
 
 def run_cra(args: argparse.Namespace) -> int:
     """Search a critical angle and print it."""
-    body, text = answer_one("cra", args, CRA_FLAGS)
+    body, text = answer_one("cra", args)
     answer: dict[str, Any] = json.loads(text)
     if args.plot:
         from service.cli.plots import plot_search
@@ -130,7 +125,7 @@ def run_cra(args: argparse.Namespace) -> int:
     return 0
 
 
-def answer_one(operation: str, args: argparse.Namespace, flags: Sequence[Flag]) -> tuple[RequestBody, bytes]:
+def answer_one(operation: str, args: argparse.Namespace) -> tuple[RequestBody, bytes]:
     """Return the request body and the answer as JSON.
 
     Raises
@@ -138,7 +133,7 @@ def answer_one(operation: str, args: argparse.Namespace, flags: Sequence[Flag]) 
     CommandError
         If there is no answer; it names the flag or the field of the file that is invalid.
     """
-    body = read_body(args.case, args, flags)
+    body = read_body(args.case, args, STRIKE)
     if args.alternatives:
         body.content["alternatives"] = True
     if args.plot:

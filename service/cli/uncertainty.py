@@ -10,10 +10,8 @@ from typing import Any
 from uuid import uuid4
 
 from service.cli.arguments import (
-    BODY,
     FAILED,
-    IMPACT,
-    RESISTANCE,
+    STRIKE,
     CommandError,
     RefusedError,
     add_case,
@@ -29,7 +27,6 @@ from service.cli.single import print_csv, print_json
 from service.cli.writers import cell, heading, print_table, print_values, print_warnings, progress
 from service.names import QUANTITIES, named
 
-FLAGS = (*IMPACT, *BODY, *RESISTANCE)
 PARAMETERS = {
     "normal": ("mean", "standard_deviation"),
     "truncated_normal": ("mean", "standard_deviation", "lower", "upper"),
@@ -56,7 +53,7 @@ def add_uncertainty(parser: argparse.ArgumentParser) -> None:
         "ricochet uncertainty strike.toml --next-shot",
         "ricochet uncertainty strike.toml --angle 50 --uncertain resistance.strength_residual=lognormal:1:0.1",
     )
-    add_case(parser, FLAGS)
+    add_case(parser, STRIKE)
     parser.add_argument(
         "--uncertain",
         action="append",
@@ -80,7 +77,7 @@ def add_uncertainty(parser: argparse.ArgumentParser) -> None:
 
 def run_uncertainty(args: argparse.Namespace) -> int:
     """Estimate and print."""
-    body = read_body(args.case, args, FLAGS)
+    body = read_body(args.case, args, STRIKE)
     for text in args.uncertain:
         body.content.setdefault("uncertain", []).append(uncertain_input(text))
     strike = "oblique_angle_deg" in body.content.get("impact", {})

@@ -4,14 +4,15 @@ import argparse
 import csv
 import re
 import sys
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Any, Protocol, TextIO, TypeAlias
+from typing import Any, TextIO, TypeAlias
 
 import orjson
 
 from service.cli.arguments import FAILED, SOME_FAILED, CommandError, problem_text
-from service.columns import SYMBOLS, base_of, batch_columns, batch_row, csv_cells, summarize
+from service.columns import base_of, batch_columns, batch_row, csv_cells, summarize, unit_end, unit_of
 
 Item: TypeAlias = Mapping[str, Any]
 """Result or problem of one case of a job."""
@@ -35,17 +36,18 @@ NUMERAL = re.compile(r"([-+]?[\d.]+(e[-+]?\d+)?)?|nan|-?inf")
 """Number in a table, or an empty cell."""
 
 
-class Writer(Protocol):
+class Writer(ABC):
     """Receives the results of a job in order."""
 
+    @abstractmethod
     def write(self, items: Sequence[Item]) -> None:
         """Write some results."""
 
-    def close(self) -> None:
+    def close(self) -> None:  # noqa: B027 (most have nothing to do)
         """Finish, after the last result."""
 
 
-class JsonLines:
+class JsonLines(Writer):
     """Results as JSON lines, as the service sends them."""
 
     def __init__(self, stream: TextIO) -> None:
@@ -56,11 +58,8 @@ class JsonLines:
         self._stream.buffer.write(b"".join(orjson.dumps(item) + b"\n" for item in items))  # JSON is UTF-8 everywhere.
         self._stream.flush()
 
-    def close(self) -> None:
-        """Do nothing."""
 
-
-class SweepTable:
+class SweepTable(Writer):
     """Results of a sweep as CSV, with the base in columns, as the service sends them."""
 
     def __init__(self, stream: TextIO, operation: str, content: Mapping[str, Any]) -> None:
@@ -85,11 +84,8 @@ class SweepTable:
             self._rows.writerow(csv_cells([*batch_row(columns, item, point), *self._base.values()]))
         self._stream.flush()
 
-    def close(self) -> None:
-        """Do nothing."""
 
-
-class Head:
+class Head(Writer):
     """A table of the first results."""
 
     def __init__(self, operation: str) -> None:
@@ -116,7 +112,7 @@ class Head:
         return row | {"problem": problem_text(item["problem"]) if "problem" in item else ""}
 
 
-class Counts:
+class Counts(Writer):
     """Number of results, and of problems among them."""
 
     def __init__(self) -> None:
@@ -127,9 +123,6 @@ class Counts:
         """Count results."""
         self.total += len(items)
         self.failed += sum("problem" in item for item in items)
-
-    def close(self) -> None:
-        """Do nothing."""
 
     @property
     def status(self) -> int:
@@ -170,14 +163,7 @@ def writer_for(args: argparse.Namespace, stream: TextIO, operation: str) -> Writ
 def heading(name: str) -> str:
     """Return the name of a field as the heading of a column, with its unit last."""
     name = name.rpartition(".")[2]
-    unit = unit_of(name)
-    suffix = next((suffix for suffix in SYMBOLS if name.endswith(suffix)), "")
-    return f"{name.removesuffix(suffix).replace('_', ' ')} {unit}".rstrip()
-
-
-def unit_of(name: str) -> str:
-    """Return the unit of a field by the end of its name; empty if it has none."""
-    return next((unit for suffix, unit in SYMBOLS.items() if name.endswith(suffix)), "")
+    return f"{name.removesuffix(unit_end(name)).replace('_', ' ')} {unit_of(name)}".rstrip()
 
 
 def cell(value: Any) -> str:

@@ -15,26 +15,17 @@ from anyio import CancelScope, CapacityLimiter
 from anyio.to_thread import run_sync
 from opentelemetry.trace import Tracer
 
+from service.cache.record import CaseResult
 from service.errors import IdempotencyBusyError, IdempotencyConflictError, QueueFullError, StorageError
-from service.jobs.models import (
-    BLOCK_SIZE,
-    CaseBlock,
-    CaseResult,
-    Charge,
-    Idempotency,
-    JobCase,
-    JobState,
-    Status,
-    StoredSweep,
-)
+from service.jobs.models import BLOCK_SIZE, CaseBlock, Charge, Idempotency, JobCase, JobState, Status, StoredSweep
 from service.jobs.reader import ResultReader
 from service.jobs.runner import CaseRunner
 from service.jobs.scheduler import GiveBack, Scheduler, problem_name
 from service.jobs.store import JobStore
 from service.jobs.studies import StudyService
-from service.jobs.traces import NO_TRACER, current_traceparent
 from service.operations import KeyedRequest, is_study
 from service.queries import Answered, Count, QueryService, Rate
+from service.telemetry import NO_TRACER, current_traceparent
 
 EXPIRY_SECONDS = 3600.0
 REOPEN_SECONDS = 5.0

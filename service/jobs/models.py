@@ -3,7 +3,7 @@
 import itertools
 import math
 import zlib
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
 from enum import IntEnum
@@ -12,7 +12,7 @@ from typing import Any, Literal, NamedTuple, TypeAlias
 
 import orjson
 
-from service.cache.record import Record
+from service.names import QUANTITIES, TITLES, named
 from service.operations import KeyedRequest
 
 Status: TypeAlias = Literal["accepted", "running", "successful", "failed", "dismissed"]
@@ -40,27 +40,6 @@ class JobCase:
 
     request: KeyedRequest
     custom_id: str | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class CaseResult:
-    """Result of a case of a batch.
-
-    Parameters
-    ----------
-    number
-        In the order of the request, from 0.
-    record, problem
-        One of them. A problem lacks its `instance`; its pointers are into the request of the case.
-    cached
-        Whether nothing was computed for it.
-    """
-
-    number: int
-    custom_id: str | None
-    record: Record | None
-    problem: dict[str, Any] | None
-    cached: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,6 +78,28 @@ class StoredSweep:
         """Return the sweep that was stored."""
         stored = orjson.loads(text)
         return cls(stored["request"], tuple(stored["fields"]), tuple(stored["values"]))
+
+
+TITLED = {"diameter_m": (1e3, "mm"), "mass_kg": (1.0, "kg")}
+"""Quantities of the projectile in the title of a sweep: factor from SI, and unit."""
+
+
+def title_of(sweep: StoredSweep) -> str:
+    """Return the title of a sweep that has been given none."""
+    varied = " × ".join(map(name_of, sweep.fields))
+    projectile = sweep.request["base"].get("projectile", {})
+    fixed = {name: unit for name, unit in TITLED.items() if f"projectile.{name}" not in sweep.fields}
+    return ", ".join([varied, *(shown(projectile, name, *unit) for name, unit in fixed.items() if name in projectile)])
+
+
+def name_of(field: str) -> str:
+    """Return a field in words."""
+    return TITLES.get(field) or named(QUANTITIES, field).lower()
+
+
+def shown(part: Mapping[str, Any], name: str, factor: float, unit: str) -> str:
+    """Return a value with its unit."""
+    return f"{part[name] * factor:.4g} {unit}"
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,7 +12,8 @@ import orjson
 from anyio import CapacityLimiter
 from anyio.to_thread import run_sync
 
-from service.jobs.models import CaseResult, CaseRow, CaseState, JobCase, JobState
+from service.cache.record import CaseResult
+from service.jobs.models import CaseRow, CaseState, JobCase, JobState
 from service.jobs.runner import CaseRunner
 from service.jobs.store import VERSIONS, JobStore
 from service.jobs.studies import StudyService

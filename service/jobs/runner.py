@@ -12,10 +12,10 @@ from anyio import CancelScope, create_task_group
 from anyio.abc import TaskGroup
 from anyio.to_thread import run_sync
 
-from service.cache.record import Record
+from service.cache.record import CaseResult, Record
 from service.errors import ComputationCancelled, PoolUnavailableError, QueueFullError, case_problem
 from service.fairness import ChunkSizer, FairSemaphore, Permit
-from service.jobs.models import CaseResult, JobCase
+from service.jobs.models import JobCase
 from service.queries import Answered, QueryService, Rate
 
 URGENT_SECONDS = 0.1

@@ -8,7 +8,7 @@ import asyncio
 import logging
 from collections import Counter, deque
 from collections.abc import AsyncGenerator, Callable, Mapping, Sequence
-from contextlib import aclosing, suppress
+from contextlib import AbstractContextManager, aclosing, suppress
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from functools import partial
@@ -18,14 +18,15 @@ from anyio import CancelScope
 from anyio.to_thread import run_sync
 from opentelemetry.trace import Tracer
 
+from service.cache.record import CaseResult
 from service.errors import JobGoneError, StorageError, case_problem
-from service.jobs.models import BLOCK_SIZE, CaseResult, CaseState, JobCase, JobState, Status
+from service.jobs.models import BLOCK_SIZE, CaseState, JobCase, JobState, Status
 from service.jobs.runner import Blocks, CaseRunner
 from service.jobs.store import VERSIONS, JobStore
 from service.jobs.studies import StudyService
-from service.jobs.traces import span_of
 from service.operations import KeyedRequest, is_study
 from service.queries import Count, QueryService
+from service.telemetry import span_within
 
 AHEAD = 10
 """Blocks of cases looked up in the cache at once: what is there is marked without a chunk being made of it."""
@@ -180,10 +181,10 @@ class Scheduler:
         try:
             with job.scope:
                 if is_study(state.operation):
-                    with span_of(self._tracer, "study", state, 1):
+                    with self._span("study", state, 1):
                         await self._run_study(job)
                 else:
-                    traced = partial(span_of, self._tracer, "chunk", state)
+                    traced = partial(self._span, "chunk", state)
                     mark, blocks = partial(self._mark, job), self._blocks(job)
                     await self._runner.run(state.operation, blocks, mark, owner=job.queue, urgent=False, traced=traced)
         except Exception as error:
@@ -194,6 +195,14 @@ class Scheduler:
             job.handed_out.set()
         if job.state.final:
             self.active.pop(state.id, None)
+
+    def _span(self, name: str, state: JobState, cases: int) -> AbstractContextManager[None]:
+        return span_within(
+            self._tracer,
+            name,
+            state.traceparent,
+            {"ricochet.job": state.id, "ricochet.operation": state.operation, "ricochet.cases": cases},
+        )
 
     async def _run_study(self, job: ActiveJob) -> None:
         """Compute a study, the only case of its job, if it is not there."""

@@ -36,8 +36,8 @@ from service.jobs.models import (
     split_custom_ids,
     split_keys,
     split_requests,
+    title_of,
 )
-from service.jobs.titles import title_of
 from service.operations import SCHEMA_VERSION, result_key
 from solver import ENGINE_VERSION
 

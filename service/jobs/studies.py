@@ -9,9 +9,9 @@ from typing import Any, TypeAlias
 from anyio import CapacityLimiter
 from anyio.to_thread import run_sync
 
-from service.cache.record import Record
+from service.cache.record import CaseResult, Record
 from service.errors import InvalidBodyError
-from service.jobs.models import CaseResult, JobCase
+from service.jobs.models import JobCase
 from service.operations import OPERATIONS, KeyedRequest, StudyOperation, study_of
 from service.queries import Answered, QueryService
 

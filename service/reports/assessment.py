@@ -15,12 +15,12 @@ from service.design import design_sentence
 from service.names import FORMULAS, OUTCOMES, QUANTITIES, STATUSES
 from service.reports import style
 from service.reports.assessment_figures import SETTINGS, curves, side_views, sketch, svg
-from service.reports.assessment_numbers import WORDS, Numbers, Row, lookup, rows, sentence
+from service.reports.assessment_numbers import WORDS, Numbers, Row, field_of, lookup, rows, sentence
 from service.reports.style import embedded
 from solver.free_surface import NoFreeSurface
 from solver.projectile import Projectile
 from solver.resistance import EQUATION_9_COEFFICIENTS, ObliquityPolynomial, PublishedTests
-from solver.uncertainty import RESIDUAL, Verdict
+from solver.uncertainty import Verdict
 from solver.warnings import (
     EQUATION_9_DIAMETER,
     EQUATION_9_STRENGTH,
@@ -44,16 +44,6 @@ RUN_TITLES: Final[Mapping[str, str]] = {
     "lowest": "Least angle searched, ",
     "highest": "Greatest angle searched, ",
 }
-SCATTERS: Final[Mapping[str, tuple[float, str]]] = {
-    "impact.velocity_m_s": (1.0, " m/s"),
-    "target.compressive_strength_pa": (1e-6, " MPa"),
-    "target.density_kg_m3": (1.0, " kg/m³"),
-    "projectile.mass_kg": (1.0, " kg"),
-    "impact.angle_of_attack_deg": (1.0, "°"),
-    RESIDUAL: (1.0, ""),
-    "resistance.free_surface.model": (1.0, ""),
-}
-"""Factor and unit of inputs that scatter."""
 UNSAID: Final = frozenset({"no_indices"})
 """Warnings about what the report does not show."""
 KEYS: Final[Mapping[str, str]] = {
@@ -209,14 +199,14 @@ def _scatter(numbers: Numbers, strike: Assessed, study: Mapping[str, Any] | None
     """Return a row for each input that scatters: label, spread, its 5 % and 95 % quantiles with the angle at these."""
     found = []
     for i, (each, given) in enumerate(zip((study or {}).get("sensitivity", ()), strike.scatter, strict=False)):
-        factor, unit = SCATTERS[each["field"]]
-        cells: list[Any] = [QUANTITIES[each["field"]], _spread(given["distribution"], unit)]
+        field = field_of(each["field"])
+        cells: list[Any] = [QUANTITIES[each["field"]], _spread(given["distribution"], field.written)]
         for j, change in enumerate(each["swing"][:2]):
             place = f"/uncertainty/sensitivity/{i}/swing/{j}"
             if isinstance(change["value"], str):
                 cells.append(WORDS[change["value"]])
             else:
-                cells.append(numbers.short(f"{place}/value", factor=factor, unit=unit))
+                cells.append(numbers.short(f"{place}/value", factor=field.factor, unit=field.written))
             cells.append(numbers.angle(f"{place}/critical_angle_deg") or "none")
         found.append(cells)
     return found

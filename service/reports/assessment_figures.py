@@ -104,7 +104,7 @@ def side_views(
     widest = max(right - left for left, right, _, _ in frames)
     frames = [_widened(frame, LEAST_WIDTH * widest) for frame in frames]
     widths = [right - left for left, right, _, _ in frames]
-    height = min(max((PAGE - 0.9) * (bottom - top) / sum(widths) + 0.55, 1.5), 2.2)
+    height = min(max((PAGE - 0.9) * (bottom - top) / sum(widths) + 0.55, 1.5), 1.75)
     figure = Figure(figsize=(PAGE, height), layout="constrained")
     grid = figure.subplots(1, len(runs), sharey=True, squeeze=False, gridspec_kw={"width_ratios": widths}).ravel()
     for axes, (title, _), path, (left, right, _, _) in zip(grid, runs, paths, frames, strict=True):
@@ -163,7 +163,7 @@ def curves(
     speed, angle, judged
         Speed of the case [m/s], its critical angle if there is one, and the angle to judge if given [°].
     """
-    figure = Figure(figsize=(PAGE, 1.95), layout="constrained")
+    figure = Figure(figsize=(PAGE, 1.6), layout="constrained")
     left, right = figure.subplots(1, 2)
     _draw_speeds(left, speeds)
     left.axvline(speed, color=style.HINT, linewidth=0.8, linestyle="--")

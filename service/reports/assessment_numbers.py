@@ -5,6 +5,7 @@ from typing import Any, Final, NamedTuple
 
 from markupsafe import Markup, escape
 
+from service.columns import unit_end, unit_of
 from service.names import CHOICES, QUANTITIES
 
 MINUS, NARROW = "\N{MINUS SIGN}", "\N{NARROW NO-BREAK SPACE}"
@@ -78,9 +79,13 @@ def sentence(text: str) -> Markup:
 class Field(NamedTuple):
     """How an input is shown: `factor` times its value is the number in the unit."""
 
-    group: str
     unit: str = ""
     factor: float = 1.0
+
+    @property
+    def written(self) -> str:
+        """The unit as it stands behind a number."""
+        return f" {self.unit}" if self.unit and self.unit != "°" else self.unit
 
 
 class Row(NamedTuple):
@@ -91,62 +96,38 @@ class Row(NamedTuple):
     note: str
 
 
-MM, MPA, GPA = 1e3, 1e-6, 1e-9
 MOST_SHOTS = 12
-SHOT: Final[Mapping[str, tuple[str, float]]] = {
-    "velocity_m_s": ("m/s", 1.0),
-    "depth_m": ("mm", MM),
-    "mass_kg": ("kg", 1.0),
-    "diameter_m": ("mm", MM),
+SHOT = ("velocity_m_s", "depth_m", "mass_kg", "diameter_m")
+"""What is known of a shot, in the order in which it is shown."""
+GROUPS: Final[Mapping[str, str]] = {
+    "projectile": "Projectile",
+    "target": "Target",
+    "impact": "Strike",
+    "resistance": "Model",
+    "numerics": "Computation",
+    "search": "Computation",
 }
-"""Unit of what is known of a shot, and the factor to it."""
-PROJECTILE, TARGET, STRIKE, MODEL, NUMERICS = "Projectile", "Target", "Strike", "Model", "Computation"
+"""Group of inputs by the part of the request, in the order of the report."""
+BY_END: Final[Mapping[str, Field]] = {"_m": Field("mm", 1e3), "_pa": Field("MPa", 1e-6)}
+"""How quantities are shown by the end of their name, where not in the unit of the contract."""
+OTHER_FIELDS: Final[Mapping[str, Field]] = {
+    "projectile.nose.points": Field("mm", 1e3),
+    "target.youngs_modulus_pa": Field("GPa", 1e-9),
+    "numerics.termination_time_s": Field("ms", 1e3),
+    "numerics.retention_energy_fraction": Field("%", 100.0),
+}
+"""How others are shown."""
+
+
+def field_of(name: str) -> Field:
+    """Return how a quantity of the contract is shown."""
+    return OTHER_FIELDS.get(name) or BY_END.get(unit_end(name)) or Field(unit_of(name))
+
+
 FIELDS: Final[Mapping[str, Field]] = {
-    "/projectile/nose/shape": Field(PROJECTILE),
-    "/projectile/nose/caliber_radius_head": Field(PROJECTILE),
-    "/projectile/nose/length_to_diameter": Field(PROJECTILE),
-    "/projectile/nose/points": Field(PROJECTILE, "mm", MM),
-    "/projectile/diameter_m": Field(PROJECTILE, "mm", MM),
-    "/projectile/length_m": Field(PROJECTILE, "mm", MM),
-    "/projectile/mass_kg": Field(PROJECTILE, "kg"),
-    "/projectile/boat_tail/length_m": Field(PROJECTILE, "mm", MM),
-    "/projectile/boat_tail/base_diameter_m": Field(PROJECTILE, "mm", MM),
-    "/projectile/center_of_gravity_m": Field(PROJECTILE, "mm", MM),
-    "/projectile/moment_of_inertia_kg_m2": Field(PROJECTILE, "kg m²"),
-    "/target/compressive_strength_pa": Field(TARGET, "MPa", MPA),
-    "/target/density_kg_m3": Field(TARGET, "kg/m³"),
-    "/target/youngs_modulus_pa": Field(TARGET, "GPa", GPA),
-    "/target/poissons_ratio": Field(TARGET),
-    "/target/thickness_m": Field(TARGET, "mm", MM),
-    "/impact/velocity_m_s": Field(STRIKE, "m/s"),
-    "/impact/oblique_angle_deg": Field(STRIKE, "°"),
-    "/impact/angle_of_attack_deg": Field(STRIKE, "°"),
-    "/impact/angular_velocity_rad_s": Field(STRIKE, "rad/s"),
-    "/resistance/strength_factor/model": Field(MODEL),
-    "/resistance/strength_factor/shots": Field(MODEL),
-    "/resistance/strength_factor/value": Field(MODEL),
-    "/resistance/strength_factor/coefficients": Field(MODEL),
-    "/resistance/strength_factor/covariance": Field(MODEL),
-    "/resistance/strength_factor/coefficient": Field(MODEL),
-    "/resistance/strength_factor/exponent": Field(MODEL),
-    "/resistance/strength_factor/reference_strength_pa": Field(MODEL, "MPa", MPA),
-    "/resistance/strength_factor/diameter_exponent": Field(MODEL),
-    "/resistance/strength_factor/reference_diameter_m": Field(MODEL, "mm", MM),
-    "/resistance/strength_factor/obliquity_shape": Field(MODEL),
-    "/resistance/inertia_factor": Field(MODEL),
-    "/resistance/free_surface/model": Field(MODEL),
-    "/resistance/free_surface/inertia": Field(MODEL),
-    "/resistance/crater/depth_diameters": Field(MODEL),
-    "/resistance/rear_plug/cone_angle_deg": Field(MODEL, "°"),
-    "/numerics/method": Field(NUMERICS),
-    "/numerics/termination_time_s": Field(NUMERICS, "ms", 1e3),
-    "/numerics/relative_tolerance": Field(NUMERICS),
-    "/numerics/retention_energy_fraction": Field(NUMERICS, "%", 100.0),
-    "/search/method": Field(NUMERICS),
-    "/search/lower_deg": Field(NUMERICS, "°"),
-    "/search/upper_deg": Field(NUMERICS, "°"),
-    "/search/tolerance_deg": Field(NUMERICS, "°"),
+    f"/{name.replace('.', '/')}": field_of(name) for name in QUANTITIES if name.partition(".")[0] in GROUPS
 }
+"""Inputs by their pointers."""
 UNUSED: Final = frozenset({"/numerics/panels", "/numerics/time_step_s", "/search/relative_tolerance"})
 """Settings of the paper's numerics and searches."""
 ABSENT: Final[Mapping[str, tuple[str, str]]] = {
@@ -183,17 +164,18 @@ def rows(numbers: Numbers, given: Mapping[str, Any], case: Mapping[str, Any]) ->
     case
         The same with defaults filled in.
     """
-    found: dict[str, list[Row]] = {field.group: [] for field in FIELDS.values()}
+    found: dict[str, list[Row]] = {group: [] for group in GROUPS.values()}
     values = dict(leaves(case))
     for pointer, field in FIELDS.items():
+        group = found[GROUPS[pointer.split("/")[1]]]
         if pointer in values:
             note = "" if lookup(given, pointer) is not None else "default"
-            found[field.group].append(Row(label_of(pointer), _shown(numbers, f"/case{pointer}", field), note))
+            group.append(Row(label_of(pointer), _shown(numbers, f"/case{pointer}", field), note))
         elif pointer in ASSUMED:
             shown = _shown(numbers, f"/assumed{pointer}", field, digits=4)
-            found[field.group].append(Row(label_of(pointer), shown, ASSUMED[pointer]))
+            group.append(Row(label_of(pointer), shown, ASSUMED[pointer]))
         elif pointer in ABSENT:
-            found[field.group].append(Row(label_of(pointer), *ABSENT[pointer]))
+            group.append(Row(label_of(pointer), *ABSENT[pointer]))
     return found
 
 
@@ -209,19 +191,19 @@ def leaves(case: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any
 
 def _shown(numbers: Numbers, pointer: str, field: Field, *, digits: int = 12) -> Any:
     value = numbers.at(pointer)
-    unit = f" {field.unit}" if field.unit and field.unit != "°" else field.unit
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, str):
         return WORDS.get(value, value)
     if isinstance(value, Sequence):
-        return f"{_listed(value, field.factor)}{unit}"
-    return numbers.short(pointer, factor=field.factor, digits=digits, unit=unit)
+        return f"{_listed(value, field.factor)}{field.written}"
+    return numbers.short(pointer, factor=field.factor, digits=digits, unit=field.written)
 
 
 def _shot(shot: Mapping[str, float]) -> str:
     """Return a shot with what is given of it."""
-    return ", ".join(f"{shot[name] * factor:.6g} {unit}" for name, (unit, factor) in SHOT.items() if name in shot)
+    given = [(shot[name], field_of(name)) for name in SHOT if name in shot]
+    return ", ".join(f"{value * field.factor:.6g}{field.written}" for value, field in given)
 
 
 def _listed(values: Sequence[Any], factor: float) -> str:

@@ -50,10 +50,10 @@ class Item(Part):
 
     index: Index
     custom_id: CustomId | MISSING = MISSING
-    point: Annotated[dict[str, Num], Field(description="Values of the axes of a sweep, by their fields.")] | MISSING = (
-        MISSING
-    )
-    problem: Annotated[Problem, Field(description="Why there is no result.")] | MISSING = MISSING
+    point: dict[str, Num] | MISSING = MISSING
+    """Values of the axes of a sweep, by their fields."""
+    problem: Problem | MISSING = MISSING
+    """Why there is no result."""
 
 
 class ResultItem(Item, Generic[Answer]):
@@ -73,9 +73,8 @@ class BatchOutput(TrajectoryOutput):
 
     model_config = with_examples({"history": True, "sample_interval_s": 1e-4})
 
-    history: Annotated[
-        Flag, Field(description="Whether to give the motion over time; not among many, unless requested.")
-    ] = False
+    history: Flag = False
+    """Whether to give the motion over time; not among many, unless requested."""
 
 
 class TrajectoryBase(TrajectoryFields):

@@ -1,7 +1,6 @@
 """Calibration by depths of penetration, and a polynomial of the factors over the oblique angle."""
 
 import itertools
-import math
 from collections.abc import Sequence
 from typing import Annotated, Any, Literal
 
@@ -17,7 +16,7 @@ from service.schemas.calibration_motion import (
 )
 from service.schemas.fields import GIVEN, NOT_TABLED, Of, walk
 from service.schemas.numerics import Obliquity
-from service.schemas.quantities import WHOLE, Count, Num, Part, with_examples, within
+from service.schemas.quantities import WHOLE, Count, Num, Part, SolverPart, with_examples, within
 from service.schemas.resistance import (
     LARGEST_COEFFICIENT,
     UNCERTAIN,
@@ -51,7 +50,7 @@ POSTERIOR = {"type": "lognormal", "median": 8.062, "dispersion": 0.1126}
 Group = Annotated[str, StringConstraints(strict=True, min_length=1, max_length=128)]
 
 
-class DepthTest(Part):
+class DepthTest(SolverPart[SolverTest]):
     """One shot along the normal, and how deep it went."""
 
     model_config = with_examples(TEST, TEST | {"weight": 0.5, "group": "80 mm"})
@@ -66,16 +65,6 @@ class DepthTest(Part):
     """Relative weight of the squared residual. [1]"""
     group: Group | MISSING = MISSING
     """Gets a separate strength factor, beside that of all tests."""
-
-    def to_solver(self) -> SolverTest:
-        """Return the solver's test."""
-        return SolverTest(
-            velocity=self.velocity_m_s,
-            depth=self.depth_m,
-            mass=None if self.mass_kg is MISSING else self.mass_kg,
-            weight=self.weight,
-            group=None if self.group is MISSING else self.group,
-        )
 
 
 class DepthCalibrationRequest(Calibration):
@@ -208,7 +197,7 @@ TABLE_2 = [
 """Values of the paper."""
 
 
-class ObliquityPoint(Part):
+class ObliquityPoint(SolverPart[SolverPoint]):
     """A strength factor at one oblique angle."""
 
     model_config = with_examples(TABLE_2[1], TABLE_2[1] | {"standard_error": 0.1})
@@ -218,14 +207,6 @@ class ObliquityPoint(Part):
     strength_factor: StrengthFactorValue
     standard_error: Annotated[Num, Field(ge=1e-6, le=1000.0)] | MISSING = MISSING
     """Standard error of the strength factor; given for all points or for none. [1]"""
-
-    def to_solver(self) -> SolverPoint:
-        """Return the solver's point."""
-        return SolverPoint(
-            oblique_angle=math.radians(self.oblique_angle_deg),
-            strength_factor=self.strength_factor,
-            standard_error=None if self.standard_error is MISSING else self.standard_error,
-        )
 
 
 class ObliquityCalibrationRequest(Part):

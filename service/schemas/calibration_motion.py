@@ -9,7 +9,7 @@ import solver
 from service.columns import Column
 from service.schemas.fields import Described, Of
 from service.schemas.numerics import Method, Numerics
-from service.schemas.quantities import Flag, Num, Part, with_examples
+from service.schemas.quantities import Flag, Num, Part, SolverPart, with_examples
 from service.schemas.requests import MOST_ROWS
 from service.schemas.resistance import MOHR_COULOMB, Crater, Decay, InertiaFactor, ShearPlug
 from service.schemas.strike import PROJECTILE, STRIKE, TARGET, Impact, Projectile, Target
@@ -35,7 +35,7 @@ ConfidenceInterval = Annotated[
 Residuals = Annotated[list[Num], Field(description="Given minus predicted, in the order of the request.")]
 
 
-class CalibrationResistance(Part):
+class CalibrationResistance(SolverPart[solver.Resistance]):
     """How the target resists, but for the strength factor, which is sought."""
 
     model_config = with_examples(
@@ -48,15 +48,6 @@ class CalibrationResistance(Part):
     """None when not given."""
     rear_plug: ShearPlug | MISSING = MISSING
     """Shear plug of a wall; none when not given. Without effect on a half-space."""
-
-    def to_solver(self) -> solver.Resistance:
-        """Return the solver's resistance; its strength factor is not used."""
-        return solver.Resistance(
-            inertia_factor=self.inertia_factor,
-            free_surface=self.free_surface.to_solver(),
-            crater=None if self.crater is MISSING else self.crater.to_solver(),
-            rear_plug=None if self.rear_plug is MISSING else self.rear_plug.to_solver(),
-        )
 
 
 class Calibration(Part):
@@ -137,7 +128,7 @@ Rotation = Annotated[Num, Field(ge=-36_000.0, le=36_000.0)]
 DisplacementColumn = Annotated[list[Displacement], Field(min_length=2, max_length=MOST_ROWS, fail_fast=True)]
 
 
-class MotionRecord(Part):
+class MotionRecord(SolverPart[MotionHistory]):
     """How a projectile moved since first contact: columns of equal length, at least one beside the time."""
 
     model_config = ConfigDict(
@@ -158,18 +149,8 @@ class MotionRecord(Part):
     )
     """Change of the axis angle; positive as the nose turns toward the face. [°]"""
 
-    def to_solver(self) -> MotionHistory:
-        """Return the solver's history."""
-        depth, lateral, rotation = self.depth_displacement_m, self.lateral_displacement_m, self.rotation_deg
-        return MotionHistory(
-            time=np.array(self.time_s),
-            depth_displacement=None if depth is MISSING else np.array(depth),
-            lateral_displacement=None if lateral is MISSING else np.array(lateral),
-            rotation=None if rotation is MISSING else np.radians(rotation),
-        )
 
-
-class MotionWeights(Part):
+class MotionWeights(SolverPart[Weights]):
     """Weights of the squared residuals of the quantities, relative, after each is scaled by its span."""
 
     model_config = with_examples({"depth": 1.0, "lateral": 1.0, "rotation": 0.5})
@@ -180,10 +161,6 @@ class MotionWeights(Part):
     """[1]"""
     rotation: Annotated[Num, Field(ge=0.0, le=1e6)] = 1.0
     """[1]"""
-
-    def to_solver(self) -> Weights:
-        """Return the solver's weights."""
-        return Weights(depth=self.depth, lateral=self.lateral, rotation=self.rotation)
 
 
 Until = Annotated[Num, Field(gt=0.0, le=1.0, description="Uses the rows up to this time, itself included. [s]")]

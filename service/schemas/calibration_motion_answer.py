@@ -6,6 +6,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import MISSING, Field
 
+from service.columns import unit_end
 from service.schemas.answers import VERSIONED, WARNING, EngineVersion, Key, ModelWarning
 from service.schemas.calibration_motion import (
     AT_30,
@@ -16,7 +17,7 @@ from service.schemas.calibration_motion import (
     StrengthFactorValue,
 )
 from service.schemas.fields import GIVEN, Described, Of, in_unit, walk
-from service.schemas.quantities import Num, Part, unit_end, with_examples
+from service.schemas.quantities import Num, Part, with_examples
 from service.schemas.resistance import FreeSurfaceModel
 from solver.calibration import DecayLawFits, MotionFit, MotionHistory, MotionsFit
 

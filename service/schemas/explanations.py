@@ -9,7 +9,7 @@ from typing import Any
 from pydantic import BaseModel
 
 from service import schemas
-from service.columns import SYMBOLS
+from service.columns import unit_end, unit_of
 from service.schemas.sweeps import schema_of
 from solver.checks import BOUNDS, ParameterError, require_bounds
 
@@ -30,14 +30,13 @@ def explained(pointer: str, error: Mapping[str, Any]) -> str:
         return detail + suggestion(pointer)
     if error["type"] not in OUT_OF_BOUNDS:
         return detail
-    suffix = next((suffix for suffix in SYMBOLS if pointer.endswith(suffix)), "")
-    field = pointer.strip("/").replace("/", ".").removesuffix(suffix)
+    field = pointer.strip("/").replace("/", ".").removesuffix(unit_end(pointer))
     try:
         if field in BOUNDS:
             require_bounds(field, error["input"])
     except ParameterError as bound:
         return bound.requirement
-    unit = SYMBOLS.get(suffix, "")
+    unit = unit_of(pointer)
     return f"{detail}°" if unit == "°" else f"{detail} {unit}".rstrip()
 
 

@@ -13,8 +13,8 @@ import numpy as np
 from pydantic import MISSING
 from typing_extensions import TypeAliasType
 
-from service.columns import IDENTITY, Column
-from service.schemas.quantities import Part, degrees, short_description, unit_end
+from service.columns import IDENTITY, Column, unit_end
+from service.schemas.quantities import Part, degrees, short_description
 from solver.arrays import FloatArray
 
 

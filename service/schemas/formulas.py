@@ -8,7 +8,7 @@ from pydantic import MISSING, Field
 from service.schemas.answers import VERSIONED, EngineVersion, Key, ModelWarning
 from service.schemas.fields import GIVEN, NOT_TABLED, Of, walk
 from service.schemas.problems import pointer_of_parameter
-from service.schemas.quantities import Num, Part, with_examples
+from service.schemas.quantities import Num, Part, solver_arguments, with_examples
 from service.schemas.strike import PAPER, STRIKE, Impact, Projectile, Target
 from solver.formulas import PERFORATION_MARGIN, SCABBING_MARGIN, Limit, formulas, nose_class, spread
 from solver.warnings import NORMAL_COMPONENT_ONLY, body_warnings
@@ -58,11 +58,7 @@ class FormulasRequest(Part):
 
     def arguments(self) -> dict[str, Any]:
         """Return the arguments of `solver.formulas`."""
-        return {
-            "projectile": self.projectile.to_solver(),
-            "target": self.target.to_solver(),
-            "impact": self.impact.to_solver(),
-        }
+        return solver_arguments(self)
 
 
 class NotFitted(Part):

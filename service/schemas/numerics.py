@@ -1,6 +1,5 @@
 """How a request is computed, as the contract has it."""
 
-import math
 from enum import StrEnum
 from functools import cache
 from typing import Annotated
@@ -8,7 +7,7 @@ from typing import Annotated
 from pydantic import MISSING, Field
 
 import solver
-from service.schemas.quantities import WHOLE, Count, Num, Part, degrees, with_examples
+from service.schemas.quantities import WHOLE, Count, Num, SolverPart, degrees, with_examples
 from solver.search.critical_angle import PAPER_TERMINATION_TIME
 from solver.strike import RETENTION_BOUNDS, SEARCH_TOLERANCE, TERMINATION_TIME, TRAJECTORY_TOLERANCE, TRANSITS
 
@@ -33,7 +32,7 @@ class SearchMethod(StrEnum):
     SECANT = "secant"
 
 
-class Numerics(Part):
+class Numerics(SolverPart[solver.Numerics]):
     """Route and resolution of a run."""
 
     model_config = with_examples(
@@ -79,18 +78,6 @@ class Numerics(Part):
     """Share of the initial kinetic energy with which a projectile must leave to count as turned away; below it, it is
     embedded. Not used by the searches `bisection` and `secant`. [1]"""
 
-    def to_solver(self) -> solver.Numerics:
-        """Return the solver's numerics."""
-        method, end, tolerance = self.method, self.termination_time_s, self.relative_tolerance
-        return solver.Numerics(
-            method=None if method is MISSING else method.value,
-            termination_time=None if end is MISSING else end,
-            panels=self.panels,
-            time_step=self.time_step_s,
-            relative_tolerance=None if tolerance is MISSING else tolerance,
-            retention_energy_fraction=self.retention_energy_fraction,
-        )
-
 
 @cache
 def usual_range(method: SearchMethod) -> tuple[float, float]:
@@ -99,7 +86,7 @@ def usual_range(method: SearchMethod) -> tuple[float, float]:
     return degrees(lower), degrees(upper)
 
 
-class Search(Part):
+class Search(SolverPart[solver.Search]):
     """How the critical angle is sought."""
 
     model_config = with_examples({"method": "outcome", "lower_deg": 20.0, "upper_deg": 80.0}, {"method": "secant"})
@@ -113,13 +100,3 @@ class Search(Part):
     """Width of the final bracket of `outcome`. [°]"""
     relative_tolerance: Annotated[Num, Field(ge=1e-8, le=0.5)] = SEARCH.relative_tolerance
     """The paper's searches end when two angles in a row differ by less than this fraction. [1]"""
-
-    def to_solver(self) -> solver.Search:
-        """Return the solver's search."""
-        return solver.Search(
-            method=self.method.value,
-            lower=None if self.lower_deg is MISSING else math.radians(self.lower_deg),
-            upper=None if self.upper_deg is MISSING else math.radians(self.upper_deg),
-            tolerance=math.radians(self.tolerance_deg),
-            relative_tolerance=self.relative_tolerance,
-        )

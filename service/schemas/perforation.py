@@ -9,9 +9,8 @@ from service.columns import Column
 from service.schemas.answers import EXIT, VERSIONED, WARNING, EngineVersion, Exit, Key, ModelWarning
 from service.schemas.fields import GIVEN, Described, Of, walk
 from service.schemas.formulas import ROW, FormulaRow, FormulasRequest, formulas_answer
-from service.schemas.numerics import Method
 from service.schemas.quantities import Num, Part, with_examples
-from service.schemas.requests import Case, filled
+from service.schemas.requests import Case
 from service.schemas.strike import PAPER, PAPER_AT_45, Approach, Impact
 from solver import Outcome, ParameterError, PerforationStatus
 from solver.perforation import RUN_TOLERANCE
@@ -68,13 +67,8 @@ class ThicknessRequest(Case):
         """
         if self.target.thickness_m is not MISSING:
             raise ParameterError("target.thickness", "must not be given: it is what is sought")
-        numerics = filled(
-            self.numerics,
-            method=Method.ADAPTIVE,
-            termination_time_s=self.usual_termination_time(self.impact.velocity_m_s),
-            relative_tolerance=RUN_TOLERANCE,
-        )
-        return self.model_copy(update={"numerics": numerics})
+        end = self.usual_termination_time(self.impact.velocity_m_s)
+        return self.adaptive(termination_time_s=end, relative_tolerance=RUN_TOLERANCE)
 
     def arguments(self) -> dict[str, Any]:
         """Return the arguments of `solver.least_thickness`.
@@ -114,16 +108,8 @@ class LimitSpeedRequest(Case):
         """
         if self.target.thickness_m is MISSING:
             raise ParameterError("target.thickness", "must be given: a half-space is not perforated")
-        end = self.numerics.termination_time_s
-        numerics = filled(
-            self.numerics,
-            method=Method.ADAPTIVE,
-            termination_time_s=TERMINATION_TIME,
-            relative_tolerance=RUN_TOLERANCE,
-        )
-        if not self.by_panels:
-            numerics = numerics.model_copy(update={"termination_time_s": end})
-        return self.model_copy(update={"numerics": numerics})
+        end = {"termination_time_s": TERMINATION_TIME} if self.by_panels else {}
+        return self.adaptive(**end, relative_tolerance=RUN_TOLERANCE)
 
     def arguments(self) -> dict[str, Any]:
         """Return the arguments of `solver.limit_velocity`.

@@ -6,7 +6,8 @@ from typing import Annotated
 
 from pydantic import Field
 
-from service.schemas.quantities import Part, unit_end, with_examples
+from service.columns import unit_end
+from service.schemas.quantities import Part, with_examples
 
 TAGGED = frozenset({"distribution", "nose", "strength_factor"})
 """Fields of several shapes. In a place inside one of them, pydantic names the shape after the field."""
@@ -81,14 +82,11 @@ class ProblemError(Part):
 
     model_config = with_examples(TOO_SHORT)
 
-    pointer: Annotated[
-        str,
-        Field(
-            description="JSON pointer (RFC 6901) into the request body; empty for all of it. Of a JSONL body the first "
-            "step is the line, counted from 0."
-        ),
-    ]
-    detail: Annotated[str, Field(description="What is wrong with it.")]
+    pointer: str
+    """JSON pointer (RFC 6901) into the request body; empty for all of it. Of a JSONL body the first step is the line,
+    counted from 0."""
+    detail: str
+    """What is wrong with it."""
 
 
 class Problem(Part):
@@ -96,9 +94,15 @@ class Problem(Part):
 
     model_config = with_examples(INVALID)
 
-    type: Annotated[str, Field(description="Stable, for programs; `about:blank` where the status says it all.")]
-    title: Annotated[str, Field(description="Title of the type.")]
-    status: Annotated[int, Field(ge=400, le=599, description="The HTTP status.")]
-    detail: Annotated[str, Field(description="What happened in this occurrence.")]
-    instance: Annotated[str, Field(description="Path of the request.")]
-    errors: Annotated[list[ProblemError], Field(description="What is wrong with the request body, if anything is.")]
+    type: str
+    """Stable, for programs; `about:blank` where the status says it all."""
+    title: str
+    """Title of the type."""
+    status: Annotated[int, Field(ge=400, le=599)]
+    """The HTTP status."""
+    detail: str
+    """What happened in this occurrence."""
+    instance: str
+    """Path of the request."""
+    errors: list[ProblemError]
+    """What is wrong with the request body, if anything is."""

@@ -4,15 +4,25 @@ import ast
 import math
 import sys
 from collections.abc import Mapping
+from enum import Enum
 from functools import cache
 from inspect import cleandoc, getsource
 from itertools import pairwise
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, Generic, TypeVar
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, FiniteFloat, GetJsonSchemaHandler, Strict, model_validator
+from pydantic import (
+    MISSING,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    FiniteFloat,
+    GetJsonSchemaHandler,
+    Strict,
+    model_validator,
+)
 from pydantic_core import CoreSchema
 
-from service.columns import UNITS
+from service.columns import unit_end
 from solver.checks import BOUNDS
 
 Num = Annotated[FiniteFloat, Strict()]
@@ -51,7 +61,8 @@ def _field_docstrings(module: str) -> Mapping[str, Mapping[str, str]]:
 
 def short_description(model: type[BaseModel], field: str) -> str:
     """Return the first sentence of the description of a field, without its unit."""
-    texts = [_field_docstrings(base.__module__).get(base.__name__, {}).get(field) for base in model.__mro__[:-2]]
+    parts = [base for base in model.__mro__ if issubclass(base, Part)]
+    texts = [_field_docstrings(base.__module__).get(base.__name__, {}).get(field) for base in parts]
     text = next(filter(None, texts), model.model_fields[field].description or "")
     sentence = text.partition(". ")[0].partition(" [")[0].rstrip(".")
     return sentence[:1].lower() + sentence[1:]
@@ -91,6 +102,56 @@ class Part(BaseModel):
         return schema
 
 
+KINDS = frozenset({"model", "shape", "type"})
+"""Fields that say which of several models a part is; the solver has a class for each."""
+Solved = TypeVar("Solved")
+
+
+def solver_arguments(part: Part) -> dict[str, Any]:
+    """Return the fields of a part as the solver names and takes them: without units, angles in radians.
+
+    What is not given is left out, so that the solver's own default counts.
+    """
+    return {
+        name: _plain(value, angle=angle)
+        for field, name, angle in _solver_names(type(part))
+        if (value := getattr(part, field)) is not MISSING
+    }
+
+
+@cache
+def _solver_names(model: type[Part]) -> list[tuple[str, str, bool]]:
+    """Return the fields of a model, each with the solver's name and whether it is an angle in degrees."""
+    fields = [name for name in model.model_fields if name not in KINDS]
+    return [(name, name.removesuffix(unit_end(name)), name.endswith("_deg")) for name in fields]
+
+
+def _plain(value: Any, *, angle: bool) -> Any:
+    if isinstance(value, SolverPart):
+        return value.to_solver()
+    if isinstance(value, list):
+        return tuple(_plain(each, angle=angle) for each in value)
+    if isinstance(value, Enum):
+        return value.value
+    return math.radians(value) if angle else value
+
+
+class SolverPart(Part, Generic[Solved]):
+    """Base of the models that have a class of the solver, named in brackets, with the same fields but for the units."""
+
+    def to_solver(self) -> Solved:
+        """Return the solver's object."""
+        found: Solved = _solver_class(type(self))(**solver_arguments(self))
+        return found
+
+
+@cache
+def _solver_class(model: type[SolverPart[Any]]) -> Any:
+    """Return the class of the solver that a model, or one that it inherits from, names in brackets."""
+    bases = [base for base in model.__mro__ if issubclass(base, SolverPart)]
+    return next(filter(None, (base.__pydantic_generic_metadata__["args"] for base in bases)))[0]
+
+
 def with_examples(*examples: Any) -> ConfigDict:
     """Model configuration that shows these in the schema."""
     return ConfigDict(json_schema_extra={"examples": list(examples)})
@@ -100,11 +161,6 @@ def within(field: str) -> dict[str, Any]:
     """Return the bounds of a field of the solver, as arguments of `Field`."""
     bound = BOUNDS[field]
     return {"gt" if bound.above else "ge": bound.lower, "lt" if bound.below else "le": bound.upper}
-
-
-def unit_end(name: str) -> str:
-    """Return the end of a name that says its unit."""
-    return next((end for end in UNITS if name.endswith(end)), "")
 
 
 def degrees(angle: float) -> float:

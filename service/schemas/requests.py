@@ -62,7 +62,8 @@ class TrajectoryOutput(Part):
 
     model_config = with_examples({"history": False}, {"sample_interval_s": 1e-4})
 
-    history: Annotated[Flag, Field(description="Whether to give the motion over time.")] = True
+    history: Flag = True
+    """Whether to give the motion over time."""
     sample_interval_s: SampleInterval | MISSING = MISSING
 
 
@@ -71,7 +72,8 @@ class CriticalAngleOutput(Part):
 
     model_config = with_examples({"history": True, "sample_interval_s": 1e-4})
 
-    history: Annotated[Flag, Field(description="Whether to give the trajectory at the critical angle.")] = False
+    history: Flag = False
+    """Whether to give the trajectory at the critical angle."""
     sample_interval_s: SampleInterval | MISSING = MISSING
 
 
@@ -103,6 +105,10 @@ class Case(Part):
     @abstractmethod
     def resolved(self) -> Self:
         """Return the same with what was left open filled in."""
+
+    def adaptive(self, **numerics: float) -> Self:
+        """Return the same with these numerics where they were left open, and adaptive steps."""
+        return self.model_copy(update={"numerics": filled(self.numerics, method=Method.ADAPTIVE, **numerics)})
 
     def canonical(self) -> dict[str, Any]:
         """Return the resolved request as JSON data, the same for one case however it is sent."""
@@ -150,13 +156,8 @@ class TrajectoryFields(Case):
 
     def resolved(self) -> Self:
         """Return the same with what was left open filled in."""
-        numerics = filled(
-            self.numerics,
-            method=Method.ADAPTIVE,
-            termination_time_s=self.usual_termination_time(self.impact.velocity_m_s),
-            relative_tolerance=TRAJECTORY_TOLERANCE,
-        )
-        return self.model_copy(update={"numerics": numerics})
+        end = self.usual_termination_time(self.impact.velocity_m_s)
+        return self.adaptive(termination_time_s=end, relative_tolerance=TRAJECTORY_TOLERANCE)
 
     def arguments(self) -> dict[str, Any]:
         """Return the arguments of `solver.simulate`.
@@ -283,10 +284,8 @@ class ReportedStrike(Strike):
 
     model_config = with_examples(STRIKE, STRIKE | {"oblique_angle_deg": 45.0})
 
-    oblique_angle_deg: (
-        Annotated[ObliqueAngle, Field(description="Angle to judge: its run and outcome are in the report. [°]")]
-        | MISSING
-    ) = MISSING
+    oblique_angle_deg: ObliqueAngle | MISSING = MISSING
+    """Angle to judge: its run and outcome are in the report. [°]"""
 
 
 class ReportRequest(CriticalAngleRequest):

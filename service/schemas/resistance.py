@@ -10,7 +10,7 @@ from pydantic import MISSING, Field
 from typing_extensions import TypeAliasType
 
 import solver
-from service.schemas.quantities import Flag, Num, Part, with_examples, within
+from service.schemas.quantities import Flag, Num, Part, SolverPart, with_examples, within
 from solver.free_surface import FreeSurface as SolverFreeSurface
 from solver.free_surface import decay_laws
 from solver.resistance import MOST_SHOTS
@@ -52,7 +52,7 @@ CovarianceMatrix = Annotated[
 ]
 
 
-class ConstantStrengthFactor(Part):
+class ConstantStrengthFactor(SolverPart[solver.ConstantStrengthFactor]):
     """The same strength factor for every strike."""
 
     model_config = with_examples(CONSTANT)
@@ -61,12 +61,8 @@ class ConstantStrengthFactor(Part):
     value: Annotated[Num, Field(gt=0.0, le=1000.0)]
     """[1] Measured ones lie between some 5 and 25."""
 
-    def to_solver(self) -> solver.ConstantStrengthFactor:
-        """Return the solver's model."""
-        return solver.ConstantStrengthFactor(value=self.value)
 
-
-class ObliquityPolynomial(Part):
+class ObliquityPolynomial(SolverPart[solver.ObliquityPolynomial]):
     """Polynomial in the initial oblique angle in degrees. Must be above zero at every angle of the request."""
 
     model_config = with_examples(OBLIQUITY, UNCERTAIN)
@@ -84,14 +80,6 @@ class ObliquityPolynomial(Part):
     ]
     covariance: CovarianceMatrix | MISSING = MISSING
 
-    def to_solver(self) -> solver.ObliquityPolynomial:
-        """Return the solver's model."""
-        covariance = self.covariance
-        return solver.ObliquityPolynomial(
-            coefficients=tuple(self.coefficients),
-            covariance=None if covariance is MISSING else tuple(map(tuple, covariance)),
-        )
-
 
 class ObliquityShape(StrEnum):
     """Change of the strength factor with the oblique angle: none, or S(θ)/S(0) of the default polynomial."""
@@ -100,7 +88,7 @@ class ObliquityShape(StrEnum):
     EQUATION_9 = "equation_9"
 
 
-class StrengthPowerLaw(Part):
+class StrengthPowerLaw(SolverPart[solver.StrengthPowerLaw]):
     """Power law of the compressive strength and, if wanted, of the diameter.
 
     `coefficient * (strength / reference_strength_pa)^exponent * (diameter / reference_diameter_m)^diameter_exponent`
@@ -121,19 +109,8 @@ class StrengthPowerLaw(Part):
     """[m]"""
     obliquity_shape: ObliquityShape = ObliquityShape.CONSTANT
 
-    def to_solver(self) -> solver.StrengthPowerLaw:
-        """Return the solver's model."""
-        return solver.StrengthPowerLaw(
-            coefficient=self.coefficient,
-            exponent=self.exponent,
-            reference_strength=self.reference_strength_pa,
-            diameter_exponent=self.diameter_exponent,
-            reference_diameter=self.reference_diameter_m,
-            obliquity_shape=self.obliquity_shape.value,
-        )
 
-
-class PublishedTests(Part):
+class PublishedTests(SolverPart[solver.PublishedTests]):
     """Power law fitted to 251 published penetration tests: 8.84 (f'c / 39 MPa)^-0.18 (d / 76.2 mm)^-0.24.
 
     Projectiles of 9.9 to 203 mm at 67 to 897 m/s, concrete of 13 to 108 MPa, normal impact. The S of a concrete that
@@ -145,12 +122,8 @@ class PublishedTests(Part):
     model: Literal["published_tests"]
     obliquity_shape: ObliquityShape = ObliquityShape.EQUATION_9
 
-    def to_solver(self) -> solver.PublishedTests:
-        """Return the solver's model."""
-        return solver.PublishedTests(obliquity_shape=self.obliquity_shape.value)
 
-
-class OwnShot(Part):
+class OwnShot(SolverPart[solver.Shot]):
     """A shot along the normal into the concrete in question, thick enough to stop it."""
 
     model_config = with_examples(SHOT)
@@ -164,17 +137,8 @@ class OwnShot(Part):
     diameter_m: Annotated[Num, Field(**within("projectile.diameter"))] | MISSING = MISSING
     """That of the projectile when not given; a nose of another diameter has the same shape. [m]"""
 
-    def to_solver(self) -> solver.Shot:
-        """Return the solver's shot."""
-        return solver.Shot(
-            velocity=self.velocity_m_s,
-            depth=self.depth_m,
-            mass=None if self.mass_kg is MISSING else self.mass_kg,
-            diameter=None if self.diameter_m is MISSING else self.diameter_m,
-        )
 
-
-class OwnTests(Part):
+class OwnTests(SolverPart[solver.OwnTests]):
     """S of a concrete into which shots were fired: the posterior median, with the published tests as prior."""
 
     model_config = with_examples(OWN_TESTS)
@@ -183,12 +147,6 @@ class OwnTests(Part):
     shots: Annotated[list[OwnShot], Field(min_length=1, max_length=MOST_SHOTS, fail_fast=True)]
     """One shot narrows the scatter of S from 33 % to 14 %."""
     obliquity_shape: ObliquityShape = ObliquityShape.EQUATION_9
-
-    def to_solver(self) -> solver.OwnTests:
-        """Return the solver's model."""
-        return solver.OwnTests(
-            shots=tuple(shot.to_solver() for shot in self.shots), obliquity_shape=self.obliquity_shape.value
-        )
 
 
 class StrengthLaw(StrEnum):
@@ -226,7 +184,7 @@ class FreeSurfaceModel(StrEnum):
     NONE = "none"
 
 
-class FreeSurface(Part):
+class FreeSurface(SolverPart[SolverFreeSurface]):
     """Decay of the resistance near the face."""
 
     model_config = with_examples({"model": "elastic_plastic"}, MOHR_COULOMB, {"model": "none"})
@@ -255,7 +213,7 @@ CRATER = solver.Crater()
 PLUG = solver.ShearPlug()
 
 
-class Crater(Part):
+class Crater(SolverPart[solver.Crater]):
     """A front crater: all forces times depth over crater depth, up to 1 (Forrestal et al. 1994)."""
 
     model_config = with_examples({"depth_diameters": 2.0})
@@ -264,12 +222,8 @@ class Crater(Part):
     """Depth over the diameter of the projectile: 2 (Forrestal et al. 1994), or 0.707 and the length of the nose over
     the diameter (Li and Chen 2003). [1]"""
 
-    def to_solver(self) -> solver.Crater:
-        """Return the solver's crater."""
-        return solver.Crater(depth_diameters=self.depth_diameters)
 
-
-class ShearPlug(Part):
+class ShearPlug(SolverPart[solver.ShearPlug]):
     """A cone that shears out of the rear of a wall: within its height nothing resists (Li and Tong 2003)."""
 
     model_config = with_examples({"cone_angle_deg": 66.1})
@@ -277,12 +231,8 @@ class ShearPlug(Part):
     cone_angle_deg: Annotated[Num, Field(ge=10.0, le=85.0)] = round(math.degrees(PLUG.cone_angle), 9)
     """Between the axis of the cone and its side. [°]"""
 
-    def to_solver(self) -> solver.ShearPlug:
-        """Return the solver's plug."""
-        return solver.ShearPlug(cone_angle=math.radians(self.cone_angle_deg))
 
-
-class Resistance(Part):
+class Resistance(SolverPart[solver.Resistance]):
     """How the target resists."""
 
     model_config = with_examples(
@@ -301,13 +251,3 @@ class Resistance(Part):
     """None when not given."""
     rear_plug: ShearPlug | MISSING = MISSING
     """Shear plug of a wall; none when not given. Without effect on a half-space."""
-
-    def to_solver(self) -> solver.Resistance:
-        """Return the solver's resistance."""
-        return solver.Resistance(
-            strength_factor=self.strength_factor.to_solver(),
-            inertia_factor=self.inertia_factor,
-            free_surface=self.free_surface.to_solver(),
-            crater=None if self.crater is MISSING else self.crater.to_solver(),
-            rear_plug=None if self.rear_plug is MISSING else self.rear_plug.to_solver(),
-        )

@@ -7,7 +7,7 @@ from pydantic import MISSING, Field
 from typing_extensions import TypeAliasType
 
 import solver
-from service.schemas.quantities import Num, Part, with_examples, within
+from service.schemas.quantities import Num, Part, SolverPart, solver_arguments, with_examples, within
 from service.schemas.resistance import CONSTANT, MOHR_COULOMB
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY
 
@@ -40,7 +40,7 @@ Coordinate = Annotated[Num, Field(ge=0.0, le=20.0)]
 ProfilePoint = Annotated[list[Coordinate], Field(min_length=2, max_length=2)]
 
 
-class OgiveNose(Part):
+class OgiveNose(SolverPart[solver.Ogive]):
     """Tangent ogive."""
 
     model_config = with_examples(OGIVE)
@@ -48,12 +48,8 @@ class OgiveNose(Part):
     shape: Literal["ogive"]
     caliber_radius_head: CaliberRadiusHead
 
-    def to_solver(self) -> solver.Ogive:
-        """Return the solver's ogive."""
-        return solver.Ogive(caliber_radius_head=self.caliber_radius_head)
 
-
-class ConicalNose(Part):
+class ConicalNose(SolverPart[solver.Conical]):
     """Cone."""
 
     model_config = with_examples(CONICAL)
@@ -62,12 +58,8 @@ class ConicalNose(Part):
     length_to_diameter: Annotated[Num, Field(**within("projectile.nose.length_to_diameter"))]
     """Height of the cone over the shank diameter. [1]"""
 
-    def to_solver(self) -> solver.Conical:
-        """Return the solver's cone."""
-        return solver.Conical(length_to_diameter=self.length_to_diameter)
 
-
-class SphericalNose(Part):
+class SphericalNose(SolverPart[solver.Spherical]):
     """Spherical cap."""
 
     model_config = with_examples(SPHERICAL)
@@ -75,24 +67,16 @@ class SphericalNose(Part):
     shape: Literal["spherical"]
     caliber_radius_head: CaliberRadiusHead
 
-    def to_solver(self) -> solver.Spherical:
-        """Return the solver's spherical cap."""
-        return solver.Spherical(caliber_radius_head=self.caliber_radius_head)
 
-
-class FlatNose(Part):
+class FlatNose(SolverPart[solver.Flat]):
     """Flat face: the shank cut square."""
 
     model_config = with_examples(FLAT)
 
     shape: Literal["flat"]
 
-    def to_solver(self) -> solver.Flat:
-        """Return the solver's flat face."""
-        return solver.Flat()
 
-
-class ProfileNose(Part):
+class ProfileNose(SolverPart[solver.Profile]):
     """Convex chain of cones through points; a first radius above zero makes a flat face."""
 
     model_config = with_examples(PROFILE)
@@ -103,24 +87,16 @@ class ProfileNose(Part):
     shank. x may not decrease, and the slope may not increase. Where r falls behind its largest value, the points are
     the outline of the whole body, up to its length. [m]"""
 
-    def to_solver(self) -> solver.Profile:
-        """Return the solver's profile."""
-        return solver.Profile(points=tuple((x, r) for x, r in self.points))
 
-
-class SphereNose(Part):
+class SphereNose(SolverPart[solver.Sphere]):
     """A ball: the whole body, whose length is its diameter."""
 
     model_config = with_examples(SPHERE)
 
     shape: Literal["sphere"]
 
-    def to_solver(self) -> solver.Sphere:
-        """Return the solver's sphere."""
-        return solver.Sphere()
 
-
-class BoatTail(Part):
+class BoatTail(SolverPart[solver.BoatTail]):
     """Cone behind the shank, narrower towards the base."""
 
     model_config = with_examples(BOAT_TAIL)
@@ -129,10 +105,6 @@ class BoatTail(Part):
     """Part of the length of the projectile that tapers, at most what is behind the nose. [m]"""
     base_diameter_m: Annotated[Num, Field(**within("projectile.boat_tail.base_diameter"))]
     """Diameter of the flat base, at most that of the shank. [m]"""
-
-    def to_solver(self) -> solver.BoatTail:
-        """Return the solver's boat-tail."""
-        return solver.BoatTail(length=self.length_m, base_diameter=self.base_diameter_m)
 
 
 Nose = TypeAliasType(
@@ -144,7 +116,7 @@ Nose = TypeAliasType(
 )
 
 
-class Projectile(Part):
+class Projectile(SolverPart[solver.Projectile]):
     """A rigid body of revolution: a nose and a cylindrical shank with a flat base, or a body that tapers behind."""
 
     model_config = with_examples(PROJECTILE, PROJECTILE | {"nose": PROFILE}, PROJECTILE | {"boat_tail": BOAT_TAIL})
@@ -165,25 +137,12 @@ class Projectile(Part):
     boat_tail: BoatTail | MISSING = MISSING
     """Taper behind the shank; a cylinder up to the base when not given."""
 
-    def to_solver(self) -> solver.Projectile:
-        """Return the solver's projectile."""
-        center, inertia = self.center_of_gravity_m, self.moment_of_inertia_kg_m2
-        return solver.Projectile(
-            nose=self.nose.to_solver(),
-            diameter=self.diameter_m,
-            length=self.length_m,
-            mass=self.mass_kg,
-            center_of_gravity=None if center is MISSING else center,
-            moment_of_inertia=None if inertia is MISSING else inertia,
-            boat_tail=None if self.boat_tail is MISSING else self.boat_tail.to_solver(),
-        )
-
 
 TARGET = {"compressive_strength_pa": PAPER_TARGET.compressive_strength, "density_kg_m3": PAPER_TARGET.density}
 STRIKE = {"velocity_m_s": PAPER_VELOCITY}
 
 
-class Target(Part):
+class Target(SolverPart[solver.Target]):
     """Concrete: a half-space, or a wall of a thickness."""
 
     model_config = with_examples(TARGET, TARGET | {"youngs_modulus_pa": 29.5e9, "poissons_ratio": 0.2})
@@ -200,17 +159,6 @@ class Target(Part):
     """0.5 is an incompressible solid. [1]"""
     thickness_m: Annotated[Num, Field(**within("target.thickness"))] | MISSING = MISSING
     """Thickness of a wall, at least a tenth of the diameter of the projectile; a half-space when not given. [m]"""
-
-    def to_solver(self) -> solver.Target:
-        """Return the solver's target."""
-        modulus = self.youngs_modulus_pa
-        return solver.Target(
-            compressive_strength=self.compressive_strength_pa,
-            density=self.density_kg_m3,
-            youngs_modulus=None if modulus is MISSING else modulus,
-            poissons_ratio=self.poissons_ratio,
-            thickness=None if self.thickness_m is MISSING else self.thickness_m,
-        )
 
 
 AngleOfAttack = Annotated[
@@ -258,16 +206,12 @@ class Strike(Part):
         }
 
 
-class Impact(Strike):
+class Impact(Strike, SolverPart[solver.Impact]):
     """The motion at first contact."""
 
     model_config = with_examples(STRIKE | {"oblique_angle_deg": 45.0})
 
     oblique_angle_deg: ObliqueAngle
-
-    def to_solver(self) -> solver.Impact:
-        """Return the solver's impact."""
-        return solver.Impact(oblique_angle=math.radians(self.oblique_angle_deg), **self.arguments())
 
 
 class Approach(Part):
@@ -281,11 +225,7 @@ class Approach(Part):
 
     def arguments(self) -> dict[str, float]:
         """Return what the solver calls these."""
-        return {
-            "oblique_angle": math.radians(self.oblique_angle_deg),
-            "angle_of_attack": math.radians(self.angle_of_attack_deg),
-            "angular_velocity": self.angular_velocity_rad_s,
-        }
+        return solver_arguments(self)
 
 
 # The paper's strike and others, the examples of the contract: a test sends each to a running service.

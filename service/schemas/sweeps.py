@@ -30,26 +30,16 @@ class Axis(Part):
 
     model_config = with_examples(EVEN, LISTED)
 
-    field: Annotated[
-        str,
-        StringConstraints(strict=True, min_length=1, max_length=200),
-        Field(description="Dotted path to a number of the base, such as `impact.velocity_m_s`."),
-    ]
-    values: (
-        Annotated[
-            list[AxisNumber],
-            Field(min_length=1, max_length=MOST_LINES, fail_fast=True, description="All of them, in any order."),
-        ]
-        | MISSING
-    ) = MISSING
-    start: Annotated[AxisNumber, Field(description="The first, unless they are listed.")] | MISSING = MISSING
-    stop: Annotated[AxisNumber, Field(description="The last, unless they are listed.")] | MISSING = MISSING
-    count: (
-        Annotated[
-            Count, Field(ge=1, le=MOST_LINES, description="How many from `start` to `stop`, both included."), WHOLE
-        ]
-        | MISSING
-    ) = MISSING
+    field: Annotated[str, StringConstraints(strict=True, min_length=1, max_length=200)]
+    """Dotted path to a number of the base, such as `impact.velocity_m_s`."""
+    values: Annotated[list[AxisNumber], Field(min_length=1, max_length=MOST_LINES, fail_fast=True)] | MISSING = MISSING
+    """All of them, in any order."""
+    start: AxisNumber | MISSING = MISSING
+    """The first, unless they are listed."""
+    stop: AxisNumber | MISSING = MISSING
+    """The last, unless they are listed."""
+    count: Annotated[Count, Field(ge=1, le=MOST_LINES), WHOLE] | MISSING = MISSING
+    """How many from `start` to `stop`, both included."""
 
     @model_validator(mode="after")
     def _check_form(self) -> Self:
@@ -75,7 +65,8 @@ class Axis(Part):
 class Sweep(Part, Generic[Base]):
     """Cases of one operation that differ in the fields of the axes."""
 
-    base: Annotated[Base, Field(description="A whole request, in which the axes set their fields anew.")]
+    base: Base
+    """A whole request, in which the axes set their fields anew."""
     axes: Annotated[list[Axis], Field(min_length=1, max_length=MOST_AXES)]
 
 

@@ -7,7 +7,8 @@ from typing import Annotated, Any, Literal
 from pydantic import MISSING, BaseModel, Field, StringConstraints, ValidationError
 from typing_extensions import TypeAliasType
 
-from service.schemas.quantities import Num, Part, with_examples
+from service.schemas.fields import walk
+from service.schemas.quantities import Num, Part, SolverPart, with_examples
 from service.schemas.requests import Case
 from service.schemas.resistance import STRENGTH_FACTORS, FreeSurface, Resistance
 from service.schemas.sweeps import check_field, put
@@ -51,19 +52,15 @@ class Spread(Part):
     """Instead of it: over the mean. [1]"""
 
 
-class NormalDistribution(Spread):
+class NormalDistribution(Spread, SolverPart[Normal]):
     """Normal distribution."""
 
     model_config = with_examples(SPEEDS)
 
     type: Literal["normal"]
 
-    def to_solver(self) -> Normal:
-        """Return the solver's distribution."""
-        return Normal(**_given(self))
 
-
-class TruncatedNormalDistribution(Spread):
+class TruncatedNormalDistribution(Spread, SolverPart[TruncatedNormal]):
     """Normal distribution cut off at one or two bounds; mean and deviation are those before that."""
 
     model_config = with_examples(
@@ -74,12 +71,8 @@ class TruncatedNormalDistribution(Spread):
     lower: Finite | MISSING = MISSING
     upper: Finite | MISSING = MISSING
 
-    def to_solver(self) -> TruncatedNormal:
-        """Return the solver's distribution."""
-        return TruncatedNormal(**_given(self))
 
-
-class LognormalDistribution(Part):
+class LognormalDistribution(SolverPart[Lognormal]):
     """A number whose logarithm is normal: by median and dispersion, or by mean and deviation of the number itself."""
 
     model_config = with_examples(STRENGTHS)
@@ -94,12 +87,8 @@ class LognormalDistribution(Part):
     coefficient_of_variation: Finite | MISSING = MISSING
     """Instead of it: over the mean. [1]"""
 
-    def to_solver(self) -> Lognormal:
-        """Return the solver's distribution."""
-        return Lognormal(**_given(self))
 
-
-class UniformDistribution(Part):
+class UniformDistribution(SolverPart[Uniform]):
     """Every value between two bounds is as likely."""
 
     model_config = with_examples({"type": "uniform", "lower": 2200.0, "upper": 2400.0})
@@ -108,12 +97,8 @@ class UniformDistribution(Part):
     lower: Finite
     upper: Finite
 
-    def to_solver(self) -> Uniform:
-        """Return the solver's distribution."""
-        return Uniform(**_given(self))
 
-
-class TriangularDistribution(Part):
+class TriangularDistribution(SolverPart[Triangular]):
     """A density that rises from the lower bound to the mode and falls to the upper bound."""
 
     model_config = with_examples({"type": "triangular", "lower": 12.9, "mode": 13.0, "upper": 13.2})
@@ -122,10 +107,6 @@ class TriangularDistribution(Part):
     lower: Finite
     mode: Finite
     upper: Finite
-
-    def to_solver(self) -> Triangular:
-        """Return the solver's distribution."""
-        return Triangular(**_given(self))
 
 
 Name = Annotated[str, StringConstraints(strict=True, min_length=1, max_length=100)]
@@ -140,7 +121,7 @@ DiscreteValues = TypeAliasType(
 """What a discrete distribution chooses from."""
 
 
-class DiscreteDistribution(Part):
+class DiscreteDistribution(SolverPart[Discrete]):
     """Some values, each with its weight: numbers, or names of models."""
 
     model_config = with_examples(DECAYS)
@@ -149,10 +130,6 @@ class DiscreteDistribution(Part):
     values: DiscreteValues
     weights: Annotated[list[Finite], Field(min_length=1, max_length=100)] | MISSING = MISSING
     """Probabilities; they sum to 1. Equal when not given."""
-
-    def to_solver(self) -> Discrete:
-        """Return the solver's distribution."""
-        return Discrete(**_given(self))
 
 
 DistributionOf = TypeAliasType(
@@ -167,10 +144,6 @@ DistributionOf = TypeAliasType(
         Field(discriminator="type", description="In the unit of the field."),
     ],
 )
-
-
-def _given(part: Part) -> dict[str, Any]:
-    return part.model_dump(exclude={"type"})
 
 
 class UncertainInput(Part):
@@ -324,11 +297,7 @@ def _with_residual(request: Mapping[str, Any], factor: float) -> dict[str, Any]:
 
 def _with_law(request: Mapping[str, Any], law: StrengthFactor) -> dict[str, Any]:
     """Return a request with a strength factor model of the solver."""
-    content: dict[str, Any] = {"model": law.name}
-    for name, field in LAW_FIELDS.items():
-        if hasattr(law, name):
-            value = getattr(law, name)
-            content[field] = list(value) if isinstance(value, tuple) else value
+    content = walk(STRENGTH_FACTORS[law.name], law, model=law.name)
     return {**request, "resistance": {**request.get("resistance", {}), "strength_factor": content}}
 
 
@@ -351,16 +320,3 @@ def without_shots(case: Case, request: dict[str, Any]) -> dict[str, Any]:
         crater=resistance.crater,
     )
     return _with_law(request, law)
-
-
-LAW_FIELDS = {
-    "value": "value",
-    "coefficients": "coefficients",
-    "coefficient": "coefficient",
-    "exponent": "exponent",
-    "reference_strength": "reference_strength_pa",
-    "diameter_exponent": "diameter_exponent",
-    "reference_diameter": "reference_diameter_m",
-    "obliquity_shape": "obliquity_shape",
-}
-"""Constants of strength factor models in the solver and in the contract."""

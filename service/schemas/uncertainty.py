@@ -12,7 +12,7 @@ from pydantic_core import PydanticCustomError
 
 from service.schemas.fields import in_solver_units
 from service.schemas.numerics import Search
-from service.schemas.quantities import WHOLE, Count, Flag, Num, Part, with_examples
+from service.schemas.quantities import WHOLE, Count, Flag, Num, Part, SolverPart, with_examples
 from service.schemas.requests import Case, CriticalAngleBase, TrajectoryFields
 from service.schemas.strike import PAPER, PAPER_AT_45, Impact, Strike
 from service.schemas.uncertain_inputs import SCATTER, UncertainInput, accepts, inputs_of, without_shots
@@ -63,7 +63,7 @@ class SamplingMethod(StrEnum):
     DIRECT = "direct"
 
 
-class SamplingSettings(Part):
+class SamplingSettings(SolverPart[Sampling]):
     """How much is sampled."""
 
     model_config = with_examples({"half_width": 0.02, "confidence": 0.95, "max_samples": 16384, "seed": 7})
@@ -79,10 +79,6 @@ class SamplingSettings(Part):
     """Sample i of a seed is always the same."""
     method: SamplingMethod = SamplingMethod.AUTO
     """`auto` uses the surrogate where it passes its check and gives the narrower intervals, `direct` never."""
-
-    def to_solver(self) -> Sampling:
-        """Return the solver's settings."""
-        return Sampling(**self.model_dump())
 
 
 Inputs = Annotated[list[UncertainInput], Field(min_length=1, max_length=24)]

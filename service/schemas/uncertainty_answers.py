@@ -7,10 +7,10 @@ from typing import Annotated, Any, ClassVar
 from pydantic import MISSING, Field
 from typing_extensions import TypeAliasType
 
-from service.columns import Column
+from service.columns import Column, unit_end
 from service.schemas.answers import EXIT, VERSIONED, WARNING, EngineVersion, Key, ModelWarning
 from service.schemas.fields import NOT_TABLED, WHOLE_ANSWER, Behind, Described, Of, walk
-from service.schemas.quantities import Count, Num, Part, degrees, unit_end, with_examples
+from service.schemas.quantities import Count, Num, Part, degrees, with_examples
 from solver import Outcome
 from solver.uncertainty import (
     Estimate,

@@ -10,6 +10,7 @@ from pydantic import MISSING, Field
 import solver
 from service.schemas.answers import WARNING, EngineVersion, Key, ModelWarning, OwnTestsAnswer
 from service.schemas.fields import walk
+from service.schemas.problems import pointer_of_parameter
 from service.schemas.quantities import Num, Part, degrees, with_examples
 from service.schemas.requests import CriticalAngleBase, ReportRequest
 from service.schemas.resistance import FreeSurfaceModel
@@ -29,16 +30,8 @@ from solver.uncertainty.usual import THEORIES, THEORY_LAWS
 from solver.uncertainty.verdict import next_shot_advice
 from solver.uncertainty.weighed_warnings import MOVES, weighed
 
-ANGLE_OF_ATTACK = "impact.angle_of_attack"
-NAMES = {
-    "impact.velocity": "impact.velocity_m_s",
-    "target.compressive_strength": "target.compressive_strength_pa",
-    "target.density": "target.density_kg_m3",
-    "projectile.mass": "projectile.mass_kg",
-    ANGLE_OF_ATTACK: "impact.angle_of_attack_deg",
-    "resistance.free_surface": "resistance.free_surface.model",
-}
-"""Fields of the solver that usually scatter, in the contract."""
+DECAY = "resistance.free_surface.model"
+"""The only one of these inputs that is discrete."""
 CENTRES = {"normal": "mean", "lognormal": "median"}
 """Parameter of a distribution that is the value of the case."""
 THEORY_MODELS = tuple(law.name for law in THEORY_LAWS)
@@ -48,13 +41,15 @@ def contract_input(uncertain: Uncertain) -> dict[str, Any]:
     """Return an input that usually scatters as `/cra/uncertainty` takes it."""
     distribution = uncertain.distribution
     found: dict[str, Any] = {"type": distribution.name}
+    field = pointer_of_parameter(uncertain.field)[1:].replace("/", ".")
     if isinstance(distribution, Discrete):
+        field = DECAY
         found |= {"values": [each.name for each in distribution.values], "weights": list(distribution.probabilities)}
     else:
         given = {each.name: getattr(distribution, each.name) for each in fields(distribution)}
-        convert = degrees if uncertain.field == ANGLE_OF_ATTACK else float
+        convert = degrees if field.endswith("_deg") else float
         found |= {name: convert(value) for name, value in given.items() if value is not None}
-    return {"field": NAMES.get(uncertain.field, uncertain.field), "distribution": found}
+    return {"field": field, "distribution": found}
 
 
 def usual_inputs(request: CriticalAngleBase) -> list[dict[str, Any]]:
@@ -273,9 +268,10 @@ def verdict_answer(request: ReportRequest, answers: Mapping[str, Any]) -> dict[s
     if found.spread is not None:
         answer["range"] = dict(zip(("lower_deg", "upper_deg"), map(degrees, found.spread), strict=True))
     answer["share_without_angle"] = found.share_without
+    theories = zip(THEORY_MODELS, THEORIES, found.theories, strict=True) if found.theories else ()
     answer["theories"] = [
         {"free_surface": name, "weight": weight} | ({} if angle is None else {"critical_angle_deg": degrees(angle)})
-        for name, weight, angle in zip(THEORY_MODELS, THEORIES, found.theories, strict=False)
+        for name, weight, angle in theories
     ]
     if found.oblique_angle is not None:
         answer["oblique_angle_deg"] = request.impact.oblique_angle_deg
@@ -296,8 +292,7 @@ def verdict_answer(request: ReportRequest, answers: Mapping[str, Any]) -> dict[s
 
 def _theories(study: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     """Return the critical angle by each theory, as a study with the usual scatter has them."""
-    field = NAMES["resistance.free_surface"]
-    return next((each["swing"] for each in study.get("sensitivity", ()) if each["field"] == field), [])
+    return next((each["swing"] for each in study.get("sensitivity", ()) if each["field"] == DECAY), [])
 
 
 def _radians(angle: float | None) -> float | None:

@@ -263,7 +263,7 @@ KILL_SECONDS = 0.5
 
 
 class ProcessPool:
-    """Runs functions in worker processes.
+    """Runs functions in worker processes; what `Executor` says of its methods is not repeated.
 
     Parameters
     ----------
@@ -318,13 +318,7 @@ class ProcessPool:
         return len(self._supervisors)
 
     async def start(self) -> None:
-        """Bring every worker up, warm.
-
-        Raises
-        ------
-        PoolUnavailableError
-            If one could not be started.
-        """
+        """Bring every worker up, warm."""
         start_fork_server(self._preload)
         for supervisor in self._supervisors:
             supervisor.thread.start()
@@ -335,15 +329,7 @@ class ProcessPool:
             raise
 
     async def submit(self, function: Callable[[*Arguments], Result], *arguments: *Arguments) -> Result:
-        """Run a picklable function in a worker and return what it returns, or raise what it raises.
-
-        Cancelled while it waits for a worker, it never runs; once running, it ends or is ended within 0.5 s.
-
-        Raises
-        ------
-        WorkerCrashedError, TaskTimeoutError, PoolUnavailableError
-            If the pool could not bring it to an end.
-        """
+        """Run a picklable function in a worker and return what it returns, or raise what it raises."""
         (finished,) = await self._finished(self._enqueue(SINGLE, [(function, arguments)]))
         if finished.error is not None:
             raise finished.error
@@ -351,17 +337,7 @@ class ProcessPool:
         return result
 
     async def run(self, calls: Sequence[Call]) -> list[CallResult]:
-        """Run a chunk of calls one after the other in one worker, behind what is submitted singly.
-
-        A call that fails, takes too long or ends `DEATHS` workers says so in its place; the others are run all the
-        same. Cancelled while it waits, it never runs; once running, the call it is on ends or is ended within 0.5 s,
-        and those after it do not run.
-
-        Raises
-        ------
-        PoolUnavailableError
-            If no worker can be started or the pool is stopping.
-        """
+        """Run a chunk of calls one after the other in one worker, ended within 0.5 s if this is cancelled."""
         if not calls:
             return []
         return await self._finished(self._enqueue(CHUNK, calls))

@@ -117,9 +117,10 @@ class Verdict:
         return text
 
     def _more(self) -> list[str]:
+        weighed = zip(THEORY_NAMES, THEORIES, self.theories, strict=True) if self.theories else ()
         theories = [
             f"{name} decay (weight {weight:g}) {self._fine(angle)}"
-            for name, weight, angle in zip(THEORY_NAMES, THEORIES, self.theories, strict=False)
+            for name, weight, angle in weighed
             if angle is not None
         ]
         found = [", ".join(theories)] if theories else []

@@ -14,7 +14,8 @@ import pytest
 from pyarrow import parquet
 
 from service.api.results import GROUP_ROWS, ParquetTable
-from service.jobs.models import CaseResult, JobState
+from service.cache.record import CaseResult
+from service.jobs.models import JobState
 from service.schemas.strike import PAPER
 from solver import ENGINE_VERSION
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from service.api.negotiation import Preference, read_preference
+from service.api.batch_response import Preference, read_preference
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ import pytest
 
 from service import cli
 from service.cli.arguments import BODY, IMPACT, RESISTANCE, Flag
-from service.cli.writers import unit_of
+from service.columns import unit_of
 from service.schemas import CriticalAngleRequest, TrajectoryRequest
 from service.schemas.strike import PAPER
 

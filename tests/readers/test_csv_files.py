@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from service.readers import Expected, FileError, read_depth_tests, read_motion, read_obliquity_points
+from service.readers.calibration import Expected, read_depth_tests, read_motion, read_obliquity_points
+from service.readers.files import FileError
 from solver import Impact
 from solver.strike import PAPER_PROJECTILE
 

@@ -12,7 +12,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from service.readers import CoordinateAxis, FileError, read_motion
+from service.readers.calibration import read_motion
+from service.readers.dyna import CoordinateAxis
+from service.readers.files import FileError
 from solver.arrays import FloatArray
 from tests.readers.dyna_files import write_binout, write_nodout, write_rbdout
 

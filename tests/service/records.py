@@ -2,13 +2,14 @@
 
 import hashlib
 import resource
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
 import orjson
 
+from service.cache.hdf5 import DecodedSegment
 from service.cache.record import FloatColumns, Record
 from service.schemas.answers import MotionState
 
@@ -117,3 +118,8 @@ def obliquity_fit(number: int = 0) -> Record:
         request={"points": points},
         answer={"degree": 1, "residuals": [0.1, -0.2, 0.1], "warnings": []},
     )
+
+
+def read_records(data: bytes, rows: Iterable[int] | None = None) -> list[Record]:
+    segment = DecodedSegment(data)
+    return segment.records(range(len(segment.keys)) if rows is None else rows)

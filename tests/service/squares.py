@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from service.cache.cache import ResultCache
+from service.cache.record import CaseResult
 from service.jobs.manager import JobManager
-from service.jobs.models import CaseResult, JobCase, JobState
+from service.jobs.models import JobCase, JobState
 from service.jobs.store import JobStore
 from service.operations import KeyedRequest, Operation
 from service.queries import QueryService

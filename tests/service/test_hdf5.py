@@ -4,17 +4,15 @@ import io
 import random
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import h5py
 import numpy as np
 import orjson
 import pytest
 
-from service.cache.hdf5 import BLOCK, BatchFile, check, read_keys, read_records, to_hdf5
-from service.cache.record import Record
+from service.cache.hdf5 import BLOCK, BatchFile, check, read_keys, to_hdf5
+from service.cache.record import CaseResult, Record
 from service.cache.tables import trial_table_columns
 from service.errors import DamagedFileError
 from service.operations import OPERATIONS
@@ -26,6 +24,7 @@ from tests.service.records import (
     critical_angle_with_motion,
     key_of,
     made,
+    read_records,
     same,
     trajectory,
     without_angle,
@@ -39,14 +38,6 @@ KINDS = [
     pytest.param([trajectory(number, rows=number + 1) for number in range(5)], id="trajectories"),
     pytest.param([critical_angle(2), critical_angle_with_motion(), without_angle()], id="mixed"),
 ]
-
-
-@dataclass(frozen=True)
-class Result:
-    number: int
-    custom_id: str | None
-    record: Record | None
-    problem: dict[str, Any] | None
 
 
 def opened(content: bytes) -> h5py.File:
@@ -164,9 +155,10 @@ def test_critical_angles_in_chunks_take_about_a_kilobyte_each() -> None:
 def test_batch_written_by_slices_is_whole_and_sealed(tmp_path: Path) -> None:
     path, problem = tmp_path / "batch.h5", {"type": "/problems/timeout", "title": "Too long", "status": 504}
     cases = [
-        Result(number, f"№ {number}" if number % 2 else None, critical_angle(number), None) for number in range(900)
+        CaseResult(number, f"№ {number}" if number % 2 else None, critical_angle(number), None, cached=False)
+        for number in range(900)
     ]
-    cases[333] = Result(333, None, None, problem)
+    cases[333] = CaseResult(333, None, None, problem, cached=False)
     with BatchFile(path, "cra") as batch:
         for start in range(0, 900, 70):
             batch.write(cases[start : start + 70])
@@ -194,7 +186,7 @@ def test_histories_of_a_batch_written_by_slices_are_those_of_its_cases(tmp_path:
     records = [trajectory(number, rows=997) for number in range(30)]
     with BatchFile(path, "trajectory") as batch:
         for number, record in enumerate(records):
-            batch.write([Result(number, None, record, None)])
+            batch.write([CaseResult(number, None, record, None, cached=False)])
         batch.finish()
     check(path.read_bytes())
     with h5py.File(path) as file:
@@ -207,7 +199,7 @@ def test_histories_of_a_batch_written_by_slices_are_those_of_its_cases(tmp_path:
 def test_batch_given_up_leaves_a_file_that_nobody_takes_for_whole(tmp_path: Path) -> None:
     path = tmp_path / "batch.h5"
     with suppress(KeyboardInterrupt), BatchFile(path, "cra") as batch:
-        batch.write([Result(0, None, critical_angle(), None)])
+        batch.write([CaseResult(0, None, critical_angle(), None, cached=False)])
         raise KeyboardInterrupt
     with pytest.raises(DamagedFileError):
         check(path.read_bytes())

@@ -14,9 +14,10 @@ from pathlib import Path
 
 import pytest
 
+from service.cache.record import CaseResult
 from service.errors import IdempotencyBusyError, IdempotencyConflictError, QueueFullError, StorageError
 from service.jobs.manager import JobManager
-from service.jobs.models import CaseResult, Idempotency, JobCase
+from service.jobs.models import Idempotency, JobCase
 from service.workers.process_pool import ProcessPool
 from tests.service.questions import Question, runs, workers
 from tests.service.squares import (

@@ -2,8 +2,7 @@
 
 import pytest
 
-from service.jobs.models import StoredSweep
-from service.jobs.titles import title_of
+from service.jobs.models import StoredSweep, title_of
 from service.schemas.strike import PAPER
 
 

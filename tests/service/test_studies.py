@@ -11,10 +11,10 @@ from typing import Any
 
 import pytest
 
-from service.cache.record import Record
+from service.cache.record import CaseResult, Record
 from service.errors import QuotaError
 from service.jobs.manager import JobManager
-from service.jobs.models import CaseResult, JobCase, JobState
+from service.jobs.models import JobCase, JobState
 from service.jobs.studies import run_study
 from service.operations import OPERATIONS, KeyedRequest
 from service.schemas.strike import PAPER

@@ -11,7 +11,6 @@ import orjson
 import pytest
 from numba.core import event
 
-from service.cache.hdf5 import read_records
 from service.operations import compute_critical_angle, compute_trajectory
 from service.schemas import CriticalAngleRequest, TrajectoryRequest, trajectory_answer
 from service.schemas.strike import PAPER, PAPER_AT_45
@@ -19,6 +18,7 @@ from service.workers import Call
 from service.workers.process_pool import ProcessPool
 from service.workers.worker import Channel, answer, check_requests, close_chunk, compute_case, compute_single, loads
 from solver import ENGINE_VERSION, ParameterError, critical_angle, simulate
+from tests.service.records import read_records
 
 pytestmark = [pytest.mark.anyio, pytest.mark.timeout(120)]
 
