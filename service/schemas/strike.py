@@ -9,6 +9,7 @@ from typing_extensions import TypeAliasType
 import solver
 from service.schemas.quantities import Num, Part, SolverPart, solver_arguments, with_examples, within
 from service.schemas.resistance import CONSTANT, MOHR_COULOMB
+from solver.checks import BOUNDS
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY
 
 OGIVE = {"shape": "ogive", "caliber_radius_head": 3.0}
@@ -36,7 +37,7 @@ CaliberRadiusHead = Annotated[
         "100 is a nose ten times as long as the shank is wide.",
     ),
 ]
-Coordinate = Annotated[Num, Field(ge=0.0, le=20.0)]
+Coordinate = Annotated[Num, Field(ge=0.0, le=BOUNDS["projectile.length"].upper)]
 ProfilePoint = Annotated[list[Coordinate], Field(min_length=2, max_length=2)]
 
 
