@@ -9,7 +9,6 @@ from playwright.sync_api import Locator, Page, expect
 from .side_view import IDLE
 
 
-
 class Actions:
     """Acts on a page as a user does, and counts it."""
 
