@@ -13,6 +13,8 @@ from service.schemas.strike import PAPER, PAPER_AT_45
 JSONL = "application/jsonl"
 LINES = {"Content-Type": JSONL}
 ASYNC = {"Prefer": "respond-async"}
+TOO_SHORT = PAPER | {"projectile": PAPER["projectile"] | {"length_m": 0.1}}
+"""A search that only the solver can refuse."""
 ROUGH = {"lower_deg": 40.0, "upper_deg": 80.0, "tolerance_deg": 1.0}
 DEADLINE_S = 60.0
 

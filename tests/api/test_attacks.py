@@ -153,14 +153,6 @@ def test_header_that_other_servers_trust_opens_nothing(guarded: Guarded, header:
     assert status in {400, 401}
 
 
-@pytest.mark.parametrize("media_type", ["text/plain", "application/x-www-form-urlencoded", "multipart/form-data", ""])
-def test_form_of_another_site_changes_nothing(guarded: Guarded, media_type: str) -> None:
-    """A browser sends these without asking first."""
-    problem_of(guarded.anna.post("/cra", content=BODY, headers={"Content-Type": media_type}), 415)
-    problem_of(guarded.anna.post("/cra/batch", content=BODY, headers={"Content-Type": media_type}), 415)
-    problem_of(guarded.anna.post("/cra", content=BODY, headers=TEXT | {"Sec-Fetch-Site": "cross-site"}), 403)
-
-
 @pytest.fixture(scope="module")
 def bomb() -> bytes:
     return gzip.compress(b" " * 50_000_000)

@@ -17,9 +17,7 @@ from service.api.job_models import Job, JobResults, Jobs
 from service.schemas.strike import PAPER
 from tests.conftest import RunService, Service, until
 
-from .many import ASYNC, JSONL, LINES, finished, items_of, lines, searches, slow_strikes, strikes
-
-TOO_SHORT = PAPER | {"projectile": PAPER["projectile"] | {"length_m": 0.1}}
+from .many import ASYNC, JSONL, LINES, TOO_SHORT, finished, items_of, lines, searches, slow_strikes, strikes
 
 
 @pytest.fixture(scope="module")

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import httpx
@@ -9,10 +10,11 @@ import pytest
 
 from service.auth.dependencies import ConcurrencyLimit
 from service.errors import OwnerQueriesError
+from service.schemas.problems import Problem
 from service.schemas.strike import PAPER, PAPER_AT_45
 from tests.conftest import RunService, until
 
-from .many import ASYNC, LINES, ROUGH, lines, slow_strikes, strikes
+from .many import ASYNC, LINES, ROUGH, items_of, lines, searches, slow_strikes, strikes
 from .refused import TEXT, problem_of
 
 BODY_BYTES, BODY_DEPTH = 4096, 12
@@ -155,12 +157,20 @@ def test_search_by_the_paper_counts_its_panels(tight: httpx.Client) -> None:
     assert problem_of(tight.post("/cra", json=body), 422).errors[0].pointer == "/numerics/panels"
 
 
-def test_case_may_run_as_long_as_the_limit(tight: httpx.Client) -> None:
+def test_case_may_run_as_long_as_the_limit_alone_and_among_others(tight: httpx.Client) -> None:
     numerics = {"method": "panels", "panels": 100_000, "termination_time_s": 0.01, "time_step_s": 1e-5}
     search = {"method": "outcome", "tolerance_deg": 1e-6}
-    found = tight.post("/cra", json=PAPER | {"numerics": numerics, "search": search})
-    assert problem_of(found, 422).type == "urn:ricochet:problem:timeout"
+    endless = PAPER | {"numerics": numerics, "search": search}
+    with ThreadPoolExecutor() as threads:
+        alone = threads.submit(tight.post, "/cra", json=endless)
+        cases = [*searches(2), endless | {"custom_id": "endless"}]
+        items = items_of(tight.post("/cra/batch", json={"cases": cases}))
+    assert problem_of(alone.result(), 422).type == "urn:ricochet:problem:timeout"
     assert tight.post("/cra", json=PAPER).status_code == 200
+    assert ["result" in item for item in items] == [True, True, False]
+    problem = Problem.model_validate(items[2]["problem"])
+    assert (problem.type, problem.instance) == ("urn:ricochet:problem:timeout", "/cra/batch")
+    assert items[2]["custom_id"] == "endless"
 
 
 def test_single_queries_of_an_owner_are_limited() -> None:

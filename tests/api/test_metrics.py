@@ -21,7 +21,6 @@ from tests.conftest import ROOT, RunService, until
 from .many import ASYNC, finished, searches
 
 ENDINGS = {"counter": ("_total",), "histogram": ("_bucket", "_count", "_sum"), "info": ("_info",)}
-TOO_SHORT = PAPER | {"projectile": PAPER["projectile"] | {"length_m": 0.1}}
 
 
 def metrics(client: httpx.Client) -> dict[tuple[str, ...], float]:

@@ -17,6 +17,7 @@ from solver import cea_edf_limit_speed, least_thickness, limit_velocity
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, paper_impact
 
 from .many import ASYNC, LINES, check_results, finished, items_of, lines
+from .refused import refused_at
 
 STRIKE = PAPER | {"impact": PAPER["impact"] | {"oblique_angle_deg": 30.0}}
 WALL = PAPER | {"target": PAPER["target"] | {"thickness_m": 0.2}, "impact": {"oblique_angle_deg": 0.0}}
@@ -43,13 +44,6 @@ def test_thickness_is_that_of_the_solver_beside_the_formulas(client: httpx.Clien
     within = [1e3 * row["perforation_thickness_m"] for row in answer["formulas"] if row["in_range"]]
     assert f"{min(within):.0f} to {max(within):.0f} mm" in details["rear_face_unconservative"]
     assert "238 m/s at 30° from the normal" in details["rear_face_unconservative"]
-
-
-def test_answer_is_found_again_by_its_body_and_by_its_key(client: httpx.Client) -> None:
-    first = client.post("/limit-speed", json=WALL)
-    again = client.post("/limit-speed", json=WALL)
-    assert (again.content, again.headers["Cache-Status"]) == (first.content, "ricochet; hit")
-    assert client.get(f"/results/{first.json()['key']}").content == first.content
 
 
 def test_limit_speed_is_that_of_the_solver(client: httpx.Client) -> None:
@@ -198,13 +192,6 @@ def test_cases_that_do_not_fit_refuse_the_whole_with_their_place(
     test_what_does_not_fit_is_refused_with_its_place(client, path, body, pointer, detail)
 
 
-def test_wall_that_only_the_solver_can_refuse_is_a_result_with_a_problem(client: httpx.Client) -> None:
-    axes = [{"field": "target.thickness_m", "values": [0.2, 0.001]}]
-    items = items_of(client.post("/limit-speed/sweep", json={"base": BASES["limit-speed"], "axes": axes}))
-    assert "result" in items[0]
-    assert items[1]["problem"]["errors"][0]["pointer"] == "/target/thickness_m"
-
-
 def test_plug_and_crater_ask_for_a_thicker_wall(client: httpx.Client) -> None:
     resistances: list[dict[str, Any]] = [{}, {"rear_plug": {}}, {"rear_plug": {}, "crater": {}}]
     found = [client.post("/thickness", json=STRIKE | {"resistance": each}).json() for each in resistances]
@@ -233,9 +220,7 @@ def test_plug_without_its_angle_is_that_of_66_1_degrees(client: httpx.Client) ->
     ],
 )
 def test_bad_plug_or_crater_is_refused_by_its_field(client: httpx.Client, part: dict[str, Any], pointer: str) -> None:
-    response = client.post("/thickness", json=STRIKE | {"resistance": part})
-    assert response.status_code == 422
-    assert [error["pointer"] for error in response.json()["errors"]] == [pointer]
+    refused_at(client.post("/thickness", json=STRIKE | {"resistance": part}), pointer)
 
 
 def test_plug_and_crater_can_be_swept_and_scattered(client: httpx.Client) -> None:
