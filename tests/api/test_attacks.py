@@ -2,15 +2,14 @@
 
 import gzip
 import json
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager
-from typing import Any
+from collections.abc import Iterator
 
 import httpx
 import pytest
 
 from service.auth.api_keys import make_key
 from service.schemas.strike import PAPER
+from tests.conftest import RunService
 
 from .attacks import ATTACKS, CHUNKED_BODY, JSON, QUERIES, REQUESTS, Attack, Target, effect_of
 from .many import ASYNC, LINES, lines, searches
@@ -21,14 +20,9 @@ BODY = json.dumps(PAPER).encode()
 
 
 @pytest.fixture(scope="module")
-def guarded(
-    service_on: Callable[..., AbstractContextManager[Any]], tmp_path_factory: pytest.TempPathFactory
-) -> Iterator[Guarded]:
+def guarded(service_on: RunService, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Guarded]:
     folder = tmp_path_factory.mktemp("attacked")
-    with (
-        service_on(folder) as service,
-        guarded_service(service.url, folder / "data") as keyed,
-    ):
+    with service_on(folder) as service, guarded_service(service.url, folder / "data") as keyed:
         yield keyed
     log = (folder / "log").read_text()
     assert "ricochet_" not in log.replace("ricochet_build", "")  # no key, not even a wrong one

@@ -18,26 +18,12 @@ from fastapi.testclient import TestClient
 
 from service import cli
 from service.api.app import create_app
-from service.auth.api_keys import (
-    ApiKey,
-    ApiKeyStore,
-    KeysUnreadableError,
-    add_key,
-    make_key,
-    read_keys,
-    revoke_key,
-)
+from service.auth.api_keys import ApiKey, ApiKeyStore, KeysUnreadableError, add_key, make_key, read_keys, revoke_key
 from service.auth.dependencies import RequestContext
 from service.auth.quotas import STEP, WINDOW, Quota, QuotaStore
 from service.cli.arguments import CommandError
 from service.cli.serve import check_access
-from service.errors import (
-    PoolUnavailableError,
-    QueriesWaitingError,
-    QuotaError,
-    TaskTimeoutError,
-    WorkerCrashedError,
-)
+from service.errors import PoolUnavailableError, QueriesWaitingError, QuotaError, TaskTimeoutError, WorkerCrashedError
 from service.jobs.store import JobStore
 from service.schemas.strike import PAPER, PAPER_AT_45
 from service.settings import Settings
@@ -45,13 +31,11 @@ from solver import ParameterError
 from tests.conftest import ROOT, RunService, until
 
 from .attacks import Target
-from .many import ASYNC, LINES, ROUGH, finished, lines, searches, slow_strikes
+from .many import ASYNC, LINES, ROUGH, SPEED, finished, lines, searches, slow_strikes
 from .owners import Guarded, bearer, guarded_service, holder, is_known, key_in
 from .refused import problem_of
 
 START_SECONDS = 60.0
-SPREAD = {"type": "normal", "mean": 238.0, "standard_deviation": 2.4}
-UNCERTAIN = [{"field": "impact.velocity_m_s", "distribution": SPREAD}]
 
 
 @pytest.fixture(scope="module")
@@ -190,7 +174,7 @@ def test_panel_steps_count_as_ordinary_cases(guarded: Guarded) -> None:
     """Alone, among many or by another protocol: 1,000 panels for 50,000 steps are 50 of them."""
     numerics = {"method": "panels", "panels": 1000, "time_step_s": 1e-6, "termination_time_s": 0.05}
     strike = PAPER_AT_45 | {"numerics": numerics, "output": {"history": False}}
-    scattered = PAPER_AT_45 | {"numerics": numerics, "uncertain": UNCERTAIN}
+    scattered = PAPER_AT_45 | {"numerics": numerics, "uncertain": [SPEED]}
     call = {"name": "trajectory", "input": [[238.0, 39.0]], "config": {"numerics": numerics}}
     bodies = {
         "/trajectory": strike,
@@ -251,7 +235,7 @@ def test_cases_count_unless_they_are_refused(error: Exception, counted: int, tmp
 
 
 def study(**sampling: Any) -> dict[str, Any]:
-    return PAPER | {"uncertain": UNCERTAIN, "sensitivity": False, "sampling": sampling}
+    return PAPER | {"uncertain": [SPEED], "sensitivity": False, "sampling": sampling}
 
 
 def test_study_counts_as_the_samples_it_takes_once_its_job_ends(guarded: Guarded) -> None:

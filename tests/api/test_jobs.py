@@ -17,7 +17,7 @@ from service.api.job_models import Job, JobResults, Jobs
 from service.schemas.strike import PAPER
 from tests.conftest import RunService, Service, until
 
-from .many import ASYNC, JSONL, LINES, TOO_SHORT, finished, items_of, lines, searches, slow_strikes, strikes
+from .many import ASYNC, JSONL, LINES, TOO_SHORT, finished, items_of, lines, rows_at, searches, slow_strikes, strikes
 
 
 @pytest.fixture(scope="module")
@@ -124,11 +124,10 @@ def test_texts_that_a_spreadsheet_would_compute_are_quoted_in_tables_alone(clien
     cases = [case | {"custom_id": name} for case, name in zip(strikes(len(names)), names, strict=True)]
     at_once = client.post("/trajectory/batch", json={"cases": cases}, headers={"Accept": "text/csv"})
     job = finished(client, client.post("/trajectory/batch", json={"cases": cases}, headers=ASYNC).json())
-    stored = client.get(job["links"]["results"], headers={"Accept": "text/csv"})
+    at_once_rows = list(csv.DictReader(io.StringIO(at_once.text, newline="")))
     items = client.get(job["links"]["results"]).json()["results"]
     assert [item["custom_id"] for item in items] == names
-    for table in (at_once, stored):
-        rows = list(csv.DictReader(io.StringIO(table.text, newline="")))
+    for rows in (at_once_rows, rows_at(client, job["links"]["results"])):
         assert [row["custom_id"] for row in rows] == [f"'{name}" for name in COMPUTED_BY_SPREADSHEETS] + names[-2:]
         velocities = [row["final_depth_velocity_m_s"] for row in rows]
         assert list(map(float, velocities)) == [item["result"]["final"]["depth_velocity_m_s"] for item in items]
@@ -137,8 +136,7 @@ def test_texts_that_a_spreadsheet_would_compute_are_quoted_in_tables_alone(clien
 
 def test_table_of_trajectories_has_their_ends(client: httpx.Client) -> None:
     job = finished(client, client.post("/trajectory/batch", json={"cases": strikes(2)}, headers=ASYNC).json())
-    response = client.get(job["links"]["results"], headers={"Accept": "text/csv"})
-    row = list(csv.DictReader(io.StringIO(response.text)))[1]
+    row = rows_at(client, job["links"]["results"])[1]
     result = client.get(job["links"]["results"]).json()["results"][1]["result"]
     assert {name: float(row[f"final_{name}"]) for name in result["final"]} == result["final"]
     assert (row["outcome"], float(row["maximum_depth_m"])) == (result["outcome"], result["maximum_depth_m"])

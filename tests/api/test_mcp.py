@@ -22,12 +22,11 @@ from service.schemas.strike import PAPER, PAPER_AT_45
 from tests.cli.commands import environment
 from tests.conftest import NO_TLS, RunService, until
 
+from .many import SPEED
 from .owners import bearer, key_in
 
 NAMES = ["critical_angle", "trajectory", "uncertainty", "thickness"]
-UNCERTAIN = [
-    {"field": "impact.velocity_m_s", "distribution": {"type": "normal", "mean": 238.0, "standard_deviation": 2.4}}
-]
+UNCERTAIN = [SPEED]
 
 
 class Conversation(NamedTuple):

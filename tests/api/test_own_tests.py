@@ -16,10 +16,7 @@ from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY
 SHOT = {"velocity_m_s": 238.1, "depth_m": 0.30, "mass_kg": 12.923}
 WIDER = {"velocity_m_s": 275.7, "depth_m": 0.38, "mass_kg": 11.0, "diameter_m": 0.0762}
 LAW = OwnTests(
-    shots=(
-        Shot(velocity=238.1, depth=0.30, mass=12.923),
-        Shot(velocity=275.7, depth=0.38, mass=11.0, diameter=0.0762),
-    )
+    shots=(Shot(velocity=238.1, depth=0.30, mass=12.923), Shot(velocity=275.7, depth=0.38, mass=11.0, diameter=0.0762))
 )
 
 
@@ -106,10 +103,7 @@ def test_samples_of_a_study_do_not_carry_the_shots(client: httpx.Client) -> None
         "field": "resistance.strength_residual",
         "distribution": {"type": "lognormal", "median": 1, "dispersion": 0.1},
     }
-    study = {
-        "uncertain": [scatter],
-        "sampling": {"max_samples": 300},
-    }
+    study = {"uncertain": [scatter], "sampling": {"max_samples": 300}}
     many = client.post("/cra/uncertainty", json=with_shots(*[SHOT] * 500) | study)
     assert many.status_code == 200, many.text
     angle = client.post("/cra", json=with_shots(*[SHOT] * 500)).json()["critical_angle_deg"]

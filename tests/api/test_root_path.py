@@ -10,13 +10,12 @@ from service.schemas.strike import PAPER
 from service.settings import Settings
 from tests.conftest import RunService
 
+from .many import SPEED
 from .owners import bearer, key_in
 
 PREFIX = "/ricochet_1"
 STUDY = PAPER | {
-    "uncertain": [
-        {"field": "impact.velocity_m_s", "distribution": {"type": "normal", "mean": 238.0, "standard_deviation": 2.4}}
-    ],
+    "uncertain": [SPEED],
     "sampling": {"max_samples": 256, "half_width": 0.2},
     "sensitivity": False,
 }

@@ -10,7 +10,6 @@ from http.client import HTTPConnection
 from pathlib import Path
 from typing import Any
 
-import h5py
 import httpx
 import numpy as np
 import pytest
@@ -19,18 +18,11 @@ from service.schemas import CriticalAngleUncertaintyAnswer, TrajectoryUncertaint
 from service.schemas.strike import PAPER
 from solver import ElasticPlastic, MohrCoulomb, PublishedTests, Resistance
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET
-from solver.uncertainty import (
-    RESIDUAL,
-    Discrete,
-    Lognormal,
-    Normal,
-    Sampling,
-    Uncertain,
-    critical_angle_uncertainty,
-)
+from solver.uncertainty import RESIDUAL, Discrete, Lognormal, Normal, Sampling, Uncertain, critical_angle_uncertainty
 from tests.conftest import RunService, until
 
-SPEED = {"field": "impact.velocity_m_s", "distribution": {"type": "normal", "mean": 238.0, "standard_deviation": 2.4}}
+from .many import SPEED, file_at
+
 ATTACK = {
     "field": "impact.angle_of_attack_deg",
     "distribution": {"type": "normal", "mean": 0.0, "standard_deviation": 1.0},
@@ -106,22 +98,17 @@ def test_factor_on_s_says_what_shots_of_ones_own_would_make_of_the_angle(client:
         assert (found["lower_deg"], found["upper_deg"]) == pytest.approx(angles, abs=0.02)
 
 
-def test_second_request_is_a_hit_and_its_samples_are_cases_of_the_cache(client: httpx.Client) -> None:
-    first = client.post("/cra/uncertainty", json=BODY)
-    again = client.post("/cra/uncertainty", json=BODY)
+def test_second_request_is_a_hit_and_its_result_a_table_and_a_file_too(client: httpx.Client) -> None:
+    first, again = (client.post("/cra/uncertainty", json=BODY) for _ in range(2))
     assert again.headers["Cache-Status"] == "ricochet; hit"
     assert again.content == first.content
-    assert client.get(f"/results/{first.json()['key']}").json() == first.json()
-
-
-def test_result_is_given_as_a_table_and_a_file(client: httpx.Client) -> None:
-    answer = client.post("/cra/uncertainty", json=BODY).json()
+    answer = first.json()
+    assert client.get(f"/results/{answer['key']}").json() == answer
     text = client.get(f"/results/{answer['key']}", headers={"Accept": "text/csv"}).text
     names, *rows = csv.reader(io.StringIO(text))
     assert names == ["oblique_angle_deg", "ricochet_probability", "lower", "upper"]
     assert [float(row[1]) for row in rows] == answer["probability"]["ricochet_probability"]
-    content = client.get(f"/results/{answer['key']}", headers={"Accept": "application/x-hdf5"}).content
-    with h5py.File(io.BytesIO(content)) as file:
+    with file_at(client, f"/results/{answer['key']}") as file:
         assert file["residuals"]["upper"].tolist() == answer["probability"]["upper"]
         assert file["summary"]["samples"].tolist() == [answer["samples"]]
 
@@ -244,11 +231,7 @@ REFUSED: list[tuple[list[dict[str, Any]], str, str]] = [
         "/uncertain/0/distribution/values/1",
         "'cubic' is no model",
     ),
-    (
-        [changed(type="truncated_normal", lower=240)],
-        "/uncertain/0/distribution/lower",
-        "below the mean, 238",
-    ),
+    ([changed(type="truncated_normal", lower=240)], "/uncertain/0/distribution/lower", "below the mean, 238"),
     ([DENSITY], "/uncertain/0/distribution/lower", "greater than or equal to 100, got -500"),
     ([discrete("impact.velocity_m_s", 238.0, -5.0)], "/uncertain/0/distribution/values/1", "got -5"),
     ([changed(mean=-3.0)], "/uncertain/0/distribution/mean", "got -3"),

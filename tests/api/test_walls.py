@@ -4,10 +4,8 @@ import csv
 import io
 import math
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
-import h5py
 import httpx
 import pytest
 
@@ -16,7 +14,7 @@ from service.schemas.strike import PAPER
 from solver import cea_edf_limit_speed, least_thickness, limit_velocity
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, paper_impact
 
-from .many import ASYNC, LINES, check_results, finished, items_of, lines
+from .many import ASYNC, LINES, check_results, file_at, finished, items_of, lines
 from .refused import refused_at
 
 STRIKE = PAPER | {"impact": PAPER["impact"] | {"oblique_angle_deg": 30.0}}
@@ -113,7 +111,7 @@ def test_lines_of_a_batch_are_answered_as_alone_beside_one_that_cannot_be(client
 
 @pytest.mark.parametrize("operation", BASES)
 def test_job_of_a_sweep_over_the_angle_has_tables_and_is_known_the_second_time(
-    client: httpx.Client, operation: str, tmp_path: Path
+    client: httpx.Client, operation: str
 ) -> None:
     sweep, (value, bracket) = {"base": BASES[operation], "axes": [ANGLES]}, FOUND[operation]
     job = finished(client, client.post(f"/{operation}/sweep", json=sweep, headers=ASYNC).json())
@@ -132,9 +130,7 @@ def test_job_of_a_sweep_over_the_angle_has_tables_and_is_known_the_second_time(
         assert set(row["warnings"].split()) == {warning["code"] for warning in answer["warnings"]}
     again = finished(client, client.post(f"/{operation}/sweep", json=sweep, headers=ASYNC).json())
     assert again["counts"]["cached"] == again["counts"]["total"] == len(rows)
-    path = tmp_path / "walls.h5"
-    path.write_bytes(client.get(job["links"]["results"], headers={"Accept": "application/x-hdf5"}).content)
-    with h5py.File(path) as file:
+    with file_at(client, job["links"]["results"]) as file:
         assert file["summary"][value].tolist() == [answer[value] for answer in answers]
         tried = [trial for answer in answers for trial in answer["iterations"]]
         for name in tried[0].keys() - {"outcome", "exit"}:

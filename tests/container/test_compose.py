@@ -7,8 +7,8 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, ExitStack, suppress
+from collections.abc import Iterator
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +24,7 @@ from service.cli.serve import check_access
 from service.schemas.strike import PAPER
 from service.settings import Settings
 from solver import warm_up
-from tests.conftest import START_LIMIT_S, free_port
+from tests.conftest import START_LIMIT_S, RunService, free_port
 
 from .dockerfile import ROOT, read
 
@@ -169,9 +169,7 @@ def test_service_works_where_only_its_data_and_tmp_can_be_written(short_path: Pa
 
 
 @pytest.mark.system
-def test_its_commands_make_a_cluster_that_answers(
-    short_path: Path, service_on: Callable[..., AbstractContextManager[Any]]
-) -> None:
+def test_its_commands_make_a_cluster_that_answers(short_path: Path, service_on: RunService) -> None:
     port = str(free_port())
 
     def here(text: str) -> str:
