@@ -11,7 +11,9 @@ from service.schemas.strike import PAPER, PAPER_AT_45
 
 from .many import LINES
 from .refused import LITERALS, TEXT, changed, problem_of, refused_at
+from .test_bad_calibrations import CALIBRATIONS
 
+USUAL = CALIBRATIONS | {"/trajectory": PAPER_AT_45, "/cra": PAPER}
 EXAMPLES = {each.path: each.request.model_json_schema()["examples"][0] for each in OPERATIONS.values()}
 
 
@@ -24,10 +26,13 @@ EXAMPLES = {each.path: each.request.model_json_schema()["examples"][0] for each 
         ("/trajectory", "/impact/oblique_angle_deg"),
         ("/cra", "/target/poissons_ratio"),
         ("/cra", "/search/tolerance_deg"),
+        ("/calibration/depth", "/tests/3/depth_m"),
+        ("/calibration/motion", "/history/rotation_deg/2"),
+        ("/calibration/obliquity", "/points/2/strength_factor"),
     ],
 )
 def test_value_that_is_no_finite_number_is_named(client: httpx.Client, path: str, pointer: str, literal: str) -> None:
-    body = json.dumps(changed(PAPER_AT_45 if path == "/trajectory" else PAPER, pointer, "HERE"))
+    body = json.dumps(changed(USUAL[path], pointer, "HERE"))
     answer = client.post(path, content=body.replace('"HERE"', literal), headers=TEXT)
     if literal == "null" and pointer.endswith(("poissons_ratio", "tolerance_deg")):  # An optional field is absent then.
         assert answer.json() == client.post(path, json=PAPER).json()
