@@ -23,7 +23,7 @@ GOLDEN = Path(__file__).with_name("golden_answers.json")
 CONTRACT = json.loads((Path(__file__).parents[2] / "openapi/openapi.json").read_text())
 FORMATS = ("application/json", "application/jsonl", "text/csv", "application/x-hdf5", "application/vnd.apache.parquet")
 READ = ("/cra", "/cra/batch", "/cra/sweep", "/cra/uncertainty", "/calibration/motion", "/verdict")
-"""Routes of each kind: every text that is no request is sent to one of a kind."""
+"""Routes of each kind: what is no request is sent to one of a kind."""
 NUMBER = re.compile(r"-?\d+\.\d+(?:[eE][-+]?\d+)?|-?\d+[eE][-+]?\d+")
 VOLATILE = re.compile(
     r'"(?:id|created_at|started_at|finished_at|ended_at|expires_at|trace_id|progress|elapsed_s)":[^,}]*'
@@ -63,7 +63,7 @@ def requests() -> Iterator[tuple[str, str, str, dict[str, Any]]]:
         for number, body in enumerate(bodies):
             for kind in FORMATS[:3] if many else FORMATS[:1]:
                 yield f"{path} example {number} {kind}", "POST", path, {"json": body, "headers": {"Accept": kind}}
-        for name, body in broken(bodies[0]):
+        for name, body in broken(bodies[0]) if path in READ or not many else ():
             yield f"{path} {name}", "POST", path, {"json": body}
         for text in ("", "{", "[]", "null", '{"a": NaN}', "[" * 200) if path in READ else ("{",):
             yield f"{path} body {text[:9]!r}", "POST", path, {"content": text, "headers": {"Content-Type": FORMATS[0]}}

@@ -179,7 +179,7 @@ def test_events_tell_of_a_job_until_its_end(client: httpx.Client) -> None:
 
 
 def test_events_of_a_job_under_way_are_not_sent_again(client: httpx.Client) -> None:
-    job = client.post("/trajectory/batch", json={"cases": slow_strikes(30)}, headers=ASYNC).json()
+    job = client.post("/trajectory/batch", json={"cases": slow_strikes(12)}, headers=ASYNC).json()
     with client.stream("GET", job["links"]["events"]) as response:
         seen = next(line for line in response.iter_lines() if line.startswith("id: ")).removeprefix("id: ")
     events = events_of(client.get(job["links"]["events"], headers={"Last-Event-ID": seen}))
@@ -234,16 +234,16 @@ def test_cancelled_job_keeps_what_it_has(client: httpx.Client) -> None:
 
 
 def test_results_come_while_the_job_runs(client: httpx.Client) -> None:
-    job = client.post("/trajectory/batch", json={"cases": slow_strikes(20)}, headers=ASYNC).json()
+    job = client.post("/trajectory/batch", json={"cases": slow_strikes(10)}, headers=ASYNC).json()
     found, cursor = [], ""
     while True:
-        page = client.get(job["links"]["results"], params={"cursor": cursor, "limit": 5}).json()
+        page = client.get(job["links"]["results"], params={"cursor": cursor, "limit": 3}).json()
         found += [item["index"] for item in page["results"]]
         if "next" not in page:
             break
         cursor = page["next"]
         time.sleep(0.02)
-    assert found == list(range(20))
+    assert found == list(range(10))
 
 
 def test_deleted_job_is_gone_and_its_results_stay(client: httpx.Client) -> None:
