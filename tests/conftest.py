@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeAlias
 
 import httpx
 import pytest
@@ -92,6 +93,10 @@ class Service:
 
     url: str
     process: subprocess.Popen[bytes]
+
+
+RunService: TypeAlias = Callable[..., AbstractContextManager[Service]]
+"""What the fixture `service_on` gives."""
 
 
 @contextmanager

@@ -1,18 +1,25 @@
 """Many cases, no two alike, and how their results are read."""
 
+import csv
+import io
 import itertools
 import json
 import time
 from typing import Any
 
+import h5py
 import httpx
 
 from service.operations import OPERATIONS
 from service.schemas.strike import PAPER, PAPER_AT_45
 
+SPEED = {"field": "impact.velocity_m_s", "distribution": {"type": "normal", "mean": 238.0, "standard_deviation": 2.4}}
+"""How the speed of the paper may scatter."""
 JSONL = "application/jsonl"
 LINES = {"Content-Type": JSONL}
 ASYNC = {"Prefer": "respond-async"}
+TOO_SHORT = PAPER | {"projectile": PAPER["projectile"] | {"length_m": 0.1}}
+"""A search that only the solver can refuse."""
 ROUGH = {"lower_deg": 40.0, "upper_deg": 80.0, "tolerance_deg": 1.0}
 DEADLINE_S = 60.0
 
@@ -62,6 +69,20 @@ def finished(client: httpx.Client, job: dict[str, Any]) -> dict[str, Any]:
         time.sleep(0.05)
         job = client.get(job["links"]["self"]).raise_for_status().json()
     return job
+
+
+def rows_at(client: httpx.Client, address: str) -> list[dict[str, str]]:
+    """Rows of the CSV table at an address."""
+    answer = client.get(address, headers={"Accept": "text/csv"})
+    assert answer.headers["Content-Type"] == "text/csv; charset=utf-8", answer.text
+    return list(csv.DictReader(io.StringIO(answer.text, newline="")))
+
+
+def file_at(client: httpx.Client, address: str) -> h5py.File:
+    """The HDF5 file at an address."""
+    answer = client.get(address, headers={"Accept": "application/x-hdf5"})
+    assert answer.headers["Content-Type"] == "application/x-hdf5", answer.text
+    return h5py.File(io.BytesIO(answer.content))
 
 
 def check_results(operation: str, items: list[dict[str, Any]]) -> None:

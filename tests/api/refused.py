@@ -20,6 +20,13 @@ def problem_of(response: httpx.Response, status: int) -> Problem:
     return found
 
 
+def refused_at(response: httpx.Response, *pointers: str, status: int = 422) -> Problem:
+    """The problem, which names these places and no others."""
+    found = problem_of(response, status)
+    assert [error.pointer for error in found.errors] == list(pointers), found
+    return found
+
+
 def changed(body: dict[str, Any], pointer: str, value: Any) -> dict[str, Any]:
     """Copy of the body with another value, or without it where that is `...`."""
     result: Any = copy.deepcopy(body)

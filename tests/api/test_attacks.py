@@ -2,15 +2,14 @@
 
 import gzip
 import json
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager
-from typing import Any
+from collections.abc import Iterator
 
 import httpx
 import pytest
 
 from service.auth.api_keys import make_key
 from service.schemas.strike import PAPER
+from tests.conftest import RunService
 
 from .attacks import ATTACKS, CHUNKED_BODY, JSON, QUERIES, REQUESTS, Attack, Target, effect_of
 from .many import ASYNC, LINES, lines, searches
@@ -21,14 +20,9 @@ BODY = json.dumps(PAPER).encode()
 
 
 @pytest.fixture(scope="module")
-def guarded(
-    service_on: Callable[..., AbstractContextManager[Any]], tmp_path_factory: pytest.TempPathFactory
-) -> Iterator[Guarded]:
+def guarded(service_on: RunService, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Guarded]:
     folder = tmp_path_factory.mktemp("attacked")
-    with (
-        service_on(folder) as service,
-        guarded_service(service.url, folder / "data") as keyed,
-    ):
+    with service_on(folder) as service, guarded_service(service.url, folder / "data") as keyed:
         yield keyed
     log = (folder / "log").read_text()
     assert "ricochet_" not in log.replace("ricochet_build", "")  # no key, not even a wrong one
@@ -151,14 +145,6 @@ def test_what_is_no_request_is_refused(guarded: Guarded, line: bytes) -> None:
 def test_header_that_other_servers_trust_opens_nothing(guarded: Guarded, header: bytes) -> None:
     status, _ = Target.of(guarded.url).send(b"GET /jobs HTTP/1.1", header)
     assert status in {400, 401}
-
-
-@pytest.mark.parametrize("media_type", ["text/plain", "application/x-www-form-urlencoded", "multipart/form-data", ""])
-def test_form_of_another_site_changes_nothing(guarded: Guarded, media_type: str) -> None:
-    """A browser sends these without asking first."""
-    problem_of(guarded.anna.post("/cra", content=BODY, headers={"Content-Type": media_type}), 415)
-    problem_of(guarded.anna.post("/cra/batch", content=BODY, headers={"Content-Type": media_type}), 415)
-    problem_of(guarded.anna.post("/cra", content=BODY, headers=TEXT | {"Sec-Fetch-Site": "cross-site"}), 403)
 
 
 @pytest.fixture(scope="module")

@@ -7,53 +7,39 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, closing, nullcontext
+from contextlib import closing, nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import httpx
 import pytest
+from fastapi.testclient import TestClient
 
 from service import cli
-from service.auth.api_keys import (
-    ApiKey,
-    ApiKeyStore,
-    KeysUnreadableError,
-    add_key,
-    make_key,
-    read_keys,
-    revoke_key,
-)
+from service.api.app import create_app
+from service.auth.api_keys import ApiKey, ApiKeyStore, KeysUnreadableError, add_key, make_key, read_keys, revoke_key
 from service.auth.dependencies import RequestContext
 from service.auth.quotas import STEP, WINDOW, Quota, QuotaStore
 from service.cli.arguments import CommandError
 from service.cli.serve import check_access
-from service.errors import (
-    PoolUnavailableError,
-    QueriesWaitingError,
-    QuotaError,
-    TaskTimeoutError,
-    WorkerCrashedError,
-)
+from service.errors import PoolUnavailableError, QueriesWaitingError, QuotaError, TaskTimeoutError, WorkerCrashedError
 from service.jobs.store import JobStore
 from service.schemas.strike import PAPER, PAPER_AT_45
 from service.settings import Settings
 from solver import ParameterError
-from tests.conftest import ROOT, until
+from tests.conftest import ROOT, RunService, until
 
 from .attacks import Target
-from .many import ASYNC, LINES, ROUGH, finished, lines, searches, slow_strikes
-from .owners import Guarded, guarded_service, holder, is_known, key_in
+from .many import ASYNC, LINES, ROUGH, SPEED, finished, lines, searches, slow_strikes
+from .owners import Guarded, bearer, guarded_service, holder, is_known, key_in
 from .refused import problem_of
 
 START_SECONDS = 60.0
 
 
 @pytest.fixture(scope="module")
-def guarded(
-    service_on: Callable[..., AbstractContextManager[Any]], tmp_path_factory: pytest.TempPathFactory
-) -> Iterator[Guarded]:
+def guarded(service_on: RunService, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Guarded]:
     folder = tmp_path_factory.mktemp("guarded")
     first = key_in(folder / "data", "first")
     settings = {"audit_log": str(folder / "audit.log"), "max_owner_streams": "3", "max_streams": "4"}
@@ -188,10 +174,8 @@ def test_panel_steps_count_as_ordinary_cases(guarded: Guarded) -> None:
     """Alone, among many or by another protocol: 1,000 panels for 50,000 steps are 50 of them."""
     numerics = {"method": "panels", "panels": 1000, "time_step_s": 1e-6, "termination_time_s": 0.05}
     strike = PAPER_AT_45 | {"numerics": numerics, "output": {"history": False}}
+    scattered = PAPER_AT_45 | {"numerics": numerics, "uncertain": [SPEED]}
     call = {"name": "trajectory", "input": [[238.0, 39.0]], "config": {"numerics": numerics}}
-    spread = {"type": "normal", "mean": 238.0, "standard_deviation": 2.4}
-    study = strike | {"uncertain": [{"field": "impact.velocity_m_s", "distribution": spread}]}
-    del study["output"]
     bodies = {
         "/trajectory": strike,
         "/trajectory/batch": {"cases": [strike]},
@@ -204,7 +188,7 @@ def test_panel_steps_count_as_ordinary_cases(guarded: Guarded) -> None:
             assert (path, statuses) == (path, [200, 429])
     with guarded.with_key("ida", cases_per_hour=300) as ida:
         for headers in ({}, ASYNC):
-            problem_of(ida.post("/trajectory/uncertainty", json=study, headers=headers), 429)
+            problem_of(ida.post("/trajectory/uncertainty", json=scattered, headers=headers), 429)
 
 
 @pytest.mark.parametrize("jump", [-7200.0, 7200.0])
@@ -250,12 +234,13 @@ def test_cases_count_unless_they_are_refused(error: Exception, counted: int, tmp
     assert sum(cases for _, cases in quotas.quota(key.id, 10).entries) == 1 + counted
 
 
-def test_study_counts_as_the_samples_it_takes_once_its_job_ends(guarded: Guarded) -> None:
-    spread = {"type": "normal", "mean": 238.0, "standard_deviation": 2.4}
-    study = PAPER | {"uncertain": [{"field": "impact.velocity_m_s", "distribution": spread}], "sensitivity": False}
+def study(**sampling: Any) -> dict[str, Any]:
+    return PAPER | {"uncertain": [SPEED], "sensitivity": False, "sampling": sampling}
 
+
+def test_study_counts_as_the_samples_it_takes_once_its_job_ends(guarded: Guarded) -> None:
     def submit(client: httpx.Client, **sampling: Any) -> httpx.Response:
-        return client.post("/cra/uncertainty", json=study | {"sampling": sampling}, headers=ASYNC)
+        return client.post("/cra/uncertainty", json=study(**sampling), headers=ASYNC)
 
     with guarded.with_key("iris", cases_per_hour=2000) as iris:
         first = submit(iris, max_samples=1900, half_width=0.02)
@@ -275,17 +260,14 @@ def test_study_counts_as_the_samples_it_takes_once_its_job_ends(guarded: Guarded
         assert submit(iris, max_samples=2000 - 3 * 256 - taken, half_width=0.02).status_code == 202
 
 
-def test_job_taken_on_after_a_restart_gives_back_too(
-    tmp_path: Path, service_on: Callable[..., AbstractContextManager[Any]]
-) -> None:
-    token = key_in(tmp_path / "data", "anna", cases_per_hour=5000)
-    spread = {"type": "normal", "mean": 238.0, "standard_deviation": 2.4}
-    study = PAPER | {"uncertain": [{"field": "impact.velocity_m_s", "distribution": spread}], "sensitivity": False}
-    body = study | {"sampling": {"max_samples": 5000, "half_width": 1e-4, "method": "direct"}}
-    with service_on(tmp_path) as service, holder(service.url, token) as anna:
+def test_job_taken_on_after_a_restart_gives_back_too(tmp_path: Path) -> None:
+    token = key_in(tmp_path, "anna", cases_per_hour=5000)
+    settings = Settings(data_dir=tmp_path, executor="in-process")
+    body = study(max_samples=5000, half_width=1e-4, method="direct")
+    with TestClient(create_app(settings), headers=bearer(token)) as anna:
         job = anna.post("/cra/uncertainty", json=body, headers=ASYNC).json()
-    with service_on(tmp_path) as service, holder(service.url, token) as anna:
-        problem_of(anna.post("/cra", json=PAPER), 429)
+    with TestClient(create_app(settings), headers=bearer(token)) as anna:
+        assert anna.post("/cra", json=PAPER).status_code == 429
         assert anna.post(job["links"]["cancel"]).json()["status"] == "dismissed"
         assert anna.post("/cra", json=PAPER).status_code == 200
 
@@ -410,11 +392,14 @@ def test_contract_declares_the_scope_of_every_operation_that_is_not_open(guarded
         assert f"the scope `{scope}`" in declared[name]["responses"]["403"]["description"], name
 
 
-def test_without_a_key_it_starts_for_this_machine_alone(tmp_path: Path) -> None:
-    done = start_again(tmp_path, host="0.0.0.0")  # noqa: S104
-    assert done.returncode == 3
-    assert "ricochet keys add" in done.stderr
-    assert "RICOCHET_ACCESS=open" in done.stderr
+def test_without_a_key_it_starts_for_this_machine_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("RICOCHET_DATA_DIR", str(tmp_path))
+    assert cli.main(["serve", "--host", "0.0.0.0"]) == 3  # noqa: S104
+    told = capsys.readouterr().err
+    assert "ricochet keys add" in told
+    assert "RICOCHET_ACCESS=open" in told
 
 
 @pytest.mark.parametrize(
@@ -466,32 +451,16 @@ def test_keys_that_are_damaged_let_nobody_in(tmp_path: Path, monkeypatch: pytest
     assert store.required
 
 
-def start_again(folder: Path, **settings: str) -> subprocess.CompletedProcess[str]:
-    """A start on this data folder that is expected to fail."""
-    names = {"port": "0", "data_dir": str(folder)} | settings
-    return subprocess.run(
-        [sys.executable, "-m", "service.cli", "serve"],
-        env={f"RICOCHET_{name.upper()}": value for name, value in names.items()},
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=START_SECONDS,
-    )
-
-
 def test_start_after_the_keys_are_lost_is_refused_with_what_to_do(
-    tmp_path: Path, service_on: Callable[..., AbstractContextManager[Any]]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """An open start would list the jobs of owners to anybody on this machine."""
-    folder = tmp_path / "data"
-    token = key_in(folder, "anna")
-    with service_on(tmp_path) as service, holder(service.url, token) as anna:
-        job_of(anna, 1)
-    (folder / "auth.sqlite").unlink()
-    done = start_again(folder)
-    assert done.returncode == 3
-    (line,) = [line for line in done.stderr.splitlines() if line.startswith("ricochet serve: ")]
+    key_in(tmp_path, "anna")
+    jobs_of("anna")(tmp_path)
+    (tmp_path / "auth.sqlite").unlink()
+    monkeypatch.setenv("RICOCHET_DATA_DIR", str(tmp_path))
+    assert cli.main(["serve"]) == 3
+    (line,) = [line for line in capsys.readouterr().err.splitlines() if line.startswith("ricochet serve: ")]
     assert "auth.sqlite is missing" in line
     assert "restore it from a backup" in line
     assert "ricochet keys add" in line
@@ -551,10 +520,10 @@ def test_keys_are_added_by_several_processes_at_once(tmp_path: Path) -> None:
     environment = os.environ | {"RICOCHET_DATA_DIR": str(tmp_path)}
     adding = [
         subprocess.Popen([*command, f"owner{n}"], env=environment, cwd=ROOT, stdout=subprocess.DEVNULL)
-        for n in range(6)
+        for n in range(4)
     ]
-    assert [process.wait(START_SECONDS) for process in adding] == [0] * 6
-    assert {key.owner for key in read_keys(tmp_path).values()} == {f"owner{n}" for n in range(6)}
+    assert [process.wait(START_SECONDS) for process in adding] == [0] * 4
+    assert {key.owner for key in read_keys(tmp_path).values()} == {f"owner{n}" for n in range(4)}
 
 
 def jobs_of(owner: str) -> Callable[[Path], None]:
@@ -567,11 +536,11 @@ def jobs_of(owner: str) -> Callable[[Path], None]:
     return leave
 
 
-def audit_line(line: str) -> Callable[[Path], None]:
-    """Leave a line of an audit log and nothing else."""
+def file_of(name: str, content: str = "") -> Callable[[Path], None]:
+    """Leave a file and nothing else."""
 
     def leave(folder: Path) -> None:
-        (folder / "audit.log").write_text(line)
+        (folder / name).write_text(content)
 
     return leave
 
@@ -579,32 +548,15 @@ def audit_line(line: str) -> Callable[[Path], None]:
 @pytest.mark.parametrize(
     ("leave", "starts"),
     [
-        (lambda folder: (folder / "auth.lock").touch(), False),
-        (lambda folder: (folder / "auth.sqlite-journal").touch(), False),
-        (lambda folder: (folder / "keys.json.migrated").touch(), False),
-        (lambda folder: (folder / "keys.lock").touch(), False),
-        (lambda folder: (folder / "usage.json").write_text('{"5f0c21d9":[[0,1]]}'), False),
-        (lambda folder: (folder / "keys.json.new").touch(), False),
+        *((file_of(name), False) for name in ("auth.lock", "auth.sqlite-journal", "keys.json.migrated", "keys.lock")),
+        (file_of("usage.json", '{"5f0c21d9":[[0,1]]}'), False),
+        (file_of("keys.json.new"), False),
         (jobs_of("anna"), False),
-        (audit_line('{"event":"audit","owner":"anna","key":"5f0c21d9","status":200}\n'), False),
-        (audit_line('{"event":"audit","method":"POST","route":"/cra","status":401}\n'), False),
+        (file_of("audit.log", '{"event":"audit","owner":"anna","key":"5f0c21d9","status":200}\n'), False),
+        (file_of("audit.log", '{"event":"audit","method":"POST","route":"/cra","status":401}\n'), False),
         (jobs_of("local"), True),
-        (audit_line('{"event":"audit","owner":"local","method":"POST","route":"/cra","status":200}\n'), True),
+        (file_of("audit.log", '{"event":"audit","owner":"local","method":"POST","route":"/cra","status":200}\n'), True),
         (lambda folder: None, True),
-    ],
-    ids=[
-        "lock",
-        "journal",
-        "migrated",
-        "old lock",
-        "usage",
-        "staged",
-        "job",
-        "audited key",
-        "audited refusal",
-        "local job",
-        "audited local",
-        "nothing",
     ],
 )
 def test_any_trace_of_keys_means_that_keys_are_needed(

@@ -1,11 +1,8 @@
 """Results of calibrations: kept by their key, given as tables, large ones too."""
 
-import csv
-import io
 import json
 from typing import Any
 
-import h5py
 import httpx
 import numpy as np
 import pytest
@@ -15,6 +12,7 @@ from service.schemas.calibration_motion import COMPARED_ROWS
 from service.schemas.requests import MOST_ROWS
 
 from .calibrations import BODY, POINTS, TESTS, answered, history_at, strike_at
+from .many import file_at, rows_at
 
 
 @pytest.fixture(scope="module")
@@ -26,16 +24,12 @@ def motion(client: httpx.Client) -> dict[str, Any]:
 def test_group_that_a_spreadsheet_would_compute_is_quoted_in_the_table(client: httpx.Client) -> None:
     tests = [test | {"group": "=1+1" if number < 2 else "-1"} for number, test in enumerate(TABLE_1)]
     key = answered(client, "/calibration/depth", BODY | {"tests": tests})["key"]
-    text = client.get(f"/results/{key}", headers={"Accept": "text/csv"}).text
-    rows = list(csv.DictReader(io.StringIO(text)))
+    rows = rows_at(client, f"/results/{key}")
     assert [row["group"] for row in rows] == ["'=1+1", "'=1+1"] + ["'-1"] * (len(rows) - 2)
     assert min(float(row["residual_m"]) for row in rows) < 0.0
 
 
 REQUESTED: dict[str, dict[str, Any]] = {"/calibration/depth": TESTS, "/calibration/obliquity": POINTS}
-
-
-JSON = {"Content-Type": "application/json"}
 
 
 def body_of(path: str, motion: dict[str, Any]) -> dict[str, Any]:
@@ -45,21 +39,9 @@ def body_of(path: str, motion: dict[str, Any]) -> dict[str, Any]:
 PATHS = ("/calibration/depth", "/calibration/motion", "/calibration/obliquity")
 
 
-@pytest.mark.parametrize("path", PATHS)
-def test_second_calibration_is_a_hit_and_the_same(client: httpx.Client, path: str, motion: dict[str, Any]) -> None:
-    body = body_of(path, motion)
-    first, second = client.post(path, json=body), client.post(path, content=json.dumps(body, indent=1), headers=JSON)
-    assert second.headers["Cache-Status"] == "ricochet; hit"
-    assert "validate;dur=" in second.headers["Server-Timing"]
-    assert first.content == second.content
-    again = client.get(f"/results/{first.json()['key']}")
-    assert again.json() == first.json()
-
-
 def table_of(client: httpx.Client, key: str) -> dict[str, list[str]]:
-    text = client.get(f"/results/{key}", headers={"Accept": "text/csv"}).text
-    names, *rows = csv.reader(io.StringIO(text))
-    return {name: [row[column] for row in rows] for column, name in enumerate(names)}
+    rows = rows_at(client, f"/results/{key}")
+    return {name: [row[name] for row in rows] for name in rows[0]}
 
 
 COLUMNS = {
@@ -91,8 +73,7 @@ def test_csv_of_a_calibration_is_its_residuals(client: httpx.Client, path: str, 
 @pytest.mark.parametrize("path", PATHS)
 def test_hdf5_of_a_calibration_has_its_numbers(client: httpx.Client, path: str, motion: dict[str, Any]) -> None:
     answer = answered(client, path, body_of(path, motion))
-    content = client.get(f"/results/{answer['key']}", headers={"Accept": "application/x-hdf5"}).content
-    with h5py.File(io.BytesIO(content)) as file:
+    with file_at(client, f"/results/{answer['key']}") as file:
         summary, residuals = file["summary"][()], file["residuals"]
         assert summary["operation"].astype(str).tolist() == [path[1:].replace("/", "_")]
         assert list(residuals.dtype.names) == ["case", *COLUMNS[path]]
@@ -119,8 +100,7 @@ def test_residuals_of_several_runs_are_one_table(client: httpx.Client, motion: d
         "rotation_deg"
     ]
     assert set(table["residual_depth_displacement_m"][21:]) == {"nan"}
-    content = client.get(f"/results/{answer['key']}", headers={"Accept": "application/x-hdf5"}).content
-    with h5py.File(io.BytesIO(content)) as file:
+    with file_at(client, f"/results/{answer['key']}") as file:
         assert file["residuals"]["run"].tolist() == [0] * 21 + [1] * 21
         assert file["summary"]["best_decay_law"].astype(str).tolist() == [answer["best_decay_law"]]
         assert file["summary"]["normalized_root_mean_square"][0] == answer["normalized_root_mean_square"]
@@ -131,8 +111,7 @@ def test_groups_are_a_column_of_the_residuals(client: httpx.Client) -> None:
     tests = [test | {"group": name} for test, name in zip(TABLE_1, names, strict=True)]
     answer = answered(client, "/calibration/depth", BODY | {"tests": tests})
     assert table_of(client, answer["key"])["group"] == names
-    content = client.get(f"/results/{answer['key']}", headers={"Accept": "application/x-hdf5"}).content
-    with h5py.File(io.BytesIO(content)) as file:
+    with file_at(client, f"/results/{answer['key']}") as file:
         assert file["residuals"]["group"].astype(str).tolist() == names
 
 

@@ -1,14 +1,14 @@
 """Answers compressed for clients that accept it, unless the service is set not to."""
 
-from collections.abc import Callable
-from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import Any
 
 import httpx
 import pytest
+from fastapi.testclient import TestClient
 
+from service.api.app import create_app
 from service.schemas.strike import PAPER_AT_45
+from service.settings import Settings
 
 from .many import ASYNC, finished, searches
 
@@ -103,13 +103,9 @@ def test_results_of_a_job_are_compressed_as_they_are_sent_and_events_are_not(cli
     assert "Content-Encoding" not in events.headers
 
 
-def test_nothing_is_compressed_where_it_is_set_off(
-    client: httpx.Client, tmp_path: Path, service_on: Callable[..., AbstractContextManager[Any]]
-) -> None:
-    with (
-        service_on(tmp_path, gzip="false") as service,
-        httpx.Client(base_url=service.url, timeout=60.0, trust_env=False) as other,
-    ):
+def test_nothing_is_compressed_where_it_is_set_off(client: httpx.Client, tmp_path: Path) -> None:
+    settings = Settings(data_dir=tmp_path / "data", gzip=False, executor="in-process")
+    with TestClient(create_app(settings), "http://127.0.0.1") as other:
         answer = other.post("/trajectory", json=PAPER_AT_45, headers=GZIP)
     assert "Content-Encoding" not in answer.headers
     assert answer.json() == client.post("/trajectory", json=PAPER_AT_45).json()

@@ -1,13 +1,10 @@
 """What a client may rely on, over a real socket."""
 
-import csv
 import hashlib
-import io
 import math
 import re
 from typing import Any
 
-import h5py
 import httpx
 import pytest
 from pydantic import TypeAdapter
@@ -17,6 +14,9 @@ from service.operations import OPERATIONS, SCHEMA_VERSION
 from service.schemas import CriticalAngleAnswer, TrajectoryAnswer
 from service.schemas.strike import HEMISPHERE, PAPER, PAPER_AT_45
 from solver import ENGINE_VERSION
+
+from .many import file_at, rows_at
+from .refused import changed
 
 JSON = {"Content-Type": "application/json"}
 CSV, HDF5 = {"Accept": "text/csv"}, {"Accept": "application/x-hdf5"}
@@ -98,13 +98,17 @@ def test_angles_come_back_as_they_were_sent(client: httpx.Client) -> None:
         assert (min(tried), max(tried)) == (lower, upper)
 
 
-@pytest.mark.parametrize(("path", "body"), [("/trajectory", PAPER_AT_45), ("/cra", PAPER)])
-def test_second_answer_is_a_hit_and_the_same(client: httpx.Client, path: str, body: dict[str, Any]) -> None:
-    fresh = body | {"target": body["target"] | {"density_kg_m3": 2251.0}}
+@pytest.mark.parametrize(("path", "body"), SINGLE)
+def test_second_answer_is_a_hit_and_the_same_and_so_is_the_result(
+    client: httpx.Client, path: str, body: dict[str, Any]
+) -> None:
+    fresh = body if path == "/calibration/obliquity" else changed(body, "/target/density_kg_m3", 2251.0)
     first, second = client.post(path, json=fresh), client.post(path, json=fresh)
-    assert first.headers["Cache-Status"] == "ricochet; fwd=miss"
+    if fresh is not body:
+        assert first.headers["Cache-Status"] == "ricochet; fwd=miss"
     assert second.headers["Cache-Status"] == "ricochet; hit"
     assert first.content == second.content
+    assert client.get(f"/results/{first.json()['key']}").json() == first.json()
 
 
 def test_equal_requests_in_other_words_share_a_result(client: httpx.Client, search: dict[str, Any]) -> None:
@@ -115,6 +119,7 @@ def test_equal_requests_in_other_words_share_a_result(client: httpx.Client, sear
     response = client.post("/cra", content=text, headers=JSON)
     assert response.json() == search
     assert response.headers["Cache-Status"] == "ricochet; hit"
+    assert "validate;dur=" in response.headers["Server-Timing"]
 
 
 def test_result_is_the_answer_again(client: httpx.Client, trajectory: dict[str, Any], search: dict[str, Any]) -> None:
@@ -125,35 +130,32 @@ def test_result_is_the_answer_again(client: httpx.Client, trajectory: dict[str, 
         TypeAdapter(Result).validate_python(answer)
 
 
-def table_of(response: httpx.Response) -> dict[str, list[str]]:
-    assert response.headers["Content-Type"] == "text/csv; charset=utf-8"
-    names, *rows = csv.reader(io.StringIO(response.text))
-    return {name: [row[column] for row in rows] for column, name in enumerate(names)}
+def table_of(client: httpx.Client, key: str) -> dict[str, list[str]]:
+    rows = rows_at(client, f"/results/{key}")
+    return {name: [row[name] for row in rows] for name in rows[0]}
 
 
 def test_csv_of_a_trajectory_is_its_history(client: httpx.Client, trajectory: dict[str, Any]) -> None:
-    table = table_of(client.get(f"/results/{trajectory['key']}", headers=CSV))
+    table = table_of(client, trajectory["key"])
     assert {name: [float(cell) for cell in column] for name, column in table.items()} == trajectory["history"]
 
 
 def test_csv_of_a_trajectory_without_history_is_its_end(client: httpx.Client) -> None:
     answer = client.post("/trajectory", json=PAPER_AT_45 | {"output": {"history": False}}).json()
-    table = table_of(client.get(f"/results/{answer['key']}", headers=CSV))
+    table = table_of(client, answer["key"])
     assert {name: [float(cell) for cell in column] for name, column in table.items()} == {
         name: [value] for name, value in answer["final"].items()
     }
 
 
 def test_csv_of_a_search_is_its_trials(client: httpx.Client, search: dict[str, Any]) -> None:
-    table = table_of(client.get(f"/results/{search['key']}", headers=CSV))
+    table = table_of(client, search["key"])
     assert list(table) == ["oblique_angle_deg", "final_position_m", "outcome", "fine"]
     assert table["outcome"] == [trial["outcome"] for trial in search["iterations"]]
 
 
 def test_hdf5_of_a_result_opens(client: httpx.Client, trajectory: dict[str, Any]) -> None:
-    response = client.get(f"/results/{trajectory['key']}", headers=HDF5)
-    assert response.headers["Content-Type"] == "application/x-hdf5"
-    with h5py.File(io.BytesIO(response.content)) as file:
+    with file_at(client, f"/results/{trajectory['key']}") as file:
         assert file["history"]["time_s"].tolist() == trajectory["history"]["time_s"]
 
 

@@ -43,10 +43,7 @@ IMPACT = {"velocity_m_s": 238.0, "angle_of_attack_deg": 1.0, "angular_velocity_r
 PANELS = {"method": "panels", "panels": 1000, "time_step_s": 1e-5, "termination_time_s": 1e-3}
 SCATTER = [
     {"field": "impact.velocity_m_s", "distribution": {"type": "normal", "mean": 238.0, "standard_deviation": 2.0}},
-    {
-        "field": "resistance.strength_residual",
-        "distribution": {"type": "lognormal", "median": 1.0, "dispersion": 0.1},
-    },
+    {"field": "resistance.strength_residual", "distribution": {"type": "lognormal", "median": 1.0, "dispersion": 0.1}},
 ]
 SEARCHED = {"impact": IMPACT, "search": {"lower_deg": 40.0, "upper_deg": 60.0, "tolerance_deg": 0.1}}
 STRUCK = {"impact": IMPACT | {"oblique_angle_deg": 45.0}}

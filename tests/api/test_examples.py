@@ -51,20 +51,13 @@ SENT = [
 ]
 VELOCITIES = {"field": "impact.velocity_m_s", "values": [238.0]}
 MANY: dict[str, tuple[str, Callable[[Any], Any]]] = {
-    "TrajectoryBatch": ("/trajectory/batch", lambda example: example),
     "TrajectoryCase": ("/trajectory/batch", lambda example: {"cases": [example]}),
     "BatchOutput": ("/trajectory/batch", lambda example: {"cases": [PAPER_AT_45 | {"output": example}]}),
     "TrajectoryBase": ("/trajectory/sweep", lambda example: {"base": example, "axes": [VELOCITIES]}),
-    "TrajectorySweep": ("/trajectory/sweep", lambda example: example),
-    "CriticalAngleBatch": ("/cra/batch", lambda example: example),
     "CriticalAngleCase": ("/cra/batch", lambda example: {"cases": [example]}),
-    "CriticalAngleSweep": ("/cra/sweep", lambda example: example),
-    "ThicknessBatch": ("/thickness/batch", lambda example: example),
-    "ThicknessSweep": ("/thickness/sweep", lambda example: example),
     "ThicknessCase": ("/thickness/batch", lambda example: {"cases": [example]}),
     "LimitSpeedCase": ("/limit-speed/batch", lambda example: {"cases": [example]}),
-    "LimitSpeedBatch": ("/limit-speed/batch", lambda example: example),
-    "LimitSpeedSweep": ("/limit-speed/sweep", lambda example: example),
+    "Approach": ("/limit-speed", lambda example: SCHEMAS["LimitSpeedRequest"]["examples"][0] | {"impact": example}),
     "Axis": ("/cra/sweep", lambda example: {"base": PAPER, "axes": [example]}),
 }
 """Where the parts of requests for many cases are sent, and in what."""
@@ -72,30 +65,26 @@ TESTS = SCHEMAS["DepthCalibrationRequest"]["examples"][0]
 MOTION = SCHEMAS["MotionCalibrationRequest"]["examples"][0]
 POINTS = SCHEMAS["ObliquityCalibrationRequest"]["examples"][0]
 CALIBRATIONS: dict[str, tuple[str, Callable[[Any], Any]]] = {
-    "DepthCalibrationRequest": ("/calibration/depth", lambda example: example),
     "DepthTest": ("/calibration/depth", lambda example: TESTS | {"tests": [example, example]}),
     "CalibrationResistance": ("/calibration/depth", lambda example: TESTS | {"resistance": example}),
-    "MotionCalibrationRequest": ("/calibration/motion", lambda example: example),
     "MotionRecord": ("/calibration/motion", lambda example: MOTION | {"history": example}),
     "MotionWeights": ("/calibration/motion", lambda example: MOTION | {"weights": example}),
-    "ObliquityCalibrationRequest": ("/calibration/obliquity", lambda example: example),
     "ObliquityPoint": ("/calibration/obliquity", lambda example: {"points": [example], "order": 0}),
 }
 """Likewise of calibrations, but for what they share with the others."""
-WALLS: dict[str, tuple[str, Callable[[Any], Any]]] = {
-    "ThicknessRequest": ("/thickness", lambda example: example),
-    "LimitSpeedRequest": ("/limit-speed", lambda example: example),
-    "Approach": ("/limit-speed", lambda example: SCHEMAS["LimitSpeedRequest"]["examples"][0] | {"impact": example}),
+WHOLE: dict[str, tuple[str, Callable[[Any], Any]]] = {
+    operation["post"]["requestBody"]["content"]["application/json"]["schema"]["$ref"].rpartition("/")[2]: (path, dict)
+    for path, operation in CONTRACT["paths"].items()
+    if path.endswith(("/batch", "/sweep", "/thickness", "/limit-speed")) or path.startswith("/calibration")
 }
-"""Likewise of searches for perforation."""
+"""Requests as they are."""
+OTHERS = WHOLE | MANY | CALIBRATIONS
 SENT += [
     pytest.param(path, body(example), id=f"{name}-{number}-{path}")
-    for name, (path, body) in (MANY | CALIBRATIONS | WALLS).items()
+    for name, (path, body) in OTHERS.items()
     for number, example in enumerate(SCHEMAS[name]["examples"])
 ]
-IN_REQUESTS = (
-    MANY.keys() | CALIBRATIONS.keys() | WALLS.keys() | {name for request in REQUESTS for name, _ in places(request)}
-)
+IN_REQUESTS = OTHERS.keys() | {name for request in REQUESTS for name, _ in places(request)}
 IN_ANSWERS = SCHEMAS.keys() - IN_REQUESTS
 
 

@@ -1,7 +1,5 @@
 """A service and a command without the packages of the extras: what they cannot do is said in a sentence."""
 
-from collections.abc import Callable
-from contextlib import AbstractContextManager
 from pathlib import Path
 
 import httpx
@@ -9,7 +7,7 @@ import pytest
 
 from service.schemas.strike import PAPER
 from tests.cli.commands import run_process
-from tests.conftest import ROOT, Service
+from tests.conftest import ROOT, RunService
 
 from .many import ASYNC, finished
 
@@ -25,7 +23,7 @@ def bare_path(tmp_path: Path) -> str:
 
 
 def test_service_without_extras_says_so_and_does_the_rest(
-    service_on: Callable[..., AbstractContextManager[Service]],
+    service_on: RunService,
     tmp_path: Path,
     bare_path: str,
     monkeypatch: pytest.MonkeyPatch,

@@ -3,23 +3,22 @@
 import json
 import signal
 import socket
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import AbstractContextManager, ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any
 from urllib.parse import urlsplit
 
 import httpx
 import pytest
 
 from service.schemas.strike import PAPER, PAPER_AT_45
-from tests.conftest import Service, until
+from tests.conftest import RunService, until
 
 pytestmark = pytest.mark.timeout(120)
 
 PATIENCE_S = 60.0
-RunService: TypeAlias = Callable[..., AbstractContextManager[Service]]
 MINUTE = {"method": "panels", "panels": 96_000, "time_step_s": 1e-6, "termination_time_s": 0.05}
 """Numerics of a search that takes longer than any query may."""
 TENTH = {"method": "panels", "panels": 12_000, "time_step_s": 1e-5, "termination_time_s": 0.05}
@@ -81,17 +80,17 @@ def test_what_nobody_waits_for_any_more_is_dropped(one_worker: str, path: str) -
 
 
 def test_addresses_take_turns(one_worker: str) -> None:
-    """Whoever has sent 40 queries before, another client's is among the next."""
+    """Whoever has sent 24 queries before, another client's is among the next."""
     with (
         client_at(one_worker, "127.0.0.2") as crowd,
         client_at(one_worker, "127.0.0.3") as other,
-        ThreadPoolExecutor(40) as threads,
+        ThreadPoolExecutor(24) as threads,
     ):
-        queries = [threads.submit(crowd.post, "/trajectory", json=run(number, **TENTH)) for number in range(40)]
+        queries = [threads.submit(crowd.post, "/trajectory", json=run(number, **TENTH)) for number in range(24)]
         until(lambda: any(query.done() for query in queries))
         assert other.post("/trajectory", json=run(100, **TENTH)).status_code == 200
-        assert sum(query.done() for query in queries) < 30
-        assert [query.result().status_code for query in queries] == [200] * 40
+        assert sum(query.done() for query in queries) < 18
+        assert [query.result().status_code for query in queries] == [200] * 24
 
 
 def test_service_whose_workers_are_all_at_work_is_ready_and_says_so(one_worker: str) -> None:
@@ -105,7 +104,7 @@ def test_service_whose_workers_are_all_at_work_is_ready_and_says_so(one_worker: 
 
 def test_stop_refuses_what_cannot_be_finished_in_time(service_on: RunService, tmp_path: Path) -> None:
     """Running or waiting, alone or in a batch; the fixture sees that nothing is logged as a failure."""
-    with service_on(tmp_path, workers="1", grace_seconds="4") as service, client_at(service.url, "127.0.0.1") as client:
+    with service_on(tmp_path, workers="1", grace_seconds="3") as service, client_at(service.url, "127.0.0.1") as client:
         bodies = [search(number, **MINUTE) for number in range(5)]
         with (
             sent(service.url, "/cra", bodies, "127.0.0.1") as ends,

@@ -1,18 +1,17 @@
 """What every answer tells browsers, and what browsers are refused."""
 
-import socket
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import httpx
 import pytest
+from fastapi.testclient import TestClient
 
+from service.api.app import create_app
 from service.api.middleware import POLICY, secured
 from service.schemas.strike import PAPER
 from service.settings import Settings
-from tests.conftest import Service
+from tests.conftest import RunService
 
 from .certificates import make_certificate
 from .refused import problem_of
@@ -26,18 +25,15 @@ HERE, ELSEWHERE = "https://desk.example", "https://evil.example"
 
 
 @pytest.fixture(scope="module")
-def named_url(
-    service_on: Callable[..., AbstractContextManager[Any]], tmp_path_factory: pytest.TempPathFactory
-) -> Iterator[str]:
-    """A service with a name, whose answers the pages of one other origin may read."""
-    settings = {"allowed_hosts": "ricochet.example, 127.0.0.1", "cors_origins": HERE}
-    with service_on(tmp_path_factory.mktemp("named"), **settings) as service:
-        yield service.url
-
-
-@pytest.fixture
-def named(named_url: str) -> Iterator[httpx.Client]:
-    with httpx.Client(base_url=named_url, timeout=60.0, trust_env=False) as client:
+def named(service_on: RunService, tmp_path_factory: pytest.TempPathFactory) -> Iterator[httpx.Client]:
+    """A client of a service with TLS and a name, whose answers the pages of one other origin may read."""
+    folder = tmp_path_factory.mktemp("named")
+    made = make_certificate(folder)
+    settings = {"allowed_hosts": "ricochet.example, 127.0.0.1", "cors_origins": HERE} | made.settings
+    with (
+        service_on(folder, verify=made.trusted(), **settings) as service,
+        httpx.Client(base_url=service.url, timeout=60.0, trust_env=False, verify=made.trusted()) as client,
+    ):
         yield client
 
 
@@ -92,24 +88,14 @@ def test_own_name_on_the_loopback_interface_is_answered(client: httpx.Client, ho
     assert client.get("/jobs", headers={"Host": host}).status_code == 200
 
 
-def test_other_name_is_refused_on_any_address_of_an_open_service(
-    service_on: Callable[..., AbstractContextManager[Service]], tmp_path: Path
-) -> None:
+def test_other_name_is_refused_on_any_address_of_an_open_service(tmp_path: Path) -> None:
     """As in a container, whose port is published on the loopback interface of its host."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        try:
-            probe.connect(("192.0.2.1", 9))  # sends nothing, and finds the address that leads out
-        except OSError:
-            pytest.skip("this machine has no address but that of the loopback interface")
-        address = probe.getsockname()[0]
-    settings = {"host": "0.0.0.0", "access": "open", "executor": "in-process"}  # noqa: S104
-    with service_on(tmp_path, **settings) as service:
-        port = service.url.rpartition(":")[2]
-        with httpx.Client(base_url=f"http://{address}:{port}", trust_env=False) as client:
-            for host in ("evil.example", f"{address}:{port}"):
-                problem_of(client.get("/jobs", headers={"Host": host}), 421)
-                assert client.get("/livez", headers={"Host": host}).status_code == 200
-            assert client.get("/jobs", headers={"Host": f"localhost:{port}"}).status_code == 200
+    settings = Settings(data_dir=tmp_path, host="0.0.0.0", access="open", executor="in-process")  # noqa: S104
+    with TestClient(create_app(settings), "http://192.0.2.7:8000") as client:
+        for host in ("evil.example", "192.0.2.7:8000"):
+            assert client.get("/jobs", headers={"Host": host}).status_code == 421
+            assert client.get("/livez", headers={"Host": host}).status_code == 200
+        assert client.get("/jobs", headers={"Host": "localhost:8000"}).status_code == 200
 
 
 def test_names_that_are_set_are_the_only_ones(named: httpx.Client) -> None:
@@ -157,18 +143,12 @@ def test_no_other_origin_may_read_unless_it_is_set(client: httpx.Client, named: 
     problem_of(named.post("/cra", json=PAPER, headers={"Origin": ELSEWHERE, "Sec-Fetch-Site": "cross-site"}), 403)
 
 
-def test_service_speaks_tls_with_the_certificate_it_is_given(
-    tmp_path: Path, service_on: Callable[..., AbstractContextManager[Any]]
-) -> None:
-    made = make_certificate(tmp_path)
-    trusted = made.trusted()
-    with service_on(tmp_path, verify=trusted, **made.settings) as service:
-        told = httpx.get(f"{service.url}/livez", verify=trusted, trust_env=False)
-        assert told.headers["Strict-Transport-Security"] == "max-age=31536000"
-        with pytest.raises(httpx.ConnectError):
-            httpx.get(f"{service.url}/livez", trust_env=False)
-        with pytest.raises(httpx.TransportError):
-            httpx.get(service.url.replace("https", "http") + "/livez", trust_env=False)
+def test_service_speaks_tls_with_the_certificate_it_is_given(named: httpx.Client) -> None:
+    assert named.get("/livez").headers["Strict-Transport-Security"] == "max-age=31536000"
+    with pytest.raises(httpx.ConnectError):
+        httpx.get(f"{named.base_url}/livez", trust_env=False)
+    with pytest.raises(httpx.TransportError):
+        httpx.get(f"{named.base_url}/livez".replace("https", "http"), trust_env=False)
 
 
 def test_half_of_tls_is_refused(tmp_path: Path) -> None:

@@ -1,6 +1,5 @@
 """Bodies that were answered just before are answered from memory, and as they would be otherwise."""
 
-import asyncio
 from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import Any
@@ -9,7 +8,6 @@ import httpx
 import orjson
 import pytest
 from fastapi import FastAPI
-from starlette.types import ASGIApp, Message, Scope
 
 from service.api.app import create_app
 from service.api.body import KnownBodies
@@ -17,10 +15,11 @@ from service.schemas.strike import PAPER, PAPER_AT_45
 from service.settings import Settings
 
 from .many import searches
+from .refused import TEXT
 
 pytestmark = pytest.mark.anyio
 
-JSON = {"Content-Type": "application/json"}
+BODY = orjson.dumps(PAPER)
 
 
 @pytest.fixture
@@ -30,77 +29,49 @@ async def app(tmp_path: Path) -> AsyncIterator[FastAPI]:
         yield app
 
 
-async def call(app: ASGIApp, path: str, body: bytes, headers: dict[str, str], *, parts: int = 1) -> tuple[int, Any]:
-    """Ask the application as a server does; return the status, the headers and the body."""
-    size = max(1, -(-len(body) // parts))
-    pieces = [body[i : i + size] for i in range(0, len(body), size)] or [b""]
-    messages = [
-        {"type": "http.request", "body": piece, "more_body": number < len(pieces)}
-        for number, piece in enumerate(pieces, 1)
-    ]
-    sent: list[Message] = []
+@pytest.fixture
+async def client(app: FastAPI) -> AsyncIterator[httpx.AsyncClient]:
+    transport = httpx.ASGITransport(app)
+    async with httpx.AsyncClient(transport=transport, base_url="http://service", headers=TEXT) as client:
+        yield client
 
-    async def receive() -> Message:
-        if not messages:
-            await asyncio.Event().wait()  # the client stays
-        return messages.pop(0)
 
-    async def send(message: Message) -> None:
-        sent.append(message)
-
-    named = {"content-length": str(len(body)), "host": "service"} | {n.lower(): v for n, v in headers.items()}
-    scope: Scope = {
-        "type": "http",
-        "asgi": {"version": "3.0", "spec_version": "2.3"},
-        "http_version": "1.1",
-        "method": "POST" if body else "GET",
-        "scheme": "http",
-        "path": path,
-        "raw_path": path.encode(),
-        "root_path": "",
-        "query_string": b"",
-        "headers": [(name.encode(), value.encode()) for name, value in named.items()],
-        "server": ("service", 80),
-        "client": ("client", 1),
-    }
-    await app(scope, receive, send)
-    return sent[0]["status"], b"".join(message.get("body", b"") for message in sent[1:])
+async def in_parts(body: bytes, size: int) -> AsyncIterator[bytes]:
+    for start in range(0, len(body), size):
+        yield body[start : start + size]
 
 
 @pytest.mark.parametrize(("path", "body"), [("/cra", PAPER), ("/trajectory", PAPER_AT_45)])
-async def test_known_body_is_answered_alike(app: FastAPI, path: str, body: dict[str, Any]) -> None:
-    async with httpx.AsyncClient(transport=httpx.ASGITransport(app), base_url="http://service") as client:
-        answers = [await client.post(path, content=orjson.dumps(body), headers=JSON) for _ in range(3)]
+async def test_known_body_is_answered_alike(client: httpx.AsyncClient, path: str, body: dict[str, Any]) -> None:
+    answers = [await client.post(path, content=orjson.dumps(body)) for _ in range(3)]
     assert [answer.headers["Cache-Status"] for answer in answers] == ["ricochet; fwd=miss", *["ricochet; hit"] * 2]
     assert len({answer.content for answer in answers}) == 1
     named = [answer.headers.keys() - {"x-request-id"} for answer in answers]
     assert named[0] == named[1] == named[2]
 
 
-async def test_same_bytes_to_the_other_route_are_another_request(app: FastAPI) -> None:
-    body = orjson.dumps(PAPER)
-    assert (await call(app, "/cra", body, JSON))[0] == 200
-    assert (await call(app, "/trajectory", body, JSON))[0] == 422
-    assert (await call(app, "/cra", body, JSON))[0] == 200
+async def test_same_bytes_to_the_other_route_are_another_request(client: httpx.AsyncClient) -> None:
+    for path, status in (("/cra", 200), ("/trajectory", 422), ("/cra", 200)):
+        assert (await client.post(path, content=BODY)).status_code == status
 
 
-async def test_known_body_of_another_type_is_refused_all_the_same(app: FastAPI) -> None:
-    body = orjson.dumps(PAPER)
-    assert (await call(app, "/cra", body, JSON))[0] == 200
-    assert (await call(app, "/cra", body, {"Content-Type": "text/plain"}))[0] == 415
-    assert (await call(app, "/cra", body, JSON | {"Content-Encoding": "gzip"}))[0] == 415
+async def test_known_body_of_another_type_is_refused_all_the_same(client: httpx.AsyncClient) -> None:
+    for headers, status in ((TEXT, 200), ({"Content-Type": "text/plain"}, 415), ({"Content-Encoding": "gzip"}, 415)):
+        assert (await client.post("/cra", content=BODY, headers=headers)).status_code == status
 
 
-async def test_body_in_parts_is_put_together(app: FastAPI) -> None:
-    body = orjson.dumps(PAPER)
-    whole = await call(app, "/cra", body, JSON)
-    assert await call(app, "/cra", body, JSON, parts=3) == whole
-    assert await call(app, "/cra", body, JSON) == whole
+async def test_body_in_parts_is_put_together(client: httpx.AsyncClient) -> None:
+    whole = await client.post("/cra", content=BODY)
+    length = {"Content-Length": str(len(BODY))}
+    parts = await client.post("/cra", content=in_parts(BODY, len(BODY) // 3), headers=length)
+    again = await client.post("/cra", content=BODY)
+    assert [each.status_code for each in (whole, parts, again)] == [200] * 3
+    assert whole.content == parts.content == again.content
 
 
-async def test_memory_for_bodies_is_bounded(app: FastAPI) -> None:
+async def test_memory_for_bodies_is_bounded(app: FastAPI, client: httpx.AsyncClient) -> None:
     bodies = app.state.services.bodies = KnownBodies(40_000)
     for case in searches(20):
-        assert (await call(app, "/cra", orjson.dumps(case), JSON))[0] == 200
+        assert (await client.post("/cra", content=orjson.dumps(case))).status_code == 200
     assert 1 < len(bodies) < 10
     assert bodies.currsize <= 5_000

@@ -1,8 +1,8 @@
 """Every limit, at its bound and past it: what is within is answered, what is not is told which bound it is."""
 
 import json
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import httpx
@@ -10,10 +10,11 @@ import pytest
 
 from service.auth.dependencies import ConcurrencyLimit
 from service.errors import OwnerQueriesError
+from service.schemas.problems import Problem
 from service.schemas.strike import PAPER, PAPER_AT_45
-from tests.conftest import until
+from tests.conftest import RunService, until
 
-from .many import ASYNC, LINES, ROUGH, lines, slow_strikes, strikes
+from .many import ASYNC, LINES, ROUGH, items_of, lines, searches, slow_strikes, strikes
 from .refused import TEXT, problem_of
 
 BODY_BYTES, BODY_DEPTH = 4096, 12
@@ -21,9 +22,7 @@ QUEUED, PANEL_STEPS = 300, 1e8
 
 
 @pytest.fixture(scope="module")
-def tight_url(
-    service_on: Callable[..., AbstractContextManager[Any]], tmp_path_factory: pytest.TempPathFactory
-) -> Iterator[str]:
+def tight(service_on: RunService, tmp_path_factory: pytest.TempPathFactory) -> Iterator[httpx.Client]:
     settings = {
         "max_body_bytes": BODY_BYTES,
         "max_body_depth": BODY_DEPTH,
@@ -34,13 +33,10 @@ def tight_url(
         "task_seconds": 2.0,
     }
     folder = tmp_path_factory.mktemp("tight")
-    with service_on(folder, **{name: str(value) for name, value in settings.items()}) as service:
-        yield service.url
-
-
-@pytest.fixture
-def tight(tight_url: str) -> Iterator[httpx.Client]:
-    with httpx.Client(base_url=tight_url, timeout=60.0, trust_env=False) as client:
+    with (
+        service_on(folder, **{name: str(value) for name, value in settings.items()}) as service,
+        httpx.Client(base_url=service.url, timeout=60.0, trust_env=False) as client,
+    ):
         yield client
 
 
@@ -118,23 +114,13 @@ def test_cases_may_wait_up_to_the_limit(tight: httpx.Client) -> None:
             tight.delete(job.json()["links"]["self"])
 
 
-def test_sweep_with_more_points_than_may_wait_is_refused_by_all_of_them(tight: httpx.Client) -> None:
-    job = tight.post("/trajectory/batch", content=lines(slow_strikes(150)), headers=LINES | ASYNC)
-    try:
-        until(lambda: bool(tight.get(job.json()["links"]["self"]).json()["counts"]["done"]))
-        axis = {"field": "impact.velocity_m_s", "start": 200.0, "stop": 300.0, "count": 100_000}
-        refused = tight.post("/trajectory/sweep", json={"base": PAPER_AT_45, "axes": [axis]}, headers=ASYNC)
-        assert problem_of(refused, 429).type == "urn:ricochet:problem:queue-full"
-        assert int(refused.headers["Retry-After"]) > 60
-    finally:
-        tight.delete(job.json()["links"]["self"])
-
-
-def test_lines_that_are_refused_have_to_wait_for_room_for_all_of_them(tight: httpx.Client) -> None:
-    def seconds_for(count: int) -> int:
-        refused = tight.post("/trajectory/batch", content=lines(strikes(count)), headers=LINES | ASYNC)
+def test_what_is_refused_has_to_wait_for_room_for_all_of_it(tight: httpx.Client) -> None:
+    def seconds_until(refused: httpx.Response) -> int:
         assert problem_of(refused, 429).type == "urn:ricochet:problem:queue-full"
         return int(refused.headers["Retry-After"])
+
+    def seconds_for(count: int) -> int:
+        return seconds_until(tight.post("/trajectory/batch", content=lines(strikes(count)), headers=LINES | ASYNC))
 
     job = tight.post("/trajectory/batch", content=lines(slow_strikes(250)), headers=LINES | ASYNC)
     try:
@@ -142,6 +128,9 @@ def test_lines_that_are_refused_have_to_wait_for_room_for_all_of_them(tight: htt
         few, many = seconds_for(300), seconds_for(2000)  # 250 and 1950 more than may wait
         assert few >= 1
         assert many > 3 * few
+        axis = {"field": "impact.velocity_m_s", "start": 200.0, "stop": 300.0, "count": 100_000}
+        sweep = {"base": PAPER_AT_45, "axes": [axis]}
+        assert seconds_until(tight.post("/trajectory/sweep", json=sweep, headers=ASYNC)) > 60
     finally:
         tight.delete(job.json()["links"]["self"])
 
@@ -168,12 +157,20 @@ def test_search_by_the_paper_counts_its_panels(tight: httpx.Client) -> None:
     assert problem_of(tight.post("/cra", json=body), 422).errors[0].pointer == "/numerics/panels"
 
 
-def test_case_may_run_as_long_as_the_limit(tight: httpx.Client) -> None:
+def test_case_may_run_as_long_as_the_limit_alone_and_among_others(tight: httpx.Client) -> None:
     numerics = {"method": "panels", "panels": 100_000, "termination_time_s": 0.01, "time_step_s": 1e-5}
     search = {"method": "outcome", "tolerance_deg": 1e-6}
-    found = tight.post("/cra", json=PAPER | {"numerics": numerics, "search": search})
-    assert problem_of(found, 422).type == "urn:ricochet:problem:timeout"
+    endless = PAPER | {"numerics": numerics, "search": search}
+    with ThreadPoolExecutor() as threads:
+        alone = threads.submit(tight.post, "/cra", json=endless)
+        cases = [*searches(2), endless | {"custom_id": "endless"}]
+        items = items_of(tight.post("/cra/batch", json={"cases": cases}))
+    assert problem_of(alone.result(), 422).type == "urn:ricochet:problem:timeout"
     assert tight.post("/cra", json=PAPER).status_code == 200
+    assert ["result" in item for item in items] == [True, True, False]
+    problem = Problem.model_validate(items[2]["problem"])
+    assert (problem.type, problem.instance) == ("urn:ricochet:problem:timeout", "/cra/batch")
+    assert items[2]["custom_id"] == "endless"
 
 
 def test_single_queries_of_an_owner_are_limited() -> None:

@@ -9,7 +9,9 @@ from urllib.parse import urlsplit
 import httpx
 import pytest
 
-from solver.strike import PAPER_PROJECTILE, PAPER_TARGET
+from service.schemas.strike import PAPER
+
+from .many import ROUGH
 
 POLLER = Path(__file__).with_name("liveness_poller.py")
 QUERIES = 200
@@ -18,23 +20,11 @@ LIMIT_MS = 100.0
 
 def query(number: int) -> tuple[str, dict[str, object]]:
     """Half of them trajectories with a history, half critical angles, no two alike."""
-    body: dict[str, object] = {
-        "projectile": {
-            "nose": {"shape": "ogive", "caliber_radius_head": 3.0},
-            "diameter_m": PAPER_PROJECTILE.diameter,
-            "length_m": PAPER_PROJECTILE.length,
-            "mass_kg": PAPER_PROJECTILE.mass,
-        },
-        "target": {
-            "compressive_strength_pa": PAPER_TARGET.compressive_strength,
-            "density_kg_m3": PAPER_TARGET.density,
-        },
-        "impact": {"velocity_m_s": 250.0 + 0.5 * number, "oblique_angle_deg": 55.0},
-    }
+    speed = {"velocity_m_s": 250.0 + 0.5 * number}
     if number % 2:
-        return "/trajectory", body | {"numerics": {"relative_tolerance": 1e-4}}
-    narrow = {"lower_deg": 40.0, "upper_deg": 80.0, "tolerance_deg": 1.0}
-    return "/cra", body | {"impact": {"velocity_m_s": 250.0 + 0.5 * number}, "search": narrow}
+        strike = PAPER | {"impact": speed | {"oblique_angle_deg": 55.0}}
+        return "/trajectory", strike | {"numerics": {"relative_tolerance": 1e-4}}
+    return "/cra", PAPER | {"impact": speed, "search": ROUGH}
 
 
 async def keep_busy(url: str) -> set[int]:

@@ -1,19 +1,21 @@
 """A service without a built manual says so."""
 
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
-import httpx
+from fastapi.testclient import TestClient
+
+from service.api.app import create_app
+from service.settings import Settings
 
 
-def test_without_a_manual_the_page_says_what_to_do(tmp_path: Path, service_on: Callable[..., Any]) -> None:
-    with service_on(tmp_path, manual_dir=str(tmp_path / "none")) as service:
-        for address in ("/manual", "/manual/"):
-            answer = httpx.get(f"{service.url}{address}", follow_redirects=True, trust_env=False)
-            assert answer.status_code == 404
-            assert answer.headers["Content-Type"] == "text/html; charset=utf-8"
-            assert "make docs" in answer.text
-            assert "RICOCHET_MANUAL_DIR" in answer.text
-        deep = httpx.get(f"{service.url}/manual/index.html", trust_env=False)
-        assert (deep.status_code, deep.headers["Content-Type"]) == (404, "application/problem+json")
+def test_without_a_manual_the_page_says_what_to_do(tmp_path: Path) -> None:
+    settings = Settings(data_dir=tmp_path / "data", manual_dir=tmp_path / "none")
+    client = TestClient(create_app(settings), "http://127.0.0.1")
+    for address in ("/manual", "/manual/"):
+        answer = client.get(address)
+        assert answer.status_code == 404
+        assert answer.headers["Content-Type"] == "text/html; charset=utf-8"
+        assert "make docs" in answer.text
+        assert "RICOCHET_MANUAL_DIR" in answer.text
+    deep = client.get("/manual/index.html")
+    assert (deep.status_code, deep.headers["Content-Type"]) == (404, "application/problem+json")

@@ -3,8 +3,8 @@
 import json
 import subprocess
 import sys
-from collections.abc import AsyncIterator, Callable, Iterator
-from contextlib import AbstractContextManager, asynccontextmanager
+from collections.abc import AsyncIterator, Iterator
+from contextlib import asynccontextmanager
 from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -20,14 +20,13 @@ from mcp.types import CallToolResult, Tool
 
 from service.schemas.strike import PAPER, PAPER_AT_45
 from tests.cli.commands import environment
-from tests.conftest import NO_TLS, Service, until
+from tests.conftest import NO_TLS, RunService, until
 
-from .owners import key_in
+from .many import SPEED
+from .owners import bearer, key_in
 
 NAMES = ["critical_angle", "trajectory", "uncertainty", "thickness"]
-UNCERTAIN = [
-    {"field": "impact.velocity_m_s", "distribution": {"type": "normal", "mean": 238.0, "standard_deviation": 2.4}}
-]
+UNCERTAIN = [SPEED]
 
 
 class Conversation(NamedTuple):
@@ -51,7 +50,7 @@ def converse(server: Any, *calls: tuple[str, dict[str, Any]], mode: str = "auto"
 @asynccontextmanager
 async def over_http(url: str, token: str | None = None) -> AsyncIterator[Any]:
     """The transport to a service."""
-    headers = {"Authorization": f"Bearer {token}"} if token else {}
+    headers = bearer(token) if token else {}
     async with (
         httpx2.AsyncClient(headers=headers, timeout=180.0, trust_env=False) as http,
         streamable_http_client(f"{url}/mcp", http_client=http) as streams,
@@ -144,6 +143,9 @@ def test_structured_content_fits_the_schema_of_its_tool_whether_the_call_is_refu
         if result.is_error:
             assert problem_of(result)["status"] == 422
             assert len(text_of(result)) > 20
+    [error] = problem_of(results[6])["errors"]
+    assert error["pointer"] == "/critical_angle/sampling/max_samples"
+    assert "at most 16384" in error["detail"]  # more take a job
 
 
 SAMPLES = 16384
@@ -156,33 +158,43 @@ def long_study(name: str) -> dict[str, Any]:
     return PAPER | {"uncertain": UNCERTAIN, "sampling": sampling, "sensitivity": False}
 
 
+class Keyed(NamedTuple):
+    """A service with keys that computes nothing else, and the tokens of some."""
+
+    url: str
+    reads: str
+    runs: str
+    studies: str
+
+
 @pytest.fixture(scope="module")
-def other_url(
-    service_on: Callable[..., AbstractContextManager[Service]], tmp_path_factory: pytest.TempPathFactory
-) -> Iterator[str]:
-    """Address of a service that computes nothing else."""
-    with service_on(tmp_path_factory.mktemp("studies")) as service:
-        yield service.url
+def keyed(service_on: RunService, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Keyed]:
+    folder = tmp_path_factory.mktemp("keyed")
+    reads = key_in(folder / "data", "anna", "read")
+    runs = key_in(folder / "data", "anna", "run", cases_per_hour=2)
+    studies = key_in(folder / "data", "bert", "run")
+    with service_on(folder, access="keys", metrics_open="true") as service:
+        yield Keyed(service.url, reads, runs, studies)
 
 
 @pytest.mark.parametrize("mode", ["auto", "legacy"])
-def test_study_ends_with_its_client(other_url: str, mode: str) -> None:
-    before = measured(other_url, "ricochet_cases_total")
+def test_study_ends_with_its_client(keyed: Keyed, mode: str) -> None:
+    before = measured(keyed.url, "ricochet_cases_total")
 
     async def leave() -> None:
-        async with Client(over_http(other_url), mode=mode) as client, anyio.create_task_group() as calls:
+        async with Client(over_http(keyed.url, keyed.studies), mode=mode) as client, anyio.create_task_group() as calls:
             await client.list_tools()
             calls.start_soon(client.call_tool, "uncertainty", {"critical_angle": long_study(mode)})
-            await to_thread.run_sync(until, lambda: measured(other_url, "ricochet_cases_total") > before)
+            await to_thread.run_sync(until, lambda: measured(keyed.url, "ricochet_cases_total") > before)
             calls.cancel_scope.cancel()
 
     anyio.run(leave)
-    check_that_it_has_ended(other_url, before)
+    check_that_it_has_ended(keyed.url, before)
 
 
-def test_study_over_pipes_ends_with_their_input(other_url: str, tmp_path: Path) -> None:
-    before = measured(other_url, "ricochet_cases_total")
-    command = [sys.executable, "-W", "error", "-m", "service.cli", "mcp", "--url", other_url]
+def test_study_over_pipes_ends_with_their_input(keyed: Keyed, tmp_path: Path) -> None:
+    before = measured(keyed.url, "ricochet_cases_total")
+    command = [sys.executable, "-W", "error", "-m", "service.cli", "mcp", "--url", keyed.url]
     opening = {"protocolVersion": "2025-06-18", "capabilities": {}, "clientInfo": {"name": "test", "version": "1"}}
     study = {"name": "uncertainty", "arguments": {"critical_angle": long_study("pipes")}}
     messages: list[dict[str, Any]] = [
@@ -190,17 +202,16 @@ def test_study_over_pipes_ends_with_their_input(other_url: str, tmp_path: Path) 
         {"method": "notifications/initialized"},
         {"id": 1, "method": "tools/call", "params": study},
     ]
-    with subprocess.Popen(
-        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, cwd=tmp_path, env=environment()
-    ) as process:
+    own = environment(RICOCHET_API_KEY=keyed.studies)
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, cwd=tmp_path, env=own) as process:
         assert process.stdin is not None
         for message in messages:
             process.stdin.write(json.dumps({"jsonrpc": "2.0", **message}).encode() + b"\n")
         process.stdin.flush()
-        until(lambda: measured(other_url, "ricochet_cases_total") > before)
+        until(lambda: measured(keyed.url, "ricochet_cases_total") > before)
         process.stdin.close()
         assert process.wait(60.0) == 0
-    check_that_it_has_ended(other_url, before)
+    check_that_it_has_ended(keyed.url, before)
 
 
 def check_that_it_has_ended(url: str, before: float) -> None:
@@ -300,16 +311,6 @@ def test_missing_quantity_is_an_error_that_names_it(live_url: str, tool: str, be
     assert f"{before}/projectile/mass_kg: Field required" in text_of(result)
 
 
-def test_study_that_takes_a_job_is_refused_with_the_bound(live_url: str) -> None:
-    study = PAPER | {"uncertain": UNCERTAIN, "sampling": {"max_samples": 131072}}
-    [result] = converse(over_http(live_url), ("uncertainty", {"critical_angle": study})).results
-    problem = problem_of(result)
-    assert problem["type"] == "urn:ricochet:problem:invalid-request"
-    [error] = problem["errors"]
-    assert error["pointer"] == "/critical_angle/sampling/max_samples"
-    assert "at most 16384" in error["detail"]
-
-
 def test_tool_that_does_not_exist_is_a_problem_with_a_type(live_url: str) -> None:
     [result] = converse(over_http(live_url), ("ballistics", {})).results
     assert result.is_error
@@ -318,32 +319,16 @@ def test_tool_that_does_not_exist_is_a_problem_with_a_type(live_url: str) -> Non
     assert "no tool 'ballistics'" in text_of(result)
 
 
-@pytest.fixture(scope="module")
-def keyed(
-    service_on: Callable[..., AbstractContextManager[Service]], tmp_path_factory: pytest.TempPathFactory
-) -> Iterator[tuple[str, dict[str, str]]]:
-    """A service with keys, and the tokens of some."""
-    folder = tmp_path_factory.mktemp("keyed")
-    (folder / "data").mkdir()
-    tokens = {
-        "reads": key_in(folder / "data", "anna", "read"),
-        "runs": key_in(folder / "data", "anna", "run", cases_per_hour=2),
-    }
-    with service_on(folder, access="keys", executor="in-process") as service:
-        yield service.url, tokens
-
-
-def test_keys_scopes_and_quotas_are_those_of_the_routes(keyed: tuple[str, dict[str, str]]) -> None:
-    url, tokens = keyed
+def test_keys_scopes_and_quotas_are_those_of_the_routes(keyed: Keyed) -> None:
     message = {"jsonrpc": "2.0", "id": 1, "method": "ping"}
-    with httpx.Client(base_url=url, trust_env=False, timeout=60.0) as client:
+    with httpx.Client(base_url=keyed.url, trust_env=False, timeout=60.0) as client:
         assert client.post("/mcp", json=message).status_code == 401
-        reads = {"Authorization": f"Bearer {tokens['reads']}"}
+        reads = bearer(keyed.reads)
         assert client.post("/mcp", json=message, headers=reads).status_code == 403
         assert client.get("/mcp", headers=reads).status_code == 405
     short = PAPER | {"projectile": PAPER["projectile"] | {"length_m": 0.1}}  # refused, which does not count
     calls = [("critical_angle", short)] * 2 + [("critical_angle", PAPER)] * 3
-    results = converse(over_http(url, tokens["runs"]), *calls).results
+    results = converse(over_http(keyed.url, keyed.runs), *calls).results
     assert [result.is_error for result in results] == [True, True, False, False, True]
     problem = problem_of(results[4])
     assert problem["type"] == "urn:ricochet:problem:quota"

@@ -3,9 +3,9 @@
 import json
 import re
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import httpx
 import pytest
@@ -16,12 +16,11 @@ from service.api.services import Metrics
 from service.schemas.strike import PAPER
 from service.settings import Settings
 from solver import ENGINE_VERSION
-from tests.conftest import ROOT
+from tests.conftest import ROOT, RunService, until
 
 from .many import ASYNC, finished, searches
 
 ENDINGS = {"counter": ("_total",), "histogram": ("_bucket", "_count", "_sum"), "info": ("_info",)}
-TOO_SHORT = PAPER | {"projectile": PAPER["projectile"] | {"length_m": 0.1}}
 
 
 def metrics(client: httpx.Client) -> dict[tuple[str, ...], float]:
@@ -34,24 +33,35 @@ def metrics(client: httpx.Client) -> dict[tuple[str, ...], float]:
     }
 
 
-@pytest.fixture
-def own_client(dedicated_service: Any) -> Iterator[httpx.Client]:
-    """Of a service that nobody else asks: jobs that other tests have left may still run."""
-    with httpx.Client(base_url=dedicated_service.url, timeout=60.0, trust_env=False) as session:
-        yield session
+class Own(NamedTuple):
+    """A service that nobody else asks, as jobs that other tests have left may still run, and its log."""
+
+    client: httpx.Client
+    log: Path
 
 
-def test_cases_are_counted_by_how_they_ended(own_client: httpx.Client) -> None:
-    before = metrics(own_client)
+@pytest.fixture(scope="module")
+def own(service_on: RunService, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Own]:
+    folder = tmp_path_factory.mktemp("own")
+    with (
+        service_on(folder, log_level="info") as service,
+        httpx.Client(base_url=service.url, timeout=60.0, trust_env=False) as client,
+    ):
+        yield Own(client, folder / "log")
+
+
+def test_cases_are_counted_by_how_they_ended(own: Own) -> None:
+    client = own.client
+    before = metrics(client)
     single, *several = searches(4)
     for _ in range(3):
-        own_client.post("/cra", json=single)
-    own_client.post("/cra/batch", json={"cases": [single, several[0]]})
+        client.post("/cra", json=single)
+    client.post("/cra/batch", json={"cases": [single, several[0]]})
     axes = [{"field": "projectile.length_m", "values": [0.1]}]
-    own_client.post("/cra/sweep", json={"base": PAPER, "axes": axes})
-    finished(own_client, own_client.post("/cra/batch", json={"cases": several}, headers=ASYNC).json())
-    finished(own_client, own_client.post("/cra/sweep", json={"base": PAPER, "axes": axes}, headers=ASYNC).json())
-    after = metrics(own_client)
+    client.post("/cra/sweep", json={"base": PAPER, "axes": axes})
+    finished(client, client.post("/cra/batch", json={"cases": several}, headers=ASYNC).json())
+    finished(client, client.post("/cra/sweep", json={"base": PAPER, "axes": axes}, headers=ASYNC).json())
+    after = metrics(client)
 
     def grown(*names: str) -> float:
         return after[names] - before.get(names, 0.0)
@@ -99,12 +109,12 @@ def test_answer_says_how_long_it_took(client: httpx.Client) -> None:
     assert float(known.headers["Server-Timing"].removeprefix("total;dur=")) < 1e3 * computed.elapsed.total_seconds()
 
 
-def test_log_has_a_line_of_json_for_each_request(tmp_path: Path, service_on: Callable[..., Any]) -> None:
-    with service_on(tmp_path, log_level="info") as service:
-        for _ in range(2):  # the second is answered from memory
-            httpx.post(f"{service.url}/cra", json=PAPER, headers={"X-Request-ID": "traced"}, trust_env=False)
-        httpx.get(f"{service.url}/results/{'1' * 64}", trust_env=False)
-    lines = [json.loads(line) for line in (tmp_path / "log").read_text().splitlines()]
+def test_log_has_a_line_of_json_for_each_request(own: Own) -> None:
+    for _ in range(2):  # the second is answered from memory
+        own.client.post("/cra", json=PAPER, headers={"X-Request-ID": "traced"})
+    own.client.get(f"/results/{'1' * 64}")
+    until(lambda: "/results/{key}" in own.log.read_text())  # a line is written when the answer has gone out
+    lines = [json.loads(line) for line in own.log.read_text().splitlines()]
     requests = [line for line in lines if line["event"] == "request"]
     traced = [line for line in requests if line["request_id"] == "traced"]
     assert [(line["method"], line["route"], line["status"], line["level"]) for line in traced] == [

@@ -13,13 +13,13 @@ from service.schemas.strike import PAPER, PAPER_AT_45
 from solver import OwnTests, PublishedTests, Resistance, Shot, critical_angle
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY
 
+from .calibrations import answered
+from .refused import refused_at
+
 SHOT = {"velocity_m_s": 238.1, "depth_m": 0.30, "mass_kg": 12.923}
 WIDER = {"velocity_m_s": 275.7, "depth_m": 0.38, "mass_kg": 11.0, "diameter_m": 0.0762}
 LAW = OwnTests(
-    shots=(
-        Shot(velocity=238.1, depth=0.30, mass=12.923),
-        Shot(velocity=275.7, depth=0.38, mass=11.0, diameter=0.0762),
-    )
+    shots=(Shot(velocity=238.1, depth=0.30, mass=12.923), Shot(velocity=275.7, depth=0.38, mass=11.0, diameter=0.0762))
 )
 
 
@@ -71,10 +71,7 @@ def test_every_shot_is_in_the_key(client: httpx.Client) -> None:
     ],
 )
 def test_shots_that_say_nothing_are_refused_by_name(client: httpx.Client, shots: list[Any], pointer: str) -> None:
-    response = client.post("/cra", json=with_shots(*shots))
-    assert response.status_code == 422
-    [error] = response.json()["errors"]
-    assert error["pointer"] == f"/resistance/strength_factor/shots{pointer}"
+    refused_at(client.post("/cra", json=with_shots(*shots)), f"/resistance/strength_factor/shots{pointer}")
 
 
 @pytest.mark.parametrize(
@@ -106,14 +103,10 @@ def test_samples_of_a_study_do_not_carry_the_shots(client: httpx.Client) -> None
         "field": "resistance.strength_residual",
         "distribution": {"type": "lognormal", "median": 1, "dispersion": 0.1},
     }
-    study = {
-        "uncertain": [scatter],
-        "sampling": {"max_samples": 300},
-    }
-    many = client.post("/cra/uncertainty", json=with_shots(*[SHOT] * 500) | study)
-    assert many.status_code == 200, many.text
+    study = {"uncertain": [scatter], "sampling": {"max_samples": 300}}
+    many = answered(client, "/cra/uncertainty", with_shots(*[SHOT] * 500) | study)
     angle = client.post("/cra", json=with_shots(*[SHOT] * 500)).json()["critical_angle_deg"]
-    median = next(each["value"] for each in many.json()["critical_angle"]["quantiles"] if each["level"] == 0.5)
+    median = next(each["value"] for each in many["critical_angle"]["quantiles"] if each["level"] == 0.5)
     assert median == pytest.approx(angle, abs=0.05)
 
 

@@ -7,18 +7,6 @@ from starlette.responses import Response
 
 from service import errors
 from service.api.app import create_app
-from service.errors import (
-    IdempotencyBusyError,
-    IdempotencyConflictError,
-    InvalidBodyError,
-    PoolUnavailableError,
-    QueriesWaitingError,
-    QueueFullError,
-    ServiceError,
-    StorageError,
-    TaskTimeoutError,
-    WorkerCrashedError,
-)
 from service.schemas.problems import Problem
 from solver import IntegrationError, ParameterError, StepLimitError
 
@@ -47,15 +35,15 @@ async def answer_to(error: Exception) -> httpx.Response:
         (ParameterError("projectile.length", "too short"), 422, "invalid-request"),
         (StepLimitError("more than 10 steps"), 422, "step-limit"),
         (IntegrationError("no longer finite"), 422, "not-integrable"),
-        (TaskTimeoutError("more than 60 s"), 422, "timeout"),
-        (WorkerCrashedError("gave up"), 500, "worker-crashed"),
-        (PoolUnavailableError("stopping"), 503, "unavailable"),
-        (QueriesWaitingError(7), 503, "busy"),
-        (QueueFullError(7), 429, "queue-full"),
-        (IdempotencyConflictError("other"), 422, "idempotency-conflict"),
-        (IdempotencyBusyError("wait"), 409, "idempotency-busy"),
-        (StorageError("full"), 507, "storage-full"),
-        (InvalidBodyError([{"pointer": "/17", "detail": "is empty"}], "line 18"), 422, "invalid-request"),
+        (errors.TaskTimeoutError("more than 60 s"), 422, "timeout"),
+        (errors.WorkerCrashedError("gave up"), 500, "worker-crashed"),
+        (errors.PoolUnavailableError("stopping"), 503, "unavailable"),
+        (errors.QueriesWaitingError(7), 503, "busy"),
+        (errors.QueueFullError(7), 429, "queue-full"),
+        (errors.IdempotencyConflictError("other"), 422, "idempotency-conflict"),
+        (errors.IdempotencyBusyError("wait"), 409, "idempotency-busy"),
+        (errors.StorageError("full"), 507, "storage-full"),
+        (errors.InvalidBodyError([{"pointer": "/17", "detail": "is empty"}], "line 18"), 422, "invalid-request"),
         (UnforeseenError("secret"), 500, "internal-error"),
     ],
     ids=lambda value: type(value).__name__ if isinstance(value, Exception) else None,
@@ -72,13 +60,15 @@ async def test_exception_becomes_its_problem(error: Exception, status: int, name
 
 
 async def test_names_of_problems_are_unique() -> None:
-    found = {error for error in vars(errors).values() if isinstance(error, type) and issubclass(error, ServiceError)}
+    found = {
+        error for error in vars(errors).values() if isinstance(error, type) and issubclass(error, errors.ServiceError)
+    }
     titles = {(error.type, error.title) for error in found}
     assert len(titles) == len({error.type for error in found}) > 10
 
 
 async def test_problem_of_many_cases_gives_the_line() -> None:
-    found = (await answer_to(InvalidBodyError([{"pointer": "/17", "detail": "is empty"}], "line 18"))).json()
+    found = (await answer_to(errors.InvalidBodyError([{"pointer": "/17", "detail": "is empty"}], "line 18"))).json()
     assert (found["detail"], found["errors"]) == ("line 18: /17: is empty", [{"pointer": "/17", "detail": "is empty"}])
 
 

@@ -1,8 +1,7 @@
 """Addresses of clients behind a proxy: believed from the proxies of the settings, and from nobody else."""
 
 import json
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -12,7 +11,7 @@ from pydantic import ValidationError
 
 from service.schemas.strike import PAPER
 from service.settings import Settings
-from tests.conftest import Service, until
+from tests.conftest import RunService, until
 
 PROXY, OTHER, CLIENT = "127.0.0.2", "127.0.0.1", "203.0.113.9"
 
@@ -38,9 +37,7 @@ class Behind(NamedTuple):
 
 
 @pytest.fixture(scope="module")
-def behind(
-    service_on: Callable[..., AbstractContextManager[Service]], tmp_path_factory: pytest.TempPathFactory
-) -> Iterator[Behind]:
+def behind(service_on: RunService, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Behind]:
     folder = tmp_path_factory.mktemp("behind")
     audit_log = folder / "audit.jsonl"
     with service_on(folder, executor="in-process", trusted_proxies=PROXY, audit_log=str(audit_log)) as service:

@@ -25,7 +25,7 @@ pytestmark = pytest.mark.anyio
 async def app(tmp_path: Path) -> AsyncIterator[FastAPI]:
     """A running application whose data folder cannot be made, as a file is in its place."""
     (tmp_path / "data").write_text("a file")
-    app = create_app(Settings(data_dir=tmp_path / "data", workers=1, task_seconds=5.0))
+    app = create_app(Settings(data_dir=tmp_path / "data", workers=1, task_seconds=2.0))
     async with app.router.lifespan_context(app):
         yield app
 

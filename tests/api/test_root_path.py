@@ -1,7 +1,6 @@
 """Addresses that the service gives out below the prefix of a proxy, which passes requests on without it."""
 
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager
+from collections.abc import Iterator
 
 import httpx
 import pytest
@@ -9,15 +8,14 @@ from pydantic import ValidationError
 
 from service.schemas.strike import PAPER
 from service.settings import Settings
-from tests.conftest import Service
+from tests.conftest import RunService
 
-from .owners import key_in
+from .many import SPEED
+from .owners import bearer, key_in
 
-PREFIX = "/ricochet"
+PREFIX = "/ricochet_1"
 STUDY = PAPER | {
-    "uncertain": [
-        {"field": "impact.velocity_m_s", "distribution": {"type": "normal", "mean": 238.0, "standard_deviation": 2.4}}
-    ],
+    "uncertain": [SPEED],
     "sampling": {"max_samples": 256, "half_width": 0.2},
     "sensitivity": False,
 }
@@ -26,14 +24,14 @@ WAIT = {"Prefer": "respond-async, wait=60"}
 
 
 @pytest.fixture(scope="module")
-def below(
-    service_on: Callable[..., AbstractContextManager[Service]], tmp_path_factory: pytest.TempPathFactory
-) -> Iterator[httpx.Client]:
-    """A client at the place of the proxy."""
+def below(service_on: RunService, tmp_path_factory: pytest.TempPathFactory) -> Iterator[httpx.Client]:
+    """A client with a key at the place of the proxy."""
     folder = tmp_path_factory.mktemp("below")
+    token = key_in(folder / "data", "anna")
+    settings = {"access": "keys", "metrics_open": "true", "allowed_hosts": "a.example,127.0.0.1", "root_path": PREFIX}
     with (
-        service_on(folder, executor="in-process", root_path=PREFIX) as service,
-        httpx.Client(base_url=service.url, trust_env=False, timeout=180.0) as client,
+        service_on(folder, executor="in-process", **settings) as service,
+        httpx.Client(base_url=service.url, headers=bearer(token), trust_env=False, timeout=180.0) as client,
     ):
         yield client
 
@@ -73,22 +71,14 @@ def test_problems_and_the_contract_name_the_prefix(below: httpx.Client) -> None:
     assert below.put("/cra").headers["Allow"] == "POST"
 
 
-def test_open_paths_stay_open_and_no_others(
-    service_on: Callable[..., AbstractContextManager[Service]], tmp_path_factory: pytest.TempPathFactory
-) -> None:
-    folder = tmp_path_factory.mktemp("keyed")
-    (folder / "data").mkdir()
-    token = key_in(folder / "data", "anna", "read")
-    settings = {"access": "keys", "metrics_open": "true", "allowed_hosts": "a.example", "root_path": "/ricochet_1"}
-    with (
-        service_on(folder, executor="in-process", **settings) as service,
-        httpx.Client(base_url=service.url, trust_env=False, headers={"Host": "a.example"}) as client,
-    ):
-        assert client.get("/livez", headers={"Host": "other.example"}).status_code == 200
-        assert client.get("/metrics").status_code == 200
-        assert client.get("/jobs").status_code == 401
-        assert client.get("/jobs", headers={"Authorization": f"Bearer {token}"}).status_code == 200
-        shown = client.get(f"/jobs/{token}")
+def test_open_paths_stay_open_and_no_others(below: httpx.Client) -> None:
+    with httpx.Client(base_url=below.base_url, trust_env=False, headers={"Host": "a.example"}) as nobody:
+        assert nobody.get("/livez", headers={"Host": "other.example"}).status_code == 200
+        assert nobody.get("/metrics").status_code == 200
+        assert nobody.get("/jobs").status_code == 401
+        assert nobody.get("/jobs", headers={"Authorization": below.headers["Authorization"]}).status_code == 200
+        token = below.headers["Authorization"].removeprefix("Bearer ")
+        shown = nobody.get(f"/jobs/{token}")
         assert shown.status_code == 400
         assert token not in shown.text
 

@@ -1,17 +1,16 @@
 """The models of the strength factor over HTTP, and the strength factor in the answers."""
 
-import csv
-import io
 from typing import Any
 
-import h5py
 import httpx
 import pytest
 
 from service.schemas.resistance import PUBLISHED, STRENGTH_AND_DIAMETER
 from service.schemas.strike import PAPER, PAPER_AT_45
 
-from .refused import problem_of
+from .calibrations import answered
+from .many import file_at, rows_at
+from .refused import refused_at
 
 CONSTANT = {"model": "constant", "value": 82.6 * 39.0**-0.544}
 
@@ -20,54 +19,48 @@ def with_model(body: dict[str, Any], model: dict[str, Any]) -> dict[str, Any]:
     return body | {"resistance": {"strength_factor": model}}
 
 
-def ask(client: httpx.Client, path: str, body: dict[str, Any]) -> dict[str, Any]:
-    answer: dict[str, Any] = client.post(path, json=body).raise_for_status().json()
-    return answer
-
-
 def test_power_law_of_strength_means_what_it_meant(client: httpx.Client) -> None:
     law = {"model": "strength_power_law", "coefficient": 82.6, "exponent": -0.544}
-    by_law, by_value = (ask(client, "/trajectory", with_model(PAPER_AT_45, model)) for model in (law, CONSTANT))
+    by_law, by_value = (answered(client, "/trajectory", with_model(PAPER_AT_45, model)) for model in (law, CONSTANT))
     assert by_law["strength_factor"] == pytest.approx(CONSTANT["value"], rel=1e-12)
     assert by_law["final"] == pytest.approx(by_value["final"], rel=1e-9)
 
 
 def test_published_tests_are_a_power_law_that_can_be_written_out(client: httpx.Client) -> None:
-    answers = [ask(client, "/cra", with_model(PAPER, model)) for model in (PUBLISHED, STRENGTH_AND_DIAMETER)]
+    answers = [answered(client, "/cra", with_model(PAPER, model)) for model in (PUBLISHED, STRENGTH_AND_DIAMETER)]
     ready_made, written_out = answers
     assert ready_made["critical_angle_deg"] == pytest.approx(written_out["critical_angle_deg"], abs=1e-9)
     assert ready_made["strength_factor"] == pytest.approx(written_out["strength_factor"], rel=1e-12)
-    constant = ask(client, "/cra", with_model(PAPER, PUBLISHED | {"obliquity_shape": "constant"}))
+    constant = answered(client, "/cra", with_model(PAPER, PUBLISHED | {"obliquity_shape": "constant"}))
     assert constant["strength_factor"] == pytest.approx(8.84 * (80.0 / 76.2) ** -0.24, rel=1e-12)
     assert constant["critical_angle_deg"] < ready_made["critical_angle_deg"]
 
 
 def test_strength_factor_is_that_of_the_angle(client: httpx.Client) -> None:
-    run = ask(client, "/trajectory", PAPER_AT_45)
+    run = answered(client, "/trajectory", PAPER_AT_45)
     assert run["strength_factor"] == pytest.approx(8.469 + 0.0149 * 45.0 - 0.0013 * 45.0**2, rel=1e-12)
-    found = ask(client, "/cra", PAPER | {"output": {"history": True}})
+    found = answered(client, "/cra", PAPER | {"output": {"history": True}})
     angle = found["critical_angle_deg"]
     assert found["strength_factor"] == pytest.approx(8.469 + 0.0149 * angle - 0.0013 * angle**2, rel=1e-12)
     assert found["trajectory"]["strength_factor"] == pytest.approx(found["strength_factor"], rel=1e-12)
-    none = ask(client, "/cra", PAPER | {"search": {"lower_deg": 10.0, "upper_deg": 20.0}})
+    none = answered(client, "/cra", PAPER | {"search": {"lower_deg": 10.0, "upper_deg": 20.0}})
     assert "strength_factor" not in none
 
 
 @pytest.mark.parametrize(("path", "body"), [("/trajectory", PAPER_AT_45), ("/cra", PAPER)])
 def test_tables_have_the_strength_factor(client: httpx.Client, path: str, body: dict[str, Any]) -> None:
-    answer = ask(client, path, body)
-    content = client.get(f"/results/{answer['key']}", headers={"Accept": "application/x-hdf5"}).content
-    with h5py.File(io.BytesIO(content)) as file:
+    answer = answered(client, path, body)
+    with file_at(client, f"/results/{answer['key']}") as file:
         assert file["summary"]["strength_factor"].tolist() == [answer["strength_factor"]]
     sent = {"headers": {"Prefer": "respond-async, wait=30"}, "json": {"cases": [body]}}
     job = client.post(f"{path}/batch", **sent).headers["Content-Location"]  # type: ignore[arg-type]
-    (row,) = csv.DictReader(io.StringIO(client.get(job, headers={"Accept": "text/csv"}).text))
+    (row,) = rows_at(client, job)
     assert float(row["strength_factor"]) == answer["strength_factor"]
 
 
 def test_exponent_of_the_diameter_can_be_swept(client: httpx.Client) -> None:
     axis = {"field": "resistance.strength_factor.diameter_exponent", "values": [-0.5, 0.0]}
-    answer = ask(client, "/cra/sweep", {"base": with_model(PAPER, STRENGTH_AND_DIAMETER), "axes": [axis]})
+    answer = answered(client, "/cra/sweep", {"base": with_model(PAPER, STRENGTH_AND_DIAMETER), "axes": [axis]})
     weaker, stronger = (each["result"]["strength_factor"] for each in answer["results"])
     assert weaker < stronger  # 80 mm are above the reference of 76.2 mm
 
@@ -75,9 +68,9 @@ def test_exponent_of_the_diameter_can_be_swept(client: httpx.Client) -> None:
 def test_equation_9_in_other_concrete_is_warned_of(client: httpx.Client) -> None:
     target = PAPER["target"] | {"compressive_strength_pa": 20e6}
     for path, body in (("/trajectory", PAPER_AT_45), ("/cra", PAPER)):
-        codes = {each["code"] for each in ask(client, path, body | {"target": target})["warnings"]}
+        codes = {each["code"] for each in answered(client, path, body | {"target": target})["warnings"]}
         assert "strength_factor_of_other_concrete" in codes
-        codes = {each["code"] for each in ask(client, path, body)["warnings"]}
+        codes = {each["code"] for each in answered(client, path, body)["warnings"]}
         assert "strength_factor_of_other_concrete" not in codes
 
 
@@ -91,5 +84,7 @@ def test_equation_9_in_other_concrete_is_warned_of(client: httpx.Client) -> None
     ],
 )
 def test_wrong_field_of_the_law_is_named(client: httpx.Client, change: dict[str, Any], field: str) -> None:
-    found = problem_of(client.post("/cra", json=with_model(PAPER, STRENGTH_AND_DIAMETER | change)), 422)
-    assert [error.pointer for error in found.errors] == [f"/resistance/strength_factor/{field}"]
+    refused_at(
+        client.post("/cra", json=with_model(PAPER, STRENGTH_AND_DIAMETER | change)),
+        f"/resistance/strength_factor/{field}",
+    )

@@ -11,7 +11,7 @@ from service.schemas.problems import Problem
 from service.schemas.strike import PAPER, PAPER_AT_45
 from service.schemas.sweeps import Axis, Grid, Outline
 
-from .many import ASYNC, ROUGH, finished
+from .many import ROUGH, finished
 
 VELOCITY = {"field": "impact.velocity_m_s", "values": [230.0, 240.0]}
 STRENGTH = {"field": "target.compressive_strength_pa", "start": 35e6, "stop": 45e6, "count": 3}
@@ -102,13 +102,6 @@ def test_point_that_only_the_solver_can_refuse_is_a_result_with_a_problem(client
     items = client.post("/cra/sweep", json={"base": BASE, "axes": axes}).json()["results"]
     assert "result" in items[0]
     assert items[1]["problem"]["errors"][0]["pointer"] == "/projectile/length_m"
-
-
-def test_idempotency_key_is_for_sweeps_too(client: httpx.Client) -> None:
-    headers = ASYNC | {"Idempotency-Key": "sweep"}
-    sweep = {"base": BASE, "axes": [VELOCITY]}
-    jobs = [client.post("/cra/sweep", json=sweep, headers=headers).json()["id"] for _ in range(2)]
-    assert jobs[0] == jobs[1]
 
 
 def test_even_values_are_those_of_numpy_and_end_exactly() -> None:

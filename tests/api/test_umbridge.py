@@ -40,10 +40,7 @@ def test_models_are_described(client: httpx.Client) -> None:
 
 
 def test_critical_angle_is_that_of_a_search(client: httpx.Client) -> None:
-    body = PAPER | {
-        "impact": {"velocity_m_s": 230.5},
-        "target": PAPER["target"] | {"compressive_strength_pa": 41.5e6},
-    }
+    body = PAPER | {"impact": {"velocity_m_s": 230.5}, "target": PAPER["target"] | {"compressive_strength_pa": 41.5e6}}
     angle = client.post("/cra", json=body).json()["critical_angle_deg"]
     assert evaluate(client, "cra", [230.5, 41.5]) == [angle, 0.0]
 

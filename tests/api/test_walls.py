@@ -4,10 +4,8 @@ import csv
 import io
 import math
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
-import h5py
 import httpx
 import pytest
 
@@ -16,10 +14,14 @@ from service.schemas.strike import PAPER
 from solver import cea_edf_limit_speed, least_thickness, limit_velocity
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, paper_impact
 
-from .many import ASYNC, LINES, check_results, finished, items_of, lines
+from .calibrations import answered
+from .many import ASYNC, LINES, check_results, file_at, finished, items_of, lines
+from .refused import refused_at
 
 STRIKE = PAPER | {"impact": PAPER["impact"] | {"oblique_angle_deg": 30.0}}
 WALL = PAPER | {"target": PAPER["target"] | {"thickness_m": 0.2}, "impact": {"oblique_angle_deg": 0.0}}
+THIN = {"field": "target.thickness_m", "values": [0.2, 0.3]}
+FAST = {"field": "impact.velocity_m_s", "values": [200.0]}
 COARSE = {"relative_tolerance": 1e-3}
 ANGLES = {"field": "impact.oblique_angle_deg", "values": [0.0, 20.0, 40.0]}
 BASES = {"thickness": STRIKE | {"numerics": COARSE}, "limit-speed": WALL | {"numerics": COARSE}}
@@ -27,9 +29,7 @@ FOUND = {"thickness": ("least_thickness_m", "bracket_m"), "limit-speed": ("limit
 
 
 def test_thickness_is_that_of_the_solver_beside_the_formulas(client: httpx.Client) -> None:
-    response = client.post("/thickness", json=STRIKE)
-    assert response.status_code == 200, response.text
-    answer = response.json()
+    answer = answered(client, "/thickness", STRIKE)
     ThicknessAnswer.model_validate(answer)
     impact = paper_impact(oblique_angle_degrees=30.0)
     found = least_thickness(projectile=PAPER_PROJECTILE, target=PAPER_TARGET, impact=impact)
@@ -43,13 +43,6 @@ def test_thickness_is_that_of_the_solver_beside_the_formulas(client: httpx.Clien
     within = [1e3 * row["perforation_thickness_m"] for row in answer["formulas"] if row["in_range"]]
     assert f"{min(within):.0f} to {max(within):.0f} mm" in details["rear_face_unconservative"]
     assert "238 m/s at 30° from the normal" in details["rear_face_unconservative"]
-
-
-def test_answer_is_found_again_by_its_body_and_by_its_key(client: httpx.Client) -> None:
-    first = client.post("/limit-speed", json=WALL)
-    again = client.post("/limit-speed", json=WALL)
-    assert (again.content, again.headers["Cache-Status"]) == (first.content, "ricochet; hit")
-    assert client.get(f"/results/{first.json()['key']}").content == first.content
 
 
 def test_limit_speed_is_that_of_the_solver(client: httpx.Client) -> None:
@@ -74,16 +67,28 @@ def test_limit_speed_is_that_of_the_solver(client: httpx.Client) -> None:
         ("/thickness", STRIKE | {"impact": {"velocity_m_s": 238.0}}, "/impact/oblique_angle_deg", "Field required"),
         ("/limit-speed", WALL | {"target": PAPER["target"]}, "/target/thickness_m", "must be given"),
         ("/limit-speed", WALL | {"impact": STRIKE["impact"]}, "/impact/velocity_m_s", "Extra inputs"),
+        ("/thickness/batch", {"cases": [STRIKE, WALL]}, "/cases/1/impact/velocity_m_s", "Field required"),
+        (
+            "/thickness/batch",
+            {"cases": [STRIKE, STRIKE | {"target": WALL["target"]}]},
+            "/cases/1/target/thickness_m",
+            "must not be given",
+        ),
+        ("/thickness/sweep", {"base": STRIKE, "axes": [THIN]}, "/axes/0/values/0", "must not be given"),
+        ("/thickness/sweep", {"base": WALL, "axes": [ANGLES]}, "/base/impact/velocity_m_s", "Field required"),
+        (
+            "/limit-speed/sweep",
+            {"base": WALL | {"target": PAPER["target"]}, "axes": [ANGLES]},
+            "/base/target/thickness_m",
+            "must be given",
+        ),
+        ("/limit-speed/sweep", {"base": WALL, "axes": [FAST]}, "/axes/0/field", "no field of Approach"),
     ],
 )
 def test_what_does_not_fit_is_refused_with_its_place(
     client: httpx.Client, path: str, body: dict[str, Any], pointer: str, detail: str
 ) -> None:
-    response = client.post(path, json=body)
-    assert response.status_code == 422
-    [error] = response.json()["errors"]
-    assert error["pointer"] == pointer
-    assert detail in error["detail"]
+    assert detail in refused_at(client.post(path, json=body), pointer).errors[0].detail
 
 
 @pytest.mark.parametrize(
@@ -119,7 +124,7 @@ def test_lines_of_a_batch_are_answered_as_alone_beside_one_that_cannot_be(client
 
 @pytest.mark.parametrize("operation", BASES)
 def test_job_of_a_sweep_over_the_angle_has_tables_and_is_known_the_second_time(
-    client: httpx.Client, operation: str, tmp_path: Path
+    client: httpx.Client, operation: str
 ) -> None:
     sweep, (value, bracket) = {"base": BASES[operation], "axes": [ANGLES]}, FOUND[operation]
     job = finished(client, client.post(f"/{operation}/sweep", json=sweep, headers=ASYNC).json())
@@ -138,9 +143,7 @@ def test_job_of_a_sweep_over_the_angle_has_tables_and_is_known_the_second_time(
         assert set(row["warnings"].split()) == {warning["code"] for warning in answer["warnings"]}
     again = finished(client, client.post(f"/{operation}/sweep", json=sweep, headers=ASYNC).json())
     assert again["counts"]["cached"] == again["counts"]["total"] == len(rows)
-    path = tmp_path / "walls.h5"
-    path.write_bytes(client.get(job["links"]["results"], headers={"Accept": "application/x-hdf5"}).content)
-    with h5py.File(path) as file:
+    with file_at(client, job["links"]["results"]) as file:
         assert file["summary"][value].tolist() == [answer[value] for answer in answers]
         tried = [trial for answer in answers for trial in answer["iterations"]]
         for name in tried[0].keys() - {"outcome", "exit"}:
@@ -165,44 +168,6 @@ def test_what_takes_long_becomes_a_job_sooner(client: httpx.Client) -> None:
     )
     assert (few.status_code, more.status_code) == (200, 202)
     assert finished(client, more.json())["counts"]["done"] == 6
-
-
-THIN = {"field": "target.thickness_m", "values": [0.2, 0.3]}
-FAST = {"field": "impact.velocity_m_s", "values": [200.0]}
-
-
-@pytest.mark.parametrize(
-    ("path", "body", "pointer", "detail"),
-    [
-        ("/thickness/batch", {"cases": [STRIKE, WALL]}, "/cases/1/impact/velocity_m_s", "Field required"),
-        (
-            "/thickness/batch",
-            {"cases": [STRIKE, STRIKE | {"target": WALL["target"]}]},
-            "/cases/1/target/thickness_m",
-            "must not be given",
-        ),
-        ("/thickness/sweep", {"base": STRIKE, "axes": [THIN]}, "/axes/0/values/0", "must not be given"),
-        ("/thickness/sweep", {"base": WALL, "axes": [ANGLES]}, "/base/impact/velocity_m_s", "Field required"),
-        (
-            "/limit-speed/sweep",
-            {"base": WALL | {"target": PAPER["target"]}, "axes": [ANGLES]},
-            "/base/target/thickness_m",
-            "must be given",
-        ),
-        ("/limit-speed/sweep", {"base": WALL, "axes": [FAST]}, "/axes/0/field", "no field of Approach"),
-    ],
-)
-def test_cases_that_do_not_fit_refuse_the_whole_with_their_place(
-    client: httpx.Client, path: str, body: dict[str, Any], pointer: str, detail: str
-) -> None:
-    test_what_does_not_fit_is_refused_with_its_place(client, path, body, pointer, detail)
-
-
-def test_wall_that_only_the_solver_can_refuse_is_a_result_with_a_problem(client: httpx.Client) -> None:
-    axes = [{"field": "target.thickness_m", "values": [0.2, 0.001]}]
-    items = items_of(client.post("/limit-speed/sweep", json={"base": BASES["limit-speed"], "axes": axes}))
-    assert "result" in items[0]
-    assert items[1]["problem"]["errors"][0]["pointer"] == "/target/thickness_m"
 
 
 def test_plug_and_crater_ask_for_a_thicker_wall(client: httpx.Client) -> None:
@@ -233,9 +198,7 @@ def test_plug_without_its_angle_is_that_of_66_1_degrees(client: httpx.Client) ->
     ],
 )
 def test_bad_plug_or_crater_is_refused_by_its_field(client: httpx.Client, part: dict[str, Any], pointer: str) -> None:
-    response = client.post("/thickness", json=STRIKE | {"resistance": part})
-    assert response.status_code == 422
-    assert [error["pointer"] for error in response.json()["errors"]] == [pointer]
+    refused_at(client.post("/thickness", json=STRIKE | {"resistance": part}), pointer)
 
 
 def test_plug_and_crater_can_be_swept_and_scattered(client: httpx.Client) -> None:
@@ -249,8 +212,7 @@ def test_plug_and_crater_can_be_swept_and_scattered(client: httpx.Client) -> Non
         "distribution": {"type": "uniform", "lower": 0.5, "upper": 1.5},
     }
     study = STRIKE | {"resistance": {"crater": {}}, "uncertain": [depth], "sampling": {"half_width": 0.2}}
-    answer = client.post("/trajectory/uncertainty", json=study)
-    assert answer.status_code == 200, answer.text
+    answered(client, "/trajectory/uncertainty", study)
 
 
 def test_plug_stays_under_other_laws(client: httpx.Client) -> None:

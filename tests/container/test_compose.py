@@ -7,22 +7,24 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, ExitStack, suppress
+from collections.abc import Iterator
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Any
 
 import httpx
 import pytest
 import yaml
+from fastapi.testclient import TestClient
 
+from service.api.app import create_app
 from service.auth.api_keys import ApiKeyStore
 from service.cli.arguments import CommandError
 from service.cli.serve import check_access
 from service.schemas.strike import PAPER
 from service.settings import Settings
 from solver import warm_up
-from tests.conftest import START_LIMIT_S, free_port
+from tests.conftest import START_LIMIT_S, RunService, free_port
 
 from .dockerfile import ROOT, read
 
@@ -68,14 +70,11 @@ def test_nothing_is_published_beyond_this_machine() -> None:
     assert read()[-1].last("EXPOSE").text == "8000"
 
 
-def test_pages_under_other_names_reach_nothing(
-    tmp_path: Path, service_on: Callable[..., AbstractContextManager[Any]]
-) -> None:
-    given = services()["service"]["environment"]
-    settings = {"host": "0.0.0.0", "access": given["RICOCHET_ACCESS"], "allowed_hosts": given["RICOCHET_ALLOWED_HOSTS"]}  # noqa: S104
-    with service_on(tmp_path, **settings) as service:
+def test_pages_under_other_names_reach_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    settings = settings_of(services()["service"], monkeypatch, tmp_path)
+    with TestClient(create_app(settings.model_copy(update={"executor": "in-process"}))) as client:
         statuses = [
-            httpx.get(f"{service.url}/jobs", headers={"Host": host}, trust_env=False).status_code
+            client.get("/jobs", headers={"Host": host}).status_code
             for host in ("localhost:8000", "127.0.0.1:8000", "evil.example")
         ]
     assert statuses == [200, 200, 421]
@@ -170,9 +169,7 @@ def test_service_works_where_only_its_data_and_tmp_can_be_written(short_path: Pa
 
 
 @pytest.mark.system
-def test_its_commands_make_a_cluster_that_answers(
-    short_path: Path, service_on: Callable[..., AbstractContextManager[Any]]
-) -> None:
+def test_its_commands_make_a_cluster_that_answers(short_path: Path, service_on: RunService) -> None:
     port = str(free_port())
 
     def here(text: str) -> str:

@@ -5,14 +5,13 @@ import re
 import subprocess
 import sys
 import tomllib
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import httpx
 import pytest
 
 from service.settings import Settings
+from tests.conftest import free_port
 
 from .dockerfile import ROOT, Stage, read
 
@@ -89,21 +88,18 @@ def test_what_it_copies_is_there_and_not_ignored(stage: Stage) -> None:
             assert f"!{path}" in excepted
 
 
-def test_its_health_check_distinguishes_a_service_that_lives_from_one_that_does_not(
-    tmp_path: Path, service_on: Callable[..., Any]
-) -> None:
+def test_its_health_check_distinguishes_a_service_that_lives_from_one_that_does_not(live_url: str) -> None:
     program, *arguments = IMAGE.last("HEALTHCHECK").command()
     assert program == "python"
 
     def check(port: int | None) -> int:
         environment = {"RICOCHET_PORT": str(port), "http_proxy": "http://127.0.0.1:9"}
-        command = [str(ROOT / ".venv" / "bin" / "python"), *arguments]
-        return subprocess.run(command, env=environment, capture_output=True, check=False).returncode
+        return subprocess.run(
+            [sys.executable, *arguments], env=environment, capture_output=True, check=False
+        ).returncode
 
-    with service_on(tmp_path) as service:
-        port = httpx.URL(service.url).port
-        assert check(port) == 0
-    assert check(port) != 0
+    assert check(httpx.URL(live_url).port) == 0
+    assert check(free_port()) != 0
 
 
 AVX2 = "avx2 bmi1 bmi2 f16c fma abm movbe"

@@ -9,8 +9,8 @@ import ssl
 import subprocess
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, ExitStack, suppress
+from collections.abc import Iterator
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import urljoin
@@ -21,7 +21,7 @@ import pytest
 from service.schemas.strike import PAPER
 from tests.api.certificates import Certificate, make_certificate
 from tests.api.owners import key_in
-from tests.conftest import ROOT, Service, free_port, until
+from tests.conftest import ROOT, RunService, free_port, until
 from tests.docs.blocks import blocks
 
 pytestmark = [pytest.mark.system, pytest.mark.timeout(1200)]
@@ -79,9 +79,7 @@ def configuration(folder: Path, certificate: Certificate, port: int, service_por
 
 
 @pytest.fixture(scope="module")
-def proxy(
-    service_on: Callable[..., AbstractContextManager[Service]], tmp_path_factory: pytest.TempPathFactory
-) -> Iterator[Proxy]:
+def proxy(service_on: RunService, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Proxy]:
     if NGINX is None:
         pytest.skip("nginx is not there")
     folder = tmp_path_factory.mktemp("nginx")
@@ -252,9 +250,7 @@ SEVERAL = [block.text for block in blocks(ROOT / "docs" / "sizing.md") if block.
 
 
 @pytest.fixture(params=["path", "owner"])
-def several(
-    request: pytest.FixtureRequest, service_on: Callable[..., AbstractContextManager[Service]], tmp_path: Path
-) -> Iterator[list[httpx.Client]]:
+def several(request: pytest.FixtureRequest, service_on: RunService, tmp_path: Path) -> Iterator[list[httpx.Client]]:
     """A client of each of two services behind one nginx, as docs/sizing.md has it."""
     if NGINX is None:
         pytest.skip("nginx is not there")

@@ -30,8 +30,7 @@ def made(image: str) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize(
-    "image",
-    [pytest.param("run", marks=pytest.mark.system), pytest.param("cluster", marks=pytest.mark.system), "full"],
+    "image", [pytest.param("run", marks=pytest.mark.system), pytest.param("cluster", marks=pytest.mark.system), "full"]
 )
 def test_bill_names_every_locked_package_with_its_hashes(image: str) -> None:
     lock, bill = (ROOT / "requirements" / f"{image}.txt").read_text(), made(image)
