@@ -37,7 +37,7 @@ ANGLES = [
 TOLERANCE_DEG = 0.02
 
 SPEEDS, STRENGTHS = np.linspace(60.0, 450.0, 60), np.linspace(20e6, 60e6, 60)
-LINE = 6
+LINE = 12
 """One of so many lines of the map is followed, in both directions: a cliff runs across the map and would cut them."""
 STEEPEST_DEG = 2.5
 """Difference of neighbours on the map that a smooth dependence on speed and strength stays below. [°]"""

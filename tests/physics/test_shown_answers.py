@@ -151,11 +151,10 @@ def test_answers_draw_themselves_where_pyplot_finds_them(
 ) -> None:
     figure = drawn[words].plot()
     assert pyplot.gcf() is figure
-    pyplot.savefig(tmp_path / "pyplot.svg")
     figure.savefig(tmp_path / "figure.svg")
     shown = {axis.get_label().get_text() for panel in figure.axes for axis in (panel.xaxis, panel.yaxis)}
     assert LABELS[words] in shown
-    assert all((tmp_path / name).stat().st_size > 5000 for name in ("pyplot.svg", "figure.svg"))
+    assert (tmp_path / "figure.svg").stat().st_size > 5000
 
 
 @pytest.mark.parametrize("words", LABELS)

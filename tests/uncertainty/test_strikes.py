@@ -18,6 +18,7 @@ from solver import (
 )
 from solver.checks import BOUNDS
 from solver.resistance import EQUATION_9
+from solver.strength_scatter import TABLE_1
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY, paper_impact
 from solver.uncertainty import (
     RESIDUAL,
@@ -91,7 +92,7 @@ def test_profiles_are_models_of_a_study_and_of_its_strike() -> None:
     assert (answer.failed, answer.outside) == (0, 0)
 
 
-@pytest.mark.parametrize("law", [EQUATION_9.strength_factor, PublishedTests()])
+@pytest.mark.parametrize("law", [EQUATION_9.strength_factor, PublishedTests(), TABLE_1])
 def test_residual_multiplies_the_strength_factor(law: Any) -> None:
     for angle in (0.0, 0.7):
         values = [
@@ -108,7 +109,7 @@ def test_residual_multiplies_the_strength_factor(law: Any) -> None:
 
 def test_residual_scatters_the_angle() -> None:
     residual = Uncertain(RESIDUAL, Lognormal(median=1.0, dispersion=0.1))
-    answer = critical_angle_uncertainty(**PAPER, uncertain=[residual], oblique_angles=ANGLES)
+    answer = critical_angle_uncertainty(**PAPER, uncertain=[residual], sampling=Sampling(half_width=0.1))
     low, high = (change.angle for change in answer.sensitivity[0].swing)
     assert low is not None
     assert high is not None
