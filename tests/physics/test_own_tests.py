@@ -27,7 +27,6 @@ from solver import (
 from solver.calibration import DepthTest, fit_depth, penetration_depths
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY, paper_impact
 from solver.uncertainty import Lognormal
-from solver.uncertainty.strikes import scaled
 
 TABLE_1 = [(238.1, 0.30, 12.923), (275.7, 0.38, 12.900), (314.0, 0.45, 12.910), (369.5, 0.53, 12.914)]
 """Velocity, depth and mass of the shots of the paper. [m/s, m, kg]"""
@@ -158,12 +157,6 @@ def test_search_and_limit_speed_take_own_tests() -> None:
     wall = replace(PAPER_TARGET, thickness=0.2)  # thinner than the shots are deep: they were fired into a thick block
     limit = limit_velocity(projectile=PAPER_PROJECTILE, target=wall, oblique_angle=0.0, resistance=law).value
     assert limit == pytest.approx(214.2, rel=0.03)
-
-
-def test_residual_of_a_study_multiplies_the_strength_factor() -> None:
-    law = OwnTests(shots=SHOTS)
-    (more, *_), (plain, *_) = scaled(law, 1.2).polynomial(**CASE), law.polynomial(**CASE)
-    assert more == pytest.approx(1.2 * plain, rel=1e-12)
 
 
 def codes_of(shots: Sequence[Shot]) -> dict[str, str]:

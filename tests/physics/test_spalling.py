@@ -15,7 +15,6 @@ from solver import (
     NoFreeSurface,
     Numerics,
     Outcome,
-    ParameterError,
     Projectile,
     Resistance,
     ShearPlug,
@@ -106,7 +105,7 @@ def test_panels_and_gauss_points_agree(angle: float, spalling: dict[str, Any]) -
     panels, gauss = (
         paper_strikes(angle, numerics=numerics, sample_interval=1e-4, **spalling).history
         for numerics in (
-            Numerics(method="panels", panels=24_000, time_step=1e-6, termination_time=0.015),
+            Numerics(method="panels", panels=12_000, time_step=1e-6, termination_time=0.015),
             Numerics(stations=24, points=8),
         )
     )
@@ -210,15 +209,3 @@ def test_warning_of_the_rear_face_has_what_the_formulas_require_against_the_stri
     )
     fast = replace(impact, velocity=1000.0)
     assert detail(fast).endswith("no formula is within its range for 1000 m/s at 30° from the normal")
-
-
-@pytest.mark.parametrize("depth", [0.0, -1.0, 21.0, math.nan, math.inf])
-def test_depth_of_a_crater_has_bounds(depth: float) -> None:
-    with pytest.raises(ParameterError, match=r"crater\.depth_diameters"):
-        Crater(depth_diameters=depth)
-
-
-@pytest.mark.parametrize("degrees", [0.0, 9.0, 90.0, math.nan])
-def test_cone_angle_has_bounds(degrees: float) -> None:
-    with pytest.raises(ParameterError, match=r"rear_plug\.cone_angle"):
-        ShearPlug(cone_angle=math.radians(degrees))
