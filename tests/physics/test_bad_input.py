@@ -35,10 +35,11 @@ from solver import (
     simulate,
 )
 from solver.checks import BOUNDS
-from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, paper_impact
+from solver.strike import PAPER_TARGET, paper_impact
+
+from .strikes import CASE
 
 NAN, INF = math.nan, math.inf
-PAPER: dict[str, Any] = {"projectile": PAPER_PROJECTILE, "target": PAPER_TARGET}
 
 
 def projectile(**changes: object) -> Projectile:
@@ -64,11 +65,11 @@ def profile(*points: tuple[float, float]) -> Profile:
 
 def run(numerics: Numerics | None = None, sample_interval: float | None = 1e-5) -> object:
     impact = paper_impact(oblique_angle_degrees=30.0)
-    return simulate(**PAPER, impact=impact, numerics=numerics, sample_interval=sample_interval)
+    return simulate(**CASE, impact=impact, numerics=numerics, sample_interval=sample_interval)
 
 
 def strike(**changes: Any) -> object:
-    return simulate(**(PAPER | {"impact": impact()} | changes))
+    return simulate(**(CASE | {"impact": impact()} | changes))
 
 
 def beyond_all_numbers(exponent: float) -> Resistance:
@@ -126,11 +127,11 @@ VALUES: list[tuple[str, Callable[[Any], object], tuple[Any, ...]]] = [
     ("search.scan_interval", lambda value: Search(scan_interval=value), (0.0,)),
     ("search.lower", lambda value: Search(lower=value, upper=0.7), (1.0, 0.7, -0.02, NAN)),
     ("search.upper", lambda value: Search(upper=value), (math.pi / 2.0,)),
-    ("impact.velocity", lambda value: critical_angle(**PAPER, velocity=value), (0.0, -238.0, NAN, INF)),
-    ("velocity", lambda value: closed_form_depth(**PAPER, velocity=value, strength_factor=8.0), (0.0, -1.0, NAN, INF)),
+    ("impact.velocity", lambda value: critical_angle(**CASE, velocity=value), (0.0, -238.0, NAN, INF)),
+    ("velocity", lambda value: closed_form_depth(**CASE, velocity=value, strength_factor=8.0), (0.0, -1.0, NAN, INF)),
     (
         "strength_factor",
-        lambda value: closed_form_depth(**PAPER, velocity=238.0, strength_factor=value),
+        lambda value: closed_form_depth(**CASE, velocity=238.0, strength_factor=value),
         (0.0, -1.0, NAN, INF),
     ),
     ("numerics.termination_time", lambda value: Numerics(termination_time=value), (0.0, -1.0, NAN)),
@@ -182,7 +183,7 @@ CASES: list[tuple[str, Callable[[], object]]] = [
     ("numerics.method", lambda: Numerics(method="euler")),  # type: ignore[arg-type]
     ("numerics.time_step", lambda: run(Numerics(method="panels", time_step=1e-7))),
     ("sample_interval", lambda: run(sample_interval=1e-10)),
-    ("search.lower", lambda: critical_angle(**PAPER, velocity=238.0, search=Search(method="secant", lower=1.065))),
+    ("search.lower", lambda: critical_angle(**CASE, velocity=238.0, search=Search(method="secant", lower=1.065))),
     ("search.method", lambda: Search(method="guess")),  # type: ignore[arg-type]
     *[(field, lambda make=make, value=value: make(value)) for field, make, values in VALUES for value in values],
 ]
@@ -267,7 +268,7 @@ MANY: Any = np.array([200.0, 300.0])
         ("resistance.free_surface", lambda: resistance(free_surface="none"), "give NoFreeSurface(...)"),
         ("resistance.free_surface", lambda: resistance(free_surface=None), "got NoneType"),
         ("resistance.inertia_factor", lambda: resistance(inertia_factor=None), "must be a number, got None"),
-        ("impact.velocity", lambda: critical_angle(**PAPER, velocity=MANY), "critical_angle_many"),
+        ("impact.velocity", lambda: critical_angle(**CASE, velocity=MANY), "critical_angle_many"),
     ],
 )
 def test_other_units_arrays_and_objects_are_refused_with_what_is_needed(

@@ -21,10 +21,10 @@ from solver.calibration import (
     predict_motion,
 )
 from solver.free_surface import FreeSurface
-from solver.strike import PAPER_PROJECTILE, PAPER_TARGET
+
+from .strikes import CASE
 
 LAWS: tuple[FreeSurface, ...] = (ElasticPlastic(), MohrCoulomb(), NoFreeSurface())
-BODY: dict[str, Any] = {"projectile": PAPER_PROJECTILE, "target": PAPER_TARGET}
 
 
 def run(
@@ -33,7 +33,7 @@ def run(
     """A strike and the motion that the model gives it."""
     impact = Impact(velocity=velocity, oblique_angle=math.radians(angle))
     history = predict_motion(
-        **BODY,
+        **CASE,
         impact=impact,
         strength_factor=strength_factor,
         times=np.linspace(0.0, 3e-3, rows),
@@ -43,11 +43,11 @@ def run(
 
 
 def fit(*runs: MotionRun, **more: Any) -> MotionsFit:
-    return fit_motions(**BODY, runs=runs, **more)
+    return fit_motions(**CASE, runs=runs, **more)
 
 
 def compare(*runs: MotionRun, **more: Any) -> DecayLawFits:
-    return fit_decay_laws(**BODY, runs=runs, **more)
+    return fit_decay_laws(**CASE, runs=runs, **more)
 
 
 def codes(found: MotionsFit | DecayLawFits) -> set[str]:
@@ -65,7 +65,7 @@ def test_one_strength_factor_is_found_from_several_angles_and_speeds() -> None:
 
 def test_one_run_is_fitted_as_by_itself() -> None:
     one = run(30.0, 8.0)
-    common, alone = fit(one), fit_motion(**BODY, impact=one.impact, history=one.history)
+    common, alone = fit(one), fit_motion(**CASE, impact=one.impact, history=one.history)
     assert common.estimate == alone.estimate
     assert common.normalized_root_mean_square == pytest.approx(alone.normalized_root_mean_square)
     assert common.runs == common.alone
@@ -107,7 +107,7 @@ def test_normalised_root_mean_square_is_that_of_residuals_over_spans() -> None:
     assert made.history.rotation is not None
     history = replace(made.history, rotation=made.history.rotation + 0.01 * noise)
     weights = Weights(depth=1.0, lateral=2.0, rotation=3.0)
-    found = fit_motion(**BODY, impact=made.impact, history=history, weights=weights)
+    found = fit_motion(**CASE, impact=made.impact, history=history, weights=weights)
     shares = {"depth_displacement": 1.0 / 6.0, "lateral_displacement": 2.0 / 6.0, "rotation": 3.0 / 6.0}
     square = sum(
         share * (found.root_mean_square[name] / float(np.ptp(history.columns[name]))) ** 2

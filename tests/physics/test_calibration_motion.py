@@ -11,7 +11,9 @@ import pytest
 from solver import ConstantStrengthFactor, Numerics, Outcome, ParameterError, Resistance, Trajectory, simulate
 from solver.arrays import FloatArray
 from solver.calibration import MotionFit, MotionHistory, Weights, fit_motion, predict_motion
-from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, paper_impact
+from solver.strike import paper_impact
+
+from .strikes import CASE
 
 ANGLES = (15.0, 30.0, 45.0)
 TIMES = np.linspace(0.0, 5e-3, 101)
@@ -21,8 +23,7 @@ NOISE = {"depth_displacement": 1e-3, "lateral_displacement": 1e-3, "rotation": m
 
 def run(angle: float, strength_factor: float, sample_interval: float) -> Trajectory:
     return simulate(
-        projectile=PAPER_PROJECTILE,
-        target=PAPER_TARGET,
+        **CASE,
         impact=paper_impact(oblique_angle_degrees=angle),
         resistance=Resistance(strength_factor=ConstantStrengthFactor(value=strength_factor)),
         sample_interval=sample_interval,
@@ -31,23 +32,12 @@ def run(angle: float, strength_factor: float, sample_interval: float) -> Traject
 
 def motion(angle: float, strength_factor: float, times: FloatArray = TIMES, **more: Any) -> MotionHistory:
     return predict_motion(
-        projectile=PAPER_PROJECTILE,
-        target=PAPER_TARGET,
-        impact=paper_impact(oblique_angle_degrees=angle),
-        strength_factor=strength_factor,
-        times=times,
-        **more,
+        **CASE, impact=paper_impact(oblique_angle_degrees=angle), strength_factor=strength_factor, times=times, **more
     )
 
 
 def fit(angle: float, history: MotionHistory, **more: Any) -> MotionFit:
-    return fit_motion(
-        projectile=PAPER_PROJECTILE,
-        target=PAPER_TARGET,
-        impact=paper_impact(oblique_angle_degrees=angle),
-        history=history,
-        **more,
-    )
+    return fit_motion(**CASE, impact=paper_impact(oblique_angle_degrees=angle), history=history, **more)
 
 
 def shifted(history: MotionHistory, shifts: dict[str, FloatArray]) -> MotionHistory:

@@ -12,6 +12,7 @@ from solver.calibration import ObliquityPoint, fit_obliquity
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY
 from validation.reference import equation_9
 
+from .strikes import CASE
 from .tables import table_2
 
 NAN = math.nan
@@ -105,12 +106,7 @@ def test_points_far_off_their_standard_errors_are_reported() -> None:
 
 def test_fit_goes_straight_into_a_search() -> None:
     model = fit_obliquity(points=table_2()).model
-    found = critical_angle(
-        projectile=PAPER_PROJECTILE,
-        target=PAPER_TARGET,
-        velocity=PAPER_VELOCITY,
-        resistance=Resistance(strength_factor=model),
-    )
+    found = critical_angle(**CASE, velocity=PAPER_VELOCITY, resistance=Resistance(strength_factor=model))
     assert found.status is SearchStatus.CONVERGED
     assert found.angle is not None
     assert found.standard_error is not None

@@ -21,7 +21,7 @@ from solver.arrays import FloatArray
 from solver.free_surface import FreeSurface
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, paper_impact
 
-from .strikes import DECAYS, LI_CHEN, LI_CHEN_TARGET, NOSES, steel
+from .strikes import CASE, DECAYS, LI_CHEN, LI_CHEN_TARGET, NOSES, steel
 
 FINE = Numerics(relative_tolerance=1e-9, stations=16)
 
@@ -33,13 +33,7 @@ def ogive_factor(crh: float) -> float:
 
 def strike_of_the_paper(free_surface: FreeSurface | None = None) -> Trajectory:
     resistance = Resistance() if free_surface is None else Resistance(free_surface=free_surface)
-    return simulate(
-        projectile=PAPER_PROJECTILE,
-        target=PAPER_TARGET,
-        impact=paper_impact(oblique_angle_degrees=0.0),
-        resistance=resistance,
-        numerics=FINE,
-    )
+    return simulate(**CASE, impact=paper_impact(oblique_angle_degrees=0.0), resistance=resistance, numerics=FINE)
 
 
 def test_nose_feels_no_free_surface() -> None:

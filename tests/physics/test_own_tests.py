@@ -28,11 +28,12 @@ from solver.calibration import DepthTest, fit_depth, penetration_depths
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY, paper_impact
 from solver.uncertainty import Lognormal
 
+from .strikes import CASE
+
 TABLE_1 = [(238.1, 0.30, 12.923), (275.7, 0.38, 12.900), (314.0, 0.45, 12.910), (369.5, 0.53, 12.914)]
 """Velocity, depth and mass of the shots of the paper. [m/s, m, kg]"""
 SHOTS = tuple(Shot(velocity=velocity, depth=depth, mass=mass) for velocity, depth, mass in TABLE_1)
 BETWEEN, WITHIN = PublishedTests.between_series, PublishedTests.within_series
-CASE: dict[str, Any] = {"projectile": PAPER_PROJECTILE, "target": PAPER_TARGET}
 
 
 def posterior_of(shots: Sequence[Shot]) -> StrengthPosterior:

@@ -32,8 +32,9 @@ from solver.uncertainty import (
     trajectory_uncertainty,
 )
 
+from .strikes import CASE
+
 xarray = pytest.importorskip("xarray")
-CASE: dict[str, Any] = {"projectile": PAPER_PROJECTILE, "target": PAPER_TARGET}
 ROUGH = solver.Search(tolerance=math.radians(0.5))
 WALL = solver.Target(compressive_strength=39e6, density=2250.0, thickness=0.3)
 IMPACTS = [paper_impact(oblique_angle_degrees=angle) for angle in (20.0, 60.0)]

@@ -34,6 +34,8 @@ from solver import (
 )
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY, SEARCH_STATIONS, SEARCH_TOLERANCE
 
+from .strikes import CASE
+
 ADAPTIVE = Numerics(method="adaptive")
 
 
@@ -49,12 +51,7 @@ def find(
             search[name] = math.radians(search[name])
     resistance = Resistance() if strength_factor is None else Resistance(strength_factor=strength_factor)
     return critical_angle(
-        projectile=PAPER_PROJECTILE,
-        target=PAPER_TARGET,
-        velocity=PAPER_VELOCITY,
-        resistance=resistance,
-        numerics=numerics,
-        search=Search(**search),
+        **CASE, velocity=PAPER_VELOCITY, resistance=resistance, numerics=numerics, search=Search(**search)
     )
 
 
@@ -115,8 +112,7 @@ def test_every_fine_trial_is_the_run_at_its_angle() -> None:
     found = find(lower=40.0, upper=60.0, tolerance=1.0)
     for trial in found.iterations:
         run = simulate(
-            projectile=PAPER_PROJECTILE,
-            target=PAPER_TARGET,
+            **CASE,
             impact=Impact(velocity=PAPER_VELOCITY, oblique_angle=trial.oblique_angle),
             numerics=Numerics(relative_tolerance=SEARCH_TOLERANCE, stations=SEARCH_STATIONS),
             sample_interval=None,
@@ -207,9 +203,7 @@ def test_band_below_a_vanishing_strength_factor_is_found() -> None:
     """Turned away from 49.3° to 64.0°; beyond, hardly anything resists, and the projectile sinks in."""
     falling = ObliquityPolynomial(coefficients=(8.5084, -0.061243, -0.00091189))  # zero at 68.75°
     resistance = Resistance(free_surface=MohrCoulomb(), strength_factor=falling)
-    found = critical_angle(
-        projectile=PAPER_PROJECTILE, target=PAPER_TARGET, velocity=PAPER_VELOCITY, resistance=resistance
-    )
+    found = critical_angle(**CASE, velocity=PAPER_VELOCITY, resistance=resistance)
     assert found.angle is not None
     assert math.degrees(found.angle) == pytest.approx(49.3, abs=0.1)
     assert any(math.degrees(crossing) == pytest.approx(64.0, abs=0.1) for crossing in found.other_crossings)
@@ -240,8 +234,7 @@ def test_energy_left_beside_the_angle_says_how_far_it_moves_with_the_retention_e
     moves = math.degrees(high - low)
     assert ("retention_decides" in codes(found)) == (moves > 0.5)
     above = simulate(
-        projectile=PAPER_PROJECTILE,
-        target=PAPER_TARGET,
+        **CASE,
         impact=Impact(velocity=PAPER_VELOCITY, oblique_angle=found.angle + math.radians(0.5)),
         sample_interval=1e-4,
     )
@@ -259,8 +252,7 @@ def test_critical_angle_leaves_with_the_retention_energy(share: float) -> None:
     for angle, outcome in zip(found.bracket, (Outcome.EMBEDDED, Outcome.RICOCHET), strict=True):
         widened = angle + math.copysign(math.radians(0.02), angle - sum(found.bracket) / 2.0)
         run = simulate(
-            projectile=PAPER_PROJECTILE,
-            target=PAPER_TARGET,
+            **CASE,
             impact=Impact(velocity=PAPER_VELOCITY, oblique_angle=widened),
             numerics=numerics,
             sample_interval=None,

@@ -12,11 +12,11 @@ import pytest
 import solver
 from solver.calibration import DepthTest, fit_depth
 from solver.display import card
-from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY, paper_impact
+from solver.strike import PAPER_PROJECTILE, PAPER_VELOCITY, paper_impact
 from solver.uncertainty import Normal, Sampling, Uncertain, critical_angle_uncertainty, trajectory_uncertainty
 from solver.warnings import ModelWarning
 
-CASE: dict[str, Any] = {"projectile": PAPER_PROJECTILE, "target": PAPER_TARGET}
+from .strikes import CASE
 
 
 @pytest.fixture(scope="module")

@@ -29,6 +29,8 @@ from solver import (
 from solver.formulas import spread
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY, paper_impact
 
+from .strikes import CASE
+
 WALL = replace(PAPER_TARGET, thickness=0.2)
 ROD = Projectile(nose=Flat(), diameter=0.05, length=0.4, mass=6.0)
 STRESS = 8.0 * 39e6
@@ -167,9 +169,7 @@ def test_crater_raises_the_critical_angle_and_the_more_the_deeper_it_is() -> Non
     angles = []
     for diameters in (1e-3, 0.5, 1.0, 2.0):
         resistance = Resistance(crater=Crater(depth_diameters=diameters))
-        found = critical_angle(
-            projectile=PAPER_PROJECTILE, target=PAPER_TARGET, velocity=PAPER_VELOCITY, resistance=resistance
-        )
+        found = critical_angle(**CASE, velocity=PAPER_VELOCITY, resistance=resistance)
         assert found.angle is not None
         angles.append(math.degrees(found.angle))
     assert angles[0] == pytest.approx(48.63, abs=0.05)
@@ -200,7 +200,7 @@ def test_warning_of_the_rear_face_has_what_the_formulas_require_against_the_stri
         return found.detail
 
     impact = paper_impact(oblique_angle_degrees=30.0)
-    answers = formulas(projectile=PAPER_PROJECTILE, target=PAPER_TARGET, impact=impact)
+    answers = formulas(**CASE, impact=impact)
     found = spread(answers, "perforation_thickness")
     assert found is not None
     assert detail(impact).endswith(

@@ -18,8 +18,9 @@ from solver import (
     critical_angle,
 )
 from solver.calibration import fit_obliquity
-from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY
+from solver.strike import PAPER_VELOCITY
 
+from .strikes import CASE
 from .tables import table_2
 
 NAN = math.nan
@@ -29,8 +30,7 @@ NONE_KNOWN = ((0.0, 0.0, 0.0),) * 3
 
 def find(strength_factor: ObliquityPolynomial, *, numerics: Numerics | None = None, **search: Any) -> CriticalAngle:
     return critical_angle(
-        projectile=PAPER_PROJECTILE,
-        target=PAPER_TARGET,
+        **CASE,
         velocity=PAPER_VELOCITY,
         resistance=Resistance(strength_factor=strength_factor),
         numerics=numerics,

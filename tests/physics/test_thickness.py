@@ -31,7 +31,7 @@ from solver import (
 )
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY, paper_impact
 
-from .strikes import strikes
+from .strikes import CASE, strikes
 
 WALL = replace(PAPER_TARGET, thickness=0.2)
 """Of the cases of the independent program: elastic-plastic decay, eq. 9, 160 + 160 + 24 rows of 40 panels, 1 µs."""
@@ -232,9 +232,7 @@ def _perforated_up_to(found: CriticalAngle) -> float:
 
 
 def test_warning_of_a_change_next_to_the_normal_has_the_energy_left_along_the_normal() -> None:
-    limit = least_thickness(
-        projectile=PAPER_PROJECTILE, target=PAPER_TARGET, impact=paper_impact(oblique_angle_degrees=0.0)
-    )
+    limit = least_thickness(**CASE, impact=paper_impact(oblique_angle_degrees=0.0))
     assert limit.value is not None
     wall = replace(PAPER_TARGET, thickness=0.9998 * limit.value)
     found = search(wall, search=Search(lower=0.0, upper=math.radians(5.0), tolerance=math.radians(0.01)))
