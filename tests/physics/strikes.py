@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from hypothesis import strategies as st
@@ -61,6 +61,15 @@ DECAYS: dict[str, FreeSurface] = {
     "mohr-coulomb with inertia": MohrCoulomb(inertia=True),
     "none": NoFreeSurface(),
 }
+
+
+Value = TypeVar("Value")
+
+
+def known(value: Value | None) -> Value:
+    """The value, which must be there."""
+    assert value is not None
+    return value
 
 
 def steel(

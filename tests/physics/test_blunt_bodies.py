@@ -31,6 +31,8 @@ from solver.projectile import NoseShape
 from solver.strike import PAPER_TARGET
 from validation.routes import BODIES, random_projectile
 
+from .strikes import known
+
 HEAD_ON = Impact(velocity=238.0, oblique_angle=0.0)
 WALL = replace(PAPER_TARGET, thickness=0.2)
 STEEL = 7850.0
@@ -71,8 +73,7 @@ def test_walls_are_those_of_an_independent_integration(
         assert run(None).maximum_depth == pytest.approx(depth, abs=1e-3)
     if speed is not None:
         left = run(0.2).exit
-        assert left is not None
-        assert left.speed == pytest.approx(speed, abs=0.5)
+        assert known(left).speed == pytest.approx(speed, abs=0.5)
 
 
 @cache
@@ -82,9 +83,7 @@ def figures(nose: NoseShape) -> tuple[float, float, float]:
     left = simulate(projectile=projectile, target=WALL, impact=HEAD_ON, sample_interval=None).exit
     wall = least_thickness(projectile=projectile, target=PAPER_TARGET, impact=HEAD_ON).value
     run = simulate(projectile=projectile, target=PAPER_TARGET, impact=HEAD_ON, sample_interval=None)
-    assert left is not None
-    assert wall is not None
-    return run.maximum_depth, left.speed, wall
+    return run.maximum_depth, known(left).speed, known(wall)
 
 
 @pytest.mark.parametrize(
@@ -104,9 +103,7 @@ def test_flat_face_is_the_limit_of_cones_at_an_angle_too(angle: float) -> None:
         for nose in (Flat(), Conical(length_to_diameter=1e-3))
     )
     assert flat.outcome is cone.outcome is Outcome.PERFORATED
-    assert flat.exit is not None
-    assert cone.exit is not None
-    assert cone.exit.speed == pytest.approx(flat.exit.speed, rel=0.01)
+    assert known(cone.exit).speed == pytest.approx(known(flat.exit).speed, rel=0.01)
 
 
 def test_walls_of_a_flat_body_are_finite_and_monotone() -> None:
@@ -202,6 +199,5 @@ def test_critical_angle_does_not_jump() -> None:
             continue
         found += 1
         for other in (critical_angle(**each) for each in changed):
-            assert other.angle is not None
-            assert abs(other.angle - answer.angle) < math.radians(2.5), strike
+            assert abs(known(other.angle) - answer.angle) < math.radians(2.5), strike
     assert found > 25

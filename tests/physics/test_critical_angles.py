@@ -21,7 +21,7 @@ from solver import (
 )
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY, SEARCH_STATIONS, SEARCH_TOLERANCE
 
-from .strikes import CASE
+from .strikes import CASE, known
 
 COMPRESSIBLE = {"target": replace(PAPER_TARGET, poissons_ratio=0.2)}
 INERTIA = {"resistance": Resistance(free_surface=ElasticPlastic(inertia=True))}
@@ -80,8 +80,7 @@ def find(
 
 def degrees(found: CriticalAngle) -> float:
     assert found.status is SearchStatus.CONVERGED
-    assert found.angle is not None
-    return math.degrees(found.angle)
+    return math.degrees(known(found.angle))
 
 
 @pytest.mark.parametrize(("expected", "share", "changes"), BY_OUTCOME)

@@ -16,7 +16,7 @@ from solver import (
 )
 from solver.resistance import nose_factor
 
-from .strikes import LI_CHEN, LI_CHEN_TARGET, NOSES, steel
+from .strikes import LI_CHEN, LI_CHEN_TARGET, NOSES, known, steel
 
 
 def depth(velocity: float, *, projectile: Projectile = LI_CHEN, strength_factor: float = 12.0) -> float:
@@ -64,8 +64,7 @@ def test_depth_is_that_of_its_force_law_integrated(name: str, velocity: float) -
 
     at_rest.terminal = True  # type: ignore[attr-defined]
     run = solve_ivp(slope, (0.0, 20.0), [0.5 * mass * velocity**2], events=at_rest, rtol=1e-9, max_step=0.01)
-    assert run.t_events is not None
-    assert depth(velocity, projectile=projectile) == pytest.approx(run.t_events[0][0], rel=1e-4)
+    assert depth(velocity, projectile=projectile) == pytest.approx(known(run.t_events)[0][0], rel=1e-4)
 
 
 def test_crater_and_what_lies_beyond_it_meet() -> None:

@@ -22,7 +22,7 @@ from solver import (
 )
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY, paper_impact
 
-from .strikes import CASE
+from .strikes import CASE, known
 
 WALL = replace(PAPER_TARGET, thickness=0.2)
 
@@ -37,8 +37,7 @@ def test_least_thickness_is_that_of_an_independent_program(angle: float, thickne
     found = least_thickness(**CASE, impact=impact)
     assert found.status is PerforationStatus.CONVERGED
     assert found.value == pytest.approx(thickness, abs=5e-4)
-    assert found.bracket is not None
-    thin, thick = found.bracket
+    thin, thick = known(found.bracket)
     assert thick == found.value
     assert thick - thin <= 1e-4 * thick
     assert outcome(replace(PAPER_TARGET, thickness=0.999 * thin), impact) is Outcome.PERFORATED
@@ -52,16 +51,14 @@ def test_limit_velocity_is_that_of_an_independent_program(angle: float, velocity
     assert found.value == pytest.approx(velocity, abs=0.3)
     perforated = [trial.value for trial in found.iterations if trial.outcome is Outcome.PERFORATED]
     assert min(perforated) == found.value
-    assert found.bracket is not None
-    assert max(trial.value for trial in found.iterations if trial.value not in perforated) == found.bracket[0]
+    assert max(trial.value for trial in found.iterations if trial.value not in perforated) == known(found.bracket)[0]
 
 
 def test_thickness_and_velocity_are_each_the_inverse_of_the_other() -> None:
     wall = least_thickness(**CASE, impact=paper_impact(oblique_angle_degrees=10.0))
-    assert wall.value is not None
     back = limit_velocity(
         projectile=PAPER_PROJECTILE,
-        target=replace(PAPER_TARGET, thickness=wall.value),
+        target=replace(PAPER_TARGET, thickness=known(wall.value)),
         oblique_angle=math.radians(10.0),
     )
     assert back.value == pytest.approx(PAPER_VELOCITY, rel=1e-3)
@@ -77,8 +74,7 @@ def test_warnings_are_those_of_the_wall_that_is_answered(angle: float) -> None:
     sphere = Projectile(nose=Spherical(caliber_radius_head=0.5), diameter=0.08, length=0.08, mass=2.1)
     impact = replace(paper_impact(oblique_angle_degrees=angle), velocity=100.0)
     found = least_thickness(projectile=sphere, target=PAPER_TARGET, impact=impact)
-    assert found.value is not None
-    wall = replace(PAPER_TARGET, thickness=1.001 * found.value)
+    wall = replace(PAPER_TARGET, thickness=1.001 * known(found.value))
     run = simulate(projectile=sphere, target=wall, impact=impact, sample_interval=None)
     assert codes(found.warnings) == codes(run.warnings)
     assert "shallow_penetration" in codes(found.warnings)
@@ -98,9 +94,7 @@ def test_limit_next_to_a_trial_in_motion_is_uncertain() -> None:
         (undecided,) = (warning for warning in found.warnings if warning.code == "undecided")
         assert "next to a change of outcome" in undecided.detail
     usual = least_thickness(**CASE, impact=impact)
-    assert thickness.value is not None
-    assert usual.value is not None
-    assert thickness.value < usual.value
+    assert known(thickness.value) < known(usual.value)
     assert "undecided" not in codes(usual.warnings)
 
 

@@ -34,7 +34,7 @@ from solver import (
 )
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY, SEARCH_STATIONS, SEARCH_TOLERANCE
 
-from .strikes import CASE
+from .strikes import CASE, known
 
 ADAPTIVE = Numerics(method="adaptive")
 
@@ -101,8 +101,7 @@ def test_outcome_search_takes_few_fine_trials_whatever_the_tolerance(tolerance: 
 
 def test_dense_scan_finds_the_same_angle_and_a_scan_without_change_is_repeated_finely() -> None:
     found = find(lower=5.0, upper=85.0, scan_interval=0.1)
-    assert found.angle is not None
-    assert math.degrees(found.angle) == pytest.approx(48.634, abs=0.012)
+    assert math.degrees(known(found.angle)) == pytest.approx(48.634, abs=0.012)
     nothing = find(lower=5.0, upper=40.0, scan_interval=0.1)
     assert nothing.status is SearchStatus.NO_RICOCHET
     assert sum(trial.fine for trial in nothing.iterations) >= 350 / 16
@@ -184,8 +183,7 @@ def test_ricochet_that_sets_in_ceases_and_returns_is_reported_in_full() -> None:
 def test_range_that_starts_in_a_ricochet_reports_the_angle_at_which_it_next_sets_in() -> None:
     found = find(lower=47.0, upper=70.0, strength_factor=COMES_AND_GOES)
     assert found.status is SearchStatus.CONVERGED
-    assert found.angle is not None
-    assert 55.0 < math.degrees(found.angle) < 65.0
+    assert 55.0 < math.degrees(known(found.angle)) < 65.0
     assert [50.0 < math.degrees(crossing) < 55.0 for crossing in found.other_crossings] == [True]
     assert "ricochet_at_lower_bound" in codes(found)
 
@@ -204,8 +202,7 @@ def test_band_below_a_vanishing_strength_factor_is_found() -> None:
     falling = ObliquityPolynomial(coefficients=(8.5084, -0.061243, -0.00091189))  # zero at 68.75°
     resistance = Resistance(free_surface=MohrCoulomb(), strength_factor=falling)
     found = critical_angle(**CASE, velocity=PAPER_VELOCITY, resistance=resistance)
-    assert found.angle is not None
-    assert math.degrees(found.angle) == pytest.approx(49.3, abs=0.1)
+    assert math.degrees(known(found.angle)) == pytest.approx(49.3, abs=0.1)
     assert any(math.degrees(crossing) == pytest.approx(64.0, abs=0.1) for crossing in found.other_crossings)
 
 
@@ -226,20 +223,16 @@ def test_strength_factor_that_vanishes_between_the_angles_of_the_scan_ends_the_r
 
 def test_energy_left_beside_the_angle_says_how_far_it_moves_with_the_retention_energy() -> None:
     found = find(numerics=Numerics(retention_energy_fraction=0.01))
-    assert found.angle is not None
     assert found.energy_fraction_below == 0.0
     low, high = (find(numerics=Numerics(retention_energy_fraction=share)).angle for share in (0.001, 0.1))
-    assert low is not None
-    assert high is not None
-    moves = math.degrees(high - low)
+    moves = math.degrees(known(high) - known(low))
     assert ("retention_decides" in codes(found)) == (moves > 0.5)
     above = simulate(
         **CASE,
-        impact=Impact(velocity=PAPER_VELOCITY, oblique_angle=found.angle + math.radians(0.5)),
+        impact=Impact(velocity=PAPER_VELOCITY, oblique_angle=known(found.angle) + math.radians(0.5)),
         sample_interval=1e-4,
     )
-    assert above.history is not None
-    left = above.final.kinetic_energy / above.history.kinetic_energy[0]
+    left = above.final.kinetic_energy / known(above.history).kinetic_energy[0]
     assert found.energy_fraction_above == pytest.approx(left, abs=0.005)
 
 
@@ -283,8 +276,7 @@ def test_slow_strikes_have_the_angles_of_an_independent_program() -> None:
     for velocity, strength, angle in ((80.0, 39e6, 43.33), (100.0, 39e6, 44.00), (150.0, 50e6, 44.10)):
         target = replace(PAPER_TARGET, compressive_strength=strength)
         found = critical_angle(projectile=PAPER_PROJECTILE, target=target, velocity=velocity)
-        assert found.angle is not None
-        assert math.degrees(found.angle) == pytest.approx(angle, abs=0.02)
+        assert math.degrees(known(found.angle)) == pytest.approx(angle, abs=0.02)
         assert "retention_decides" in codes(found)
 
 
@@ -292,11 +284,9 @@ def test_inertia_that_is_not_given_comes_with_what_it_does_to_the_angle() -> Non
     given = mass_properties(PAPER_PROJECTILE).moment_of_inertia
     changed = replace(PAPER_PROJECTILE, moment_of_inertia=1.1 * given)
     angle, other = find().angle, critical_angle(projectile=changed, target=PAPER_TARGET, velocity=PAPER_VELOCITY).angle
-    assert angle is not None
-    assert other is not None
     (warning,) = (warning for warning in find().warnings if warning.code == "mass_properties_assumed")
     (stated,) = (float(number) for number in re.findall(r"about ([+-][\d.]+)°", warning.detail))
-    assert stated == pytest.approx(math.degrees(other - angle), rel=0.35)
+    assert stated == pytest.approx(math.degrees(known(other) - known(angle)), rel=0.35)
 
 
 SLOW: dict[str, dict[str, Any]] = {
@@ -353,9 +343,7 @@ def test_slow_strike_has_one_angle_and_it_is_converged(strike: dict[str, Any]) -
         numerics=Numerics(relative_tolerance=1e-7, stations=48, points=8),
         search=Search(tolerance=math.radians(0.001)),
     )
-    assert found.angle is not None
-    assert fine.angle is not None
-    assert math.degrees(found.angle) == pytest.approx(math.degrees(fine.angle), abs=0.02)
+    assert math.degrees(known(found.angle)) == pytest.approx(math.degrees(known(fine.angle)), abs=0.02)
     assert found.other_crossings == ()
     assert "undecided" not in codes(found)
 
@@ -374,8 +362,7 @@ def test_band_above_the_critical_angle_is_found_where_little_energy_is_left() ->
     }
     found = critical_angle(**strike, velocity=73.47, angle_of_attack=-0.05277)
     begin, end = found.other_crossings
-    assert found.angle is not None
-    assert found.angle + math.radians(3.0) < begin < end - math.radians(1.0)
+    assert known(found.angle) + math.radians(3.0) < begin < end - math.radians(1.0)
     for angle, turned_away in ((begin - 0.005, True), (0.5 * (begin + end), False), (end + 0.005, True)):
         impact = Impact(velocity=73.47, oblique_angle=angle, angle_of_attack=-0.05277)
         run = simulate(**strike, impact=impact, sample_interval=None)

@@ -28,7 +28,7 @@ from solver.calibration import penetration_depths
 from solver.resistance import StrengthFactor, strength_factor
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY, paper_impact
 
-from .strikes import CASE
+from .strikes import CASE, known
 
 
 def value_of(model: StrengthFactor, *, strength: float = 39e6, diameter: float = 0.08, degrees: float = 0.0) -> float:
@@ -129,8 +129,7 @@ def test_answers_carry_the_strength_factor_they_used() -> None:
         run = simulate(**case, impact=impact, resistance=resistance, sample_interval=None)  # type: ignore[arg-type]
         assert run.strength_factor == pytest.approx(value_of(model, degrees=30.0), rel=1e-12)
         found = critical_angle(**case, velocity=PAPER_VELOCITY, resistance=resistance)  # type: ignore[arg-type]
-        assert found.angle is not None
-        expected = value_of(model, degrees=math.degrees(found.angle))
+        expected = value_of(model, degrees=math.degrees(known(found.angle)))
         assert found.strength_factor == pytest.approx(expected, rel=1e-12)
 
 

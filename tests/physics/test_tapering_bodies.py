@@ -26,7 +26,7 @@ from solver import (
 )
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET
 
-from .strikes import DECAYS, DIAMETER, TAPERING, steel
+from .strikes import DECAYS, DIAMETER, TAPERING, known, steel
 
 BALL = TAPERING["sphere"]
 PANELS = Numerics(method="panels", panels=8_000, time_step=2e-6, termination_time=0.01)
@@ -94,8 +94,7 @@ def test_rear_of_a_body_that_moves_straight_on_is_not_loaded(
 def angle(projectile: Projectile, **given: Any) -> float:
     """Critical angle of the paper's strike. [°]"""
     found = critical_angle(projectile=projectile, target=PAPER_TARGET, velocity=238.0, **given).angle
-    assert found is not None
-    return math.degrees(found)
+    return math.degrees(known(found))
 
 
 PLAIN = replace(PAPER_PROJECTILE, center_of_gravity=0.29413, moment_of_inertia=0.24981)

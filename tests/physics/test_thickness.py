@@ -31,7 +31,7 @@ from solver import (
 )
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY, paper_impact
 
-from .strikes import CASE, strikes
+from .strikes import CASE, known, strikes
 
 WALL = replace(PAPER_TARGET, thickness=0.2)
 """Of the cases of the independent program: elastic-plastic decay, eq. 9, 160 + 160 + 24 rows of 40 panels, 1 µs."""
@@ -115,9 +115,7 @@ def test_half_space_has_no_intervals() -> None:
 @pytest.mark.parametrize(("diameters", "degrees"), [(5.0, 0.25), (7.0, 0.1), (25.0, 0.01)])
 def test_thick_wall_has_the_angle_of_the_half_space(diameters: float, degrees: float) -> None:
     wall, half_space = search(replace(WALL, thickness=diameters * PAPER_PROJECTILE.diameter)), search(PAPER_TARGET)
-    assert wall.angle is not None
-    assert half_space.angle is not None
-    assert abs(math.degrees(wall.angle - half_space.angle)) < degrees
+    assert abs(math.degrees(known(wall.angle) - known(half_space.angle))) < degrees
 
 
 def routes_agree(arguments: dict[str, Any]) -> None:
@@ -233,8 +231,7 @@ def _perforated_up_to(found: CriticalAngle) -> float:
 
 def test_warning_of_a_change_next_to_the_normal_has_the_energy_left_along_the_normal() -> None:
     limit = least_thickness(**CASE, impact=paper_impact(oblique_angle_degrees=0.0))
-    assert limit.value is not None
-    wall = replace(PAPER_TARGET, thickness=0.9998 * limit.value)
+    wall = replace(PAPER_TARGET, thickness=0.9998 * known(limit.value))
     found = search(wall, search=Search(lower=0.0, upper=math.radians(5.0), tolerance=math.radians(0.01)))
     assert 0.0 < _perforated_up_to(found) < 0.5
     (detail,) = (each.detail for each in found.warnings if each.code == "retention_decides_perforation")
