@@ -79,13 +79,8 @@ def test_walls_that_no_energy_explains_are_named(thickness: float | None, speeds
 def test_no_answer_of_the_model_is_implausible() -> None:
     """Over strikes of every kind; those on walls of `test_blunt_bodies` and all route comparisons look as well."""
     for strike in random_strikes(600, 21):
-        run = simulate(
-            projectile=strike.projectile,
-            target=strike.target,
-            impact=strike.impact,
-            resistance=strike.resistance,
-            sample_interval=None,
-        )
+        given = {name: getattr(strike, name) for name in ("projectile", "target", "impact", "resistance")}
+        run = simulate(**given, sample_interval=None)
         assert "implausible" not in {warning.code for warning in run.warnings}, strike
 
 
