@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from hypothesis import strategies as st
@@ -27,7 +27,13 @@ from solver import (
 )
 from solver.free_surface import FreeSurface
 from solver.projectile import NoseShape
+from solver.strike import PAPER_PROJECTILE, PAPER_TARGET
 
+CASE: dict[str, Any] = {"projectile": PAPER_PROJECTILE, "target": PAPER_TARGET}
+"""The paper's projectile and concrete."""
+LI_CHEN = Projectile(nose=Ogive(caliber_radius_head=2.0), diameter=0.0269, length=0.242, mass=0.906)
+LI_CHEN_TARGET = Target(compressive_strength=35.2e6, density=2370.0)
+"""Test of Forrestal et al. (1994) at 277 m/s, 173 mm deep; Li and Chen (2003) compute it with S 12."""
 STEEL = 7850.0
 """[kg/m³]"""
 DIAMETER = 0.08
@@ -55,6 +61,15 @@ DECAYS: dict[str, FreeSurface] = {
     "mohr-coulomb with inertia": MohrCoulomb(inertia=True),
     "none": NoFreeSurface(),
 }
+
+
+Value = TypeVar("Value")
+
+
+def known(value: Value | None) -> Value:
+    """The value, which must be there."""
+    assert value is not None
+    return value
 
 
 def steel(

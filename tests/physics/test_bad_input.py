@@ -12,6 +12,7 @@ from solver import (
     BoatTail,
     Conical,
     ConstantStrengthFactor,
+    Crater,
     Flat,
     Impact,
     Numerics,
@@ -24,15 +25,19 @@ from solver import (
     Resistance,
     RicochetError,
     Search,
+    ShearPlug,
     Sphere,
     Spherical,
     StrengthPowerLaw,
     Target,
+    closed_form_depth,
     critical_angle,
     simulate,
 )
 from solver.checks import BOUNDS
-from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, paper_impact
+from solver.strike import PAPER_TARGET, paper_impact
+
+from .strikes import CASE
 
 NAN, INF = math.nan, math.inf
 
@@ -59,13 +64,17 @@ def profile(*points: tuple[float, float]) -> Profile:
 
 
 def run(numerics: Numerics | None = None, sample_interval: float | None = 1e-5) -> object:
-    return simulate(
-        projectile=PAPER_PROJECTILE,
-        target=PAPER_TARGET,
-        impact=paper_impact(oblique_angle_degrees=30.0),
-        numerics=numerics,
-        sample_interval=sample_interval,
-    )
+    impact = paper_impact(oblique_angle_degrees=30.0)
+    return simulate(**CASE, impact=impact, numerics=numerics, sample_interval=sample_interval)
+
+
+def strike(**changes: Any) -> object:
+    return simulate(**(CASE | {"impact": impact()} | changes))
+
+
+def beyond_all_numbers(exponent: float) -> Resistance:
+    law = StrengthPowerLaw(reference_strength=1.0, exponent=exponent, obliquity_shape="equation_9")
+    return Resistance(strength_factor=law)
 
 
 S = "resistance.strength_factor"
@@ -93,6 +102,7 @@ VALUES: list[tuple[str, Callable[[Any], object], tuple[Any, ...]]] = [
     ("target.compressive_strength", lambda value: target(compressive_strength=value), (0.0, -39e6, NAN, INF)),
     ("target.density", lambda value: target(density=value), (0.0, -1.0, NAN, INF)),
     ("target.youngs_modulus", lambda value: target(youngs_modulus=value), (0.0, -1.0, NAN, INF)),
+    ("target.thickness", lambda value: target(thickness=value), (0.0, -0.2, NAN, INF)),
     ("target.poissons_ratio", lambda value: target(poissons_ratio=value), (-0.1, 0.51, NAN, INF)),
     ("impact.velocity", lambda value: impact(velocity=value), (0.0, -238.0, NAN, INF)),
     ("impact.oblique_angle", lambda value: impact(oblique_angle=value), (math.pi / 2, -math.pi / 2, 2.0, NAN, INF)),
@@ -105,6 +115,25 @@ VALUES: list[tuple[str, Callable[[Any], object], tuple[Any, ...]]] = [
     (f"{S}.diameter_exponent", lambda value: StrengthPowerLaw(diameter_exponent=value), (NAN, INF)),
     (f"{S}.reference_diameter", lambda value: StrengthPowerLaw(reference_diameter=value), (0.0, -0.08, NAN, INF)),
     ("resistance.inertia_factor", lambda value: Resistance(inertia_factor=value), (-0.1, NAN, INF)),
+    ("resistance.crater.depth_diameters", lambda value: Crater(depth_diameters=value), (0.0, -1.0, 21.0, NAN, INF)),
+    ("resistance.rear_plug.cone_angle", lambda value: ShearPlug(cone_angle=value), (0.0, 0.157, math.pi / 2.0, NAN)),
+    (
+        "numerics.retention_energy_fraction",
+        lambda value: Numerics(retention_energy_fraction=value),
+        (0.0, 5e-5, 0.6, NAN),
+    ),
+    ("search.tolerance", lambda value: Search(tolerance=value), (0.0, NAN)),
+    ("search.relative_tolerance", lambda value: Search(relative_tolerance=value), (0.0,)),
+    ("search.scan_interval", lambda value: Search(scan_interval=value), (0.0,)),
+    ("search.lower", lambda value: Search(lower=value, upper=0.7), (1.0, 0.7, -0.02, NAN)),
+    ("search.upper", lambda value: Search(upper=value), (math.pi / 2.0,)),
+    ("impact.velocity", lambda value: critical_angle(**CASE, velocity=value), (0.0, -238.0, NAN, INF)),
+    ("velocity", lambda value: closed_form_depth(**CASE, velocity=value, strength_factor=8.0), (0.0, -1.0, NAN, INF)),
+    (
+        "strength_factor",
+        lambda value: closed_form_depth(**CASE, velocity=238.0, strength_factor=value),
+        (0.0, -1.0, NAN, INF),
+    ),
     ("numerics.termination_time", lambda value: Numerics(termination_time=value), (0.0, -1.0, NAN)),
     ("numerics.panels", lambda value: Numerics(panels=value), (99, 1_000_001)),
     ("numerics.time_step", lambda value: Numerics(time_step=value), (0.0, -1e-5, NAN)),
@@ -154,6 +183,7 @@ CASES: list[tuple[str, Callable[[], object]]] = [
     ("numerics.method", lambda: Numerics(method="euler")),  # type: ignore[arg-type]
     ("numerics.time_step", lambda: run(Numerics(method="panels", time_step=1e-7))),
     ("sample_interval", lambda: run(sample_interval=1e-10)),
+    ("search.lower", lambda: critical_angle(**CASE, velocity=238.0, search=Search(method="secant", lower=1.065))),
     ("search.method", lambda: Search(method="guess")),  # type: ignore[arg-type]
     *[(field, lambda make=make, value=value: make(value)) for field, make, values in VALUES for value in values],
 ]
@@ -170,38 +200,26 @@ def test_bad_value_is_refused_by_the_name_of_its_field(field: str, make: Callabl
     assert isinstance(caught.value, ValueError)
 
 
-def test_strength_factor_at_or_below_zero_at_the_angle_is_refused() -> None:
-    with pytest.raises(ParameterError, match="must be greater than 0 at the initial oblique angle of 60") as caught:
-        simulate(
-            projectile=PAPER_PROJECTILE,
-            target=PAPER_TARGET,
-            impact=paper_impact(oblique_angle_degrees=60.0),
-            resistance=Resistance(strength_factor=ObliquityPolynomial(coefficients=(6.0, -0.1))),
-        )
-    assert caught.value.field == S
-
-
-@pytest.mark.parametrize("exponent", [1e3, -1e3])
-def test_power_law_beyond_all_numbers_is_refused(exponent: float) -> None:
-    law = StrengthPowerLaw(reference_strength=1.0, exponent=exponent, obliquity_shape="equation_9")
-    with pytest.raises(ParameterError, match="must be greater than 0") as caught:
-        simulate(
-            projectile=PAPER_PROJECTILE,
-            target=PAPER_TARGET,
-            impact=paper_impact(oblique_angle_degrees=30.0),
-            resistance=Resistance(strength_factor=law),
-        )
-    assert caught.value.field == S
-
-
-def test_target_too_soft_to_yield_around_a_cavity_is_refused() -> None:
-    with pytest.raises(ParameterError, match="would never yield") as caught:
-        simulate(
-            projectile=PAPER_PROJECTILE,
-            target=target(youngs_modulus=39e6),
-            impact=paper_impact(oblique_angle_degrees=30.0),
-        )
-    assert caught.value.field == "target.youngs_modulus"
+@pytest.mark.parametrize(
+    ("changes", "field", "words"),
+    [
+        (
+            {
+                "impact": paper_impact(oblique_angle_degrees=60.0),
+                "resistance": Resistance(strength_factor=ObliquityPolynomial(coefficients=(6.0, -0.1))),
+            },
+            S,
+            "must be greater than 0 at the initial oblique angle of 60",
+        ),
+        ({"resistance": beyond_all_numbers(1e3)}, S, "must be greater than 0"),
+        ({"resistance": beyond_all_numbers(-1e3)}, S, "must be greater than 0"),
+        ({"target": target(youngs_modulus=39e6)}, "target.youngs_modulus", "would never yield"),
+    ],
+)
+def test_law_or_target_that_does_not_resist_is_refused(changes: dict[str, Any], field: str, words: str) -> None:
+    with pytest.raises(ParameterError, match=words) as caught:
+        strike(**changes)
+    assert caught.value.field == field
 
 
 def test_nose_as_long_as_the_projectile_is_accepted() -> None:
@@ -213,20 +231,11 @@ def test_nose_as_long_as_the_projectile_is_accepted() -> None:
 MANY: Any = np.array([200.0, 300.0])
 
 
-def strike(**changes: Any) -> object:
-    given: dict[str, Any] = {"projectile": PAPER_PROJECTILE, "target": PAPER_TARGET}
-    return simulate(**(given | {"impact": impact()} | changes))
-
-
 @pytest.mark.parametrize(
     ("field", "make", "words"),
     [
         ("target.compressive_strength", lambda: target(compressive_strength=39.0), "39e6 for 39 MPa"),
-        (
-            "target.compressive_strength",
-            lambda: target(compressive_strength=39e3),
-            "3.9e+07 for 39000 kPa",
-        ),
+        ("target.compressive_strength", lambda: target(compressive_strength=39e3), "3.9e+07 for 39000 kPa"),
         ("target.density", lambda: target(density=2.25), "give kg/m³, 2250 for 2.25 g/cm³"),
         ("target.youngs_modulus", lambda: target(youngs_modulus=30.0), "3e+10 for 30 GPa"),
         ("target.thickness", lambda: target(thickness=1500.0), "give metres, 1.5 for 1500 mm"),
@@ -259,11 +268,7 @@ def strike(**changes: Any) -> object:
         ("resistance.free_surface", lambda: resistance(free_surface="none"), "give NoFreeSurface(...)"),
         ("resistance.free_surface", lambda: resistance(free_surface=None), "got NoneType"),
         ("resistance.inertia_factor", lambda: resistance(inertia_factor=None), "must be a number, got None"),
-        (
-            "impact.velocity",
-            lambda: critical_angle(projectile=PAPER_PROJECTILE, target=PAPER_TARGET, velocity=MANY),
-            "critical_angle_many",
-        ),
+        ("impact.velocity", lambda: critical_angle(**CASE, velocity=MANY), "critical_angle_many"),
     ],
 )
 def test_other_units_arrays_and_objects_are_refused_with_what_is_needed(

@@ -31,6 +31,8 @@ from solver.projectile import NoseShape
 from solver.strike import PAPER_TARGET
 from validation.routes import BODIES, random_projectile
 
+from .strikes import known
+
 HEAD_ON = Impact(velocity=238.0, oblique_angle=0.0)
 WALL = replace(PAPER_TARGET, thickness=0.2)
 STEEL = 7850.0
@@ -53,7 +55,7 @@ TABLE = [
 ]
 """By an independent one-dimensional integration with 600 rings and steps of 0.2 to 2 µs: eq. 9, elastic-plastic decay,
 238 m/s, normal impact. [m, m, m/s]"""
-PANELS = Numerics(method="panels", time_step=5e-6, termination_time=0.05)
+PANELS = Numerics(method="panels", panels=3000, time_step=5e-6, termination_time=0.05)
 
 
 @pytest.mark.parametrize("numerics", [None, PANELS], ids=["adaptive", "panels"])
@@ -71,8 +73,7 @@ def test_walls_are_those_of_an_independent_integration(
         assert run(None).maximum_depth == pytest.approx(depth, abs=1e-3)
     if speed is not None:
         left = run(0.2).exit
-        assert left is not None
-        assert left.speed == pytest.approx(speed, abs=0.5)
+        assert known(left).speed == pytest.approx(speed, abs=0.5)
 
 
 @cache
@@ -82,9 +83,7 @@ def figures(nose: NoseShape) -> tuple[float, float, float]:
     left = simulate(projectile=projectile, target=WALL, impact=HEAD_ON, sample_interval=None).exit
     wall = least_thickness(projectile=projectile, target=PAPER_TARGET, impact=HEAD_ON).value
     run = simulate(projectile=projectile, target=PAPER_TARGET, impact=HEAD_ON, sample_interval=None)
-    assert left is not None
-    assert wall is not None
-    return run.maximum_depth, left.speed, wall
+    return run.maximum_depth, known(left).speed, known(wall)
 
 
 @pytest.mark.parametrize(
@@ -104,9 +103,7 @@ def test_flat_face_is_the_limit_of_cones_at_an_angle_too(angle: float) -> None:
         for nose in (Flat(), Conical(length_to_diameter=1e-3))
     )
     assert flat.outcome is cone.outcome is Outcome.PERFORATED
-    assert flat.exit is not None
-    assert cone.exit is not None
-    assert cone.exit.speed == pytest.approx(flat.exit.speed, rel=0.01)
+    assert known(cone.exit).speed == pytest.approx(known(flat.exit).speed, rel=0.01)
 
 
 def test_walls_of_a_flat_body_are_finite_and_monotone() -> None:
@@ -156,7 +153,7 @@ def steel_strikes(count: int, seed: int) -> Iterator[tuple[Projectile, Target, I
 
 def test_no_wall_has_to_be_much_thicker_than_a_body_goes_deep() -> None:
     """The rear face adds 2.5 diameters at most to the depth in a half-space."""
-    for projectile, target, impact in steel_strikes(300, 11):
+    for projectile, target, impact in steel_strikes(150, 11):
         strike: dict[str, Any] = {"projectile": projectile, "target": target, "impact": impact}
         wall = least_thickness(**strike, tolerance=1e-2)
         depth = simulate(**strike, sample_interval=None).maximum_depth
@@ -168,7 +165,7 @@ def test_no_wall_has_to_be_much_thicker_than_a_body_goes_deep() -> None:
 def test_walls_take_energy_and_thicker_ones_take_more() -> None:
     """From half a diameter on none leaves 99.9 %, to bodies up to 8 diameters long, and no exit speed rises."""
     perforated = 0
-    for projectile, target, impact in steel_strikes(120, 12):
+    for projectile, target, impact in steel_strikes(60, 12):
         before, initial = math.inf, 0.5 * projectile.mass * impact.velocity**2
         for diameters in (0.5, 0.7, 1.0, 1.5, 2.5):
             wall = replace(target, thickness=diameters * projectile.diameter)
@@ -180,13 +177,13 @@ def test_walls_take_energy_and_thicker_ones_take_more() -> None:
                 assert run.final.kinetic_energy < 0.999 * initial
             assert "implausible" not in {warning.code for warning in run.warnings}
             before = speed
-    assert perforated > 100
+    assert perforated > 50
 
 
 def test_critical_angle_does_not_jump() -> None:
     """By less than 2.5° for 3.5 % in speed, strength or mass, at 100 to 800 m/s."""
     random, found = np.random.default_rng(13), 0
-    for projectile, target, _ in steel_strikes(300, 13):
+    for projectile, target, _ in steel_strikes(150, 13):
         velocity = random.uniform(100.0, 800.0)
         strike: dict[str, Any] = {"projectile": projectile, "target": target, "velocity": velocity}
         changed = [
@@ -202,6 +199,5 @@ def test_critical_angle_does_not_jump() -> None:
             continue
         found += 1
         for other in (critical_angle(**each) for each in changed):
-            assert other.angle is not None
-            assert abs(other.angle - answer.angle) < math.radians(2.5), strike
-    assert found > 60
+            assert abs(known(other.angle) - answer.angle) < math.radians(2.5), strike
+    assert found > 25

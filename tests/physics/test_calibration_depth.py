@@ -12,6 +12,7 @@ from solver.arrays import FloatArray
 from solver.calibration import DepthFit, DepthTest, fit_depth, penetration_depths
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET
 
+from .strikes import CASE
 from .tables import table_1
 
 NAN, INFINITE = math.nan, math.inf
@@ -36,9 +37,7 @@ def fit(
 
 
 def depths(strength_factor: float, velocities: Sequence[float] = VELOCITIES) -> FloatArray:
-    return penetration_depths(
-        projectile=PAPER_PROJECTILE, target=PAPER_TARGET, velocities=velocities, strength_factor=strength_factor
-    )
+    return penetration_depths(**CASE, velocities=velocities, strength_factor=strength_factor)
 
 
 def codes(found: DepthFit) -> set[str]:
@@ -131,9 +130,7 @@ def test_depths_grow_with_velocity_and_mass_and_fall_with_strength() -> None:
     plain = depths(8.0)
     assert np.all(np.diff(plain) > 0.0)
     assert np.all(depths(9.0) < plain)
-    heavier = penetration_depths(
-        projectile=PAPER_PROJECTILE, target=PAPER_TARGET, velocities=VELOCITIES, strength_factor=8.0, masses=[14.0] * 4
-    )
+    heavier = penetration_depths(**CASE, velocities=VELOCITIES, strength_factor=8.0, masses=[14.0] * 4)
     assert np.all(heavier > plain)
 
 
@@ -142,9 +139,7 @@ def test_doubts_travel_with_the_fit() -> None:
     assert codes(fit(shallow)) == {"shallow_tests"}
     fast = [DepthTest(velocity=900.0, depth=2.4), DepthTest(velocity=700.0, depth=1.6)]
     assert codes(fit(fast)) == {"velocity_beyond_rigid"}
-    early = fit_depth(
-        projectile=PAPER_PROJECTILE, target=PAPER_TARGET, tests=TESTS, numerics=Numerics(termination_time=2.2e-3)
-    )
+    early = fit_depth(**CASE, tests=TESTS, numerics=Numerics(termination_time=2.2e-3))
     assert "undecided" in codes(early)
 
 
@@ -199,5 +194,5 @@ def test_curves_name_what_is_wrong() -> None:
         "masses.0": {"velocities": [200.0], "strength_factor": 8.0, "masses": [-1.0]},
     }.items():
         with pytest.raises(ParameterError) as refused:
-            penetration_depths(projectile=PAPER_PROJECTILE, target=PAPER_TARGET, **arguments)  # type: ignore[arg-type]
+            penetration_depths(**CASE, **arguments)  # type: ignore[arg-type]
         assert refused.value.field == field

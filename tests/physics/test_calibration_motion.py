@@ -11,7 +11,9 @@ import pytest
 from solver import ConstantStrengthFactor, Numerics, Outcome, ParameterError, Resistance, Trajectory, simulate
 from solver.arrays import FloatArray
 from solver.calibration import MotionFit, MotionHistory, Weights, fit_motion, predict_motion
-from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, paper_impact
+from solver.strike import paper_impact
+
+from .strikes import CASE, known
 
 ANGLES = (15.0, 30.0, 45.0)
 TIMES = np.linspace(0.0, 5e-3, 101)
@@ -21,8 +23,7 @@ NOISE = {"depth_displacement": 1e-3, "lateral_displacement": 1e-3, "rotation": m
 
 def run(angle: float, strength_factor: float, sample_interval: float) -> Trajectory:
     return simulate(
-        projectile=PAPER_PROJECTILE,
-        target=PAPER_TARGET,
+        **CASE,
         impact=paper_impact(oblique_angle_degrees=angle),
         resistance=Resistance(strength_factor=ConstantStrengthFactor(value=strength_factor)),
         sample_interval=sample_interval,
@@ -31,23 +32,12 @@ def run(angle: float, strength_factor: float, sample_interval: float) -> Traject
 
 def motion(angle: float, strength_factor: float, times: FloatArray = TIMES, **more: Any) -> MotionHistory:
     return predict_motion(
-        projectile=PAPER_PROJECTILE,
-        target=PAPER_TARGET,
-        impact=paper_impact(oblique_angle_degrees=angle),
-        strength_factor=strength_factor,
-        times=times,
-        **more,
+        **CASE, impact=paper_impact(oblique_angle_degrees=angle), strength_factor=strength_factor, times=times, **more
     )
 
 
 def fit(angle: float, history: MotionHistory, **more: Any) -> MotionFit:
-    return fit_motion(
-        projectile=PAPER_PROJECTILE,
-        target=PAPER_TARGET,
-        impact=paper_impact(oblique_angle_degrees=angle),
-        history=history,
-        **more,
-    )
+    return fit_motion(**CASE, impact=paper_impact(oblique_angle_degrees=angle), history=history, **more)
 
 
 def shifted(history: MotionHistory, shifts: dict[str, FloatArray]) -> MotionHistory:
@@ -180,8 +170,7 @@ def test_prediction_stays_at_rest_once_embedded() -> None:
     late = motion(15.0, 8.0, made.final.time + np.array([1e-5, 1e-3, 1.0]))
     assert late.depth_displacement is not None
     np.testing.assert_allclose(late.depth_displacement, late.depth_displacement[0], rtol=0, atol=1e-12)
-    assert late.lateral_displacement is not None
-    assert late.lateral_displacement[0] == pytest.approx(made.final.center_of_gravity_lateral, abs=1e-7)
+    assert known(late.lateral_displacement)[0] == pytest.approx(made.final.center_of_gravity_lateral, abs=1e-7)
 
 
 def test_prediction_flies_freely_once_turned_away() -> None:
@@ -200,9 +189,7 @@ def test_prediction_flies_freely_once_turned_away() -> None:
 
 def test_prediction_of_the_panels_is_that_of_the_arcs() -> None:
     fine, panels = motion(30.0, 8.0), motion(30.0, 8.0, numerics=Numerics(method="panels", panels=3000))
-    assert fine.depth_displacement is not None
-    assert panels.depth_displacement is not None
-    assert np.abs(fine.depth_displacement - panels.depth_displacement).max() < 5e-4
+    assert np.abs(known(fine.depth_displacement) - known(panels.depth_displacement)).max() < 5e-4
 
 
 def test_history_is_cut_at_a_time_and_its_greatest_depth() -> None:
@@ -210,8 +197,7 @@ def test_history_is_cut_at_a_time_and_its_greatest_depth() -> None:
     assert history.time_of_greatest_depth == 2.0
     cut = history.until(history.time_of_greatest_depth)
     assert list(cut.time) == [0.0, 1.0, 2.0]
-    assert cut.depth_displacement is not None
-    assert list(cut.depth_displacement) == [0.0, 2.0, 3.0]
+    assert list(known(cut.depth_displacement)) == [0.0, 2.0, 3.0]
     with pytest.raises(ParameterError, match="at least 2 rows"):
         history.until(0.5)
     with pytest.raises(ParameterError, match=r"history\.depth_displacement"):
@@ -220,8 +206,7 @@ def test_history_is_cut_at_a_time_and_its_greatest_depth() -> None:
 
 def test_motion_that_the_model_does_not_follow_is_called_poor() -> None:
     history = motion(30.0, 8.0)
-    assert history.rotation is not None
-    found = fit(30.0, replace(history, rotation=-history.rotation))
+    found = fit(30.0, replace(history, rotation=-known(history.rotation)))
     assert "poor_fit" in codes(found)
     assert found.r_squared["rotation"] < 0.5
 

@@ -10,8 +10,10 @@ from solver import ParameterError, Resistance, SearchStatus, critical_angle, str
 from solver.arrays import FloatArray
 from solver.calibration import ObliquityPoint, fit_obliquity
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY
+from validation.reference import equation_9
 
-from .tables import equation_9, table_2
+from .strikes import CASE, known
+from .tables import table_2
 
 NAN = math.nan
 DEGREES = np.array([0.0, 5.0, 10.0, 20.0, 25.0, 35.0, 45.0, 50.0, 60.0, 65.0, 75.0, 80.0])
@@ -38,7 +40,8 @@ def noisy() -> tuple[FloatArray, FloatArray]:
 
 def test_table_2_gives_equation_9_to_its_printed_digits() -> None:
     found = fit_obliquity(points=table_2())
-    assert [round(value, digits) for value, digits in zip(found.coefficients, (3, 4, 4), strict=True)] == equation_9()
+    coefficients = zip(found.coefficients, (3, 4, 4), strict=True)
+    assert tuple(round(value, digits) for value, digits in coefficients) == equation_9()
     assert found.degrees_of_freedom == 1
     assert found.warnings == ()
 
@@ -48,8 +51,7 @@ def test_covariance_without_standard_errors_is_that_of_polyfit() -> None:
     found = fit_obliquity(points=points(DEGREES, values))
     coefficients, covariance = np.polyfit(DEGREES, values, 2, cov=True)
     np.testing.assert_allclose(found.coefficients, coefficients[::-1], rtol=1e-9)
-    assert found.covariance is not None
-    np.testing.assert_allclose(found.covariance, covariance[::-1, ::-1], rtol=1e-9)
+    np.testing.assert_allclose(known(found.covariance), covariance[::-1, ::-1], rtol=1e-9)
 
 
 def test_covariance_with_standard_errors_is_absolute() -> None:
@@ -57,8 +59,7 @@ def test_covariance_with_standard_errors_is_absolute() -> None:
     found = fit_obliquity(points=points(DEGREES, values, errors))
     coefficients, covariance = np.polyfit(DEGREES, values, 2, w=1.0 / errors, cov="unscaled")
     np.testing.assert_allclose(found.coefficients, coefficients[::-1], rtol=1e-9)
-    assert found.covariance is not None
-    np.testing.assert_allclose(found.covariance, covariance[::-1, ::-1], rtol=1e-9)
+    np.testing.assert_allclose(known(found.covariance), covariance[::-1, ::-1], rtol=1e-9)
     assert found.warnings == ()
 
 
@@ -103,17 +104,10 @@ def test_points_far_off_their_standard_errors_are_reported() -> None:
 
 def test_fit_goes_straight_into_a_search() -> None:
     model = fit_obliquity(points=table_2()).model
-    found = critical_angle(
-        projectile=PAPER_PROJECTILE,
-        target=PAPER_TARGET,
-        velocity=PAPER_VELOCITY,
-        resistance=Resistance(strength_factor=model),
-    )
+    found = critical_angle(**CASE, velocity=PAPER_VELOCITY, resistance=Resistance(strength_factor=model))
     assert found.status is SearchStatus.CONVERGED
-    assert found.angle is not None
-    assert found.standard_error is not None
-    assert math.degrees(found.angle) == pytest.approx(48.57, abs=0.1)
-    assert found.standard_error > 0.0
+    assert math.degrees(known(found.angle)) == pytest.approx(48.57, abs=0.1)
+    assert known(found.standard_error) > 0.0
     fitted = strength_factor(
         resistance=Resistance(strength_factor=model),
         oblique_angle=math.radians(15.0),

@@ -21,6 +21,8 @@ from solver import (
 )
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY, SEARCH_STATIONS, SEARCH_TOLERANCE
 
+from .strikes import CASE, known
+
 COMPRESSIBLE = {"target": replace(PAPER_TARGET, poissons_ratio=0.2)}
 INERTIA = {"resistance": Resistance(free_surface=ElasticPlastic(inertia=True))}
 MOHR_COULOMB = {"resistance": Resistance(free_surface=MohrCoulomb())}
@@ -78,8 +80,7 @@ def find(
 
 def degrees(found: CriticalAngle) -> float:
     assert found.status is SearchStatus.CONVERGED
-    assert found.angle is not None
-    return math.degrees(found.angle)
+    return math.degrees(known(found.angle))
 
 
 @pytest.mark.parametrize(("expected", "share", "changes"), BY_OUTCOME)
@@ -125,7 +126,7 @@ def test_searches_of_the_paper_find_its_angle_to_its_tolerance(method: Literal["
 
 def test_defaults_find_the_angle_in_the_whole_range() -> None:
     """As the README and the demonstration print it: 48.63 ± 0.02°."""
-    found = critical_angle(projectile=PAPER_PROJECTILE, target=PAPER_TARGET, velocity=PAPER_VELOCITY)
+    found = critical_angle(**CASE, velocity=PAPER_VELOCITY)
     assert degrees(found) == pytest.approx(48.635, abs=0.015)
     assert found.angle is not None
     assert found.other_crossings == ()

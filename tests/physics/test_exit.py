@@ -8,6 +8,8 @@ import pytest
 from solver import Outcome, critical_angle, simulate
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, paper_impact
 
+from .strikes import CASE
+
 WALL = replace(PAPER_TARGET, thickness=0.2)
 ENERGY = 0.5 * 13.0 * 238.0**2
 
@@ -33,7 +35,7 @@ def test_projectile_that_stays_has_no_exit() -> None:
 
 
 def test_exit_at_the_critical_angle_has_the_retention_energy() -> None:
-    found = critical_angle(projectile=PAPER_PROJECTILE, target=PAPER_TARGET, velocity=238.0)
+    found = critical_angle(**CASE, velocity=238.0)
     assert found.exit is not None
     assert found.exit.kinetic_energy / ENERGY == pytest.approx(0.01, abs=0.001)
     assert 0.0 < found.exit.direction < math.pi / 2.0
@@ -45,10 +47,7 @@ def test_exit_at_the_critical_angle_has_the_retention_energy() -> None:
 def test_exit_of_a_mirrored_strike_is_mirrored() -> None:
     impact = paper_impact(oblique_angle_degrees=60.0)
     mirrored = replace(impact, oblique_angle=-impact.oblique_angle)
-    first, second = (
-        simulate(projectile=PAPER_PROJECTILE, target=PAPER_TARGET, impact=each, sample_interval=None).exit
-        for each in (impact, mirrored)
-    )
+    first, second = (simulate(**CASE, impact=each, sample_interval=None).exit for each in (impact, mirrored))
     assert first is not None
     assert second is not None
     assert second.direction == pytest.approx(-first.direction)

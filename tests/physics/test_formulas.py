@@ -36,6 +36,8 @@ from solver.formulas import (
 )
 from solver.projectile import Flat, NoseShape
 
+from .strikes import known
+
 FORRESTAL_SHOT = Projectile(nose=Ogive(caliber_radius_head=2.0), diameter=0.0269, length=0.2423, mass=0.906)
 FORRESTAL_TARGET = Target(compressive_strength=35.2e6, density=2370.0)
 """The shot of Forrestal, Altman, Cargile and Hanchak (1994) at 277 m/s."""
@@ -64,8 +66,7 @@ def normal(velocity: float) -> Impact:
 
 
 def depth_in_diameters(answer: FormulaResult, projectile: Projectile) -> float:
-    assert answer.penetration_depth is not None
-    return answer.penetration_depth / projectile.diameter
+    return known(answer.penetration_depth) / projectile.diameter
 
 
 def test_published_shot_by_li_chen_and_ndrc() -> None:
@@ -150,8 +151,7 @@ def test_noses_of_hughes_are_flat_blunt_spherical_and_very_sharp() -> None:
         hughes(projectile=replace(PAPER, nose=nose), target=PAPER_TARGET, impact=normal(238.0)).penetration_depth
         for nose in NOSES
     )
-    assert flat is not None
-    assert [depth / flat for depth in others if depth] == pytest.approx([1.12, 1.26, 1.39])
+    assert [depth / known(flat) for depth in others if depth] == pytest.approx([1.12, 1.26, 1.39])
 
 
 def test_paper_strike_by_hughes() -> None:
@@ -235,10 +235,9 @@ def test_paper_strike_by_every_formula() -> None:
 
 def test_limit_speed_of_cea_edf_inverts_its_thickness() -> None:
     thickness = by_name(PAPER, PAPER_TARGET, normal(150.0))["cea_edf"].perforation_thickness
-    assert thickness is not None
     normal_to_it, oblique = (
         cea_edf_limit_speed(
-            projectile=PAPER, target=PAPER_TARGET, thickness=thickness, oblique_angle=math.radians(angle)
+            projectile=PAPER, target=PAPER_TARGET, thickness=known(thickness), oblique_angle=math.radians(angle)
         )
         for angle in (0.0, 60.0)
     )
@@ -340,8 +339,7 @@ def test_shallow_limits_of_ndrc_are_in_range_up_to_18_diameters() -> None:
     """DOE-STD-3014 has the parabolas for all that is below the straight lines."""
     strike: dict[str, Any] = {"projectile": PAPER, "target": PAPER_TARGET}
     slow, fast = (modified_ndrc(**strike, impact=normal(velocity)) for velocity in (50.0, 900.0))
-    assert slow.perforation_thickness is not None
-    assert slow.perforation_thickness < 3.0 * PAPER.diameter
+    assert known(slow.perforation_thickness) < 3.0 * PAPER.diameter
     assert slow.in_range
     assert {each.field for each in fast.out_of_range} == {"perforation_thickness", "scabbing_thickness"}
 

@@ -6,6 +6,7 @@ from solver import Motion, Numerics, mass_properties, simulate
 from solver.arrays import FloatArray
 
 from .conftest import Reference
+from .strikes import known
 
 SIDEWAYS_REST = {"oblique-45-no-free-surface": 1.6e-3}
 """When the shank comes to rest sideways in its hole while it still moves along its axis: turning and sideways speed
@@ -16,8 +17,7 @@ turns back at 1 rad/s then, at 1 µs; panels at 10 µs stray to 1.06 mm and 0.41
 def samples(reference: Reference, *, method: str) -> Motion[FloatArray]:
     numerics = Numerics(method="panels" if method == "panels" else "adaptive", termination_time=6e-3)
     history = simulate(**reference.strike, numerics=numerics, sample_interval=1e-4).history
-    assert history is not None
-    return history
+    return known(history)
 
 
 def errors(reference: Reference, history: Motion[FloatArray], until: float) -> tuple[float, float]:

@@ -23,7 +23,7 @@ from solver.arrays import FloatArray, gauss_rule
 from solver.motion import sample, sample_loads
 from solver.prepared import integrate, prepare
 
-from .strikes import strikes
+from .strikes import known, strikes
 
 few = settings(max_examples=20, deadline=None, derandomize=True, database=None)
 """The same examples on every run; a strike that slides to rest in its hole takes up to a second."""
@@ -42,8 +42,7 @@ def run(strike: dict[str, Any], *, samples_a_transit: int = 50) -> Trajectory:
 
 
 def history(trajectory: Trajectory) -> Motion[FloatArray]:
-    assert trajectory.history is not None
-    return trajectory.history
+    return known(trajectory.history)
 
 
 @few

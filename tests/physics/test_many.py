@@ -29,6 +29,8 @@ from solver import (
 )
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY
 
+from .strikes import CASE
+
 NEAR = Search(lower=math.radians(35.0), upper=math.radians(60.0))
 
 
@@ -36,22 +38,9 @@ NEAR = Search(lower=math.radians(35.0), upper=math.radians(60.0))
 def test_many_critical_angles_are_those_of_one_by_one(threads: int) -> None:
     velocities = np.linspace(150.0, 300.0, 40)
     resistances = [Resistance(), Resistance(free_surface=MohrCoulomb())] * 20
-    many = critical_angle_many(
-        projectile=PAPER_PROJECTILE,
-        target=PAPER_TARGET,
-        velocity=velocities,
-        resistance=resistances,
-        search=NEAR,
-        threads=threads,
-    )
+    many = critical_angle_many(**CASE, velocity=velocities, resistance=resistances, search=NEAR, threads=threads)
     for velocity, resistance, answer in zip(velocities, resistances, many, strict=True):
-        assert answer == critical_angle(
-            projectile=PAPER_PROJECTILE,
-            target=PAPER_TARGET,
-            velocity=float(velocity),
-            resistance=resistance,
-            search=NEAR,
-        )
+        assert answer == critical_angle(**CASE, velocity=float(velocity), resistance=resistance, search=NEAR)
 
 
 @pytest.mark.parametrize("threads", [1, 2])
@@ -59,13 +48,9 @@ def test_many_trajectories_are_those_of_one_by_one(threads: int) -> None:
     """More of them than are begun ahead of the caller that fetches them."""
     impacts = [Impact(velocity=238.0, oblique_angle=math.radians(0.5 * number)) for number in range(150)]
     numerics = Numerics(relative_tolerance=1e-2, stations=3)
-    many = simulate_many(
-        projectile=PAPER_PROJECTILE, target=PAPER_TARGET, impact=impacts, numerics=numerics, threads=threads
-    )
+    many = simulate_many(**CASE, impact=impacts, numerics=numerics, threads=threads)
     for impact, trajectory in zip(impacts, many, strict=True):
-        alone = simulate(
-            projectile=PAPER_PROJECTILE, target=PAPER_TARGET, impact=impact, numerics=numerics, sample_interval=None
-        )
+        alone = simulate(**CASE, impact=impact, numerics=numerics, sample_interval=None)
         assert trajectory == alone
 
 
@@ -88,15 +73,7 @@ def test_many_walls_are_those_of_one_by_one_beside_one_that_fails(threads: int) 
 
 @pytest.mark.parametrize("threads", [1, 2])
 def test_a_case_that_fails_yields_its_error_in_its_place(threads: int) -> None:
-    answers = list(
-        critical_angle_many(
-            projectile=PAPER_PROJECTILE,
-            target=PAPER_TARGET,
-            velocity=[238.0, -1.0, 238.0],
-            search=NEAR,
-            threads=threads,
-        )
-    )
+    answers = list(critical_angle_many(**CASE, velocity=[238.0, -1.0, 238.0], search=NEAR, threads=threads))
     assert [type(answer) for answer in answers] == [CriticalAngle, ParameterError, CriticalAngle]
     assert "velocity" in str(answers[1])
     assert answers[0] == answers[2]
@@ -104,26 +81,18 @@ def test_a_case_that_fails_yields_its_error_in_its_place(threads: int) -> None:
 
 def test_columns_of_different_length_are_refused() -> None:
     with pytest.raises(ParameterError, match=r"angle_of_attack.*velocity, 2, got 3"):
-        list(
-            critical_angle_many(
-                projectile=PAPER_PROJECTILE,
-                target=PAPER_TARGET,
-                velocity=[200.0, 210.0],
-                angle_of_attack=[0.0, 0.01, 0.02],
-            )
-        )
+        list(critical_angle_many(**CASE, velocity=[200.0, 210.0], angle_of_attack=[0.0, 0.01, 0.02]))
 
 
 def test_single_values_are_one_case() -> None:
-    (answer,) = critical_angle_many(projectile=PAPER_PROJECTILE, target=PAPER_TARGET, velocity=PAPER_VELOCITY)
-    assert answer == critical_angle(projectile=PAPER_PROJECTILE, target=PAPER_TARGET, velocity=PAPER_VELOCITY)
+    (answer,) = critical_angle_many(**CASE, velocity=PAPER_VELOCITY)
+    assert answer == critical_angle(**CASE, velocity=PAPER_VELOCITY)
 
 
 def test_answers_come_while_later_cases_still_run() -> None:
     """The first of 100,000 cases: fetched without waiting for the rest, which are given up."""
     answers = critical_angle_many(
-        projectile=PAPER_PROJECTILE,
-        target=PAPER_TARGET,
+        **CASE,
         velocity=np.full(100_000, PAPER_VELOCITY),
         resistance=Resistance(strength_factor=ConstantStrengthFactor(value=8.0)),
         search=NEAR,
@@ -141,7 +110,7 @@ def test_compiled_search_releases_the_interpreter_lock() -> None:
     def search() -> None:
         nonlocal running
         for _ in range(20):
-            critical_angle(projectile=PAPER_PROJECTILE, target=PAPER_TARGET, velocity=PAPER_VELOCITY)
+            critical_angle(**CASE, velocity=PAPER_VELOCITY)
         running = False
 
     thread = threading.Thread(target=search)

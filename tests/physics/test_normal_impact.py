@@ -10,12 +10,10 @@ from solver import (
     ConstantStrengthFactor,
     Impact,
     Numerics,
-    Ogive,
     Outcome,
-    Projectile,
     Resistance,
-    Target,
     Trajectory,
+    closed_form_depth,
     simulate,
     solid_properties,
 )
@@ -23,7 +21,7 @@ from solver.arrays import FloatArray
 from solver.free_surface import FreeSurface
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, paper_impact
 
-from .strikes import DECAYS, NOSES, steel
+from .strikes import CASE, DECAYS, LI_CHEN, LI_CHEN_TARGET, NOSES, steel
 
 FINE = Numerics(relative_tolerance=1e-9, stations=16)
 
@@ -35,13 +33,7 @@ def ogive_factor(crh: float) -> float:
 
 def strike_of_the_paper(free_surface: FreeSurface | None = None) -> Trajectory:
     resistance = Resistance() if free_surface is None else Resistance(free_surface=free_surface)
-    return simulate(
-        projectile=PAPER_PROJECTILE,
-        target=PAPER_TARGET,
-        impact=paper_impact(oblique_angle_degrees=0.0),
-        resistance=resistance,
-        numerics=FINE,
-    )
+    return simulate(**CASE, impact=paper_impact(oblique_angle_degrees=0.0), resistance=resistance, numerics=FINE)
 
 
 def test_nose_feels_no_free_surface() -> None:
@@ -80,28 +72,6 @@ def test_depth_past_the_nose_equals_the_closed_form() -> None:
     deviation, speed = deviation_past_the_nose(run)
     assert speed[-1] < 0.0101
     assert np.abs(deviation).max() < 1e-6 * run.maximum_depth
-
-
-def crater_depth(*, speed: float, projectile: Projectile, crh: float, target: Target, factor: float, k: float) -> float:
-    """Depth of Li and Chen: resistance c x in a crater k diameters deep, that of eq. 1 on the full area beyond.
-
-    X/d = (2/π) N ln[(1 + I/N) / (1 + k π / (4 N))] + k with I = m V² / (S f'c d³) and N = m / (N* ρ d³).
-    """
-    d = projectile.diameter
-    impact = projectile.mass * speed**2 / (factor * target.compressive_strength * d**3)
-    geometry = projectile.mass / (ogive_factor(crh) * target.density * d**3)
-    inside = (1.0 + impact / geometry) / (1.0 + k * math.pi / (4.0 * geometry))
-    return d * (2.0 / math.pi * geometry * math.log(inside) + k)
-
-
-LI_CHEN = Projectile(nose=Ogive(caliber_radius_head=2.0), diameter=0.0269, length=0.242, mass=0.906)
-LI_CHEN_TARGET = Target(compressive_strength=35.2e6, density=2370.0)
-"""Test of Forrestal et al. (1994) at 277 m/s, 173 mm deep; Li and Chen (2003) compute it with S 12 and k 2."""
-
-
-def test_closed_form_of_li_and_chen_gives_their_depth() -> None:
-    depth = crater_depth(speed=277.0, projectile=LI_CHEN, crh=2.0, target=LI_CHEN_TARGET, factor=12.0, k=2.0)
-    assert depth == pytest.approx(0.1672, abs=0.5e-4)
 
 
 def li_chen_strike(*, inertia_factor: float) -> Trajectory:
@@ -168,6 +138,6 @@ def test_resistance_from_the_tip_on_stops_the_li_chen_projectile_shallower_than_
     ours_static = li_chen_strike(inertia_factor=0.0).final.nose_tip_depth + rest
     assert crater_static - ours_static == pytest.approx(shift, rel=1e-3)
 
-    crater = crater_depth(speed=277.0, projectile=LI_CHEN, crh=2.0, target=LI_CHEN_TARGET, factor=12.0, k=2.0)
+    crater = closed_form_depth(projectile=LI_CHEN, target=LI_CHEN_TARGET, velocity=277.0, strength_factor=12.0)
     ours = li_chen_strike(inertia_factor=1.0).final.nose_tip_depth + rest
     assert shift < crater - ours < 1.1 * shift

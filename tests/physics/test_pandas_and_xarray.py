@@ -32,8 +32,9 @@ from solver.uncertainty import (
     trajectory_uncertainty,
 )
 
+from .strikes import CASE
+
 xarray = pytest.importorskip("xarray")
-CASE: dict[str, Any] = {"projectile": PAPER_PROJECTILE, "target": PAPER_TARGET}
 ROUGH = solver.Search(tolerance=math.radians(0.5))
 WALL = solver.Target(compressive_strength=39e6, density=2250.0, thickness=0.3)
 IMPACTS = [paper_impact(oblique_angle_degrees=angle) for angle in (20.0, 60.0)]
@@ -171,6 +172,7 @@ def test_tables_of_many_answers_begin_with_the_inputs(
 
 
 FRAME = {"velocity": [200.0, 250.0, 300.0], "depth": [0.20, 0.29, 0.40]}
+ANGLES = pd.DataFrame({"oblique_angle": [0.0, 0.3, 0.6, 0.8], "strength_factor": [8.5, 8.2, 7.9, 6.5]})
 ALL_COLUMNS = FRAME | {
     "mass": [math.nan, 12.9, 13.1],
     "weight": [1.0, math.nan, 2.0],
@@ -184,12 +186,11 @@ def test_rows_of_a_frame_are_tests_points_and_shots() -> None:
     assert fit_depth(**CASE, tests=frame).estimate == fit_depth(**CASE, tests=tests).estimate
     shots = solver.OwnTests(shots=frame).shots
     assert shots == tuple(solver.Shot(velocity=row.velocity, depth=row.depth) for row in frame.itertuples())
-    angles = pd.DataFrame({"oblique_angle": [0.0, 0.3, 0.6, 0.8], "strength_factor": [8.5, 8.2, 7.9, 6.5]})
     points = [
         ObliquityPoint(oblique_angle=row.oblique_angle, strength_factor=row.strength_factor)
-        for row in angles.itertuples()
+        for row in ANGLES.itertuples()
     ]
-    assert fit_obliquity(points=angles).model == fit_obliquity(points=points).model
+    assert fit_obliquity(points=ANGLES).model == fit_obliquity(points=points).model
 
 
 def test_gaps_of_a_frame_are_what_a_test_does_not_have() -> None:
@@ -332,16 +333,14 @@ def test_tables_have_their_units(table: Callable[[], Any], units: dict[str, str]
 
 def answers_with_arrays() -> dict[str, Any]:
     trajectory = solver.simulate(**CASE, impact=IMPACTS[1])
-    tests = pd.DataFrame(FRAME)
-    angles = pd.DataFrame({"oblique_angle": [0.0, 0.3, 0.6, 0.8], "strength_factor": [8.5, 8.2, 7.9, 6.5]})
     uncertain = [Uncertain("velocity", Normal(mean=238.0, standard_deviation=2.0))]
     few = Sampling(max_samples=320)
     return {
         "trajectory": trajectory,
         "history": trajectory.history,
         "motion": MotionHistory(time=np.array([0.0, 1e-3]), rotation=np.array([0.0, 0.1])),
-        "depth fit": fit_depth(**CASE, tests=tests),
-        "obliquity fit": fit_obliquity(points=angles),
+        "depth fit": fit_depth(**CASE, tests=pd.DataFrame(FRAME)),
+        "obliquity fit": fit_obliquity(points=ANGLES),
         "uncertainty": critical_angle_uncertainty(**CASE, velocity=238.0, uncertain=uncertain, sampling=few),
     }
 
@@ -368,28 +367,21 @@ def test_fit_of_depths_has_a_resistance_that_gives_them() -> None:
         assert run.maximum_depth == pytest.approx(depth, rel=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("short", "full"),
-    [
-        ("velocity", "impact.velocity"),
-        ("compressive_strength", "target.compressive_strength"),
-        ("nose.caliber_radius_head", "projectile.nose.caliber_radius_head"),
-        ("strength_residual", "resistance.strength_residual"),
-        ("retention_energy_fraction", "numerics.retention_energy_fraction"),
-    ],
-)
-def test_short_names_of_uncertain_inputs_are_those_of_the_axes(short: str, full: str) -> None:
-    few = Sampling(max_samples=320)
-    values = {
-        "velocity": 238.0,
-        "compressive_strength": 39e6,
-        "retention_energy_fraction": 0.01,
-        "strength_residual": 1.0,
+def test_short_names_of_uncertain_inputs_are_those_of_the_axes() -> None:
+    names = {
+        "velocity": ("impact.velocity", 238.0),
+        "compressive_strength": ("target.compressive_strength", 39e6),
+        "nose.caliber_radius_head": ("projectile.nose.caliber_radius_head", 3.0),
+        "strength_residual": ("resistance.strength_residual", 1.0),
+        "retention_energy_fraction": ("numerics.retention_energy_fraction", 0.01),
     }
-    normal = Normal(mean=values.get(short, 3.0), coefficient_of_variation=0.01)
+    normals = {short: Normal(mean=mean, coefficient_of_variation=0.01) for short, (_, mean) in names.items()}
     one, other = (
-        trajectory_uncertainty(**CASE, impact=IMPACTS[1], uncertain=[Uncertain(name, normal)], sampling=few)
-        for name in (short, full)
+        trajectory_uncertainty(**CASE, impact=IMPACTS[1], uncertain=uncertain, sampling=Sampling(max_samples=320))
+        for uncertain in (
+            [Uncertain(short, normal) for short, normal in normals.items()],
+            [Uncertain(names[short][0], normal) for short, normal in normals.items()],
+        )
     )
     assert one == other
 
@@ -443,7 +435,7 @@ def test_calls_by_position_say_which_keywords(path: str) -> None:
 
 EVERYTHING = """
 import math, sys
-sys.modules[{blocked!r}] = None
+sys.modules.update(dict.fromkeys({blocked}))
 import numpy as np
 import solver
 from solver.calibration import DepthTest, fit_depth
@@ -460,35 +452,30 @@ uses = {{
     "xarray": lambda: solver.critical_angle_sweep(**case, axes={{"velocity": [238.0]}}, search=rough),
     "matplotlib": lambda: [strike.plot(PAPER_PROJECTILE), found.plot(), fit.plot()],
 }}
-others = {others}
-for name, use in uses.items():
-    if name in others:
-        use()
-    elif name == {blocked!r}:
-        try:
-            use()
-        except ModuleNotFoundError as error:
-            print(error)
+for name in {blocked}:
+    try:
+        uses[name]()
+    except ModuleNotFoundError as error:
+        print(error)
+for name in {used}:
+    if sys.modules.get(name, sys) is None:
+        del sys.modules[name]
+    uses[name]()
 """
+MISSED = {
+    "pandas": "to_dataframe() needs pandas: pip install pandas; columns() gives the same as arrays",
+    "xarray": "a sweep needs xarray: pip install xarray; critical_angle_many and",
+    "matplotlib": "plot() needs matplotlib: pip install matplotlib; columns() gives what",
+}
 
 
 @pytest.mark.parametrize(
-    ("blocked", "others", "words"),
-    [
-        (
-            "pandas",
-            ["matplotlib"],
-            "to_dataframe() needs pandas: pip install pandas; columns() gives the same as arrays",
-        ),
-        ("xarray", ["pandas", "matplotlib"], "a sweep needs xarray: pip install xarray; critical_angle_many and"),
-        ("matplotlib", ["pandas", "xarray"], "plot() needs matplotlib: pip install matplotlib; columns() gives what"),
-        ("nothing", ["pandas", "xarray", "matplotlib"], ""),
-    ],
+    ("blocked", "used"), [(list(MISSED), ["matplotlib", "pandas", "xarray"]), (["matplotlib"], ["pandas", "xarray"])]
 )
-def test_each_package_is_missed_in_words_and_only_by_what_needs_it(blocked: str, others: list[str], words: str) -> None:
-    program = EVERYTHING.format(blocked=blocked, others=others)
-    command = [sys.executable, "-W", "error", "-c", program]
+def test_each_package_is_missed_in_words_and_only_by_what_needs_it(blocked: list[str], used: list[str]) -> None:
+    """What is used first has to do without those that are still blocked."""
+    command = [sys.executable, "-W", "error", "-c", EVERYTHING.format(blocked=blocked, used=used)]
     ended = subprocess.run(command, capture_output=True, text=True, check=False, env=os.environ | {"MPLBACKEND": "agg"})
     assert ended.returncode == 0, ended.stderr
-    assert ended.stdout.startswith(words)
-    assert bool(ended.stdout) is bool(words)
+    for name, line in zip(blocked, ended.stdout.splitlines(), strict=True):
+        assert line.startswith(MISSED[name])

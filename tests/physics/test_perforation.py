@@ -22,6 +22,8 @@ from solver import (
 )
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY, paper_impact
 
+from .strikes import CASE, known
+
 WALL = replace(PAPER_TARGET, thickness=0.2)
 
 
@@ -32,11 +34,10 @@ def outcome(target: Target, impact: Impact) -> Outcome:
 @pytest.mark.parametrize(("angle", "thickness"), [(0.0, 0.2404), (30.0, 0.2233)])
 def test_least_thickness_is_that_of_an_independent_program(angle: float, thickness: float) -> None:
     impact = paper_impact(oblique_angle_degrees=angle)
-    found = least_thickness(projectile=PAPER_PROJECTILE, target=PAPER_TARGET, impact=impact)
+    found = least_thickness(**CASE, impact=impact)
     assert found.status is PerforationStatus.CONVERGED
     assert found.value == pytest.approx(thickness, abs=5e-4)
-    assert found.bracket is not None
-    thin, thick = found.bracket
+    thin, thick = known(found.bracket)
     assert thick == found.value
     assert thick - thin <= 1e-4 * thick
     assert outcome(replace(PAPER_TARGET, thickness=0.999 * thin), impact) is Outcome.PERFORATED
@@ -50,18 +51,14 @@ def test_limit_velocity_is_that_of_an_independent_program(angle: float, velocity
     assert found.value == pytest.approx(velocity, abs=0.3)
     perforated = [trial.value for trial in found.iterations if trial.outcome is Outcome.PERFORATED]
     assert min(perforated) == found.value
-    assert found.bracket is not None
-    assert max(trial.value for trial in found.iterations if trial.value not in perforated) == found.bracket[0]
+    assert max(trial.value for trial in found.iterations if trial.value not in perforated) == known(found.bracket)[0]
 
 
 def test_thickness_and_velocity_are_each_the_inverse_of_the_other() -> None:
-    wall = least_thickness(
-        projectile=PAPER_PROJECTILE, target=PAPER_TARGET, impact=paper_impact(oblique_angle_degrees=10.0)
-    )
-    assert wall.value is not None
+    wall = least_thickness(**CASE, impact=paper_impact(oblique_angle_degrees=10.0))
     back = limit_velocity(
         projectile=PAPER_PROJECTILE,
-        target=replace(PAPER_TARGET, thickness=wall.value),
+        target=replace(PAPER_TARGET, thickness=known(wall.value)),
         oblique_angle=math.radians(10.0),
     )
     assert back.value == pytest.approx(PAPER_VELOCITY, rel=1e-3)
@@ -77,8 +74,7 @@ def test_warnings_are_those_of_the_wall_that_is_answered(angle: float) -> None:
     sphere = Projectile(nose=Spherical(caliber_radius_head=0.5), diameter=0.08, length=0.08, mass=2.1)
     impact = replace(paper_impact(oblique_angle_degrees=angle), velocity=100.0)
     found = least_thickness(projectile=sphere, target=PAPER_TARGET, impact=impact)
-    assert found.value is not None
-    wall = replace(PAPER_TARGET, thickness=1.001 * found.value)
+    wall = replace(PAPER_TARGET, thickness=1.001 * known(found.value))
     run = simulate(projectile=sphere, target=wall, impact=impact, sample_interval=None)
     assert codes(found.warnings) == codes(run.warnings)
     assert "shallow_penetration" in codes(found.warnings)
@@ -90,24 +86,22 @@ SHORT = Numerics(termination_time=4e-3)
 
 def test_limit_next_to_a_trial_in_motion_is_uncertain() -> None:
     impact = paper_impact(oblique_angle_degrees=0.0)
-    thickness = least_thickness(projectile=PAPER_PROJECTILE, target=PAPER_TARGET, impact=impact, numerics=SHORT)
+    thickness = least_thickness(**CASE, impact=impact, numerics=SHORT)
     velocity = limit_velocity(projectile=PAPER_PROJECTILE, target=WALL, oblique_angle=0.0, numerics=SHORT)
     for found in (thickness, velocity):
         ends = {trial.outcome for trial in found.iterations if found.bracket and trial.value in found.bracket}
         assert ends == {Outcome.PERFORATED, Outcome.IN_MOTION}
         (undecided,) = (warning for warning in found.warnings if warning.code == "undecided")
         assert "next to a change of outcome" in undecided.detail
-    usual = least_thickness(projectile=PAPER_PROJECTILE, target=PAPER_TARGET, impact=impact)
-    assert thickness.value is not None
-    assert usual.value is not None
-    assert thickness.value < usual.value
+    usual = least_thickness(**CASE, impact=impact)
+    assert known(thickness.value) < known(usual.value)
     assert "undecided" not in codes(usual.warnings)
 
 
 def test_search_without_a_limit_warns_of_trials_in_motion() -> None:
     impact = paper_impact(oblique_angle_degrees=0.0)
     numerics = Numerics(termination_time=2e-3)
-    found = least_thickness(projectile=PAPER_PROJECTILE, target=PAPER_TARGET, impact=impact, numerics=numerics)
+    found = least_thickness(**CASE, impact=impact, numerics=numerics)
     assert found.status is PerforationStatus.NEVER_PERFORATED
     assert found.iterations[0].outcome is Outcome.IN_MOTION
     assert [warning.code for warning in found.warnings].count("undecided") == 1
@@ -126,7 +120,7 @@ def test_finer_runs_find_the_same() -> None:
 
 def test_strike_that_any_wall_turns_away_perforates_none() -> None:
     impact = Impact(velocity=20.0, oblique_angle=math.radians(85.0))
-    found = least_thickness(projectile=PAPER_PROJECTILE, target=PAPER_TARGET, impact=impact)
+    found = least_thickness(**CASE, impact=impact)
     assert found.status is PerforationStatus.NEVER_PERFORATED
     assert (found.value, found.bracket, len(found.iterations)) == (None, None, 1)
 
@@ -142,12 +136,12 @@ def test_what_is_sought_must_not_be_given() -> None:
     with pytest.raises(ParameterError, match=r"target\.thickness.*must not be given"):
         least_thickness(projectile=PAPER_PROJECTILE, target=WALL, impact=paper_impact(oblique_angle_degrees=0.0))
     with pytest.raises(ParameterError, match=r"target\.thickness.*must be given"):
-        limit_velocity(projectile=PAPER_PROJECTILE, target=PAPER_TARGET, oblique_angle=0.0)
+        limit_velocity(**CASE, oblique_angle=0.0)
 
 
 def test_trials_are_columns() -> None:
     impact = paper_impact(oblique_angle_degrees=0.0)
-    found = least_thickness(projectile=PAPER_PROJECTILE, target=PAPER_TARGET, impact=impact, tolerance=0.01)
+    found = least_thickness(**CASE, impact=impact, tolerance=0.01)
     columns = found.columns()
     assert columns["value"].tolist() == [trial.value for trial in found.iterations]
     assert set(columns["outcome"]) == {"perforated", "embedded"}

@@ -11,6 +11,8 @@ from solver.prepared import PreparedCase, prepare
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, USUAL, paper_impact
 from validation.routes import random_strikes
 
+from .strikes import known
+
 WALL = replace(PAPER_TARGET, thickness=0.1)
 HEAD_ON = paper_impact(oblique_angle_degrees=0.0)
 ENERGY = 0.5 * PAPER_PROJECTILE.mass * HEAD_ON.velocity**2
@@ -23,8 +25,7 @@ def prepared(target: Target = PAPER_TARGET, projectile: Projectile = PAPER_PROJE
 
 def leaving(energy: float, speed: float = 200.0) -> Exit:
     left = simulate(projectile=PAPER_PROJECTILE, target=WALL, impact=HEAD_ON, sample_interval=None).exit
-    assert left is not None
-    return replace(left, kinetic_energy=energy, speed=speed)
+    return replace(known(left), kinetic_energy=energy, speed=speed)
 
 
 def says(warnings: tuple[ModelWarning, ...]) -> str:
@@ -78,13 +79,8 @@ def test_walls_that_no_energy_explains_are_named(thickness: float | None, speeds
 def test_no_answer_of_the_model_is_implausible() -> None:
     """Over strikes of every kind; those on walls of `test_blunt_bodies` and all route comparisons look as well."""
     for strike in random_strikes(600, 21):
-        run = simulate(
-            projectile=strike.projectile,
-            target=strike.target,
-            impact=strike.impact,
-            resistance=strike.resistance,
-            sample_interval=None,
-        )
+        given = {name: getattr(strike, name) for name in ("projectile", "target", "impact", "resistance")}
+        run = simulate(**given, sample_interval=None)
         assert "implausible" not in {warning.code for warning in run.warnings}, strike
 
 

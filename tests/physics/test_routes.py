@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -29,7 +30,7 @@ from solver.loads import MOST_STATES, Scratch, make_scratch
 from solver.motion import STEP_WIDTH, Model, Thresholds, accelerate, make_workspace, sample_loads
 from solver.prepared import initial_state, prepare
 from solver.strike import PAPER_TARGET
-from solver.surface import build_panels
+from solver.surface import Panels, build_panels
 from solver.time_integration import LARGEST_STEP, Accuracy, integrate_adaptive, integrate_fixed, make_linearisation
 
 from .strikes import DECAYS, DIAMETER, NOSES, TAPERING, steel
@@ -161,6 +162,12 @@ def test_panels_converge_with_the_square_of_their_size_to_the_gauss_points() -> 
     assert np.all(np.array(errors)[-1] < 1e-4)
 
 
+@cache
+def body_and_panels(name: str) -> tuple[Projectile, Panels]:
+    projectile = TAPERING[name] if name in TAPERING else steel(NOSES[name])
+    return projectile, build_panels(projectile, mass_properties(projectile), 200_000)
+
+
 @pytest.mark.parametrize("decay", DECAYS)
 @pytest.mark.parametrize("thickness", [None, 0.4])
 @pytest.mark.parametrize("body", ["ogive", "cone", "blunt cone", "hemisphere", "truncated cone", *TAPERING])
@@ -172,14 +179,13 @@ def test_load_is_that_on_panels_however_a_projectile_lies_and_moves(
 
     Where the face or the line of separation cuts panels, that is how well so many of them do.
     """
-    projectile = TAPERING[body] if body in TAPERING else steel(NOSES[body])
+    projectile, panels = body_and_panels(body)
     numerics = Numerics(stations=24, points=8).resolved()
     target, resistance = replace(PAPER_TARGET, thickness=thickness), Resistance(free_surface=DECAYS[decay])
     gauss = prepare(projectile=projectile, target=target, resistance=resistance, numerics=numerics).model
     gauss = gauss._replace(law=gauss.law._replace(static_stress=3e8, ramp_velocity=1e-9))
-    panels = gauss._replace(panels=build_panels(projectile, mass_properties(projectile), 200_000))
     states = tumbling(60, gauss)
-    expected = sample_loads(states, panels)
+    expected = sample_loads(states, gauss._replace(panels=panels))
     largest = abs(expected).max(axis=0)
     largest[2] = max(largest[2], 0.1 * DIAMETER * largest[0])  # nothing turns a sphere but rounding
     tolerance = 4e-3 if body in TAPERING else 3e-3

@@ -24,7 +24,7 @@ from solver.projectile import Flat
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, paper_impact
 from solver.warnings import body_warnings
 
-from .strikes import NOSES, steel
+from .strikes import NOSES, known, steel
 
 
 def run(degrees: float, **changes: Any) -> Trajectory:
@@ -38,8 +38,7 @@ def run(degrees: float, **changes: Any) -> Trajectory:
 
 
 def history(trajectory: Trajectory) -> Motion[FloatArray]:
-    assert trajectory.history is not None
-    return trajectory.history
+    return known(trajectory.history)
 
 
 def codes(trajectory: Trajectory) -> set[str]:

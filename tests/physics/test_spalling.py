@@ -15,7 +15,6 @@ from solver import (
     NoFreeSurface,
     Numerics,
     Outcome,
-    ParameterError,
     Projectile,
     Resistance,
     ShearPlug,
@@ -29,6 +28,8 @@ from solver import (
 )
 from solver.formulas import spread
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY, paper_impact
+
+from .strikes import CASE, known
 
 WALL = replace(PAPER_TARGET, thickness=0.2)
 ROD = Projectile(nose=Flat(), diameter=0.05, length=0.4, mass=6.0)
@@ -106,7 +107,7 @@ def test_panels_and_gauss_points_agree(angle: float, spalling: dict[str, Any]) -
     panels, gauss = (
         paper_strikes(angle, numerics=numerics, sample_interval=1e-4, **spalling).history
         for numerics in (
-            Numerics(method="panels", panels=24_000, time_step=1e-6, termination_time=0.015),
+            Numerics(method="panels", panels=12_000, time_step=1e-6, termination_time=0.015),
             Numerics(stations=24, points=8),
         )
     )
@@ -141,18 +142,15 @@ def test_plug_requires_a_thicker_wall_and_lowers_the_limit_speed() -> None:
         impact = paper_impact(oblique_angle_degrees=angle)
         without, with_plug = (least_thickness(**case, impact=impact, resistance=each) for each in (None, plug))
         assert without.value is not None
-        assert with_plug.value is not None
         height = ShearPlug().height(strength_factor=8.469, diameter=0.08)
-        assert without.value < with_plug.value < without.value + height
+        assert without.value < known(with_plug.value) < without.value + height
         speeds = [
             limit_velocity(
                 projectile=PAPER_PROJECTILE, target=WALL, oblique_angle=impact.oblique_angle, resistance=each
             )
             for each in (None, plug)
         ]
-        assert speeds[0].value is not None
-        assert speeds[1].value is not None
-        assert speeds[1].value < speeds[0].value
+        assert known(speeds[1].value) < known(speeds[0].value)
 
 
 def test_plug_leaves_the_half_space_and_a_thick_wall_as_they_are() -> None:
@@ -168,11 +166,8 @@ def test_crater_raises_the_critical_angle_and_the_more_the_deeper_it_is() -> Non
     angles = []
     for diameters in (1e-3, 0.5, 1.0, 2.0):
         resistance = Resistance(crater=Crater(depth_diameters=diameters))
-        found = critical_angle(
-            projectile=PAPER_PROJECTILE, target=PAPER_TARGET, velocity=PAPER_VELOCITY, resistance=resistance
-        )
-        assert found.angle is not None
-        angles.append(math.degrees(found.angle))
+        found = critical_angle(**CASE, velocity=PAPER_VELOCITY, resistance=resistance)
+        angles.append(math.degrees(known(found.angle)))
     assert angles[0] == pytest.approx(48.63, abs=0.05)
     assert angles == sorted(angles)
     assert 1.0 < angles[2] - angles[0] < 15.0
@@ -201,7 +196,7 @@ def test_warning_of_the_rear_face_has_what_the_formulas_require_against_the_stri
         return found.detail
 
     impact = paper_impact(oblique_angle_degrees=30.0)
-    answers = formulas(projectile=PAPER_PROJECTILE, target=PAPER_TARGET, impact=impact)
+    answers = formulas(**CASE, impact=impact)
     found = spread(answers, "perforation_thickness")
     assert found is not None
     assert detail(impact).endswith(
@@ -210,15 +205,3 @@ def test_warning_of_the_rear_face_has_what_the_formulas_require_against_the_stri
     )
     fast = replace(impact, velocity=1000.0)
     assert detail(fast).endswith("no formula is within its range for 1000 m/s at 30° from the normal")
-
-
-@pytest.mark.parametrize("depth", [0.0, -1.0, 21.0, math.nan, math.inf])
-def test_depth_of_a_crater_has_bounds(depth: float) -> None:
-    with pytest.raises(ParameterError, match=r"crater\.depth_diameters"):
-        Crater(depth_diameters=depth)
-
-
-@pytest.mark.parametrize("degrees", [0.0, 9.0, 90.0, math.nan])
-def test_cone_angle_has_bounds(degrees: float) -> None:
-    with pytest.raises(ParameterError, match=r"rear_plug\.cone_angle"):
-        ShearPlug(cone_angle=math.radians(degrees))

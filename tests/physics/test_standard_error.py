@@ -18,8 +18,9 @@ from solver import (
     critical_angle,
 )
 from solver.calibration import fit_obliquity
-from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY
+from solver.strike import PAPER_VELOCITY
 
+from .strikes import CASE, known
 from .tables import table_2
 
 NAN = math.nan
@@ -29,8 +30,7 @@ NONE_KNOWN = ((0.0, 0.0, 0.0),) * 3
 
 def find(strength_factor: ObliquityPolynomial, *, numerics: Numerics | None = None, **search: Any) -> CriticalAngle:
     return critical_angle(
-        projectile=PAPER_PROJECTILE,
-        target=PAPER_TARGET,
+        **CASE,
         velocity=PAPER_VELOCITY,
         resistance=Resistance(strength_factor=strength_factor),
         numerics=numerics,
@@ -49,8 +49,7 @@ def constant_term_known_to(error: float) -> ObliquityPolynomial:
 def test_it_is_the_scatter_of_angles_over_coefficients_drawn_from_the_covariance() -> None:
     """100 draws know their scatter to 7 %; the fit to Table 2, and one with a third of its errors."""
     for share in (1.0, 1.0 / 3.0):
-        assert TABLE_2.covariance is not None
-        covariance = share**2 * np.array(TABLE_2.covariance)
+        covariance = share**2 * np.array(known(TABLE_2.covariance))
         model = replace(TABLE_2, covariance=tuple(map(tuple, covariance.tolist())))
         drawn = np.random.default_rng(11).multivariate_normal(model.coefficients, covariance, 100)
         found = find(model)
@@ -84,9 +83,7 @@ def test_it_grows_as_the_error_of_the_strength_factor() -> None:
 def test_strength_factor_that_falls_to_zero_beyond_the_angle_does_not_hide_it() -> None:
     """Eq. 9 less 0.5 is below zero at 85°, the end of the range."""
     wide, narrow = find(constant_term_known_to(0.5)), find(constant_term_known_to(0.1))
-    assert wide.standard_error is not None
-    assert narrow.standard_error is not None
-    assert wide.standard_error == pytest.approx(5.0 * narrow.standard_error, rel=0.1)
+    assert known(wide.standard_error) == pytest.approx(5.0 * known(narrow.standard_error), rel=0.1)
 
 
 def test_it_is_unknown_if_a_shifted_search_finds_no_angle() -> None:

@@ -28,6 +28,8 @@ from solver.calibration import penetration_depths
 from solver.resistance import StrengthFactor, strength_factor
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY, paper_impact
 
+from .strikes import CASE, known
+
 
 def value_of(model: StrengthFactor, *, strength: float = 39e6, diameter: float = 0.08, degrees: float = 0.0) -> float:
     return strength_factor(
@@ -116,7 +118,7 @@ def test_strength_factor_of_a_depth_brings_the_trajectory_to_that_depth(
 def test_strength_factor_of_an_impossible_depth_is_refused(name: str, value: float) -> None:
     shot: dict[str, Any] = {"velocity": 238.0, "depth": 0.3} | {name: value}
     with pytest.raises(solver.ParameterError, match=name):
-        strength_factor_of_depth(projectile=PAPER_PROJECTILE, target=PAPER_TARGET, **shot)
+        strength_factor_of_depth(**CASE, **shot)
 
 
 def test_answers_carry_the_strength_factor_they_used() -> None:
@@ -127,18 +129,14 @@ def test_answers_carry_the_strength_factor_they_used() -> None:
         run = simulate(**case, impact=impact, resistance=resistance, sample_interval=None)  # type: ignore[arg-type]
         assert run.strength_factor == pytest.approx(value_of(model, degrees=30.0), rel=1e-12)
         found = critical_angle(**case, velocity=PAPER_VELOCITY, resistance=resistance)  # type: ignore[arg-type]
-        assert found.angle is not None
-        expected = value_of(model, degrees=math.degrees(found.angle))
+        expected = value_of(model, degrees=math.degrees(known(found.angle)))
         assert found.strength_factor == pytest.approx(expected, rel=1e-12)
 
 
 def test_search_without_an_angle_has_no_strength_factor() -> None:
     answers = [
         critical_angle(
-            projectile=PAPER_PROJECTILE,
-            target=PAPER_TARGET,
-            velocity=PAPER_VELOCITY,
-            search=Search(lower=math.radians(10.0), upper=math.radians(upper)),
+            **CASE, velocity=PAPER_VELOCITY, search=Search(lower=math.radians(10.0), upper=math.radians(upper))
         )
         for upper in (20.0, 60.0)
     ]
@@ -218,10 +216,6 @@ def test_shape_of_equation_9_is_extrapolated_beyond_45_degrees() -> None:
     for shape, warned in (("equation_9", True), ("constant", False)):
         resistance = Resistance(strength_factor=StrengthPowerLaw(obliquity_shape=shape))  # type: ignore[arg-type]
         run = simulate(
-            projectile=PAPER_PROJECTILE,
-            target=PAPER_TARGET,
-            impact=paper_impact(oblique_angle_degrees=46.0),
-            resistance=resistance,
-            sample_interval=None,
+            **CASE, impact=paper_impact(oblique_angle_degrees=46.0), resistance=resistance, sample_interval=None
         )
         assert ("strength_fit_extrapolated" in {each.code for each in run.warnings}) is warned

@@ -3,7 +3,8 @@
 import math
 
 from solver import Impact, Numerics, Outcome, simulate
-from solver.strike import PAPER_PROJECTILE, PAPER_TARGET
+
+from .strikes import CASE
 
 
 def test_sticking_costs_no_more_steps_than_getting_there() -> None:
@@ -11,6 +12,6 @@ def test_sticking_costs_no_more_steps_than_getting_there() -> None:
     impact = Impact(velocity=450.0, oblique_angle=math.radians(45.0))
     for tolerance, most in ((3e-7, 300), (1e-8, 700)):
         numerics = Numerics(relative_tolerance=tolerance)
-        run = simulate(projectile=PAPER_PROJECTILE, target=PAPER_TARGET, impact=impact, numerics=numerics)
+        run = simulate(**CASE, impact=impact, numerics=numerics)
         assert run.outcome is Outcome.EMBEDDED
         assert run.steps < most

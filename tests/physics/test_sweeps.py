@@ -11,8 +11,9 @@ import pytest
 import solver
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY, paper_impact
 
+from .strikes import CASE
+
 xarray = pytest.importorskip("xarray")
-CASE: dict[str, Any] = {"projectile": PAPER_PROJECTILE, "target": PAPER_TARGET}
 ROUGH = solver.Search(tolerance=math.radians(0.5))
 VELOCITIES, STRENGTHS = [200.0, 250.0, 300.0], [30e6, 50e6]
 

@@ -10,6 +10,7 @@ from scipy import stats
 from solver.arrays import FloatArray
 from solver.uncertainty import AngleStudy, AngleUncertainty, Crossings, Estimate, Normal, Sampling, Uncertain, Uniform
 from solver.uncertainty.results import LEVELS
+from tests.physics.strikes import known
 
 ROUNDING = 1e-9
 
@@ -88,33 +89,23 @@ def answer_of(study: Any, evaluate: Callable[[Sequence[Any]], Sequence[Any]]) ->
             return end.value
 
 
-def known(estimate: Estimate | None) -> Estimate:
-    """The estimate, which must be there."""
-    assert estimate is not None
-    return estimate
-
-
 def misses(function: Any, answer: AngleUncertainty) -> list[str]:
     """Names of what is outside its interval."""
-    assert answer.mean is not None
-    assert answer.standard_deviation is not None
     tolerance = function.tolerance
 
     def outside(estimate: Estimate, lowest: float, highest: float) -> bool:
         return not estimate.lower - tolerance <= highest or not lowest <= estimate.upper + tolerance
 
     found = {
-        "mean": outside(answer.mean, function.mean, function.mean),
-        "standard deviation": outside(answer.standard_deviation, function.deviation, function.deviation),
+        "mean": outside(known(answer.mean), function.mean, function.mean),
+        "standard deviation": outside(known(answer.standard_deviation), function.deviation, function.deviation),
     }
     for level, estimate in answer.quantiles:  # within its interval: the share there is on both sides of the level
         low, high = function.share(np.array([estimate.lower - tolerance, estimate.upper + tolerance]))
         found[f"quantile {level}"] = not low - tolerance <= level <= high + tolerance
     for i, each in enumerate(answer.sensitivity):
-        assert each.first_order is not None
-        assert each.total is not None
-        found[f"first order {i}"] = outside(each.first_order, function.first_order[i], function.first_order[i])
-        found[f"total {i}"] = outside(each.total, function.total[i], function.total[i])
+        found[f"first order {i}"] = outside(known(each.first_order), function.first_order[i], function.first_order[i])
+        found[f"total {i}"] = outside(known(each.total), function.total[i], function.total[i])
     shares = function.share(function.grid)
     wrong = (shares < answer.lower - tolerance) | (shares > answer.upper + tolerance)
     found |= {f"share at {y:g}": bool(each) for y, each in zip(function.grid, wrong, strict=True)}

@@ -32,9 +32,8 @@ SHARE = (1.0 - 0.18) * STRENGTH
 
 
 def study(uncertain: Sequence[Uncertain], law: Resistance = LAW, method: str = "auto") -> AngleUncertainty:
-    return critical_angle_uncertainty(
-        **STRIKE, resistance=law, uncertain=uncertain, sampling=Sampling(max_samples=1024, method=method), threads=2
-    )
+    sampling = Sampling(max_samples=1024 if method == "auto" else 512, half_width=0.05, method=method)
+    return critical_angle_uncertainty(**STRIKE, resistance=law, uncertain=uncertain, sampling=sampling, threads=2)
 
 
 def after_shots(found: AngleUncertainty) -> tuple[AfterShots, ...]:

@@ -18,6 +18,7 @@ from solver import (
 )
 from solver.checks import BOUNDS
 from solver.resistance import EQUATION_9
+from solver.strength_scatter import TABLE_1
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY, paper_impact
 from solver.uncertainty import (
     RESIDUAL,
@@ -32,7 +33,7 @@ from solver.uncertainty import (
     scaled,
     trajectory_uncertainty,
 )
-from tests.uncertainty.functions import known
+from tests.physics.strikes import known
 
 PAPER: dict[str, Any] = {"projectile": PAPER_PROJECTILE, "target": PAPER_TARGET, "velocity": PAPER_VELOCITY}
 SPEED = Uncertain("impact.velocity", Normal(mean=238.0, coefficient_of_variation=0.01))
@@ -91,7 +92,7 @@ def test_profiles_are_models_of_a_study_and_of_its_strike() -> None:
     assert (answer.failed, answer.outside) == (0, 0)
 
 
-@pytest.mark.parametrize("law", [EQUATION_9.strength_factor, PublishedTests()])
+@pytest.mark.parametrize("law", [EQUATION_9.strength_factor, PublishedTests(), TABLE_1])
 def test_residual_multiplies_the_strength_factor(law: Any) -> None:
     for angle in (0.0, 0.7):
         values = [
@@ -108,11 +109,9 @@ def test_residual_multiplies_the_strength_factor(law: Any) -> None:
 
 def test_residual_scatters_the_angle() -> None:
     residual = Uncertain(RESIDUAL, Lognormal(median=1.0, dispersion=0.1))
-    answer = critical_angle_uncertainty(**PAPER, uncertain=[residual], oblique_angles=ANGLES)
+    answer = critical_angle_uncertainty(**PAPER, uncertain=[residual], sampling=Sampling(half_width=0.1))
     low, high = (change.angle for change in answer.sensitivity[0].swing)
-    assert low is not None
-    assert high is not None
-    assert high < low  # stiffer concrete turns away at smaller angles from the normal
+    assert known(high) < known(low)  # stiffer concrete turns away at smaller angles from the normal
 
 
 def test_surrogate_follows_a_strength_factor_that_nobody_has_tested() -> None:
@@ -128,8 +127,7 @@ def test_surrogate_follows_a_strength_factor_that_nobody_has_tested() -> None:
     answer = critical_angle_uncertainty(**PAPER, uncertain=uncertain, sampling=Sampling(half_width=0.05))
     assert answer.method == "surrogate"
     assert answer.samples <= 270
-    assert answer.surrogate_error is not None
-    assert answer.surrogate_error <= math.radians(0.1)
+    assert known(answer.surrogate_error) <= math.radians(0.1)
     levels = dict(answer.quantiles)
     found = [math.degrees(levels[level].value) for level in (0.05, 0.95)]
     assert found == pytest.approx([41.8, 59.1], abs=0.5)  # the searches themselves say 41.6 to 42.0 and 58.6 to 59.5

@@ -20,6 +20,7 @@ from solver import (
 from solver.calibration import penetration_depths
 from solver.sweeps import STRENGTH_LAWS
 from validation.reference import depth_shots, penetration_tests
+from validation.report import Section
 from validation.strength_law import (
     CHOSEN,
     CONTRADICTED,
@@ -133,8 +134,13 @@ def test_strength_and_diameter_earn_their_place() -> None:
     assert score((*CHOSEN, "nose"))[0] < score(CHOSEN)[0]
 
 
-def test_solver_has_the_constants_and_the_range_of_the_fit() -> None:
-    assert all(each.holds for each in strength_law_section().comparisons)
+@pytest.fixture(scope="module")
+def section() -> Section:
+    return strength_law_section()
+
+
+def test_solver_has_the_constants_and_the_range_of_the_fit(section: Section) -> None:
+    assert all(each.holds for each in section.comparisons)
     shots = counted_shots()
     for limits, name in (
         (PublishedTests.compressive_strengths, "compressive_strength"),
@@ -169,8 +175,7 @@ def test_one_own_shot_in_the_solver_holds_the_others_of_its_series() -> None:
     assert np.mean(dispersions) <= 0.20
 
 
-def test_section_states_law_scatter_and_rule() -> None:
-    section = strength_law_section()
+def test_section_states_law_scatter_and_rule(section: Section) -> None:
     text = " ".join(section.text)
     assert "S = 8.84 (f'c / 39 MPa)^-0.18 (d / 76.2 mm)^-0.24" in text
     assert "0.31 between series" in text
