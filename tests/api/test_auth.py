@@ -396,6 +396,7 @@ def test_without_a_key_it_starts_for_this_machine_alone(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setenv("RICOCHET_DATA_DIR", str(tmp_path))
+    monkeypatch.setattr("service.telemetry.configure_log", lambda _: None)  # that of this process stays
     assert cli.main(["serve", "--host", "0.0.0.0"]) == 3  # noqa: S104
     told = capsys.readouterr().err
     assert "ricochet keys add" in told
@@ -459,6 +460,7 @@ def test_start_after_the_keys_are_lost_is_refused_with_what_to_do(
     jobs_of("anna")(tmp_path)
     (tmp_path / "auth.sqlite").unlink()
     monkeypatch.setenv("RICOCHET_DATA_DIR", str(tmp_path))
+    monkeypatch.setattr("service.telemetry.configure_log", lambda _: None)  # that of this process stays
     assert cli.main(["serve"]) == 3
     (line,) = [line for line in capsys.readouterr().err.splitlines() if line.startswith("ricochet serve: ")]
     assert "auth.sqlite is missing" in line

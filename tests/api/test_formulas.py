@@ -11,6 +11,7 @@ from service.schemas.strike import PAPER
 from solver import Impact, formulas
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET
 
+from .calibrations import answered
 from .many import file_at, rows_at
 from .refused import refused_at
 
@@ -33,10 +34,9 @@ def rows_of(answer: dict[str, Any]) -> dict[str, dict[str, Any]]:
 
 
 def test_rows_are_those_of_the_solver(client: httpx.Client) -> None:
-    response = client.post("/formulas", json=BODY)
-    assert response.status_code == 200, response.text
-    FormulasAnswer.model_validate(response.json())
-    rows = rows_of(response.json())
+    answer = answered(client, "/formulas", BODY)
+    FormulasAnswer.model_validate(answer)
+    rows = rows_of(answer)
     impact = Impact(velocity=238.0, oblique_angle=0.0)
     for result in formulas(projectile=PAPER_PROJECTILE, target=PAPER_TARGET, impact=impact):
         row = rows.pop(result.formula)

@@ -45,19 +45,18 @@ bodies = st.builds(
     "examples", [100, pytest.param(5_000, marks=[pytest.mark.slow, pytest.mark.timeout(900)])], ids=str
 )
 @pytest.mark.parametrize("path", list(CASES))
-def test_lines_are_answered_or_refused_with_a_problem(hurried_url: str, path: str, examples: int) -> None:
+def test_lines_are_answered_or_refused_with_a_problem(client: httpx.Client, path: str, examples: int) -> None:
     case = json.dumps(CASES[path]).encode()
-    with httpx.Client(base_url=hurried_url, timeout=60.0, trust_env=False) as client:
 
-        @given(body=bodies)
-        @example(body=case)
-        @settings(max_examples=examples, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
-        def send(body: bytes) -> None:
-            answer = client.post(path, content=body, headers=LINES)
-            assert answer.status_code in {200, 202, 400, 422}, answer.text
-            if answer.is_error:
-                assert answer.headers["Content-Type"] == "application/problem+json"
-                assert answer.json()["errors"]
+    @given(body=bodies)
+    @example(body=case)
+    @settings(max_examples=examples, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+    def send(body: bytes) -> None:
+        answer = client.post(path, content=body, headers=LINES)
+        assert answer.status_code in {200, 202, 400, 422}, answer.text
+        if answer.is_error:
+            assert answer.headers["Content-Type"] == "application/problem+json"
+            assert answer.json()["errors"]
 
-        send()
-        assert client.post(path, content=case, headers=LINES).json()["results"][0]["result"]
+    send()
+    assert client.post(path, content=case, headers=LINES).json()["results"][0]["result"]

@@ -2,10 +2,8 @@
 
 import csv
 import io
-from pathlib import Path
 from typing import Any
 
-import h5py
 import httpx
 import orjson
 import pandas as pd
@@ -13,7 +11,7 @@ import pytest
 
 from service.schemas.strike import PAPER
 
-from .many import ASYNC, finished
+from .many import ASYNC, file_at, finished
 
 AXES: list[dict[str, Any]] = [
     {"field": "impact.velocity_m_s", "values": [231.0, 241.5]},
@@ -101,10 +99,8 @@ def test_sweep_and_batch_are_answered_as_csv(client: httpx.Client, job: dict[str
     assert (row["index"], row["custom_id"], row["status"]) == ("0", "one", "converged")
 
 
-def test_file_of_a_sweep_has_its_axes_and_its_base(client: httpx.Client, job: dict[str, Any], tmp_path: Path) -> None:
-    path = tmp_path / "sweep.h5"
-    path.write_bytes(results(client, job, "application/x-hdf5"))
-    with h5py.File(path) as file:
+def test_file_of_a_sweep_has_its_axes_and_its_base(client: httpx.Client, job: dict[str, Any]) -> None:
+    with file_at(client, job["links"]["results"]) as file:
         assert orjson.loads(bytes(file.attrs["base"])) == PAPER
         assert [name.decode() for name in file.attrs["axes"]] == FIELDS
         summary = file["summary"]
@@ -114,14 +110,13 @@ def test_file_of_a_sweep_has_its_axes_and_its_base(client: httpx.Client, job: di
     assert [units[field] for field in FIELDS] == ["m/s", "kg"]
 
 
-def test_base_too_long_for_a_small_attribute_is_kept_whole(client: httpx.Client, tmp_path: Path) -> None:
+def test_base_too_long_for_a_small_attribute_is_kept_whole(client: httpx.Client) -> None:
     points_of_nose = [[0.13 * i / 900, 0.04 * (1 - (1 - i / 900) ** 1.5)] for i in range(901)]
     nose = {"shape": "profile", "points": points_of_nose}
     base = PAPER | {"projectile": PAPER["projectile"] | {"nose": nose, "length_m": 0.53}}
     sweep = {"base": base, "axes": [{"field": "impact.velocity_m_s", "values": [231.0]}]}
     job = finished(client, client.post("/cra/sweep", json=sweep, headers=ASYNC).raise_for_status().json())
-    (tmp_path / "one.h5").write_bytes(results(client, job, "application/x-hdf5"))
-    with h5py.File(tmp_path / "one.h5") as file:
+    with file_at(client, job["links"]["results"]) as file:
         assert orjson.loads(bytes(file.attrs["base"])) == base
 
 

@@ -59,15 +59,7 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for source in (CLIENT, CONVERSATION):
         shutil.copytree(source, folder, dirs_exist_ok=True, ignore=shutil.ignore_patterns("node_modules"))
     shutil.copy(CONTRACT, folder / "contract.json")
-    patience = (
-        "--prefer-offline",
-        "--fetch-retries",
-        "1",
-        "--fetch-retry-mintimeout",
-        "1000",
-        "--fetch-timeout",
-        "20000",
-    )
+    patience = ("--prefer-offline", "--fetch-retries=1", "--fetch-retry-mintimeout=1000", "--fetch-timeout=20000")
     installed = run(folder, "npm", "ci", "--ignore-scripts", *patience)
     if installed.returncode and (reason := OUT_OF_REACH.search(installed.stderr)):
         pytest.skip(f"npm cannot reach its registry: {reason[0]}")

@@ -21,7 +21,9 @@ from solver.strike import PAPER_PROJECTILE, PAPER_TARGET
 from solver.uncertainty import RESIDUAL, Discrete, Lognormal, Normal, Sampling, Uncertain, critical_angle_uncertainty
 from tests.conftest import RunService, until
 
+from .calibrations import answered
 from .many import SPEED, file_at
+from .refused import refused_at
 
 ATTACK = {
     "field": "impact.angle_of_attack_deg",
@@ -48,10 +50,8 @@ def discrete(field: str, *values: Any) -> dict[str, Any]:
 
 
 def test_curve_is_that_of_the_solver(client: httpx.Client) -> None:
-    response = client.post("/cra/uncertainty", json=BODY)
-    assert response.status_code == 200, response.text
-    CriticalAngleUncertaintyAnswer.model_validate(response.json())
-    answer = response.json()
+    answer = answered(client, "/cra/uncertainty", BODY)
+    CriticalAngleUncertaintyAnswer.model_validate(answer)
     models = Discrete(values=[ElasticPlastic(), MohrCoulomb()], weights=[0.8, 0.2])
     same = critical_angle_uncertainty(
         projectile=PAPER_PROJECTILE,
@@ -114,10 +114,8 @@ def test_second_request_is_a_hit_and_its_result_a_table_and_a_file_too(client: h
 
 
 def test_outcome_of_one_strike(client: httpx.Client) -> None:
-    response = client.post("/trajectory/uncertainty", json=STRIKE)
-    assert response.status_code == 200, response.text
-    TrajectoryUncertaintyAnswer.model_validate(response.json())
-    answer = response.json()
+    answer = answered(client, "/trajectory/uncertainty", STRIKE)
+    TrajectoryUncertaintyAnswer.model_validate(answer)
     shares = {each["outcome"]: each["value"] for each in answer["outcomes"]}
     assert 0.1 < shares["ricochet"] < 0.9
     assert sum(shares.values()) == pytest.approx(1.0)
@@ -158,10 +156,7 @@ def test_samples_outside_the_contract_are_counted(client: httpx.Client) -> None:
 def test_budget_that_the_fewest_samples_exceed_is_refused_with_the_least_one(client: httpx.Client) -> None:
     for headers in ({}, {"Prefer": "respond-async"}):
         response = client.post("/cra/uncertainty", json=BODY | {"sampling": {"max_samples": 256}}, headers=headers)
-        assert response.status_code == 422
-        [error] = response.json()["errors"]
-        assert error["pointer"] == "/sampling/max_samples"
-        assert "must be at least 260" in error["detail"]
+        assert "must be at least 260" in refused_at(response, "/sampling/max_samples").errors[0].detail
     answer = client.post("/cra/uncertainty", json=BODY | {"sampling": {"max_samples": 260, "half_width": 1e-4}}).json()
     assert answer["samples"] == 260
 

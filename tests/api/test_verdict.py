@@ -5,7 +5,6 @@ import json
 import math
 import re
 from pathlib import Path
-from typing import Any
 
 import httpx
 import pytest
@@ -15,20 +14,15 @@ from service.schemas import ReportRequest
 from service.schemas.strike import PAPER
 from solver.uncertainty import verdict
 
+from .calibrations import answered
+
 AT_50 = PAPER | {"impact": PAPER["impact"] | {"oblique_angle_deg": 50.0}}
-
-
-def judged(client: httpx.Client, body: dict[str, Any]) -> dict[str, Any]:
-    response = client.post("/verdict", json=body)
-    assert response.status_code == 200, response.text
-    found: dict[str, Any] = response.json()
-    return found
 
 
 def test_verdict_is_the_same_by_http_python_command_line_and_report(
     client: httpx.Client, live_url: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    found = judged(client, AT_50)
+    found = answered(client, "/verdict", AT_50)
     arguments, _ = ReportRequest.model_validate(AT_50).arguments()
     by_python = verdict(**arguments, oblique_angle=math.radians(50.0), threads=2)
     assert str(by_python) == found["sentence"]

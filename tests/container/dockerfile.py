@@ -8,19 +8,8 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
 KNOWN = {
-    "FROM",
-    "ARG",
-    "ENV",
-    "WORKDIR",
-    "RUN",
-    "COPY",
-    "USER",
-    "VOLUME",
-    "EXPOSE",
-    "HEALTHCHECK",
-    "LABEL",
-    "ENTRYPOINT",
-    "CMD",
+    *("FROM", "ARG", "ENV", "WORKDIR", "RUN", "COPY", "USER"),
+    *("VOLUME", "EXPOSE", "HEALTHCHECK", "LABEL", "ENTRYPOINT", "CMD"),
 }
 
 

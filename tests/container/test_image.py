@@ -9,7 +9,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -18,7 +17,7 @@ import httpx
 import pytest
 
 from service.schemas.strike import PAPER
-from tests.conftest import START_LIMIT_S, STOP_LIMIT_S, free_port
+from tests.conftest import STOP_LIMIT_S, Service, free_port, wait_until_ready
 
 from .clean_root import RELEASES, WHEELS, Container, build, skip_unless_possible
 from .dockerfile import ROOT, read
@@ -60,16 +59,9 @@ def started(image: Container, log: Path) -> Iterator[tuple[str, int]]:
     settings = {"RICOCHET_HOST": "127.0.0.1", "RICOCHET_PORT": str(free_port()), "RICOCHET_WORKERS": "2"}
     command, environment = image.entered([*ENTRY_POINT, *STAGES[-1].last("CMD").command()], **settings)
     with log.open("wb") as output, subprocess.Popen(command, env=environment, stderr=output) as process:
-        url, deadline = f"http://127.0.0.1:{settings['RICOCHET_PORT']}", time.monotonic() + START_LIMIT_S
+        url = f"http://127.0.0.1:{settings['RICOCHET_PORT']}"
         try:
-            while time.monotonic() < deadline:
-                assert process.poll() is None, log.read_text()
-                try:
-                    if httpx.get(f"{url}/readyz", trust_env=False).is_success:
-                        break
-                except httpx.TransportError:
-                    pass  # not listening yet
-                time.sleep(0.2)
+            wait_until_ready(Service(url, process))
             [service] = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
             yield url, int(service)
             os.kill(int(service), signal.SIGTERM)
