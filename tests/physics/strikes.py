@@ -23,11 +23,13 @@ from solver import (
     Sphere,
     Spherical,
     Target,
+    Trajectory,
+    simulate,
     solid_properties,
 )
 from solver.free_surface import FreeSurface
 from solver.projectile import NoseShape
-from solver.strike import PAPER_PROJECTILE, PAPER_TARGET
+from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, paper_impact
 
 CASE: dict[str, Any] = {"projectile": PAPER_PROJECTILE, "target": PAPER_TARGET}
 """The paper's projectile and concrete."""
@@ -72,12 +74,22 @@ def known(value: Value | None) -> Value:
     return value
 
 
+def codes(answer: Any) -> set[str]:
+    """Of its warnings."""
+    return {warning.code for warning in answer.warnings}
+
+
 def steel(
     nose: NoseShape, *, diameter: float = DIAMETER, length: float = 0.53, boat_tail: BoatTail | None = None
 ) -> Projectile:
     """A projectile of homogeneous steel."""
     shape = Projectile(nose=nose, diameter=diameter, length=length, mass=1.0, boat_tail=boat_tail)
     return replace(shape, mass=STEEL * solid_properties(shape).volume)
+
+
+def paper_run(degrees: float, **changes: Any) -> Trajectory:
+    """The paper's strike at an oblique angle."""
+    return simulate(**CASE | {"impact": paper_impact(oblique_angle_degrees=degrees)} | changes)
 
 
 TAPERING: dict[str, Projectile] = {

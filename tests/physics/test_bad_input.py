@@ -37,7 +37,7 @@ from solver import (
 from solver.checks import BOUNDS
 from solver.strike import PAPER_TARGET, paper_impact
 
-from .strikes import CASE
+from .strikes import CASE, paper_run
 
 NAN, INF = math.nan, math.inf
 
@@ -61,11 +61,6 @@ def resistance(**changes: Any) -> Resistance:
 
 def profile(*points: tuple[float, float]) -> Profile:
     return Profile(points=points)
-
-
-def run(numerics: Numerics | None = None, sample_interval: float | None = 1e-5) -> object:
-    impact = paper_impact(oblique_angle_degrees=30.0)
-    return simulate(**CASE, impact=impact, numerics=numerics, sample_interval=sample_interval)
 
 
 def strike(**changes: Any) -> object:
@@ -140,7 +135,7 @@ VALUES: list[tuple[str, Callable[[Any], object], tuple[Any, ...]]] = [
     ("numerics.relative_tolerance", lambda value: Numerics(relative_tolerance=value), (0.0, 1e-11, 0.1, NAN)),
     ("numerics.stations", lambda value: Numerics(stations=value), (1, 257)),
     ("numerics.points", lambda value: Numerics(points=value), (1, 257)),
-    ("sample_interval", lambda value: run(sample_interval=value), (0.0, -1e-5, NAN)),
+    ("sample_interval", lambda value: paper_run(30.0, sample_interval=value), (0.0, -1e-5, NAN)),
 ]
 CASES: list[tuple[str, Callable[[], object]]] = [
     (POINTS, lambda: profile((0.0, 0.0))),
@@ -181,8 +176,8 @@ CASES: list[tuple[str, Callable[[], object]]] = [
     (f"{S}.coefficients", lambda: ObliquityPolynomial(coefficients=(1.0,) * 11)),
     (f"{S}.coefficients.1", lambda: ObliquityPolynomial(coefficients=(8.0, NAN))),
     ("numerics.method", lambda: Numerics(method="euler")),  # type: ignore[arg-type]
-    ("numerics.time_step", lambda: run(Numerics(method="panels", time_step=1e-7))),
-    ("sample_interval", lambda: run(sample_interval=1e-10)),
+    ("numerics.time_step", lambda: paper_run(30.0, numerics=Numerics(method="panels", time_step=1e-7))),
+    ("sample_interval", lambda: paper_run(30.0, sample_interval=1e-10)),
     ("search.lower", lambda: critical_angle(**CASE, velocity=238.0, search=Search(method="secant", lower=1.065))),
     ("search.method", lambda: Search(method="guess")),  # type: ignore[arg-type]
     *[(field, lambda make=make, value=value: make(value)) for field, make, values in VALUES for value in values],

@@ -34,7 +34,7 @@ from solver import (
 )
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY, SEARCH_STATIONS, SEARCH_TOLERANCE
 
-from .strikes import CASE, known
+from .strikes import CASE, codes, known
 
 ADAPTIVE = Numerics(method="adaptive")
 
@@ -57,10 +57,6 @@ def find(
 
 def angles(found: CriticalAngle) -> list[float]:
     return [math.degrees(trial.oblique_angle) for trial in found.iterations]
-
-
-def codes(found: CriticalAngle) -> set[str]:
-    return {warning.code for warning in found.warnings}
 
 
 @pytest.mark.parametrize("method", ["outcome", "bisection", "secant"])

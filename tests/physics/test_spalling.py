@@ -29,7 +29,7 @@ from solver import (
 from solver.formulas import spread
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY, paper_impact
 
-from .strikes import CASE, known
+from .strikes import CASE, known, paper_run
 
 WALL = replace(PAPER_TARGET, thickness=0.2)
 ROD = Projectile(nose=Flat(), diameter=0.05, length=0.4, mass=6.0)
@@ -60,14 +60,8 @@ def paper_strikes(
     sample_interval: float = 2e-6,
     **spalling: Any,
 ) -> Trajectory:
-    return simulate(
-        projectile=PAPER_PROJECTILE,
-        target=target,
-        impact=paper_impact(oblique_angle_degrees=angle),
-        resistance=Resistance(**spalling),
-        numerics=numerics,
-        sample_interval=sample_interval,
-    )
+    resistance = Resistance(**spalling)
+    return paper_run(angle, target=target, resistance=resistance, numerics=numerics, sample_interval=sample_interval)
 
 
 def test_rod_stops_in_a_crater_as_an_oscillator_does() -> None:
@@ -185,13 +179,7 @@ def test_warning_says_what_the_rear_face_leaves_out() -> None:
 @pytest.mark.parametrize("spalling", [{}, {"crater": Crater()}, {"rear_plug": ShearPlug()}])
 def test_warning_of_the_rear_face_has_what_the_formulas_require_against_the_strike(spalling: dict[str, Any]) -> None:
     def detail(impact: Impact) -> str:
-        run = simulate(
-            projectile=PAPER_PROJECTILE,
-            target=WALL,
-            impact=impact,
-            resistance=Resistance(**spalling),
-            sample_interval=None,
-        )
+        run = paper_run(30.0, target=WALL, impact=impact, resistance=Resistance(**spalling), sample_interval=None)
         (found,) = (each for each in run.warnings if each.code.startswith("rear_"))
         return found.detail
 

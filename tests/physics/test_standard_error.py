@@ -20,7 +20,7 @@ from solver import (
 from solver.calibration import fit_obliquity
 from solver.strike import PAPER_VELOCITY
 
-from .strikes import CASE, known
+from .strikes import CASE, codes, known
 from .tables import table_2
 
 NAN = math.nan
@@ -36,10 +36,6 @@ def find(strength_factor: ObliquityPolynomial, *, numerics: Numerics | None = No
         numerics=numerics,
         search=Search(**search),
     )
-
-
-def codes(found: CriticalAngle) -> set[str]:
-    return {warning.code for warning in found.warnings}
 
 
 def constant_term_known_to(error: float) -> ObliquityPolynomial:

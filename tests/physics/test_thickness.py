@@ -31,19 +31,14 @@ from solver import (
 )
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY, paper_impact
 
-from .strikes import CASE, known, strikes
+from .strikes import CASE, known, paper_run, strikes
 
 WALL = replace(PAPER_TARGET, thickness=0.2)
 """Of the cases of the independent program: elastic-plastic decay, eq. 9, 160 + 160 + 24 rows of 40 panels, 1 µs."""
 
 
 def strike(angle: float, target: Target = WALL, **options: Any) -> Trajectory:
-    return simulate(
-        projectile=PAPER_PROJECTILE,
-        target=target,
-        impact=paper_impact(oblique_angle_degrees=angle),
-        **({"sample_interval": None} | options),
-    )
+    return paper_run(angle, **{"target": target, "sample_interval": None} | options)
 
 
 def search(target: Target = WALL, **options: Any) -> CriticalAngle:
