@@ -23,7 +23,7 @@ from solver.projectile import Flat
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, paper_impact
 from solver.warnings import body_warnings
 
-from .strikes import NOSES, codes, known, paper_run, steel
+from .strikes import NOSES, codes, known, paper_run, power, steel
 
 
 def history(trajectory: Trajectory) -> Motion[FloatArray]:
@@ -93,11 +93,6 @@ def test_rates_in_the_history_are_those_of_its_positions() -> None:
     ):
         slope = (position[2:-1] - position[:-3]) / 2e-5
         np.testing.assert_allclose(slope, rate[1:-2], rtol=0, atol=5e-3 * scale)
-
-
-def power(found: Motion[FloatArray]) -> FloatArray:
-    translation = found.depth_force * found.depth_velocity + found.lateral_force * found.lateral_velocity
-    return np.asarray(translation + found.moment * found.angular_velocity)
 
 
 @pytest.mark.parametrize(("degrees", "tolerance"), [(0.0, 1e-5), (30.0, 1e-5), (55.0, 1e-5)])
