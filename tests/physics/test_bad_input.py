@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -35,20 +36,19 @@ from solver import (
     simulate,
 )
 from solver.checks import BOUNDS
-from solver.strike import PAPER_TARGET, paper_impact
+from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, paper_impact
 
 from .strikes import CASE, paper_run
 
 NAN, INF = math.nan, math.inf
 
 
-def projectile(**changes: object) -> Projectile:
-    given: dict[str, object] = {"nose": Ogive(caliber_radius_head=3.0), "diameter": 0.08, "length": 0.53, "mass": 13.0}
-    return Projectile(**(given | changes))  # type: ignore[arg-type]
+def projectile(**changes: Any) -> Projectile:
+    return replace(PAPER_PROJECTILE, **changes)
 
 
 def target(**changes: float) -> Target:
-    return Target(**({"compressive_strength": 39e6, "density": 2250.0} | changes))
+    return replace(PAPER_TARGET, **changes)
 
 
 def impact(**changes: Any) -> Impact:
@@ -61,6 +61,10 @@ def resistance(**changes: Any) -> Resistance:
 
 def profile(*points: tuple[float, float]) -> Profile:
     return Profile(points=points)
+
+
+def covariance(*rows: tuple[float, ...]) -> ObliquityPolynomial:
+    return ObliquityPolynomial(covariance=rows)
 
 
 def strike(**changes: Any) -> object:
@@ -172,6 +176,12 @@ CASES: list[tuple[str, Callable[[], object]]] = [
     (f"{POINTS}.1", lambda: profile((0.0, 0.0), (0.1, "0.03"))),  # type: ignore[arg-type]
     (f"{S}.obliquity_shape", lambda: StrengthPowerLaw(obliquity_shape="cosine")),  # type: ignore[arg-type]
     (f"{S}.obliquity_shape", lambda: PublishedTests(obliquity_shape="cosine")),  # type: ignore[arg-type]
+    (f"{S}.covariance", lambda: covariance((1.0, 0.0), (0.0, 1.0))),  # too few rows
+    (f"{S}.covariance.1", lambda: covariance((1.0, 0.0, 0.0), (0.0, 1.0), (0.0, 0.0, 1.0))),
+    (f"{S}.covariance.2.1", lambda: covariance((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, NAN, 1.0))),
+    (f"{S}.covariance", lambda: covariance((1.0, 0.1, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))),  # not symmetric
+    (f"{S}.covariance", lambda: covariance((1.0, 0.0, 0.0), (0.0, -1e-9, 0.0), (0.0, 0.0, 1.0))),
+    (f"{S}.covariance", lambda: covariance((1.0, 2e-4, 0.0), (2e-4, 1e-8, 0.0), (0.0, 0.0, 1e-12))),  # not semidefinite
     (f"{S}.coefficients", lambda: ObliquityPolynomial(coefficients=())),
     (f"{S}.coefficients", lambda: ObliquityPolynomial(coefficients=(1.0,) * 11)),
     (f"{S}.coefficients.1", lambda: ObliquityPolynomial(coefficients=(8.0, NAN))),
