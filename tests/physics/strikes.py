@@ -5,6 +5,7 @@ from dataclasses import replace
 from typing import Any, TypeVar
 
 import numpy as np
+import pytest
 from hypothesis import strategies as st
 
 from solver import (
@@ -15,7 +16,9 @@ from solver import (
     Flat,
     Impact,
     MohrCoulomb,
+    Motion,
     NoFreeSurface,
+    Numerics,
     Ogive,
     Profile,
     Projectile,
@@ -23,11 +26,14 @@ from solver import (
     Sphere,
     Spherical,
     Target,
+    Trajectory,
+    simulate,
     solid_properties,
 )
+from solver.arrays import FloatArray
 from solver.free_surface import FreeSurface
 from solver.projectile import NoseShape
-from solver.strike import PAPER_PROJECTILE, PAPER_TARGET
+from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, paper_impact
 
 CASE: dict[str, Any] = {"projectile": PAPER_PROJECTILE, "target": PAPER_TARGET}
 """The paper's projectile and concrete."""
@@ -63,6 +69,45 @@ DECAYS: dict[str, FreeSurface] = {
 }
 
 
+def mirrored(impact: Impact) -> Impact:
+    """In the plane through the normal of the face across the plane of incidence."""
+    return replace(
+        impact,
+        oblique_angle=-impact.oblique_angle,
+        angle_of_attack=-impact.angle_of_attack,
+        angular_velocity=-impact.angular_velocity,
+    )
+
+
+def power(motion: Motion[FloatArray]) -> FloatArray:
+    """Of the resistance. [W]"""
+    translation = motion.depth_force * motion.depth_velocity + motion.lateral_force * motion.lateral_velocity
+    return np.asarray(translation + motion.moment * motion.angular_velocity)
+
+
+def assert_work_is_the_energy_lost(motion: Motion[FloatArray], *, rel: float) -> None:
+    """By trapezoids, while the energy never rises."""
+    energy = motion.kinetic_energy
+    assert np.trapezoid(power(motion), motion.time) == pytest.approx(energy[-1] - energy[0], rel=rel)
+    assert np.diff(energy).max() <= 1e-6 * energy[0]
+
+
+def assert_panels_follow_the_gauss_points(**strike: Any) -> None:
+    """Tip within 0.3 mm and axis within 0.1° at every tenth of a millisecond."""
+    gauss, panels = (
+        known(simulate(**strike, numerics=numerics, sample_interval=1e-4).history)
+        for numerics in (
+            Numerics(stations=24, points=8),
+            Numerics(method="panels", panels=12_000, time_step=1e-6, termination_time=0.015),
+        )
+    )
+    count = min(gauss.time.size, panels.time.size) - 1
+    assert count > 10
+    np.testing.assert_allclose(gauss.nose_tip_depth[:count], panels.nose_tip_depth[:count], rtol=0, atol=3e-4)
+    ours, theirs = (np.degrees(each.axis_angle[:count]) for each in (gauss, panels))
+    np.testing.assert_allclose(ours, theirs, rtol=0, atol=0.1)
+
+
 Value = TypeVar("Value")
 
 
@@ -72,12 +117,22 @@ def known(value: Value | None) -> Value:
     return value
 
 
+def codes(answer: Any) -> set[str]:
+    """Of its warnings."""
+    return {warning.code for warning in answer.warnings}
+
+
 def steel(
     nose: NoseShape, *, diameter: float = DIAMETER, length: float = 0.53, boat_tail: BoatTail | None = None
 ) -> Projectile:
     """A projectile of homogeneous steel."""
     shape = Projectile(nose=nose, diameter=diameter, length=length, mass=1.0, boat_tail=boat_tail)
     return replace(shape, mass=STEEL * solid_properties(shape).volume)
+
+
+def paper_run(degrees: float, **changes: Any) -> Trajectory:
+    """The paper's strike at an oblique angle."""
+    return simulate(**CASE | {"impact": paper_impact(oblique_angle_degrees=degrees)} | changes)
 
 
 TAPERING: dict[str, Projectile] = {

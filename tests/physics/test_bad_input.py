@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -35,20 +36,19 @@ from solver import (
     simulate,
 )
 from solver.checks import BOUNDS
-from solver.strike import PAPER_TARGET, paper_impact
+from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, paper_impact
 
-from .strikes import CASE
+from .strikes import CASE, paper_run
 
 NAN, INF = math.nan, math.inf
 
 
-def projectile(**changes: object) -> Projectile:
-    given: dict[str, object] = {"nose": Ogive(caliber_radius_head=3.0), "diameter": 0.08, "length": 0.53, "mass": 13.0}
-    return Projectile(**(given | changes))  # type: ignore[arg-type]
+def projectile(**changes: Any) -> Projectile:
+    return replace(PAPER_PROJECTILE, **changes)
 
 
 def target(**changes: float) -> Target:
-    return Target(**({"compressive_strength": 39e6, "density": 2250.0} | changes))
+    return replace(PAPER_TARGET, **changes)
 
 
 def impact(**changes: Any) -> Impact:
@@ -63,9 +63,8 @@ def profile(*points: tuple[float, float]) -> Profile:
     return Profile(points=points)
 
 
-def run(numerics: Numerics | None = None, sample_interval: float | None = 1e-5) -> object:
-    impact = paper_impact(oblique_angle_degrees=30.0)
-    return simulate(**CASE, impact=impact, numerics=numerics, sample_interval=sample_interval)
+def covariance(*rows: tuple[float, ...]) -> ObliquityPolynomial:
+    return ObliquityPolynomial(covariance=rows)
 
 
 def strike(**changes: Any) -> object:
@@ -140,7 +139,7 @@ VALUES: list[tuple[str, Callable[[Any], object], tuple[Any, ...]]] = [
     ("numerics.relative_tolerance", lambda value: Numerics(relative_tolerance=value), (0.0, 1e-11, 0.1, NAN)),
     ("numerics.stations", lambda value: Numerics(stations=value), (1, 257)),
     ("numerics.points", lambda value: Numerics(points=value), (1, 257)),
-    ("sample_interval", lambda value: run(sample_interval=value), (0.0, -1e-5, NAN)),
+    ("sample_interval", lambda value: paper_run(30.0, sample_interval=value), (0.0, -1e-5, NAN)),
 ]
 CASES: list[tuple[str, Callable[[], object]]] = [
     (POINTS, lambda: profile((0.0, 0.0))),
@@ -177,12 +176,18 @@ CASES: list[tuple[str, Callable[[], object]]] = [
     (f"{POINTS}.1", lambda: profile((0.0, 0.0), (0.1, "0.03"))),  # type: ignore[arg-type]
     (f"{S}.obliquity_shape", lambda: StrengthPowerLaw(obliquity_shape="cosine")),  # type: ignore[arg-type]
     (f"{S}.obliquity_shape", lambda: PublishedTests(obliquity_shape="cosine")),  # type: ignore[arg-type]
+    (f"{S}.covariance", lambda: covariance((1.0, 0.0), (0.0, 1.0))),  # too few rows
+    (f"{S}.covariance.1", lambda: covariance((1.0, 0.0, 0.0), (0.0, 1.0), (0.0, 0.0, 1.0))),
+    (f"{S}.covariance.2.1", lambda: covariance((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, NAN, 1.0))),
+    (f"{S}.covariance", lambda: covariance((1.0, 0.1, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))),  # not symmetric
+    (f"{S}.covariance", lambda: covariance((1.0, 0.0, 0.0), (0.0, -1e-9, 0.0), (0.0, 0.0, 1.0))),
+    (f"{S}.covariance", lambda: covariance((1.0, 2e-4, 0.0), (2e-4, 1e-8, 0.0), (0.0, 0.0, 1e-12))),  # not semidefinite
     (f"{S}.coefficients", lambda: ObliquityPolynomial(coefficients=())),
     (f"{S}.coefficients", lambda: ObliquityPolynomial(coefficients=(1.0,) * 11)),
     (f"{S}.coefficients.1", lambda: ObliquityPolynomial(coefficients=(8.0, NAN))),
     ("numerics.method", lambda: Numerics(method="euler")),  # type: ignore[arg-type]
-    ("numerics.time_step", lambda: run(Numerics(method="panels", time_step=1e-7))),
-    ("sample_interval", lambda: run(sample_interval=1e-10)),
+    ("numerics.time_step", lambda: paper_run(30.0, numerics=Numerics(method="panels", time_step=1e-7))),
+    ("sample_interval", lambda: paper_run(30.0, sample_interval=1e-10)),
     ("search.lower", lambda: critical_angle(**CASE, velocity=238.0, search=Search(method="secant", lower=1.065))),
     ("search.method", lambda: Search(method="guess")),  # type: ignore[arg-type]
     *[(field, lambda make=make, value=value: make(value)) for field, make, values in VALUES for value in values],

@@ -28,7 +28,7 @@ from solver import (
     solid_properties,
 )
 from solver.projectile import NoseShape
-from solver.strike import PAPER_TARGET
+from solver.strike import PAPER_PROJECTILE, PAPER_TARGET
 from validation.routes import BODIES, random_projectile
 
 from .strikes import known
@@ -41,7 +41,7 @@ STEEL = 7850.0
 
 def body(nose: NoseShape) -> Projectile:
     """The paper's, with another nose."""
-    return Projectile(nose=nose, diameter=0.08, length=0.53, mass=13.0)
+    return replace(PAPER_PROJECTILE, nose=nose)
 
 
 FLAT = body(Flat())

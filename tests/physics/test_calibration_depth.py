@@ -12,7 +12,7 @@ from solver.arrays import FloatArray
 from solver.calibration import DepthFit, DepthTest, fit_depth, penetration_depths
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET
 
-from .strikes import CASE
+from .strikes import CASE, codes
 from .tables import table_1
 
 NAN, INFINITE = math.nan, math.inf
@@ -38,10 +38,6 @@ def fit(
 
 def depths(strength_factor: float, velocities: Sequence[float] = VELOCITIES) -> FloatArray:
     return penetration_depths(**CASE, velocities=velocities, strength_factor=strength_factor)
-
-
-def codes(found: DepthFit) -> set[str]:
-    return {warning.code for warning in found.warnings}
 
 
 @pytest.mark.parametrize(

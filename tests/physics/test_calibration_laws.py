@@ -22,7 +22,7 @@ from solver.calibration import (
 )
 from solver.free_surface import FreeSurface
 
-from .strikes import CASE, known
+from .strikes import CASE, codes, known
 
 LAWS: tuple[FreeSurface, ...] = (ElasticPlastic(), MohrCoulomb(), NoFreeSurface())
 
@@ -48,10 +48,6 @@ def fit(*runs: MotionRun, **more: Any) -> MotionsFit:
 
 def compare(*runs: MotionRun, **more: Any) -> DecayLawFits:
     return fit_decay_laws(**CASE, runs=runs, **more)
-
-
-def codes(found: MotionsFit | DecayLawFits) -> set[str]:
-    return {warning.code for warning in found.warnings}
 
 
 def test_one_strength_factor_is_found_from_several_angles_and_speeds() -> None:

@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from solver import ConstantStrengthFactor, Numerics, Outcome, ParameterError, Resistance, Trajectory, simulate
+from solver import ConstantStrengthFactor, Numerics, Outcome, ParameterError, Resistance, Trajectory
 from solver.arrays import FloatArray
 from solver.calibration import MotionFit, MotionHistory, Weights, fit_motion, predict_motion
 from solver.strike import paper_impact
 
-from .strikes import CASE, known
+from .strikes import CASE, codes, known, paper_run
 
 ANGLES = (15.0, 30.0, 45.0)
 TIMES = np.linspace(0.0, 5e-3, 101)
@@ -22,12 +22,8 @@ NOISE = {"depth_displacement": 1e-3, "lateral_displacement": 1e-3, "rotation": m
 
 
 def run(angle: float, strength_factor: float, sample_interval: float) -> Trajectory:
-    return simulate(
-        **CASE,
-        impact=paper_impact(oblique_angle_degrees=angle),
-        resistance=Resistance(strength_factor=ConstantStrengthFactor(value=strength_factor)),
-        sample_interval=sample_interval,
-    )
+    resistance = Resistance(strength_factor=ConstantStrengthFactor(value=strength_factor))
+    return paper_run(angle, resistance=resistance, sample_interval=sample_interval)
 
 
 def motion(angle: float, strength_factor: float, times: FloatArray = TIMES, **more: Any) -> MotionHistory:
@@ -46,10 +42,6 @@ def shifted(history: MotionHistory, shifts: dict[str, FloatArray]) -> MotionHist
 
 def white(random: np.random.Generator, size: int) -> dict[str, FloatArray]:
     return {name: scatter * random.normal(size=size) for name, scatter in NOISE.items()}
-
-
-def codes(found: MotionFit) -> set[str]:
-    return {warning.code for warning in found.warnings}
 
 
 @pytest.mark.parametrize("strength_factor", [5.0, 8.5, 12.0])

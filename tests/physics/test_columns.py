@@ -17,11 +17,11 @@ from solver import (
 )
 from solver.strike import PAPER_VELOCITY, paper_impact
 
-from .strikes import CASE, known
+from .strikes import CASE, known, paper_run
 
 
 def test_history_is_a_table_with_a_column_for_each_quantity() -> None:
-    trajectory = simulate(**CASE, impact=paper_impact(oblique_angle_degrees=55.0))
+    trajectory = paper_run(55.0)
     columns, table = trajectory.columns(), trajectory.to_dataframe()
     assert trajectory.history is not None
     assert columns["nose_tip_depth"] is trajectory.history.nose_tip_depth
@@ -33,8 +33,7 @@ def test_history_is_a_table_with_a_column_for_each_quantity() -> None:
 
 
 def test_columns_without_a_history_say_what_is_missing() -> None:
-    impact = paper_impact(oblique_angle_degrees=55.0)
-    trajectory = simulate(**CASE, impact=impact, sample_interval=None)
+    trajectory = paper_run(55.0, sample_interval=None)
     with pytest.raises(ParameterError, match="sample_interval: must be given"):
         trajectory.columns()
 

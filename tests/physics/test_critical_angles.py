@@ -33,14 +33,8 @@ CONSTANT = {"resistance": Resistance(strength_factor=ConstantStrengthFactor(valu
 HUNDREDTHS, TENTHS = 0.05, 0.05 + 0.05
 """Requested agreement, and the same with the rounding of a value known to a tenth. [°]"""
 
-BY_OUTCOME: list[tuple[float, float, dict[str, Any]]] = [
-    (48.64, 0.01, {}),
-    (48.56, 0.001, {}),
-    (49.07, 0.001, COMPRESSIBLE),
-    (57.48, 0.001, NO_FREE_SURFACE),
-    (43.57, 0.01, MOHR_COULOMB),
-]
-"""Angle beyond which this share of the energy is left, by the same program."""
+BY_OUTCOME: list[tuple[float, dict[str, Any]]] = [(48.56, {}), (49.07, COMPRESSIBLE), (57.48, NO_FREE_SURFACE)]
+"""Angle beyond which 0.1 % of the energy is left, by the same program; `test_retention` has those of 1 %."""
 BY_TIP: list[tuple[float, float, dict[str, Any]]] = [
     (48.61, HUNDREDTHS, {}),
     (49.13, HUNDREDTHS, COMPRESSIBLE),
@@ -83,9 +77,9 @@ def degrees(found: CriticalAngle) -> float:
     return math.degrees(known(found.angle))
 
 
-@pytest.mark.parametrize(("expected", "share", "changes"), BY_OUTCOME)
-def test_outcome_changes_at_the_known_angle(expected: float, share: float, changes: dict[str, Any]) -> None:
-    found = find("outcome", expected, numerics=Numerics(retention_energy_fraction=share), **changes)
+@pytest.mark.parametrize(("expected", "changes"), BY_OUTCOME)
+def test_outcome_changes_at_the_known_angle(expected: float, changes: dict[str, Any]) -> None:
+    found = find("outcome", expected, numerics=Numerics(retention_energy_fraction=1e-3), **changes)
     assert degrees(found) == pytest.approx(expected, abs=0.02)
 
 

@@ -5,10 +5,10 @@ from dataclasses import replace
 
 import pytest
 
-from solver import Outcome, critical_angle, simulate
-from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, paper_impact
+from solver import Outcome, critical_angle
+from solver.strike import PAPER_TARGET
 
-from .strikes import CASE
+from .strikes import CASE, known, paper_run
 
 WALL = replace(PAPER_TARGET, thickness=0.2)
 ENERGY = 0.5 * 13.0 * 238.0**2
@@ -16,8 +16,7 @@ ENERGY = 0.5 * 13.0 * 238.0**2
 
 @pytest.mark.parametrize(("oblique_angle", "outward"), [(0.0, 1.0), (20.0, 1.0), (52.0, -1.0)])
 def test_exit_is_the_final_motion_seen_from_the_face_left_through(oblique_angle: float, outward: float) -> None:
-    impact = paper_impact(oblique_angle_degrees=oblique_angle)
-    run = simulate(projectile=PAPER_PROJECTILE, target=WALL, impact=impact, sample_interval=None)
+    run = paper_run(oblique_angle, target=WALL, sample_interval=None)
     left, final = run.exit, run.final
     assert left is not None
     assert left.speed * math.sin(left.elevation) == pytest.approx(outward * final.depth_velocity)
@@ -29,7 +28,7 @@ def test_exit_is_the_final_motion_seen_from_the_face_left_through(oblique_angle:
 
 
 def test_projectile_that_stays_has_no_exit() -> None:
-    run = simulate(projectile=PAPER_PROJECTILE, target=WALL, impact=paper_impact(oblique_angle_degrees=46.0))
+    run = paper_run(46.0, target=WALL)
     assert run.outcome is Outcome.EMBEDDED
     assert run.exit is None
 
@@ -45,11 +44,7 @@ def test_exit_at_the_critical_angle_has_the_retention_energy() -> None:
 
 
 def test_exit_of_a_mirrored_strike_is_mirrored() -> None:
-    impact = paper_impact(oblique_angle_degrees=60.0)
-    mirrored = replace(impact, oblique_angle=-impact.oblique_angle)
-    first, second = (simulate(**CASE, impact=each, sample_interval=None).exit for each in (impact, mirrored))
-    assert first is not None
-    assert second is not None
+    first, second = (known(paper_run(degrees, sample_interval=None).exit) for degrees in (60.0, -60.0))
     assert second.direction == pytest.approx(-first.direction)
     assert second.axis_angle == pytest.approx(-first.axis_angle)
     assert (second.speed, second.elevation) == pytest.approx((first.speed, first.elevation))

@@ -35,6 +35,8 @@ from solver.formulas import (
     whiffen,
 )
 from solver.projectile import Flat, NoseShape
+from solver.strike import PAPER_PROJECTILE as PAPER
+from solver.strike import PAPER_TARGET
 
 from .strikes import known
 
@@ -45,7 +47,6 @@ POUND, INCH, FOOT, PSI = 0.45359237, 0.0254, 0.3048, 6894.757
 """[kg, m, m, Pa]"""
 MEASURED_DEPTH = 0.173
 """Depth of that shot. [m]"""
-PAPER = Projectile(nose=Ogive(caliber_radius_head=3.0), diameter=0.08, length=0.53, mass=13.0)
 FLAT = replace(PAPER, nose=Flat())
 NOSES: dict[NoseShape, bool] = {
     Flat(): False,
@@ -54,7 +55,6 @@ NOSES: dict[NoseShape, bool] = {
     Ogive(caliber_radius_head=3.0): False,
 }
 """Flat, blunt, spherical and sharp, with whether NDRC's factor of it is disputed."""
-PAPER_TARGET = Target(compressive_strength=39e6, density=2250.0)
 
 
 def by_name(projectile: Projectile, target: Target, impact: Impact) -> dict[str, FormulaResult]:

@@ -23,7 +23,7 @@ from solver.arrays import FloatArray, gauss_rule
 from solver.motion import sample, sample_loads
 from solver.prepared import integrate, prepare
 
-from .strikes import known, strikes
+from .strikes import known, mirrored, strikes
 
 few = settings(max_examples=20, deadline=None, derandomize=True, database=None)
 """The same examples on every run; a strike that slides to rest in its hole takes up to a second."""
@@ -49,14 +49,7 @@ def history(trajectory: Trajectory) -> Motion[FloatArray]:
 @given(strikes())
 def test_mirrored_impact_gives_mirrored_path(strike: dict[str, Any]) -> None:
     """To 10⁻⁴ of the length and 0.01°, as steps are chosen by rounding where a shank rests sideways in its hole."""
-    impact = strike["impact"]
-    mirrored = Impact(
-        velocity=impact.velocity,
-        oblique_angle=-impact.oblique_angle,
-        angle_of_attack=-impact.angle_of_attack,
-        angular_velocity=-impact.angular_velocity,
-    )
-    one, other = run(strike), run({**strike, "impact": mirrored})
+    one, other = run(strike), run({**strike, "impact": mirrored(strike["impact"])})
     a, b = history(one), history(other)
     assert one.outcome is other.outcome
     both = min(a.time.size, b.time.size) - 1

@@ -19,9 +19,9 @@ from solver import (
 )
 from solver.arrays import FloatArray
 from solver.free_surface import FreeSurface
-from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, paper_impact
+from solver.strike import PAPER_PROJECTILE, PAPER_TARGET
 
-from .strikes import CASE, DECAYS, LI_CHEN, LI_CHEN_TARGET, NOSES, steel
+from .strikes import DECAYS, LI_CHEN, LI_CHEN_TARGET, NOSES, paper_run, steel
 
 FINE = Numerics(relative_tolerance=1e-9, stations=16)
 
@@ -33,7 +33,7 @@ def ogive_factor(crh: float) -> float:
 
 def strike_of_the_paper(free_surface: FreeSurface | None = None) -> Trajectory:
     resistance = Resistance() if free_surface is None else Resistance(free_surface=free_surface)
-    return simulate(**CASE, impact=paper_impact(oblique_angle_degrees=0.0), resistance=resistance, numerics=FINE)
+    return paper_run(0.0, resistance=resistance, numerics=FINE)
 
 
 def test_nose_feels_no_free_surface() -> None:
@@ -43,7 +43,7 @@ def test_nose_feels_no_free_surface() -> None:
 
 @pytest.mark.parametrize("name", NOSES)
 def test_projectile_never_turns(name: str) -> None:
-    run = simulate(projectile=steel(NOSES[name]), target=PAPER_TARGET, impact=paper_impact(oblique_angle_degrees=0.0))
+    run = paper_run(0.0, projectile=steel(NOSES[name]))
     assert run.history is not None
     assert run.outcome is Outcome.EMBEDDED
     assert np.degrees(np.abs(run.history.axis_angle)).max() < 1e-6

@@ -28,7 +28,7 @@ from solver.calibration import DepthTest, fit_depth, penetration_depths
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY, paper_impact
 from solver.uncertainty import Lognormal
 
-from .strikes import CASE, known
+from .strikes import CASE, known, paper_run
 
 TABLE_1 = [(238.1, 0.30, 12.923), (275.7, 0.38, 12.900), (314.0, 0.45, 12.910), (369.5, 0.53, 12.914)]
 """Velocity, depth and mass of the shots of the paper. [m/s, m, kg]"""
@@ -160,12 +160,8 @@ def test_search_and_limit_speed_take_own_tests() -> None:
 
 
 def codes_of(shots: Sequence[Shot]) -> dict[str, str]:
-    run = simulate(
-        **CASE,
-        impact=paper_impact(oblique_angle_degrees=0.0),
-        resistance=Resistance(strength_factor=OwnTests(shots=tuple(shots))),
-        sample_interval=None,
-    )
+    law = Resistance(strength_factor=OwnTests(shots=tuple(shots)))
+    run = paper_run(0.0, resistance=law, sample_interval=None)
     return {each.code: each.detail for each in run.warnings}
 
 

@@ -16,7 +16,6 @@ from solver import (
     Resistance,
     Trajectory,
     mass_properties,
-    simulate,
 )
 from solver.arrays import FloatArray
 from solver.motion import REST_FRACTION
@@ -24,30 +23,16 @@ from solver.projectile import Flat
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, paper_impact
 from solver.warnings import body_warnings
 
-from .strikes import NOSES, known, steel
-
-
-def run(degrees: float, **changes: Any) -> Trajectory:
-    """The paper's strike at an oblique angle."""
-    strike = {
-        "projectile": PAPER_PROJECTILE,
-        "target": PAPER_TARGET,
-        "impact": paper_impact(oblique_angle_degrees=degrees),
-    }
-    return simulate(**{**strike, **changes})
+from .strikes import NOSES, codes, known, paper_run, power, steel
 
 
 def history(trajectory: Trajectory) -> Motion[FloatArray]:
     return known(trajectory.history)
 
 
-def codes(trajectory: Trajectory) -> set[str]:
-    return {warning.code for warning in trajectory.warnings}
-
-
 @pytest.mark.parametrize("method", ["adaptive", "panels"])
 def test_embedded_run_ends_at_a_hundredth_of_the_speed(method: Any) -> None:
-    found = run(30.0, numerics=Numerics(method=method))
+    found = paper_run(30.0, numerics=Numerics(method=method))
     assert found.outcome is Outcome.EMBEDDED
     if method == "adaptive":  # a fixed step may overshoot rest, and is then stopped before it
         assert found.final.kinetic_energy == pytest.approx(REST_FRACTION * history(found).kinetic_energy[0], rel=1e-6)
@@ -55,7 +40,7 @@ def test_embedded_run_ends_at_a_hundredth_of_the_speed(method: Any) -> None:
 
 @pytest.mark.parametrize("method", ["adaptive", "panels"])
 def test_ricochet_ends_when_the_last_element_is_unloaded(method: Any) -> None:
-    found = run(55.0, numerics=Numerics(method=method))
+    found = paper_run(55.0, numerics=Numerics(method=method))
     assert found.outcome is Outcome.RICOCHET
     assert found.final.depth_velocity < 0.0
     force = np.hypot(history(found).depth_force, history(found).lateral_force)
@@ -63,7 +48,7 @@ def test_ricochet_ends_when_the_last_element_is_unloaded(method: Any) -> None:
 
 
 def test_run_out_of_time_is_in_motion_and_says_so() -> None:
-    found = run(45.0, numerics=Numerics(termination_time=1e-3))
+    found = paper_run(45.0, numerics=Numerics(termination_time=1e-3))
     assert found.outcome is Outcome.IN_MOTION
     assert found.final.time == 1e-3
     assert "undecided" in codes(found)
@@ -71,7 +56,7 @@ def test_run_out_of_time_is_in_motion_and_says_so() -> None:
 
 @pytest.mark.parametrize("degrees", [0.0, 30.0, 55.0])
 def test_history_is_sampled_evenly_and_ends_with_the_run(degrees: float) -> None:
-    found = run(degrees, sample_interval=3e-5)
+    found = paper_run(degrees, sample_interval=3e-5)
     times = history(found).time
     np.testing.assert_allclose(times[:-1], 3e-5 * np.arange(times.size - 1), rtol=0, atol=1e-15)
     assert 0.0 < times[-1] - times[-2] <= 3e-5 * (1.0 + 1e-9)
@@ -80,14 +65,14 @@ def test_history_is_sampled_evenly_and_ends_with_the_run(degrees: float) -> None
 
 
 def test_history_that_is_not_requested_changes_nothing_else() -> None:
-    with_history, without = run(45.0), run(45.0, sample_interval=None)
+    with_history, without = paper_run(45.0), paper_run(45.0, sample_interval=None)
     assert without.history is None
     assert replace(with_history, history=None) == without
 
 
 def test_impact_is_where_the_history_starts() -> None:
     impact = Impact(velocity=238.0, oblique_angle=0.7, angle_of_attack=0.05, angular_velocity=-20.0)
-    start = history(run(0.0, impact=impact))
+    start = history(paper_run(0.0, impact=impact))
     assert start.time[0] == 0.0
     assert start.nose_tip_depth[0] == pytest.approx(0.0, abs=1e-12)
     assert start.center_of_gravity_lateral[0] == 0.0
@@ -99,7 +84,7 @@ def test_impact_is_where_the_history_starts() -> None:
 
 def test_rates_in_the_history_are_those_of_its_positions() -> None:
     """Central differences at 10 µs, up to the end of the load."""
-    found = history(run(48.0, sample_interval=1e-5))
+    found = history(paper_run(48.0, sample_interval=1e-5))
     for position, rate, scale in (
         (found.center_of_gravity_depth, found.depth_velocity, 238.0),
         (found.center_of_gravity_lateral, found.lateral_velocity, 238.0),
@@ -110,15 +95,10 @@ def test_rates_in_the_history_are_those_of_its_positions() -> None:
         np.testing.assert_allclose(slope, rate[1:-2], rtol=0, atol=5e-3 * scale)
 
 
-def power(found: Motion[FloatArray]) -> FloatArray:
-    translation = found.depth_force * found.depth_velocity + found.lateral_force * found.lateral_velocity
-    return np.asarray(translation + found.moment * found.angular_velocity)
-
-
 @pytest.mark.parametrize(("degrees", "tolerance"), [(0.0, 1e-5), (30.0, 1e-5), (55.0, 1e-5)])
 def test_accelerations_add_up_to_the_change_of_velocity(degrees: float, tolerance: float) -> None:
     """Trapezoids at 2 µs. At 30° the body ends sliding straight, where a speed across it of mm/s decides the force."""
-    found = history(run(degrees, sample_interval=2e-6))
+    found = history(paper_run(degrees, sample_interval=2e-6))
     sine, cosine = np.sin(found.axis_angle), np.cos(found.axis_angle)
     axial, transverse = found.axial_acceleration, found.transverse_acceleration
     for rate, velocity in (
@@ -130,7 +110,7 @@ def test_accelerations_add_up_to_the_change_of_velocity(degrees: float, toleranc
 
 
 def test_body_that_flies_straight_is_slowed_along_its_axis_alone() -> None:
-    found = history(run(0.0))
+    found = history(paper_run(0.0))
     assert (found.axial_acceleration <= 0.0).all()
     assert found.axial_acceleration.min() == pytest.approx(found.depth_force.min() / 13.0, rel=1e-12)
     np.testing.assert_allclose(found.transverse_acceleration, 0.0, atol=1e-9 * abs(found.axial_acceleration.min()))
@@ -139,14 +119,14 @@ def test_body_that_flies_straight_is_slowed_along_its_axis_alone() -> None:
 def test_body_that_slides_straight_has_no_acceleration_across_it_that_its_path_does_not_show() -> None:
     """At 320 m/s it has stopped turning after 1.6 ms."""
     impact = Impact(velocity=320.0, oblique_angle=math.radians(45.0))
-    found = history(run(45.0, impact=impact, sample_interval=2e-5))
+    found = history(paper_run(45.0, impact=impact, sample_interval=2e-5))
     slides = (found.time > 1.6e-3) & (found.time < found.time[-1])
     assert np.ptp(found.axis_angle[slides]) < 1e-3
     assert np.abs(found.transverse_acceleration[slides]).max() < 0.01 * np.abs(found.axial_acceleration[slides]).max()
 
 
 def test_nose_that_is_pushed_to_the_face_accelerates_the_body_that_way() -> None:
-    found = history(run(55.0))
+    found = history(paper_run(55.0))
     push = found.transverse_acceleration
     assert push[np.abs(push).argmax()] > 0.0
     assert found.axis_angle[-1] > found.axis_angle[0]
@@ -156,7 +136,7 @@ def test_nose_that_is_pushed_to_the_face_accelerates_the_body_that_way() -> None
 def test_accelerations_of_both_routes_agree(degrees: float, until: float) -> None:
     """To 5 % in the mean square, as a panel is loaded at once, and 1 % in the greatest; at 30° while the body turns."""
     found, other = (
-        history(run(degrees, numerics=Numerics(method=method), sample_interval=1e-5))
+        history(paper_run(degrees, numerics=Numerics(method=method), sample_interval=1e-5))
         for method in ("adaptive", "panels")
     )
     shared = found.time[: min(found.time.size, other.time.size) - 1] < until
@@ -167,7 +147,7 @@ def test_accelerations_of_both_routes_agree(degrees: float, until: float) -> Non
 
 
 def test_energy_is_that_of_the_velocities_and_an_embedded_body_ends_with_less_than_it_had() -> None:
-    found = history(run(30.0))
+    found = history(paper_run(30.0))
     body = mass_properties(PAPER_PROJECTILE)
     moving = body.mass * (found.depth_velocity**2 + found.lateral_velocity**2)
     turning = body.moment_of_inertia * found.angular_velocity**2
@@ -178,7 +158,7 @@ def test_energy_is_that_of_the_velocities_and_an_embedded_body_ends_with_less_th
 @pytest.mark.parametrize("degrees", [0.0, 30.0, 48.0, 55.0])
 def test_maximum_depth_is_the_greatest_tip_depth_up_to_the_end(degrees: float) -> None:
     """To what half a sample interval can hide near a maximum, and no deeper than the run went."""
-    found = run(degrees, sample_interval=1e-6)
+    found = paper_run(degrees, sample_interval=1e-6)
     assert found.maximum_depth == pytest.approx(history(found).nose_tip_depth.max(), abs=5e-8)
 
 
@@ -188,7 +168,7 @@ FIXED = {"resistance": Resistance(strength_factor=ConstantStrengthFactor(value=8
 
 
 def test_well_covered_strike_carries_no_warning() -> None:
-    assert run(30.0, projectile=PLAIN).warnings == ()
+    assert paper_run(30.0, projectile=PLAIN).warnings == ()
 
 
 @pytest.mark.parametrize(
@@ -209,7 +189,7 @@ def test_well_covered_strike_carries_no_warning() -> None:
     ],
 )
 def test_what_an_assessor_should_know_travels_with_the_result(code: str, changes: dict[str, Any]) -> None:
-    found = run(30.0, **{"projectile": PLAIN, **changes})
+    found = paper_run(30.0, **{"projectile": PLAIN, **changes})
     assert code in codes(found)
     assert all(warning.detail for warning in found.warnings)
 
@@ -227,7 +207,7 @@ def test_mean_density_is_the_mass_over_the_volume_of_the_outline() -> None:
 @pytest.mark.parametrize("name", NOSES)
 @pytest.mark.parametrize("degrees", [0.0, 1e-7, 89.0, 89.99])
 def test_ends_of_the_range_of_angles_are_ordinary_strikes(name: str, degrees: float) -> None:
-    found = run(degrees, projectile=steel(NOSES[name]), **FIXED)
+    found = paper_run(degrees, projectile=steel(NOSES[name]), **FIXED)
     for field in fields(found.final):
         assert np.isfinite(getattr(history(found), field.name)).all()
     assert found.outcome is (Outcome.EMBEDDED if degrees < 1.0 else Outcome.RICOCHET)

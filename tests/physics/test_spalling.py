@@ -4,7 +4,6 @@ import math
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
 import pytest
 
 from solver import (
@@ -29,7 +28,7 @@ from solver import (
 from solver.formulas import spread
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY, paper_impact
 
-from .strikes import CASE, known
+from .strikes import CASE, assert_panels_follow_the_gauss_points, assert_work_is_the_energy_lost, known, paper_run
 
 WALL = replace(PAPER_TARGET, thickness=0.2)
 ROD = Projectile(nose=Flat(), diameter=0.05, length=0.4, mass=6.0)
@@ -53,21 +52,8 @@ def rod_strikes(velocity: float, target: Target, **spalling: Any) -> Trajectory:
     )
 
 
-def paper_strikes(
-    angle: float,
-    target: Target = WALL,
-    numerics: Numerics | None = None,
-    sample_interval: float = 2e-6,
-    **spalling: Any,
-) -> Trajectory:
-    return simulate(
-        projectile=PAPER_PROJECTILE,
-        target=target,
-        impact=paper_impact(oblique_angle_degrees=angle),
-        resistance=Resistance(**spalling),
-        numerics=numerics,
-        sample_interval=sample_interval,
-    )
+def paper_strikes(angle: float, target: Target = WALL, **spalling: Any) -> Trajectory:
+    return paper_run(angle, target=target, resistance=Resistance(**spalling), sample_interval=2e-6)
 
 
 def test_rod_stops_in_a_crater_as_an_oscillator_does() -> None:
@@ -104,35 +90,16 @@ def test_wall_no_thicker_than_the_plug_is_no_resistance() -> None:
     "spalling", [{"rear_plug": ShearPlug()}, {"crater": Crater()}, {"rear_plug": ShearPlug(), "crater": Crater()}]
 )
 def test_panels_and_gauss_points_agree(angle: float, spalling: dict[str, Any]) -> None:
-    panels, gauss = (
-        paper_strikes(angle, numerics=numerics, sample_interval=1e-4, **spalling).history
-        for numerics in (
-            Numerics(method="panels", panels=12_000, time_step=1e-6, termination_time=0.015),
-            Numerics(stations=24, points=8),
-        )
-    )
-    assert panels is not None
-    assert gauss is not None
-    count = min(panels.time.size, gauss.time.size) - 1
-    assert count > 10
-    np.testing.assert_allclose(gauss.nose_tip_depth[:count], panels.nose_tip_depth[:count], rtol=0.0, atol=3e-4)
-    np.testing.assert_allclose(
-        np.degrees(gauss.axis_angle[:count]), np.degrees(panels.axis_angle[:count]), rtol=0.0, atol=0.1
+    impact, resistance = paper_impact(oblique_angle_degrees=angle), Resistance(**spalling)
+    assert_panels_follow_the_gauss_points(
+        projectile=PAPER_PROJECTILE, target=WALL, impact=impact, resistance=resistance
     )
 
 
 @pytest.mark.parametrize("angle", [10.0, 45.0, 60.0])
 def test_work_done_is_energy_lost(angle: float) -> None:
-    run = paper_strikes(angle, crater=Crater(), rear_plug=ShearPlug()).history
-    assert run is not None
-    power = (
-        run.depth_force * run.depth_velocity
-        + run.lateral_force * run.lateral_velocity
-        + run.moment * run.angular_velocity
-    )
-    work = float(np.sum(0.5 * (power[1:] + power[:-1]) * np.diff(run.time)))
-    assert work == pytest.approx(run.kinetic_energy[-1] - run.kinetic_energy[0], rel=5e-3)
-    assert (np.diff(run.kinetic_energy) < 1e-6 * run.kinetic_energy[0]).all()
+    run = paper_strikes(angle, crater=Crater(), rear_plug=ShearPlug())
+    assert_work_is_the_energy_lost(known(run.history), rel=5e-3)
 
 
 def test_plug_requires_a_thicker_wall_and_lowers_the_limit_speed() -> None:
@@ -185,13 +152,7 @@ def test_warning_says_what_the_rear_face_leaves_out() -> None:
 @pytest.mark.parametrize("spalling", [{}, {"crater": Crater()}, {"rear_plug": ShearPlug()}])
 def test_warning_of_the_rear_face_has_what_the_formulas_require_against_the_strike(spalling: dict[str, Any]) -> None:
     def detail(impact: Impact) -> str:
-        run = simulate(
-            projectile=PAPER_PROJECTILE,
-            target=WALL,
-            impact=impact,
-            resistance=Resistance(**spalling),
-            sample_interval=None,
-        )
+        run = paper_run(30.0, target=WALL, impact=impact, resistance=Resistance(**spalling), sample_interval=None)
         (found,) = (each for each in run.warnings if each.code.startswith("rear_"))
         return found.detail
 

@@ -11,7 +11,6 @@ from solver import (
     CriticalAngle,
     Numerics,
     ObliquityPolynomial,
-    ParameterError,
     Resistance,
     Search,
     SearchStatus,
@@ -20,7 +19,7 @@ from solver import (
 from solver.calibration import fit_obliquity
 from solver.strike import PAPER_VELOCITY
 
-from .strikes import CASE, known
+from .strikes import CASE, codes, known
 from .tables import table_2
 
 NAN = math.nan
@@ -36,10 +35,6 @@ def find(strength_factor: ObliquityPolynomial, *, numerics: Numerics | None = No
         numerics=numerics,
         search=Search(**search),
     )
-
-
-def codes(found: CriticalAngle) -> set[str]:
-    return {warning.code for warning in found.warnings}
 
 
 def constant_term_known_to(error: float) -> ObliquityPolynomial:
@@ -108,21 +103,3 @@ def test_standard_error_of_the_strength_factor_follows_from_the_covariance() -> 
     for degrees in (0.0, 10.0, -10.0, 40.0):
         expected = math.sqrt(0.04 - 2e-3 * abs(degrees) + 1e-4 * degrees**2)
         assert model.standard_error(math.radians(degrees)) == pytest.approx(expected)
-
-
-@pytest.mark.parametrize(
-    ("place", "covariance"),
-    [
-        ("", ((1.0, 0.0), (0.0, 1.0))),
-        (".1", ((1.0, 0.0, 0.0), (0.0, 1.0), (0.0, 0.0, 1.0))),
-        (".2.1", ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, NAN, 1.0))),
-        ("", ((1.0, 0.1, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))),
-        ("", ((1.0, 0.0, 0.0), (0.0, -1e-9, 0.0), (0.0, 0.0, 1.0))),
-        ("", ((1.0, 2e-4, 0.0), (2e-4, 1e-8, 0.0), (0.0, 0.0, 1e-12))),
-    ],
-    ids=["too few rows", "short row", "not a number", "not symmetric", "negative variance", "not semidefinite"],
-)
-def test_what_is_no_covariance_is_refused(place: str, covariance: tuple[tuple[float, ...], ...]) -> None:
-    with pytest.raises(ParameterError) as refused:
-        ObliquityPolynomial(covariance=covariance)
-    assert refused.value.field == f"resistance.strength_factor.covariance{place}"

@@ -28,7 +28,7 @@ from solver.calibration import penetration_depths
 from solver.resistance import StrengthFactor, strength_factor
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY, paper_impact
 
-from .strikes import CASE, known
+from .strikes import CASE, codes, known, paper_run
 
 
 def value_of(model: StrengthFactor, *, strength: float = 39e6, diameter: float = 0.08, degrees: float = 0.0) -> float:
@@ -215,7 +215,5 @@ def test_law_of_published_tests_says_where_it_is_extrapolated() -> None:
 def test_shape_of_equation_9_is_extrapolated_beyond_45_degrees() -> None:
     for shape, warned in (("equation_9", True), ("constant", False)):
         resistance = Resistance(strength_factor=StrengthPowerLaw(obliquity_shape=shape))  # type: ignore[arg-type]
-        run = simulate(
-            **CASE, impact=paper_impact(oblique_angle_degrees=46.0), resistance=resistance, sample_interval=None
-        )
-        assert ("strength_fit_extrapolated" in {each.code for each in run.warnings}) is warned
+        run = paper_run(46.0, resistance=resistance, sample_interval=None)
+        assert ("strength_fit_extrapolated" in codes(run)) is warned

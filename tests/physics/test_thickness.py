@@ -5,7 +5,6 @@ import math
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
@@ -31,19 +30,22 @@ from solver import (
 )
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY, paper_impact
 
-from .strikes import CASE, known, strikes
+from .strikes import (
+    CASE,
+    assert_panels_follow_the_gauss_points,
+    assert_work_is_the_energy_lost,
+    known,
+    mirrored,
+    paper_run,
+    strikes,
+)
 
 WALL = replace(PAPER_TARGET, thickness=0.2)
 """Of the cases of the independent program: elastic-plastic decay, eq. 9, 160 + 160 + 24 rows of 40 panels, 1 µs."""
 
 
 def strike(angle: float, target: Target = WALL, **options: Any) -> Trajectory:
-    return simulate(
-        projectile=PAPER_PROJECTILE,
-        target=target,
-        impact=paper_impact(oblique_angle_degrees=angle),
-        **({"sample_interval": None} | options),
-    )
+    return paper_run(angle, **{"target": target, "sample_interval": None} | options)
 
 
 def search(target: Target = WALL, **options: Any) -> CriticalAngle:
@@ -118,24 +120,6 @@ def test_thick_wall_has_the_angle_of_the_half_space(diameters: float, degrees: f
     assert abs(math.degrees(known(wall.angle) - known(half_space.angle))) < degrees
 
 
-def routes_agree(arguments: dict[str, Any]) -> None:
-    ours, panels = (
-        simulate(**arguments, numerics=numerics, sample_interval=1e-4).history
-        for numerics in (
-            Numerics(stations=24, points=8),
-            Numerics(method="panels", panels=24_000, time_step=1e-6, termination_time=0.015),
-        )
-    )
-    assert ours is not None
-    assert panels is not None
-    count = min(ours.time.size, panels.time.size) - 1
-    assert count > 10
-    np.testing.assert_allclose(ours.nose_tip_depth[:count], panels.nose_tip_depth[:count], rtol=0, atol=0.3e-3)
-    np.testing.assert_allclose(
-        np.degrees(ours.axis_angle[:count]), np.degrees(panels.axis_angle[:count]), rtol=0, atol=0.1
-    )
-
-
 OFTEN_RUN = {(20.0, 0.2), (52.0, 0.2)}
 HISTORIES = [
     pytest.param(angle, thickness, marks=() if (angle, thickness) in OFTEN_RUN else pytest.mark.slow)
@@ -148,7 +132,7 @@ HISTORIES = [
 def test_brute_force_follows_the_same_history(angle: float, thickness: float) -> None:
     impact = paper_impact(oblique_angle_degrees=angle)
     wall = replace(WALL, thickness=thickness)
-    routes_agree({"projectile": PAPER_PROJECTILE, "target": wall, "impact": impact})
+    assert_panels_follow_the_gauss_points(projectile=PAPER_PROJECTILE, target=wall, impact=impact)
 
 
 @settings(max_examples=8)
@@ -159,17 +143,7 @@ def test_work_of_the_resistance_is_the_energy_lost(arguments: dict[str, Any], di
     interval = 1e-3 * diameter / impact.velocity
     run = simulate(**arguments | {"target": wall}, sample_interval=interval)
     assume(run.outcome is not Outcome.IN_MOTION)
-    history = run.history
-    assert history is not None
-    power = (
-        history.depth_force * history.depth_velocity
-        + history.lateral_force * history.lateral_velocity
-        + history.moment * history.angular_velocity
-    )
-    work = np.trapezoid(power, history.time)
-    lost = history.kinetic_energy[-1] - history.kinetic_energy[0]
-    assert work == pytest.approx(lost, rel=2e-3)
-    assert np.diff(history.kinetic_energy).max() <= 1e-6 * history.kinetic_energy[0]
+    assert_work_is_the_energy_lost(known(run.history), rel=2e-3)
 
 
 @settings(max_examples=5)
@@ -177,15 +151,8 @@ def test_work_of_the_resistance_is_the_energy_lost(arguments: dict[str, Any], di
 def test_mirror_image_has_the_mirrored_motion(arguments: dict[str, Any], diameters: float) -> None:
     target = replace(arguments["target"], thickness=diameters * arguments["projectile"].diameter)
     impact = arguments["impact"]
-    mirrored = replace(
-        impact,
-        oblique_angle=-impact.oblique_angle,
-        angle_of_attack=-impact.angle_of_attack,
-        angular_velocity=-impact.angular_velocity,
-    )
-    left, right = (
-        simulate(**arguments | {"target": target, "impact": each}, sample_interval=None) for each in (impact, mirrored)
-    )
+    impacts = impact, mirrored(impact)
+    left, right = (simulate(**arguments | {"target": target, "impact": each}, sample_interval=None) for each in impacts)
     assert left.outcome is right.outcome
     assert left.final.depth_velocity == pytest.approx(right.final.depth_velocity, rel=1e-9, abs=1e-6)
     assert left.final.axis_angle == pytest.approx(-right.final.axis_angle, rel=1e-9, abs=1e-6)

@@ -8,7 +8,7 @@ import pytest
 
 from solver import OwnTests, PublishedTests, Resistance, Shot
 from solver.calibration import penetration_depths
-from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY
+from solver.strike import PAPER_VELOCITY
 from solver.uncertainty import (
     RESIDUAL,
     AfterShots,
@@ -22,8 +22,9 @@ from solver.uncertainty import (
     usual_scatter,
 )
 from solver.uncertainty.verdict import next_shot_advice
+from tests.physics.strikes import CASE
 
-STRIKE: dict[str, Any] = {"projectile": PAPER_PROJECTILE, "target": PAPER_TARGET, "velocity": PAPER_VELOCITY}
+STRIKE: dict[str, Any] = CASE | {"velocity": PAPER_VELOCITY}
 LAW = Resistance(strength_factor=PublishedTests())
 BETWEEN, WITHIN = PublishedTests.between_series, PublishedTests.within_series
 STRENGTH = 0.12
@@ -61,11 +62,10 @@ def test_more_shots_narrow_the_range_more(usual: AngleUncertainty) -> None:
 @pytest.mark.parametrize("place", [0, 1])
 def test_dispersion_is_that_of_the_posterior_of_so_many_shots(usual: AngleUncertainty, place: int) -> None:
     expected = after_shots(usual)[place]
-    factor = PublishedTests().polynomial(target=PAPER_TARGET, projectile=PAPER_PROJECTILE)[0]
-    case: dict[str, Any] = {"projectile": PAPER_PROJECTILE, "target": PAPER_TARGET}
-    (depth,) = penetration_depths(**case, velocities=[300.0], strength_factor=factor)
+    factor = PublishedTests().polynomial(**CASE)[0]
+    (depth,) = penetration_depths(**CASE, velocities=[300.0], strength_factor=factor)
     fired = OwnTests(shots=(Shot(velocity=300.0, depth=float(depth)),) * expected.shots)
-    assert expected.dispersion == pytest.approx(fired.posterior(**case).dispersion, rel=1e-3)
+    assert expected.dispersion == pytest.approx(fired.posterior(**CASE).dispersion, rel=1e-3)
 
 
 @pytest.mark.parametrize("method", ["auto", "direct"])

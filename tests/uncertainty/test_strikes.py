@@ -13,7 +13,6 @@ from solver import (
     Profile,
     PublishedTests,
     critical_angle,
-    simulate,
     strength_factor,
 )
 from solver.checks import BOUNDS
@@ -33,9 +32,9 @@ from solver.uncertainty import (
     scaled,
     trajectory_uncertainty,
 )
-from tests.physics.strikes import known
+from tests.physics.strikes import CASE, known, paper_run
 
-PAPER: dict[str, Any] = {"projectile": PAPER_PROJECTILE, "target": PAPER_TARGET, "velocity": PAPER_VELOCITY}
+PAPER: dict[str, Any] = CASE | {"velocity": PAPER_VELOCITY}
 SPEED = Uncertain("impact.velocity", Normal(mean=238.0, coefficient_of_variation=0.01))
 STRENGTH = Uncertain("target.compressive_strength", Lognormal(median=39e6, dispersion=0.12))
 DENSITY = Uncertain("target.density", Normal(mean=2250.0, coefficient_of_variation=0.02))
@@ -185,8 +184,7 @@ def test_points_of_the_surrogate_that_the_model_does_not_accept_count_as_not_kno
 
 def test_outcome_of_the_papers_strike_near_its_angle() -> None:
     answer = trajectory_uncertainty(
-        projectile=PAPER_PROJECTILE,
-        target=PAPER_TARGET,
+        **CASE,
         impact=paper_impact(oblique_angle_degrees=48.7),
         uncertain=[ATTACK],
         sampling=Sampling(half_width=0.05),
@@ -194,12 +192,7 @@ def test_outcome_of_the_papers_strike_near_its_angle() -> None:
     shares = dict(answer.outcomes)
     assert 0.3 < shares["ricochet"].value < 0.7
     assert shares["ricochet"].value + shares["embedded"].value == pytest.approx(1.0)
-    middle = simulate(
-        projectile=PAPER_PROJECTILE,
-        target=PAPER_TARGET,
-        impact=paper_impact(oblique_angle_degrees=48.7),
-        sample_interval=None,
-    )
+    middle = paper_run(48.7, sample_interval=None)
     assert dict(answer.maximum_depth)[0.5].value == pytest.approx(middle.maximum_depth, rel=0.02)
     assert answer.exit_speed[0][1].value > 20.0
     assert answer.residual_speed == ()

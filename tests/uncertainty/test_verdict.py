@@ -25,11 +25,10 @@ from solver import (
 )
 from solver.resistance import strength_factor
 from solver.strength_scatter import TABLE_1, strength_scatter
-from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY
+from solver.strike import PAPER_PROJECTILE, PAPER_VELOCITY
 from solver.uncertainty import Discrete, Lognormal, Verdict, usual_scatter, verdict
-from tests.physics.strikes import known
+from tests.physics.strikes import CASE, known
 
-CASE: dict[str, Any] = {"projectile": PAPER_PROJECTILE, "target": PAPER_TARGET}
 OTHER: dict[str, Any] = CASE | {"target": Target(compressive_strength=40e6, density=2250.0)}
 LAW = math.hypot(PublishedTests.between_series, PublishedTests.within_series)
 

@@ -15,7 +15,7 @@ from validation.motion import PAPER_STEP, STEPS, sensitivity_section
 from validation.reference import equation_9, paper_numbers, paper_value, table_1
 from validation.report import Comparison, Progress, Section
 from validation.reproduction import open_points_section
-from validation.strength_factor import FIRED_DIAMETER, depth_section, fit, fit_table_2, obliquity_section
+from validation.strength_factor import FIRED_DIAMETER, depth_section, fit, obliquity_section
 
 FIGURES = {f"figure-{number:02d}" for number in (6, *range(8, 19))}
 CHEAP = (depth_section, obliquity_section, search_section, turning_section, sensitivity_section, open_points_section)
@@ -43,11 +43,6 @@ def test_strength_factor_from_table_1() -> None:
 def test_strength_factor_of_the_diameter_that_was_fired() -> None:
     slim = replace(PAPER_PROJECTILE, diameter=FIRED_DIAMETER)
     assert fit(table_1(), own_masses=True, projectile=slim).estimate.strength_factor == pytest.approx(9.2, abs=0.05)
-
-
-def test_equation_9_from_table_2_to_the_printed_digits() -> None:
-    coefficients = fit_table_2().coefficients
-    assert tuple(round(value, places) for value, places in zip(coefficients, (3, 4, 4), strict=True)) == equation_9()
 
 
 def test_critical_angle_is_the_paper_s_within_its_tolerance() -> None:
