@@ -269,7 +269,7 @@ def copy_job(path: Path, size: int) -> None:
 
 
 def draw(curves: Sequence[Curve], path: Path) -> None:
-    """Draw every curve with its line, against sizes in a logarithmic scale."""
+    """Draw every curve with its line, against sizes in a logarithmic scale if they span decades."""
     with styled():
         rows = -(-len(curves) // 3)
         figure, axes = panels(len(curves), rows=rows, height=2.2 * rows)
@@ -277,7 +277,11 @@ def draw(curves: Sequence[Curve], path: Path) -> None:
             sizes, values = np.array(curve.points).T
             constant, slope = curve.line()
             between = np.geomspace(sizes[0], sizes[-1], 50)
-            each.semilogx(sizes, values, "o", between, constant + slope * between, "-", color="#123f73")
+            each.plot(sizes, values, "o", between, constant + slope * between, "-", color="#123f73")
+            if sizes[-1] > 10.0 * sizes[0]:
+                each.set_xscale("log")
+            else:
+                each.set_xticks(sizes)
             if max(values) > 10.0 * min(values):
                 each.set_yscale("log")
             else:
