@@ -36,7 +36,7 @@ DECAY = {
 BODY: dict[str, Any] = PAPER | {
     "uncertain": [ATTACK, DECAY],
     "oblique_angles_deg": {"start": 30, "stop": 70, "count": 81},
-    "sampling": {"half_width": 0.05, "confidence": 0.95, "max_samples": 2048, "seed": 7},
+    "sampling": {"half_width": 0.03, "confidence": 0.95, "max_samples": 4096, "seed": 7},
 }
 STRIKE: dict[str, Any] = PAPER | {
     "impact": {"velocity_m_s": 238.0, "oblique_angle_deg": 48.7},
@@ -62,7 +62,7 @@ def test_curve_is_that_of_the_solver(client: httpx.Client) -> None:
             Uncertain("resistance.free_surface", models),
         ],
         oblique_angles=np.radians(np.linspace(30.0, 70.0, 81)),
-        sampling=Sampling(half_width=0.05, max_samples=2048, seed=7),
+        sampling=Sampling(half_width=0.03, max_samples=4096, seed=7),
     )
     np.testing.assert_allclose(answer["probability"]["ricochet_probability"], same.probability, atol=1e-4)
     assert answer["method"] == same.method
@@ -74,7 +74,7 @@ def test_curve_is_that_of_the_solver(client: httpx.Client) -> None:
 
 
 def test_factor_on_s_says_what_shots_of_ones_own_would_make_of_the_angle(client: httpx.Client) -> None:
-    body = PAPER | {"resistance": {"strength_factor": {"model": "published_tests"}}, "sampling": {"max_samples": 512}}
+    body = PAPER | {"resistance": {"strength_factor": {"model": "published_tests"}}, "sampling": {"max_samples": 1024}}
     residual = {"type": "lognormal", "median": 1.0, "dispersion": 0.31}
     uncertain = [ATTACK, {"field": "resistance.strength_residual", "distribution": residual}]
     answer = client.post("/cra/uncertainty", json=body | {"uncertain": uncertain}).json()
@@ -89,7 +89,7 @@ def test_factor_on_s_says_what_shots_of_ones_own_would_make_of_the_angle(client:
             Uncertain("impact.angle_of_attack", Normal(mean=0.0, standard_deviation=math.radians(1.0))),
             Uncertain(RESIDUAL, Lognormal(median=1.0, dispersion=0.31)),
         ],
-        sampling=Sampling(max_samples=512),
+        sampling=Sampling(max_samples=1024),
     )
     for found, each in zip(factor["after_shots"], same.sensitivity[1].after_shots, strict=True):
         assert found["shots"] == each.shots

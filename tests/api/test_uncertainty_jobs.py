@@ -35,9 +35,9 @@ def test_answer_of_a_job_is_that_given_at_once(client: httpx.Client) -> None:
     assert stored.json() == item["result"]
     assert job["progress"] == {
         "samples": item["result"]["samples"],
-        "max_samples": 2048,
+        "max_samples": 4096,
         "half_width": item["result"]["convergence"]["half_width"][-1],
-        "requested_half_width": 0.05,
+        "requested_half_width": 0.03,
     }
     assert "partial" not in job
     assert job["request"]["uncertain"] == body["uncertain"]
