@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from service.operations import result_key
@@ -24,7 +24,6 @@ MODELS: dict[str, type[TrajectoryRequest | CriticalAngleRequest]] = {
     "TrajectoryRequest": TrajectoryRequest,
     "CriticalAngleRequest": CriticalAngleRequest,
 }
-few = settings(max_examples=60)  # a request with all its parts takes some 10 ms to draw
 
 
 def drawn_from(schema: dict[str, Any]) -> st.SearchStrategy[Any]:
@@ -99,7 +98,6 @@ def rewritten(value: Any) -> Any:
     return float(value) if isinstance(value, int) and not isinstance(value, bool) else value
 
 
-@few
 @given(requests, st.randoms(use_true_random=False))
 def test_key_does_not_depend_on_spelling(request_: Any, order: random.Random) -> None:
     model, body = request_
@@ -109,7 +107,6 @@ def test_key_does_not_depend_on_spelling(request_: Any, order: random.Random) ->
     assert key_of(model, json.loads(json.dumps(body, indent=3))) == key
 
 
-@few
 @given(requests, st.data())
 def test_key_depends_on_every_value(request_: Any, data: st.DataObject) -> None:
     model, body = request_
@@ -129,7 +126,6 @@ def test_key_depends_on_every_value(request_: Any, data: st.DataObject) -> None:
     assert result_key("cra", other) != result_key("cra", full)
 
 
-@few
 @given(requests)
 def test_json_to_solver_and_back_is_exact_and_a_default_that_is_given_is_the_same_request(request_: Any) -> None:
     model, body = request_

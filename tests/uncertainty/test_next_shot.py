@@ -33,7 +33,7 @@ SHARE = (1.0 - 0.18) * STRENGTH
 
 
 def study(uncertain: Sequence[Uncertain], law: Resistance = LAW, method: str = "auto") -> AngleUncertainty:
-    sampling = Sampling(max_samples=1024, half_width=0.05, method=method)
+    sampling = Sampling(max_samples=1024, method=method)
     return critical_angle_uncertainty(**STRIKE, resistance=law, uncertain=uncertain, sampling=sampling, threads=2)
 
 
