@@ -1,4 +1,5 @@
 from collections.abc import AsyncIterator, Iterator
+from contextlib import asynccontextmanager
 from pathlib import Path
 
 import pytest
@@ -8,13 +9,27 @@ from service.workers.process_pool import ProcessPool
 from tests.service.dask_cluster import DaskCluster, dask_cluster
 
 
-@pytest.fixture
-async def pool() -> AsyncIterator[ProcessPool]:
-    """Two warm workers, and a time limit that nothing healthy comes near."""
-    executor = ProcessPool(workers=2, task_seconds=60.0)
+@asynccontextmanager
+async def warm_pool(workers: int) -> AsyncIterator[ProcessPool]:
+    """Warm workers, and a time limit that nothing healthy comes near."""
+    executor = ProcessPool(workers=workers, task_seconds=60.0)
     await executor.start()
     yield executor
     await executor.stop(2.0)
+
+
+@pytest.fixture
+async def pool() -> AsyncIterator[ProcessPool]:
+    """A pool of two workers."""
+    async with warm_pool(2) as executor:
+        yield executor
+
+
+@pytest.fixture
+async def lone() -> AsyncIterator[ProcessPool]:
+    """A pool of one worker."""
+    async with warm_pool(1) as executor:
+        yield executor
 
 
 @pytest.fixture

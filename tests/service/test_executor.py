@@ -13,7 +13,6 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import AsyncIterator
 from pathlib import Path
 
 import numpy as np
@@ -43,15 +42,6 @@ def folders(inside: Path, count: int) -> list[Call]:
 
 def made(inside: Path) -> list[Path]:
     return list(inside.iterdir())
-
-
-@pytest.fixture
-async def lone() -> AsyncIterator[ProcessPool]:
-    """A pool of one worker."""
-    executor = ProcessPool(workers=1, task_seconds=60.0)
-    await executor.start()
-    yield executor
-    await executor.stop(2.0)
 
 
 def processes() -> dict[int, int]:
