@@ -49,6 +49,9 @@ class Flight:
     projected_area: float
     """[m²]"""
 
+    def __str__(self) -> str:
+        return landing_sentence(self.range, self.farthest_range, self.range_without_drag)
+
 
 def mean_projected_area(projectile: Projectile) -> float:
     """Mean area of the shadow of a body over all its directions: a quarter of its surface, base included. [m²]
@@ -165,6 +168,21 @@ def flight(
         drag_coefficient=drag_coefficient,
         projected_area=projected_area,
     )
+
+
+def landing_sentence(distance: float, farthest: float, without_drag: float) -> str:
+    """Return how far a body flies, in words; distances are rounded up, the side on which a danger zone errs. [m]"""
+    computed, any_elevation, no_drag = map(_rounded_up, (distance, farthest, without_drag))
+    return (
+        f"Lands about {computed} m away if it tumbles as computed, up to {any_elevation} m at any elevation, at most "
+        f"{no_drag} m without drag."
+    )
+
+
+def _rounded_up(distance: float) -> str:
+    """Return a distance in whole metres, from 100 m on in tens."""
+    step = 10 if distance > 100.0 else 1
+    return f"{math.ceil(distance / step) * step:,}"
 
 
 @dataclass(frozen=True, slots=True)

@@ -170,3 +170,10 @@ def test_bad_values_are_refused(changed: dict[str, float], message: str) -> None
 def test_faces_beyond_a_vertical_wall_are_refused() -> None:
     with pytest.raises(ParameterError, match=r"face_tilt: must be between 0 and 1\.5708"):
         launch_elevation(direction=0.1, face_tilt=math.radians(91.0))
+
+
+def test_distances_are_rounded_up_in_words() -> None:
+    found = flight(speed=101.1, elevation=math.radians(19.18), **PAPER)
+    assert str(found) == (
+        "Lands about 410 m away if it tumbles as computed, up to 520 m at any elevation, at most 1,050 m without drag."
+    )
