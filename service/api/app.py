@@ -52,6 +52,7 @@ TAGS = [
     {"name": "trajectory", "description": "Motions of single strikes, and how sure their outcomes are."},
     {"name": "walls", "description": "Walls that are just not perforated, and speeds at which they just are not."},
     {"name": "formulas", "description": "Empirical formulas of penetration, scabbing and perforation."},
+    {"name": "flight", "description": "Where a body lands after a ricochet."},
     {"name": "calibration", "description": "Strength factors that fit tests and finite element runs."},
     {"name": "results", "description": "Answers that are kept, by their keys."},
     {"name": "jobs", "description": "Batches, sweeps and studies that take longer than a client waits."},

@@ -49,6 +49,7 @@ COMMANDS = (
     Command("formulas", "penetration and least thickness by the formulas of the field", "service.cli.walls"),
     Command("thickness", "least thickness of a wall that is not perforated", "service.cli.walls"),
     Command("limit-speed", "least speed that perforates a wall", "service.cli.walls"),
+    Command("flight", "where a body lands after a ricochet", "service.cli.flight"),
     Command("report", "a strike on two pages to file, as HTML or PDF", "service.cli.reports"),
     Command("batch", "many cases from a file", "service.cli.batch"),
     Command("sweep", "one case over ranges of up to four of its fields", "service.cli.batch"),

@@ -207,7 +207,13 @@ def motion_sentence(answer: Mapping[str, Any], oblique_angle: float) -> str:
         end = f"{1e3 * answer['maximum_depth_m']:.3g} mm deep {after}"
     else:
         end = f"it leaves at {left['speed_m_s']:.3g} m/s {after}"
-    return f"At {oblique_angle:g}° from the normal: {named(OUTCOMES, answer['outcome'])}, {end}."
+    sentence = f"At {oblique_angle:g}° from the normal: {named(OUTCOMES, answer['outcome'])}, {end}."
+    if left is None or "flight" not in left:
+        return sentence
+    from solver.flight import landing_sentence
+
+    distances = (left["flight"][name] for name in ("range_m", "farthest_range_m", "range_without_drag_m"))
+    return f"{sentence} {landing_sentence(*distances)}"
 
 
 def print_motion(answer: Mapping[str, Any]) -> None:

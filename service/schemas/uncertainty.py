@@ -176,5 +176,5 @@ def crossings_in(answer: Mapping[str, Any]) -> Crossings:
 
 def ending_in(answer: Mapping[str, Any]) -> Ending:
     """Return what a study keeps of the answer to a trajectory."""
-    left = answer.get("exit")
-    return Ending(answer["outcome"], answer["maximum_depth_m"], None if left is None else Exit(**in_solver_units(left)))
+    left = {name: value for name, value in answer.get("exit", {}).items() if name != "flight"}
+    return Ending(answer["outcome"], answer["maximum_depth_m"], Exit(**in_solver_units(left)) if left else None)
