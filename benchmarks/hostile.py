@@ -8,8 +8,8 @@ hostile header of some kind: one that a route declares, or one that the code aro
 connection of its own, and the service is asked after each how long its event loop stood still meanwhile: by the clock,
 and by the processor time of its thread, which other processes on the machine do not lengthen.
 
-Prints a row a kind, the longest first, and the longest of all, which is meant to be below 50 ms. Ends in 1 if an answer was
-a 500. Some two minutes.
+Prints a row a kind, the longest first, and the longest of all, which is meant to be below 50 ms. Ends in 1 if an answer
+was a 500. Some two minutes.
 """
 
 import argparse
@@ -399,10 +399,8 @@ def main() -> int:
     largest = max(found.cpu for found in seen.values())
     failed = sum(found.statuses[500] for found in seen.values())
     longest = max(found.wall for found in seen.values())
-    print(
-        f"{options.requests:,} requests; the loop stood still for {1e3 * largest:.1f} ms of its own time at most (target:"
-    )
-    print(f"{1e3 * TARGET_SECONDS:.0f} ms), {1e3 * longest:.1f} ms by the clock; {failed} answers were a 500.")
+    print(f"{options.requests:,} requests: the loop stood still for {1e3 * largest:.1f} ms of its own time at most,")
+    print(f"{1e3 * longest:.1f} ms by the clock (target: {1e3 * TARGET_SECONDS:.0f} ms); {failed} answers were a 500.")
     print(f"Resident memory {before:.0f} MB before, {after:.0f} MB after.")
     return 1 if failed else 0
 
