@@ -5,14 +5,15 @@ import asyncio
 import errno
 import json
 import logging
+import os
 import signal
 import sys
-from collections.abc import Mapping
+from collections.abc import AsyncIterator, Mapping
 from contextlib import suppress
 from http import HTTPStatus
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 from service.cli.arguments import (
     FAILED,
@@ -31,6 +32,8 @@ if TYPE_CHECKING:
     from service.settings import Settings
 
 NOT_STARTED = 3
+READ_BYTES = 64 * 1024
+"""Largest part of standard input that is read at once. [bytes]"""
 CONTRACT = Path("openapi/openapi.json")
 
 log = logging.getLogger(__name__)
@@ -178,7 +181,7 @@ def add_mcp(parser: argparse.ArgumentParser) -> None:
 
 
 def run_mcp(args: argparse.Namespace) -> int:
-    """Serve until standard input ends.
+    """Serve until standard input ends, or until SIGTERM or SIGINT.
 
     Raises
     ------
@@ -220,8 +223,29 @@ async def serve_tools(client: "Client") -> None:
         return answer
 
     server = server_of(compute)
-    async with client.asynchronous() as http, stdio_server() as (reading, writing):
+    messages = cast(Any, lines_of(sys.stdin.fileno()))
+    async with client.asynchronous() as http, stdio_server(messages) as (reading, writing):
         await server.run(reading, writing, server.create_initialization_options())
+
+
+async def lines_of(descriptor: int) -> AsyncIterator[str]:
+    """Yield the lines of a file as they come.
+
+    The SDK reads standard input in a thread, which no signal interrupts as long as the input is open: a process that
+    is told to end would wait for it.
+    """
+    import anyio
+
+    rest = b""
+    while True:
+        with suppress(PermissionError):  # The system refuses to wait for a regular file, which is always readable.
+            await anyio.wait_readable(descriptor)
+        part = os.read(descriptor, READ_BYTES)
+        *lines, rest = (rest + part).split(b"\n")
+        for line in lines if part else filter(None, [rest]):
+            yield line.decode("utf-8", errors="replace")
+        if not part:
+            return
 
 
 def add_openapi(parser: argparse.ArgumentParser) -> None:

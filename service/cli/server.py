@@ -20,6 +20,7 @@ from fastapi import FastAPI
 from service.api.app import REFUSAL_SECONDS, STOP_SECONDS, create_app
 from service.cli.arguments import FAILED, CommandError, read_settings
 from service.cli.client import Client, connect
+from service.cli.http_protocol import HttpProtocol
 from service.cli.writers import progress
 from service.errors import ExecutorError, FolderInUseError
 from service.settings import Settings
@@ -65,7 +66,7 @@ class Server(uvicorn.Server):
                 host=settings.host,
                 port=settings.port,
                 root_path=settings.root_path,
-                http="httptools",
+                http=HttpProtocol,
                 ws="none",
                 limit_concurrency=MAX_CONNECTIONS,
                 timeout_keep_alive=IDLE_SECONDS,
