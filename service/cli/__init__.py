@@ -23,11 +23,10 @@ from service.cli.arguments import (
     CommandError,
     Parser,
     UsageError,
-    choose_format,
     examples,
-    one_answer,
     reason_of,
 )
+from service.cli.outputs import check_outputs, one_answer
 
 PLAIN = {"°": "deg", "θ": "theta", "±": "+/-", "×": "x", "–": "-", "…": "..."}
 """What stands for a character that the encoding of a terminal lacks, where Unicode does not know it."""
@@ -165,7 +164,7 @@ def run(name: str, arguments: list[str]) -> int:
         selected = import_module("service.cli.single").add_operation_command(commands, name) or parser
     args = parser.parse_args(arguments)
     try:
-        choose_format(args)
+        check_outputs(args)
         with one_answer(args):
             status: int = args.run(args)
         sys.stdout.flush()

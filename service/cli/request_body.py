@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from service.cli.arguments import MODEL_NAMES, CommandError, Flag, RefusedError
+from service.cli.arguments import MODEL_NAMES, CommandError, Flag, InputFile, RefusedError
 
 STDIN = "-"
 MISSING = "Field required"
@@ -76,21 +76,45 @@ def read_body(file: str | Path | None, args: argparse.Namespace, flags: Sequence
         If the file holds no JSON object, or a field cannot be set.
     """
     content: dict[str, Any] = {} if file is None else read_object(file)
-    given = {}
-    for flag in flags:
-        value = getattr(args, "/".join(flag.steps))
+    values = [(flag, getattr(args, "/".join(flag.steps))) for flag in flags]
+    for flag, value in values:
         if flag.steps[:-1] not in MODEL_NAMES:
             _put_number(content, flag, value)
-        if value is not None:
-            given[flag.pointer] = flag.name
+    chosen = [
+        (flag, read_own_shots(flag, value) if isinstance(value, InputFile) else value)
+        for flag, value in values
+        if value is not None
+    ]
+    given = {flag.pointer: flag.name for flag, _ in chosen}
     for part in MODEL_NAMES:
-        chosen = [(flag, getattr(args, "/".join(flag.steps))) for flag in flags if flag.steps[:-1] == part]
-        put_model(content, part, [(flag, value) for flag, value in chosen if value is not None])
+        put_model(content, part, [(flag, value) for flag, value in chosen if flag.steps[:-1] == part])
     for text in getattr(args, "set", ()):
         field, value = _split(text)
         put_field(content, field.split("."), value, f"--set {text}")
         given["/" + field.replace(".", "/")] = f"--set {text}"
     return RequestBody(content, None if file is None else str(file), {flag.pointer: flag for flag in flags}, given)
+
+
+def read_own_shots(flag: Flag, file: InputFile) -> list[dict[str, float]]:
+    """Return the shots of a file as own tests hold them.
+
+    Raises
+    ------
+    CommandError
+        If the file holds no shots; it names the flag.
+    """
+    from service.readers.calibration import read_shots
+    from service.readers.files import FileError
+
+    units = {"velocity": "m_s", "depth": "m", "mass": "kg", "diameter": "m"}
+    try:
+        shots = read_shots(file)
+    except FileError as error:
+        raise CommandError(f"{flag.name} {error}") from None
+    return [
+        {f"{name}_{unit}": value for name, unit in units.items() if (value := getattr(shot, name)) is not None}
+        for shot in shots
+    ]
 
 
 def without_sought(body: RequestBody, operation: str) -> RequestBody:
