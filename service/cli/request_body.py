@@ -2,9 +2,11 @@
 
 import argparse
 import json
+import re
 import sys
 import tomllib
 from collections.abc import Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,6 +14,11 @@ from typing import Any
 from service.cli.arguments import MODEL_NAMES, CommandError, Flag, InputFile, RefusedError
 
 STDIN = "-"
+MAX_BYTES, MAX_OBJECT = 2**30, 10_000_000
+"""Largest table of cases and largest strike that are read [B]; a device such as /dev/zero has no end."""
+QUOTED = re.compile(r""""(?:[^"\\\n]|\\.)*+"?|'[^'\n]*+'?""")
+DEEP_KEY = re.compile(r"(?<![\w-])(?:[\w-]++[ \t]*+\.[ \t]*+){100}")
+"""Texts in quotes, and keys of more than 100 parts, for which tomllib takes minutes: its time is of their square."""
 MISSING = "Field required"
 """What Pydantic says of a field that is not there."""
 WALL_PARTS = {"projectile", "target", "impact", "resistance", "numerics"}
@@ -193,15 +200,15 @@ def read_object(file: str | Path) -> dict[str, Any]:
     CommandError
         If the file cannot be read or parsed, or holds something else.
     """
-    text = read_text(file)
+    text = read_text(file, MAX_OBJECT)
     try:
         content = _parse_toml(text) if Path(file).suffix.lower() == ".toml" else json.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise CommandError(f"{file}: not TOML: {error}") from None
     except json.JSONDecodeError as error:
         raise CommandError(f"{file}:{error.lineno}: not JSON: {error.msg}") from None
-    except ValueError as error:  # A number has thousands of digits.
-        raise CommandError(f"{file}: {error}") from None
+    except ValueError:  # Python reads no integer of more digits, as that takes ever longer.
+        raise CommandError(f"{file}: holds a number of more than 4,300 digits") from None
     except RecursionError:
         raise CommandError(f"{file}: nested too deep") from None
     if not isinstance(content, dict):
@@ -211,21 +218,31 @@ def read_object(file: str | Path) -> dict[str, Any]:
 
 def _parse_toml(text: str) -> Any:
     """Return TOML as JSON values; a date becomes text, which no field accepts."""
+    if DEEP_KEY.search(QUOTED.sub("x", text)):
+        raise RecursionError
     return json.loads(json.dumps(tomllib.loads(text), default=str))
 
 
-def read_text(file: str | Path) -> str:
+def read_text(file: str | Path, limit: int = MAX_BYTES) -> str:
     """Return the text of a file or, for -, of standard input.
+
+    Parameters
+    ----------
+    limit
+        Largest size. [B]
 
     Raises
     ------
     CommandError
-        If it cannot be read, is empty or is not UTF-8.
+        If it cannot be read, is empty, too large or not UTF-8.
     """
     try:
-        content = sys.stdin.buffer.read() if str(file) == STDIN else Path(file).read_bytes()
+        with nullcontext(sys.stdin.buffer) if str(file) == STDIN else Path(file).open("rb") as stream:
+            content = stream.read(limit + 1)
     except OSError as error:
         raise CommandError(f"{file}: {error.strerror or error}") from None
+    if len(content) > limit:
+        raise CommandError(f"{file}: the file is larger than {limit:,} bytes")
     if not content.strip():
         raise CommandError(f"{file}: the file is empty")
     try:
