@@ -3,6 +3,7 @@
 import argparse
 import json
 import os
+import signal
 import sys
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -203,7 +204,13 @@ def service_for(args: argparse.Namespace) -> AbstractContextManager["Client"]:
         return connect(args.url)
     from service.workers.fork_server import start_fork_server
 
-    start_fork_server()  # It loads the solver while this process imports the server.
+    before = signal.pthread_sigmask(
+        signal.SIG_BLOCK, {signal.SIGINT}
+    )  # Its processes end with this one, not by Ctrl-C.
+    try:
+        start_fork_server()  # It loads the solver while this process imports the server.
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
     from service.cli.server import local_server
 
     data_dir: Path | None = args.data_dir
