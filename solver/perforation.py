@@ -297,7 +297,7 @@ def _search(
         found += beside if TUMBLING not in {each.code for each in found} else []
         if perforated_at_first and status is not never:
             passed = [(each.value, each.exit) for each in trials if each.outcome is Outcome.PERFORATED and each.exit]
-            found += check_walls(*strike(trials[-1].value), value, passed)
+            found += check_walls(*strike(trials[-1].value), passed)
         if unfinished := [end_times[each] for each in bracket or end_times if each in end_times]:
             found.append((undecided if bracket is None else decided_by_time)(termination_time=max(unfinished)))
         return PerforationLimit(quantity, status, value, bracket, tuple(trials), tuple(found))

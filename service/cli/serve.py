@@ -25,6 +25,7 @@ from service.cli.arguments import (
     read_settings,
     reason_of,
 )
+from service.cli.outputs import OutputFile
 
 if TYPE_CHECKING:
     from service.auth.api_keys import ApiKeyStore
@@ -260,7 +261,7 @@ def run_openapi(args: argparse.Namespace) -> int:
     """Write the contract; with `--check`, return 1 if the file is not up to date."""
     if not args.check:
         CONTRACT.parent.mkdir(exist_ok=True)
-        CONTRACT.write_text(contract(), encoding="utf-8")
+        OutputFile("openapi", (".json",), str(CONTRACT)).write(contract().encode())
         return 0
     if CONTRACT.exists() and CONTRACT.read_text(encoding="utf-8") == contract():
         return 0

@@ -170,7 +170,12 @@ def local_server(data_dir: Path | None) -> Iterator[Client]:
 
 
 def _serve(server: Server, started: Future[None]) -> None:
-    """Run the server in a thread; pass a failure to start to the future."""
+    """Run the server in a thread; pass a failure to start to the future.
+
+    Ctrl-C is for the main thread. A terminal sends it to every process of the command, so that those which this thread
+    starts, which keep its mask, would print tracebacks; they end with the service.
+    """
+    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         server.run()
     except BaseException as error:  # noqa: BLE001 (raised in the thread that waits)

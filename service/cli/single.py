@@ -14,12 +14,11 @@ from service.cli.arguments import (
     RefusedError,
     add_alternatives,
     add_case,
-    add_formats,
-    add_plot,
     add_url,
     add_verbose,
     examples,
 )
+from service.cli.outputs import add_formats, add_plot
 from service.cli.request_body import RequestBody, read_body
 from service.cli.writers import heading, print_table, print_values, print_warning_codes, print_warnings, progress
 from service.columns import csv_cells, trial_columns
@@ -139,7 +138,7 @@ def answer_one(operation: str, args: argparse.Namespace) -> tuple[RequestBody, b
     if args.plot:
         from service.cli.plots import check_plot
 
-        check_plot(args.plot)
+        check_plot()
     return body, answer_of(operation, without_angle(body) if operation == "cra" else body, args.url)
 
 
