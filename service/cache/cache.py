@@ -22,10 +22,10 @@ from pathlib import Path
 
 from cachetools import LRUCache
 
-from service.cache.hdf5 import Segment, encode_segments, read_keys
+from service.cache.hdf5 import DecodedSegment, Segment, digest_of, encode_segments
 from service.cache.index import Index, Journal, Location, Statistics, discard_database
 from service.cache.record import Record
-from service.cache.segments import Segments, discard, name_of
+from service.cache.segments import Segments, discard
 from service.errors import DamagedFileError, FolderInUseError, FolderReplacedError
 
 NOT_CACHED = "result_not_cached"
@@ -372,7 +372,7 @@ class ResultCache:
                 self._adopt(name)
 
     def _store(self, keys: Sequence[str], content: bytes) -> bool:
-        name = name_of(keys)
+        name = digest_of(content)
         with self._noting():
             self.check_folder()
             staged = self._segments.stage(content)
@@ -428,12 +428,8 @@ class ResultCache:
     def _adopt(self, name: str) -> bool:
         """Enter a segment in the index, if it is whole."""
         with self._missing(name):
-            path = self._segments.path(name)
-            content = path.read_bytes()
-            keys = read_keys(content)
-            if name_of(keys) != name:
-                raise DamagedFileError("it holds other results")
-            self._index.add(name, keys, len(content), path.stat().st_mtime)
+            content, used = self._segments.read(name), self._segments.path(name).stat().st_mtime
+            self._index.add(name, DecodedSegment(content).keys, len(content), used)
             return True
         return False
 
