@@ -26,7 +26,14 @@ from service.cache.hdf5 import DecodedSegment, Segment, digest_of, encode_segmen
 from service.cache.index import Index, Journal, Location, Statistics, discard_database
 from service.cache.record import Record
 from service.cache.segments import Segments, discard
-from service.errors import DamagedFileError, FolderInUseError, FolderReplacedError
+from service.errors import (
+    DamagedFileError,
+    FolderInUseError,
+    FolderLayoutError,
+    FolderReplacedError,
+    storage_reason,
+)
+from service.private_files import make_private, make_private_folder
 
 NOT_CACHED = "result_not_cached"
 KEY = re.compile(r"[0-9a-f]{64}")
@@ -59,9 +66,10 @@ class FolderLock:
     """
 
     def __init__(self, folder: Path) -> None:
-        folder.mkdir(parents=True, exist_ok=True)
+        make_private_folder(folder)
         self._path = folder / "lock"
-        self._file: int | None = os.open(self._path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+        make_private(self._path)
+        self._file: int | None = os.open(self._path, os.O_RDWR | os.O_CLOEXEC)
         try:
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
             self.check()
@@ -111,6 +119,8 @@ class ResultCache:
     ------
     FolderInUseError
         If the folder belongs to another running service.
+    FolderLayoutError
+        If it is of another version of the program; nothing in it has changed then.
 
     Notes
     -----
@@ -141,11 +151,15 @@ class ResultCache:
         self._lock: FolderLock | None = None
         with self._noting():
             self._lock = FolderLock(folder)
-        self._segments.sweep()
-        self.writable()  # which makes the folder
-        self._index = self._open_index()
-        self._reconcile()
-        self._journal = self._open_journal()
+        try:
+            self._index = self._open_index()  # before anything is changed: it may be of another version
+            self._segments.sweep()
+            self.writable()
+            self._reconcile()
+            self._journal = self._open_journal()
+        except FolderLayoutError:
+            self._release()
+            raise
         self.flush()
         self._make_room()
 
@@ -293,6 +307,9 @@ class ResultCache:
                 self._journal.close()
         with self._noting():
             self._index.close()
+        self._release()
+
+    def _release(self) -> None:
         if self._lock is not None:
             self._lock.release()
 
@@ -304,6 +321,7 @@ class ResultCache:
 
     def _open_index(self) -> Index:
         with self._noting():
+            make_private_folder(self._index_path.parent)
             return Index(self._index_path)
         return Index(None)  # what is stored can be read all the same
 
@@ -459,7 +477,7 @@ class ResultCache:
             self._note(error)
 
     def _note(self, error: Exception | None) -> None:
-        last_error = None if error is None else getattr(error, "strerror", None) or str(error) or type(error).__name__
+        last_error = None if error is None else storage_reason(error)
         if last_error != self.last_error:
             log.warning("cache folder %s: %s", self._folder, error or "written again")
         self.last_error = last_error

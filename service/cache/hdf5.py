@@ -107,9 +107,9 @@ def to_segment(*records: Record) -> bytes:
         file.attrs["title"], file.attrs["layout"] = "segment of ricochet results", LAYOUT
         for name in ("operation", "engine_version", "schema_version"):
             file.attrs[name] = getattr(first, name)
-        for name, values in texts.items():
-            longest = max(1, *map(len, values))
-            _create(file, name, np.array(values, f"S{longest}"))
+        for name, lines in texts.items():
+            longest = max(1, *map(len, lines))
+            _create(file, name, np.array(lines, f"S{longest}"))
         histories = histories_of(records)
         group = file.create_group("history", track_order=True) if histories else file
         for name, values in histories.items():
@@ -312,8 +312,10 @@ class Contents:
 
     def finish(self) -> None:
         """Write what is left."""
-        for part in (*self._tables.values(), *self._texts.values()):
-            part.finish()
+        for table in self._tables.values():
+            table.finish()
+        for text in self._texts.values():
+            text.finish()
 
     def close(self) -> None:
         """Give up what has not been written."""
@@ -394,7 +396,7 @@ class GrowingText:
     def __init__(self, file: h5py.File, name: str, folder: Path | None) -> None:
         self._file = file
         self._name = name
-        self._lines = SpooledTemporaryFile(SPOOLED_BYTES, dir=folder)  # noqa: SIM115 (closed by `close`)
+        self._lines = SpooledTemporaryFile(SPOOLED_BYTES, dir=None if folder is None else str(folder))  # noqa: SIM115 (closed by `close`)
         self._count, self._longest = 0, 1
 
     def append(self, lines: Sequence[bytes]) -> None:

@@ -18,6 +18,7 @@ from pathlib import Path
 from service.cache.damaged import set_aside
 from service.cache.hdf5 import DecodedSegment, digest_of
 from service.errors import DamagedFileError
+from service.private_files import make_private_folder, open_private
 
 FILE = re.compile(r"[0-9a-f]{32}\.h5")
 MOST_REMEMBERED = 100_000
@@ -51,7 +52,7 @@ class Segments:
         """Remove what a crash left half written, and make the folder: it is copied when there is none in it too."""
         shutil.rmtree(self._partial, ignore_errors=True)
         with suppress(OSError):
-            self._segments.mkdir(parents=True, exist_ok=True)
+            make_private_folder(self._segments)
 
     def names(self) -> set[str]:
         """Names of all that are there."""
@@ -72,8 +73,9 @@ class Segments:
         """
         staged = self._partial / f"{os.getpid()}-{next(self._numbers)}"
         try:
-            self._partial.mkdir(parents=True, exist_ok=True)
-            staged.write_bytes(content)
+            make_private_folder(self._partial)
+            with open_private(staged, "wb") as file:
+                file.write(content)
         except OSError:
             discard(staged)
             raise
@@ -90,7 +92,7 @@ class Segments:
         path = self.path(name)
         try:
             signature = _signature(staged)
-            path.parent.mkdir(parents=True, exist_ok=True)
+            make_private_folder(path.parent)
             staged.replace(path)
         except OSError:
             discard(staged)

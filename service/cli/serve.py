@@ -66,7 +66,7 @@ def run_serve(args: argparse.Namespace) -> int:
     from service.api.app import create_app
     from service.auth.api_keys import KeysUnreadableError
     from service.cli.server import Server
-    from service.errors import ExecutorError, FolderInUseError, MissingExtraError
+    from service.errors import ExecutorError, MissingExtraError, UnusableFolderError
     from service.settings import unknown_variables
     from service.telemetry import configure_log
 
@@ -86,7 +86,7 @@ def run_serve(args: argparse.Namespace) -> int:
     try:
         with suppress(KeyboardInterrupt):
             server.run()
-    except (FolderInUseError, ExecutorError, OSError) as error:
+    except (UnusableFolderError, ExecutorError, OSError) as error:
         raise CommandError(reason_of(error), NOT_STARTED) from None
     except Exception:
         log.exception("the service failed")

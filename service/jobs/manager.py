@@ -270,8 +270,8 @@ class JobManager:
         if not is_study(job.operation):
             sweep = await self.sweep(job)
             return None if sweep is None else sweep.request
-        stored = await run_sync(self._jobs.requests, job.number, [0])
-        return orjson.loads(stored[0]) if stored else None
+        [case] = await run_sync(self._jobs.rows, job, 0, 1)
+        return None if case.request is None else orjson.loads(case.request)
 
     async def partial(self, job: JobState) -> dict[str, Any] | None:
         """Return the latest partial answer of a study that is not finished."""
@@ -286,14 +286,16 @@ class JobManager:
         *,
         start: int = 0,
         limit: int | None = None,
+        take: Callable[[int], None] = lambda _: None,
+        whole: bool = False,
     ) -> AsyncGenerator[Value, None]:
         """Yield what `use` makes of the results that are ready of a job, in order, in blocks, from case `start` on.
 
         Ends at the first case that is not ready yet; if the job has ended, such cases are left out. What the cache has
-        lost is computed again. `use` is called in a thread, for two blocks of all jobs at a time, so that readers take
-        memory for what they send alone.
+        lost is computed again: `take` and `whole` as in `ResultReader.read`. `use` is called in a thread, for two
+        blocks of all jobs at a time, so that readers take memory for what they send alone.
         """
-        async for used in self._reader.read(lambda: self._state(name), use, start, limit):
+        async for used in self._reader.read(lambda: self._state(name), use, start, limit, take, whole=whole):
             yield used
 
     async def cancel(self, name: str, owner: str | None = OWNER) -> JobState | None:
