@@ -23,9 +23,12 @@ Rows = npt.NDArray[Any]
 Table = dict[str, Rows]
 """Columns of equal length by their names; without any if the table has no rows."""
 
+MISSING = -1
+"""In place of a whole number that a case without a result does not have: all of them are counts."""
+
 
 def fill(column: Column, values: Sequence[Any]) -> Rows:
-    """Return the values of a column as an array; None becomes NaN or an empty text.
+    """Return the values of a column as an array; None becomes NaN, `MISSING` or an empty text.
 
     Raises
     ------
@@ -33,6 +36,8 @@ def fill(column: Column, values: Sequence[Any]) -> Rows:
         If a text is too long to be kept whole.
     """
     dtype = np.dtype(column.dtype)
+    if dtype.kind == "i":
+        return np.array([MISSING if value is None else value for value in values], dtype)
     if dtype.kind != "S":
         return np.array(values, dtype)
     texts = [b"" if value is None else value.encode() for value in values]
