@@ -236,6 +236,21 @@ def storage_error(what: str, error: Exception) -> StorageError:
     return kind(f"{what}: {storage_reason(error)}")
 
 
+class DownloadsFullError(ServiceError):
+    """Files of results that are being sent take all the room there is for them."""
+
+    status = HTTPStatus.SERVICE_UNAVAILABLE
+    type = "urn:ricochet:problem:downloads-full"
+    title = "Too many files are being sent"
+    retry_after = 30
+    """Until one of them is likely to have been sent. [s]"""
+
+    def __init__(self) -> None:
+        super().__init__(
+            "files that other clients are still receiving take all the room; try again, or ask for JSON lines"
+        )
+
+
 class FolderReplacedError(StorageError):
     """The path of the data folder, or of a file in it, leads to something else than when it was opened."""
 

@@ -160,6 +160,8 @@ class ResultCache:
         except FolderLayoutError:
             self._release()
             raise
+        self.found_results = bool(self._pending or self.statistics().cases)
+        """Whether there were results at the start."""
         self.flush()
         self._make_room()
 
@@ -208,7 +210,7 @@ class ResultCache:
         if self._journal is None:
             [record] = self.put_many([record])
         elif not self._add_to_journal(self._journal, record):
-            record = record.with_warning(NOT_CACHED, f"this result was not stored: {self.last_error}")
+            record = self._unstored(record)
         self._remember(record)
         if self._journal_is_full() and (self._flushed is None or self._flushed.done()):
             self._flushed = self._flusher.submit(self._flush_full_journal)
@@ -234,8 +236,12 @@ class ResultCache:
         for keys, content in (*segments, *more):
             if not self._store(keys, content):
                 lost.update(keys)
-        detail = f"this result was not stored: {self.last_error}"
-        return [record.with_warning(NOT_CACHED, detail) if record.key in lost else record for record in records]
+        return [self._unstored(record) if record.key in lost else record for record in records]
+
+    def _unstored(self, record: Record) -> Record:
+        found = record.with_warning(NOT_CACHED, f"this result was not stored: {self.last_error}")
+        found.stored = False
+        return found
 
     def check_folder(self) -> None:
         """See that the data folder is the one that was opened.

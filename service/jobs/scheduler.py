@@ -268,7 +268,15 @@ class Scheduler:
         return cases
 
     async def _mark(self, job: ActiveJob, results: Sequence[CaseResult]) -> None:
-        """Note results that have been kept, count them and pass the new state of their job on."""
+        """Note results that have been kept, count them and pass the new state of their job on.
+
+        Raises
+        ------
+        StorageError
+            If the disk has refused a result: a job does not end well with results that are not there.
+        """
+        if any(result.record is not None and not result.record.stored for result in results):
+            raise StorageError(f"results cannot be stored: {self._queries.cache.last_error or 'the disk refused them'}")
         states: dict[int, CaseState] = {}
         problems: dict[int, dict[str, Any]] = {}
         counts: Counter[tuple[str, str]] = Counter()

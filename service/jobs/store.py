@@ -347,6 +347,11 @@ class JobStore:
         """See that jobs would be stored where the next start looks for them."""
         self._database.check()
 
+    @property
+    def was_missing(self) -> bool:
+        """Whether the file of the jobs was missing or empty when it was first needed."""
+        return self._database.was_missing
+
     def checkpoint(self) -> None:
         """Move what stands in the log of the database into the file itself."""
         self._database.checkpoint()

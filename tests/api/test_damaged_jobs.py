@@ -204,7 +204,9 @@ def test_key_damaged_before_its_case_is_computed_is_a_damaged_case(
         database.execute("UPDATE jobs SET status = 'running', done = 0, failed = 0 WHERE number = ?", (number,))
         database.execute("UPDATE states SET states = zeroblob(length(states)) WHERE job = ?", (number,))
         database.execute("DELETE FROM problems")
-        database.execute("UPDATE slices SET keys = CAST(zeroblob(32) || substr(keys, 33) AS BLOB) WHERE job = ?", (number,))
+        database.execute(
+            "UPDATE slices SET keys = CAST(zeroblob(32) || substr(keys, 33) AS BLOB) WHERE job = ?", (number,)
+        )
     with service_in(folder) as client:
         for _ in range(1200):
             job = client.get(f"/jobs/{ids[BATCH]}").json()
