@@ -31,6 +31,7 @@ from service.auth.audit_log import AuditLog
 from service.auth.dependencies import ConcurrencyLimit, authorize_unrouted
 from service.auth.quotas import QuotaStore
 from service.cache.cache import ResultCache
+from service.clock import SYSTEM, Clock
 from service.errors import OwnerQueriesError, OwnerStreamsError, StreamsFullError
 from service.jobs.manager import JobManager
 from service.jobs.store import JobStore
@@ -120,8 +121,13 @@ class Application(FastAPI):
         return telemetry.RequestLog(inner, services.metrics.observe, settings.log_level, secret=PREFIX)
 
 
-def create_app(settings: Settings | None = None) -> FastAPI:
+def create_app(settings: Settings | None = None, clock: Clock = SYSTEM) -> FastAPI:
     """Build the application; nothing runs until it is started.
+
+    Parameters
+    ----------
+    clock
+        By which keys and jobs expire, and quotas last.
 
     Raises
     ------
@@ -150,8 +156,9 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     app.state.services = Services(
         settings=settings,
         metrics=Metrics(),
-        keys=ApiKeyStore(settings.data_dir, log.error, settings.audit_log),
-        quotas=QuotaStore(settings.data_dir),
+        keys=ApiKeyStore(settings.data_dir, log.error, clock),
+        quotas=QuotaStore(settings.data_dir, clock),
+        clock=clock,
         audit=AuditLog(settings.audit_log),
         streams=ConcurrencyLimit(settings.max_owner_streams, OwnerStreamsError, settings.max_streams, StreamsFullError),
         owner_queries=ConcurrencyLimit(
@@ -215,7 +222,9 @@ async def lifespan(app: FastAPI) -> AsyncIterator[None]:
                 job_days=settings.job_days,
                 owner_bytes=settings.owner_jobs_bytes,
                 check_folder=services.cache.check_folder,
+                clock=services.clock,
             ),
+            clock=services.clock,
             max_queued_cases=settings.max_queued_cases,
             count=services.metrics.count,
             give_back=services.quotas.give_back,

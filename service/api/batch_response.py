@@ -233,7 +233,8 @@ class BatchResponse(JobResponse):
         return Response(content, media_type=self.form, headers={**VARY, "Cache-Status": status})
 
     def _answer_all(self, state: JobState, sweep: StoredSweep | None, headers: dict[str, str]) -> Response:
-        ready, path = ReadyResults(self._jobs, state, sweep), f"{self.root}/jobs/{state.id}/results"
+        ready = ReadyResults(self._jobs, state, sweep, take=self._context.take)
+        path = f"{self.root}/jobs/{state.id}/results"
         if self.form == CSV:
             content = as_csv(ready)
         else:

@@ -70,7 +70,8 @@ def run_serve(args: argparse.Namespace) -> int:
     from service.api.app import create_app
     from service.auth.api_keys import KeysUnreadableError
     from service.cli.server import Server
-    from service.errors import ExecutorError, FolderInUseError, MissingExtraError
+    from service.errors import ExecutorError, MissingExtraError, UnusableFolderError
+    from service.private_files import warn_of_readers
     from service.settings import unknown_variables
     from service.telemetry import configure_log
 
@@ -85,12 +86,13 @@ def run_serve(args: argparse.Namespace) -> int:
         raise CommandError(str(error), NOT_STARTED) from None
     check_access(settings, app.state.services.keys)
     check_proxy(settings)
+    warn_of_readers(*filter(None, (settings.data_dir / "auth.sqlite", settings.tls_key)))
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))  # Uvicorn raises it again after its shutdown.
     server = Server(app, settings, lambda port: print_address(settings, port))
     try:
         with suppress(KeyboardInterrupt):
             server.run()
-    except (FolderInUseError, ExecutorError, OSError) as error:
+    except (UnusableFolderError, ExecutorError, OSError) as error:
         raise CommandError(reason_of(error), NOT_STARTED) from None
     except Exception:
         log.exception("the service failed")
@@ -132,7 +134,7 @@ def check_access(settings: "Settings", keys: "ApiKeyStore") -> None:
         return
     if keys.lost:
         raise CommandError(
-            f"auth.sqlite is missing from {settings.data_dir}, but {keys.lost} shows that there were keys: restore it "
+            f"auth.sqlite is missing from {settings.data_dir}, but auth.lock shows that there were keys: restore it "
             "from a backup, add new keys with `ricochet keys add --owner NAME`, or set RICOCHET_ACCESS=open to admit "
             "everyone",
             NOT_STARTED,

@@ -22,7 +22,7 @@ from service.cli.arguments import FAILED, CommandError, read_settings
 from service.cli.client import Client, connect
 from service.cli.http_protocol import HttpProtocol
 from service.cli.writers import progress
-from service.errors import ExecutorError, FolderInUseError
+from service.errors import ExecutorError, UnusableFolderError
 from service.settings import Settings
 from service.workers.fork_server import socket_folder
 from solver.compilation import compilation_progress
@@ -159,7 +159,7 @@ def local_server(data_dir: Path | None) -> Iterator[Client]:
                 started.result()
             with connect("http://ricochet", socket=socket_path) as client:
                 yield client
-        except FolderInUseError as error:
+        except UnusableFolderError as error:
             raise CommandError(f"{error}; use that service with --url", FAILED) from None
         except ExecutorError as error:
             raise CommandError(str(error), FAILED) from None

@@ -157,7 +157,7 @@ def test_csv_of_a_search_is_its_trials(client: httpx.Client, search: dict[str, A
 
 def test_hdf5_of_a_result_opens(client: httpx.Client, trajectory: dict[str, Any]) -> None:
     with file_at(client, f"/results/{trajectory['key']}") as file:
-        assert file["history"]["time_s"].tolist() == trajectory["history"]["time_s"]
+        assert file["history"]["time_s"][()].tolist() == trajectory["history"]["time_s"]
 
 
 @pytest.mark.parametrize(
