@@ -3,12 +3,14 @@
 import itertools
 import math
 from collections.abc import Iterable
+from dataclasses import replace
 
 import numpy as np
 
 from solver.free_surface import NoFreeSurface, decay_factor
 from solver.prepared import Exit, Outcome, PreparedCase
 from solver.projectile import MassProperties, mass_properties
+from solver.resistance import plug_height
 from solver.strike import Impact
 from solver.warnings import ModelWarning, implausible
 
@@ -84,11 +86,10 @@ def check_walls(
     passed
         Thickness of each perforated wall and how the projectile left it.
     """
-    diameter, plug = prepared.projectile.diameter, prepared.resistance.rear_plug
-    strength_factor = prepared.strength_factor_at(impact.oblique_angle)
-    sheared = 0.0 if plug is None else plug.height(strength_factor=strength_factor, diameter=diameter)
+    half_space = replace(prepared.target, thickness=None)
+    sheared = plug_height(resistance=prepared.resistance, target=half_space, projectile=prepared.projectile)
     # The zone that each face weakens reaches as many radii deep as that which yields, here as if it did not resist.
-    weakened = max(MARGIN, _plastic_ratio(prepared)) * diameter
+    weakened = max(MARGIN, _plastic_ratio(prepared)) * prepared.projectile.diameter
     most = deepest_by_energy(prepared, impact) + weakened + sheared
     walls = sorted(passed, key=lambda each: each[0])
     if walls and walls[-1][0] > most:

@@ -121,7 +121,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def interrupted() -> int:
-    """Say that Ctrl-C was pressed; return the exit status. Pressed again while this process ends, it ends it at once."""
+    """Say that Ctrl-C was pressed; return the exit status. Pressed again while this process ends, it ends it now."""
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGINT, signal.SIG_DFL)
     # Python ends by the signal, whatever the status, if the interruption passed through a text that it was executing,

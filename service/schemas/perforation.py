@@ -6,7 +6,17 @@ from pydantic import MISSING, Field
 
 import solver
 from service.columns import Column
-from service.schemas.answers import EXIT, VERSIONED, WARNING, EngineVersion, Exit, Key, ModelWarning
+from service.schemas.answers import (
+    EXIT,
+    PROTRUSION,
+    VERSIONED,
+    WARNING,
+    EngineVersion,
+    Exit,
+    Key,
+    ModelWarning,
+    Protrusion,
+)
 from service.schemas.fields import GIVEN, Described, Of, walk
 from service.schemas.formulas import ROW, FormulaRow, FormulasRequest, formulas_answer
 from service.schemas.quantities import Num, Part, with_examples
@@ -22,12 +32,14 @@ WALL = PAPER | {
 }
 LEFT = {"outcome": "perforated", "exit": EXIT}
 THICKNESS_TRIAL = {"thickness_m": 0.18} | LEFT
+STOPPED = {"thickness_m": 0.27, "outcome": "embedded", "protrusion": PROTRUSION}
 SPEED_TRIAL = {"velocity_m_s": 224.0} | LEFT
 THICKNESS = {
     "status": "converged",
     "least_thickness_m": 0.2402,
     "bracket_m": [0.2402, 0.2402],
-    "iterations": [THICKNESS_TRIAL],
+    "without_protrusion": 0.3153,
+    "iterations": [THICKNESS_TRIAL, STOPPED],
     "formulas": [ROW],
     "warnings": [WARNING],
 }
@@ -44,6 +56,7 @@ SPEED = {
     "status": "converged",
     "limit_speed_m_s": 218.7,
     "bracket_m_s": [218.7, 218.7],
+    "without_protrusion": 180.0,
     "iterations": [SPEED_TRIAL],
     "formulas": [SPEED_ROW],
     "warnings": [WARNING],
@@ -136,11 +149,13 @@ class LimitSpeedRequest(Case):
 class PerforationTrial(Part):
     """How one run of a search for perforation ended."""
 
-    answered_last: ClassVar = ("outcome", "exit")
+    answered_last: ClassVar = ("outcome", "exit", "protrusion")
 
     outcome: Annotated[Outcome, Described("how the trial ended")]
     exit: Exit | MISSING = MISSING
     """If the projectile left."""
+    protrusion: Protrusion | MISSING = MISSING
+    """If anything of the projectile comes out of the rear face, and it does not perforate."""
 
 
 class ThicknessTrial(PerforationTrial):
@@ -178,6 +193,11 @@ class ThicknessAnswer(Part):
         Column("bracket_high_m", "upper of these"),
     ] = MISSING
     """Thicknesses between which the outcome changes. [m]"""
+    without_protrusion: Annotated[
+        Num | MISSING, Column("without_protrusion_m", "least thickness of a wall out of which nothing comes")
+    ] = MISSING
+    """Least thickness with which nothing of the projectile was seen to come out of the rear face: where a wall is as
+    thick as `least_thickness_m`, its nose may stand out. [m]"""
     iterations: Annotated[list[ThicknessTrial], Column("trials", "number of thicknesses tried")]
     """Every thickness tried, in order."""
     formulas: Annotated[list[FormulaRow], GIVEN]
@@ -202,6 +222,11 @@ class LimitSpeedAnswer(Part):
         Column("bracket_high_m_s", "upper of these"),
     ] = MISSING
     """Speeds between which the outcome changes. [m/s]"""
+    without_protrusion: Annotated[
+        Num | MISSING, Column("without_protrusion_m_s", "greatest speed at which nothing comes out of the wall")
+    ] = MISSING
+    """Greatest speed at which nothing of the projectile was seen to come out of the rear face: just below
+    `limit_speed_m_s` its nose may stand out. [m/s]"""
     iterations: Annotated[list[SpeedTrial], Column("trials", "number of speeds tried")]
     """Every speed tried, in order."""
     formulas: Annotated[list[FormulaRow], GIVEN]
