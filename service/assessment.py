@@ -56,20 +56,24 @@ def verdict_queries(request: ReportRequest) -> dict[str, Query]:
     """Return the requests that the verdict is made from, by name.
 
     The answer to `cra` is needed; the others may be problems. The routes of the paper take seconds a case: with them
-    there is no range.
+    there is no range. A wall is judged at the angle to judge, along the normal without one.
     """
     case, angle, search = _search_of(request), _angle_of(request), request.canonical()["search"]
     start, stop, count = probability_angles(angle, search["lower_deg"], search["upper_deg"])
-    study = {
-        "uncertain": usual_inputs(request),
+    sampling = {
         "oblique_angles_deg": {"start": start, "stop": stop, "count": count},
         "sampling": {"max_samples": SAMPLES, "half_width": HALF_WIDTH},
     }
     queries = {"cra": Query("cra", case)}
     if not request.by_panels:
-        queries["uncertainty"] = Query("cra_uncertainty", case | study)
+        queries["uncertainty"] = Query("cra_uncertainty", case | sampling | {"uncertain": usual_inputs(request)})
+        if request.has_own_law:
+            theories = {"uncertain": usual_inputs(request, theories=True)}
+            queries["theories"] = Query("cra_uncertainty", case | sampling | theories)
     if angle is not None:
         queries["judged"] = Query("trajectory", _strike_of(case, angle))
+    if "thickness_m" in case["target"]:
+        queries["wall"] = Query("wall", _strike_of(case, 0.0 if angle is None else angle))
     return queries
 
 

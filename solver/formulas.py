@@ -523,13 +523,13 @@ def limit_speeds(
     found = []
     for formula in FORMULAS:
         if formula is cea_edf:
-            by_speed = cea_edf_limit_speed(
-                projectile=projectile, target=target, thickness=thickness, oblique_angle=oblique_angle
+            found.append(
+                cea_edf_limit_speed(
+                    projectile=projectile, target=target, thickness=thickness, oblique_angle=oblique_angle
+                )
             )
-        else:
-            by_speed = _solved_for_speed(formula, projectile, target, thickness, cosine)
-        if by_speed is not None:
-            found.append(by_speed)
+        elif (solved := _solved_for_speed(formula, projectile, target, thickness, cosine)) is not None:
+            found.append(solved)
     return tuple(found)
 
 

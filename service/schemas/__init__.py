@@ -15,9 +15,13 @@ from service.schemas.calibration_motion_answer import MotionCalibrationAnswer, m
 from service.schemas.formulas import FormulasAnswer, FormulasRequest, formulas_answer
 from service.schemas.perforation import (
     LimitSpeedAnswer,
+    LimitSpeedBase,
     LimitSpeedRequest,
     ThicknessAnswer,
+    ThicknessBase,
     ThicknessRequest,
+    limit_speed_answer,
+    thickness_answer,
 )
 from service.schemas.requests import CriticalAngleBase, CriticalAngleRequest, ReportRequest, TrajectoryRequest
 from service.schemas.sweeps import CaseModels
@@ -27,6 +31,7 @@ from service.schemas.uncertainty_answers import (
     TrajectoryUncertaintyAnswer,
 )
 from service.schemas.verdict import VerdictAnswer, usual_inputs, verdict_answer
+from service.schemas.wall import WallAnswer, WallRequest, wall_answer
 
 __all__ = [
     "CaseModels",
@@ -40,6 +45,7 @@ __all__ = [
     "FormulasAnswer",
     "FormulasRequest",
     "LimitSpeedAnswer",
+    "LimitSpeedBase",
     "LimitSpeedRequest",
     "MotionCalibrationAnswer",
     "MotionCalibrationRequest",
@@ -47,6 +53,7 @@ __all__ = [
     "ObliquityCalibrationRequest",
     "ReportRequest",
     "ThicknessAnswer",
+    "ThicknessBase",
     "ThicknessRequest",
     "TrajectoryAnswer",
     "TrajectoryBase",
@@ -54,12 +61,17 @@ __all__ = [
     "TrajectoryUncertaintyAnswer",
     "TrajectoryUncertaintyRequest",
     "VerdictAnswer",
+    "WallAnswer",
+    "WallRequest",
     "critical_angle_answer",
     "depth_answer",
     "formulas_answer",
+    "limit_speed_answer",
     "motion_answer",
     "obliquity_answer",
+    "thickness_answer",
     "trajectory_answer",
     "usual_inputs",
     "verdict_answer",
+    "wall_answer",
 ]

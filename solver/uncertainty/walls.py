@@ -18,7 +18,7 @@ from solver.formulas import (
     formulas,
 )
 from solver.perforation import MOST_DIAMETERS, PerforationLimit, PerforationStatus, least_thickness, limit_velocity
-from solver.prepared import Outcome
+from solver.prepared import Outcome, Protrusion
 from solver.projectile import Projectile
 from solver.resistance import EQUATION_9, Resistance
 from solver.strength_scatter import strength_scatter
@@ -89,12 +89,15 @@ class WallVerdict:
     """Least thickness that the model does not perforate. [m]"""
     outcome: Outcome | None = None
     """Of the strike on the wall of the case by the model, as given."""
-    protrusion: float | None = None
-    """How far the body at rest stands out of the rear face, by the model; None if it does not. [m]"""
+    protrusion: Protrusion | None = None
+    """How far the body comes out of the rear face by the model, without going through; None if it does not."""
     characteristic_strength: float | None = None
     """Compressive strength that the formulas take, if it is not the mean. [Pa]"""
     warnings: tuple[ModelWarning, ...] = ()
     """Of the model's searches and run."""
+
+    sentence: str = ""
+    """The verdict in words."""
 
     @property
     def enough(self) -> bool | None:
@@ -102,81 +105,89 @@ class WallVerdict:
         answers = [self.perforation.enough, self.scabbing.enough]
         return False if False in answers else None if None in answers else True
 
-    @property
-    def sentence(self) -> str:
-        """The verdict in words."""
-        return " ".join(filter(None, (self._judged(), self._required(), self._normal(), self._by_model())))
-
     def __str__(self) -> str:
         return self.sentence
 
-    def _questions(self) -> list[tuple[Question, DesignValue]]:
-        """Return the questions that have a design value, the one that asks for more first."""
-        both: list[tuple[Question, DesignValue]] = [("scabbing", self.scabbing), ("perforation", self.perforation)]
-        known = [each for each in both if each[1].design is not None]
-        return sorted(known, key=lambda each: -(each[1].design or 0.0))
 
-    def _judged(self) -> str:
-        if self.thickness is None:
-            return ""
-        wall = f"Wall of {_length(self.thickness)} at {math.degrees(self.oblique_angle):.6g}° from the normal"
-        missed = [name for name, value in self._questions() if value.enough is False]
-        if missed:
-            return f"{wall}: not enough against {' and '.join(missed)}."
-        return f"{wall}: enough." if self.enough else f"{wall}: not known to be enough."
-
-    def _required(self) -> str:
-        questions = self._questions()
-        if not questions:
-            return "No design value: no formula is within the range of its tests."
-        asked = [
-            f"against {name} {_thickness(value.design or 0.0)} ({_reason(name, value)})" for name, value in questions
-        ]
-        text = f"Design value {', '.join(asked)}"
-        if self.characteristic_strength is not None:
-            text += f", with the characteristic strength of {self.characteristic_strength / 1e6:.4g} MPa"
-        if len(questions) == 1:
-            other = "perforation" if questions[0][0] == "scabbing" else "scabbing"
-            text += f"; none against {other}: no formula is within the range of its tests"
-        return f"{text}."
-
-    def _normal(self) -> str:
-        """Return the design values of normal impact, by which design practice goes."""
-        by_name: dict[Question, float | None] = dict(zip(MARGINS, self.normal_impact, strict=True))
-        known = [(name, value) for name, value in by_name.items() if value is not None]
-        if not known or self.oblique_angle == 0.0:
-            return ""
-        known.sort(key=lambda each: -each[1])
-        values = ", ".join(f"{_thickness(value)} against {name}" for name, value in known)
-        text = f"For normal impact, which design practice takes: {values}"
-        if self.thickness is not None and self.enough and self.thickness < known[0][1]:
-            text += "; this wall is thinner"
-        return f"{text}."
-
-    def _by_model(self) -> str:
-        """Return what the model says, which is not to be designed by."""
-        text = ""
-        if self.outcome is Outcome.PERFORATED:
-            text = "This model, which is unconservative, perforates this wall. "
-        elif self.outcome is Outcome.EMBEDDED and self.protrusion:
-            text = f"By this model the body is {embedded_words(self.protrusion)}. "
-        needs = [
-            f"{_thickness(value)}{words}"
-            for value, words in (
-                (self.variants.plain, ""),
-                (self.variants.rear_plug, " with a plug"),
-                (self.variants.rear_plug_and_crater, " with a plug and a crater"),
-            )
-            if value is not None
-        ]
-        if needs:
-            text += f"Not perforated by this model, which is unconservative, from {', '.join(needs)} on."
-        return text.rstrip()
+def wall_sentence(wall: WallVerdict) -> str:
+    """Return the verdict on a wall in words."""
+    return " ".join(filter(None, (_judged(wall), _required(wall), _normal(wall), _by_model(wall))))
 
 
-def embedded_words(protrusion: float | None) -> str:
-    """Return how a body at rest in a wall is embedded, with how far it stands out of the rear face if it does. [m]"""
-    return "embedded" if not protrusion else f"embedded, its nose {_length(protrusion)} out of the rear face"
+def _questions(wall: WallVerdict) -> list[tuple[Question, DesignValue]]:
+    """Return the questions that have a design value, the one that asks for more first."""
+    both: list[tuple[Question, DesignValue]] = [("scabbing", wall.scabbing), ("perforation", wall.perforation)]
+    known = [each for each in both if each[1].design is not None]
+    return sorted(known, key=lambda each: -(each[1].design or 0.0))
+
+
+def _judged(wall: WallVerdict) -> str:
+    if wall.thickness is None:
+        return ""
+    text = f"Wall of {_length(wall.thickness)} at {math.degrees(wall.oblique_angle):.6g}° from the normal"
+    missed = [name for name, value in _questions(wall) if value.enough is False]
+    if missed:
+        return f"{text}: not enough against {' and '.join(missed)}."
+    return f"{text}: enough." if wall.enough else f"{text}: not known to be enough."
+
+
+def _required(wall: WallVerdict) -> str:
+    questions = _questions(wall)
+    if not questions:
+        return "No design value: no formula is within the range of its tests."
+    asked = [f"against {name} {_thickness(value.design or 0.0)} ({_reason(name, value)})" for name, value in questions]
+    text = f"Design value {', '.join(asked)}"
+    if wall.characteristic_strength is not None:
+        text += f", with the characteristic strength of {wall.characteristic_strength / 1e6:.4g} MPa"
+    if len(questions) == 1:
+        other = "perforation" if questions[0][0] == "scabbing" else "scabbing"
+        text += f"; none against {other}: no formula is within the range of its tests"
+    return f"{text}."
+
+
+def _normal(wall: WallVerdict) -> str:
+    """Return the design values of normal impact, by which design practice goes."""
+    by_name: dict[Question, float | None] = dict(zip(MARGINS, wall.normal_impact, strict=True))
+    known = [(name, value) for name, value in by_name.items() if value is not None]
+    if not known or wall.oblique_angle == 0.0:
+        return ""
+    known.sort(key=lambda each: -each[1])
+    values = ", ".join(f"{_thickness(value)} against {name}" for name, value in known)
+    text = f"For normal impact, which design practice takes: {values}"
+    if wall.thickness is not None and wall.enough and wall.thickness < known[0][1]:
+        text += "; this wall is thinner"
+    return f"{text}."
+
+
+def _by_model(wall: WallVerdict) -> str:
+    """Return what the model says, which is not to be designed by."""
+    found = []
+    if wall.outcome is Outcome.PERFORATED:
+        found.append("This model perforates this wall.")
+    elif wall.protrusion is not None and wall.outcome is Outcome.EMBEDDED:
+        found.append(f"By this model the body is {embedded_words(wall.protrusion)}.")
+    elif wall.protrusion is not None:
+        out = _length(wall.protrusion.greatest)
+        found.append(f"By this model the body comes {out} out of the rear face on its way.")
+    needs = [
+        f"{_thickness(value)}{words}"
+        for value, words in (
+            (wall.variants.plain, ""),
+            (wall.variants.rear_plug, " with a plug"),
+            (wall.variants.rear_plug_and_crater, " with a plug and a crater"),
+        )
+        if value is not None
+    ]
+    if needs:
+        found.append(f"By this model, which is unconservative, not perforated from {', '.join(needs)} on.")
+    return " ".join(found)
+
+
+def embedded_words(protrusion: Protrusion | None) -> str:
+    """Return how a body at rest is embedded, with how far it stands out of the rear face of a wall if it does."""
+    if protrusion is None or not protrusion.final:
+        return "embedded"
+    return f"embedded, its nose {_length(protrusion.final)} out of the rear face"
 
 
 def judge_wall(
@@ -223,6 +234,8 @@ def judge_wall(
     >>> print(judge_wall(projectile=projectile, target=wall, impact=Impact(velocity=136.0, oblique_angle=0.0)))
     """
     own, infinite = resistance or EQUATION_9, replace(target, thickness=None)
+    if numerics is not None and numerics.method == "panels":
+        numerics = None  # The paper's route takes seconds a run, and the searches below take a hundred runs.
     characteristic = target.characteristic_strength
     if characteristic is not None:
         require(
@@ -254,9 +267,9 @@ def judge_wall(
             projectile=projectile, target=target, impact=impact, resistance=own, numerics=numerics, sample_interval=None
         )
         outcome = run.outcome
-        protrusion = getattr(getattr(run, "protrusion", None), "final", None)
+        protrusion = run.protrusion
         warnings = tuple({each.code: each for each in (*as_given.warnings, *run.warnings)}.values())
-        comes_out = outcome is Outcome.PERFORATED or bool(protrusion)
+        comes_out = outcome is Outcome.PERFORATED or protrusion is not None
         answers = {
             name: replace(
                 value,
@@ -266,7 +279,7 @@ def judge_wall(
             )
             for name, value in answers.items()
         }
-    return WallVerdict(
+    wall = WallVerdict(
         thickness=target.thickness,
         oblique_angle=impact.oblique_angle,
         perforation=answers["perforation"],
@@ -278,6 +291,7 @@ def judge_wall(
         characteristic_strength=characteristic,
         warnings=warnings,
     )
+    return replace(wall, sentence=wall_sentence(wall))
 
 
 def _design_values(
@@ -312,7 +326,7 @@ def _needed(projectile: Projectile) -> Callable[[PerforationLimit], float]:
     def of(found: PerforationLimit) -> float:
         if found.status is PerforationStatus.ALWAYS_PERFORATED:
             return MOST_DIAMETERS * projectile.diameter  # not even the thickest wall that is tried holds
-        return max(found.value or 0.0, getattr(found, "without_protrusion", None) or 0.0)
+        return max(found.value or 0.0, found.without_protrusion or 0.0)
 
     return of
 
@@ -420,8 +434,8 @@ def thickness_sentence(
     ]
     if limits:
         limit, formula = max(limits)
-        first = f"Not perforated from {_thickness(limit or 0.0)} on by {NAMES[formula]}, the largest of the formulas within "
-        first += "their range, without a margin."
+        first = f"Not perforated from {_thickness(limit or 0.0)} on by {NAMES[formula]}, the largest of the formulas "
+        first += "within their range, without a margin."
     else:
         first = "No formula for perforation is within the range of its tests."
     return f"{first} {_model_sentence(found, spread, resistance, _thickness, 'from {} on')}"
@@ -481,7 +495,7 @@ def _model_sentence(
         if each is not None and words not in ("", own)
     ]
     text = f"This model, which is unconservative: {'; '.join([value, *variants])}"
-    if getattr(found, "without_protrusion", None) is not None:
+    if found.without_protrusion is not None:
         text += f"; nothing stands out of the rear face {where.format(written(found.without_protrusion))}"
     return f"{text}."
 
