@@ -118,9 +118,9 @@ some of these."""
 
 
 def trial_columns(answer: Mapping[str, Any]) -> dict[str, list[Any]]:
-    """Return the trials of a search, by column; how they leave the concrete is not among them."""
+    """Return the trials of a search, by column; how they leave or stand out of the concrete is not among them."""
     trials = answer["iterations"]
-    names = dict.fromkeys(name for trial in trials for name in trial if name != "exit")
+    names = dict.fromkeys(name for trial in trials for name in trial if name not in {"exit", "protrusion"})
     return {name: [trial.get(name) for trial in trials] for name in names}
 
 
@@ -130,7 +130,7 @@ def summarize(answer: Mapping[str, Any]) -> dict[str, Any]:
     A `Column` that is not a number or a text of the answer is filled here, or stays empty.
     """
     row = {name: value for name, value in answer.items() if isinstance(value, float | int | str)}
-    for part in ("final", "exit"):
+    for part in ("final", "exit", "protrusion"):
         row |= {f"{part}_{name}": value for name, value in answer.get(part, {}).items()}
     for unit in ("deg", "m", "m_s"):
         if bracket := answer.get(f"bracket_{unit}"):
@@ -142,6 +142,8 @@ def summarize(answer: Mapping[str, Any]) -> dict[str, Any]:
         row |= {f"range_{name}_{unit}": value for name, value in ends.items() if value is not None}
     if "iterations" in answer:
         row["trials"] = len(answer["iterations"])
+    if (beside := row.pop("without_protrusion", None)) is not None:  # columns have the unit in their names
+        row["without_protrusion_m" if "thickness_m" in answer["iterations"][0] else "without_protrusion_m_s"] = beside
     if interval := answer.get("confidence_interval"):
         row["confidence_low"], row["confidence_high"] = interval
     angle = answer.get("critical_angle", {})

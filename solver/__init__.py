@@ -18,7 +18,7 @@ from solver.perforation import (
     least_thickness,
     limit_velocity,
 )
-from solver.prepared import Exit, Outcome
+from solver.prepared import Exit, Outcome, Protrusion
 from solver.projectile import (
     BoatTail,
     Conical,
@@ -55,7 +55,7 @@ from solver.trajectory import Motion, Trajectory, simulate
 from solver.warm_up import warm_up
 from solver.warnings import ModelWarning
 
-ENGINE_VERSION = "14"
+ENGINE_VERSION = "15"
 """Raised whenever results change, the text of a warning among them: results of another version are not used."""
 
 __all__ = [
@@ -90,6 +90,7 @@ __all__ = [
     "PerforationTrial",
     "Profile",
     "Projectile",
+    "Protrusion",
     "PublishedTests",
     "Resistance",
     "RicochetError",

@@ -26,7 +26,7 @@ from solver.motion import (
 from solver.projectile import Projectile, mass_properties
 from solver.resistance import Resistance, strength_factor
 from solver.strike import Impact, ResolvedNumerics
-from solver.surface import NO_PANELS, Body, build_body, build_panels
+from solver.surface import NO_PANELS, Body, build_body, build_panels, deepest_offset
 from solver.surface_integration import Law
 from solver.target import Target
 from solver.time_integration import (
@@ -90,6 +90,33 @@ def exit_of(outcome: Outcome, state: Sequence[float], body: Body) -> Exit | None
         kinetic_energy=0.5 * (body.mass * speed * speed + body.moment_of_inertia * spin * spin),
         lateral=lateral,
     )
+
+
+@dataclass(frozen=True, slots=True)
+class Protrusion:
+    """How far a projectile stands out of the rear face of a wall that it does not perforate."""
+
+    final: float | None
+    """At the end of the run; None if the projectile leaves through the impact face. [m]"""
+    greatest: float
+    """At most. [m]"""
+
+
+def protrusion_of(outcome: Outcome, run: Run, body: Body, thickness: float | None) -> Protrusion | None:
+    """Protrusion of a run; None in a half-space, if the projectile perforates, and if nothing of it ever protrudes.
+
+    Parameters
+    ----------
+    thickness
+        Of the wall; None for a half-space. [m]
+    """
+    if thickness is None or outcome is Outcome.PERFORATED or run.maximum_depth <= thickness:
+        return None
+    greatest = run.maximum_depth - thickness
+    if outcome is Outcome.RICOCHET:
+        return Protrusion(None, greatest)
+    depth, _, axis_angle, *_ = run.state.tolist()
+    return Protrusion(max(depth + deepest_offset(body, axis_angle) - thickness, 0.0), greatest)
 
 
 @dataclass(frozen=True, slots=True)

@@ -151,16 +151,30 @@ def build_body(projectile: Projectile, properties: MassProperties) -> Body:
 @compiled
 def deepest_offset(body: Body, axis_angle: float) -> float:
     """Depth of the deepest point of the surface ahead of the centre of gravity. [m]"""
-    c, s = math.cos(axis_angle), abs(math.sin(axis_angle))
+    return deepest_point(body, axis_angle)[0]
+
+
+@lean
+def deepest_point(body: Body, axis_angle: float) -> tuple[float, float]:
+    """Depth of the deepest point of the surface ahead of the centre of gravity, and its growth with the axis angle.
+
+    In metres, and metres per radian.
+    """
+    c, s = math.cos(axis_angle), math.sin(axis_angle)
+    mirror, s = math.copysign(1.0, s), abs(s)
     facing = math.atan2(c, s)  # α of the element whose normal points into depth
-    reach = -math.inf
+    reach, axial, radius = -math.inf, 0.0, 0.0
     for i in range(body.corners.shape[0]):
-        reach = max(reach, body.corners[i, 0] * c + body.corners[i, 1] * s)
+        depth = body.corners[i, 0] * c + body.corners[i, 1] * s
+        if depth > reach:
+            reach, axial, radius = depth, body.corners[i, 0], body.corners[i, 1]
     for i in range(body.outline.shape[0]):
         piece = body.outline[i]
         if piece[0] == ARC and piece[4] < facing < piece[5]:
-            reach = max(reach, piece[1] * c + piece[2] * s + piece[3])
-    return reach
+            depth = piece[1] * c + piece[2] * s + piece[3]
+            if depth > reach:
+                reach, axial, radius = depth, piece[1], piece[2]  # its centre turns as the point on it does
+    return reach, mirror * (radius * c - axial * s)
 
 
 def build_panels(projectile: Projectile, properties: MassProperties, count: int) -> Panels:

@@ -23,12 +23,11 @@ from solver.motion import (
     Workspace,
     accelerate,
     assign,
-    deepest_tip,
     end_of_step,
+    greatest_depth,
     kinetic_energy,
     make_workspace,
     store_step,
-    tip_depth,
 )
 from solver.surface import Body
 
@@ -87,7 +86,7 @@ def integrate_fixed(
     body, initial_energy = model.body, kinetic_energy(start, model.body)
     energies = Thresholds(thresholds.retention * initial_energy, thresholds.rest * initial_energy)
     work, event, state = make_workspace(), np.full(7, -1.0), start.copy()
-    deepest, gain, energy = tip_depth(state, body), 0.0, initial_energy
+    deepest, gain, energy = 0.0, 0.0, initial_energy  # a run begins with the deepest point at the face
     loaded = accelerate(state, model, work.scratch, work.start)
     count = math.ceil(end_time / time_step * (1.0 - 1e-12))
     for index in range(count):
@@ -105,9 +104,9 @@ def integrate_fixed(
         row = steps[index if steps.shape[0] > 1 else 0]
         store_step(row, time, step, state, work)
         end = end_of_step(row, model, work, was_loaded, loaded, energies, start[2], index == count - 1, event)
-        until = time + step if end == Termination.NONE else event[0]
+        until = time + step if event[0] < 0.0 else event[0]  # what coasts on out of a wall is not held any deeper
         if until > time:
-            deepest = max(deepest, deepest_tip(row, until, body, work.point))
+            deepest = max(deepest, greatest_depth(row, until, body, work.point))
         if end != Termination.NONE:
             return Run(end, event[0], event[1:], deepest, index + 1, 4 * index + 4, gain)
         assign(work.trial, state)
@@ -327,7 +326,7 @@ def integrate_adaptive(
     # Errors count over the size of the body and the velocity of impact, so that one tolerance serves all six numbers.
     scale = np.array([body.tip, body.tip, 1.0, impact, impact, impact / body.tip])
     event, state, time, step = np.full(7, -1.0), start.copy(), 0.0, FIRST_STEP * body.tip / impact
-    deepest = tip_depth(state, body)
+    deepest = 0.0  # a run begins with the deepest point at the face
     loaded, fresh = accelerate(state, model, work.scratch, work.start), False
     end_loaded = loaded
     evaluations, count = 1, 0
@@ -363,9 +362,9 @@ def integrate_adaptive(
         last = time + step >= end_time * (1.0 - 1e-12)
         end = end_of_step(row, model, work, was_loaded, loaded, energies, start[2], last, event)
         # An event lies on the cubic through both ends of the step, so that no step has to be cut short to meet it.
-        until = time + step if end == Termination.NONE else event[0]
+        until = time + step if event[0] < 0.0 else event[0]  # what coasts on out of a wall is not held any deeper
         if until > time:
-            deepest = max(deepest, deepest_tip(row, until, body, work.point))
+            deepest = max(deepest, greatest_depth(row, until, body, work.point))
         if end != Termination.NONE:
             return Run(end, event[0], event[1:], deepest, count, evaluations, 0.0)
         time += step

@@ -115,7 +115,7 @@ class End(NamedTuple):
     speed: float | None
     """At which the projectile leaves, if it does. [m/s]"""
     depth: float
-    """Greatest depth of the nose tip. [m]"""
+    """Greatest depth of the deepest point. [m]"""
     time: float
     """[s]"""
 
@@ -147,7 +147,7 @@ class Strike:
         _, _, _, *speeds, spin = run.state.tolist()
         energy = sum(speed**2 for speed in speeds) + model.body.moment_of_inertia / model.body.mass * spin**2
         speed = left.speed if left else None
-        return End(outcome, energy / self.impact.velocity**2, speed, run.maximum_tip_depth, run.time)
+        return End(outcome, energy / self.impact.velocity**2, speed, run.maximum_depth, run.time)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -63,10 +63,13 @@ def critical_angle_output(answer: Mapping[str, Any]) -> list[float]:
 
 
 def trajectory_output(answer: Mapping[str, Any]) -> list[float]:
-    """Return outcome, greatest depth, exit speed and exit angle, the latter 0 unless the strike was turned away."""
+    """Return outcome, greatest depth, exit speed and exit angle.
+
+    The depth is 0 if the wall is perforated, the angle unless the strike was turned away.
+    """
     outcome, left = Outcome(answer["outcome"]), answer.get("exit", {"speed_m_s": 0.0})
     angle = left["direction_deg"] if outcome is Outcome.RICOCHET else 0.0
-    return [float(OUTCOMES.index(outcome)), answer["maximum_depth_m"], left["speed_m_s"], angle]
+    return [float(OUTCOMES.index(outcome)), answer.get("maximum_depth_m", 0.0), left["speed_m_s"], angle]
 
 
 @dataclass(frozen=True, slots=True)

@@ -214,7 +214,8 @@ def print_motion(answer: Mapping[str, Any]) -> None:
     """Print the end of a motion."""
     final = {heading(name): value for name, value in answer["final"].items()}
     values = {"outcome": named(OUTCOMES, answer["outcome"])}
-    values |= {heading(name): answer[name] for name in ("maximum_depth_m", "strength_factor")}
+    values |= {heading(name): answer[name] for name in ("maximum_depth_m", "strength_factor") if name in answer}
+    values |= {f"protrusion {heading(name)}": length for name, length in answer.get("protrusion", {}).items()}
     print_values(values | {f"final {name}": value for name, value in final.items()})
     print_alternatives(answer)
     print_warnings(answer["warnings"])

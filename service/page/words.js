@@ -62,7 +62,7 @@ export function describeRun(run) {
   const speed = Math.hypot(final.depth_velocity_m_s, final.lateral_velocity_m_s);
   const rest = run.outcome === "embedded" ? "" : ` It goes on at ${quantityShown(speed, "m/s")}.`;
   const wall = wallOf(run);
-  const depth = run.outcome === "perforated" ? "" : ` The nose tip went ${lengthShown(run.maximum_depth_m)} deep.`;
+  const depth = run.outcome === "perforated" ? "" : ` It went ${lengthShown(run.maximum_depth_m)} deep.`;
   return (
     `After ${digits(final.time_s * 1e3)} ms, with its nose tip ${place(final.nose_tip_depth_m, target.thickness_m)} and its axis at ` +
     `${(Math.round(10 * final.axis_angle_deg) / 10 || 0).toFixed(1)}° from the normal.${rest}${depth}${wall} Strength factor ${digits(run.strength_factor)}.`

@@ -39,6 +39,7 @@ EXIT = {
     "kinetic_energy_j": 67100.0,
     "lateral_m": 0.4011,
 }
+PROTRUSION = {"final_m": 0.0402, "greatest_m": 0.0402}
 WARNING = {
     "code": "mass_properties_assumed",
     "detail": "moment of inertia not given: that of a homogeneous solid of the outer shape is used",
@@ -51,7 +52,7 @@ STRENGTH = {"strength_factor_dispersion": 0.1126, "own_tests": OWN_TESTS}
 RUN = {
     "outcome": "embedded",
     "final": STATE,
-    "maximum_depth_m": 0.121271,
+    "maximum_depth_m": 0.128313,
     "strength_factor": 6.507,
     **STRENGTH,
     "warnings": [WARNING],
@@ -219,6 +220,19 @@ class Exit(Part):
     """Way of the centre of gravity along the face, from where it was at first contact. [m]"""
 
 
+class Protrusion(Part):
+    """How far a projectile stands out of the rear face of a wall that it does not perforate."""
+
+    model_config = with_examples(PROTRUSION)
+
+    final_m: Annotated[
+        Num | MISSING, Described("way of the deepest point out of the rear face at the end; empty if it leaves")
+    ] = MISSING
+    """Way of its deepest point out of the rear face at the end of the run; absent if it leaves by the front. [m]"""
+    greatest_m: Annotated[Num, Described("greatest way of the deepest point out of the rear face")]
+    """Greatest way of its deepest point out of the rear face. [m]"""
+
+
 class Trajectory(Part):
     """One run: how it ended, and how it went."""
 
@@ -231,8 +245,12 @@ class Trajectory(Part):
     """At the event that ended the run."""
     exit: Annotated[Exit | MISSING, columns_of(Exit, "exit_"), Behind("strength_factor")] = MISSING
     """If the projectile left."""
-    maximum_depth_m: Num
-    """Greatest depth of the nose tip. [m]"""
+    maximum_depth_m: Annotated[
+        Num | MISSING, Described("greatest depth of the deepest point; empty if the projectile perforates")
+    ] = MISSING
+    """Greatest depth of the deepest point of the projectile; absent if it perforates a wall. [m]"""
+    protrusion: Annotated[Protrusion | MISSING, columns_of(Protrusion, "protrusion_")] = MISSING
+    """In a wall, if anything of the projectile ever comes out of the rear face, and it does not perforate."""
     strength_factor: Annotated[Num, Described("in use, at this oblique angle")]
     """Strength factor in use, at this oblique angle. [1]"""
     strength_factor_dispersion: Annotated[StrengthDispersion, NOT_TABLED]

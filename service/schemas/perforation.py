@@ -6,7 +6,17 @@ from pydantic import MISSING, Field
 
 import solver
 from service.columns import Column
-from service.schemas.answers import EXIT, VERSIONED, WARNING, EngineVersion, Exit, Key, ModelWarning
+from service.schemas.answers import (
+    EXIT,
+    PROTRUSION,
+    VERSIONED,
+    WARNING,
+    EngineVersion,
+    Exit,
+    Key,
+    ModelWarning,
+    Protrusion,
+)
 from service.schemas.fields import GIVEN, NOT_TABLED, Described, Of, walk
 from service.schemas.formulas import ROW, FormulaRow
 from service.schemas.quantities import Flag, Num, Part, with_examples
@@ -44,6 +54,7 @@ WALL = PAPER | {
 }
 LEFT = {"outcome": "perforated", "exit": EXIT}
 THICKNESS_TRIAL = {"thickness_m": 0.18} | LEFT
+STOPPED = {"thickness_m": 0.27, "outcome": "embedded", "protrusion": PROTRUSION}
 SPEED_TRIAL = {"velocity_m_s": 224.0} | LEFT
 THICKNESS = {
     "status": "converged",
@@ -53,7 +64,8 @@ THICKNESS = {
     "variants": VARIANTS,
     "sentence": "Not perforated from 435 mm on by Hughes, the largest of the formulas within their range, without a "
     "margin. This model, which is unconservative: 222 mm to 263 mm (90 % range over S, 241 mm with S as given).",
-    "iterations": [THICKNESS_TRIAL],
+    "without_protrusion": 0.3153,
+    "iterations": [THICKNESS_TRIAL, STOPPED],
     "formulas": [ROW],
     "warnings": [WARNING],
 }
@@ -70,6 +82,7 @@ SPEED = {
     "status": "converged",
     "limit_speed_m_s": 218.7,
     "bracket_m_s": [218.7, 218.7],
+    "without_protrusion": 180.0,
     "range": {"lower": 198.3, "upper": 240.8, "probability": PROBABILITY},
     "variants": {"plain": 218.7, "rear_plug": 179.6, "rear_plug_and_crater": 151.2},
     "sentence": "Perforated from 79 m/s on by Hughes, the lowest of the formulas within their range. This model, which "
@@ -101,10 +114,12 @@ class BatchLimitOutput(LimitOutput):
 class PerforationCase(Case):
     """What searches for perforation have in common."""
 
+    output: Annotated[LimitOutput, Field(default_factory=LimitOutput)]
+
     @property
     def searches(self) -> int:
         """How many searches the answer takes."""
-        return 1 + 5 * self.output.range
+        return 6 if self.output.range else 1
 
 
 class ThicknessFields(PerforationCase):
@@ -113,7 +128,6 @@ class ThicknessFields(PerforationCase):
     model_config = with_examples(PAPER_AT_45)
 
     impact: Impact
-    output: Annotated[LimitOutput, Field(default_factory=LimitOutput)]
 
     def resolved(self) -> Self:
         """Return the same with what was left open filled in.
@@ -169,7 +183,6 @@ class LimitSpeedFields(PerforationCase):
     model_config = with_examples(WALL)
 
     impact: Approach
-    output: Annotated[LimitOutput, Field(default_factory=LimitOutput)]
 
     def resolved(self) -> Self:
         """Return the same with what was left open filled in, but for the end of a run, which depends on its speed.
@@ -233,11 +246,13 @@ class LimitRange(Part):
 class PerforationTrial(Part):
     """How one run of a search for perforation ended."""
 
-    answered_last: ClassVar = ("outcome", "exit")
+    answered_last: ClassVar = ("outcome", "exit", "protrusion")
 
     outcome: Annotated[Outcome, Described("how the trial ended")]
     exit: Exit | MISSING = MISSING
     """If the projectile left."""
+    protrusion: Protrusion | MISSING = MISSING
+    """If anything of the projectile comes out of the rear face, and it does not perforate."""
 
 
 class ThicknessTrial(PerforationTrial):
@@ -275,6 +290,11 @@ class ThicknessAnswer(Part):
         Column("bracket_high_m", "upper of these"),
     ] = MISSING
     """Thicknesses between which the outcome changes. [m]"""
+    without_protrusion: Annotated[
+        Num | MISSING, Column("without_protrusion_m", "least thickness of a wall out of which nothing comes")
+    ] = MISSING
+    """Least thickness with which nothing of the projectile was seen to come out of the rear face: where a wall is as
+    thick as `least_thickness_m`, its nose may stand out. [m]"""
     iterations: Annotated[list[ThicknessTrial], Column("trials", "number of thicknesses tried")]
     """Every thickness tried, in order."""
     range: Annotated[LimitRange | MISSING, GIVEN, *RANGE_COLUMNS["m"]] = MISSING
@@ -305,6 +325,11 @@ class LimitSpeedAnswer(Part):
         Column("bracket_high_m_s", "upper of these"),
     ] = MISSING
     """Speeds between which the outcome changes. [m/s]"""
+    without_protrusion: Annotated[
+        Num | MISSING, Column("without_protrusion_m_s", "greatest speed at which nothing comes out of the wall")
+    ] = MISSING
+    """Greatest speed at which nothing of the projectile was seen to come out of the rear face: just below
+    `limit_speed_m_s` its nose may stand out. [m/s]"""
     iterations: Annotated[list[SpeedTrial], Column("trials", "number of speeds tried")]
     """Every speed tried, in order."""
     range: Annotated[LimitRange | MISSING, GIVEN, *RANGE_COLUMNS["m_s"]] = MISSING
@@ -331,7 +356,8 @@ def thickness_answer(request: ThicknessFields) -> dict[str, Any]:
         If a run could not be integrated.
     """
     arguments, rows = request.arguments(), request.formulas()
-    found, given = solver.least_thickness(**arguments), {}
+    found = solver.least_thickness(**arguments)
+    given: dict[str, Any] = {}
     if request.output.range:
         spread, law = thickness_spread(**arguments), arguments["resistance"]
         given = _spread_answer(spread) | {"sentence": thickness_sentence(found, spread, rows, law)}
@@ -341,7 +367,8 @@ def thickness_answer(request: ThicknessFields) -> dict[str, Any]:
 def limit_speed_answer(request: LimitSpeedFields) -> dict[str, Any]:
     """Return the answer to a search for the limit speed without its key and version; raises as `thickness_answer`."""
     arguments, rows = request.arguments(), request.formulas()
-    found, given = solver.limit_velocity(**arguments), {}
+    found = solver.limit_velocity(**arguments)
+    given: dict[str, Any] = {}
     if request.output.range:
         spread = limit_speed_spread(**arguments)
         given = _spread_answer(spread) | {

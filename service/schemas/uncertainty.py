@@ -176,5 +176,5 @@ def crossings_in(answer: Mapping[str, Any]) -> Crossings:
 
 def ending_in(answer: Mapping[str, Any]) -> Ending:
     """Return what a study keeps of the answer to a trajectory."""
-    left = answer.get("exit")
-    return Ending(answer["outcome"], answer["maximum_depth_m"], None if left is None else Exit(**in_solver_units(left)))
+    left, depth = answer.get("exit"), answer.get("maximum_depth_m", math.nan)
+    return Ending(answer["outcome"], depth, None if left is None else Exit(**in_solver_units(left)))

@@ -272,7 +272,7 @@ class TrajectoryUncertainty:
     """Probability of ``ricochet``, ``embedded``, ``in_motion``;
     ``perforated`` where a wall was."""
     maximum_depth: tuple[tuple[float, Estimate], ...]
-    """Quantiles over all runs. [1, m]"""
+    """Quantiles over the runs that do not perforate. [1, m]"""
     ricochet_exit: ExitQuantiles
     perforation_exit: ExitQuantiles
     """Quantiles of the exit of those turned away, and of those that perforated: by the names of `solver.Exit`, empty

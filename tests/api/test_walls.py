@@ -22,6 +22,7 @@ STRIKE = PAPER | {"impact": PAPER["impact"] | {"oblique_angle_deg": 30.0}}
 WALL = PAPER | {"target": PAPER["target"] | {"thickness_m": 0.2}, "impact": {"oblique_angle_deg": 0.0}}
 THIN = {"field": "target.thickness_m", "values": [0.2, 0.3]}
 FAST = {"field": "impact.velocity_m_s", "values": [200.0]}
+HEAD_ON = PAPER["impact"] | {"oblique_angle_deg": 0.0}
 COARSE = {"relative_tolerance": 1e-3}
 ANGLES = {"field": "impact.oblique_angle_deg", "values": [0.0, 20.0, 40.0]}
 BASES = {"thickness": STRIKE | {"numerics": COARSE}, "limit-speed": WALL | {"numerics": COARSE}}
@@ -230,3 +231,41 @@ def test_plug_stays_under_other_laws(client: httpx.Client) -> None:
     assert len(outcomes[0]) == len(outcomes[1]) == 9
     other = ("elastic_plastic", "obliquity_polynomial")
     assert [outcomes[0][other], outcomes[1][other]] == ["embedded", "perforated"]
+
+
+def test_nose_out_of_the_rear_face_is_in_answer_and_table_and_perforation_has_no_depth(client: httpx.Client) -> None:
+    def strike(thickness: float) -> dict[str, Any]:
+        return WALL | {"target": PAPER["target"] | {"thickness_m": thickness}, "impact": HEAD_ON}
+
+    through, out, held = (answered(client, "/trajectory", strike(thickness)) for thickness in (0.2, 0.25, 0.4))
+    assert through["outcome"] == "perforated"
+    assert not {"maximum_depth_m", "protrusion"} & through.keys()
+    protrusion = out["protrusion"]
+    assert protrusion["greatest_m"] == pytest.approx(out["maximum_depth_m"] - 0.25)
+    assert protrusion["final_m"] == protrusion["greatest_m"]
+    assert "protrusion" not in held
+    cases = [strike(thickness) | {"output": {"history": False}} for thickness in (0.2, 0.25, 0.4)]
+    answer = client.post("/trajectory/batch", content=lines(cases), headers=LINES | {"Accept": "text/csv"})
+    rows = list(csv.DictReader(io.StringIO(answer.text)))
+    assert [row["maximum_depth_m"] for row in rows] == ["", str(out["maximum_depth_m"]), str(held["maximum_depth_m"])]
+    assert [row["protrusion_greatest_m"] for row in rows] == ["", str(protrusion["greatest_m"]), ""]
+
+
+@pytest.mark.parametrize(("operation", "unit"), [("thickness", "m"), ("limit-speed", "m_s")])
+def test_value_without_protrusion_is_that_of_the_solver_and_a_column(
+    client: httpx.Client, operation: str, unit: str
+) -> None:
+    body = {"thickness": STRIKE, "limit-speed": WALL}[operation]
+    answer = answered(client, f"/{operation}", body)
+    strike: dict[str, Any] = {"projectile": PAPER_PROJECTILE, "target": PAPER_TARGET}
+    if operation == "thickness":
+        found = least_thickness(**strike, impact=paper_impact(oblique_angle_degrees=30.0))
+    else:
+        found = limit_velocity(**strike | {"target": replace(PAPER_TARGET, thickness=0.2)}, oblique_angle=0.0)
+    assert answer["without_protrusion"] == pytest.approx(found.without_protrusion, rel=1e-9)
+    stands_out = [each for each in answer["iterations"] if each["outcome"] == "embedded" and "protrusion" in each]
+    assert all(each["protrusion"]["greatest_m"] > 0.0 for each in stands_out)
+    assert stands_out
+    table = client.post(f"/{operation}/batch", content=lines([body]), headers=LINES | {"Accept": "text/csv"}).text
+    (row,) = csv.DictReader(io.StringIO(table))
+    assert float(row[f"without_protrusion_{unit}"]) == answer["without_protrusion"]
