@@ -119,8 +119,8 @@ class Verdict:
         if self.probability.value > LIKELY:
             return f"{text}: is turned away (probability {share})."
         if self.probability.value < UNLIKELY:
-            return f"{text}: is not turned away (probability of ricochet {share}); {ending} with the inputs as given."
-        return f"{text}: may be turned away (probability {share}); {ending} with the inputs as given."
+            return f"{text}: is not turned away (probability of ricochet {share}); with the inputs as given {ending}."
+        return f"{text}: may be turned away (probability {share}); with the inputs as given {ending}."
 
     def _angle(self) -> str:
         lower, upper = (f"{math.degrees(each):.6g}°" for each in self.searched)

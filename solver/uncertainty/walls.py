@@ -163,12 +163,11 @@ def _by_model(wall: WallVerdict) -> str:
     """Return what the model says, which is not to be designed by."""
     found = []
     if wall.outcome is Outcome.PERFORATED:
-        found.append("This model perforates this wall.")
+        found.append("perforated")
     elif wall.protrusion is not None and wall.outcome is Outcome.EMBEDDED:
-        found.append(f"By this model the body is {embedded_words(wall.protrusion)}.")
+        found.append(embedded_words(wall.protrusion))
     elif wall.protrusion is not None:
-        out = _length(wall.protrusion.greatest)
-        found.append(f"By this model the body comes {out} out of the rear face on its way.")
+        found.append(f"{_length(wall.protrusion.greatest)} out of the rear face on its way")
     needs = [
         f"{_thickness(value)}{words}"
         for value, words in (
@@ -179,8 +178,8 @@ def _by_model(wall: WallVerdict) -> str:
         if value is not None
     ]
     if needs:
-        found.append(f"By this model, which is unconservative, not perforated from {', '.join(needs)} on.")
-    return " ".join(found)
+        found.append(f"not perforated from {', '.join(needs)} on")
+    return f"By this model, which is unconservative: {'; '.join(found)}." if found else ""
 
 
 def embedded_words(protrusion: Protrusion | None) -> str:
@@ -460,9 +459,7 @@ def limit_speed_sentence(
         first += "range."
     else:
         first = "No formula for perforation is within the range of its tests."
-    return (
-        f"{first} {_model_sentence(found, spread, resistance, _speed, 'nothing stands out of the rear face up to {}')}"
-    )
+    return f"{first} {_model_sentence(found, spread, resistance, _speed, 'up to {}')}"
 
 
 def _model_sentence(
