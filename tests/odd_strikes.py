@@ -4,6 +4,9 @@ from typing import Any
 
 import numpy as np
 
+from service.schemas import ReportRequest
+from solver import closed_form_depth
+
 KINDS = ("half_space", "wall", "sphere", "own_shots", "chosen_law", "no_angle", "always_ricochet")
 OWN_LAWS: tuple[dict[str, Any], ...] = (
     {"free_surface": {"model": "none"}},
@@ -22,8 +25,8 @@ LAWS: tuple[dict[str, Any], ...] = (
 def odd_strikes(count: int, seed: int) -> list[dict[str, Any]]:
     """Return `count` strikes, the kinds in turn: slow and fast, light and heavy, steep and grazing.
 
-    Velocity 40 to 900 m/s, angle of attack up to 4°, concrete of 15 to 90 MPa; ogives, cones, caps and flat noses of 15 to
-    250 mm.
+    Velocity 40 to 900 m/s, angle of attack up to 4°, concrete of 15 to 90 MPa; ogives, cones, caps and flat noses of
+    15 to 250 mm.
     """
     random = np.random.default_rng(seed)
     return [_strike(random, KINDS[index % len(KINDS)]) for index in range(count)]
@@ -76,9 +79,6 @@ def _nose(random: np.random.Generator, kind: str) -> tuple[dict[str, Any], float
 
 def _shots(random: np.random.Generator, strike: dict[str, Any]) -> list[dict[str, float]]:
     """Return one to four shots whose depths are some that the body may reach."""
-    from service.schemas import ReportRequest  # noqa: PLC0415
-    from solver import closed_form_depth, mass_properties  # noqa: F401, PLC0415
-
     request = ReportRequest.model_validate(strike)
     body, concrete = request.projectile.to_solver(), request.target.to_solver()
     shots = []
