@@ -7,8 +7,6 @@ from pydantic import MISSING, Field
 import solver
 from service.columns import Column
 from service.schemas.answers import (
-    EXIT,
-    PROTRUSION,
     VERSIONED,
     WARNING,
     EngineVersion,
@@ -30,7 +28,7 @@ from solver.strike import TERMINATION_TIME
 from solver.uncertainty import PerforationSpread, limit_speed_spread, thickness_spread
 from solver.uncertainty.walls import PROBABILITY, limit_speed_sentence, thickness_sentence
 
-RANGE = {"lower": 0.222, "upper": 0.262, "probability": PROBABILITY}
+RANGE = {"lower": 0.1623, "upper": 0.2139, "probability": PROBABILITY}
 RANGE_COLUMNS = {
     unit: (Column(f"range_low_{unit}", "lower end of the 90 % range"), Column(f"range_high_{unit}", "upper end"))
     for unit in ("m", "m_s")
@@ -52,19 +50,39 @@ WALL = PAPER | {
     "target": PAPER["target"] | {"thickness_m": 0.2},
     "impact": {"oblique_angle_deg": 20.0},
 }
-LEFT = {"outcome": "perforated", "exit": EXIT}
-THICKNESS_TRIAL = {"thickness_m": 0.18} | LEFT
-STOPPED = {"thickness_m": 0.27, "outcome": "embedded", "protrusion": PROTRUSION}
-SPEED_TRIAL = {"velocity_m_s": 224.0} | LEFT
+BEHIND = {
+    "speed_m_s": 186.1,
+    "direction_deg": 43.63,
+    "elevation_deg": 46.37,
+    "axis_angle_deg": 44.22,
+    "angular_velocity_rad_s": -8.263,
+    "kinetic_energy_j": 225000.0,
+    "lateral_m": 0.5305,
+}
+THICKNESS_TRIAL = {"thickness_m": 0.1, "outcome": "perforated", "exit": BEHIND}
+STOPPED = {"thickness_m": 0.1959, "outcome": "embedded", "protrusion": {"final_m": 0.0004, "greatest_m": 0.0004}}
+SPEED_TRIAL = {
+    "velocity_m_s": 243.3,
+    "outcome": "perforated",
+    "exit": {
+        "speed_m_s": 105.0,
+        "direction_deg": 19.82,
+        "elevation_deg": 70.18,
+        "axis_angle_deg": 19.82,
+        "angular_velocity_rad_s": -0.0022,
+        "kinetic_energy_j": 71720.0,
+        "lateral_m": 0.1428,
+    },
+}
 THICKNESS = {
     "status": "converged",
-    "least_thickness_m": 0.2402,
-    "bracket_m": [0.2402, 0.2402],
+    "least_thickness_m": 0.1864,
+    "bracket_m": [0.1864, 0.1864],
     "range": RANGE,
     "variants": VARIANTS,
-    "sentence": "Not perforated from 435 mm on by Hughes, the largest of the formulas within their range, without a "
-    "margin. This model, which is unconservative: 222 mm to 263 mm (90 % range over S, 241 mm with S as given).",
-    "without_protrusion": 0.3153,
+    "sentence": "Not perforated from 367 mm on by Hughes, the largest of the formulas within their range, without a "
+    "margin. This model, which is unconservative: 163 mm to 214 mm (90 % range over S, 187 mm with S as given).",
+    "without_protrusion": 0.1961,
     "iterations": [THICKNESS_TRIAL, STOPPED],
     "formulas": [ROW],
     "warnings": [WARNING],
@@ -82,11 +100,11 @@ SPEED = {
     "status": "converged",
     "limit_speed_m_s": 218.7,
     "bracket_m_s": [218.7, 218.7],
-    "without_protrusion": 180.0,
-    "range": {"lower": 198.3, "upper": 240.8, "probability": PROBABILITY},
-    "variants": {"plain": 218.7, "rear_plug": 179.6, "rear_plug_and_crater": 151.2},
+    "without_protrusion": 193.5,
+    "range": {"lower": 199.4, "upper": 239.9, "probability": PROBABILITY},
+    "variants": {"plain": 218.7, "rear_plug": 175.8, "rear_plug_and_crater": 143.9},
     "sentence": "Perforated from 79 m/s on by Hughes, the lowest of the formulas within their range. This model, which "
-    "is unconservative: 198 m/s to 240 m/s (90 % range over S, 218 m/s with S as given).",
+    "is unconservative: 199 m/s to 239 m/s (90 % range over S, 218 m/s with S as given).",
     "iterations": [SPEED_TRIAL],
     "formulas": [SPEED_ROW],
     "warnings": [WARNING],

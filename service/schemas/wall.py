@@ -14,11 +14,11 @@ from service.schemas.strike import PAPER, PAPER_AT_45, Impact
 from solver import Outcome
 from solver.uncertainty import DesignValue, RearFaceVariants, WallVerdict
 
-PERFORATION = {"enough": False, "limit_m": 0.5814, "design_m": 0.6977, "formula": "hughes"}
-SCABBING = {"enough": False, "limit_m": 0.6978, "design_m": 0.7676, "formula": "hughes"}
-NORMAL = {"perforation_design_m": 0.6977, "scabbing_design_m": 0.7676}
+PERFORATION = {"enough": True, "limit_m": 0.3663, "design_m": 0.4396, "formula": "hughes"}
+SCABBING = {"enough": False, "limit_m": 0.4641, "design_m": 0.5105, "formula": "hughes"}
+NORMAL = {"perforation_design_m": 0.5988, "scabbing_design_m": 0.6712}
 WALL = {"enough": False, "perforation": PERFORATION, "scabbing": SCABBING, "normal_impact": NORMAL}
-VARIANTS = {"plain": 0.2402, "rear_plug": 0.3056, "rear_plug_and_crater": 0.3642}
+VARIANTS = {"plain": 0.1864, "rear_plug": 0.2180, "rear_plug_and_crater": 0.3006}
 QUESTIONS = ("perforation", "scabbing")
 
 
@@ -107,7 +107,8 @@ class WallAnswer(WallDesign):
 
     model_config = with_examples(
         {
-            "sentence": "Wall of 450 mm at 45° from the normal: not enough against scabbing and perforation.",
+            "sentence": "Wall of 450 mm at 45° from the normal: not enough against scabbing. Design value against "
+            "scabbing 511 mm (Hughes × 1.1), against perforation 440 mm (Hughes × 1.2).",
             **WALL,
             "variants": VARIANTS,
             "outcome": "embedded",
