@@ -24,7 +24,7 @@ from solver.loads import (
     panel_loads,
     weaken_in_crater,
 )
-from solver.surface import Body, Panels, deepest_offset, deepest_point
+from solver.surface import CENTRED, Body, Panels, deepest_offset, deepest_point
 from solver.surface_integration import Law
 
 RAMP_FRACTION = 1e-4
@@ -160,6 +160,15 @@ def kinetic_energy(state: FloatArray, body: Body) -> float:
 
 
 @lean
+def lasting_energy(start: FloatArray, body: Body) -> float:
+    """Part of the initial kinetic energy that no load can remove: that of the spin of a sphere. [J]
+
+    Shares of the energy are of the rest. A sphere at rest in the target still spins there, as nothing rubs it.
+    """
+    return 0.5 * body.moment_of_inertia * float(start[5] ** 2) if body.bounds & CENTRED > 0 else 0.0
+
+
+@lean
 def store_step(row: FloatArray, time: float, step: float, state: FloatArray, work: Workspace) -> None:
     """Cubic Hermite interpolation through the rates at both ends of a step."""
     row[0], row[1] = time, step
@@ -241,7 +250,7 @@ class Termination(IntEnum):
 
 
 class Thresholds(NamedTuple):
-    """Shares of the initial kinetic energy."""
+    """Shares of the initial kinetic energy, without that of a spin that nothing can remove."""
 
     retention: float
     """A projectile that falls below it is retained, wherever its nose is."""
@@ -415,7 +424,7 @@ def end_of_step(
             return Termination.RETAINED if retained else Termination.PERFORATED
         if not retained and (_is_clear(step[8:14], body) or (last and step[11] < 0.0)):
             return Termination.EXIT
-    tumbled = loaded and abs(step[10] - begin_angle) > MOST_TURN
+    tumbled = loaded and body.bounds & CENTRED == 0 and abs(step[10] - begin_angle) > MOST_TURN
     if last or tumbled:
         event[0] = time + step[1]
         interpolate(step, 1.0, state)

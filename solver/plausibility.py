@@ -3,9 +3,11 @@
 import itertools
 import math
 from collections.abc import Iterable
+from dataclasses import replace
 
 from solver.prepared import Exit, Outcome, PreparedCase
 from solver.projectile import MassProperties, mass_properties
+from solver.resistance import plug_height
 from solver.strike import Impact
 from solver.warnings import ModelWarning, implausible
 
@@ -72,14 +74,8 @@ def check_walls(
     passed
         Thickness of each perforated wall and how the projectile left it.
     """
-    plug = prepared.resistance.rear_plug
-    sheared = (
-        0.0
-        if plug is None
-        else plug.height(
-            strength_factor=prepared.strength_factor_at(impact.oblique_angle), diameter=prepared.projectile.diameter
-        )
-    )
+    half_space = replace(prepared.target, thickness=None)
+    sheared = plug_height(resistance=prepared.resistance, target=half_space, projectile=prepared.projectile)
     most = deepest_by_energy(prepared, impact) + MARGIN * prepared.projectile.diameter + sheared
     if thickness is None:
         return (implausible("no wall holds the projectile, however thick"),)

@@ -26,7 +26,7 @@ from solver.motion import (
 from solver.projectile import Projectile, mass_properties
 from solver.resistance import Resistance, strength_factor
 from solver.strike import Impact, ResolvedNumerics
-from solver.surface import NO_PANELS, Body, build_body, build_panels, deepest_offset
+from solver.surface import CENTRED, NO_PANELS, Body, build_body, build_panels, deepest_offset
 from solver.surface_integration import Law
 from solver.target import Target
 from solver.time_integration import (
@@ -135,6 +135,11 @@ class PreparedCase:
         """What the compiled code takes."""
         return with_right_hand_side(self.model_without_address)
 
+    @property
+    def is_centred(self) -> bool:
+        """Whether no load turns the projectile, as all its normals pass through its centre of gravity."""
+        return bool(self.model_without_address.body.bounds & CENTRED)
+
     def strength_factor_at(self, oblique_angle: float) -> float:
         """Strength factor of a strike at this angle. [1]
 
@@ -190,7 +195,7 @@ def prepare(
         law=build_law(
             resistance=resistance,
             target=target,
-            diameter=projectile.diameter,
+            projectile=projectile,
             strength_factor=1.0,
             ramp_velocity=1.0,
         ),

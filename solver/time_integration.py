@@ -26,6 +26,7 @@ from solver.motion import (
     end_of_step,
     greatest_depth,
     kinetic_energy,
+    lasting_energy,
     make_workspace,
     store_step,
 )
@@ -83,8 +84,9 @@ def integrate_fixed(
     steps
         (n, `STEP_WIDTH`) table to fill: a row for each step, or one row to keep none.
     """
-    body, initial_energy = model.body, kinetic_energy(start, model.body)
-    energies = Thresholds(thresholds.retention * initial_energy, thresholds.rest * initial_energy)
+    body, lasting = model.body, lasting_energy(start, model.body)
+    initial_energy = kinetic_energy(start, body) - lasting
+    energies = Thresholds(lasting + thresholds.retention * initial_energy, lasting + thresholds.rest * initial_energy)
     work, event, state = make_workspace(), np.full(7, -1.0), start.copy()
     deepest, gain, energy = 0.0, 0.0, initial_energy  # a run begins with the deepest point at the face
     loaded = accelerate(state, model, work.scratch, work.start)
@@ -94,7 +96,7 @@ def integrate_fixed(
         step = min(time_step, end_time - time)
         _attempt_fixed_step(state, step, model, work)
         was_loaded, loaded = loaded, accelerate(work.trial, model, work.scratch, work.end)
-        before, energy = energy, kinetic_energy(work.trial, body)
+        before, energy = energy, kinetic_energy(work.trial, body) - lasting
         enough = min(_impulse_energy(work.end, step, body), UNRESOLVED_ENERGY * initial_energy)
         if before < energy < enough:
             return Run(Termination.REST, time, state, deepest, index, 4 * index, gain)
@@ -320,8 +322,9 @@ def integrate_adaptive(
     work, linear
         Arrays to work in.
     """
-    body, initial_energy = model.body, kinetic_energy(start, model.body)
-    energies = Thresholds(thresholds.retention * initial_energy, thresholds.rest * initial_energy)
+    body, lasting = model.body, lasting_energy(start, model.body)
+    initial_energy = kinetic_energy(start, body) - lasting
+    energies = Thresholds(lasting + thresholds.retention * initial_energy, lasting + thresholds.rest * initial_energy)
     impact = math.hypot(start[3], start[4])
     # Errors count over the size of the body and the velocity of impact, so that one tolerance serves all six numbers.
     scale = np.array([body.tip, body.tip, 1.0, impact, impact, impact / body.tip])
@@ -357,7 +360,7 @@ def integrate_adaptive(
         row = steps[count if steps.shape[0] > 1 else 0]
         store_step(row, time, step, state, work)
         count += 1
-        if kinetic_energy(work.trial, body) > MOST_ENERGY * initial_energy:
+        if kinetic_energy(work.trial, body) - lasting > MOST_ENERGY * initial_energy:
             return Run(Termination.NOT_FINITE, time, state, deepest, count, evaluations, 0.0)
         last = time + step >= end_time * (1.0 - 1e-12)
         end = end_of_step(row, model, work, was_loaded, loaded, energies, start[2], last, event)

@@ -56,7 +56,7 @@ VECTORS = TypeAdapter(list[list[Num]])
 
 
 def critical_angle_output(answer: Mapping[str, Any]) -> list[float]:
-    """Return angle and status: without an angle 90° (no ricochet, not converged) or 0° (ricochet at every angle)."""
+    """Return angle and status: without an angle 90° (no ricochet, not converged) or 0° (ricochet at the lower end)."""
     status = SearchStatus(answer["status"])
     limit = 0.0 if status is SearchStatus.ALWAYS_RICOCHET else 90.0
     return [answer.get("critical_angle_deg", limit), float(STATUSES.index(status))]

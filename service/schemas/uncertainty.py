@@ -169,9 +169,7 @@ def crossings_in(answer: Mapping[str, Any]) -> Crossings:
         return Crossings(problem="failed")
     if "critical_angle_deg" not in answer:
         return Crossings(tuple(sorted(others)), answer["status"] == "always_ricochet")
-    first = math.radians(answer["critical_angle_deg"])
-    angles = sorted((first, *others))
-    return Crossings(tuple(angles), angles.index(first) % 2 == 1)
+    return Crossings(tuple(sorted((math.radians(answer["critical_angle_deg"]), *others))))
 
 
 def ending_in(answer: Mapping[str, Any]) -> Ending:
