@@ -13,7 +13,7 @@ from pydantic import MISSING
 from service.errors import ReportsMissingError
 from service.operations import SCHEMA_VERSION
 from service.schemas.requests import ReportRequest
-from service.schemas.verdict import next_shot_advice_in, usual_inputs, verdict_in
+from service.schemas.verdict import angle_in, next_shot_advice_in, usual_inputs, verdict_in
 from solver import ENGINE_VERSION, ConstantStrengthFactor, mass_properties
 from solver.checks import BOUNDS
 from solver.strength_scatter import strength_scatter
@@ -94,7 +94,9 @@ def weighing_queries(request: ReportRequest, found: Mapping[str, Any]) -> dict[s
     codes = [each["code"] for each in found["warnings"]]
     return {
         f"{code} {index}": Query("cra", _with_probe(case, code, value))
-        for code, values in probes(codes, **bodies, numerics=arguments["numerics"] or USUAL).items()
+        for code, values in probes(
+            codes, angle=angle_in(found), **bodies, numerics=arguments["numerics"] or USUAL
+        ).items()
         for index, value in enumerate(values)
     }
 

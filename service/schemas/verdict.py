@@ -36,7 +36,7 @@ from solver.uncertainty import AfterShots, Discrete, Estimate, Uncertain, Verdic
 from solver.uncertainty.results import RANGE
 from solver.uncertainty.usual import THEORIES, THEORY_LAWS
 from solver.uncertainty.verdict import next_shot_advice, probability_text, range_with, with_those_of_strike
-from solver.uncertainty.weighed_warnings import MOVES, weighed
+from solver.uncertainty.weighed_warnings import HELD, MOVES, range_held_earlier, weighed
 
 DECAY = "resistance.free_surface.model"
 """The only one of these inputs that is discrete."""
@@ -180,6 +180,9 @@ class VerdictAnswer(Part):
     range: LikelyAngles | MISSING = MISSING
     """With the usual scatter, of the samples that have an angle; `critical_angle_deg` belongs to it. Where a law of
     one's own is chosen, by that law."""
+    held_angle_deg: Num | MISSING = MISSING
+    """Critical angle with the strength factor held from 55° on, where it is held from 60° on and `critical_angle_deg` is
+    above 55: `range` has room for both. [°]"""
     share_without_angle: Annotated[Num, Field(ge=0.0, le=1.0)]
     """Share of the samples that have none in the range searched."""
     theories: list[TheoryAngle]
@@ -239,8 +242,9 @@ def verdict_in(request: ReportRequest, answers: Mapping[str, Any]) -> Verdict:
             if abs(each - angle) < 1e-7
         ]
     )
-    central = _radians(found.get("critical_angle_deg"))
-    spread = range_with(_range_in(study), central)
+    central, moved = angle_in(found), _moved(answers)
+    held = next(iter(moved[HELD]), None)
+    spread = range_held_earlier(range_with(_range_in(study), central), central, held)
     own_law, oblique = request.has_own_law, None if angle is MISSING else math.radians(angle)
     over_theories = answers.get("theories", {}) if own_law else study
     wall = answers.get("wall", {})
@@ -252,6 +256,7 @@ def verdict_in(request: ReportRequest, answers: Mapping[str, Any]) -> Verdict:
         share_without=critical["share_without_angle"]["value"],
         theories=tuple(_radians(each.get("critical_angle_deg")) for each in _theories(over_theories)),
         own_law=own_law,
+        held_angle=held,
         theory_spread=_range_in(over_theories) if own_law else None,
         standard_error=_radians(found.get("critical_angle_standard_error_deg")),
         other_crossings=tuple(map(math.radians, found["other_crossings_deg"])),
@@ -263,9 +268,7 @@ def verdict_in(request: ReportRequest, answers: Mapping[str, Any]) -> Verdict:
         wall_failed="problem" in wall,
         warnings=with_those_of_strike(
             [_warning(each) for each in judged.get("warnings", ())],
-            weighed(
-                [_warning(each) for each in found["warnings"]], angle=central, spread=spread, moved=_moved(answers)
-            ),
+            weighed([_warning(each) for each in found["warnings"]], angle=central, spread=spread, moved=moved),
         ),
     )
 
@@ -289,8 +292,7 @@ def _warning(found: Mapping[str, Any]) -> solver.ModelWarning:
 def _moved(answers: Mapping[str, Any]) -> dict[str, list[float | None]]:
     """Return the critical angles by the searches that weigh warnings, by code."""
     return {
-        code: [_radians(found.get("critical_angle_deg")) for name, found in answers.items() if name.split()[0] == code]
-        for code in MOVES
+        code: [angle_in(found) for name, found in answers.items() if name.split()[0] == code] for code in (*MOVES, HELD)
     }
 
 
@@ -324,6 +326,8 @@ def verdict_answer(request: ReportRequest, answers: Mapping[str, Any]) -> dict[s
     if found.spread is not None:
         answer["range"] = _likely_angles(found.spread)
     answer["share_without_angle"] = found.share_without
+    if found.held_angle is not None:
+        answer["held_angle_deg"] = degrees(found.held_angle)
     if found.own_law:
         answer["own_law"] = True
     if found.theory_spread is not None:
@@ -369,6 +373,11 @@ def _likely_angles(spread: tuple[float, float]) -> dict[str, float]:
 def _theories(study: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     """Return the critical angle by each theory, as a study with the usual scatter has them."""
     return next((each["swing"] for each in study.get("sensitivity", ()) if each["field"] == DECAY), [])
+
+
+def angle_in(found: Mapping[str, Any]) -> float | None:
+    """Return the critical angle in an answer of a search, None without one. [rad]"""
+    return _radians(found.get("critical_angle_deg"))
 
 
 def _radians(angle: float | None) -> float | None:

@@ -8,10 +8,12 @@ from solver.projectile import Projectile
 from solver.resistance import (
     EQUATION_9,
     EQUATION_9_COEFFICIENTS,
+    HELD_FROM,
     ConstantStrengthFactor,
     ObliquityPolynomial,
     Resistance,
     StrengthPowerLaw,
+    held_from,
 )
 from solver.strength_scatter import strength_scatter
 from solver.target import Target
@@ -45,7 +47,7 @@ def has_own_law(resistance: Resistance | None) -> bool:
     if not isinstance(resistance.free_surface, ElasticPlastic) or isinstance(model, ConstantStrengthFactor):
         return True
     if isinstance(model, ObliquityPolynomial):
-        return tuple(model.coefficients) != EQUATION_9_COEFFICIENTS
+        return tuple(model.coefficients) != EQUATION_9_COEFFICIENTS or held_from(model) != HELD_FROM
     return isinstance(model, StrengthPowerLaw) and (
         replace(model, obliquity_shape=StrengthPowerLaw().obliquity_shape) != StrengthPowerLaw()
     )

@@ -12,7 +12,7 @@ from solver.prepared import Outcome, Protrusion
 from solver.projectile import Projectile
 from solver.resistance import EQUATION_9, Resistance
 from solver.search.critical_angle import critical_angle
-from solver.search.types import USUAL_SEARCH, Search, SearchStatus
+from solver.search.types import USUAL_SEARCH, CriticalAngle, Search, SearchStatus
 from solver.strike import USUAL, Impact, Numerics
 from solver.target import Target
 from solver.trajectory import simulate
@@ -21,7 +21,14 @@ from solver.uncertainty.sampling import Estimate, Sampling
 from solver.uncertainty.strikes import critical_angle_uncertainty
 from solver.uncertainty.usual import THEORIES, has_own_law, usual_scatter
 from solver.uncertainty.walls import WallVerdict, embedded_words, judge_wall
-from solver.uncertainty.weighed_warnings import probes, weighed, with_probe
+from solver.uncertainty.weighed_warnings import (
+    HELD,
+    HELD_EARLIER,
+    probes,
+    range_held_earlier,
+    weighed,
+    with_probe,
+)
 from solver.warnings import ModelWarning
 
 SAMPLES, HALF_WIDTH = 1024, 0.05
@@ -70,6 +77,8 @@ class Verdict:
     """Whether the verdict is on a law of one's own, and that over the theories is beside it."""
     theory_spread: tuple[float, float] | None = None
     """90 % range over the theories where the verdict is on a law of one's own. [rad]"""
+    held_angle: float | None = None
+    """Critical angle with S held from 55° on, where it is held from 60° on and the angle is above 55°. [rad]"""
     standard_error: float | None = None
     """Of the critical angle, from the covariance of the strength factor; None without one. [rad]"""
     other_crossings: tuple[float, ...] = ()
@@ -143,6 +152,8 @@ class Verdict:
 
     def _more(self) -> list[str]:
         found = [self._by_theory()] if self.theories and not self.own_law else []
+        if self.held_angle is not None:
+            found.append(f"{self._fine(self.held_angle)} with S held from {math.degrees(HELD_EARLIER):g}°")
         if self.other_crossings:
             found.append(f"the outcome also changes at {', '.join(map(self._fine, self.other_crossings))}")
         return list(filter(None, found))
@@ -316,7 +327,9 @@ def verdict(
     judging = study(theories=not own_law)
     over_theories = study(theories=True) if own_law else judging
     found = critical_angle(**case, **motion, search=search)
-    spread = range_with(_range_of(judging), found.angle)
+    moved = _moved(found, case, motion, search)
+    held = next(iter(moved.get(HELD, ())), None)
+    spread = range_held_earlier(range_with(_range_of(judging), found.angle), found.angle, held)
     judged: dict[str, Any] = {}
     of_strike: tuple[ModelWarning, ...] = ()
     if oblique_angle is not None:
@@ -343,6 +356,7 @@ def verdict(
         share_without=judging.share_without.value,
         theories=tuple(change.angle for change in over_theories.sensitivity[-1].swing),
         own_law=own_law,
+        held_angle=held,
         theory_spread=_range_of(over_theories) if own_law else None,
         standard_error=found.standard_error,
         other_crossings=found.other_crossings,
@@ -353,7 +367,7 @@ def verdict(
                 found.warnings,
                 angle=found.angle,
                 spread=spread,
-                moved=_moved(found.warnings, case, motion, search),
+                moved=moved,
             ),
         ),
         **judged,
@@ -393,9 +407,9 @@ def with_those_of_strike(strike: Sequence[ModelWarning], search: Sequence[ModelW
 
 
 def _moved(
-    warnings: Sequence[ModelWarning], case: Mapping[str, Any], motion: Mapping[str, Any], search: Search
+    searched: CriticalAngle, case: Mapping[str, Any], motion: Mapping[str, Any], search: Search
 ) -> dict[str, list[float | None]]:
-    """Return the critical angles by the probes of the warnings, None where there is none."""
+    """Return the critical angles by the probes of a search, None where there is none."""
     laws: dict[str, Any] = {"resistance": case["resistance"] or EQUATION_9, "numerics": case["numerics"] or USUAL}
     bodies = {name: case[name] for name in ("projectile", "target")}
 
@@ -406,5 +420,5 @@ def _moved(
         except RicochetError:  # must not cost the verdict itself
             return None
 
-    found = probes([each.code for each in warnings], **bodies, **laws)
+    found = probes([each.code for each in searched.warnings], angle=searched.angle, **bodies, **laws)
     return {code: [angle(code, value) for value in values] for code, values in found.items()}

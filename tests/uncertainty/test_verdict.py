@@ -30,6 +30,7 @@ from solver.resistance import strength_factor
 from solver.strength_scatter import TABLE_1, strength_scatter
 from solver.strike import PAPER_PROJECTILE, PAPER_VELOCITY
 from solver.uncertainty import Discrete, Estimate, Verdict, usual_scatter, verdict
+from solver.uncertainty.weighed_warnings import range_held_earlier
 from tests.odd_strikes import KINDS, odd_strikes
 from tests.physics.strikes import CASE, known
 
@@ -172,6 +173,39 @@ def test_warning_stands_alone_if_it_moves_the_angle_by_more_than_a_quarter_of_th
         constant = Resistance(strength_factor=ConstantStrengthFactor(value=held))
         angle = critical_angle(**strike, resistance=constant).angle
         assert shifts["strength_fit_extrapolated"] == known(angle) - found.angle
+
+
+@pytest.mark.parametrize(("velocity", "angle", "held"), [(400.0, 61.82, 60.38), (700.0, 71.44, 70.55)])
+def test_above_55_degrees_a_verdict_has_room_for_s_held_from_there(velocity: float, angle: float, held: float) -> None:
+    found = verdict_of(velocity)
+    assert math.degrees(known(found.angle)) == pytest.approx(angle, abs=0.02)
+    assert math.degrees(known(found.held_angle)) == pytest.approx(held, abs=0.02)
+    assert found.spread is not None
+    assert found.spread[0] <= known(found.held_angle)
+    assert f"{math.degrees(known(found.held_angle)):.1f}° with S held from 55°" in str(found)
+    assert verdict_of(238.0).held_angle is None
+
+
+@pytest.mark.parametrize(
+    ("spread", "angle", "held", "expected"),
+    [
+        ((50.0, 60.0), 56.0, 55.7, (50.0, 60.0)),
+        ((58.0, 70.0), 64.0, 62.0, (56.0, 70.0)),
+        ((55.5, 70.0), 64.0, 62.0, (55.0, 70.0)),
+        ((63.0, 70.0), 64.0, 62.0, (61.0, 70.0)),
+        ((58.0, 70.0), 64.0, None, (58.0, 70.0)),
+    ],
+)
+def test_range_reaches_down_to_where_s_held_earlier_puts_it(
+    spread: tuple[float, float], angle: float, held: float | None, expected: tuple[float, float]
+) -> None:
+    found = range_held_earlier(
+        (math.radians(spread[0]), math.radians(spread[1])),
+        math.radians(angle),
+        None if held is None else math.radians(held),
+    )
+    assert found is not None
+    assert [math.degrees(each) for each in found] == pytest.approx(expected)
 
 
 def test_range_is_wide_by_the_law_and_narrow_with_shots_into_the_concrete() -> None:
