@@ -70,11 +70,12 @@ export function describeRun(run) {
 }
 
 /** Return what the outcome of a run means for the wall that Walls judges. */
-function wallOf({ outcome, target: { thickness_m: thickness } }) {
+function wallOf({ outcome, protrusion, target: { thickness_m: thickness } }) {
   if (outcome === "in_motion") return "";
   if (thickness === undefined) return outcome === "embedded" ? " This concrete has no rear face: Walls says how thick a wall must be." : "";
   const word = outcome === "perforated" ? "perforated" : "not perforated";
-  return ` The wall of ${lengthShown(thickness, 6)} is ${word} by this model, without a margin: Walls says whether it is enough for a design.`;
+  const out = protrusion ? ` though the body comes ${lengthShown(protrusion.greatest_m)} out of the rear face,` : "";
+  return ` The wall of ${lengthShown(thickness, 6)} is ${word} by this model,${out} which is unconservative: the verdict says whether it is enough.`;
 }
 
 /** Return what a search found besides the angle, in sentences; how it ended if there is none. */

@@ -181,8 +181,8 @@ class VerdictAnswer(Part):
     """With the usual scatter, of the samples that have an angle; `critical_angle_deg` belongs to it. Where a law of
     one's own is chosen, by that law."""
     held_angle_deg: Num | MISSING = MISSING
-    """Critical angle with the strength factor held from 55° on, where it is held from 60° on and `critical_angle_deg` is
-    above 55: `range` has room for both. [°]"""
+    """Critical angle with the strength factor held from 55° on, if it is held from 60° on and the angle is beyond 55°;
+    `range` has room for both. [°]"""
     share_without_angle: Annotated[Num, Field(ge=0.0, le=1.0)]
     """Share of the samples that have none in the range searched."""
     theories: list[TheoryAngle]

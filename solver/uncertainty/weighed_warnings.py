@@ -16,7 +16,7 @@ EXTRAPOLATED = "strength_fit_extrapolated"
 HELD = "strength_held"
 """Key of the search with S held from `HELD_EARLIER` on: no warning has this code."""
 HELD_EARLIER = math.radians(55.0)
-"""Angle from which S by eq. 9 may be held as well as from 60°: no run is beyond, and a verdict has room for both. [rad]"""
+"""Angle from which S by eq. 9 may be held as well as from 60°: no run is beyond. A verdict has room for both. [rad]"""
 LITTLE = 0.25
 """Move of the angle, over the width of its 90 % range, up to which a warning is a standing note. [1]"""
 MOVES = {
