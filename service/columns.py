@@ -138,6 +138,11 @@ def summarize(answer: Mapping[str, Any]) -> dict[str, Any]:
     for unit in ("deg", "m", "m_s"):
         if bracket := answer.get(f"bracket_{unit}"):
             row[f"bracket_low_{unit}"], row[f"bracket_high_{unit}"] = min(bracket), max(bracket)
+    if "variants" in answer and "iterations" in answer:  # of a search for perforation, in the unit of its answer
+        unit = "m" if "thickness_m" in answer["iterations"][0] else "m_s"
+        row |= {f"{name}_{unit}": value for name, value in answer["variants"].items()}
+        ends = {name: answer.get("range", {}).get(end) for name, end in (("low", "lower"), ("high", "upper"))}
+        row |= {f"range_{name}_{unit}": value for name, value in ends.items() if value is not None}
     if "iterations" in answer:
         row["trials"] = len(answer["iterations"])
     if (beside := row.pop("without_protrusion", None)) is not None:  # columns have the unit in their names

@@ -185,6 +185,7 @@ BOUNDS: Mapping[str, Bound] = {
     "projectile.nose.caliber_radius_head": Bound(0.5, 100.0, "", "a ratio"),
     "projectile.nose.length_to_diameter": Bound(0.0, 20.0, "", "a ratio", above=True),
     "target.compressive_strength": Bound(1e5, 1e9, "Pa", "pascals", PRESSURES),
+    "target.characteristic_strength": Bound(1e5, 1e9, "Pa", "pascals", PRESSURES),
     "target.density": Bound(100.0, 2e4, "kg/m³", "kg/m³", (("g/cm³", 1e3),)),
     "target.youngs_modulus": Bound(1e6, 1e12, "Pa", "pascals", (("GPa", 1e9), ("MPa", 1e6))),
     "target.poissons_ratio": Bound(0.0, 0.5, "", "a ratio"),

@@ -206,6 +206,8 @@ def motion_sentence(answer: Mapping[str, Any], oblique_angle: float) -> str:
         end = f"{1e3 * answer['maximum_depth_m']:.3g} mm deep {after}"
     else:
         end = f"it leaves at {left['speed_m_s']:.3g} m/s {after}"
+    if answer["outcome"] == "embedded" and (out := answer.get("protrusion", {}).get("final_m")):
+        end = f"its nose {round(1e3 * out, 1):g} mm out of the rear face, {end}"
     sentence = f"At {oblique_angle:g}° from the normal: {named(OUTCOMES, answer['outcome'])}, {end}."
     if left is None or "flight" not in left:
         return sentence

@@ -22,9 +22,13 @@ from service.schemas.flight import FlightRequest
 from service.schemas.formulas import FormulasAnswer, FormulasRequest, formulas_answer
 from service.schemas.perforation import (
     LimitSpeedAnswer,
+    LimitSpeedBase,
     LimitSpeedRequest,
     ThicknessAnswer,
+    ThicknessBase,
     ThicknessRequest,
+    limit_speed_answer,
+    thickness_answer,
 )
 from service.schemas.requests import CriticalAngleBase, CriticalAngleRequest, ReportRequest, TrajectoryRequest
 from service.schemas.sweeps import CaseModels
@@ -34,6 +38,7 @@ from service.schemas.uncertainty_answers import (
     TrajectoryUncertaintyAnswer,
 )
 from service.schemas.verdict import VerdictAnswer, usual_inputs, verdict_answer
+from service.schemas.wall import WallAnswer, WallRequest, wall_answer
 
 __all__ = [
     "CaseModels",
@@ -49,6 +54,7 @@ __all__ = [
     "FormulasAnswer",
     "FormulasRequest",
     "LimitSpeedAnswer",
+    "LimitSpeedBase",
     "LimitSpeedRequest",
     "MotionCalibrationAnswer",
     "MotionCalibrationRequest",
@@ -56,6 +62,7 @@ __all__ = [
     "ObliquityCalibrationRequest",
     "ReportRequest",
     "ThicknessAnswer",
+    "ThicknessBase",
     "ThicknessRequest",
     "TrajectoryAnswer",
     "TrajectoryBase",
@@ -63,12 +70,17 @@ __all__ = [
     "TrajectoryUncertaintyAnswer",
     "TrajectoryUncertaintyRequest",
     "VerdictAnswer",
+    "WallAnswer",
+    "WallRequest",
     "critical_angle_answer",
     "depth_answer",
     "formulas_answer",
+    "limit_speed_answer",
     "motion_answer",
     "obliquity_answer",
+    "thickness_answer",
     "trajectory_answer",
     "usual_inputs",
     "verdict_answer",
+    "wall_answer",
 ]

@@ -33,13 +33,13 @@ STATE = {
 }
 ACCELERATIONS = {"axial_acceleration_g": -8961.0, "transverse_acceleration_g": -141.3}
 EXIT = {
-    "speed_m_s": 101.1,
-    "direction_deg": 70.82,
-    "elevation_deg": 19.18,
-    "axis_angle_deg": 100.1,
-    "angular_velocity_rad_s": 214.0,
-    "kinetic_energy_j": 67100.0,
-    "lateral_m": 0.4011,
+    "speed_m_s": 23.77,
+    "direction_deg": 54.17,
+    "elevation_deg": 35.83,
+    "axis_angle_deg": 102.1,
+    "angular_velocity_rad_s": 40.59,
+    "kinetic_energy_j": 3880.0,
+    "lateral_m": 0.5723,
 }
 PROTRUSION = {"final_m": 0.0402, "greatest_m": 0.0402}
 WARNING = {
@@ -80,7 +80,7 @@ LAWS = {
 }
 OTHER_OUTCOME = LAWS | {"outcome": "ricochet"}
 OTHER_ANGLE = LAWS | {"status": "converged", "critical_angle_deg": 43.59}
-VERSIONED = {"key": "0" * 64, "engine_version": "10"}
+VERSIONED = {"key": "0" * 64, "engine_version": solver.ENGINE_VERSION}
 
 Key = Annotated[
     str,
