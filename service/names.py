@@ -57,6 +57,7 @@ QUANTITIES: Final[Mapping[str, str]] = {
     "target.youngs_modulus_pa": "Young's modulus",
     "target.poissons_ratio": "Poisson's ratio",
     "target.thickness_m": "Thickness",
+    "target.characteristic_strength_pa": "Characteristic strength",
     "resistance.strength_factor.model": "Strength factor",
     "resistance.strength_factor.shots": "Shots: speed, depth",
     "resistance.strength_factor.value": "Value of S",
@@ -154,6 +155,7 @@ JOB_STATUSES: Final[Mapping[str, str]] = {
     "successful": "done",
     "failed": "failed",
     "dismissed": "cancelled",
+    "damaged": "damaged",
 }
 """Names of the states of a job."""
 TITLES: Final[Mapping[str, str]] = {

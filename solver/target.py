@@ -30,6 +30,9 @@ class Target:
         0.5 is the incompressible solid that the decay theory of Warren et al. starts from. [1]
     thickness
         Thickness of a wall; a half-space unless given. At least a tenth of the projectile's diameter. [m]
+    characteristic_strength
+        Strength that 95 % of the concrete has, as of a strength class. Design values of walls rest on it where it is
+        given; all else takes the compressive strength, which is the mean. [Pa]
 
     Raises
     ------
@@ -42,6 +45,7 @@ class Target:
     youngs_modulus: float | None = None
     poissons_ratio: float = 0.5
     thickness: float | None = None
+    characteristic_strength: float | None = None
 
     def __post_init__(self) -> None:
         for field in fields(self):
