@@ -11,6 +11,7 @@ from typing import Any
 
 UNITS = {
     "_kg_m2": "kg m^2",
+    "_m2": "m^2",
     "_kg_m3": "kg/m^3",
     "_pa": "Pa",
     "_kg": "kg",
@@ -25,7 +26,7 @@ UNITS = {
     "_g": "g_0",
 }
 """Unit by the end of a name, longer ends first."""
-WRITTEN = {"kg m^2": "kg m²", "kg/m^3": "kg/m³", "deg": "°", "g_0": "g"}
+WRITTEN = {"kg m^2": "kg m²", "m^2": "m²", "kg/m^3": "kg/m³", "deg": "°", "g_0": "g"}
 SYMBOLS = {end: WRITTEN.get(unit, unit) for end, unit in UNITS.items()}
 """The same as they are written for people."""
 
@@ -129,9 +130,11 @@ def summarize(answer: Mapping[str, Any]) -> dict[str, Any]:
 
     A `Column` that is not a number or a text of the answer is filled here, or stays empty.
     """
-    row = {name: value for name, value in answer.items() if isinstance(value, float | int | str)}
+    row: dict[str, Any] = {name: value for name, value in answer.items() if isinstance(value, float | int | str)}
     for part in ("final", "exit", "protrusion"):
         row |= {f"{part}_{name}": value for name, value in answer.get(part, {}).items()}
+    flight: dict[str, Any] = row.pop("exit_flight", {})
+    row |= {f"exit_flight_{name}": value for name, value in flight.items()}
     for unit in ("deg", "m", "m_s"):
         if bracket := answer.get(f"bracket_{unit}"):
             row[f"bracket_low_{unit}"], row[f"bracket_high_{unit}"] = min(bracket), max(bracket)

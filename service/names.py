@@ -155,6 +155,7 @@ JOB_STATUSES: Final[Mapping[str, str]] = {
     "successful": "done",
     "failed": "failed",
     "dismissed": "cancelled",
+    "damaged": "damaged",
 }
 """Names of the states of a job."""
 TITLES: Final[Mapping[str, str]] = {

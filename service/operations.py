@@ -23,6 +23,8 @@ from service.schemas import (
     CriticalAngleUncertaintyRequest,
     DepthCalibrationAnswer,
     DepthCalibrationRequest,
+    FlightAnswer,
+    FlightRequest,
     FormulasAnswer,
     FormulasRequest,
     LimitSpeedAnswer,
@@ -55,6 +57,7 @@ from service.schemas import (
 from service.schemas.answers import FOUND, RUN, VERSIONED
 from service.schemas.calibration_motion import Calibration
 from service.schemas.fields import columns_of, walk
+from service.schemas.flight import flight_of
 from service.schemas.perforation import SPEED, THICKNESS, WALL
 from service.schemas.quantities import Part
 from service.schemas.requests import Case, TrajectoryFields, alternatives_in
@@ -244,7 +247,10 @@ class Operation:
 
 def compute_trajectory(request: bytes) -> Answer:
     """Run one strike."""
-    return trajectory_answer(solver.simulate(**TrajectoryRequest.model_validate_json(request).arguments()))
+    strike = TrajectoryRequest.model_validate_json(request)
+    arguments = strike.arguments()
+    found = solver.simulate(**arguments)
+    return trajectory_answer(found, flight_of(strike.flight, arguments["projectile"], found))
 
 
 DECIDING_SETTINGS: tuple[dict[str, Any], ...] = (
@@ -310,6 +316,11 @@ def compute_motion_calibration(request: bytes) -> Answer:
 def compute_obliquity_calibration(request: bytes) -> Answer:
     """Fit a polynomial in the oblique angle to strength factors."""
     return obliquity_answer(fit_obliquity(**ObliquityCalibrationRequest.model_validate_json(request).arguments())), None
+
+
+def compute_flight(request: bytes) -> Answer:
+    """Fly a body that has left the target to the ground."""
+    return walk(FlightAnswer, solver.flight(**FlightRequest.model_validate_json(request).arguments())), None
 
 
 def compute_formulas(request: bytes) -> Answer:
@@ -631,6 +642,17 @@ FORMULAS = Operation(
     "its\nvelocity along the normal.",
     tag="formulas",
 )
+FLIGHT = Operation(
+    "flight",
+    compute_flight,
+    FlightRequest,
+    FlightAnswer,
+    route="compute_flight",
+    description="Compute where a body lands on level ground: a point mass with quadratic drag.\n\nThe direction in "
+    "which a tumbling body leaves is the least certain of all, so the answer\nhas the farthest distance over all "
+    "elevations too.",
+    tag="flight",
+)
 LEAST_THICKNESS = Operation(
     "thickness",
     compute_thickness,
@@ -725,6 +747,7 @@ OPERATIONS: dict[str, Operation] = {
         MOTION_CALIBRATION,
         OBLIQUITY_CALIBRATION,
         FORMULAS,
+        FLIGHT,
         LEAST_THICKNESS,
         LIMIT_SPEED,
         WALL_VERDICT,

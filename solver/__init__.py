@@ -1,6 +1,7 @@
 """Oblique impact of rigid projectiles on concrete: motion and critical ricochet angle. SI units and radians."""
 
 from solver.checks import IntegrationError, ParameterError, RicochetError, StepLimitError, name_keywords
+from solver.flight import Flight, flight, launch_elevation, mean_projected_area
 from solver.formulas import FormulaResult, OutOfRange, cea_edf_limit_speed, formulas
 from solver.free_surface import ElasticPlastic, MohrCoulomb, NoFreeSurface, decay_factor
 from solver.many import (
@@ -69,6 +70,7 @@ __all__ = [
     "ElasticPlastic",
     "Exit",
     "Flat",
+    "Flight",
     "FormulaResult",
     "Impact",
     "IntegrationError",
@@ -117,12 +119,15 @@ __all__ = [
     "critical_angle_many",
     "critical_angle_sweep",
     "decay_factor",
+    "flight",
     "formulas",
+    "launch_elevation",
     "least_thickness",
     "least_thickness_many",
     "limit_velocity",
     "limit_velocity_many",
     "mass_properties",
+    "mean_projected_area",
     "simulate",
     "simulate_many",
     "simulate_sweep",

@@ -193,6 +193,10 @@ BOUNDS: Mapping[str, Bound] = {
     "shot.depth": Bound(1e-6, 100.0, "m", "metres", MILLIMETRES),
     "impact.velocity": Bound(0.1, 1e4, "m/s", "m/s"),
     "impact.angular_velocity": Bound(-1e5, 1e5, "rad/s", "rad/s"),
+    "flight.speed": Bound(0.0, 1e4, "m/s", "m/s", above=True),
+    "flight.projected_area": Bound(1e-8, 100.0, "m²", "m²", (("mm²", 1e-6), ("cm²", 1e-4))),
+    "flight.drag_coefficient": Bound(0.0, 10.0, "", "a ratio"),
+    "flight.height": Bound(0.0, 1e4, "m", "metres", MILLIMETRES),
 }
 """By the dotted names of the solver."""
 

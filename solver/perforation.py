@@ -336,7 +336,7 @@ def _search(
     if perforated_at_first and status is not never:
         perforating = [each for each in trials.values() if each.outcome is Outcome.PERFORATED]
         passed = [(each.value, each.exit) for each in perforating if each.exit]
-        found += check_walls(*strike(last), value, passed)
+        found += check_walls(*strike(last), passed)
     if unfinished := [end_times[each] for each in (*(bracket or trials), *(beside or ())) if each in end_times]:
         found.append((undecided if bracket is None else decided_by_time)(termination_time=max(unfinished)))
     return PerforationLimit(

@@ -17,11 +17,11 @@ from service.cli.arguments import (
     OBLIQUE_ANGLE,
     RESISTANCE,
     add_case,
-    add_formats,
     add_url,
     add_verbose,
     examples,
 )
+from service.cli.outputs import add_formats
 from service.cli.request_body import SOUGHT, WALL_PARTS, read_body, without_sought
 from service.cli.single import answer_of, print_csv, print_json
 from service.cli.writers import heading, print_table, print_values, print_warnings

@@ -1,6 +1,12 @@
 """Requests and answers as the contract has them; the only place that converts degrees."""
 
-from service.schemas.answers import CriticalAngleAnswer, TrajectoryAnswer, critical_angle_answer, trajectory_answer
+from service.schemas.answers import (
+    CriticalAngleAnswer,
+    FlightAnswer,
+    TrajectoryAnswer,
+    critical_angle_answer,
+    trajectory_answer,
+)
 from service.schemas.batches import TrajectoryBase
 from service.schemas.calibration_depth import (
     DepthCalibrationAnswer,
@@ -12,6 +18,7 @@ from service.schemas.calibration_depth import (
 )
 from service.schemas.calibration_motion import MotionCalibrationRequest
 from service.schemas.calibration_motion_answer import MotionCalibrationAnswer, motion_answer
+from service.schemas.flight import FlightRequest
 from service.schemas.formulas import FormulasAnswer, FormulasRequest, formulas_answer
 from service.schemas.perforation import (
     LimitSpeedAnswer,
@@ -42,6 +49,8 @@ __all__ = [
     "CriticalAngleUncertaintyRequest",
     "DepthCalibrationAnswer",
     "DepthCalibrationRequest",
+    "FlightAnswer",
+    "FlightRequest",
     "FormulasAnswer",
     "FormulasRequest",
     "LimitSpeedAnswer",

@@ -1,5 +1,6 @@
 """The answers as the contract has them."""
 
+from collections.abc import Mapping
 from typing import Annotated, Any, Generic, TypeVar
 
 from pydantic import MISSING, Field
@@ -7,6 +8,7 @@ from pydantic import MISSING, Field
 import solver
 from service.columns import Column
 from service.schemas.fields import GIVEN, NOT_TABLED, Behind, Described, Of, columns_of, history_columns, walk
+from service.schemas.flight import LANDING, FlightResult
 from service.schemas.problems import Problem
 from service.schemas.quantities import Count, Num, Part, with_examples
 from service.schemas.resistance import FreeSurfaceModel, StrengthLaw
@@ -218,6 +220,17 @@ class Exit(Part):
     """Energy of translation and rotation. [J]"""
     lateral_m: Annotated[Num, Described("way of the centre of gravity along the face since first contact")]
     """Way of the centre of gravity along the face, from where it was at first contact. [m]"""
+    flight: Annotated[FlightResult | MISSING, GIVEN, columns_of(FlightResult, "flight_")] = MISSING
+    """Where the body lands, in the answer to a trajectory with `flight`."""
+
+
+class FlightAnswer(FlightResult):
+    """Where a body lands on level ground, and how far it can land at most."""
+
+    model_config = with_examples(LANDING | VERSIONED)
+
+    key: Key
+    engine_version: EngineVersion
 
 
 class Protrusion(Part):
@@ -394,10 +407,23 @@ Columns = dict[str, FloatArray]
 """Columns of a history, by their names in the contract."""
 
 
-def trajectory_answer(found: solver.Trajectory) -> tuple[dict[str, Any], Columns | None]:
-    """Return the answer without its history, and the columns of the history if there is one."""
+def trajectory_answer(
+    found: solver.Trajectory, flight: Mapping[str, Any] | None = None
+) -> tuple[dict[str, Any], Columns | None]:
+    """Return the answer without its history, and the columns of the history if there is one.
+
+    Parameters
+    ----------
+    found
+        The run.
+    flight
+        Of the body that has left, if it is wanted.
+    """
     history = None if found.history is None else history_columns(MotionHistory, found.history)
-    return walk(TrajectoryAnswer, found), history
+    answer = walk(TrajectoryAnswer, found)
+    if flight is not None:
+        answer["exit"]["flight"] = flight
+    return answer, history
 
 
 def critical_angle_answer(

@@ -8,6 +8,7 @@ import orjson
 from pydantic import MISSING, Field
 
 import solver
+from service.schemas.flight import FlightInput
 from service.schemas.numerics import Method, Numerics, Search, SearchMethod, usual_range
 from service.schemas.quantities import Flag, Num, Part, with_examples
 from service.schemas.resistance import Resistance
@@ -159,6 +160,8 @@ class TrajectoryFields(Case):
 
     impact: Impact
     output: Annotated[TrajectoryOutput, Field(default_factory=TrajectoryOutput)]
+    flight: FlightInput | MISSING = MISSING
+    """How the face stands: then an exit says where the body lands."""
 
     def resolved(self) -> Self:
         """Return the same with what was left open filled in."""

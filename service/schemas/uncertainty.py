@@ -174,5 +174,6 @@ def crossings_in(answer: Mapping[str, Any]) -> Crossings:
 
 def ending_in(answer: Mapping[str, Any]) -> Ending:
     """Return what a study keeps of the answer to a trajectory."""
-    left, depth = answer.get("exit"), answer.get("maximum_depth_m", math.nan)
-    return Ending(answer["outcome"], depth, None if left is None else Exit(**in_solver_units(left)))
+    left = {name: value for name, value in answer.get("exit", {}).items() if name != "flight"}
+    depth = answer.get("maximum_depth_m", math.nan)
+    return Ending(answer["outcome"], depth, Exit(**in_solver_units(left)) if left else None)

@@ -156,10 +156,10 @@ def test_job_of_a_sweep_over_the_angle_has_tables_and_is_known_the_second_time(
     again = finished(client, client.post(f"/{operation}/sweep", json=sweep, headers=ASYNC).json())
     assert again["counts"]["cached"] == again["counts"]["total"] == len(rows)
     with file_at(client, job["links"]["results"]) as file:
-        assert file["summary"][value].tolist() == [answer[value] for answer in answers]
+        assert file["summary"][value][()].tolist() == [answer[value] for answer in answers]
         tried = [trial for answer in answers for trial in answer["iterations"]]
         for name in tried[0].keys() - {"outcome", "exit"}:
-            assert file["iterations"][name].tolist() == [trial[name] for trial in tried]
+            assert file["iterations"][name][()].tolist() == [trial[name] for trial in tried]
 
 
 def test_thickness_falls_and_limit_speed_rises_with_the_angle(client: httpx.Client) -> None:
