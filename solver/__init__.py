@@ -55,7 +55,7 @@ from solver.trajectory import Motion, Trajectory, simulate
 from solver.warm_up import warm_up
 from solver.warnings import ModelWarning
 
-ENGINE_VERSION = "14"
+ENGINE_VERSION = "15"
 """Raised whenever results change, the text of a warning among them: results of another version are not used."""
 
 __all__ = [
