@@ -83,7 +83,8 @@ def drawn(folder: Path, *words: str, **settings: str) -> bytes:
 def test_the_settings_of_matplotlib_change_no_plot(folder: Path) -> None:
     """Neither those of the working folder nor those of the user, which may be of any encoding."""
     words = ("trajectory", "strike.toml", "--angle", "45", "--plot", "plot.svg")
-    usual = drawn(folder, *words, SOURCE_DATE_EPOCH="0")
+    assert run(folder, *words, SOURCE_DATE_EPOCH="0").status == 0
+    usual = (folder / "plot.svg").read_bytes()
     (folder / "matplotlibrc").write_text(STYLE)
     assert drawn(folder, *words, SOURCE_DATE_EPOCH="0") == usual
     (folder / "matplotlibrc").rename(folder / "own")
