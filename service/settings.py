@@ -150,7 +150,7 @@ class CacheSettings(SettingsGroup):
     """How much is kept of results."""
 
     memory_cache_bytes: Annotated[int, Field(ge=0)] = 128 * 1024 * 1024
-    """Memory for the latest results: some 500 with a history, tens of thousands without."""
+    """Memory for the latest results: some 1,300 with a history, tens of thousands without."""
     cache_bytes: Annotated[int, Field(ge=0)] = 10 * 1024**3
     """Disk for results, a tenth of it for downloads of whole jobs; those used longest ago go first. Ten million
     critical angles or a hundred thousand histories."""
